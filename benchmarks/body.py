@@ -22,9 +22,9 @@ from machine import describe
 import s2r_spec as s2r
 from s2r_spec.backend import Backend
 from s2r_spec.diagnose.axes import lines
+from s2r_spec.diagnose.gap.body import Body
+from s2r_spec.diagnose.gap.where import Pairs, body_of
 from s2r_spec.diagnose.simulate import Bench
-from s2r_spec.diagnose.where.body import Body
-from s2r_spec.diagnose.where.found import body_of
 from s2r_spec.rollouts.compatibility import check_compatibility
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 
@@ -53,7 +53,7 @@ def compare(bench: Bench, machine: Backend, case: int, more: Mapping[str, float]
         trace = machine.rollout(bench.matched.to_backend(test) | dict(more), FIRST_SEED + 1000 * case + i)
         real.append((trace, 0.0))
         simulated.append((bench.run({}, test, rollout_seed(case, i, 0, Stream.CHECK)), 0.0))
-    found, why = body_of(bench, tests, real, simulated, case)
+    found, why = body_of(bench, Pairs(tests, real, simulated), case)
     if found is None:
         raise SystemExit(why)
     return found

@@ -16,7 +16,7 @@ from typing import Any
 
 from benchmarks.blind.table import LATEST, PAGE, first, markdown, put
 from s2r_spec.blind.score import truth
-from s2r_spec.report.quantity import measured, quantity
+from s2r_spec.quantity import measured, quantity
 
 FOLDER = Path(__file__).parent
 SURE = 0.9
@@ -146,7 +146,9 @@ def axis() -> str:
     share = friction["share"]
     ends = f"95 %: {100 * share['low']:.0f} to {100 * share['high']:.0f} %"
     before, after = friction["control law leaves"]
-    unexplained = re.search(r"\+[\d.]+ V of controller between [\d.]+ and [\d.]+ s", pulses["text"])
+    unexplained = re.search(
+        r"\+[\d.]+ V of controller (?:between|from) [\d.]+ (?:and|to) [\d.]+ s", pulses["text"]
+    )
     assert unexplained is not None
     offset = next(pair["probability"] for pair in friction["pairs"] if "offset" in pair["effects"])
     return markdown(

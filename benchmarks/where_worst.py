@@ -37,10 +37,10 @@ import s2r_spec as s2r  # noqa: E402
 from benchmarks.machine import describe  # noqa: E402
 from s2r_spec.backend import load_backend  # noqa: E402
 from s2r_spec.diagnose.axes import lines  # noqa: E402
+from s2r_spec.diagnose.gap.observed import GapAt  # noqa: E402
+from s2r_spec.diagnose.gap.surface import gap_surface  # noqa: E402
 from s2r_spec.diagnose.prepare import bench_of  # noqa: E402
 from s2r_spec.diagnose.simulate import Bench  # noqa: E402
-from s2r_spec.diagnose.where.gaps import GapAt  # noqa: E402
-from s2r_spec.diagnose.where.space import in_space  # noqa: E402
 from s2r_spec.trace import Trace  # noqa: E402
 
 FloatArray = NDArray[np.float64]
@@ -178,7 +178,7 @@ def alone(sim: str, rollouts: Rollouts, case: int) -> Test:
     for k, test in enumerate(tests):
         places.setdefault(tuple(sorted(test.items())), []).append(k)
     gaps = tuple(GapAt(dict(key), real[mine], own[mine]) for key, mine in places.items())
-    return dict(in_space(bench(sim).spec.space, gaps, seed=case).worst)
+    return dict(gap_surface(bench(sim).spec.space, gaps, seed=case).worst)
 
 
 def compare(sim: str, twin: bool, effect: str, case: int) -> dict[str, Any]:

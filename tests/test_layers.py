@@ -24,6 +24,7 @@ LAYERS = [
     {"report"},
     {"json_objects"},
     {"diagnose"},
+    {"attribution"},
     {"conformance"},
     {"certify"},
     {"rollouts"},
@@ -40,7 +41,7 @@ LAYERS = [
     {"stamps"},
     {"instants"},
     {"errors", "compiled", "magnitude"},
-    {"result"},
+    {"result", "quantity"},
     {"documentation", "json_values", "printable", "upper", "verdict"},
     {"distribution", "shipped"},
 ]

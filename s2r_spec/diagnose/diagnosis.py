@@ -8,11 +8,11 @@ from typing import Any
 
 from s2r_spec.diagnose.estimate import Estimate
 from s2r_spec.diagnose.gap.materiality import Materiality
+from s2r_spec.diagnose.gap.where import Where
 from s2r_spec.diagnose.how_far import HowFar
 from s2r_spec.diagnose.isolability import Isolability
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.remainder import Remainder
-from s2r_spec.diagnose.where.found import Where
 from s2r_spec.result import Result
 from s2r_spec.spec import Spec
 from s2r_spec.upper import upper
@@ -173,7 +173,7 @@ class Diagnosis(Result):
         which: see there.
         how_far: None where too few rollouts were there to hold some out; see :mod:`s2r_spec.diagnose.parted`.
         left: what the equations of motion leave of the machine that they do not leave of the improved simulator, and
-            where, largest surplus first; empty where residuals do not know the effects.
+            where, the cause's place first; empty where residuals do not know the effects.
         patch: effects and values to add to the simulator; empty when none is named.
         tuned: the same with a little of every other effect, as the data want it.
         provenance: version, seed, hashes.

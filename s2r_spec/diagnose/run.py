@@ -21,6 +21,8 @@ from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
 from s2r_spec.diagnose.estimate import Fit, by_linear, fit
 from s2r_spec.diagnose.falls import always_early, falls, falls_alone
 from s2r_spec.diagnose.gap.by_test import compared_at_all_tests
+from s2r_spec.diagnose.gap.where import Pairs, Where
+from s2r_spec.diagnose.gap.where import where as find_where
 from s2r_spec.diagnose.held_out import measured, mostly_of_one
 from s2r_spec.diagnose.how_far import HowFar
 from s2r_spec.diagnose.idle import active
@@ -50,8 +52,6 @@ from s2r_spec.diagnose.verdict import (
     spare,
 )
 from s2r_spec.diagnose.watched import Watched
-from s2r_spec.diagnose.where.found import Where
-from s2r_spec.diagnose.where.found import where as find_where
 from s2r_spec.distribution import version
 from s2r_spec.documentation import page
 from s2r_spec.effects import catalogue_of
@@ -362,4 +362,5 @@ def _where(
         tell("where", number + 1, len(rollouts))
     tests = [test for test, _ in rollouts]
     tell("where in the machine and between the tests", 0, 0)
-    return find_where(bench.spec, bench.requirement, tests, real, simulated, seed, bench, improved, executor)
+    pairs = Pairs(tests, real, simulated)
+    return find_where(bench.spec, bench.requirement, pairs, seed, bench, improved, executor)

@@ -114,7 +114,8 @@ def reason(
     if not far.shows:
         return " ".join([f"The gap in ρ is not material: {LITTLE} would make one as large.", cause, *ends])
     if far.elsewhere:
-        material, closes = [_elsewhere(far)], ["So its reduction was not measured."]
+        material = [_elsewhere(far)]
+        closes = _closes(far, named) or ["So its reduction was not measured."]
     else:
         material, closes = ["The gap is material."], _closes(far, named)
     if far.leaves_more:

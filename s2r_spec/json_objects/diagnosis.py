@@ -7,12 +7,12 @@ from typing import Annotated, Literal
 from annotated_types import MinLen
 from typing_extensions import TypedDict
 
+from s2r_spec.attribution.attribute import Part
+from s2r_spec.attribution.critical import Critical
 from s2r_spec.diagnose.diagnosis import NextTest, Verdict
+from s2r_spec.diagnose.gap.body import Shift
 from s2r_spec.diagnose.how_far import Gap, HeldOut
 from s2r_spec.diagnose.isolability import Least
-from s2r_spec.diagnose.where.attribution import Part
-from s2r_spec.diagnose.where.body import Shift
-from s2r_spec.diagnose.where.critical import Critical
 from s2r_spec.json_objects.parts import Count, Open, Point, Probability
 
 Values = dict[str, dict[str, float]]
@@ -442,6 +442,8 @@ class RemainderObject(TypedDict):
         along_unit: the unit of the channel, or of time.
         surplus: size divided by the largest size that needs no cause.
         recorded: whether the quantity is a recorded channel.
+        times: first and last time [s] at which the channel has these values; null for all the time, or without channel.
+        extent: lowest and highest value of the channel; null if it is not known, or without channel.
     """
 
     quantity: str
@@ -455,6 +457,8 @@ class RemainderObject(TypedDict):
     along_unit: str
     surplus: float
     recorded: bool
+    times: Ends | None
+    extent: Ends | None
 
 
 class DiagnosisObject(Open):
@@ -479,7 +483,7 @@ class DiagnosisObject(Open):
         where: where the gap lies; null if it was not asked for.
         how_far: the gap on held-out real rollouts; null if there are too few.
         materiality: whether the gap matters; null for a diagnosis that was put together by hand.
-        left: motion that no effect explains, largest surplus first; empty with fewer than five complete rollouts.
+        left: motion that no effect explains, the cause's place first; empty with fewer than five complete rollouts.
         patch: effect → parameter → value to add to the simulator.
         tuned: the same with fitted small amounts of all other effects.
         assumptions: the assumptions, each in one sentence.

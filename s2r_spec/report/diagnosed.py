@@ -11,18 +11,19 @@ from typing import cast
 from rich.markup import escape
 from rich.text import Text
 
+from s2r_spec.attribution.place import Place, Range, cause_first
 from s2r_spec.backend import short
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
 from s2r_spec.diagnose.estimate import Estimate
+from s2r_spec.diagnose.gap.where import Where
 from s2r_spec.diagnose.how_far import Gap, HowFar
-from s2r_spec.diagnose.where.found import Where
 from s2r_spec.json_objects.diagnosis import DiagnosisObject
 from s2r_spec.printable import one_line
+from s2r_spec.quantity import Scale, interval, measured, quantity
 from s2r_spec.report.checked import test_words
-from s2r_spec.report.figures.robot import said
+from s2r_spec.report.figures.robot import amount
 from s2r_spec.report.materiality import matters_words
 from s2r_spec.report.nextstep import next_step
-from s2r_spec.report.quantity import Scale, interval, measured, quantity
 from s2r_spec.report.text import STYLES
 from s2r_spec.spec import Spec
 
@@ -179,15 +180,15 @@ def where_words(where: Where, spec: Spec) -> tuple[str, ...]:
     lines = [
         f"worst test of those run{f', {test}' if test else ''}: Δρ {_signed(where.pair.delta, unit)}{_rho(where)}"
     ]
-    window = where.window
+    window = where.pair.window
     if where.pair.delta and window is None:
         part = round(100 * where.pair.ended / where.pair.delta)
         lines.append(
             f"{part} % of it comes from the end of a trace: {where.pair.reason or 'one trace ends before the other'}"
         )
     elif where.pair.delta and window is not None:
-        part = round(100 * window["delta"] / where.pair.delta)
-        lines.append(f"{part} % of it arises from {window['begin']:.2f} to {window['end']:.2f} s")
+        part = round(100 * window.delta / where.pair.delta)
+        lines.append(f"{part} % of it arises {Place(Range(window.begin, window.end))}")
     credit = {name: float(values.sum()) for name, values in where.pair.credit.items()}
     if credit and window is not None:
         name = max(credit, key=lambda n: abs(credit[n]))
@@ -220,18 +221,22 @@ def _rho(where: Where) -> str:
 
 
 def body_words(where: Where) -> tuple[str, ...]:
-    """Return one sentence for each part of the machine whose residuals the nominal model does not explain."""
+    """Return one sentence for each part whose residuals the nominal model does not explain, the cause's place first."""
     if where.body is None:
         return (where.no_body,)
-    most = where.body.most
-    if most is None:
+    body, origin = where.body, where.body.origin
+    if origin is None:
         return (
-            f"the nominal model explains the residuals of every part of the machine ({where.body.asked} comparisons)",
+            f"the nominal model explains the residuals of every part of the machine ({body.asked} comparisons)",
         )
-    shown = [(part, part.shifts[0]) for part in where.body.shifted[:PARTS]]
-    if most[0] not in where.body.shifted[:PARTS]:
-        shown.append(most)  # where the next step looks first
-    return tuple(f"{part.name}: {said(shift)}, unexplained by the nominal model" for part, shift in shown)
+    shown = [(part, part.shifts[0]) for part in body.shifted[:PARTS]]
+    if origin[0] not in body.shifted[:PARTS]:
+        shown.append(origin)  # where the next step looks first
+    ordered = cause_first(shown, lambda one: body.place(*one), lambda one: one[1].sigma)
+    return tuple(
+        f"{body.place(part, shift)}: {amount(shift)}, unexplained by the nominal model"
+        for part, shift in ordered
+    )
 
 
 def left_words(found: Diagnosis) -> tuple[str, ...]:

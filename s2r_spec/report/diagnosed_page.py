@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any
 
+from s2r_spec.attribution.attribute import Part
 from s2r_spec.diagnose.diagnosis import Diagnosis
 from s2r_spec.diagnose.estimate import Estimate
-from s2r_spec.diagnose.where.attribution import Part
 from s2r_spec.printable import spelled
 from s2r_spec.report.diagnosed import Description, describe
 from s2r_spec.report.figures.blame import blame
 from s2r_spec.report.figures.canvas import Picture
 from s2r_spec.report.figures.isolation import isolation
-from s2r_spec.report.figures.robot import robot, said
+from s2r_spec.report.figures.robot import amount, robot
 from s2r_spec.report.figures.shrink import before_and_after, over_space
 from s2r_spec.report.html import fill
 from s2r_spec.spec import Spec
@@ -152,12 +152,13 @@ def _body(found: Diagnosis) -> Picture | None:
 
 
 def _shifts(found: Diagnosis) -> list[tuple[str, str, str]]:
-    """Return part, residual with size and time, and adjusted p-value of every significant shift."""
+    """Return the place, the residual with its size, and the adjusted p-value of every significant shift."""
     if found.where is None or found.where.body is None:
         return []
+    body = found.where.body
     return [
-        (part.name, said(shift), f"p = {shift.adjusted:.1g}, adjusted for all tests")
-        for part in found.where.body.shifted
+        (str(body.place(part, shift)), amount(shift), f"p = {shift.adjusted:.1g}, adjusted for all tests")
+        for part in body.shifted
         for shift in part.shifts
     ]
 

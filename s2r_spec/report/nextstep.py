@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from s2r_spec.attribution.place import Place, Range
 from s2r_spec.diagnose.diagnosis import Diagnosis, NextTest, Verdict
 from s2r_spec.documentation import page
 from s2r_spec.report.checked import test_words
@@ -91,20 +92,19 @@ def _wider(found: Diagnosis) -> str:
 
 
 def _place(found: Diagnosis) -> str:
-    """Return the place to look at: the unexplained motion, the part with the largest shift, or a time."""
+    """Return the place to look at: the unexplained motion, the part where a shift begins, or a time."""
     if found.left and found.left[0].material:
         return f" that explains {found.left[0]}"
     where = found.where
     if where is None:
         return ""
-    if where.body is not None and (most := where.body.most) is not None:
-        part, shift = most
-        return f" at the {part.name} ({shift.channel}, {shift.begin:.2f} to {shift.end:.2f} s)"
-    window = where.window
+    if where.body is not None and (origin := where.body.origin) is not None:
+        return f" that acts {where.body.place(*origin)} ({origin[1].channel})"
+    window = where.pair.window
     if window is None:
         return f" before the end of the trace ({where.pair.reason})" if where.pair.reason else ""
     times = where.pair.times
-    if window["end"] - times[0] > LATE * (times[-1] - times[0]):
+    if window.end - times[0] > LATE * (times[-1] - times[0]):
         return ""  # a cause before the end is every cause
     # ρ is decided where a requirement is nearest to its limit; feedback carries earlier disturbances there.
-    return f" that acts before {window['end']:.2f} s (most of the gap arises after {window['begin']:.2f} s)"
+    return f" that acts before or while most of the gap arises ({Place(Range(window.begin, window.end))})"

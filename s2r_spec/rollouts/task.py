@@ -105,7 +105,9 @@ def run_task(task: Task) -> tuple[Trace, float]:
     limit(task.timeout + OPENING)
     with _naming(task, NotBegunError):
         backend = _open(task)
-        if isinstance(backend, Prepares) and not is_exclusive(backend):  # a machine is prepared before the operator
+        if isinstance(backend, Prepares) and not is_exclusive(
+            backend
+        ):  # a machine is prepared before the operator
             _prepare_once(backend)
         declared = tuple(backend.parameters)
     refuse_unknown(task.backend, declared, task.params)

@@ -15,7 +15,7 @@ from s2r_spec.diagnose.features import Features
 from s2r_spec.diagnose.prepare import bench_of
 from s2r_spec.diagnose.remainder import Remainder, channels, motion
 from s2r_spec.diagnose.remainder.cells import FEWEST_ROLLOUTS
-from s2r_spec.diagnose.remainder.find import columns, parts, remainders
+from s2r_spec.diagnose.remainder.find import columns, ordered, parts, remainders
 from s2r_spec.trace import Trace, thinned
 from tests.errors import states
 
@@ -84,7 +84,11 @@ def test_a_push_at_one_place_is_left_there(bench):
     assert first.material
     assert 0.09 < first.low < first.high < 0.135
     assert first.size == pytest.approx(30.0, rel=0.35)
-    assert str(first).startswith(f"{first.size:+.3g} N of force where {first.along} is between 0.1")
+    assert states(
+        str(first), f"{first.size:+.3g} N", "force", first.along, f"{first.low:.3f}", f"{first.high:.3f} m"
+    )
+    assert first.times is None  # the carriage passes the place at another time in each test
+    assert first.extent[0] < first.low < first.high < first.extent[1]
 
 
 def test_a_push_for_some_time_is_left_then(bench):
@@ -93,7 +97,18 @@ def test_a_push_for_some_time_is_left_then(bench):
     assert (first.quantity, first.along, first.along_unit) == ("force", "", "s")
     assert first.material
     assert 0.65 < first.low < first.high < 0.95
-    assert "between 0." in str(first)
+    assert " from 0." in str(first)
+
+
+def test_the_cause_is_told_before_the_reaction_to_it():
+    voltage = Remainder("u", 0, "", "", 0.55, 0.62, 1.6, "V", "s", 2.1, recorded=True)
+    speed = Remainder("v", 0, "", "", 0.62, 0.7, 0.1, "m/s", "s", 3.0, recorded=True)
+    force = Remainder("force", 0, "", "", 0.62, 0.7, -36.6, "N", "s", 3.4)
+    assert ordered([speed, voltage]) == (voltage, speed)
+    # The equations of motion say where it acts, whenever the controller answers.
+    assert ordered([force, speed, voltage]) == (force, speed, voltage)
+    hidden = replace(force, surplus=0.9)
+    assert ordered([speed, voltage, hidden]) == (voltage, speed, hidden)
 
 
 def test_of_too_few_rollouts_nothing_is_told(bench):
@@ -116,7 +131,7 @@ def test_without_equations_of_motion_a_push_shows_in_what_is_recorded(bare):
     assert 0.65 < first.low < first.high < 0.95
     assert first.size == pytest.approx(-30.0 / 35.15, rel=0.1)
     size = f"{first.size:+.3g}".replace("-", "−")
-    assert states(str(first), size, "V", "u", f"{first.low:.3g}", f"{first.high:.3g} s")
+    assert states(str(first), size, "V", "u", f"{first.low:.2g}", f"{first.high:.2g} s")
 
 
 def test_of_a_machine_that_is_the_improved_simulator_nothing_recorded_is_different(bare):
@@ -220,7 +235,9 @@ def test_an_end_that_is_nowhere_is_said_so_and_is_no_number_in_json():
     beyond = Remainder("motor", 2, "", "tau", 10.0, np.inf, -3.2, "N*m", "N*m", 2.0)
     assert str(beyond) == "−3.2 N·m of motor where tau is above 10 N·m"
     narrow = Remainder("u", 0, "", "x", 1.9876, 1.9891, -3.2, "N", "m", 2.0)
-    assert str(narrow) == "−3.2 N of u where x is between 1.988 and 1.989 m"
+    assert str(narrow) == "−3.2 N of u where x is between 1.9876 and 1.9891 m"
+    rest = replace(narrow, low=1.3e-5, high=0.000106, times=(0.7, 0.9), extent=(0.0, 2.0))
+    assert str(rest) == "−3.2 N of u from 0.7 to 0.9 s, where x is about 0 m"
     assert str(replace(beyond, low=-np.inf, high=-4.0)) == "−3.2 N·m of motor where tau is below −4 N·m"
     assert beyond.to_json()["high"] is None
     assert beyond.to_json()["low"] == 10.0

@@ -105,7 +105,7 @@ def test_where_no_cause_is_named_those_nearly_as_likely_and_what_is_left_are_tol
     left = Remainder("x", 0, "", "", 0.5, 0.6, 0.1, "m", "s", 1.4, recorded=True)
     words = reason(Verdict.NONE, which, None, A, (left,))
     assert "a or b" in words
-    assert "a difference of +0.1 m in x between 0.5 and 0.6 s" in words
+    assert "a difference of +0.1 m in x from 0.5 to 0.6 s" in words
     assert "0.1 m" not in reason(Verdict.NONE, which, None, A, (replace(left, surplus=0.9),))
 
 
@@ -128,6 +128,11 @@ def test_a_gap_that_the_held_out_tests_do_not_show_is_not_said_to_be_none():
     far = how_far(quiet, np.zeros(9), None, quiet, tests, 1e-3, 0.0, 3, "m", seen=seen)
     words = reason(Verdict.SPREAD, WHICH, far, A)
     assert words.startswith("The gap is material, but at no held-out test.")
+    assert "not measured" in reason(Verdict.NAMED, WHICH, far, A)
+    small = how_far(50 * quiet, np.zeros(9), 25 * quiet, quiet, tests, 1e-3, 0.01, 3, "m", seen=seen)
+    words = reason(Verdict.NAMED, WHICH, small, A)
+    assert f"closes {100 * small.share[0]:.0f} %" in words
+    assert "not measured" not in words
 
 
 def test_no_material_gap_is_not_answered_where_the_gap_matters_at_a_test():

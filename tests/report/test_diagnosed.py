@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 
 import s2r_spec as s2r
+from s2r_spec.attribution.attribute import attribute
 from s2r_spec.diagnose.diagnosis import Diagnosis, NextTest, Verdict, Which
 from s2r_spec.diagnose.estimate import Estimate
+from s2r_spec.diagnose.gap.body import Body, BodyPart, Shift
 from s2r_spec.diagnose.gap.materiality import RolloutsAtTest, materiality
+from s2r_spec.diagnose.gap.observed import GapAt
+from s2r_spec.diagnose.gap.surface import Band, GapSurface
+from s2r_spec.diagnose.gap.where import Pairs, Where, where
 from s2r_spec.diagnose.how_far import how_far
 from s2r_spec.diagnose.isolability import Isolability, Least
 from s2r_spec.diagnose.quality import Finding
 from s2r_spec.diagnose.quality.doubt import doubted
 from s2r_spec.diagnose.remainder import Remainder
-from s2r_spec.diagnose.where.attribution import attribute
-from s2r_spec.diagnose.where.body import Body, BodyPart, Shift
-from s2r_spec.diagnose.where.found import Where, where
-from s2r_spec.diagnose.where.gaps import GapAt
-from s2r_spec.diagnose.where.space import Band, InSpace
 from s2r_spec.json_objects.schema import schema
 from s2r_spec.report import diagnosed, diagnosed_page
 from s2r_spec.report.diagnosed_markdown import markdown
@@ -67,7 +67,7 @@ def where_of(dim, n=10, size=0.4):
         rhos = [spec.robustness(t, d)["near"] for t, d in zip(traces, tests, strict=True)]
         sides.append(list(zip(traces, rhos, strict=True)))
     if dim < 2:
-        return tests, where(spec, "near", tests, *sides)
+        return tests, where(spec, "near", Pairs(tests, *sides))
     pair = attribute(spec, "near", sides[0][0][0], sides[1][0][0], tests[0])
     return tests, Where(made_up(spec.space, tests), tests[0], pair)
 
@@ -80,7 +80,7 @@ def made_up(space, tests):
     worst = space.point(grid[0])
     ends = {name: (value, value) for name, value in worst.items()}
     exceeds = np.ones(len(grid))
-    return InSpace(
+    return GapSurface(
         space, "m", gaps, grid, band, band, 0.01, worst, 0.9, ends, (0.05, 0.04, 0.06), 0.02, exceeds, ()
     )
 
@@ -213,8 +213,8 @@ def test_the_answer_comes_first_and_everything_is_there(shown):
         "70.0 %",
         "1.5 N 1.1 to 2.2 N",
         "abs(x) <= 0.5",
-        "FR calf: torque −1.25 N·m from 0.25 to 0.75 s",
-        "FR foot: speed (rms) ±0.2 rad/s",
+        "from 0.25 to 0.75 s at FR calf: torque −1.25 N·m",
+        "from 0.25 to 0.75 s at FR foot: speed (rms) ±0.2 rad/s",
         "This assumes the real rollouts were run as their tests say",
         "friction.force 0 N 0.432 N or more",
         "delay.time 0 s",
@@ -247,7 +247,7 @@ QUIET = replace(PUSH, column=2, along="u", low=-np.inf, surplus=0.6)
 
 def test_what_no_effect_leaves_is_said_in_every_form():
     found, spec = diagnosis(1, left=(PUSH, QUIET))
-    words = "−3.25 N·m of torque at FR calf between 0.5 and 0.6 s"
+    words = "−3.25 N·m of torque from 0.5 to 0.6 s at FR calf"
     assert diagnosed.text(found, spec).count(words) == 1
     assert words in page_of(found, spec).text
     assert words in markdown(found, spec)
@@ -354,7 +354,7 @@ def test_confounded_pairs_are_marked():
         (Verdict.SPREAD, 3, "--apply FILE --tuned"),
         (Verdict.NAMED, 0, "--apply FILE, then --sim patched:FILE"),
         (Verdict.CONFOUNDED, 3, "run vd = 0.5 m/s with gait = 2"),
-        (Verdict.UNKNOWN, 3, "at the wheels (torque, 0.25 to 0.75 s)"),
+        (Verdict.UNKNOWN, 3, "acts from 0.25 to 0.75 s at wheels (torque)"),
     ],
 )
 def test_every_verdict_says_what_to_do_next(verdict, code, step):
@@ -382,23 +382,32 @@ def test_the_next_step_says_where_a_range_is_too_narrow_and_where_the_rest_helps
     ]["force"]["at_end"]
 
 
+def part_of(line):
+    return line.partition(":")[0].partition("at ")[2]
+
+
 def test_where_to_look_is_the_part_that_shifts_most_and_not_the_clearest():
     small = Shift("torque", 0, "rms", "N*m", 0.0, 2.0, 0.4, 0.4, 90.0, 1e-9, 1e-6)
     large = Shift("torque", 1, "rms", "N*m", 0.5, 1.0, 1.1, 1.1, 20.0, 1e-9, 1e-6)
     other = Shift("wrench", 0, "rms", "N", 0.0, 2.0, 9.0, 9.0, 10.0, 1e-9, 1e-6)
     parts = [BodyPart("RR thigh", (small,)), BodyPart("FL calf", (large,)), BodyPart("base", (other,))]
     unknown, spec = diagnosis(1, Verdict.UNKNOWN, body=Body(tuple(parts), 10, 2.0, 100))
-    assert "at the FL calf (torque, 0.50 to 1.00 s)" in next_step(unknown, spec)
-    assert [line.split(":")[0] for line in diagnosed.body_words(unknown.where)] == [
-        "RR thigh",
-        "FL calf",
-        "base",
-    ]
+    assert "acts from 0.5 to 1 s at FL calf (torque)" in next_step(unknown, spec)
+    assert [part_of(line) for line in diagnosed.body_words(unknown.where)] == ["RR thigh", "FL calf", "base"]
     clearer = [BodyPart(f"{leg} hip", (small,)) for leg in ("FL", "FR", "RL", "RR")]
     unknown, spec = diagnosis(1, Verdict.UNKNOWN, body=Body((*clearer, *parts), 10, 2.0, 100))
     told = diagnosed.body_words(unknown.where)
-    assert [line.split(":")[0] for line in told] == ["FL hip", "FR hip", "RL hip", "FL calf"]
+    assert [part_of(line) for line in told] == ["FL hip", "FR hip", "RL hip", "FL calf"]
     assert "1.1" in told[-1]
+
+
+def test_a_push_comes_before_the_motion_that_answers_it():
+    push = Shift("wrench", 0, "mean", "N", 0.8, 0.85, 179.0, 180.0, 40.0, 1e-9, 1e-6)
+    answer = Shift("wrench", 0, "mean", "N", 0.9, 1.4, 220.0, 225.0, 60.0, 1e-9, 1e-6)
+    body = Body((BodyPart("arm", (answer,)), BodyPart("base", (push,))), 10, 2.0, 100)
+    unknown, spec = diagnosis(1, Verdict.UNKNOWN, body=body)
+    assert "acts from 0.8 to 0.85 s at base" in next_step(unknown, spec)
+    assert [part_of(line) for line in diagnosed.body_words(unknown.where)] == ["base", "arm"]
 
 
 def test_json_is_what_the_schema_says(one):
@@ -456,8 +465,8 @@ def test_a_gap_that_a_fall_makes_is_in_no_window():
         place.pair, ended=-5.0, delta=place.pair.delta - 5.0, reason="the real rollout ended with 'fall'"
     )
     fallen = replace(place, pair=pair)
-    assert place.window in place.windows()
-    assert fallen.window is None
+    assert place.pair.window in place.pair.windows()
+    assert fallen.pair.window is None
     lines = diagnosed.where_words(fallen, spec_of(2))
     part = round(100 * pair.ended / pair.delta)
     (ended,) = [line for line in lines if "the real rollout ended with 'fall'" in line]
@@ -480,7 +489,7 @@ def test_rho_at_the_worst_test_is_given_where_one_predicate_decides_it():
     rng = np.random.default_rng(1)
     real, simulated = rollout(rng, 0.5), rollout(rng, 0.1)
     rhos = [spec.robustness(trace, {"vd": 0.5})["near"] for trace in (real, simulated)]
-    found = where(spec, "near", [{"vd": 0.5}], [(real, rhos[0])], [(simulated, rhos[1])])
+    found = where(spec, "near", Pairs([{"vd": 0.5}], [(real, rhos[0])], [(simulated, rhos[1])]))
     first = diagnosed.where_words(found, spec)[0]
     assert f"{rhos[1]:+.3g} m in simulation" in first
     assert f"{rhos[0]:+.3g} m on the real machine".replace("-", "−") in first
@@ -519,7 +528,7 @@ def test_markdown_has_the_answer_tables_and_no_markup_of_others(one):
     assert shown.startswith("### s2r diagnose\n\n**NAMED**: ")
     assert "| friction | 0.700 |" in shown
     assert "| friction.force | 1.5 N | 1.1 to 2.2 N |" in shown
-    assert "- FR calf: torque −1.25 N·m" in shown
+    assert "- from 0.25 to 0.75 s at FR calf: torque −1.25 N·m" in shown
     assert "<summary>This assumes</summary>" in shown
 
 

@@ -1,1 +1,1 @@
-"""The gap over the test space: its size, and whether it matters."""
+"""The gap: whether it matters, at the tests that were run, over the test space, and in the parts of the machine."""

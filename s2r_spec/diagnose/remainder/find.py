@@ -10,13 +10,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.attribution.place import Place, cause_first, visited
 from s2r_spec.backend import Channel, HasVariants
 from s2r_spec.diagnose.axes import Line, Values
+from s2r_spec.diagnose.gap.body import named
 from s2r_spec.diagnose.remainder import channels, motion
 from s2r_spec.diagnose.remainder.cells import FEWEST_ROLLOUTS, Cells
 from s2r_spec.diagnose.remainder.found import Remainder
 from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
-from s2r_spec.diagnose.where.body import named
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.space import key_of
 from s2r_spec.trace import Trace, thinned
@@ -39,7 +40,7 @@ def remainders(
     progress: Callable[[int, int], None] | None = None,
     named: Values | None = None,
 ) -> tuple[Remainder, ...]:
-    """Return where most is left beyond what is allowed for, one cell a quantity's column, largest surplus first.
+    """Return where most is left beyond what is allowed for, one cell a quantity's column, the cause's place first.
 
     Nothing where too few rollouts reached their end: no equation here is of a fall.
 
@@ -88,7 +89,35 @@ def remainders(
         out = min(told, key=lambda each: max((one.surplus for one in each), default=0.0))
         if read.motion is not None:
             out += _of_motion(bench, read.motion, ran.columns(slice(k, None)), whole)
-    return tuple(sorted(out, key=lambda each: -each.surplus)[:TOLD])
+    largest = sorted(out, key=lambda each: -each.surplus)[:TOLD]
+    return ordered([_with_times(each, traces) for each in largest])
+
+
+def ordered(found: Sequence[Remainder]) -> tuple[Remainder, ...]:
+    """Return remainders with the cause's place first.
+
+    A residual of the equations of motion shows where a cause acts. A recorded channel also shows the controller's
+    reaction. So beside a material residual the time of a recorded channel does not count.
+    """
+    acts = any(each.material and not each.recorded for each in found)
+    return tuple(
+        cause_first(
+            found,
+            lambda one: Place() if acts and one.recorded else one.place,
+            lambda one: one.surplus if one.material else 0.0,
+        )
+    )
+
+
+def _with_times(one: Remainder, traces: Sequence[Trace]) -> Remainder:
+    """Return a remainder along a channel with the times at which the channel is in its cell, and with its range."""
+    if not one.along:
+        return one
+    time, values = visited(traces, one.along, one.column, one.low, one.high)
+    times = None if time is None or time.everything else (time.low, time.high)
+    return replace(
+        one, times=times, extent=(values.lowest, values.highest) if np.isfinite(values.extent) else None
+    )
 
 
 class _Stages:

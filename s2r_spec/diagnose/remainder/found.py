@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
+from s2r_spec.attribution.place import Place, Range
 from s2r_spec.printable import spelled
 
 
@@ -26,6 +26,8 @@ class Remainder:
         along_unit: of the channel, or of time.
         surplus: size in units of what is allowed for.
         recorded: whether the quantity is a channel, and what is left a difference from the simulator's.
+        times: from when until when the channel is in the cell [s]; None for all the time, or for a cell of time.
+        extent: lowest and highest value of the channel, in its unit; None if it is not known, or for a cell of time.
     """
 
     quantity: str
@@ -39,45 +41,41 @@ class Remainder:
     along_unit: str
     surplus: float
     recorded: bool = False
+    times: tuple[float, float] | None = None
+    extent: tuple[float, float] | None = None
 
     @property
     def material(self) -> bool:
         """Whether it is more than what is allowed for."""
         return self.surplus > 1.0
 
+    @property
+    def place(self) -> Place:
+        """Where it is: in a window of time, or at values of a channel."""
+        if not self.along:
+            return Place(Range(self.low, self.high), self.part)
+        time = None if self.times is None else Range(*self.times)
+        lowest, highest = self.extent or (-math.inf, math.inf)
+        return Place(
+            time,
+            self.part,
+            values=(Range(self.low, self.high, self.along_unit, self.along, lowest, highest),),
+        )
+
     def __str__(self) -> str:
         """Return it in words."""
-        what = f"{_minus(f'{self.size:+.3g}')} {spelled(self.unit)}".strip()
+        what = f"{f'{self.size:+.3g}'.replace('-', '−')} {spelled(self.unit)}".strip()
         what = f"a difference of {what} in {self.quantity}" if self.recorded else f"{what} of {self.quantity}"
-        what += f" at {self.part}" if self.part else ""
-        low, high = map(_minus, _apart(self.low, self.high))
-        ends = f"{low} and {high} {spelled(self.along_unit)}".strip()
-        if not self.along:
-            return f"{what} between {ends}"
-        if np.isinf(self.low):
-            return f"{what} where {self.along} is below {_minus(f'{self.high:.3g}')} {spelled(self.along_unit)}".strip()
-        if np.isinf(self.high):
-            return f"{what} where {self.along} is above {_minus(f'{self.low:.3g}')} {spelled(self.along_unit)}".strip()
-        return f"{what} where {self.along} is between {ends}"
+        return f"{what} {self.place}"
 
     def to_json(self) -> dict[str, Any]:
         """Return the fields; None for an end that is nowhere."""
         ends = {
-            name: value if np.isfinite(value) else None
+            name: value if math.isfinite(value) else None
             for name, value in (("low", self.low), ("high", self.high))
         }
-        return dict(vars(self)) | ends
-
-
-def _minus(number: str) -> str:
-    """Return a number with a minus sign in place of a leading hyphen."""
-    return "−" + number[1:] if number.startswith("-") else number
-
-
-def _apart(low: float, high: float) -> tuple[str, str]:
-    """Return two numbers with as many digits as it takes to see that they are two."""
-    for digits in range(3, 8):
-        told = f"{low:.{digits}g}", f"{high:.{digits}g}"
-        if told[0] != told[1]:
-            break
-    return told
+        pairs = {
+            name: None if (pair := getattr(self, name)) is None else list(pair)
+            for name in ("times", "extent")
+        }
+        return dict(vars(self)) | ends | pairs

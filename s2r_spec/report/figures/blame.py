@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.where.attribution import Attribution, labelled
-from s2r_spec.diagnose.where.found import Where
+from s2r_spec.attribution.attribute import Attribution, labelled
+from s2r_spec.diagnose.gap.where import Where
 from s2r_spec.errors import S2RError
 from s2r_spec.report.checked import test_words
 from s2r_spec.report.figures.canvas import BAD, BAND, GOOD, INK, Picture, draw, with_unit

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from s2r_spec.diagnose.where.body import Body, Shift
+from s2r_spec.diagnose.gap.body import Body, BodyPart, Shift
 from s2r_spec.printable import spelled
 from s2r_spec.report.figures.canvas import BAND, INK, MUTED, RULE, Picture, draw, shorten
 
@@ -39,7 +39,7 @@ def is_quadruped(body: Body) -> bool:
 
 def robot(body: Body, name: str) -> Picture:
     """Draw the parts."""
-    rows = [(part.name, shift) for part in body.shifted for shift in part.shifts[:1]][:_MOST_ROWS]
+    rows = [(part, shift) for part in body.shifted for shift in part.shifts[:1]][:_MOST_ROWS]
     strong = strengths(body)
     legs = is_quadruped(body)
     height = 0.9 + 0.32 * max(len(rows), 2)
@@ -53,7 +53,7 @@ def robot(body: Body, name: str) -> Picture:
         _timeline(bottom, rows, strong, body.duration)
 
     many = f"{len(body.shifted)} of {len(body.parts)} parts"
-    words = "; ".join(f"{part}: {said(shift)}" for part, shift in rows[:4])
+    words = "; ".join(f"{body.place(part, shift)}: {amount(shift)}" for part, shift in rows[:4])
     alt = f"{many} have residuals that the model does not explain" + (f": {words}" if words else "")
     caption = (
         "Residuals are the part of a recorded motion that the simulator's equations do not explain. They are "
@@ -68,32 +68,30 @@ def robot(body: Body, name: str) -> Picture:
     return Picture("Which part of the machine", caption, alt, draw(name, alt, size, paint))
 
 
-def said(shift: Shift) -> str:
-    """Return a shift in words: "force −19.9 N from 0.2 to 1.4 s"."""
+def amount(shift: Shift) -> str:
+    """Return the residual and the size of a shift: "force −19.9 N"."""
     steady = abs(shift.mean) > 0.5 * shift.size
     sign = f"{shift.mean:+.3g}" if steady else f"±{shift.size:.3g}"
     kind = " (rms)" if shift.kind == "rms" else ""
-    words = f"{shift.channel}{kind} {sign} {spelled(shift.unit)}".rstrip().replace("-", "−")
-    return f"{words} from {shift.begin:.2f} to {shift.end:.2f} s"
+    return f"{shift.channel}{kind} {sign} {spelled(shift.unit)}".rstrip().replace("-", "−")
 
 
 def _timeline(
-    axes: Axes, rows: list[tuple[str, Shift]], strong: Mapping[str, float], duration: float
+    axes: Axes, rows: list[tuple[BodyPart, Shift]], strong: Mapping[str, float], duration: float
 ) -> None:
     places = range(len(rows) - 1, -1, -1)
     for place, (part, shift) in zip(places, rows, strict=True):
         axes.broken_barh(
             [(shift.begin, shift.end - shift.begin)], (place - 0.36, 0.72),
-            facecolor=BAND, alpha=0.15 + 0.6 * strong[part], edgecolor="none",
+            facecolor=BAND, alpha=0.15 + 0.6 * strong[part.name], edgecolor="none",
         )  # fmt: skip
-        value = said(shift).partition(" from ")[0]
         times = f"{shift.sigma:.0f} σ" if shift.sigma >= 10 else f"{shift.sigma:.2g} σ"
         late = shift.begin > 0.55 * duration
         axes.text(
             min(shift.end, duration) - 0.01 * duration if late else shift.begin + 0.01 * duration, place,
-            f"{shorten(value)} ({times})", va="center", ha="right" if late else "left", size=9, color=INK,
+            f"{shorten(amount(shift))} ({times})", va="center", ha="right" if late else "left", size=9, color=INK,
         )  # fmt: skip
-    axes.set_yticks(list(places), [shorten(part) for part, _ in rows])
+    axes.set_yticks(list(places), [shorten(part.name) for part, _ in rows])
     axes.set_ylim(-0.7, max(len(rows), 1) - 0.3)
     axes.set_xlim(0, duration)
     axes.set_xlabel("time [s]")

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from s2r_spec.diagnose.gap.surface import GapSurface
 from s2r_spec.diagnose.how_far import HeldOut, HowFar
-from s2r_spec.diagnose.where.space import InSpace
 from s2r_spec.report.checked import test_words
 from s2r_spec.report.figures.canvas import (
     BAD,
@@ -31,7 +31,7 @@ _MOST_TESTS = 16
 _DELTA = "Δρ = ρ real − ρ sim"
 
 
-def over_space(space: InSpace, far: HowFar | None, name: str) -> Picture:
+def over_space(space: GapSurface, far: HowFar | None, name: str) -> Picture:
     """Draw Δρ over the test space: a curve over one parameter, maps over two, slices over more."""
     held = () if far is None else far.tests
     match space.space.dim:
@@ -91,7 +91,7 @@ def _short(test: HeldOut) -> str:
     return shorten(words or "the only test") + (f" (×{test.rollouts})" if test.rollouts > 1 else "")
 
 
-def _curve(space: InSpace, held: Sequence[HeldOut], name: str) -> Picture:
+def _curve(space: GapSurface, held: Sequence[HeldOut], name: str) -> Picture:
     axis = space.space.axes[0]
 
     def paint(figure: Figure) -> None:
@@ -127,7 +127,7 @@ def _curve(space: InSpace, held: Sequence[HeldOut], name: str) -> Picture:
     )
 
 
-def _band(axes: Axes, space: InSpace, axis: int) -> None:
+def _band(axes: Axes, space: GapSurface, axis: int) -> None:
     """Draw the expected Δρ along an axis through the worst test."""
     on = space.along(axis)
     at = space.grid[on, axis]
@@ -140,7 +140,7 @@ def _band(axes: Axes, space: InSpace, axis: int) -> None:
     axes.axhline(0, color=INK, lw=0.8)
 
 
-def _slices(space: InSpace, name: str) -> Picture:
+def _slices(space: GapSurface, name: str) -> Picture:
     names = space.space.names
 
     def paint(figure: Figure) -> None:
@@ -169,7 +169,7 @@ def _slices(space: InSpace, name: str) -> Picture:
     return Picture(title, caption, alt, draw(name, alt, (7.2, 2.7 * rows), paint))
 
 
-def _maps(space: InSpace, held: Sequence[HeldOut], name: str) -> Picture:
+def _maps(space: GapSurface, held: Sequence[HeldOut], name: str) -> Picture:
     across, up = space.space.axes
     side = round(len(space.grid) ** 0.5)
     values = space.signed.mean.reshape(side, side).T
@@ -221,7 +221,7 @@ def _maps(space: InSpace, held: Sequence[HeldOut], name: str) -> Picture:
     return Picture("The gap over the test space", caption, alt, draw(name, alt, (7.2, 3.4), paint))
 
 
-def _caption(space: InSpace, held: bool) -> str:
+def _caption(space: GapSurface, held: bool) -> str:
     words = (
         "Δρ is ρ of the real machine minus ρ of the simulator: below 0 the real machine is worse. "
         "The band holds its expected value with 95 % simultaneously for all tests."

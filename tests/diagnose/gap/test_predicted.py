@@ -5,9 +5,9 @@ from s2r_cart import SPEC, Cart
 
 import s2r_spec as s2r
 from s2r_spec.diagnose.design import grid as bank_tests
+from s2r_spec.diagnose.gap.predicted import _places, predict
+from s2r_spec.diagnose.gap.surface import grid_of
 from s2r_spec.diagnose.prepare import bench_of
-from s2r_spec.diagnose.where.foretell import _places, foretell
-from s2r_spec.diagnose.where.space import grid_of
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 
 ADDED = {"coulomb": {"force": 1.5}}
@@ -21,11 +21,11 @@ def bench(cart):
 
 def test_what_is_foretold_is_what_the_two_simulators_say_of_the_same_seed():
     at = bench(Cart())
-    found = foretell(at, ADDED, TESTS, 3)
+    found = predict(at, ADDED, TESTS, 3)
     for number, test in enumerate(TESTS):
         seed = rollout_seed(3, number, 0, Stream.FORETELL)
         rho = [at.rho(at.run(values, test, seed), test) for values in ({}, ADDED)]
-        assert found.seen[number] == rho[1] - rho[0]
+        assert found.tests[number] == rho[1] - rho[0]
     assert found.grid.shape == (len(grid_of(at.spec.space)),)
     corner = at.spec.space.point(grid_of(at.spec.space)[0])
     rho = [at.rho(at.run(values, corner, 5), corner) for values in ({}, ADDED)]
@@ -35,5 +35,5 @@ def test_what_is_foretold_is_what_the_two_simulators_say_of_the_same_seed():
 def test_a_dear_simulator_is_asked_at_the_banks_tests_alone():
     at = bench(Cart(cost=60.0))
     assert _places(at, 441) == bank_tests(at.spec.space)
-    assert foretell(at, ADDED, TESTS, 3).grid.shape == (441,)
+    assert predict(at, ADDED, TESTS, 3).grid.shape == (441,)
     assert len(_places(bench(Cart()), 441)) > len(bank_tests(at.spec.space))

@@ -1,11 +1,12 @@
-"""Where in the test space the gap lies: a Gaussian process over it, and what follows from its samples.
+"""The gap over the test space, from a Gaussian process.
 
-The process is put on the signed gap E Δρ, which is smooth; E|Δρ| has a kink wherever
-the gap changes its sign, and follows from it as the mean of a folded normal
-distribution. The worst test, the band that holds everywhere at once and the set of
-tests with too large a gap are read off functions that are sampled from its posterior.
-Where an improved simulator foretells the gap, the process is also put on what that
-leaves; functions are then drawn from either process as often as its evidence says.
+Data: Δρ (n,) at the tests that were run, with standard errors from replicates. Unknown: the signed gap g(x) = E Δρ at
+every test x. Model: g is a Gaussian process (:mod:`~s2r_spec.diagnose.gap.gaussian_process`), or the prediction of an
+improved simulator plus such a process. Both models have a weight in proportion to their evidence. Estimator: functions
+that are sampled from the posterior. The expected size E|Δρ| follows from g and the scatter, as the mean of a folded
+normal distribution. The worst test, the band and the tests above the tolerance are statistics of the sampled functions.
+
+Units: those of ρ. Shapes: n tests, m places of a grid over the space, FUNCTIONS functions.
 """
 
 from __future__ import annotations
@@ -17,45 +18,47 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.where import gaps as seen
-from s2r_spec.diagnose.where.gaps import GapAt
-from s2r_spec.diagnose.where.process import Data, functions
+from s2r_spec.diagnose.gap import observed
+from s2r_spec.diagnose.gap.gaussian_process import Data, functions
+from s2r_spec.diagnose.gap.observed import GapAt
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space
 
 FloatArray = NDArray[np.float64]
 
 LEVEL = 0.95
+"""Level: probability of the band as a whole, and of a gap above the tolerance. Nearer to 1, both need more rollouts."""
 FUNCTIONS = 2000
-"""Samples of the gap as a function."""
-MOST_FORETOLD = 0.75
-"""Largest part of these that an improved simulator foretells: it was fitted to the rollouts that are its evidence."""
+"""Budget: sampled functions. Doubled, the sampling error of every probability is smaller by a factor √2."""
+MOST_PREDICTED = 0.75
+"""Prior: largest weight of the improved simulator, because it was fitted to the same rollouts. At 1, it may be
+alone."""
 _COUNTS = {1: (101,), 2: (21, 21), 3: (7, 7, 7), 4: (5, 5, 5, 5)}
 MOST_AXES = max(_COUNTS)
-"""Of a test space in which can be said where the gap lies."""
+"""Definition: the most parameters of a test space with a surface; a grid over five would have too few places."""
 
 
 @dataclass(frozen=True, eq=False)
-class Foretold:
-    """The gap as an improved simulator has it: E ρ of that, less E ρ of the simulator.
+class Predicted:
+    """The gap that an improved simulator predicts: its ρ minus ρ of the nominal simulator.
 
     Attributes:
-        seen: (n,) at the tests that were run.
+        tests: (n,) at the tests that were run.
         grid: (m,) at the places of :func:`grid_of`.
     """
 
-    seen: FloatArray
+    tests: FloatArray
     grid: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """A function over the test space, known so far.
+    """A simultaneous band: with probability 0.95 a function is between its limits at all places.
 
     Attributes:
         mean: (m,) at the places of the grid.
-        lower: (m,) with probability 0.95 the function is above it everywhere.
-        upper: (m,) and, with the same 0.95, below this.
+        lower: (m,) lower limit.
+        upper: (m,) upper limit.
     """
 
     mean: FloatArray
@@ -64,24 +67,24 @@ class Band:
 
 
 @dataclass(frozen=True, eq=False)
-class InSpace:
-    """Where in the test space the gap lies.
+class GapSurface:
+    """The gap over the test space.
 
     Attributes:
         space: the test space.
-        unit: of ρ.
-        tests: what was seen.
+        unit: the unit of ρ.
+        tests: ρ at the tests that were run.
         grid: (m, dim) places.
         absolute: E|Δρ| there.
         signed: E Δρ there; negative where the real machine is worse.
         floor: E|Δρ| of the simulator against itself; NaN if no test was simulated twice.
         worst: the test where E|Δρ| is probably largest.
         near: probability that the largest E|Δρ| is within a tenth of every axis of ``worst``.
-        worst_in: name → (low, high), the box that holds the central 90 % of where it may be.
+        worst_in: name → (low, high), the box with the central 90 % of the posterior of the worst test.
         largest: (estimate, low, high) of E|Δρ| at its worst, 95 %.
-        tolerance: a gap below it does not matter: twice the floor; None where that is not known.
-        exceeds: (m,) probability that E|Δρ| is above the tolerance; None where there is none.
-        notes: what the data do not allow, in sentences.
+        tolerance: twice the floor; None if the floor is not known.
+        exceeds: (m,) probability that E|Δρ| is above the tolerance; None without a tolerance.
+        notes: limits of the data, in sentences.
     """
 
     space: Space
@@ -101,7 +104,7 @@ class InSpace:
 
     @property
     def beyond(self) -> NDArray[np.bool_] | None:
-        """(m,) places at which the gap exceeds the tolerance with probability 0.95 or more; None where it has none."""
+        """(m,) places where the gap exceeds the tolerance with probability 0.95 or more; None without a tolerance."""
         return None if self.exceeds is None else self.exceeds >= LEVEL
 
     def to_json(self) -> dict[str, Any]:
@@ -141,7 +144,7 @@ class InSpace:
 
 
 def _share_and_box(space: Space, grid: FloatArray, beyond: NDArray[np.bool_]) -> dict[str, Any]:
-    """Return which part of the grid is beyond the tolerance, and the box that holds it."""
+    """Return the part of the grid beyond the tolerance, and the smallest box around it."""
     there = grid[beyond]
     ends = zip(there.min(axis=0).tolist(), there.max(axis=0).tolist(), strict=True) if there.size else ()
     return {
@@ -151,7 +154,7 @@ def _share_and_box(space: Space, grid: FloatArray, beyond: NDArray[np.bool_]) ->
 
 
 def grid_of(space: Space) -> FloatArray:
-    """Return (m, dim) places that are looked at.
+    """Return the grid (m, dim) over the test space.
 
     Raises:
         UsageError: the space has no or more than four parameters.
@@ -163,21 +166,21 @@ def grid_of(space: Space) -> FloatArray:
     return space.grid(_COUNTS[space.dim])
 
 
-def in_space(
+def gap_surface(
     space: Space,
     tests: tuple[GapAt, ...],
     unit: str = "",
     seed: int = 0,
-    foretold: Foretold | None = None,
-) -> InSpace:
-    """Return where in the test space the gap lies.
+    predicted: Predicted | None = None,
+) -> GapSurface:
+    """Return the gap over the test space.
 
     Args:
         space: the test space, of one to four parameters.
-        tests: what was seen, one entry a test.
-        unit: of ρ.
+        tests: ρ at the tests that were run, one entry for each test.
+        unit: the unit of ρ.
         seed: of the sampled functions.
-        foretold: the gap as an improved simulator has it, if there is one.
+        predicted: the gap that an improved simulator predicts; None without one.
 
     Raises:
         UsageError: there is no test, or the space has no or more than four parameters.
@@ -189,18 +192,18 @@ def in_space(
     grid = grid_of(space)
     at = np.array([space.vector(test.params) for test in tests])
     generator = np.random.default_rng(seed)
-    data = seen.measured(tests)
+    data = observed.measured(tests)
     sign = _sampled(
-        Data(_unit(space, at), data.mean, data.deviation), _unit(space, grid), foretold, generator
+        Data(_unit(space, at), data.mean, data.deviation), _unit(space, grid), predicted, generator
     )
-    size = seen.folded(sign, data.scatter)
+    size = observed.folded(sign, data.scatter)
     largest = size.max(axis=1)
     places = grid[size.argmax(axis=1)]
     worst = _mode(space, places)
     low, high = np.quantile(places, [0.05, 0.95], axis=0)
-    floor = seen.floor(tests)
+    floor = observed.floor(tests)
     tolerance = 2.0 * floor if np.isfinite(floor) else None
-    return InSpace(
+    return GapSurface(
         space,
         unit,
         tests,
@@ -219,19 +222,19 @@ def in_space(
 
 
 def _sampled(
-    data: Data, grid: FloatArray, foretold: Foretold | None, generator: np.random.Generator
+    data: Data, grid: FloatArray, predicted: Predicted | None, generator: np.random.Generator
 ) -> FloatArray:
-    """Return (FUNCTIONS, m) of the signed gap, from its own process and from that on what was not foretold."""
+    """Return (FUNCTIONS, m) samples of the signed gap, from both models in proportion to their evidence."""
     plain, evidence = functions(data, grid, FUNCTIONS, generator)
-    if foretold is None:
+    if predicted is None:
         return plain
-    rest = replace(data, values=data.values - foretold.seen)
+    rest = replace(data, values=data.values - predicted.tests)
     left, other = functions(rest, grid, FUNCTIONS, generator)
     share = 1.0 / (1.0 + np.exp(np.clip(evidence - other, -50.0, 50.0)))
-    count = round(FUNCTIONS * min(float(share), MOST_FORETOLD))
-    # Functions of one size and length scale lie side by side: any count of them is taken from all.
+    count = round(FUNCTIONS * min(float(share), MOST_PREDICTED))
+    # Functions with one size and length scale are neighbours, so a random order takes from all of them.
     picked = generator.permutation(FUNCTIONS)
-    return np.concatenate([foretold.grid + left[picked[:count]], plain[picked[count:]]])
+    return np.concatenate([predicted.grid + left[picked[:count]], plain[picked[count:]]])
 
 
 def _unit(space: Space, points: FloatArray) -> FloatArray:
@@ -240,7 +243,7 @@ def _unit(space: Space, points: FloatArray) -> FloatArray:
 
 
 def _band(sampled: FloatArray, positive: bool = False) -> Band:
-    """Return the band around the mean that holds LEVEL of the functions as a whole."""
+    """Return the band around the mean that contains :data:`LEVEL` of the functions at all places."""
     mean, deviation = sampled.mean(axis=0), sampled.std(axis=0)
     width = np.quantile((np.abs(sampled - mean) / np.maximum(deviation, 1e-300)).max(axis=1), LEVEL)
     lower = mean - width * deviation
@@ -248,7 +251,7 @@ def _band(sampled: FloatArray, positive: bool = False) -> Band:
 
 
 def _mode(space: Space, places: FloatArray) -> FloatArray:
-    """Return that of the places around which they are densest, by a triangle of a tenth of every axis."""
+    """Return the place with the highest density, from a triangular kernel over a tenth of every axis."""
     distinct, counts = np.unique(_unit(space, places), axis=0, return_counts=True)
     near = np.clip(1.0 - 10.0 * np.abs(distinct[:, None] - distinct), 0.0, None).prod(axis=2) @ counts
     return space.at(distinct[near.argmax()])
@@ -256,10 +259,11 @@ def _mode(space: Space, places: FloatArray) -> FloatArray:
 
 def _notes(space: Space, tests: tuple[GapAt, ...]) -> tuple[str, ...]:
     notes = []
-    if 3 * seen.replicated(tests) < len(tests):
+    replicated = observed.replicated(tests)
+    if 3 * replicated < len(tests):
         notes.append(
-            f"{seen.replicated(tests)} of {len(tests)} tests have three or more real rollouts; repeat a third of the "
-            f"tests to separate noise from the shape of the gap"
+            f"{replicated} of {len(tests)} tests have three or more real rollouts; repeat a third of the tests to "
+            f"separate noise from the shape of the gap"
         )
     if len(tests) < 2 * space.dim + 1:
         notes.append(

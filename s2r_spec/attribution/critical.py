@@ -1,12 +1,11 @@
-"""What decides ρ of either trace, and the bounds on Δρ that follow.
+"""The predicate and sample that decide ρ of each trace, and bounds on Δρ that follow from them.
 
-Let c_s and c_r be the predicate and sample that decide ρ of the simulated and of the
-real trace, and v the margin. Where ρ is a minimum of margins, and of nothing else,
+Let c_s and c_r decide ρ of the simulated and of the real trace, and let v be the margin. If ρ is a minimum of margins,
 
-    v_real(c_r) − v_sim(c_r) ≤ Δρ ≤ v_real(c_s) − v_sim(c_s),
+    v_real(c_r) − v_sim(c_r) ≤ Δρ ≤ v_real(c_s) − v_sim(c_s).
 
-because ρ_real = v_real(c_r) and ρ_sim ≤ v_sim(c_r), and the other way round; where it
-is a maximum of margins the two sides change places.
+The left side holds because ρ_real = v_real(c_r) and ρ_sim ≤ v_sim(c_r). The right side follows in the same way with the
+traces exchanged. If ρ is a maximum of margins, the two bounds change places. Other formulas have no such bounds.
 """
 
 from __future__ import annotations
@@ -14,7 +13,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from s2r_spec.diagnose.where.path import Path
+from s2r_spec.attribution.path import Path
+from s2r_spec.attribution.place import instant
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.deciding import Step
 
@@ -23,13 +23,13 @@ Kind = Literal["either", "min", "max", "mixed"]
 
 @dataclass(frozen=True)
 class Critical:
-    """What decides ρ of one trace.
+    """The predicate and sample that decide ρ of one trace.
 
     Attributes:
-        predicate: as it is written.
-        name: of the innermost named sub-formula it is in; "" for none.
-        line: where it is written.
-        time: when it is asked [s].
+        predicate: its text in the specification.
+        name: name of the innermost named sub-formula around it; "" for none.
+        line: its line in the specification.
+        time: time of the sample [s].
         simulated: ± its margin on the simulated trace, in the unit of ρ.
         real: ± its margin on the real trace.
     """
@@ -43,17 +43,17 @@ class Critical:
 
     def __str__(self) -> str:
         within = f" in `{self.name}`" if self.name else ""
-        return f"`{self.predicate}`{within} at {self.time:.3g} s"
+        return f"`{self.predicate}`{within} {instant(self.time)}"
 
 
 @dataclass(frozen=True)
 class Switch:
-    """What decides ρ in simulation and on the real machine.
+    """The critical predicates of both traces.
 
     Attributes:
-        simulated: what decides ρ of the simulated trace.
-        real: what decides ρ of the real one.
-        bounds: (low, high) on Δρ; None where ρ is neither a minimum nor a maximum of margins.
+        simulated: decides ρ of the simulated trace.
+        real: decides ρ of the real trace.
+        bounds: (low, high) bounds on Δρ; None if ρ is neither a minimum nor a maximum of margins.
     """
 
     simulated: Critical
@@ -62,7 +62,7 @@ class Switch:
 
     @property
     def switches(self) -> bool:
-        """Whether another predicate decides."""
+        """Whether the two traces have different critical predicates."""
         return (self.simulated.predicate, self.simulated.line) != (self.real.predicate, self.real.line)
 
     def __str__(self) -> str:
@@ -70,7 +70,7 @@ class Switch:
             return f"the critical predicate is {self.simulated} in simulation, but {self.real} on the real machine"
         if f"{self.simulated}" == f"{self.real}":
             return f"the critical predicate is {self.simulated} in both"
-        later = f"at {self.real.time:.3g} s on the real machine"
+        later = f"{instant(self.real.time)} on the real machine"
         return f"the critical predicate is {self.simulated} in simulation and {later}"
 
     def to_json(self) -> dict[str, Any]:
@@ -84,7 +84,7 @@ class Switch:
 
 
 def switch(path: Path) -> Switch | None:
-    """Return what decides at both ends of a path; None if ρ rests on no predicate there."""
+    """Return the critical predicates at both ends of a path; None if no predicate decides ρ there."""
     start, end = path.start, path.end
     if not all(isinstance(point.steps[-1].node, f.Comparison) for point in (start, end)):
         return None
@@ -114,7 +114,7 @@ def switch(path: Path) -> Switch | None:
 
 
 def kind(formula: f.Formula, negated: bool = False) -> Kind:
-    """Return what ρ of a formula (of its negation) is of margins: a minimum, a maximum, both mixed, or just one."""
+    """Return whether ρ of a formula, or of its negation, is one margin, or a minimum, a maximum or a mix of margins."""
     least: Kind = "max" if negated else "min"
     most: Kind = "min" if negated else "max"
     match formula:

@@ -1,4 +1,4 @@
-"""What was seen of the gap: ρ of real and simulated rollouts, test by test."""
+"""The gap at the tests that were run: ρ of real and simulated rollouts, test by test."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class GapAt:
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """Δρ at each test, and how well it is known.
+    """Δρ at each test with its errors.
 
     Args:
         mean: (n,) E Δρ at each test.
@@ -49,12 +49,12 @@ class Measured:
 def measured(gaps: tuple[GapAt, ...]) -> Measured:
     """Return Δρ at each test, with errors from the scatter of replicates.
 
-    Errors rest on the variance within tests, pooled over them. ``scatter`` rests on
-    the median over tests, which a few falls do not move.
+    Errors follow from the variance within tests, pooled over all tests. ``scatter`` follows from
+    the median over tests, which a few falls hardly change.
     """
     real, simulated = [gap.real for gap in gaps], [gap.simulated for gap in gaps]
     own, other = np.array(_within(real)), np.array(_within(simulated))
-    # where no test was made twice on one side, the other side's scatter stands in; on neither, there is none
+    # a side without replicates has the variance of the other side; without any replicates it is 0
     own, other = (np.nan_to_num(np.where(np.isnan(a), b, a)) for a, b in ((own, other), (other, own)))
     error = own[0] / [r.size for r in real] + other[0] / [s.size for s in simulated]
     return Measured(np.array([gap.signed for gap in gaps]), np.sqrt(error), float(np.sqrt(own[1] + other[1])))
@@ -72,7 +72,7 @@ def folded(mean: FloatArray, scatter: float) -> FloatArray:
 
 
 def floor(gaps: tuple[GapAt, ...]) -> float:
-    """Return E|ρ − ρ'| of two simulated rollouts of the same test: what |Δρ| is without any gap.
+    """Return E|ρ − ρ'| of two simulated rollouts of the same test: E|Δρ| of a perfect simulator.
 
     NaN if no test was simulated twice.
     """
@@ -90,7 +90,7 @@ def replicated(gaps: tuple[GapAt, ...]) -> int:
 
 
 def _within(samples: list[FloatArray]) -> tuple[float, float]:
-    """Return the variance within tests, pooled, and as the median says it; NaN without replicates."""
+    """Return the variance within tests, pooled and from the median over tests; NaN without replicates."""
     from scipy.stats import chi2
 
     repeated = [one for one in samples if one.size > 1]

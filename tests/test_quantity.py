@@ -5,7 +5,7 @@ import math
 import pytest
 
 from s2r_spec.printable import spelled
-from s2r_spec.report.quantity import Scale, interval, measured, quantity
+from s2r_spec.quantity import Scale, interval, measured, quantity
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The gap over the test space as an improved simulator has it."""
+"""The gap over the test space that an improved simulator predicts."""
 
 from __future__ import annotations
 
@@ -10,32 +10,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose import design
+from s2r_spec.diagnose.gap.surface import Predicted, grid_of
 from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
-from s2r_spec.diagnose.where.space import Foretold, grid_of
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 
 FloatArray = NDArray[np.float64]
 
 SECONDS = 10.0
-"""Of one core, that both simulators should take over the test space."""
+"""Budget: time of one core [s] for both simulators over the test space. Doubled, up to twice as many tests."""
 PLACES = 400
-"""Tests over the space, however cheap a rollout is."""
+"""Budget: the most tests over the space. Doubled, a cheap simulator has a finer grid."""
 
 
-def foretell(
+def predict(
     bench: Bench,
     values: Mapping[str, Mapping[str, float]],
     tests: Sequence[Test],
     seed: int,
     executor: Callable[[], Executor] | None = None,
-) -> Foretold:
-    """Simulate the gap at the tests that were run and over the test space, with and without these effects.
+) -> Predicted:
+    """Simulate ρ with and without effects, at the tests that were run and over the test space.
 
     Args:
         bench: the simulator.
-        values: effects of the improved one.
-        tests: that were run.
-        seed: of the rollouts; both simulators have the same.
+        values: effects of the improved simulator.
+        tests: the tests that were run.
+        seed: of the rollouts; both simulators use the same.
         executor: makes a pool; None runs all here.
     """
     space = bench.spec.space
@@ -51,11 +51,11 @@ def foretell(
     gap = rho[:, 1] - rho[:, 0]
     box = design.unit_box(space, [space.point(place) for place in grid])
     between = design.weights(design.unit_box(space, places), box)
-    return Foretold(gap[: len(tests)], between @ gap[len(tests) :])
+    return Predicted(gap[: len(tests)], between @ gap[len(tests) :])
 
 
 def _places(bench: Bench, most: int) -> list[dict[str, float]]:
-    """Return as many tests as there is time to simulate, evenly over the space, and at least those of the bank."""
+    """Return a grid of as many tests as the budget allows, and at least the grid of the bank."""
     space = bench.spec.space
     able = min(int(SECONDS / (2.0 * bench.cost)), PLACES, most)
     across = int(able ** (1.0 / space.dim) + 1e-9)

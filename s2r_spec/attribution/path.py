@@ -1,15 +1,19 @@
-"""ρ along the straight path from a simulated to a real trace, and what every sample adds on the way.
+"""The straight path from a simulated to a real trace, and the part of Δρ that each sample adds along it.
 
-    a(t, c) = ∫₀¹ ∂ρ/∂x_{t,c}(x_λ) · (x_real − x_sim)_{t,c} dλ,     x_λ = (1 − λ) x_sim + λ x_real
+Data: samples x_sim and x_real of both traces, (channels, n). Quantity: the part a(t, c) of Δρ of sample t of channel c,
+the integrated gradient
 
-(Aumann and Shapley, *Values of Non-Atomic Games*, 1974; Sundararajan et al., Axiomatic
-Attribution for Deep Networks, 2017). ρ is a minimum and maximum of margins, so
-that the path falls into pieces on each of which one predicate at one sample decides;
-ρ's change over a piece is that margin's. Pieces are found by where the margins cross,
-so that the parts add up to Δρ to rounding, not to the width of a step.
+    a(t, c) = ∫₀¹ ∂ρ/∂x_{t,c}(x_λ) · (x_real − x_sim)_{t,c} dλ,     x_λ = (1 − λ) x_sim + λ x_real.
 
-Booleans change half way. What ρ jumps by there, or where a sign or a count changes, has
-no gradient; it is given to the channels that make it jump when they change alone.
+ρ consists of minima and maxima of margins. So the path has pieces on which one predicate at one sample decides, and ρ
+changes there by as much as the margin of that predicate. Pieces end where two margins cross. Therefore the parts add up
+to Δρ up to rounding.
+
+Booleans change at λ = ½. A jump of ρ there, or at the change of a sign or a count, has no gradient. It is divided among
+the channels in proportion to the jump of ρ when each of them changes alone.
+
+Units: a in the unit of ρ, λ dimensionless. Source: Aumann and Shapley, *Values of Non-Atomic Games*, 1974;
+Sundararajan, Taly and Yan, "Axiomatic Attribution for Deep Networks", ICML 2017.
 """
 
 from __future__ import annotations
@@ -21,23 +25,22 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.where.align import Aligned, Evaluated
-from s2r_spec.diagnose.where.gradient import margin_gradient
+from s2r_spec.attribution.align import Aligned, Evaluated
+from s2r_spec.attribution.gradient import margin_gradient
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.deciding import Step, descend
 
 FloatArray = NDArray[np.float64]
 
 _PIECES = 4
-"""The path is looked at in so many parts at least: a minimum of maxima can return to a predicate."""
+"""Budget: least number of pieces, because a minimum of maxima can return to a predicate. Doubled, twice the time."""
 _NARROW = 1e-9
-"""A change of ρ over less of the path than this is a jump."""
+"""Tolerance: a change of ρ over less than this part of the path is a jump. Doubled, jumps lie half as finely."""
 _EXACT = 1e-11
-"""Agreement of two ways to the same number, relative to what they are made of."""
-_NODES, _WEIGHTS = (
-    0.5 + np.polynomial.legendre.leggauss(6)[0] / 2,
-    np.polynomial.legendre.leggauss(6)[1] / 2,
-)
+"""Tolerance: relative difference of two computations of one number. Doubled, the rest that stays is twice as large."""
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
+_NODES, _WEIGHTS = 0.5 + _NODES / 2, _WEIGHTS / 2
+"""Definition: nodes and weights of Gauss's rule on [0, 1], exact for polynomials of degree 11."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +49,8 @@ class Piece:
 
     Attributes:
         steps: from the requirement down to the predicate.
-        amount: what ρ changes by.
-        credit: signal → (width, n), which add up to ``amount``.
+        amount: the change of ρ.
+        credit: signal → (width, n) parts of the change, which add up to ``amount``.
         jump: whether ρ jumps here.
     """
 
@@ -59,7 +62,7 @@ class Piece:
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """ρ at a point of the path, and what decides it there; ``late`` if booleans are the real ones."""
+    """ρ at a point of the path, and the steps to the predicate that decides it; ``late`` if booleans are real."""
 
     at: float
     late: bool
@@ -127,13 +130,13 @@ class Path:
         return step.factor * float(margin[step.sample])
 
     def _between(self, a: _Point, b: _Point, halved: bool = False) -> Iterator[Piece]:
-        """Yield the pieces from one point to another; ``halved`` if a crossing has just cut off less than half.
+        """Yield the pieces from one point to another; ``halved`` if the last cut at a crossing left more than half.
 
-        Of curved predicates straight lines may cross ever nearer to one end, so two cuts always halve the way.
+        The crossings of curved predicates may come ever nearer to one end, so every second cut is at the middle.
         """
         middle = self._point((a.at + b.at) / 2, a.late)
         if not (isinstance(middle.steps[-1].node, f.Comparison) and np.isfinite(middle.rho)):
-            return  # ρ is infinite on the way: what it does there is no number
+            return  # ρ is infinite on the way, so its change is no number
         slack = _EXACT * max(1.0, abs(a.rho), abs(b.rho))
         step = middle.steps[-1]
         ends = [self.value(step, point.algebra) for point in (a, b)]
@@ -147,7 +150,7 @@ class Path:
                 yield from self._between(left, right, right.at - left.at > (b.at - a.at) / 2)
 
     def _crossing(self, a: _Point, middle: _Point, b: _Point) -> float:
-        """Return where what decides at one end and what decides at the other are alike, or else the middle."""
+        """Return where the margins that decide at both ends cross, or else the middle."""
         for left, right in ((a, b), (a, middle), (middle, b)):
             if not all(isinstance(point.steps[-1].node, f.Comparison) for point in (left, right)):
                 continue
@@ -164,7 +167,7 @@ class Path:
         return middle.at
 
     def _one(self, steps: tuple[Step, ...], a: _Point, b: _Point) -> Iterator[Piece]:
-        """Yield the piece on which one predicate decides, halved until its gradient accounts for its change."""
+        """Yield a piece on which one predicate decides, halved until the gradient agrees with the change."""
         step = steps[-1]
         amount = self.value(step, b.algebra) - self.value(step, a.algebra)
         credit: dict[str, FloatArray] = {}
@@ -189,7 +192,7 @@ class Path:
             yield from self._one(steps, middle, b)
 
     def _jump(self, a: _Point, b: _Point) -> Iterator[Piece]:
-        """Yield what ρ changes by where it has no gradient, by channel: each changed alone."""
+        """Yield the jump of ρ, divided among the channels by the jump that each makes alone."""
         amount = b.rho - a.rho
         steps = b.steps if isinstance(b.steps[-1].node, f.Comparison) else a.steps
         if amount == 0.0 or not np.isfinite(amount):
@@ -203,7 +206,7 @@ class Path:
         for name, share in zip(changed, shares.tolist(), strict=True):
             differs = (before[name] != after[name]).astype(float)
             near = np.zeros_like(differs)
-            # of the samples that changed, the one nearest to where the verdict is decided
+            # the changed sample nearest to the one that decides ρ
             rows, columns = np.nonzero(differs)
             nearest = np.argmin(np.abs(columns - steps[-1].sample))
             near[rows[nearest], columns[nearest]] = share * amount
@@ -212,7 +215,7 @@ class Path:
 
 
 def _curved(node: f.Node) -> bool:
-    """Return whether a number may change otherwise than on straight pieces when signals do."""
+    """Return whether a number is no piecewise linear function of the signals."""
     match node:
         case f.Norm():
             return True

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from s2r_spec.diagnose.where.gaps import GapAt, floor, folded
-from s2r_spec.diagnose.where.space import Foretold, grid_of, in_space
+from s2r_spec.diagnose.gap.observed import GapAt, floor, folded
+from s2r_spec.diagnose.gap.surface import Predicted, gap_surface, grid_of
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space
 
@@ -45,7 +45,7 @@ def test_the_band_holds_everywhere_at_once_and_the_worst_test_is_as_sure_as_it_s
     claimed = 0.0
     for trial in range(trials):
         gap = smooth(generator)
-        result = in_space(LINE, seen(LINE, gap, np.linspace(-0.2, 0.3, 10), generator), seed=trial)
+        result = gap_surface(LINE, seen(LINE, gap, np.linspace(-0.2, 0.3, 10), generator), seed=trial)
         truth = np.array([gap(place) for place in result.grid])
         size = folded(truth, math.sqrt(2) * NOISE)
         held += bool(((truth >= result.signed.lower) & (truth <= result.signed.upper)).all())
@@ -70,7 +70,7 @@ def test_a_gap_at_one_end_is_found_there_and_beyond_the_tolerance_there_only():
     tests = seen(
         LINE, lambda x: -0.04 * norm.cdf((x[0] - 0.15) / 0.05), np.linspace(-0.2, 0.3, 10), generator
     )
-    result = in_space(LINE, tests, unit="m/s")
+    result = gap_surface(LINE, tests, unit="m/s")
     assert result.worst["vd"] > 0.25
     assert result.near > 0.9
     assert result.worst_in["vd"][0] > 0.2
@@ -88,7 +88,7 @@ def test_a_gap_at_one_end_is_found_there_and_beyond_the_tolerance_there_only():
 
 def test_no_gap_is_beyond_no_tolerance():
     generator = np.random.default_rng(3)
-    result = in_space(LINE, seen(LINE, lambda x: 0.0, np.linspace(-0.2, 0.3, 10), generator))
+    result = gap_surface(LINE, seen(LINE, lambda x: 0.0, np.linspace(-0.2, 0.3, 10), generator))
     assert not result.beyond.any()
     assert result.to_json()["beyond"] == {"share": 0.0, "within": {}}
     assert result.signed.lower.max() < 0 < result.signed.upper.min()
@@ -99,7 +99,7 @@ def test_a_corner_of_a_box(dim):
     space = Space.of({f"p{k}": (0.0, 1.0) for k in range(dim)})
     generator = np.random.default_rng(dim)
     places = generator.uniform(size=(25, dim))
-    result = in_space(space, seen(space, lambda x: 0.05 * float(x[0] + x[1]), places, generator, real=1))
+    result = gap_surface(space, seen(space, lambda x: 0.05 * float(x[0] + x[1]), places, generator, real=1))
     assert result.worst["p0"] > 0.7
     assert result.worst["p1"] > 0.7
     assert any("0 of 25 tests" in note for note in result.notes)
@@ -108,7 +108,7 @@ def test_a_corner_of_a_box(dim):
 
 
 def test_one_rollout_at_one_test_says_so():
-    result = in_space(LINE, (GapAt({"vd": 0.1}, np.array([0.01]), np.array([0.02])),))
+    result = gap_surface(LINE, (GapAt({"vd": 0.1}, np.array([0.01]), np.array([0.02])),))
     assert any("at 1 test of a space with 1 parameter" in note for note in result.notes)
     assert math.isnan(result.floor)
     plain = result.to_json()
@@ -119,10 +119,10 @@ def test_one_rollout_at_one_test_says_so():
 
 def test_what_cannot_be_asked():
     with pytest.raises(UsageError, match="at least one real rollout"):
-        in_space(LINE, ())
+        gap_surface(LINE, ())
     many = Space.of({f"p{k}": (0, 1) for k in range(5)})
     with pytest.raises(UsageError, match=r"one to four .* has 5"):
-        in_space(many, (GapAt({}, np.zeros(1), np.zeros(1)),))
+        gap_surface(many, (GapAt({}, np.zeros(1), np.zeros(1)),))
 
 
 CUBE = Space.of({"a": (0.0, 1.0), "b": (0.0, 1.0), "c": (0.0, 1.0)}, {"a": "m", "b": "m", "c": "m"})
@@ -136,23 +136,25 @@ def bumpy(x):
 @pytest.mark.slow
 def test_an_improved_simulator_says_where_the_gap_is_largest_between_the_tests():
     generator = np.random.default_rng(4)
-    alone = foretold = 0
+    alone = predicted = 0
     for trial in range(6):
         places = generator.uniform(size=(18, 3))
         tests = seen(CUBE, bumpy, places, generator)
         grid = grid_of(CUBE)
         truth = np.array([bumpy(x) for x in grid])
-        nearly = Foretold(
+        nearly = Predicted(
             np.array([0.9 * bumpy(x) + 0.002 for x in places]),
             np.array([0.9 * bumpy(x) + 0.002 for x in grid]),
         )
         far = [
-            np.abs(CUBE.vector(in_space(CUBE, tests, seed=trial, foretold=f).worst) - grid[truth.argmax()])
+            np.abs(
+                CUBE.vector(gap_surface(CUBE, tests, seed=trial, predicted=f).worst) - grid[truth.argmax()]
+            )
             for f in (None, nearly)
         ]
         alone += bool(far[0].max() <= 0.1)
-        foretold += bool(far[1].max() <= 0.1)
-    assert foretold == 6
+        predicted += bool(far[1].max() <= 0.1)
+    assert predicted == 6
     assert alone < 6
 
 
@@ -160,11 +162,11 @@ def test_a_simulator_that_foretells_something_else_is_not_believed():
     generator = np.random.default_rng(5)
     places = generator.uniform(size=(18, 3))
     tests = seen(CUBE, bumpy, places, generator)
-    wrong = Foretold(
+    wrong = Predicted(
         np.array([0.05 * np.cos(9 * x.sum()) for x in places]),
         np.array([0.05 * np.cos(9 * x.sum()) for x in grid_of(CUBE)]),
     )
-    plain, misled = (in_space(CUBE, tests, seed=1, foretold=f) for f in (None, wrong))
+    plain, misled = (gap_surface(CUBE, tests, seed=1, predicted=f) for f in (None, wrong))
     assert misled.worst == plain.worst
     np.testing.assert_allclose(misled.signed.mean, plain.signed.mean, atol=0.005)
 
@@ -175,13 +177,13 @@ def test_a_simulator_that_foretells_everything_is_heard_three_quarters_at_most(m
     generator = np.random.default_rng(6)
     places = generator.uniform(size=(18, 3))
     tests = seen(CUBE, bumpy, places, generator)
-    exact = Foretold(np.array([bumpy(x) for x in places]), np.array([bumpy(x) for x in grid_of(CUBE)]))
+    exact = Predicted(np.array([bumpy(x) for x in places]), np.array([bumpy(x) for x in grid_of(CUBE)]))
 
     def volume(answer):
         return np.prod([1e-9 + high - low for low, high in answer.worst_in.values()])
 
-    bounded = in_space(CUBE, tests, seed=1, foretold=exact)
-    monkeypatch.setattr(importlib.import_module("s2r_spec.diagnose.where.space"), "MOST_FORETOLD", 1.0)
-    believed = in_space(CUBE, tests, seed=1, foretold=exact)
+    bounded = gap_surface(CUBE, tests, seed=1, predicted=exact)
+    monkeypatch.setattr(importlib.import_module("s2r_spec.diagnose.gap.surface"), "MOST_PREDICTED", 1.0)
+    believed = gap_surface(CUBE, tests, seed=1, predicted=exact)
     assert bounded.worst == believed.worst
     assert volume(bounded) > 10 * volume(believed)

@@ -1,8 +1,11 @@
-"""A Gaussian process whose size and length scales are averaged over, not chosen.
+"""A Gaussian process, averaged over its size and its length scales.
 
-Draws from their prior are weighted with the marginal likelihood of the data
-(Rasmussen and Williams, *Gaussian Processes for Machine Learning*, 2006, eqs 2.25,
-2.26, 2.30 and §5.2). With ten tests one best length scale would be too sure of itself.
+Data: noisy values (n,) of a function of the unit cube. Unknown: the function. Model: a constant plus a process with a
+Matérn-5/2 covariance; its size and its length scales have log-normal priors. Estimator: draws from these priors,
+weighted with the marginal likelihood of the data. With ten tests, one best length scale would give too narrow a band.
+
+Units: those of the values. Source: Rasmussen and Williams, *Gaussian Processes for Machine Learning*, 2006, eqs 2.25,
+2.26, 2.30 and §5.2.
 """
 
 from __future__ import annotations
@@ -15,13 +18,15 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 DRAWS = 256
-"""Sizes and length scales that are tried."""
+"""Budget: draws of size and length scales from their prior. Doubled, their average is more exact."""
 _LENGTH = (0.4, 0.8)
-"""Of an axis that a length scale is: median, and deviation of its logarithm."""
+"""Prior: median of a length scale, as a part of the axis, and standard deviation of its logarithm. A doubled median
+expects a smoother gap."""
 _SIZE = (1.0, 0.7)
-"""The same of the standard deviation over the test space, as a part of that of the data."""
+"""Prior: the same of the standard deviation over the test space, as a part of that of the data. A doubled median gives
+wider bands far from the tests."""
 _KEPT = 32
-"""So many of them are drawn again by weight, to sample functions from."""
+"""Budget: draws that remain after resampling by weight. Doubled, sampling functions takes up to twice as long."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +49,7 @@ def functions(
 ) -> tuple[FloatArray, float]:
     """Return (count, m) functions from the posterior, on (m, dim) places, and the log evidence of the process."""
     level = float(data.values.mean())
-    # without any spread the data say nothing of the size, and the errors have to
+    # without any spread in the data, their errors give the scale
     scale = float(data.values.std()) or float(data.deviations.max()) or 1.0
     values = (data.values - level) / scale
     noise = np.diag(np.maximum(np.square(data.deviations / scale), 1e-6))
@@ -78,7 +83,7 @@ def _prior(dim: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _covariance(sizes: FloatArray, lengths: FloatArray, left: FloatArray, right: FloatArray) -> FloatArray:
-    """Return (b, n, m) Matérn-5/2, on a constant whose own deviation is 1."""
+    """Return (b, n, m) covariance: Matérn-5/2, plus 1 for the constant."""
     steps = (left[:, None] - right)[None] / lengths[:, None, None]
     far = np.sqrt(5.0 * np.square(steps).sum(axis=-1))
     shape: FloatArray = 1.0 + sizes[:, None, None] ** 2 * (1.0 + far + np.square(far) / 3.0) * np.exp(-far)

@@ -6,7 +6,7 @@ import torch
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from s2r_spec.diagnose.where.gradient import margin_gradient
+from s2r_spec.attribution.gradient import margin_gradient
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.sampled import SampledAlgebra, Samples
 from s2r_spec.robustness.ticks import clock_of

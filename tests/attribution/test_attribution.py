@@ -9,16 +9,16 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from s2r_spec.diagnose.where.attribution import attribute
-from s2r_spec.diagnose.where.critical import kind
-from s2r_spec.diagnose.where.path import Path as Straight
+from s2r_spec.attribution.attribute import attribute
+from s2r_spec.attribution.critical import kind
+from s2r_spec.attribution.path import Path as Straight
 from s2r_spec.errors import TraceError
 from s2r_spec.spec import load_spec, parse_spec
 from s2r_spec.trace import Trace
 from tests.examples import examples
 from tests.robustness.drawing import cases
 
-SPECS = Path(__file__).parents[3] / "specs"
+SPECS = Path(__file__).parents[2] / "specs"
 
 
 @st.composite

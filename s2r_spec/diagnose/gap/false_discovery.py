@@ -1,4 +1,4 @@
-"""Many questions at once, whatever ties their answers: Benjamini and Yekutieli (2001)."""
+"""Control of the false-discovery rate under any dependence: Benjamini and Yekutieli (2001)."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ FloatArray = NDArray[np.float64]
 
 
 def adjusted(p: FloatArray) -> FloatArray:
-    """Return p-values (n,), adjusted: those up to α have a false-discovery rate of at most α, however dependent.
+    """Return adjusted p-values q (n,): the tests with q ≤ α have a false-discovery rate of at most α.
 
-    q_(i) = min over j ≥ i of p_(j) n c / j, with c = Σ_{k ≤ n} 1/k for arbitrary dependence.
+    q_(i) = min over j ≥ i of p_(j) n c / j, with c = Σ_{k ≤ n} 1/k for any dependence.
     """
     n = p.size
     if n == 0:

@@ -8,10 +8,10 @@ import pytest
 from s2r_cart import DAMPING, GAIN, MASS, SPEC, Cart, real
 
 import s2r_spec as s2r
+from s2r_spec.diagnose.gap.body import CELLS, Residuals, shifts, windows
+from s2r_spec.diagnose.gap.false_discovery import adjusted
+from s2r_spec.diagnose.gap.where import Pairs, body_of, where
 from s2r_spec.diagnose.simulate import Bench
-from s2r_spec.diagnose.where.body import CELLS, Residuals, body, windows
-from s2r_spec.diagnose.where.discovery import adjusted
-from s2r_spec.diagnose.where.found import body_of, where
 from s2r_spec.errors import TraceError
 from s2r_spec.rollouts.compatibility import check_compatibility
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
@@ -67,7 +67,7 @@ def compare(seed, shift=lambda t: 0.0, n=12):
     rng = np.random.default_rng(seed)
     tests = rng.uniform(-1, 1, (n, 1))
     own = [made_up(rng, shift) for _ in range(n)]
-    return body(tests, own, [[made_up(rng), made_up(rng)] for _ in range(n)], 1.0)
+    return shifts(tests, own, [[made_up(rng), made_up(rng)] for _ in range(n)], 1.0)
 
 
 def bench_of(backend, text=SPEC):
@@ -85,8 +85,8 @@ def answer(bench, rollouts, seed=0, only_body=False):
         trace = bench.run({}, test, rollout_seed(seed, number, 0, Stream.CHECK))
         other.append((trace, bench.rho(trace, test)))
     if only_body:
-        return body_of(bench, tests, own, other, seed)
-    return where(bench.spec, bench.requirement, tests, own, other, seed, bench)
+        return body_of(bench, Pairs(tests, own, other), seed)
+    return where(bench.spec, bench.requirement, Pairs(tests, own, other), seed, bench)
 
 
 def machine(effects, case, n=16, extra=None, background=0.05):
@@ -135,7 +135,7 @@ def test_a_shift_that_changes_sign_with_the_test_is_found():
     rng = np.random.default_rng(2)
     tests = np.linspace(-1, 1, 12)[:, None]
     own = [made_up(rng, lambda t, d=float(d): 2.0 * d) for (d,) in tests]
-    found = body(tests, own, [[made_up(rng), made_up(rng)] for _ in tests], 1.0)
+    found = shifts(tests, own, [[made_up(rng), made_up(rng)] for _ in tests], 1.0)
     assert [part.name for part in found.shifted] == ["left knee"]
     shift = found.parts[0].shifts[0]
     assert abs(shift.mean) < 0.2
@@ -167,7 +167,7 @@ def test_rounding_is_no_shift():
         [Residuals(Trace(one.trace.times, {"motor": np.zeros(160)}, {"motor": "N*m"}), one.recorded)] * 2
         for one in quiet
     ]
-    found = body(np.zeros((8, 0)), own, other, 1.0)
+    found = shifts(np.zeros((8, 0)), own, other, 1.0)
     assert [part.name for part in found.parts] == ["motor"]  # a backend that names no parts
     assert not found.shifted
 
@@ -184,11 +184,11 @@ def test_a_residual_that_rollouts_lack_takes_no_other_along():
     whole = [made_up(rng, lambda t: 1.5 * ((t >= 0.5) & (t < 0.75))) for _ in range(12)]
     own = [lacking(one, [2] if number else [0, 2]) for number, one in enumerate(whole)]
     other = [[made_up(rng), made_up(rng)] for _ in range(12)]
-    found = body(tests, own, other, 1.0)
+    found = shifts(tests, own, other, 1.0)
     assert [part.name for part in found.shifted] == ["left knee"]
     # Of the right hip nothing is known of any rollout, and nothing is asked; of the left one of all but one.
     assert found.asked == 2 * 3 * len(windows())
-    none = body(tests, [lacking(one, [0, 1, 2]) for one in whole], other, 1.0)
+    none = shifts(tests, [lacking(one, [0, 1, 2]) for one in whole], other, 1.0)
     assert none.asked == 2 * len(windows())
 
 
@@ -197,8 +197,8 @@ def test_what_ended_early_says_nothing_of_later():
     own = [made_up(rng, lambda t: np.where(t >= 0.5, 5.0, 0.0)) for _ in range(10)]
     short = [Residuals(cut(one.trace, 64), one.recorded) for one in own]
     other = [[made_up(rng), made_up(rng)] for _ in range(10)]
-    assert body(np.zeros((10, 0)), own, other, 1.0).shifted
-    assert not body(np.zeros((10, 0)), short, other, 1.0).shifted
+    assert shifts(np.zeros((10, 0)), own, other, 1.0).shifted
+    assert not shifts(np.zeros((10, 0)), short, other, 1.0).shifted
 
 
 @pytest.mark.parametrize(

@@ -1,18 +1,17 @@
-"""Which parts of the machine do what their model does not explain, and when.
+"""Shifts of residuals: which parts of the machine move as their model does not explain, and when.
 
-A backend with residuals says of any recorded motion what its own model leaves
-unexplained, column by column, and what each column belongs to. Real residuals less
-those of nominal rollouts at the same tests are nothing, up to scatter, where the
-model is right. In every window of time, the windows' lengths doubling, a generalised
-likelihood ratio asks whether their means and their root mean squares are shifted: with y (n,) the mean differences in
-the window, X the tests (constant and slopes) and s² the scatter from run to run,
+Data: residuals of the equations of motion of n real rollouts and of m simulated ones at each of their tests; y (n,) is
+the difference of their means, or of their root mean squares, in a window of time. Unknown: the shift of y.
+Model: y = X β + ε with ε ~ N(0, (1 + 1/m) s² I), where X has a constant and a slope along each axis of the test space.
+Test of β = 0 in every window and column: the generalised likelihood ratio in its monotone form,
 
-    F = ‖P_X y‖² / (q s²),   q = rank X,
+    F = ‖P_X y‖² / (q (1 + 1/m) s²),   q = rank X.
 
-the ratio's monotone form when s² is estimated (Wald 1943). s² is that of simulated
-rollouts, and no less than what the fit leaves of y: a machine may scatter more than
-its simulator. Windows overlap and columns go together, so that the false-discovery
-rate is held under any dependence (Benjamini and Yekutieli 2001, theorem 1.3).
+The variance s² from run to run is that of the simulated rollouts, or that of the rest of the fit if it is larger.
+Lengths of windows double from a 32nd of a rollout to the whole. Windows overlap and columns depend on each other, so
+the false-discovery rate is controlled under any dependence.
+
+Units: those of the residuals. Source: Wald 1943; Benjamini and Yekutieli 2001, theorem 1.3.
 """
 
 from __future__ import annotations
@@ -24,41 +23,46 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.where.discovery import adjusted
+from s2r_spec.attribution.place import Place, Range, cause_first
+from s2r_spec.diagnose.gap.false_discovery import adjusted
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
 
 CELLS = 32
-"""Finest windows: so many parts of a rollout, a power of two."""
+"""Definition: number of the shortest windows in a rollout, a power of two. Doubled, times are twice as fine."""
 LEVEL = 0.05
-"""False-discovery rate over all columns and windows."""
+"""Level: false-discovery rate over all columns and windows. Doubled, twice as many of the found shifts may be false."""
 FEWEST = 4
-"""Rollouts that reach into a window, or it says nothing."""
+"""Definition: least number of rollouts in a window that is tested. Doubled, late windows that few
+rollouts reach are not tested."""
 MOST = 0.9
-"""A window that holds this part of a shift's energy, size² times length, is where the shift is."""
+"""Tolerance: the answer is the shortest window with this part of the largest energy, size² times length. At 1, it is
+the window with the largest energy."""
 MUCH = 0.4
-"""A shift of the mean is told rather than one of the size if it has this part of the size's energy."""
+"""Tolerance: a shift of the mean is preferred to one of the rms if it has this part of its energy. Doubled, fewer
+are."""
 NUMERICS = 1e-6
-"""A column scatters by this part of the largest recorded value of its unit, at least: rounding is no noise."""
+"""Tolerance: least scatter of a column, as a part of the largest recorded value of its unit. Doubled, only recordings
+without noise change."""
 
 
 @dataclass(frozen=True)
 class Shift:
-    """One residual of one part, in the shortest window of the discoveries that holds its shift.
+    """The shift of one residual of one part.
 
     Attributes:
-        channel: the residual, as the backend calls it.
-        column: of it.
-        kind: what of it shifts: its "mean" over the window, or its "rms", for what changes its sign with the motion.
-        unit: of it.
-        begin: of the window, from the start of the rollout [s].
-        end: of it [s].
-        mean: shift, mean over the rollouts.
-        size: root mean square of the shift over the rollouts: not nothing where its sign changes with the test.
-        sigma: size in standard deviations of one rollout against the next.
-        p: probability of a ratio so large or larger in this window without a shift.
-        adjusted: the same, adjusted for all columns and windows; a discovery if below the level.
+        channel: the residual's name in the backend.
+        column: its column.
+        kind: "mean" over the window, or "rms" for a shift that changes its sign with the motion.
+        unit: of the residual.
+        begin: start of the window, from the start of the rollout [s].
+        end: end of the window [s].
+        mean: mean of the shift over the rollouts.
+        size: root mean square of the shift over the rollouts, which is large also if its sign depends on the test.
+        sigma: size in standard deviations from run to run.
+        p: p-value in this window.
+        adjusted: p-value, adjusted for all columns and windows; a discovery if at most the level.
     """
 
     channel: str
@@ -83,8 +87,8 @@ class BodyPart:
     """A part of the machine.
 
     Attributes:
-        name: as the backend calls it, "FR calf".
-        shifts: one for each of its residuals that shifts, clearest first; () where none does.
+        name: its name in the backend, "FR calf".
+        shifts: one for each of its residuals that shifts, largest F first; () if none does.
     """
 
     name: str
@@ -97,13 +101,13 @@ class BodyPart:
 
 @dataclass(frozen=True)
 class Body:
-    """Where in the machine the gap lies.
+    """The shifts of all parts of the machine.
 
     Attributes:
-        parts: all of them; those that show most first, then the rest in the backend's order.
-        rollouts: real ones that were compared.
+        parts: largest F first, then those without a shift in the backend's order.
+        rollouts: number of real rollouts.
         duration: of a rollout [s].
-        asked: questions: of every column its mean and its size, in every window that enough rollouts have.
+        asked: number of tests: mean and rms of every column in every window that enough rollouts have.
         level: false-discovery rate.
     """
 
@@ -115,20 +119,24 @@ class Body:
 
     @property
     def shifted(self) -> tuple[BodyPart, ...]:
-        """Return the parts of which a residual shifts."""
+        """Return the parts with a shift."""
         return tuple(part for part in self.parts if part.shifts)
 
-    @property
-    def most(self) -> tuple[BodyPart, Shift] | None:
-        """Return the part of which the residual that shows most clearly anywhere shifts most; None where none does.
+    def place(self, part: BodyPart, shift: Shift) -> Place:
+        """Return the place of a shift."""
+        return Place(Range(shift.begin, shift.end, lowest=0.0, highest=self.duration), part.name)
 
-        Of many rollouts every part's shift is clear, and the clearest may be a small one.
+    @property
+    def origin(self) -> tuple[BodyPart, Shift] | None:
+        """The part to look at first: of the residual with the largest F, the earliest large shift; None for no shift.
+
+        With many rollouts even a small shift has a large F, so the size decides here.
         """
         if not self.shifted:
             return None
-        clearest = self.shifted[0].shifts[0].channel
-        alike = [(part, shift) for part in self.shifted for shift in part.shifts if shift.channel == clearest]
-        return max(alike, key=lambda one: one[1].size)
+        channel = self.shifted[0].shifts[0].channel
+        alike = [(part, shift) for part in self.shifted for shift in part.shifts if shift.channel == channel]
+        return cause_first(alike, lambda one: self.place(*one), lambda one: one[1].size)[0]
 
     def to_json(self) -> dict[str, Any]:
         """Return plain data for JSON."""
@@ -146,8 +154,8 @@ class Residuals:
     """Residuals of one rollout.
 
     Attributes:
-        trace: of them, with ``meta["parts"]``.
-        recorded: what they were computed from.
+        trace: the residuals, with ``meta["parts"]``.
+        recorded: the trace that they were computed from.
     """
 
     trace: Trace
@@ -156,7 +164,7 @@ class Residuals:
 
 @dataclass(frozen=True)
 class _Column:
-    """One column of a residual, what is taken of it, and the part that it belongs to."""
+    """One column of a residual, its kind ("mean" or "rms"), and the part that it belongs to."""
 
     channel: str
     index: int
@@ -169,19 +177,19 @@ _Ratios = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
 """Mean, size, scatter of one rollout, F and p (columns,) each."""
 
 
-def body(
+def shifts(
     tests: FloatArray,
     real: Sequence[Residuals],
     simulated: Sequence[Sequence[Residuals]],
     duration: float,
     level: float = LEVEL,
 ) -> Body:
-    """Return which parts' residuals shift, and when.
+    """Return the shifts of all parts.
 
     Args:
         tests: (n, dim), each axis from −1 to 1.
-        real: n of them.
-        simulated: of nominal rollouts at the same tests; two or more for each real one.
+        real: n residuals.
+        simulated: residuals of two or more nominal rollouts for each real one, at the same test.
         duration: of a rollout [s].
         level: false-discovery rate.
     """
@@ -204,11 +212,11 @@ def body(
     q[asked] = adjusted(p[asked])
     found: dict[tuple[str, str], tuple[float, Shift]] = {}
     step = duration / CELLS
-    # Noise that averages out makes the longest window the surest; the shift is where its energy is.
+    # Averaging makes the longest window the most significant one, so the energy decides.
     energy = np.where(q <= level, np.array([[last - first] for first, last in where]) * size**2, 0.0)
     half = len(columns) // 2
     for k in range(half):
-        # A mean says more than a size; it is told where it makes up much of that.
+        # A mean has a sign, which an rms lacks.
         kind = k if energy[:, k].max() > MUCH * energy[:, k + half].max() else k + half
         if energy[:, kind].max() == 0.0:
             continue
@@ -237,7 +245,7 @@ def windows() -> list[tuple[int, int]]:
 
 
 def _shortest(energy: FloatArray, where: Sequence[tuple[int, int]]) -> int:
-    """Return the shortest window that holds nearly as much as any does; of those the one that holds most."""
+    """Return the shortest window with :data:`MOST` of the largest energy; among equally short ones that with most."""
     able = np.flatnonzero(energy >= MOST * energy.max()).tolist()
     return min(able, key=lambda i: (where[i][1] - where[i][0], -energy[i]))
 
@@ -272,7 +280,7 @@ def _columns(every: Sequence[Residuals]) -> list[_Column]:
 
 
 def named(trace: Trace, channel: str, width: int) -> list[str]:
-    """Return what each column belongs to; the channel itself where the backend does not say."""
+    """Return the part of each column; the channel's name if the backend names no parts."""
     declared = trace.meta.get("parts", {})
     names = [str(name) for name in declared.get(channel, ())] if isinstance(declared, Mapping) else []
     return names if len(names) == width else [channel] * width
@@ -290,14 +298,14 @@ def _values(one: Residuals, columns: Sequence[_Column]) -> FloatArray:
 
 
 def _largest(every: Sequence[Residuals], columns: Sequence[_Column]) -> FloatArray:
-    """(columns,) largest value that was recorded in the unit of each, or of the residual itself."""
+    """Return (columns,) the largest recorded value in the unit of each, or of the residual itself."""
     units: dict[str, float] = {}
     for one in every:
         for name, values in one.recorded.channels.items():
             unit = one.recorded.units.get(name, "")
             units[unit] = max(units.get(unit, 0.0), float(np.nan_to_num(np.abs(values)).max(initial=0.0)))
     half = columns[: len(columns) // 2]
-    # Of a column that one trace lacks there may be no largest value.
+    # A column that is missing in one trace may have no largest value.
     own = np.max(
         [np.nan_to_num(np.abs(_values(one, half))).max(axis=0, initial=0.0) for one in every], axis=0
     )
@@ -328,7 +336,7 @@ def _window(cells: FloatArray, begin: int, end: int) -> FloatArray:
 
 
 def _shift(tests: FloatArray, own: FloatArray, other: FloatArray, rough: FloatArray) -> _Ratios | None:
-    """Return the ratios in one window, NaN of a column that too few rollouts have there; None if all are such.
+    """Return the ratios in one window, NaN for a column that too few rollouts have; None if no column has enough.
 
     Args:
         tests: (n, dim).
@@ -341,7 +349,7 @@ def _shift(tests: FloatArray, own: FloatArray, other: FloatArray, rough: FloatAr
     if not able.any():
         return None
     found = np.full((5, own.shape[1]), np.nan)
-    # A residual that a rollout lacks is no reason to leave its others out.
+    # A rollout that lacks one residual still counts for the others.
     for rollouts in np.unique(there[:, able], axis=1).T:
         mine = able & (there == rollouts[:, None]).all(axis=0)
         found[:, mine] = _ratios(
@@ -354,7 +362,7 @@ def _shift(tests: FloatArray, own: FloatArray, other: FloatArray, rough: FloatAr
 
 
 def _ratios(tests: FloatArray, own: FloatArray, other: FloatArray, rough: FloatArray) -> _Ratios:
-    """Return the ratios of columns that all of these rollouts have; arguments as above."""
+    """Return the ratios of columns that all rollouts have; arguments as in :func:`_shift`."""
     from scipy.stats import f as fisher
 
     n, m = other.shape[:2]
@@ -377,7 +385,7 @@ def _ratios(tests: FloatArray, own: FloatArray, other: FloatArray, rough: FloatA
 
 
 def _design(tests: FloatArray) -> FloatArray:
-    """Return the constant, and a slope along each axis where there are tests enough to see one."""
+    """Return X: a constant, and a slope along each axis if there are enough tests."""
     n, dim = tests.shape
     constant = np.ones((n, 1))
     with_slopes = np.column_stack([constant, tests])

@@ -1,9 +1,8 @@
-"""How a number in a predicate changes with the samples that it is made of: one pass backwards.
+"""The gradient of a predicate's margin in the samples of its signals, by one backward pass.
 
-Only the value side of the language: which predicate and which sample decide ρ is
-found by :func:`s2r_spec.robustness.deciding.descend`. torch has gradients too
-(:meth:`s2r_spec.spec.Spec.robustness_tensor`), but of fewer functions and at the
-price of a whole formula; tests hold the two against each other.
+:func:`s2r_spec.robustness.deciding.descend` finds the predicate and the sample that decide ρ.
+:meth:`s2r_spec.spec.Spec.robustness_tensor` has gradients from torch, but of fewer functions and for a whole formula.
+Tests compare the two.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ FloatArray = NDArray[np.float64]
 def margin_gradient(node: f.Comparison, numbers: Numbers, sample: int) -> dict[str, FloatArray]:
     """Return signal → (width, n): ∂ margin(sample) / ∂ signal, a sub-gradient at kinks.
 
-    What only jumps (``sign``, ``duration``, ``count``, a choice's condition) has none.
+    Functions that only jump (``sign``, ``duration``, ``count``, the condition of a choice) add nothing.
     """
     seed = np.zeros((1, numbers.clock.count))
     seed[0, sample] = 1.0
@@ -47,7 +46,7 @@ class _Backwards:
         self.found: dict[str, FloatArray] = {}
 
     def add(self, node: f.Value, seed: FloatArray) -> None:
-        """Add what ``seed`` · node, (width, n) each, owes to the signals."""
+        """Add the gradient of ``seed`` · node, (width, n) each, in the signals."""
         match node:
             case f.SignalValue():
                 held = self.found.setdefault(node.name, np.zeros_like(self.numbers.signals[node.name]))
@@ -83,7 +82,7 @@ class _Backwards:
             case f.Delayed() | f.Derivative() | f.Accumulated():
                 self.add(node.operand, self._history(node, seed))
             case _:
-                pass  # constants, parameters, and what jumps
+                pass  # constants, parameters, and functions that only jump
 
     def _arithmetic(self, node: f.Arithmetic, seed: FloatArray) -> None:
         left, right = self.numbers(node.left), self.numbers(node.right)
@@ -117,7 +116,7 @@ class _Backwards:
                 return np.zeros((1, 1))
 
     def _history(self, node: f.Delayed | f.Derivative | f.Accumulated, seed: FloatArray) -> FloatArray:
-        """Return what the operand owes: the transpose of :mod:`s2r_spec.robustness.history`."""
+        """Return the seed of the operand: the transpose of :mod:`s2r_spec.robustness.history`."""
         times, snap = self.numbers.clock.times, self.numbers.clock.snap
         match node:
             case f.Delayed():

@@ -1,19 +1,19 @@
-"""Two traces of one test, made comparable: the same samples on both sides, and what that leaves out.
+"""Two traces of one test on common samples.
 
-The rule: time counts from each trace's first sample. Both are cut where the shorter
-one ends, because after a fall a trace says nothing. Where sample times differ, the
-simulated trace is read at the real one's. What ρ loses by the cut and by the
-reading is kept as numbers of their own, so that nothing of Δρ is lost.
+Time counts from the first sample of each trace. Both traces end where the shorter one ends, because a trace says
+nothing after a fall. If sample times differ, the simulated trace is read at the times of the real one. The part of Δρ
+that the cut and the reading remove is kept as ``ended``, so that the parts still add up to Δρ.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.attribution.place import instant
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.binding import bound, names
 from s2r_spec.robustness.evaluate import Walk
@@ -27,11 +27,11 @@ from s2r_spec.trace import Trace
 FloatArray = NDArray[np.float64]
 
 SAME = 1e-6
-"""[s] Sample times closer than this are the same."""
+"""Tolerance [s]: sample times closer than this are the same. Doubled, it is still below the period of any log."""
 
 
 class Evaluated:
-    """Formulas and numbers on some signals: each is evaluated once."""
+    """Formulas and numbers on given signals; each is evaluated once."""
 
     def __init__(self, samples: Samples) -> None:
         self.samples = samples
@@ -42,19 +42,19 @@ class Evaluated:
 
 @dataclass(frozen=True, eq=False)
 class Aligned:
-    """Two traces of one test on common samples, as a formula reads them.
+    """Two traces of one test on common samples.
 
     Args:
-        formula: the requirement, time bounds with their values.
-        times: (n,) of the real trace [s].
-        clock: of these times.
-        params: name → (1, 1).
-        simulated: signal → (width, n), in the spec's units.
-        real: likewise.
-        flags: the signals that are booleans.
+        formula: the requirement, with numbers as time bounds.
+        times: (n,) sample times of the real trace [s].
+        clock: the sample times as the evaluation of formulas needs them.
+        params: name → (1, 1) value of the test.
+        simulated: signal → (width, n) samples, in the spec's units.
+        real: the same of the real trace.
+        flags: names of the boolean signals.
         delta: Δρ = ρ_real − ρ_sim of the whole traces; a fall has the ρ that the spec declares.
-        ended: the part of Δρ that the samples kept do not show: what came after the cut, or the fall.
-        reason: what ended the shorter trace; "" if nothing was cut off.
+        ended: the part of Δρ that is not in the common samples: a fall, or samples after the cut.
+        reason: what ended the shorter trace; "" if both end together.
     """
 
     formula: f.Formula
@@ -69,11 +69,11 @@ class Aligned:
     reason: str
 
     def algebra(self, signals: Mapping[str, FloatArray]) -> Evaluated:
-        """Return what evaluates formulas and numbers on some signals of these times."""
+        """Return an evaluation of formulas and numbers on signals at these times."""
         return Evaluated(Samples(self.clock, signals, self.params))
 
     def rho(self, signals: Mapping[str, FloatArray]) -> float:
-        """Return ρ of signals on these times, windows cut at the end."""
+        """Return ρ of signals at these times; windows end with the last sample."""
         return float(np.broadcast_to(self.algebra(signals).walk(self.formula), self.times.shape)[0])
 
 
@@ -86,44 +86,42 @@ def align(
         TraceError: a channel is missing, or does not fit the spec.
         UsageError: a parameter is missing, or a trace fell and the spec declares no ρ for that.
     """
-    whole = [
+    simulated_rho, real_rho = (
         spec.robustness(trace, params, partial=True, only=requirement)[requirement]
         for trace in (simulated, real)
-    ]
+    )
     numbers = read_params(spec.params, names(spec.formulas[requirement]).params, params)
     declared = [spec.signals[name] for name in spec.channels(requirement)]
     last = min(trace.duration for trace in (simulated, real))
     times = (real.times - real.times[0])[real.times - real.times[0] <= last + SAME]
     flags = frozenset(signal.name for signal in declared if signal.boolean)
-    own, other = (
+    real_signals, simulated_signals = (
         {
             name: _at(times, trace.times - trace.times[0], samples, name in flags)
             for name, samples in read_signals(declared, trace).items()
         }
         for trace in (real, simulated)
     )
-    formula = bound(
-        spec.formulas[requirement], {name: float(value.item()) for name, value in numbers.items()}
+    pair = Aligned(
+        formula=bound(
+            spec.formulas[requirement], {name: float(value.item()) for name, value in numbers.items()}
+        ),
+        times=real.times[: times.size],
+        clock=clock_of(times),
+        params=numbers,
+        simulated=simulated_signals,
+        real=real_signals,
+        flags=flags,
+        delta=real_rho - simulated_rho,
+        ended=0.0,
+        reason=_reason(real, simulated, last),
     )
-    aligned = Aligned(
-        formula,
-        real.times[: times.size],
-        clock_of(times),
-        numbers,
-        other,
-        own,
-        flags,
-        whole[1] - whole[0],
-        0.0,
-        "",
-    )
-    shown = aligned.rho(own) - aligned.rho(other)
-    ended = aligned.delta - shown if np.isfinite(shown) else aligned.delta
-    return Aligned(**(vars(aligned) | {"ended": ended, "reason": _reason(real, simulated, last)}))
+    shown = pair.rho(pair.real) - pair.rho(pair.simulated)
+    return replace(pair, ended=pair.delta - shown if np.isfinite(shown) else pair.delta)
 
 
 def _at(times: FloatArray, own: FloatArray, samples: FloatArray, held: bool) -> FloatArray:
-    """Return (width, n) samples at other times: straight lines between them, or the last one."""
+    """Return (width, n) samples at other times: on straight lines between samples, or the last sample if ``held``."""
     if own.size >= times.size and np.abs(own[: times.size] - times).max() <= SAME:
         return samples[:, : times.size]
     if held:
@@ -136,8 +134,8 @@ def _reason(real: Trace, simulated: Trace, last: float) -> str:
     both = (("real", real), ("simulated", simulated))
     for side, trace in sorted(both, key=lambda each: each[1].duration):
         if trace.failure is not None:
-            return f"the {side} rollout ended with {trace.failure!r} at {trace.duration:g} s"
+            return f"the {side} rollout ended with {trace.failure!r} {instant(trace.duration)}"
     if abs(real.duration - simulated.duration) > SAME:
         side = "real" if real.duration < simulated.duration else "simulated"
-        return f"the {side} trace ends at {last:g} s, before the other one"
+        return f"the {side} trace ends {instant(last)}, before the other one"
     return ""

@@ -1,0 +1,240 @@
+"""Δρ of one pair of rollouts, divided into parts of times, of channels and of sub-formulas."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.attribution.align import Aligned, align
+from s2r_spec.attribution.critical import Switch, switch
+from s2r_spec.attribution.path import Path, Piece
+from s2r_spec.lang import formula as f
+from s2r_spec.spec import Spec
+from s2r_spec.trace import Trace
+
+FloatArray = NDArray[np.float64]
+
+BINS = 300
+"""Budget: bins of a trace in JSON. Doubled, the file is nearly twice as long."""
+WINDOWS = 6
+"""Definition: equal windows of time over which Δρ is summed. Doubled, windows are half as long."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A sub-formula and its part of Δρ.
+
+    Attributes:
+        text: its text in the specification.
+        name: the name of a named sub-formula; "" for others.
+        line: its line in the specification.
+        span: (start, end) of it in the specification's text.
+        depth: number of sub-formulas around it.
+        predicate: whether it is a predicate, the end of a branch.
+        amount: its part of Δρ, in the unit of ρ.
+    """
+
+    text: str
+    name: str
+    line: int
+    span: tuple[int, int]
+    depth: int
+    predicate: bool
+    amount: float
+
+
+@dataclass(frozen=True)
+class Window:
+    """A window of time and its part of Δρ.
+
+    Attributes:
+        begin: [s].
+        end: [s].
+        delta: the part of Δρ, in the unit of ρ.
+    """
+
+    begin: float
+    end: float
+    delta: float
+
+
+@dataclass(frozen=True, eq=False)
+class Attribution:
+    """Δρ of one pair of rollouts in parts: the sum of ``credit``, ``ended`` and ``error`` is ``delta``.
+
+    Attributes:
+        requirement: its name.
+        unit: the unit of ρ.
+        delta: Δρ = ρ_real − ρ_sim.
+        times: (n,) common sample times [s].
+        credit: channel → (n,) part of each sample; components of vectors have an index ("u[0]").
+        real: signal → (width, n) samples of the real trace, in the spec's units.
+        simulated: the same of the simulated trace.
+        parts: the sub-formulas from the requirement down to its predicates, in written order.
+        ended: the part that is not in the common samples: a fall, or samples after the end of the shorter trace.
+        reason: what ended the shorter trace; "" if both end together.
+        jumps: the part of Δρ from jumps of booleans, counts and signs.
+        error: the rest: rounding, or all of Δρ if ρ is infinite.
+        switch: the critical predicates of both traces; None if no predicate decides ρ.
+    """
+
+    requirement: str
+    unit: str
+    delta: float
+    times: FloatArray
+    credit: Mapping[str, FloatArray]
+    real: Mapping[str, FloatArray]
+    simulated: Mapping[str, FloatArray]
+    parts: tuple[Part, ...]
+    ended: float
+    reason: str
+    jumps: float
+    error: float
+    switch: Switch | None
+
+    @property
+    def over_time(self) -> FloatArray:
+        """(n,) part of each sample, summed over channels."""
+        return sum(self.credit.values(), start=np.zeros(self.times.size))
+
+    def windows(self) -> tuple[Window, ...]:
+        """Return the parts of equal windows of time."""
+        edges = np.linspace(self.times[0], self.times[-1], WINDOWS + 1)
+        place = np.clip(np.searchsorted(edges, self.times, side="right") - 1, 0, WINDOWS - 1)
+        sums = np.bincount(place, weights=self.over_time, minlength=WINDOWS)
+        return tuple(map(Window, edges[:-1].tolist(), edges[1:].tolist(), sums.tolist()))
+
+    @property
+    def window(self) -> Window | None:
+        """The window with the largest part; None if the end of a trace has a larger part."""
+        largest = max(self.windows(), key=lambda each: abs(each.delta))
+        return largest if abs(largest.delta) >= abs(self.ended) else None
+
+    def binned(self, most: int = BINS) -> dict[str, Any]:
+        """Return plain data for JSON: means of the samples and sums of their parts, over bins of equal size."""
+        starts = np.unique(np.linspace(0, self.times.size, min(most, self.times.size) + 1).astype(int)[:-1])
+        counts = np.diff(np.append(starts, self.times.size))
+
+        def plain(values: FloatArray) -> list[float]:
+            return [float(f"{value:.6g}") for value in np.add.reduceat(values, starts)]
+
+        rows = {"real": labelled(self.real), "simulated": labelled(self.simulated)}
+        return {
+            "begin": [float(f"{time:.9g}") for time in self.times[starts]],
+            "channels": {
+                name: {
+                    side: plain(of[name].astype(float) / np.repeat(counts, counts))
+                    for side, of in rows.items()
+                }
+                | {"delta": plain(values)}
+                for name, values in self.credit.items()
+            },
+        }
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain data for JSON, without the samples."""
+        return {
+            "requirement": self.requirement,
+            "unit": self.unit,
+            "delta": self.delta,
+            "channels": {name: float(values.sum()) for name, values in self.credit.items()},
+            "parts": [vars(part) | {"span": list(part.span)} for part in self.parts],
+            "ended": self.ended,
+            "reason": self.reason,
+            "jumps": self.jumps,
+            "error": self.error,
+            "switch": None if self.switch is None else self.switch.to_json() | {"words": str(self.switch)},
+        }
+
+
+def attribute(
+    spec: Spec, requirement: str, real: Trace, simulated: Trace, params: Mapping[str, float]
+) -> Attribution:
+    """Return the parts of Δρ = ρ_real − ρ_sim of one pair of rollouts.
+
+    Args:
+        spec: the specification.
+        requirement: one of its requirements.
+        real: a real rollout.
+        simulated: a simulated rollout of the same test.
+        params: the test.
+
+    Raises:
+        TraceError: a channel is missing, or does not fit the spec.
+        UsageError: a parameter is missing, or a trace fell and the spec declares no ρ for that.
+    """
+    pair = align(spec, requirement, real, simulated, params)
+    path = Path(pair)
+    pieces = list(path.pieces())
+    credit = _by_channel(pair, pieces)
+    return Attribution(
+        requirement=requirement,
+        unit=spec.unit(requirement),
+        delta=pair.delta,
+        times=pair.times,
+        credit=credit,
+        real=pair.real,
+        simulated=pair.simulated,
+        parts=parts(pair.formula, pieces),
+        ended=pair.ended,
+        reason=pair.reason,
+        jumps=sum(piece.amount for piece in pieces if piece.jump),
+        error=pair.delta - pair.ended - sum(float(values.sum()) for values in credit.values()),
+        switch=switch(path),
+    )
+
+
+def parts(formula: f.Formula, pieces: list[Piece]) -> tuple[Part, ...]:
+    """Return every sub-formula with the sum of the pieces that it decides, in written order."""
+    amounts: dict[int, float] = {}
+    for piece in pieces:
+        for step in piece.steps:
+            amounts[id(step.node)] = amounts.get(id(step.node), 0.0) + piece.amount
+    return tuple(
+        Part(
+            text=" ".join(node.span.text.split()),
+            name=node.name if isinstance(node, f.Named) else "",
+            line=node.span.line,
+            span=(node.span.start, node.span.end),
+            depth=depth,
+            predicate=isinstance(node, f.Comparison),
+            amount=amounts.get(id(node), 0.0),
+        )
+        for node, depth in _nested(formula, 0, set())
+    )
+
+
+def _nested(node: f.Formula, depth: int, seen: set[int]) -> Iterator[tuple[f.Formula, int]]:
+    """Yield every sub-formula down to the predicates with its depth; a named one that is used twice comes once."""
+    if id(node) in seen:
+        return
+    seen.add(id(node))
+    if not isinstance(node, f.Rescale):
+        yield node, depth
+        depth += 1
+    if not isinstance(node, f.Comparison):
+        for child in f.children(node):
+            if isinstance(child, f.Formula):
+                yield from _nested(child, depth, seen)
+
+
+def _by_channel(pair: Aligned, pieces: list[Piece]) -> dict[str, FloatArray]:
+    """Return label → (n,) sums over the pieces, for every channel of the formula."""
+    sums = {name: np.zeros_like(samples) for name, samples in pair.real.items()}
+    for piece in pieces:
+        for name, amounts in piece.credit.items():
+            sums[name] += amounts
+    return labelled(sums)
+
+
+def labelled(signals: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    """Return label → (n,) of (width, n) signals: a vector's components by index ("u[0]")."""
+    return {
+        name if len(rows) == 1 else f"{name}[{k}]": row
+        for name, rows in signals.items()
+        for k, row in enumerate(rows)
+    }

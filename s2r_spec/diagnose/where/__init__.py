@@ -1,1 +1,0 @@
-"""Where the gap lies: in the test space, in time and formula, and in the machine."""
