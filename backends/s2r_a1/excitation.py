@@ -1,7 +1,5 @@
 """Play a protocol: the commands at every reading, from the stand to the protocol's first pose, and back to the stand.
 
-    go to the first pose, play a quarter of the amplitude      only before the first run of a protocol at these gains:
-    go to the first pose, play half of the amplitude           at most ``REHEARSED`` seconds of each
     go to the first pose, hold it
     t = 0: play the protocol
     go back to the stand; then the guard takes over
@@ -33,7 +31,8 @@ from s2r_sim.robot.signals import Command, MotorCommand
 FloatArray = NDArray[np.float64]
 
 SHARES = (0.25, 0.5)
-"""A definition: shares of the amplitude that are rehearsed, in this order. Twice as much begins with half of it."""
+"""Levels: shares of the amplitude that are rehearsed before the first run of a protocol at these gains, in this order.
+Twice as much begins with half of the amplitude."""
 REHEARSED = 2.0
 """A budget [s]: longest rehearsal of a share. Twice as much warms the motors longer in ``hold`` alone."""
 GOING = 1.0
@@ -60,32 +59,23 @@ class Segment:
     """A part of a run.
 
     Attributes:
-        words: its name, for messages.
         rows: returns its references, from the reading at its begin.
         measured: whether it is the protocol itself.
     """
 
-    words: str
     rows: Callable[[Reading], Rows]
     measured: bool = False
 
 
-def plan(protocol: str, amplitude: float, gain: float, rehearse: bool) -> tuple[Segment, ...]:
-    """Return the segments of a run; with ``rehearse`` smaller amplitudes come first."""
+def plan(protocol: str, amplitude: float, gain: float, seconds: float = np.inf) -> tuple[Segment, ...]:
+    """Return the segments of a run; the protocol itself ends after at most this time [s]."""
     made = reference(protocol, amplitude, gain)
     kp, kd = float(made.kp[0]), float(made.kd[0])
-    first = Segment("going to the first pose", partial(_going, made.q[0], kp, kd, 0.0))
-    settled = Segment("settling in the first pose", partial(_going, made.q[0], kp, kd, SETTLING))
-    segments: list[Segment] = []
-    for share in SHARES if rehearse else ():
-        small = reference(protocol, share * amplitude, gain)
-        segments += [
-            first,
-            Segment(f"rehearsing {share:g} of the amplitude", partial(_played, small, REHEARSED)),
-        ]
-    itself = Segment("the protocol", partial(_played, made, np.inf), measured=True)
-    back = Segment("going back to the stand", partial(_going, moves.STANDING, kp, kd, 0.0))
-    return (*segments, settled, itself, back)
+    return (
+        Segment(partial(_going, made.q[0], kp, kd, SETTLING)),
+        Segment(partial(_played, made, seconds), measured=True),
+        Segment(partial(_going, moves.STANDING, kp, kd, 0.0)),
+    )
 
 
 def _played(made: Reference, seconds: float, reading: Reading) -> Rows:
@@ -107,14 +97,9 @@ def _going(target: FloatArray, kp: float, kd: float, held: float, reading: Readi
 
 
 class Player:
-    """Plays the segments of one run; a :class:`s2r_a1.walk.Mover`.
-
-    Attributes:
-        words: name of the present segment.
-    """
+    """Plays the segments of one run; a :class:`s2r_a1.walk.Mover`."""
 
     def __init__(self, segments: tuple[Segment, ...], unit: TickUnit) -> None:
-        self.words = ""
         self._coming = list(segments)
         self._unit: TickUnit = unit
         self._segment: Segment | None = None
@@ -156,7 +141,7 @@ class Player:
         if self._segment is not None and self._segment.measured and self._rows is not None:
             self._after = len(self._rows.q)
         self._segment, self._rows = segment, segment.rows(reading)
-        self._begun, self._place, self.words = reading.tick, -1, segment.words
+        self._begun, self._place = reading.tick, -1
 
     def _tick(self, passed: int) -> int:
         """Return the control tick: from 0 on in the protocol, −1 before it."""

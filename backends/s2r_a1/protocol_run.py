@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from s2r_a1 import recording
 from s2r_a1.channels import EXCITED
 from s2r_a1.client import Client
-from s2r_a1.excitation import Player, plan
+from s2r_a1.excitation import REHEARSED, SHARES, Player, plan
 from s2r_a1.protocols import height_in_rig
 from s2r_a1.rollout import about_run, carried_out, ended, fresh, lost, pilot
 from s2r_a1.schedule import Schedule
@@ -36,7 +36,7 @@ def run(backend: A1Backend, protocol: str, values: Mapping[str, float], seed: in
     """
     pilot()  # before the first request to the guard, which would take seconds of compiling for silence
     key = (backend.reached.host, backend.reached.port, protocol, values["gain"])
-    segments = plan(protocol, values["amplitude"], values["gain"], rehearse=key not in _rehearsed)
+    shares = () if key in _rehearsed else SHARES
     hold = round(MOTIONS[protocol].duration * RATE)
     about = about_run(backend, seed) | {PROTOCOL: protocol, "params": dict(values)}
     with ExitStack() as stack:
@@ -48,12 +48,10 @@ def run(backend: A1Backend, protocol: str, values: Mapping[str, float], seed: in
             client.record(path, {**about, "hold": hold})
         except BackendError as error:
             raise NotBegunError(str(error)) from None
-        player = Player(segments, client.unit)
         try:
-            walked = carried_out(client, backend, lambda: _played(client, backend, protocol, player))
+            walked = carried_out(client, backend, lambda: _played(client, backend, protocol, values, shares))
         except NotBegunError as error:
-            where = f"while {player.words}: " if player.words else ""
-            raise NotBegunError(f"{protocol} ended before it began, {where}{error}") from None
+            raise NotBegunError(f"{protocol} ended before its t = 0: {error}") from None
     try:
         trace = recording.protocol_trace(path, walked.notes)
     except TraceError as error:
@@ -63,17 +61,35 @@ def run(backend: A1Backend, protocol: str, values: Mapping[str, float], seed: in
     return ended(trace, walked, hold, path)
 
 
-def _played(client: Client, backend: A1Backend, protocol: str, player: Player) -> Walked:
-    """Play a protocol; on the ground the robot first trots in place.
+def _played(
+    client: Client, backend: A1Backend, protocol: str, values: Mapping[str, float], shares: Sequence[float]
+) -> Walked:
+    """Play a protocol, after rehearsals at some shares of its amplitude.
 
-    A robot that has stood up from its belly pushes its feet against each other, by up to the friction. Steps in place
-    put every foot under its hip.
+    Raises:
+        NotBegunError: a rehearsal ended early, or the run ended before t = 0.
+    """
+    amplitude, gain = values["amplitude"], values["gain"]
+    for share in shares:
+        player = Player(plan(protocol, share * amplitude, gain, REHEARSED), client.unit)
+        rehearsed = _moved(client, protocol, player)
+        if rehearsed.ending is not None:
+            raise NotBegunError(f"in a rehearsal at {share:g} of the amplitude, {rehearsed.ending.reason}")
+        client.send(None)  # the answer to the last reading
+    return _moved(client, protocol, Player(plan(protocol, amplitude, gain), client.unit), backend.begins)
+
+
+def _moved(client: Client, protocol: str, player: Player, begins: Callable[[], None] | None = None) -> Walked:
+    """Move the robot once; on the ground it first trots in place.
+
+    A robot that has stood up from its belly pushes its feet against each other, by up to the friction, and ``squeeze``
+    leaves them outside. Steps in place put every foot under its hip.
     """
     if height_in_rig(protocol) is not None:
-        return move(client, player, "excite_held", begins=backend.begins)
+        return move(client, player, "excite_held", begins=begins)
     own = pilot()
     stepped = walk(client, own, Schedule.of(Command(), 0, 0, own.settings.gains))
     if stepped.ending is not None:
-        raise NotBegunError(f"while stepping in place: {stepped.ending.reason}")
-    client.send(None)  # the answer to the last reading of the walk
-    return move(client, player, "excite", begins=backend.begins)
+        raise NotBegunError(f"while stepping in place, {stepped.ending.reason}")
+    client.send(None)  # the answer to the last reading
+    return move(client, player, "excite", begins=begins)
