@@ -12,6 +12,7 @@ from s2r_a1.guard.limits import LIMITS, clipped
 from s2r_a1.guard.states import State
 from s2r_a1.protocols import PROTOCOLS, height_in_rig
 from s2r_a1.twin import Twin, TwinSettings, read_inject
+from s2r_a1.twin.options import read_options as read_twin
 from s2r_a1.wire import Orders
 from s2r_sim.controller.gains import RATE
 from s2r_sim.plant.noise import Noise
@@ -178,6 +179,13 @@ def test_a_twin_in_a_rig_hangs_level_and_still():
     twin.put(None)
     steer(twin, LIMP, 50)
     assert twin.truth().position[2] < 0.1
+
+
+def test_a_twin_can_be_started_in_a_rig():
+    assert read_twin(["--rig", "0.6"]).twin.rig == 0.6
+    for wrong in ("9", "low", "nan"):
+        with pytest.raises(UsageError, match=naming("--rig", repr(wrong), "3 m")):
+            read_twin(["--rig", wrong])
 
 
 @pytest.fixture(scope="module")
