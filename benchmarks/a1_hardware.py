@@ -14,13 +14,14 @@ from dataclasses import fields
 from pathlib import Path
 from typing import get_args, get_type_hints
 
-from s2r_a1 import attendance, remote, schedule
+from s2r_a1 import attendance, excitation, remote, schedule
 from s2r_a1.backend import AROUND, PARAMETERS, PLACING
 from s2r_a1.channels import channels
 from s2r_a1.guard import leg, moves, states
 from s2r_a1.guard import limits as limit
 from s2r_a1.guard.limits import LIMITS, MS, ROBOT_WORDS, SECOND, Figure, Limits
 from s2r_a1.guard.states import ROWS, State
+from s2r_a1.protocols import PROTOCOLS, height_in_rig
 from s2r_sim.controller.gains import RATE
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
@@ -77,6 +78,8 @@ SENT: dict[State, str] = {
     State.STANDING_UP: f"a path from the measured angles to the stand, in {seconds(moves.STAND_UP)}",
     State.STAND: "the stand, held",
     State.WALK: "the walking program's orders, within the limits of orders",
+    State.EXCITE: "the references of a protocol on the ground, within the limits of orders",
+    State.EXCITE_HELD: "the same in a rig",
     State.LYING_DOWN: f"a path from the stand to the ground, in {seconds(moves.LIE_DOWN)}",
     State.RESTING: f"damping: Kd = {moves.DAMPING:g} N·m·s/rad, all else zero",
     State.DAMPING: "the same damping as in RESTING",
@@ -86,8 +89,10 @@ LEAVES: dict[State, str] = {
     State.LINKED: "consent *arm* → ARMED",
     State.ARMED: "a test → STANDING_UP",
     State.STANDING_UP: "the end of the path → STAND",
-    State.STAND: "a test → WALK; lie → LYING_DOWN",
+    State.STAND: "a test → WALK; a protocol → EXCITE or EXCITE_HELD; lie → LYING_DOWN",
     State.WALK: "the end of the test, or a stop → STAND",
+    State.EXCITE: "the end of the protocol, or a stop → STAND",
+    State.EXCITE_HELD: "the same as in EXCITE",
     State.LYING_DOWN: "the end of the path → RESTING",
     State.RESTING: "the next test → STANDING_UP",
     State.DAMPING: "only the operator's reset → LINKED",
@@ -103,7 +108,10 @@ def state_table() -> str:
 
 def limit_table() -> str:
     """Each limit, and in which states it damps the robot."""
-    shown = (State.ARMED, State.STANDING_UP, State.STAND, State.WALK, State.LYING_DOWN, State.RESTING)
+    shown = (
+        *(State.ARMED, State.STANDING_UP, State.STAND, State.WALK, State.EXCITE, State.EXCITE_HELD),
+        *(State.LYING_DOWN, State.RESTING),
+    )
     checks: dict[str, limit.Check] = {}
     for state in (State.WALK, State.STAND, State.STANDING_UP, *ROWS):
         checks |= {check.name: check for check in ROWS[state].checks if check.name not in checks}
@@ -200,6 +208,8 @@ def time_table() -> str:
             ),
             ("a walk ends after the first Ctrl-C within", f"{seconds(states.RAMP)}"),
             ("from a walk to the stand", f"{seconds(moves.CATCH)}"),
+            ("from the stand to the first pose of a protocol, and back", f"{excitation.GOING:g} s each"),
+            ("a rehearsal of a protocol, at most", f"{excitation.REHEARSED:g} s"),
             ("a damped robot can be reset after", f"{seconds(states.SINKING)}"),
             ("tests between two rests", f"{attendance.TESTS}"),
             (
@@ -239,6 +249,29 @@ def parameter_table() -> str:
     )
 
 
+def protocol_table() -> str:
+    """Return the protocols, with the ranges of their gains and the place of the base."""
+    rows = []
+    for protocol in PROTOCOLS:
+        gain = next(p for p in protocol.parameters if p.name == "gain")
+        height = height_in_rig(protocol.name)
+        where = "on the floor" if height is None else f"base {height:g} m above the floor"
+        gains = f"{gain.low:g} to {gain.high:g}; {gain.default:g}"
+        rows.append(
+            (
+                f"`{protocol.name}`",
+                where,
+                f"{protocol.duration:g} s",
+                gains,
+                protocol.words,
+                protocol.risk or "–",
+            )
+        )
+    return table(
+        ("protocol", "where", "duration", "gain: range; default", "what the machine does", "risk"), rows
+    )
+
+
 def channel_table() -> str:
     return table(
         ("channel", "unit", "width", ""),
@@ -259,6 +292,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "times": time_table,
     "figures": figure_table,
     "parameters": parameter_table,
+    "protocols": protocol_table,
     "channels": channel_table,
 }
 

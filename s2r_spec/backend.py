@@ -218,11 +218,19 @@ class HasPictures(Protocol):
 
 @dataclass(frozen=True)
 class Recording:
-    """A recorded rollout: its file, its test parameters and its trace."""
+    """A recorded rollout.
+
+    Attributes:
+        source: its file.
+        params: parameters of its test, or of its protocol.
+        trace: its trace.
+        protocol: name of its protocol; "" for a test of a specification.
+    """
 
     source: str
     params: Mapping[str, float]
     trace: Trace
+    protocol: str = ""
 
 
 @runtime_checkable
@@ -231,7 +239,7 @@ class HasRecordings(Protocol):
 
     @property
     def recordings(self) -> tuple[Recording, ...]:
-        """Every recording once, with parameters in the backend's units."""
+        """Every recording once, with parameters in the backend's units; runs of protocols have their names."""
         ...
 
 

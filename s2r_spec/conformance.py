@@ -28,6 +28,7 @@ from s2r_spec.backend import (
 )
 from s2r_spec.effects import catalogue_of
 from s2r_spec.errors import UsageError
+from s2r_spec.protocols import PROTOCOL, HasPlayable, HasProtocols, Protocol
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
@@ -92,6 +93,15 @@ def check_conformance(backend: Backend) -> Iterator[Check]:
         ]
     if isinstance(backend, HasEffects) and isinstance(backend, HasResiduals):
         checks.append(("its residuals can be computed for its own rollouts, with any effect", _residuals))
+    if isinstance(backend, HasProtocols):
+        checks += [
+            ("every protocol has a name of its own, a duration, and valid parameters", _protocols),
+            ("every protocol runs, and its trace has its name and its duration", _protocol_runs),
+            ("every parameter of a protocol runs at both ends of its range, and no further", _protocol_ends),
+            ("a protocol that it does not offer is refused", _protocol_unknown),
+        ]
+    if isinstance(backend, HasProtocols) and isinstance(backend, HasPlayable):
+        checks.append(("the references of every protocol can be played", _protocol_playable))
     if isinstance(backend, HasVariants):
         checks.append(("its variants simulate the same system in another way", _variants))
     for requirement, run in checks:
@@ -101,7 +111,7 @@ def check_conformance(backend: Backend) -> Iterator[Check]:
         except Exception as error:  # third-party code may raise anything
             check.violations.append(_described(error))
         yield check
-        if check.violations and run in (_runs, _catalogue):
+        if check.violations and run in (_runs, _catalogue, _protocols):
             return  # all others depend on it
 
 
@@ -349,6 +359,109 @@ def _variants(subject: _Subject, out: Check) -> None:
                 f"the variant {name!r} has the simulator's model hash, so its rollouts would be confused with the "
                 f"simulator's"
             )
+
+
+def _protocols(subject: _Subject, out: Check) -> None:
+    assert isinstance(subject.backend, HasProtocols)
+    offered = subject.backend.protocols()
+    names = Counter(protocol.name for protocol in offered)
+    out.violations += [
+        f"the protocol {name} is declared {count} times" for name, count in names.items() if count > 1
+    ]
+    for protocol in offered:
+        if not (protocol.duration > 0.0 and protocol.cost > 0.0):
+            out.violations.append(
+                f"{protocol.name} has the duration {protocol.duration:g} s and the cost {protocol.cost:g} s; "
+                f"both must be positive"
+            )
+        if not protocol.words:
+            out.violations.append(f"{protocol.name} does not say in words what a person does")
+        out.violations += [
+            f"{protocol.name}: {p.name} has the default {p.default:g} in [{p.low:g}, {p.high:g}] {p.unit}".rstrip()
+            for p in protocol.parameters
+            if not (p.low <= p.default <= p.high and math.isfinite(p.high - p.low))
+        ]
+
+
+def _protocol_runs(subject: _Subject, out: Check) -> None:
+    assert isinstance(subject.backend, HasProtocols)
+    for protocol in subject.backend.protocols():
+        trace = _try_protocol(subject, out, protocol, {})
+        if trace is None:
+            continue
+        step = float(np.diff(trace.times).max()) if len(trace) > 1 else 0.0
+        if trace.failure is None and abs(trace.duration - protocol.duration) > SLACK * step:
+            out.violations.append(
+                f"{protocol.name} lasts {trace.duration:g} s, but its declared duration is {protocol.duration:g} s"
+            )
+        again = _try_protocol(subject, out, protocol, {}) if subject.backend.deterministic else None
+        if again is not None and not _same(trace, again):
+            out.violations.append(f"two runs of {protocol.name} with one seed differ")
+
+
+def _protocol_ends(subject: _Subject, out: Check) -> None:
+    assert isinstance(subject.backend, HasProtocols)
+    for protocol in subject.backend.protocols():
+        for p in protocol.parameters:
+            for value in dict.fromkeys((p.low, p.high)):
+                _try_protocol(subject, out, protocol, {p.name: value})
+        beyond = {p.name: p.high + 1.0 for p in protocol.parameters[:1]}
+        for wrong in (beyond, {"no such parameter": 0.0}):
+            if wrong and not _refuses(subject.backend, protocol.name, wrong):
+                out.violations.append(f"{protocol.name} runs with {wrong} instead of raising a UsageError")
+
+
+def _protocol_unknown(subject: _Subject, out: Check) -> None:
+    assert isinstance(subject.backend, HasProtocols)
+    if not _refuses(subject.backend, "no such protocol", {}):
+        out.violations.append("a protocol with an unknown name runs instead of raising a UsageError")
+
+
+def _protocol_playable(subject: _Subject, out: Check) -> None:
+    assert isinstance(subject.backend, HasProtocols)
+    assert isinstance(subject.backend, HasPlayable)
+    for protocol in subject.backend.protocols():
+        played = subject.backend.playable(protocol.name, {})
+        shapes = {name: values.shape for name, values in played.channels.items()}
+        missing = [name for name in ("q", "dq", "kp", "kd") if name not in shapes]
+        if missing:
+            out.violations.append(f"the references of {protocol.name} lack the channels {', '.join(missing)}")
+        elif shapes["q"] != shapes["dq"] or not all(np.isfinite(x).all() for x in played.channels.values()):
+            out.violations.append(f"the references of {protocol.name} differ in shape, or are not finite")
+
+
+def _try_protocol(
+    subject: _Subject, out: Check, protocol: Protocol, params: Mapping[str, float]
+) -> Trace | None:
+    """Run a protocol; an exception or a missing name is a violation, and an early end a remark."""
+    assert isinstance(subject.backend, HasProtocols)
+    at = f"{protocol.name} with {dict(params)}" if params else protocol.name
+    try:
+        trace: object = subject.backend.run(protocol.name, params, SEED)
+    except Exception as error:
+        out.violations.append(
+            f"{at}: {_described(error)}; a run that cannot go on must end with meta['failure']"
+        )
+        return None
+    if not isinstance(trace, Trace):
+        out.violations.append(f"{at}: run returns {type(trace).__name__}, which is not a Trace")
+        return None
+    if trace.meta.get(PROTOCOL) != protocol.name:
+        out.violations.append(
+            f"{at}: meta[{PROTOCOL!r}] is {trace.meta.get(PROTOCOL)!r}, not the protocol's name"
+        )
+    if trace.failure is not None:
+        out.remarks.append(f"{at}: ends early ({trace.failure})")
+    return trace
+
+
+def _refuses(backend: HasProtocols, name: str, params: Mapping[str, float]) -> bool:
+    """Return whether a run raises a UsageError."""
+    try:
+        backend.run(name, params, SEED)
+    except UsageError:
+        return True
+    return False
 
 
 def _identity(subject: _Subject, out: Check) -> None:

@@ -109,3 +109,15 @@ def test_the_page_on_robot_logs_has_the_figures_of_the_committed_benchmark():
     for command in ("s2r log", "s2r monitor --when"):
         assert f"{found[command]['seconds']:.1f} s" in page
         assert f"{found[command]['peak_MB']} MB" in page
+
+
+def test_the_page_on_protocols_can_be_typed(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    for block in re.findall(r"```python\n(.*?)```", (PAGES / "protocols.md").read_text(), re.S):
+        exec(block, names)
+    assert names["trace"].meta["protocol"] == "squat"
+    assert len((tmp_path / "squat.csv").read_text().splitlines()) == 1002
+    with pytest.raises(UsageError, match="'chrip'"):
+        names["Cart"]().run("chrip", {}, 0)
+    assert "chirp" in capsys.readouterr().out

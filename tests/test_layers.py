@@ -31,6 +31,7 @@ LAYERS = [
     {"pytest_plugin"},
     {"asserting"},
     {"spec"},
+    {"protocols"},
     {"backend", "effects", "function_backend", "space"},
     {"robustness"},
     {"logs"},
@@ -48,7 +49,7 @@ LAYERS = [
 SIMULATOR_LAYERS = [
     {"twins"},
     {"backend"},
-    {"options", "pictures", "rollout", "variants"},
+    {"options", "pictures", "protocols", "rollout", "variants"},
     {"residuals"},
     {"settings", "parameters"},
     {"effects"},
@@ -111,7 +112,7 @@ def test_only_methods_that_users_look_for_reach_upwards():
 
 def test_a_backend_imports_no_more_of_s2r_than_it_must():
     for path in (PACKAGE.parent / "backends").rglob("*.py"):
-        assert imported(path) <= {"backend", "compiled", "effects", "errors", "trace"}, path
+        assert imported(path) <= {"backend", "compiled", "effects", "errors", "protocols", "trace"}, path
 
 
 def other_backends(name: str) -> set[str]:

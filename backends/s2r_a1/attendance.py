@@ -2,6 +2,7 @@
 
     begin     start the guard or attach to it; consent to connect, consent to arm
     before    the next test: place the robot, check the battery; a rest if it is due
+    before_protocol   the same for a protocol: consent to its risk before its first run, then the rig or the floor
     after     report how the rollout ended, and the motors' temperature
     interrupt ramp down, stand, lie; urgent: damp
     end       lie, rest
@@ -18,12 +19,15 @@ from dataclasses import dataclass
 from math import ceil, isfinite
 from typing import TYPE_CHECKING, Any
 
+from s2r_a1 import hands
 from s2r_a1.guard.control import Connection, ControlError
 from s2r_a1.guard.start import start
+from s2r_a1.protocols import height_in_rig
 from s2r_a1.schedule import RAMP
 from s2r_sim.controller.gains import RATE
 from s2r_spec.backend import Coming, Operator
 from s2r_spec.errors import BackendError, NotBegunError
+from s2r_spec.protocols import Protocol
 from s2r_spec.trace import Trace
 
 if TYPE_CHECKING:
@@ -44,9 +48,9 @@ LOOK = 0.02
 
 LIGHTS = {lights: f"{lights} lights; begin" for lights in ("2", "3", "4")}
 """A definition: battery lights with which a test may begin; an A1 does not report its charge."""
-MOVING = ("STANDING_UP", "STAND", "WALK")
-WORD_CONNECT, WORD_ARM = "connect", "arm"
-"""Definitions: what the operator types for the two consents."""
+MOVING = ("STANDING_UP", "STAND", "WALK", "EXCITE", "EXCITE_HELD")
+WORD_CONNECT, WORD_ARM, WORD_PLAY = "connect", "arm", "play"
+"""Definitions: what the operator types to consent to connecting, to arming, and to the first run of a protocol."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +96,8 @@ class Attendance:
         self._lights_due = True
         self._tests = 0
         self._since_rest = 0
+        self._rig: float | None = None
+        self._consented: set[str] = set()
 
     def begin(self, coming: Coming) -> None:
         """Start the guard or attach to a running one, and ask for both consents.
@@ -128,18 +134,81 @@ class Attendance:
             NotBegunError: the robot is not ready; the message says why.
             StoppedError: the operator ends the run.
         """
-        try:
-            self._make_ready(consent=False)
-            self._rest_if_due()
-        except BackendError as error:
-            raise NotBegunError(str(error)) from None
+        self._prepare(None)
         units = {parameter.name: parameter.unit for parameter in self._backend.parameters}
         test = ", ".join(
             f"{name} = {value:.6g} {units.get(name, '')}".rstrip() for name, value in params.items()
         )
-        lights = self._ask(
+        self._confirm(
             f"Test {self._tests + 1}: {test}. Lay {self._name} down at its start, with free floor ahead and 1 m "
-            "around it; keep the remote in your hand. How many lights does the battery show? Change it if it shows "
+            "around it"
+        )
+
+    def before_protocol(self, protocol: Protocol, params: Mapping[str, float]) -> None:
+        """Return as soon as the robot is in its rig or on the floor, and ready for a run of a protocol.
+
+        Raises:
+            NotBegunError: the robot is not ready; the message says why.
+            StoppedError: the operator ends the run, or does not accept the risk.
+        """
+        if protocol.name not in self._consented:
+            risk = protocol.risk or "no more than in a test"
+            self._consent(
+                f"The protocol {protocol.name} is next. {protocol.words} Risk: {risk}. Its first run plays a quarter "
+                "and half of its amplitude before. The guard's limits hold.",
+                WORD_PLAY,
+            )
+            self._consented.add(protocol.name)
+        rig = height_in_rig(protocol.name)
+        self._prepare(rig)
+        values = ", ".join(f"{name} = {value:.6g}" for name, value in params.items())
+        where = (
+            f"Lay {self._name} down on a flat floor, with 1 m around it"
+            if rig is None
+            else f"Hold {self._name} level in a rig, with its base {rig:g} m above the floor and its legs free"
+        )
+        with_values = f" with {values}" if values else ""
+        self._confirm(f"Run {self._tests + 1}: the protocol {protocol.name}{with_values}. {where}")
+
+    def _prepare(self, rig: float | None) -> None:
+        """Make the robot ready, in a rig at a height [m] or on the floor (None), after a rest if one is due.
+
+        Raises:
+            NotBegunError: the robot is not ready; the message says why.
+        """
+        try:
+            self._make_ready(consent=False)
+            self._place(rig)
+            self._rest_if_due()
+        except BackendError as error:
+            raise NotBegunError(str(error)) from None
+
+    def _place(self, rig: float | None) -> None:
+        """Have the robot lie down before it is put elsewhere; a twin has no hands around it, so s2r puts it there.
+
+        Raises:
+            BackendError: the robot does not lie down, or the twin does not answer.
+        """
+        if rig == self._rig:
+            return
+        assert self._guard is not None
+        if self._state() in MOVING:
+            self._guard.request("lie")
+        self._wait_until_it_lies()
+        reached = self._backend.reached
+        if reached.is_twin:
+            hands.put(reached.host, reached.port, rig)
+            self._operator.say(
+                "s2r put the twin onto its floor."
+                if rig is None
+                else f"s2r hung the twin into its rig, with its base {rig:g} m above the floor."
+            )
+        self._rig = rig
+
+    def _confirm(self, words: str) -> None:
+        """Ask whether the run may begin, with the lights of the battery."""
+        lights = self._ask(
+            f"{words}; keep the remote in your hand. How many lights does the battery show? Change it if it shows "
             "fewer than two.",
             LIGHTS if self._lights_due else {"": "begin without another look at the battery", **LIGHTS},
         )
@@ -182,6 +251,8 @@ class Attendance:
             if self._state() in MOVING:
                 self._guard.request("lie")
             self._wait_until_it_lies()
+            if self._backend.reached.is_twin:
+                self._place(None)
         except ControlError:
             self._operator.say(f"The guard has ended: nothing holds {self._name} now; check it.")
         finally:

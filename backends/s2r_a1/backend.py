@@ -16,11 +16,13 @@ from s2r_a1.channels import channels
 from s2r_a1.guard.place import Robot
 from s2r_a1.mocap import Placing, read_placing
 from s2r_a1.options import EXAMPLE, OFFERED, Options, read_options, write_options
+from s2r_a1.protocols import PROTOCOLS, playable
 from s2r_sim import parameters
 from s2r_sim.controller.gains import RATE
 from s2r_sim.settings import Settings
 from s2r_spec.backend import Channel, Operator, Option, Parameter, read_test
 from s2r_spec.errors import MissingPackageError
+from s2r_spec.protocols import Protocol, named
 from s2r_spec.trace import Trace
 
 if TYPE_CHECKING:
@@ -32,10 +34,11 @@ _CONTROLLERS = frozenset(
     {
         *("robot", "controller", "rollout.py", "settings.py"),
         *("plant/channels.py", "plant/noise.py", "plant/physics.py", "plant/recorder.py"),
+        *("protocols/catalogue.py", "protocols/references.py"),
     }
 )
 """A definition: packages and modules of the simulator that affect the robot's motion or its traces."""
-_NOT_HASHED = frozenset({"twin", "attendance.py", "vendor.py"})
+_NOT_HASHED = frozenset({"twin", "attendance.py", "hands.py", "vendor.py"})
 """A definition: files and folders of this package that affect neither."""
 
 PARAMETERS = tuple(p for p in parameters.PARAMETERS if p.name in ("vd", "vy", "wz"))
@@ -168,6 +171,31 @@ class A1Backend:
         from s2r_a1.rollout import run
 
         return run(self, test, seed)
+
+    def protocols(self) -> tuple[Protocol, ...]:
+        """Return the excitation protocols of `sim`, with gains within the guard's limits."""
+        around = self.cost - self.duration
+        return tuple(replace(protocol, cost=protocol.duration + around) for protocol in PROTOCOLS)
+
+    def run(self, protocol: str, params: Mapping[str, float], seed: int) -> Trace:
+        """Run a protocol; samples every 2 ms from its begin to its duration inclusive.
+
+        The first run of a protocol at a gain plays a quarter and half of the amplitude before.
+        The seed is only recorded.
+        ``meta`` is that of :meth:`rollout`, with the name of the protocol.
+
+        Raises:
+            UsageError: there is no such protocol, or a parameter is unknown or out of range.
+            NotBegunError: the protocol did not begin; nothing happened at t = 0 or later.
+        """
+        values = named(PROTOCOLS, protocol, "a1").values(params)
+        from s2r_a1.protocol_run import run
+
+        return run(self, protocol, values, seed)
+
+    def playable(self, protocol: str, params: Mapping[str, float]) -> Trace:
+        """Return the references of a protocol; see :class:`s2r_spec.protocols.HasPlayable`."""
+        return playable("a1", protocol, params)
 
     @property
     def settings(self) -> Settings:

@@ -17,6 +17,12 @@ OWN = (
     Channel("late", "", "control ticks just before the sample that the controller missed"),
 )
 
+EXCITED = (
+    *("wz", "roll", "pitch", "yaw", "omega", "q", "dq", "tau_cmd", "tau"),
+    *("foot_force_raw", "motor_temperature", "late"),
+)
+"""A definition: channels of a protocol's trace, which has no gait, no QP and no velocity."""
+
 
 def channels(source: str) -> tuple[Channel, ...]:
     """Return the channels of a trace with the velocity from this ``source``."""

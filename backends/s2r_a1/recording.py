@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_a1 import rawlog
-from s2r_a1.channels import OWN, SHARED
+from s2r_a1.channels import EXCITED, OWN, SHARED
 from s2r_a1.datagrams import FROM_ROBOT, TO_ROBOT
 from s2r_a1.guard.limits import ROBOT_WORDS
 from s2r_a1.pilot import Note, Pilot
@@ -194,6 +194,34 @@ def channels_of(packets: Packets, notes: Sequence[Note]) -> dict[str, FloatArray
     own |= {name: np.array(values) for name, values in rows.items()}
     own["late"] = np.array([float(note.late) for note in notes])
     return {name: own[name] for name in (*SHARED, *(channel.name for channel in OWN))}
+
+
+def protocol_trace(path: str | os.PathLike[str], notes: Sequence[Note]) -> Trace:
+    """Return the trace of a recorded run of a protocol, by the worker's notes.
+
+    It has no velocity, since neither the robot's estimate nor the alignment of motion capture works without a gait.
+
+    Raises:
+        TraceError: the recording cannot be read, or ends before t = 0.
+    """
+    packets = Packets(rawlog.read(path))
+    header = packets.log.header
+    hold = int(header["hold"])
+    if not packets.log.finished:
+        written = {reading.tick for _, reading in packets.readings}
+        notes = [note for note in notes if note.clock in written]
+    notes = test_of(notes, hold)
+    if not notes:
+        raise TraceError(f"{os.fspath(path)}: the recording ends before the protocol, at t = 0")
+    samples = channels_of(packets, notes)
+    meta = {name: value for name, value in header.items() if name not in ("hold", "limits")}
+    meta["late"] = int(np.sum(samples["late"]))
+    return Trace(
+        np.array([note.tick for note in notes]) / RATE,
+        {name: samples[name] for name in EXCITED},
+        {name: UNITS[name] for name in EXCITED},
+        meta,
+    )
 
 
 def test_of(notes: Sequence[Note], hold: int) -> list[Note]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack, suppress
 from datetime import UTC, datetime
 from functools import cache
@@ -26,6 +26,7 @@ from s2r_sim.controller.gains import RATE
 from s2r_sim.plant.recorder import yaw_rate
 from s2r_sim.robot.signals import Command, State
 from s2r_sim.settings import Settings
+from s2r_spec.backend import Channel
 from s2r_spec.errors import BackendError, NotBegunError, TraceError
 from s2r_spec.trace import Trace
 
@@ -50,13 +51,7 @@ def run(backend: A1Backend, test: Mapping[str, float], seed: int) -> Trace:
     own = pilot()  # before the first request to the guard, which would take seconds of compiling for silence
     command = Command(test["vd"], test["vy"], test["wz"])
     schedule = Schedule.of(command, seed, round(backend.duration * RATE), own.settings.gains)
-    about = {
-        "backend": backend.name,
-        "model_hash": backend.model_hash,
-        "seed": seed,
-        "begun": datetime.now(UTC).isoformat(timespec="seconds"),
-        "twin": backend.reached.is_twin,
-    }
+    about = about_run(backend, seed)
     with ExitStack() as stack:
         try:
             listener = None if backend.reached.mocap is None else Listener(backend.reached.mocap)
@@ -66,27 +61,40 @@ def run(backend: A1Backend, test: Mapping[str, float], seed: int) -> Trace:
             stack.callback(client.close)
             client.mocap = listener
             about |= {"layout": client.layout, "tick_unit": client.unit}
-            path = _fresh(backend.folder, seed)
+            path = fresh(backend.folder, seed)
             client.record(path, recording.header_of(test, schedule, about))
         except BackendError as error:
             raise NotBegunError(str(error)) from None
-        walked = _walk(client, own, schedule, backend)
+        walked = carried_out(
+            client, backend, lambda: walk(client, own, schedule, client.ready, backend.begins)
+        )
     try:
         trace = recording.trace_of(path, walked.notes, own)
     except TraceError as error:
-        trace = lost(backend, about | {"params": dict(test)}, str(error))
+        trace = lost(backend.channels, about | {"params": dict(test)}, str(error))
     else:
         if listener is not None:
             trace = _seen(trace, walked, listener, backend.placing, client)
-    return ended(trace, walked, schedule, path)
+    return ended(trace, walked, schedule.hold, path)
 
 
-def _walk(client: Client, own: Pilot, schedule: Schedule, backend: A1Backend) -> Walked:
-    """Walk, end the recording, and bring the robot to rest; a robot without an operator stays standing."""
+def about_run(backend: A1Backend, seed: int) -> dict[str, Any]:
+    """Return the facts on a run that its recording and its trace keep."""
+    return {
+        "backend": backend.name,
+        "model_hash": backend.model_hash,
+        "seed": seed,
+        "begun": datetime.now(UTC).isoformat(timespec="seconds"),
+        "twin": backend.reached.is_twin,
+    }
+
+
+def carried_out(client: Client, backend: A1Backend, move: Callable[[], Walked]) -> Walked:
+    """Move, end the recording, and bring the robot to rest; a robot without an operator stays standing."""
     stays = backend.reached.operator == "auto"
     try:
         with undisturbed(first=not client.lockstep):
-            return walk(client, own, schedule, client.ready, backend.begins)
+            return move()
     except NotBegunError:
         stays = False
         raise
@@ -103,7 +111,7 @@ def _walk(client: Client, own: Pilot, schedule: Schedule, backend: A1Backend) ->
                 rest(client)
 
 
-def _fresh(kept: str | None, seed: int) -> Path:
+def fresh(kept: str | None, seed: int) -> Path:
     """Return the path of a new recording."""
     raw = folder() / "raw" if kept is None else Path(kept)
     raw.mkdir(parents=True, exist_ok=True)
@@ -140,20 +148,23 @@ def _seen(trace: Trace, walked: Walked, listener: Listener, placing: mocap.Placi
     return Trace(trace.times, channels, trace.units, meta)
 
 
-def lost(backend: A1Backend, about: Mapping[str, Any], reason: str) -> Trace:
-    """Return the placeholder for a walk without a valid recording: one sample of NaN, void because of the disk."""
-    nothing = {c.name: np.full((1, c.width) if c.width > 1 else 1, np.nan) for c in backend.channels}
-    return Trace(np.zeros(1), nothing, recording.UNITS, {**about, "void": "disk", "reason": reason})
+def lost(channels: Iterable[Channel], about: Mapping[str, Any], reason: str) -> Trace:
+    """Return the placeholder for a run without a valid recording: one sample of NaN, void because of the disk."""
+    nothing = {c.name: np.full((1, c.width) if c.width > 1 else 1, np.nan) for c in channels}
+    units = {name: recording.UNITS[name] for name in nothing}
+    return Trace(np.zeros(1), nothing, units, {**about, "void": "disk", "reason": reason})
 
 
-def ended(trace: Trace, walked: Walked, schedule: Schedule, path: Path) -> Trace:
-    """Return the trace of a walk with the cause of an early end and the name of its raw recording.
+def ended(trace: Trace, walked: Walked, hold: int, path: Path) -> Trace:
+    """Return the trace of a run with the cause of an early end and the name of its raw recording.
+
+    ``hold`` is the last control tick of the test or protocol itself.
 
     An end by the robot counts even if its recording is lost. A test whose recording ends before it is void.
     """
     meta: dict[str, Any] = {**trace.meta, "raw": path.name}
     ending = walked.ending
-    if ending is not None and walked.notes[-1].tick >= schedule.hold:
+    if ending is not None and walked.notes[-1].tick >= hold:
         meta["after"] = ending.word  # the test itself was over
         meta.setdefault("reason", ending.reason)
     elif ending is not None and ending.word in ROBOT_WORDS:
@@ -161,7 +172,7 @@ def ended(trace: Trace, walked: Walked, schedule: Schedule, path: Path) -> Trace
         meta.pop("void", None)
     elif ending is not None:
         meta |= {"void": ending.word or "operator", "reason": ending.reason}
-    if not {"failure", "void"} & meta.keys() and round(trace.times[-1] * RATE) < schedule.hold:
+    if not {"failure", "void"} & meta.keys() and round(trace.times[-1] * RATE) < hold:
         meta |= {
             "void": "disk",
             "reason": f"the recording ends {trace.times[-1]:g} s after the command, before the end of the test",

@@ -68,9 +68,25 @@ class Line(Protocol):
         ...
 
 
+class Mover(Protocol):
+    """Computes the commands of a motion from one reading after another."""
+
+    def step(self, reading: Reading) -> Note:
+        """Compute the motor commands at a reading that is newer than the last."""
+        ...
+
+    def stop(self) -> None:
+        """Bring the motion to its end now."""
+        ...
+
+    def is_done(self, note: Note) -> bool:
+        """Return whether the robot may be halted."""
+        ...
+
+
 @dataclass(frozen=True)
 class Walked:
-    """The result of a walk.
+    """The result of a walk, or of another motion.
 
     Attributes:
         notes: notes at every reading, from the first tick of trotting in place up to a requested stop.
@@ -101,10 +117,22 @@ def walk(
         NotBegunError: the walk ended before t = 0.
         BackendError: the guard refused a request.
     """
+    pilot.begin(schedule, line.unit)
+    return move(line, pilot, "walk", ready, begins)
+
+
+def move(
+    line: Line,
+    mover: Mover,
+    motion: str,
+    ready: Callable[[], None] | None = None,
+    begins: Callable[[], None] | None = None,
+) -> Walked:
+    """Let a mover move the robot, in the guard's state of this ``motion``; see :func:`walk`."""
     reading = stand(line)
     if ready is not None:
         ready()
-    notes, ending = _walk(line, pilot, schedule, reading, begins)
+    notes, ending = _moved(line, mover, motion, reading, begins)
     if ending is None or ending.state != GONE:
         _settle(line)
     if not notes or notes[-1].tick < 0:
@@ -148,13 +176,12 @@ def rest(line: Line) -> None:
         line.receive()
 
 
-def _walk(
-    line: Line, pilot: Pilot, schedule: Schedule, reading: Reading, begins: Callable[[], None] | None
+def _moved(
+    line: Line, mover: Mover, motion: str, reading: Reading, begins: Callable[[], None] | None
 ) -> tuple[list[Note], Change | None]:
-    """Return the notes of a walk from a reading on, and the cause of an early end."""
+    """Return the notes of a motion from a reading on, and the cause of an early end."""
     notes: list[Note] = []
-    pilot.begin(schedule, line.unit)
-    line.request("walk")
+    line.request(motion)
     newest: Reading | None = reading
     ordered: Orders | None = None
     stopped: Change | None = None
@@ -162,14 +189,14 @@ def _walk(
         if newest is not None:
             if line.wanted and not stopped:
                 stopped = line.wanted
-                pilot.stop()
-            note = pilot.step(newest)
+                mover.stop()
+            note = mover.step(newest)
             if not stopped:  # later notes do not belong to the test
                 notes.append(note)
             if begins is not None and note.tick >= 0:
                 begins()
                 begins = None
-            if pilot.is_done(note):
+            if mover.is_done(note):
                 return notes, _halted(line) or stopped
             ordered = orders(note)
         # Without a new state the last orders are sent again, to show the guard that this process is alive.
@@ -180,7 +207,7 @@ def _walk(
             return notes, _damped(line, f"the controller commands a number that no motor can take: {error}")
         except BackendError as error:
             return notes, Change(GONE, "link", str(error))
-        if line.change.state != "WALK":
+        if line.change.state != motion.upper():
             return notes, line.change
 
 

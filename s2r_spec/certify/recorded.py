@@ -15,7 +15,7 @@ from s2r_spec.certify.search import Query, Search
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.rollouts.compatibility import Interface, check_compatibility
 from s2r_spec.rollouts.journal import Journal, Record
-from s2r_spec.rollouts.recorded import refuse_hidden
+from s2r_spec.rollouts.recorded import left_out, refuse_hidden, tests_of
 from s2r_spec.rollouts.scorer import Scorer
 from s2r_spec.rollouts.task import Done
 from s2r_spec.spec import Spec
@@ -47,13 +47,16 @@ class Design:
 def fixed_design(spec: Spec, requirement: str, backend: Backend, recordings: Sequence[Recording]) -> Design:
     """Group the recordings inside the spec's test space by test; the choice does not depend on any outcome.
 
+    Runs of protocols are left out, and a note counts them.
+
     Raises:
         UsageError: none is inside, or a parameter varies that the spec does not declare.
     """
+    tests = tests_of(recordings)
     matched = check_compatibility(spec, requirement, backend)
     groups: dict[tuple[float, ...], tuple[dict[str, float], list[Recording]]] = {}
     outside = []
-    for recording in recordings:
+    for recording in tests:
         point = _point(spec, matched, recording)
         if point is None:
             outside.append(recording.source)
@@ -61,26 +64,26 @@ def fixed_design(spec: Spec, requirement: str, backend: Backend, recordings: Seq
             groups.setdefault(tuple(point.values()), (point, []))[1].append(recording)
     if not groups:
         raise UsageError(
-            f"none of the {len(recordings)} recordings of {backend.name} lies in the test space of {spec.name}: "
+            f"none of the {len(tests)} recordings of {backend.name} lies in the test space of {spec.name}: "
             + ", ".join(
                 f"{axis.name} in [{axis.low:g}, {axis.high:g}] {axis.unit}" for axis in spec.space.axes
             )
         )
-    tests = tuple((point, tuple(group)) for point, group in groups.values())
-    refuse_hidden(spec, backend, [recording for _, group in tests for recording in group])
-    notes = []
+    grouped = tuple((point, tuple(group)) for point, group in groups.values())
+    refuse_hidden(spec, backend, [recording for _, group in grouped for recording in group])
+    notes = [sentence] if (sentence := left_out(recordings)) else []
     if outside:
         notes.append(
-            f"{len(outside)} of {len(recordings)} recordings have tests outside the spec's test space and are "
+            f"{len(outside)} of {len(tests)} recordings have tests outside the spec's test space and are "
             f"not used ({', '.join(outside[:3])}{', …' if len(outside) > 3 else ''})"
         )
     units = {channel.name: channel.unit for channel in backend.channels}
     notes += [
-        f"the channel {name!r} of {recordings[0].source} has no unit; its numbers are read as {unit}"
+        f"the channel {name!r} of {tests[0].source} has no unit; its numbers are read as {unit}"
         for name in matched.channels
         if (unit := spec.signals[name].unit) and not units[name]
     ]
-    return Design(tests, tuple(notes))
+    return Design(grouped, tuple(notes))
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ def backends(
     name: Annotated[
         str | None,
         typer.Argument(
-            help="Backend to describe: its parameters, channels and effects. Without a name, all are listed."
+            help="Backend to describe: its parameters, channels, protocols and effects. Without a name, all are listed."
         ),
     ] = None,
     check: Annotated[
@@ -35,6 +35,7 @@ def backends(
     with sentences(as_json):
         from s2r_spec import backend as registry
         from s2r_spec.json_objects.backends import BackendObject, BackendsObject
+        from s2r_spec.protocols import HasProtocols
 
         if name is None and check:
             raise UsageError("--check needs the name of a backend: s2r backends NAME --check")
@@ -55,6 +56,7 @@ def backends(
             )
         if check:
             raise typer.Exit(_checked(machine, as_json))
+        protocols = machine.protocols() if isinstance(machine, HasProtocols) else ()
         effects = machine.effects() if isinstance(machine, registry.HasEffects) else ()
         if as_json:
             # A backend's own effects may have functions besides.
@@ -65,6 +67,7 @@ def backends(
                 parameters=tuple(machine.parameters),
                 channels=tuple(machine.channels),
                 effects=tuple(plain),
+                protocols=protocols or None,
                 options=options or None,
                 exclusive=True if exclusive else None,
                 assumptions=assumed or None,
@@ -91,6 +94,17 @@ def backends(
         for c in machine.channels:
             size = f"[{c.width}]" if c.width > 1 else ""
             say(f"  {c.name + size:14} {c.unit or '1'}: {c.description}")
+        if protocols:
+            say("protocols that excite it, beside the tests of a spec")
+        for protocol in protocols:
+            say(f"  {protocol.name} ({protocol.place}, {protocol.duration:g} s): {protocol.words}")
+            if protocol.risk:
+                say(f"    risk: {protocol.risk}")
+            for p in protocol.parameters:
+                say(
+                    f"    {p.name:12} [{p.low:g}, {p.high:g}]{f' {p.unit}' if p.unit else ''}; "
+                    f"default {p.default:g}: {p.description}"
+                )
         if effects:
             say("effects that `s2r diagnose` can name")
         for effect in effects:

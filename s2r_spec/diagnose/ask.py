@@ -20,7 +20,7 @@ from s2r_spec.diagnose.simulate import Bench, Test, blamed
 from s2r_spec.errors import SamplingError, TraceError, UsageError
 from s2r_spec.lang.units import UnknownUnitError, parse_unit
 from s2r_spec.rollouts.compatibility import check_compatibility
-from s2r_spec.rollouts.recorded import refuse_hidden
+from s2r_spec.rollouts.recorded import refuse_hidden, tests_of
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.trace import Trace, between
 
@@ -62,7 +62,9 @@ def real_rollouts(
     if isinstance(real, HasRecordings) and isinstance(real, Backend):
         matched = check_compatibility(bench.spec, bench.requirement, real)
         simulated = {parameter.name for parameter in bench.backend.parameters}
-        pairs = [(test, r) for r in real.recordings if (test := matched.to_spec(r.params)) is not None]
+        pairs = [
+            (test, r) for r in tests_of(real.recordings) if (test := matched.to_spec(r.params)) is not None
+        ]
         refuse_hidden(bench.spec, real, [recording for _, recording in pairs], simulated)
         given = [(dict(test), r.trace, str(r.source)) for test, r in pairs]
     elif isinstance(real, Backend):

@@ -58,6 +58,7 @@ from s2r_spec.effects import catalogue_of
 from s2r_spec.errors import require
 from s2r_spec.rollouts.compatibility import check_compatibility
 from s2r_spec.rollouts.pools import kept_open
+from s2r_spec.rollouts.recorded import tests_of
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
@@ -188,8 +189,9 @@ def _recorded(bench: Bench, real: Rollouts | Backend) -> tuple[int, int]:
     if not isinstance(real, HasRecordings):
         return 0, 0
     matched = check_compatibility(bench.spec, bench.requirement, real)
-    of_spec = sum(matched.to_spec(each.params) is not None for each in real.recordings)
-    return of_spec, len(real.recordings) - of_spec
+    tests = tests_of(real.recordings)
+    of_spec = sum(matched.to_spec(each.params) is not None for each in tests)
+    return of_spec, len(tests) - of_spec
 
 
 def _answer(

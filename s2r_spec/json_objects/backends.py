@@ -7,6 +7,7 @@ from typing import Literal
 
 from s2r_spec.backend import Channel, Effect, Option, Parameter
 from s2r_spec.json_values import OPTIONAL
+from s2r_spec.protocols import Protocol
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +34,7 @@ class BackendObject:
         parameters: the parameters of a test.
         channels: the channels of a trace.
         effects: the effects that a diagnosis can name.
+        protocols: the excitation protocols that it can run; only if there are some.
         options: the options that may follow the name; only if there are some.
         exclusive: whether rollouts run one at a time; only for a machine.
         assumptions: the assumptions of every statement about this backend; only if there are some.
@@ -44,6 +46,7 @@ class BackendObject:
     parameters: tuple[Parameter, ...]
     channels: tuple[Channel, ...]
     effects: tuple[Effect, ...]
+    protocols: tuple[Protocol, ...] | None = field(default=None, metadata=OPTIONAL)
     options: tuple[Option, ...] | None = field(default=None, metadata=OPTIONAL)
     exclusive: Literal[True] | None = field(default=None, metadata=OPTIONAL)
     assumptions: tuple[str, ...] | None = field(default=None, metadata=OPTIONAL)

@@ -8,6 +8,7 @@ from typing import Any
 
 from s2r_spec.backend import Attended, Backend, Coming, HasAttendance, Operator, is_exclusive
 from s2r_spec.errors import UsageError
+from s2r_spec.protocols import Protocol
 from s2r_spec.rollouts.machine_journal import AGAIN, FALL
 from s2r_spec.rollouts.operator import Terminal, require_terminal
 from s2r_spec.trace import Trace
@@ -79,6 +80,16 @@ class _Plain:
         """Wait for Enter."""
         test = ", ".join(f"{name} = {value:.6g}" for name, value in params.items())
         self.operator.choose(f"The next test of {self.name} is {test}.", {"": "begin"})
+
+    def before_protocol(self, protocol: Protocol, params: Mapping[str, float]) -> None:
+        """Wait for Enter, with the protocol's words and its risk in the question."""
+        values = ", ".join(f"{name} = {value:.6g}" for name, value in params.items())
+        risk = f" Risk: {protocol.risk}." if protocol.risk else ""
+        self.operator.choose(
+            f"The next protocol of {self.name} is {protocol.name}{f' with {values}' if values else ''}. "
+            f"{protocol.words}{risk}",
+            {"": "begin"},
+        )
 
     def after(self, trace: Trace | None) -> None:
         """Do nothing."""

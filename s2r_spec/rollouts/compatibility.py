@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from s2r_spec.backend import Backend, HasRecordings
 from s2r_spec.errors import BackendError, UsageError, one_of, suggest
 from s2r_spec.lang.units import Unit, UnknownUnitError, parse_unit
+from s2r_spec.rollouts.recorded import tests_of
 from s2r_spec.spec import Spec
 
 
@@ -42,9 +43,14 @@ def check_compatibility(spec: Spec, requirement: str, backend: Backend) -> Inter
 
     Raises:
         UsageError: the backend lacks a signal or a parameter, a unit does not convert, or a range of the spec exceeds
-            the backend's range.
+            the backend's range; or all its recordings are runs of protocols.
         BackendError: the backend declares an unknown unit.
     """
+    if isinstance(backend, HasRecordings) and not tests_of(backend.recordings):
+        raise UsageError(
+            f"all {len(backend.recordings)} recordings of {backend.name} are runs of protocols, and {spec.name} needs "
+            f"recorded tests; add some"
+        )
     channels = {channel.name: channel for channel in backend.channels}
     for name in spec.channels(requirement):
         signal = spec.signals[name]

@@ -1,7 +1,8 @@
 """The folder of a ``log`` backend: its recordings, with the parameters of each.
 
 Every log of the folder is a recording, or several if episodes are cut from it. The parameters of a log are in its row
-of ``rollouts.csv``, or in its channels.
+of ``rollouts.csv``, or in its channels. A row or a trace's ``meta`` may name a protocol: its parameters are those of
+the protocol, and cells of the tests' parameters stay empty.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import csv
 import hashlib
 import io
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -21,12 +23,15 @@ from s2r_spec.errors import TraceError, UsageError, one_of, shortened
 from s2r_spec.logs.interpret import Loaded
 from s2r_spec.logs.table import regular
 from s2r_spec.logs.topics.formats import FORMATS, opener
-from s2r_spec.rollouts.excerpts import Excerpt, excerpt
+from s2r_spec.protocols import PROTOCOL
+from s2r_spec.rollouts.excerpts import Episode, Excerpt, excerpt
 from s2r_spec.rollouts.log_options import LogOptions
 from s2r_spec.trace import Trace
 
 TABLE = "rollouts.csv"
 _ID, _SEED = "id", "seed"
+_NAME = re.compile(r"[A-Za-z_][\w.-]*")
+"""Definition: the form of a protocol's name."""
 _LONGEST = 2**24
 """Budget: characters of the table, 16 million; twice as many take 0.3 GB more."""
 
@@ -37,9 +42,12 @@ class LogError(UsageError):
 
 @dataclass(frozen=True)
 class _Row:
+    """A row of the table; empty cells are no entries of ``params``, and ``protocol`` is "" for a test."""
+
     line: int
     id: str
     params: dict[str, float]
+    protocol: str = ""
 
 
 @dataclass(frozen=True)
@@ -52,11 +60,12 @@ class _Tests:
 
 @dataclass(frozen=True)
 class Entry:
-    """A recording: its file, its test parameters, and its trace with notes."""
+    """A recording: its file, its parameters, its trace with notes, and its protocol ("" for a test of a spec)."""
 
     source: str
     params: dict[str, float]
     loaded: Loaded
+    protocol: str = ""
 
 
 @dataclass(frozen=True)
@@ -89,10 +98,10 @@ def read(options: LogOptions) -> Folder:
     paths = _logs(root)
     if listed:
         files = _files(root, table.rows, paths)
-        tests = [(files[row.id], row.params) for row in table.rows]
+        tests = [(files[row.id], row) for row in table.rows]
     else:
         _complete(root, paths)
-        tests = [(path, {}) for path in paths]
+        tests = [(path, _Row(0, path.stem, {})) for path in paths]
     if not tests:
         raise LogError(f"{root} has no log; s2r reads {', '.join(logs.READABLE)}, and folders of ROS 2 bags")
     for name in wanted.sources:
@@ -103,25 +112,32 @@ def read(options: LogOptions) -> Folder:
     units = dict(table.units)
     entries: list[Entry] = []
     sentences: list[str] = []
-    for path, params in tests:
+    origins: list[_Row] = []
+    for path, row in tests:
         found = excerpt(path, {}, None, math.inf, wanted)
-        entries += _entries(found, params, units)
+        made = _entries(found, row, units)
+        entries += made
+        origins += [row] * len(made)
         sentences += [f"{path.name}: {note}" for note in found.cut]
+    if listed:
+        _refuse_empty(root / TABLE, table, list(zip(origins, entries, strict=True)))
     if listed and not wanted.cuts:
         entries = _with_placeholders(entries)
     return Folder(
         units,
         tuple(entries),
         (*([root / TABLE] if listed else []), *_parts(sorted(path for path, _ in tests))),
-        _choice(len(entries), len(tests), sentences) if sentences or not listed else (),
+        _choice(sum(not entry.protocol for entry in entries), len(tests), sentences)
+        if sentences or not listed
+        else (),
     )
 
 
-def _entries(found: Excerpt, params: Mapping[str, float], units: dict[str, str]) -> list[Entry]:
+def _entries(found: Excerpt, row: _Row, units: dict[str, str]) -> list[Entry]:
     """Return the recordings of a log; add the units of its parameters.
 
     Raises:
-        LogError: a parameter has several units.
+        LogError: a parameter has several units, or the table names another protocol than the trace.
     """
     entries = []
     for episode in found.episodes:
@@ -130,11 +146,41 @@ def _entries(found: Excerpt, params: Mapping[str, float], units: dict[str, str])
                 raise LogError(
                     f"{episode.name}: the parameter {name} is in {unit!r}, and before in {units[name]!r}"
                 )
-        values = {**params, **{name: value for name, (value, _) in episode.values.items()}}
-        entries.append(
-            Entry(episode.name, values, Loaded(episode.trace, found.notes, found.dated, found.left_out))
-        )
+        values = {**row.params, **{name: value for name, (value, _) in episode.values.items()}}
+        loaded = Loaded(episode.trace, found.notes, found.dated, found.left_out)
+        entries.append(Entry(episode.name, values, loaded, _protocol(episode, row)))
     return entries
+
+
+def _protocol(episode: Episode, row: _Row) -> str:
+    """Return the protocol of an episode, by its row or by its trace; "" for a test.
+
+    Raises:
+        LogError: the two name different protocols.
+    """
+    of_trace = episode.trace.meta.get(PROTOCOL)
+    if not isinstance(of_trace, str) or of_trace in ("", row.protocol):
+        return row.protocol
+    if row.protocol:
+        raise LogError(
+            f"{episode.name} is a run of the protocol {of_trace!r}, but line {row.line} of {TABLE} names "
+            f"{row.protocol!r}; correct the row"
+        )
+    return of_trace
+
+
+def _refuse_empty(path: Path, table: _Tests, rows: Sequence[tuple[_Row, Entry]]) -> None:
+    """Refuse a test without one of the tests' parameters; a column that only protocols fill is none of them.
+
+    Raises:
+        LogError: a cell is empty.
+    """
+    of_protocols = {name for row, entry in rows if entry.protocol for name in row.params}
+    of_tests = {name for row, entry in rows if not entry.protocol for name in row.params}
+    for row, entry in rows:
+        for name in () if entry.protocol else table.units:
+            if name not in row.params and (name in of_tests or name not in of_protocols):
+                raise LogError(f"{path}, line {row.line}: the parameter {name!r} is empty")
 
 
 def _choice(episodes: int, count: int, sentences: Sequence[str]) -> tuple[str, ...]:
@@ -192,8 +238,9 @@ def _with_placeholders(entries: Sequence[Entry]) -> list[Entry]:
 
     Its samples are NaN, so that no channel is left out because the placeholder lacks it.
     """
-    first = next((one.loaded.trace for one in entries if not _is_placeholder(one.loaded.trace)), None)
-    return [one if first is None else _completed(one, first) for one in entries]
+    tests = [one.loaded.trace for one in entries if not one.protocol]
+    first = next((trace for trace in tests if not _is_placeholder(trace)), None)
+    return [one if first is None or one.protocol else _completed(one, first) for one in entries]
 
 
 def _completed(entry: Entry, first: Trace) -> Entry:
@@ -258,6 +305,9 @@ def _table(path: Path) -> _Tests:
             )
         units[name] = unit
     names = list(units)
+    has_protocols = units.get(PROTOCOL) == "" and _names_protocols(
+        [cells[names.index(PROTOCOL)] for _, cells in body if len(cells) == len(names)]
+    )
     rows: dict[str, _Row] = {}
     for line, cells in body:
         if len(cells) != len(names):
@@ -269,12 +319,33 @@ def _table(path: Path) -> _Tests:
             raise LogError(
                 f"{path}, line {line}: the id {name!r} is already in line {rows[name].line}; ids must differ"
             )
-        params = {key: _number(path, line, key, text) for key, text in zip(names[1:], cells[1:], strict=True)}
+        by_name = dict(zip(names[1:], cells[1:], strict=True))
+        protocol = by_name.pop(PROTOCOL) if has_protocols else ""
+        if protocol and not _NAME.fullmatch(protocol):
+            raise LogError(
+                f"{path}, line {line}: the protocol {shortened(protocol)!r} is not a name such as 'squat'; "
+                f"leave the cell empty for a test"
+            )
+        params = {
+            key: _number(path, line, key, text) for key, text in by_name.items() if text or key == _SEED
+        }
         params.pop(_SEED, None)
-        rows[name] = _Row(line, name, params)
-    return _Tests(
-        {name: unit for name, unit in units.items() if name not in (_ID, _SEED)}, list(rows.values())
-    )
+        rows[name] = _Row(line, name, params, protocol)
+    reserved = (_ID, _SEED, PROTOCOL) if has_protocols else (_ID, _SEED)
+    return _Tests({name: unit for name, unit in units.items() if name not in reserved}, list(rows.values()))
+
+
+def _names_protocols(column: Sequence[str]) -> bool:
+    """Return whether the column ``protocol`` names protocols; numbers are a parameter of an older folder."""
+    return not any(column) or not all(_is_number(text) for text in column)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _parameter(text: str) -> tuple[str, str]:

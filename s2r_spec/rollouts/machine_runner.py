@@ -36,6 +36,7 @@ from s2r_spec.backend import (
     is_exclusive,
 )
 from s2r_spec.errors import BackendError, NotBegunError, S2RError, StoppedError
+from s2r_spec.protocols import AttendsProtocols, protocol_of
 from s2r_spec.rollouts.attendance import Terms, attendance_of
 from s2r_spec.rollouts.interrupts import Interrupts
 from s2r_spec.rollouts.journal import Journal
@@ -154,7 +155,7 @@ class MachineRunner:
             pool = self._started()
             try:
                 self._ready(pool, task)
-                self._attended.before(task.params)
+                self._before(task)
             except NotBegunError as error:
                 self._ask(f"Rollout {_name(task)} did not begin: {error}.", error)
                 return False
@@ -217,6 +218,22 @@ class MachineRunner:
             raise NotBegunError("the worker process ended while it opened the backend") from None
         except TimeLimitError as error:
             raise NotBegunError(f"the worker was not ready within {error.args[0]:g} s") from None
+
+    def _before(self, task: Task) -> None:
+        """Wait until the attendance lets a test or a protocol begin.
+
+        Raises:
+            BackendError: the machine's attendance does not prepare protocols.
+        """
+        if task.protocol is None:
+            self._attended.before(task.params)
+        elif isinstance(self._attended, AttendsProtocols):
+            self._attended.before_protocol(protocol_of(self._backend, task.protocol), task.params)
+        else:
+            raise BackendError(
+                f"the attendance of {self._backend.name!r} prepares tests only; it needs a method "
+                f"before_protocol(protocol, params)"
+            )
 
     def _ask(self, message: str, unattended: S2RError | None) -> None:
         """Ask whether the same test runs again.

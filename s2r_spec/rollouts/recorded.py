@@ -1,11 +1,12 @@
 """The ``log`` backend: a folder of recorded rollouts.
 
     run-a.npz  run-b.csv  run-c.mcap      a trace each, or several episodes; a file's name is its id
-    rollouts.csv                          id,<param>,<param>,…[,seed]
+    rollouts.csv                          id,[protocol,]<param>,<param>,…[,seed]
 
-A parameter's unit may follow its name in brackets, ``vd [m/s]``. Without a unit its values are in the unit of the
-specification. The table may be missing if the logs themselves hold the parameters. The folder is checked when it is
-opened; an error names file and line.
+The column ``protocol`` is empty for a test of a specification, and names the protocol of another run. A parameter's
+unit may follow its name in brackets, ``vd [m/s]``. Without a unit its values are in the unit of the specification. The
+table may be missing if the logs themselves hold the parameters. The folder is checked when it is opened; an error
+names file and line.
 
 Options for reading follow the folder's name: ``log:FOLDER?nan=hold&map=vx=v.x&when=go&param=vd=v_cmd@0``.
 """
@@ -16,7 +17,7 @@ import hashlib
 import math
 import re
 import warnings
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from s2r_spec.backend import Backend, Channel, Parameter, Recording
 from s2r_spec.errors import TraceNote, UsageError
@@ -32,6 +33,8 @@ _BLOCK = 2**20
 
 class LogBackend:
     """A backend that returns recorded rollouts; it runs nothing, and has only the recorded tests.
+
+    Channels, parameters and duration are those of the tests. Runs of protocols keep channels of their own.
 
     Args:
         folder: folder with ``rollouts.csv`` and a trace for each of its rows; options may follow a ``?``.
@@ -54,24 +57,28 @@ class LogBackend:
         options = LogOptions.parse("log", folder)
         found = read(options)
         self.name = f"log:{folder}"
-        self.lacking = _lacking([(entry.source, entry.loaded) for entry in found.entries])
+        tests = [entry for entry in found.entries if not entry.protocol]
+        self.lacking = _lacking([(entry.source, entry.loaded) for entry in tests])
         self.recordings = tuple(
             Recording(
-                entry.source, entry.params, options.fill_gaps(_without(entry.loaded.trace, self.lacking))
+                entry.source, entry.params, options.fill_gaps(_own(entry, self.lacking)), entry.protocol
             )
             for entry in found.entries
         )
+        self._tests = tests_of(self.recordings)
+        used = self._tests or self.recordings
         for note in _notes(found.entries, self.lacking):
             warnings.warn(note, TraceNote, stacklevel=2)
         _refuse_copies(self.recordings)
-        self.channels = _channels(self.recordings)
+        self.channels = _channels(used)
         self.assumptions = found.assumptions
         self.parameters = tuple(
             Parameter(name, unit, min(values), max(values), values[0], "as recorded")
             for name, unit in found.units.items()
-            for values in [[recording.params[name] for recording in self.recordings]]
+            for values in [[r.params[name] for r in self._tests if name in r.params]]
+            if values
         )
-        self.duration = max(recording.trace.duration for recording in self.recordings)
+        self.duration = max(recording.trace.duration for recording in used)
         content = hashlib.sha256(options.text.encode())
         for path in found.files:
             content.update(f"{path.name}\0{path.stat().st_size}\0".encode())
@@ -81,8 +88,8 @@ class LogBackend:
         self.model_hash = content.hexdigest()
 
     def recorded(self) -> list[tuple[dict[str, float], Trace]]:
-        """Return (parameters, trace) of every recording, in the order of ``rollouts.csv``."""
-        return [(dict(recording.params), recording.trace) for recording in self.recordings]
+        """Return (parameters, trace) of every recorded test, in the order of ``rollouts.csv``."""
+        return [(dict(recording.params), recording.trace) for recording in self._tests]
 
     def rollout(self, params: Mapping[str, float], seed: int) -> Trace:
         """Return a recording at these parameters; the seed selects one of several.
@@ -91,14 +98,38 @@ class LogBackend:
             UsageError: there is no recording at these parameters.
         """
         candidates = [
-            r for r in self.recordings if all(_same(r.params[name], params[name]) for name in params)
+            r
+            for r in self._tests
+            if all(name in r.params and _same(r.params[name], params[name]) for name in params)
         ]
         if not candidates:
-            tests = sorted({tuple(recording.params.items()) for recording in self.recordings})
+            tests = sorted({tuple(recording.params.items()) for recording in self._tests})
             shown = "; ".join(_words(dict(test)) for test in tests[:5])
             more = f" and {len(tests) - 5} more" if len(tests) > 5 else ""
             raise UsageError(f"{self.name} has no recording at {_words(params)}; it has {shown}{more}")
         return candidates[seed % len(candidates)].trace
+
+
+def tests_of(recordings: Iterable[Recording]) -> tuple[Recording, ...]:
+    """Return the recordings that are tests of a specification, without the runs of protocols."""
+    return tuple(recording for recording in recordings if not recording.protocol)
+
+
+def left_out(recordings: Sequence[Recording]) -> str:
+    """Return a sentence on the runs of protocols that a statement leaves out; "" if there are none."""
+    count = len(recordings) - len(tests_of(recordings))
+    if not count:
+        return ""
+    return (
+        f"{count} rollouts of protocols were left out"
+        if count > 1
+        else "1 rollout of a protocol was left out"
+    )
+
+
+def _own(entry: Entry, lacking: Collection[str]) -> Trace:
+    """Return the trace of an entry; of a test without the channels that other tests lack."""
+    return entry.loaded.trace if entry.protocol else _without(entry.loaded.trace, lacking)
 
 
 def _lacking(loaded: Sequence[tuple[str, Loaded]]) -> dict[str, str]:

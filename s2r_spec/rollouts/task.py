@@ -24,6 +24,7 @@ from s2r_spec.backend import (
     short,
 )
 from s2r_spec.errors import BackendError, NotBegunError, S2RError, one_of, suggest
+from s2r_spec.protocols import run_protocol
 from s2r_spec.rollouts.passed import PassedBackend
 from s2r_spec.rollouts.worker import end_copy, limit
 from s2r_spec.trace import Trace
@@ -55,6 +56,8 @@ class Task:
     """Folder for recordings other than the trace; None to keep none."""
     passed: PassedBackend | None = None
     """The backend, if the caller passed it as an object; None to open it by its name."""
+    protocol: str | None = None
+    """Name of a protocol to run with ``params``; None for a test of the specification."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +113,8 @@ def run_task(task: Task) -> tuple[Trace, float]:
         ):  # a machine is prepared before the operator
             _prepare_once(backend)
         declared = tuple(backend.parameters)
-    refuse_unknown(task.backend, declared, task.params)
+    if task.protocol is None:  # a protocol checks its own parameters
+        refuse_unknown(task.backend, declared, task.params)
     with _naming(task):
         if isinstance(backend, SaysWhenItBegins):
             backend = backend.saying(partial(limit, task.timeout))
@@ -118,7 +122,10 @@ def run_task(task: Task) -> tuple[Trace, float]:
         else:
             limit(task.timeout)
         start = perf_counter()
-        trace = backend.rollout(task.params, task.seed)
+        if task.protocol is None:
+            trace = backend.rollout(task.params, task.seed)
+        else:
+            trace = run_protocol(backend, task.protocol, task.params, task.seed)
         seconds = perf_counter() - start
     if not isinstance(trace, Trace):
         raise BackendError(

@@ -93,6 +93,8 @@ class Rounds:
             State.STANDING_UP: ("stand",),
             State.STAND: ("stand", State.STAND),
             State.WALK: ("stand", State.STAND, "walk"),
+            State.EXCITE: ("stand", State.STAND, "excite"),
+            State.EXCITE_HELD: ("stand", State.STAND, "excite_held"),
             State.LYING_DOWN: ("stand", State.STAND, "lie"),
             State.RESTING: ("stand", State.STAND, "lie", State.RESTING),
             State.DAMPING: ("stand", "damp"),

@@ -373,7 +373,7 @@ def test_a_guard_that_was_held_up_does_not_move_the_robot_on(brought, state):
 
 # What ends a motion, by state.
 
-MOVING = [State.STANDING_UP, State.STAND, State.WALK, State.LYING_DOWN]
+MOVING = [state for state, row in ROWS.items() if row.client or row.stands or row.moves]
 FAULTS = {
     "fall": {"quaternion": leaning(0.6)},
     "torque": {"tau": at(ZERO, 3, 34.0)},
@@ -516,8 +516,9 @@ def test_no_walk_begins_with_a_warm_motor(brought):
 
 REFUSED = [(do, state) for do, (origins, _) in states.BEGINNINGS.items() for state in State
            if state not in origins and (do, state) not in {("stand", State.STANDING_UP), ("stand", State.STAND),
-                                                           ("walk", State.WALK), ("stand", State.OFF),
-                                                           ("walk", State.OFF)}]  # fmt: skip
+                                                           ("walk", State.WALK), ("excite", State.EXCITE),
+                                                           ("excite_held", State.EXCITE_HELD)}
+           and state is not State.OFF]  # fmt: skip
 
 
 @pytest.mark.parametrize(("do", "state"), REFUSED)
@@ -527,7 +528,7 @@ def test_a_motion_begins_only_where_the_table_says(brought, do, state):
     assert rounds.state is state
 
 
-@pytest.mark.parametrize("do", ["halt", "lie", "damp", "stand", "walk"])
+@pytest.mark.parametrize("do", ["halt", "lie", "damp", "stand", "walk", "excite", "excite_held"])
 def test_nothing_begins_before_the_robot_is_connected(do):
     rounds = Rounds()
     rounds.ask(do)
@@ -537,11 +538,12 @@ def test_nothing_begins_before_the_robot_is_connected(do):
 # Ends.
 
 
+@pytest.mark.parametrize("state", [State.WALK, State.EXCITE, State.EXCITE_HELD])
 @pytest.mark.parametrize(("do", "end"), [("halt", State.STAND), ("lie", State.RESTING)])
-def test_a_client_is_asked_to_stop_and_stopped_if_it_does_not(brought, do, end):
-    rounds = brought(State.WALK)
+def test_a_client_is_asked_to_stop_and_stopped_if_it_does_not(brought, do, end, state):
+    rounds = brought(state)
     assert rounds.ask(do, "operator") is None
-    assert rounds.state is State.WALK
+    assert rounds.state is state
     assert rounds.machine.wanted.state is end
     assert rounds.turn(2000, orders=walking(), until=State.STAND) == states.RAMP // ROUND
     assert rounds.machine.word == "operator"
@@ -575,7 +577,7 @@ def test_a_full_disk_leaves_the_client_no_time(brought):
 def test_a_client_that_dies_leaves_the_robot_damped_where_it_is_up(brought, state):
     rounds = Rounds() if state is State.OFF else brought(state)
     alone = states.left(rounds.machine, rounds.machine.memory.now)
-    if state in (State.STANDING_UP, State.STAND, State.WALK):
+    if state in (State.STANDING_UP, State.STAND, State.WALK, State.EXCITE, State.EXCITE_HELD):
         assert (alone.state, alone.word) == (State.DAMPING, "client")
     else:
         assert alone is rounds.machine

@@ -237,6 +237,15 @@ def test_backends_lists_names_and_details(s2r):
     assert (first["name"], first["parameters"][0]["unit"]) == ("viscous", "N*s/m")
 
 
+def test_backends_lists_protocols(s2r):
+    shown = s2r("backends", "sim", code=0).stdout
+    assert "squeeze (ground, 1.9 s)" in shown
+    assert "risk: feet slip" in shown
+    (first, *_) = s2r.json("backends", "sim", code=0)["protocols"]
+    assert (first["name"], first["place"], first["duration"]) == ("air_sine", "air", 2.0)
+    assert "protocols" not in s2r.json("backends", "toy", code=0)
+
+
 def test_backends_check_exits_with_one_if_a_promise_is_broken(s2r):
     done = s2r("backends", "toy", "--check", code=0)
     assert "4 of 4" in done.stdout.splitlines()[-1]

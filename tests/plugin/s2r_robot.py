@@ -19,7 +19,10 @@ from pathlib import Path
 from s2r_toy import Toy
 
 from s2r_spec.errors import NotBegunError
+from s2r_spec.protocols import Protocol, named
+from s2r_spec.trace import Trace
 
+NOD = Protocol("nod", "The robot nods.", "ground", 1.0, 2.0, "it may hit its chin")
 HABITS = ("link", "die", "hang", "raise", "shy", "fell", "both", "slow")
 
 
@@ -49,6 +52,11 @@ class Attendance:
         if not self.unattended:
             self.operator.choose(f"Next: vd = {params['vd']:.3f}.", {"": "begin"})
             self.answers = {"battery": "full"}
+
+    def before_protocol(self, protocol, params) -> None:
+        happened("before", protocol.name)
+        if not self.unattended:
+            self.operator.choose(f"{protocol.words} Risk: {protocol.risk}.", {"": "begin"})
 
     def after(self, trace) -> None:
         happened("after", None if trace is None else len(trace.times))
@@ -98,6 +106,14 @@ class Robot(Toy):
 
     def prepare(self) -> None:
         happened("prepare")
+
+    def protocols(self):
+        return (NOD,)
+
+    def run(self, protocol, params, seed):
+        values = named(self.protocols(), protocol, self.name).values(params)
+        happened("run", protocol, seed)
+        return Trace([0.0, 1.0], {"y": [0.0, 1.0]}, {}, {"protocol": protocol, "params": values})
 
     def rollout(self, params, seed):
         number = happened("rollout", params["vd"], seed, os.getpid())

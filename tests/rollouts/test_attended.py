@@ -18,7 +18,9 @@ from s2r_spec.errors import BackendError, NotBegunError, StoppedError, UsageErro
 from s2r_spec.json_values import to_json
 from s2r_spec.report import checked, gapped, jsonform
 from s2r_spec.report.recompute import recompute, recompute_gap
+from s2r_spec.rollouts.attendance import Terms
 from s2r_spec.rollouts.journal import FILE, Journal, JournalError
+from s2r_spec.rollouts.machine_runner import MachineRunner
 from s2r_spec.rollouts.pools import process_pool
 from s2r_spec.rollouts.replay import replay
 from s2r_spec.rollouts.runner import Runner
@@ -110,6 +112,17 @@ def lines(folder):
 
 def kinds(folder):
     return [line.get("kind", "outcome") for line in lines(folder)[1:]]
+
+
+def test_a_protocol_is_attended_to_like_a_test(robot, tmp_path):
+    machine, person = s2r.load_backend("robot"), Operator()
+    journal = Journal.create(tmp_path / "r", {"run": "protocols"}, {})
+    with MachineRunner(machine, journal, None, Terms(operator=person), 2) as runner:
+        tasks = [Task(0, k, "robot", {}, k, protocol="nod", timeout=60.0) for k in (1, 2)]
+        traces = [done.trace for done in runner.run(tasks)]
+    assert [trace.meta["protocol"] for trace in traces] == ["nod", "nod"]
+    assert robot("before", "run") == ["before nod", "run nod 1", "before nod", "run nod 2"]
+    assert any(states(text, "nods", "chin") for text in person.said)
 
 
 def test_rollouts_run_one_at_a_time_in_one_process_whatever_the_pool(robot, spec, tmp_path):

@@ -16,7 +16,7 @@ Requests, and who may make them:
     hello {role: "client" | "operator", port: the client's UDP port, pid}    anybody, first
         → layout, clock, port: the guard's UDP port for this client, tick_unit
     status, halt, lie, damp {reason}, stop                                   anybody
-    stand, walk: only while an operator is attached                              the client
+    stand, walk, excite, excite_held: only while an operator is attached         the client
     record {path, header}, stop_recording → path, packets, bytes                 the client
     leave: a robot that stands is held by the guard, until another client comes   the client
     connect, arm, reset                                                      an operator
@@ -46,7 +46,9 @@ ROLES: dict[str, frozenset[Role | None]] = {
     **dict.fromkeys(
         ("hello", "status", "halt", "lie", "damp", "stop"), frozenset({None, "client", "operator"})
     ),
-    **dict.fromkeys(("stand", "walk", "record", "stop_recording", "leave"), frozenset({"client"})),
+    **dict.fromkeys(
+        ("stand", "walk", "excite", "excite_held", "record", "stop_recording", "leave"), frozenset({"client"})
+    ),
     **dict.fromkeys(("connect", "arm", "reset"), frozenset({"operator"})),
 }
 """A definition: request → roles that may make it; None is a connection before its hello."""

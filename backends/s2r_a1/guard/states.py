@@ -5,6 +5,7 @@ maps machine and inputs of a round to the next machine and the commands to send.
 
     OFF → (connect) LINKED → (arm) ARMED → (stand) STANDING_UP → STAND → (walk) WALK → (halt) STAND
     STAND → (lie) LYING_DOWN → RESTING → (stand) STANDING_UP …
+    STAND → (excite, excite_held) EXCITE, EXCITE_HELD → (halt) STAND: a protocol, on the ground or held in a rig
     from ARMED on, by any limit of the state: DAMPING → (reset) LINKED
 
 OFF sends nothing. LINKED and ARMED send no gains and no torques. DAMPING is latched: only an operator's ``reset`` ends
@@ -49,6 +50,8 @@ class State(StrEnum):
     STANDING_UP = "STANDING_UP"
     STAND = "STAND"
     WALK = "WALK"
+    EXCITE = "EXCITE"
+    EXCITE_HELD = "EXCITE_HELD"
     LYING_DOWN = "LYING_DOWN"
     RESTING = "RESTING"
     DAMPING = "DAMPING"
@@ -249,6 +252,18 @@ ROWS: dict[State, Row] = {
         stands=True,
         warnings=_WARNINGS,
     ),
+    State.EXCITE: Row(
+        (*_ROBOT, limit.HEIGHT, limit.JOINT, *_VOID, limit.CLIENT),
+        _followed,
+        client=True,
+        stands=True,
+        warnings=_WARNINGS,
+    ),
+    # In a rig the legs' geometry says nothing about the height, and legs without torque swing to their stops. A base
+    # that tilts has come loose. Angles of the client's commands stay within the joints' range.
+    State.EXCITE_HELD: Row(
+        (*_ROBOT, *_VOID, limit.CLIENT), _followed, client=True, stands=True, warnings=_WARNINGS
+    ),
     State.LYING_DOWN: Row(
         (*_ROBOT, limit.DEVIATION, *_VOID), _own, State.RESTING, moves=True, warnings=_WARNINGS
     ),
@@ -260,6 +275,8 @@ ROWS: dict[State, Row] = {
 BEGINNINGS: dict[str, tuple[frozenset[State], State]] = {
     "stand": (frozenset({State.ARMED, State.RESTING}), State.STANDING_UP),
     "walk": (frozenset({State.STAND}), State.WALK),
+    "excite": (frozenset({State.STAND}), State.EXCITE),
+    "excite_held": (frozenset({State.STAND}), State.EXCITE_HELD),
 }
 """A definition: request of a client → the states in which it is allowed, and the state that it leads to."""
 

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_a1.twin.heating import AMBIENT, warmed
-from s2r_a1.twin.lying import lying
+from s2r_a1.twin.lying import FOLDED, lying
+from s2r_a1.twin.rig import Rig
 from s2r_a1.wire import MOTORS, Orders
 from s2r_sim.controller import estimator
 from s2r_sim.controller.gains import RATE
@@ -42,15 +43,36 @@ class SensorValues(NamedTuple):
 
 
 class Body:
-    """The plant of `s2r_sim` with contacts at the knees, and sensor noise from a seed."""
+    """The plant of `s2r_sim` with contacts at the knees, on its floor or in a rig, and sensor noise from a seed."""
 
     def __init__(self, physics: Physics, seed: int, noise: Noise, start: Saved | None = None) -> None:
-        self._plant = Plant(A1, physics, knees=True)
-        self._plant.restore(lying(physics) if start is None else start)
-        self._sensors = Sensors(A1, physics, "truth")
+        self._physics = physics
         self._errors = _Errors(noise, seed)
-        self._velocity = self._plant.truth().velocity
         self.temperature = np.full(MOTORS, AMBIENT)
+        self._lie(lying(physics) if start is None else start)
+
+    _rig: Rig | None
+    _plant: Plant
+    _sensors: Sensors
+    _velocity: FloatArray
+
+    def put(self, rig: float | None) -> None:
+        """Hang the robot into a rig at a height [m] with folded legs, or lay it onto its floor (None)."""
+        if rig is None:
+            self._lie(lying(self._physics))
+            return
+        self._rig = held = Rig(self._physics, rig, FOLDED)
+        self._begin(held.plant, held.physics)
+
+    def _lie(self, start: Saved) -> None:
+        plant = Plant(A1, self._physics, knees=True)
+        plant.restore(start)
+        self._rig = None
+        self._begin(plant, self._physics)
+
+    def _begin(self, plant: Plant, physics: Physics) -> None:
+        self._plant, self._sensors = plant, Sensors(A1, physics, "truth")
+        self._velocity = plant.truth().velocity
 
     def truth(self) -> State:
         """Return the true state."""
@@ -62,7 +84,11 @@ class Body:
 
     def step(self, orders: Orders, push: FloatArray | None = None) -> SensorValues:
         """Simulate one round with these motor commands, under a (3,) force on the base [N]."""
-        self._plant.step(MotorCommand(*orders), -inf, push)
+        if self._rig is None:
+            self._plant.step(MotorCommand(*orders), -inf, push)
+        else:
+            self._plant.step(MotorCommand(*orders), -inf, self._rig.lift + (0.0 if push is None else push))
+            self._rig.hold()
         return self._measured()
 
     def _measured(self) -> SensorValues:

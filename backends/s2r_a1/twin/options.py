@@ -6,10 +6,12 @@ import argparse
 import ipaddress
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import nan
 from pathlib import Path
 from typing import Literal, NoReturn, get_args
 
 from s2r_a1.datagrams import Address
+from s2r_a1.hands import HIGHEST, LOWEST
 from s2r_a1.ticks import TickUnit
 from s2r_a1.twin.firmware import Silence
 from s2r_a1.twin.injects import KINDS, read_inject
@@ -69,6 +71,7 @@ def read_options(arguments: list[str]) -> Options:
         tick_unit=options.tick,
         injects=tuple(read_inject(text) for text in options.inject),
         start=read_start(options.start) if options.start else None,
+        rig=options.rig,
     )
     return Options(
         twin, (_loopback(options.host), options.port), options.clock, options.mocap, options.record
@@ -114,6 +117,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add("--inject", action="append", default=[], metavar="FAULT", help="a fault; repeat for several faults")
     add("--record", type=Path, metavar="FILE", help="write all packets, in both directions, to a new file")
+    add("--rig", type=_height, metavar="METRES", help="hold the base in a rig at this height, with free legs")
     add("--start", type=Path, metavar="FILE", help="begin from a saved state of the plant, not lying")
     return parser
 
@@ -129,6 +133,16 @@ def _within(low: int, high: int) -> Callable[[str], int]:
         return value
 
     return read
+
+
+def _height(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = nan
+    if not LOWEST <= value <= HIGHEST:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a height from {LOWEST:g} to {HIGHEST:g} m")
+    return value
 
 
 def _loopback(host: str) -> str:

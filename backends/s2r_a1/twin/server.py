@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from types import TracebackType
 from typing import Self
 
+from s2r_a1 import hands
 from s2r_a1.datagrams import FROM_ROBOT, LARGEST, TO_ROBOT, WAITING, Address
 from s2r_a1.ticks import PERIOD
 from s2r_a1.twin.twin import Twin
@@ -140,6 +141,11 @@ class Server:
                 data, source = self._socket.recvfrom(LARGEST)
             except OSError:  # nothing waits
                 break
+            if (place := hands.read(data)) is not None:
+                self._twin.put(*place)
+                with contextlib.suppress(OSError):
+                    self._socket.sendto(data, source)
+                continue
             self._note(TO_ROBOT, data)
             if source != self._peer and self._twin.accepts(data):
                 self._peer = source

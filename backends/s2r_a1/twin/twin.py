@@ -51,6 +51,7 @@ class TwinSettings:
         tick_unit: unit of the tick in a state.
         injects: faults.
         start: state of the plant at the first command; None for a robot that lies on its belly.
+        rig: height of the base in a rig [m]; None for a robot on the ground.
     """
 
     place: str = "lab"
@@ -62,6 +63,7 @@ class TwinSettings:
     tick_unit: TickUnit = "ms"
     injects: Injects = ()
     start: Saved | None = None
+    rig: float | None = None
 
 
 @dataclass
@@ -92,6 +94,8 @@ class Twin:
         seed = settings.seed
         noise = Noise() if settings.noise else Noise.off()
         self._body = Body(physics(settings.place), seed, noise, settings.start)
+        if settings.rig is not None:
+            self._body.put(settings.rig)
         self._firmware = Firmware(settings.delay, settings.silence)
         self._network = Network(seed)
         self._mocap = Mocap(seed)
@@ -114,6 +118,10 @@ class Twin:
     def saved(self) -> Saved:
         """Return the state of the plant, without sensors and temperatures, as a start for this or another twin."""
         return self._body.save()
+
+    def put(self, rig: float | None) -> None:
+        """Hang the robot into a rig at a height [m], or lay it onto its floor (None), between two rounds."""
+        self._body.put(rig)
 
     def save(self, path: Path) -> None:
         """Write the state of the plant to a file; see :mod:`s2r_a1.twin.start`."""
