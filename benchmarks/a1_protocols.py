@@ -8,7 +8,8 @@ about its mean, and the rms difference between two seeds of `sim`.
 
 The wire explains a part: it delays references by whole ticks of 2 ms, and it truncates gains to counts of 1/32 N·m/rad
 and 1/16 N·m·s/rad. ``as sent`` compares with `sim` under references that are delayed and truncated likewise. On the
-ground the rest is the place of the feet: after steps in place they stand some millimetres beside the simulator's.
+ground a difference remains that neither explains. The place of the feet after steps in place may cause it; no run has
+tested this.
 
 Data: a twin, no robot.
 """

@@ -8,7 +8,8 @@ the estimator are those of ``s2r_spec.diagnose``: `inference/hierarchical.py` an
 effects every one can be a cause of a twin, and a little of each is in all of them.
 
 It prints, over all twins and background included, the error of each parameter's estimate: rms, bias, slope of estimate
-on truth, and the share of truths in the 90 % intervals. A payload's place is left out: it does nothing without its mass.
+on truth, and the share of truths in the 90 % intervals. A payload's place is left out, since it does nothing without
+its mass.
 
 Then it prints named effects against the truth by size, and the misfit of twins beyond the 95 % quantile of practice
 machines. Those are the simulator itself with the same mix of effects. More than 15 % of such alarms would mean that
