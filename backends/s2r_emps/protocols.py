@@ -45,8 +45,7 @@ PROTOCOLS = (
     _protocol("chirp", _SWEEP, 6.0),
     _protocol(
         "steps",
-        "After 0.1 s the reference jumps forwards by 0.1 mm and back, by 0.3 mm and back, and by 1 mm and back, "
-        "every 0.25 s.",
+        "From 0.1 s on, the reference jumps every 0.25 s: 0.1 mm forwards and back, then 0.3 mm, then 1 mm.",
         1.6,
     ),
     _protocol("loaded", f"A known mass is clamped to the carriage. {_SWEEP}", 6.0, PAYLOAD),
