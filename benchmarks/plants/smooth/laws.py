@@ -23,6 +23,8 @@ JOINT_SPEED = 0.03
 """Definition: speed scale of the joints' Coulomb friction [rad/s]. Twice as much lets a loaded joint creep twice as fast."""
 SLIP_SPEED = 0.002
 """Definition: speed scale of the feet's friction [m/s]. Twice as much lets loaded feet creep twice as fast."""
+REACH = 0.01
+"""Tolerance: height of a foot [m] from which it is not asked for contact in a step; none falls so far in one."""
 SWEEPS = 40
 """Budget: sweeps over the contacts in a step."""
 TOLERANCE = 1e-7
@@ -78,98 +80,98 @@ def slip_speed(pulled, limit, ease):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def advance(mass, bias, jacobian, centres, velocity, torque, friction, ground, free, dt, impulses):  # type: ignore[no-untyped-def]
+def advance(terms, centres, velocity, torque, friction, ground, free, dt, impulses):  # type: ignore[no-untyped-def]
     """Return (18,) velocities a step later; ``impulses`` (4, 3) [N s], along the ground's axes, is updated in place.
 
     Args:
-        mass: (18, 18) of which the upper triangle counts.
-        bias: (18,) Coriolis, centrifugal and gravitational forces.
-        jacobian: (6, 18) of all joints in the world: linear rows at the world's origin, then angular rows.
+        terms: (18, 18) mass matrix, of which the upper triangle counts; (18,) Coriolis, centrifugal and gravitational
+            forces; (6, 18) Jacobian of all joints in the world, linear rows at its origin, then angular rows.
         centres: (4, 3) of the balls at the feet.
         velocity: (18,) at the step's beginning.
         torque: (12,) on the joints.
         friction: (2, 12) Coulomb and viscous friction of the joints.
-        ground: (12,) its axes (forward, left, normal) in the world, friction coefficient, stiffness, damping; see Plant.
+        ground: (15,) as made by ``plant.py``.
         free: first of the velocities that can change: 6 if a rig holds the base.
         dt: duration of the step.
         impulses: those of the step before.
     """
+    mass, bias, jacobian = terms
     n = 18 - free
-    radius = ground[12]
-    lower = np.zeros((n, n))
-    right = np.zeros((n, 13))
+    near = np.zeros(4, np.int64)
+    depth, push = np.zeros(4), np.zeros(18)
+    row, rows = np.zeros((3, 18)), np.zeros((12, 18))
+    count = 0
+    for foot in range(4):
+        x, y, z = centres[foot, 0], centres[foot, 1], centres[foot, 2]
+        height = x * ground[6] + y * ground[7] + z * ground[8]
+        drag = ground[13] * low(height, ground[14])
+        if drag > 0.0:
+            carry(jacobian, x, y, z, foot, row)
+            for axis in range(3):
+                speed = 0.0
+                for k in range(18):
+                    speed += row[axis, k] * velocity[k]
+                for k in range(18):
+                    push[k] -= drag * speed * row[axis, k]
+        if height - ground[12] > REACH:
+            for axis in range(3):
+                impulses[foot, axis] = 0.0
+            continue
+        depth[count] = ground[12] - height
+        below = min(ground[12], height)  # the point that touches lies below the ball's centre
+        carry(jacobian, x - below * ground[6], y - below * ground[7], z - below * ground[8], foot, row)
+        for axis in range(3):
+            for k in range(18):
+                rows[3 * count + axis, k] = (
+                    ground[3 * axis] * row[0, k]
+                    + ground[3 * axis + 1] * row[1, k]
+                    + ground[3 * axis + 2] * row[2, k]
+                )
+        near[count] = foot
+        count += 1
+    m = 3 * count
+    lower, right = np.zeros((n, n)), np.zeros((n, m + 1))
     for i in range(n):
         for j in range(i + 1):
             lower[i, j] = mass[free + j, free + i]
-    pushes = np.zeros(18)
-    rows = np.zeros((12, 18))
-    depth = np.zeros(4)
-    for foot in range(4):
-        x, y, z = centres[foot]
-        depth[foot] = radius - (x * ground[6] + y * ground[7] + z * ground[8])
-        # The point that touches: below the ball's centre along the normal.
-        reach = radius - max(depth[foot], 0.0)
-        point = (x - reach * ground[6], y - reach * ground[7], z - reach * ground[8])
-        for column in range(18):
-            if column >= 6 and (column - 6) // 3 != foot:
-                continue
-            a, b, c = jacobian[3, column], jacobian[4, column], jacobian[5, column]
-            px = jacobian[0, column] + b * point[2] - c * point[1]
-            py = jacobian[1, column] + c * point[0] - a * point[2]
-            pz = jacobian[2, column] + a * point[1] - b * point[0]
-            for axis in range(3):
-                rows[3 * foot + axis, column] = (
-                    px * ground[3 * axis] + py * ground[3 * axis + 1] + pz * ground[3 * axis + 2]
-                )
-        # Drag on a low foot, on the ball's centre, taken at the step's beginning.
-        drag = ground[13] * low(radius - depth[foot], ground[14])
-        if drag > 0.0:
-            for axis in range(3):
-                speed = 0.0
-                for column in range(18):
-                    a, b, c = jacobian[3, column], jacobian[4, column], jacobian[5, column]
-                    if column >= 6 and (column - 6) // 3 != foot:
-                        continue
-                    if axis == 0:
-                        one = jacobian[0, column] + b * z - c * y
-                    elif axis == 1:
-                        one = jacobian[1, column] + c * x - a * z
-                    else:
-                        one = jacobian[2, column] + a * y - b * x
-                    speed += one * velocity[column]
-                for column in range(18):
-                    if column >= 6 and (column - 6) // 3 != foot:
-                        continue
-                    a, b, c = jacobian[3, column], jacobian[4, column], jacobian[5, column]
-                    if axis == 0:
-                        one = jacobian[0, column] + b * z - c * y
-                    elif axis == 1:
-                        one = jacobian[1, column] + c * x - a * z
-                    else:
-                        one = jacobian[2, column] + a * y - b * x
-                    pushes[column] -= drag * speed * one
-    for i in range(n):
-        total = pushes[free + i] - bias[free + i]
-        if free + i >= 6:
-            j = free + i - 6
-            slope = joint_slope(friction[0, j], friction[1, j], velocity[6 + j])
+        total, joint = push[free + i] - bias[free + i], free + i - 6
+        if joint >= 0:
+            slope = joint_slope(friction[0, joint], friction[1, joint], velocity[6 + joint])
             lower[i, i] += dt * slope
-            total += torque[j] - slope * velocity[6 + j]
-        right[i, 12] = dt * total
-        for row in range(12):
-            right[i, row] = rows[row, free + i]
+            total += torque[joint] - slope * velocity[6 + joint]
+        for k in range(m):
+            right[i, k] = rows[k, free + i]
+        right[i, m] = dt * total
     solve(lower, right)
-    able = rows[:, free:].copy()
-    ease = able @ right[:, :12].copy()
-    moving = rows @ velocity + able @ right[:, 12].copy()
-    contact(ease, moving, depth, ground, dt, impulses)
-    after = velocity.copy()
+    after = np.zeros(18)
     for i in range(n):
-        change = right[i, 12]
-        for row in range(12):
-            change += right[i, row] * impulses[row // 3, row % 3]
-        after[free + i] += change
+        after[free + i] = velocity[free + i] + right[i, m]
+    ease, moving, found = np.zeros((12, 12)), np.zeros(12), np.zeros((4, 3))
+    for k in range(m):
+        for i in range(n):
+            moving[k] += rows[k, free + i] * after[free + i]
+            for other in range(m):
+                ease[k, other] += rows[k, free + i] * right[i, other]
+        found[k // 3, k % 3] = impulses[near[k // 3], k % 3]
+    contact(count, ease, moving, depth, ground, dt, found)
+    for k in range(m):
+        impulses[near[k // 3], k % 3] = found[k // 3, k % 3]
+        for i in range(n):
+            after[free + i] += right[i, k] * found[k // 3, k % 3]
     return after
+
+
+@numba.njit(cache=True)
+def carry(jacobian, x, y, z, foot, row):  # type: ignore[no-untyped-def]
+    """Write (3, 18) what carries velocities to the velocity of the point (x, y, z) on a foot, world axes."""
+    for k in range(18):
+        row[0, k] = row[1, k] = row[2, k] = 0.0
+    for k in range(9):
+        column = k if k < 6 else 3 * foot + k
+        a, b, c = jacobian[3, column], jacobian[4, column], jacobian[5, column]
+        row[0, column] = jacobian[0, column] + b * z - c * y
+        row[1, column] = jacobian[1, column] + c * x - a * z
+        row[2, column] = jacobian[2, column] + a * y - b * x
 
 
 @numba.njit(cache=True)
@@ -190,57 +192,57 @@ def solve(lower, right):  # type: ignore[no-untyped-def]
             for k in range(j):
                 total -= lower[i, k] * lower[j, k]
             lower[i, j] = np.sqrt(total) if i == j else total / lower[j, j]
-    for i in range(n):
-        for k in range(i):
-            right[i] -= lower[i, k] * right[k]
-        right[i] /= lower[i, i]
-    for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
-            right[i] -= lower[k, i] * right[k]
-        right[i] /= lower[i, i]
+    for c in range(right.shape[1]):
+        for i in range(n):
+            for k in range(i):
+                right[i, c] -= lower[i, k] * right[k, c]
+            right[i, c] /= lower[i, i]
+        for i in range(n - 1, -1, -1):
+            for k in range(i + 1, n):
+                right[i, c] -= lower[k, i] * right[k, c]
+            right[i, c] /= lower[i, i]
 
 
 @numba.njit(cache=True)
-def contact(ease, moving, depth, ground, dt, impulses):  # type: ignore[no-untyped-def]
-    """Find (4, 3) impulses that agree with the laws at the step's end, foot by foot until nothing changes.
+def contact(count, ease, moving, depth, ground, dt, impulses):  # type: ignore[no-untyped-def]
+    """Find the impulses of feet that agree with the laws at the step's end, foot by foot until nothing changes.
 
     Kelvin–Voigt rubber that cannot pull, N = max(0, k δ + c δ̇), and friction μ N tanh(|s| / v_s) against the slip s.
+
+    Args:
+        count: number of the feet; they come first in all arrays.
+        ease: (12, 12) velocities of the contacts under unit impulses.
+        moving: (12,) velocities of the contacts without impulses.
+        depth: (4,) of the feet in the ground.
+        ground: as in :func:`advance`.
+        dt: duration of the step.
+        impulses: (4, 3), a first guess; updated in place.
     """
     mu, stiffness, damping = ground[9], ground[10], ground[11]
     gain = stiffness * dt + damping
-    for foot in range(4):
-        if depth[foot] <= -0.01:
-            impulses[foot] = 0.0
+    v = np.empty(3)
     for _ in range(SWEEPS):
         largest = 0.0
-        for foot in range(4):
-            if depth[foot] <= -0.01:
-                continue
+        for foot in range(count):
             f = 3 * foot
-            v = np.empty(3)
+            x, y, z = impulses[foot, 0], impulses[foot, 1], impulses[foot, 2]
             for axis in range(3):
                 v[axis] = moving[f + axis]
-                for other in range(4):
-                    for a in range(3):
-                        v[axis] += ease[f + axis, 3 * other + a] * impulses[other, a]
-            before = impulses[foot].copy()
-            without = v[2] - ease[f + 2, f + 2] * before[2]
+                for k in range(3 * count):
+                    v[axis] += ease[f + axis, k] * impulses[k // 3, k % 3]
+            without = v[2] - ease[f + 2, f + 2] * z
             normal = dt * (stiffness * depth[foot] - gain * without) / (1.0 + dt * gain * ease[f + 2, f + 2])
             if depth[foot] - dt * without <= 0.0 or normal < 0.0:
                 normal = 0.0
-            change = normal - before[2]
-            impulses[foot, 2] = normal
-            v[0] += ease[f, f + 2] * change
-            v[1] += ease[f + 1, f + 2] * change
             each = max(ease[f, f], ease[f + 1, f + 1]) + abs(ease[f, f + 1])
-            x, y = v[0] - each * before[0], v[1] - each * before[1]
-            pulled = np.hypot(x, y)
-            if normal == 0.0 or pulled == 0.0:
-                impulses[foot, 0] = impulses[foot, 1] = 0.0
-            else:
-                held = (pulled - slip_speed(pulled, mu * normal, each)) / each
-                impulses[foot, 0], impulses[foot, 1] = -held * x / pulled, -held * y / pulled
-            for axis in range(3):
-                largest = max(largest, abs(impulses[foot, axis] - before[axis]))
+            pull_x = v[0] + ease[f, f + 2] * (normal - z) - each * x
+            pull_y = v[1] + ease[f + 1, f + 2] * (normal - z) - each * y
+            pulled = np.hypot(pull_x, pull_y)
+            held = 0.0
+            if normal > 0.0 and pulled > 0.0:
+                held = (1.0 - slip_speed(pulled, mu * normal, each) / pulled) / each
+            impulses[foot, 0], impulses[foot, 1], impulses[foot, 2] = -held * pull_x, -held * pull_y, normal
+            change = abs(impulses[foot, 0] - x) + abs(impulses[foot, 1] - y) + abs(normal - z)
+            largest = max(largest, change)
         if largest < TOLERANCE:
             break

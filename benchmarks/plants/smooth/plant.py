@@ -106,9 +106,7 @@ class Plant:
             self._read(self._law)
             torque = self._constant * self._drives[2]
             self.v = advance(
-                self._data.M,
-                self._data.nle,
-                self._data.J,
+                (self._data.M, self._data.nle, self._data.J),
                 self._centres,
                 self.v,
                 torque,

@@ -169,10 +169,10 @@ def _model(machine: Machine, held: bool, slope: float) -> Any:
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
     option = spec.option
-    option.timestep, option.noslip_iterations, option.iterations = STEP, 6, 30
+    option.timestep, option.noslip_iterations, option.iterations = STEP, 3, 30
     option.integrator = mujoco.mjtIntegrator.mjINT_RK4
     option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
-    option.disableflags = mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    option.disableflags = mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_ISLAND
     surface = _surface(machine)
     spec.worldbody.add_geom(
         name="ground",
