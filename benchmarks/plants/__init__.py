@@ -1,4 +1,4 @@
-"""Two A1s by other authors: other contact, integrator, drives and noise than the simulator and than the blind generator.
+"""Two A1s by other authors: other contact, integrator, drives and noise than the simulator and the blind generator.
 
 Of a machine with nothing wrong, a diagnosis should name nothing, whoever wrote its laws. These plants are for that, and
 for machines with one large effect. Both run the trot of ``specs/a1_velocity.stl`` and the A1's excitation protocols.

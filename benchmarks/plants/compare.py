@@ -1,19 +1,22 @@
 """Are the two plants as good a model of a healthy A1 as the simulator is? A comparison of nominal machines.
 
-Run: OMP_NUM_THREADS=1 python -m benchmarks.plants.compare
+Run: OMP_NUM_THREADS=1 python -m benchmarks.plants.compare [--write]
 
-For each protocol and for trots at three commands: the rms over samples and joints of the difference of a plant from the
-simulator, in joint angle, in torque, in the base's height, and, for trots, in forward velocity. Trots are first averaged
-over gait cycles of the last second, from FR's touch-down on; so is the noise. Beside it the same figures of the blind
-generator, another model of the same robot, and of a second seed of the simulator. All machines are nominal.
+For each protocol, and for trots at three commands, it prints the rms over samples and joints of the difference from the
+simulator: in joint angle, torque and the base's height and, for trots, in forward velocity. Noise is reduced first:
+trots are averaged over the gait cycles of the last second, and protocols over 10 ms. Beside the two plants are the blind
+generator, another model of the same robot, and a second seed of the simulator. All machines are nominal.
 
 Then how far feet sink on soft ground, as parts of the catalogue's ``sink``, in standing and in the trot.
 """
 
 from __future__ import annotations
 
+import argparse
+import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +24,10 @@ from numpy.typing import NDArray
 from benchmarks.blind.a1.protocols import Bench
 from benchmarks.blind.a1.rollout import Runner
 from benchmarks.blind.a1.twin import Twin
+from benchmarks.machine import describe
 from benchmarks.plants import PLANTS, Plant
 from benchmarks.plants.machine import Machine
+from benchmarks.plants.robot import PROTOCOLS
 from benchmarks.plants.rollout import PERIOD
 from s2r_sim.backend import SimBackend
 from s2r_spec.trace import Trace
@@ -31,9 +36,8 @@ FloatArray = NDArray[np.float64]
 Source = Callable[[str, int], Trace]
 """A protocol's name or a command of a trot [m/s], and a seed → trace."""
 
+RESULT = Path(__file__).parents[1] / "results" / "plants.txt"
 COMMANDS = ("-0.2", "0.1", "0.3")
-PROTOCOLS = ("air_sine", "air_coast", "air_low", "squat", "sway", "squeeze", "hold")
-CHANNELS = ("q", "tau", "height", "vx")
 SMOOTHING = 5
 """Definition: samples over which protocols are averaged before they are compared, 10 ms."""
 SINK = 0.01
@@ -89,11 +93,12 @@ def sunk(trace: Trace) -> float:
     return float(depth[trace["contact"] > 0].mean())
 
 
-def main() -> None:
+def tracking() -> Iterator[str]:
+    """Yield the lines of the first table."""
     of = sources()
-    units = {"q": "mrad", "tau": "N m", "height": "mm", "vx": "mm/s"}
-    factor = {"q": 1e3, "tau": 1.0, "height": 1e3, "vx": 1e3}
-    print(f"{'':10} {'machine':10} {'s':>5}  " + "  ".join(f"{name:>6} [{units[name]}]" for name in CHANNELS), "  rms tau")
+    units = {"q": ("mrad", 1e3), "tau": ("N m", 1.0), "height": ("mm", 1e3), "vx": ("mm/s", 1e3)}
+    heads = "".join(f"{f'{name} [{unit}]':>13}" for name, (unit, _) in units.items())
+    yield f"{'':10} {'machine':10} {'CPU [s]':>7}{heads}{'rms tau':>9}"
     for what in (*COMMANDS, *PROTOCOLS):
         nominal = of["simulator"](what, 1)
         for name, source in of.items():
@@ -101,18 +106,38 @@ def main() -> None:
             began = time.process_time()
             trace = source(what, 2)
             seconds = time.process_time() - began
-            channels = CHANNELS if what in COMMANDS else CHANNELS[:3]
-            row = [f"{factor[one] * difference(nominal, trace, one):13.3f}" for one in channels]
+            row = "".join(
+                f"{factor * difference(nominal, trace, channel):13.3f}"
+                if channel != "vx" or what in COMMANDS
+                else f"{'':13}"
+                for channel, (_, factor) in units.items()
+            )
             level = float(np.sqrt(np.mean(trace["tau"] ** 2)))
-            print(f"{what:10} {name:10} {seconds:5.2f} {' '.join(row)}  {level:.3f} {trace.failure or ''}", flush=True)
-    print(f"\nmean depth of standing feet on soft ground of sink {SINK} m, as part of it")
-    soft = {"soft_ground": {"sink": SINK}}
-    sim = SimBackend().with_effects(soft)
-    plants = {name: Plant(author, Machine({"soft_ground.sink": SINK})) for name, author in PLANTS.items()}
-    print(f"simulator  squat {sunk(sim.run('squat', {}, 1)) / SINK:.2f}  trot {sunk(sim.rollout({'vd': 0.1}, 1)) / SINK:.2f}")
-    for name, plant in plants.items():
-        squat, trot = plant.run("squat", np.random.default_rng(1)), plant.trot(0.1, np.random.default_rng(1))
-        print(f"{name:10} squat {sunk(squat) / SINK:.2f}  trot {sunk(trot) / SINK:.2f}")
+            yield f"{what:10} {name:10} {seconds:7.2f}{row}{level:9.3f} {trace.failure or ''}".rstrip()
+
+
+def sinking() -> Iterator[str]:
+    """Yield the lines of the second table."""
+    yield f"mean depth of standing feet on soft ground of sink {SINK} m, as part of it"
+    sim = SimBackend().with_effects({"soft_ground": {"sink": SINK}})
+    runs = {"simulator": (sim.run("squat", {}, 1), sim.rollout({"vd": 0.1}, 1))}
+    for name, author in PLANTS.items():
+        plant = Plant(author, Machine({"soft_ground.sink": SINK}))
+        runs[name] = plant.run("squat", np.random.default_rng(1)), plant.trot(0.1, np.random.default_rng(1))
+    for name, (squat, trot) in runs.items():
+        yield f"{name:10} squat {sunk(squat) / SINK:.2f}  trot {sunk(trot) / SINK:.2f}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--write", action="store_true", help=f"write {RESULT.name}")
+    write = parser.parse_args().write
+    lines = [json.dumps(describe("mujoco", "numba", "numpy", "pin"))]
+    for line in (*tracking(), "", *sinking()):
+        print(line)
+        lines.append(line)
+    if write:
+        RESULT.write_text("\n".join(lines) + "\n")
 
 
 if __name__ == "__main__":

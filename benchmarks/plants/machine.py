@@ -14,17 +14,37 @@ from numpy.random import Generator
 
 from benchmarks.plants.robot import A1, CATALOGUE, LEGS, Inertia, fused
 
-NOMINAL = {
-    f"{effect.name}.{parameter.name}": parameter.nominal
-    for effect in CATALOGUE.values()
-    for parameter in effect.parameters
+EFFECTS: dict[str, tuple[str, ...]] = {
+    "motor_strength": ("factor",),
+    "latency": ("delay",),
+    "dry_friction": ("torque",),
+    "viscous_friction": ("coefficient",),
+    "armature": ("inertia",),
+    "payload": ("mass",),
+    "com_offset": ("x", "y", "z"),
+    "torque_constant": ("factor",),
+    "encoder_offset": ("hip", "thigh", "calf"),
+    "soft_ground": ("sink",),
+    "ground_friction": ("factor",),
+    "foot_drag": ("coefficient",),
+    "slope": ("angle",),
+    "attitude_bias": ("roll", "pitch"),
+    "velocity_bias": ("forward", "left"),
+    "velocity_scale": ("factor",),
 }
-"""Definition: the value of every parameter of the catalogue that does nothing."""
+"""Definition: the effects that both plants have, and the parameters of which a case has one."""
+
+NOMINAL = {
+    f"{name}.{parameter.name}": parameter.nominal
+    for name in EFFECTS
+    for parameter in CATALOGUE[name].parameters
+}
+"""Definition: the value of every parameter of these effects that does nothing."""
 
 MASS, RUBBER, GROUND, JOINT, NOISE = 0.015, 0.3, 0.05, 0.2, 0.5
 """Definitions: half-widths of uniform spreads of healthy machines, as shares of the nominal figure.
 
-Of the mass of each link, the stiffness of rubber, the friction of the ground, the friction of each joint, and all noise.
+Of the mass of each link, the stiffness of rubber, the friction of the ground and of each joint, and of all noise.
 """
 DAY_GROUND, DAY_JOINT = 0.02, 0.03
 """Definitions: standard deviations from run to run of the friction of ground and joints, as shares."""
@@ -53,6 +73,10 @@ class Machine:
     joints: tuple[float, ...] = (1.0,) * 12
     noise: float = 1.0
 
+    def __post_init__(self) -> None:
+        if unknown := sorted(set(self.effects) - set(NOMINAL)):
+            raise ValueError(f"the plants have no effect {unknown[0]!r}; they have {', '.join(NOMINAL)}")
+
     def __getitem__(self, name: str) -> float:
         """Return the value of an effect's parameter, such as "payload.mass"."""
         return self.effects.get(name, NOMINAL[name])
@@ -65,7 +89,7 @@ class Machine:
         )
 
     def friction(self, nominal: float, added: float) -> np.ndarray:
-        """Return (12,) a friction of the joints: a nominal one, and an effect's, whose mean over joints is ``added``."""
+        """Return (12,) a friction of the joints: a nominal one, and an effect's with the mean ``added``."""
         share = np.array(self.joints)
         return nominal * share + added * share / share.mean()
 
@@ -76,7 +100,9 @@ def healthy(rng: Generator) -> Machine:
     def near(width: float, count: int) -> tuple[float, ...]:
         return tuple((1.0 + width * rng.uniform(-1.0, 1.0, count)).tolist())
 
-    return Machine({}, near(MASS, 13), near(RUBBER, 1)[0], near(GROUND, 1)[0], near(JOINT, 12), near(NOISE, 1)[0])
+    return Machine(
+        {}, near(MASS, 13), near(RUBBER, 1)[0], near(GROUND, 1)[0], near(JOINT, 12), near(NOISE, 1)[0]
+    )
 
 
 def bodies(machine: Machine, load: Inertia) -> tuple[Inertia, list[list[Link]]]:

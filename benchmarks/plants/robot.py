@@ -12,6 +12,7 @@ from s2r_sim.effects import CATALOGUE
 from s2r_sim.plant.channels import CHANNELS
 from s2r_sim.plant.physics import FallLimits, Physics
 from s2r_sim.plant.recorder import Recorder
+from s2r_sim.protocols import PROTOCOLS as EXCITATION
 from s2r_sim.protocols.references import Reference, reference
 from s2r_sim.robot.figures import A1, GRAVITY, LEGS, Inertia, fused
 from s2r_sim.robot.signals import Command, MotorCommand, State
@@ -20,9 +21,11 @@ __all__ = [
     "A1",
     "CATALOGUE",
     "CHANNELS",
+    "EXCITATION",
     "FALL",
     "GRAVITY",
     "LEGS",
+    "PROTOCOLS",
     "RATE",
     "Command",
     "Controller",
@@ -41,6 +44,8 @@ __all__ = [
     "specific_force",
 ]
 
+PROTOCOLS = tuple(protocol.name for protocol in EXCITATION)
+"""Names of the excitation protocols."""
 FALL = FallLimits()
 """The laboratory's rule of a fall, the same as in simulation."""
 

@@ -19,7 +19,6 @@ from benchmarks.plants.robot import (
     FALL,
     RATE,
     Command,
-    Controller,
     Memory,
     MotorCommand,
     State,
@@ -122,7 +121,7 @@ class _Run:
     machine: Machine
     body: Body
     senses: Senses
-    command: Command = Command()
+    command: Command
 
     def __post_init__(self) -> None:
         self.log = logger(self.command, self.machine["slope.angle"])
@@ -165,9 +164,7 @@ class _Run:
         if protocol is not None:
             channels = {name: values for name, values in channels.items() if name not in WALK_ONLY}
             meta["protocol"] = protocol
-        return Trace(
-            np.arange(n) / RATE, channels, units={name: UNITS[name] for name in channels}, meta=meta
-        )
+        return Trace(np.arange(n) / RATE, channels, units={name: UNITS[name] for name in channels}, meta=meta)
 
     def _estimate(self) -> FloatArray:
         """Return the robot's own estimate of its velocity [m/s], world axes, over settling and run."""
@@ -222,7 +219,7 @@ def run(
     ticks = len(made.q)
     machine = machine.of_today(rng)
     body = author.body(machine, made.held, rng)
-    one = _Run(machine, body, author.senses(machine, rng, HELD + ticks))
+    one = _Run(machine, body, author.senses(machine, rng, HELD + ticks), Command())
     body.place(made.height, made.q[0] + DISPLACED * rng.normal(size=12))
     ones, none = np.ones(12), np.zeros(12)
     stance = (True,) * 4
@@ -244,7 +241,11 @@ def run(
 
 
 def _distorted(
-    machine: Machine, velocity: FloatArray, yaw: float | FloatArray, sine: Callable = sin, cosine: Callable = cos
+    machine: Machine,
+    velocity: FloatArray,
+    yaw: float | FloatArray,
+    sine: Callable = sin,
+    cosine: Callable = cos,
 ) -> FloatArray:
     """Return (2, …) a velocity [m/s], world axes, with the errors of scale and bias."""
     scale = machine["velocity_scale.factor"]
@@ -255,7 +256,10 @@ def _distorted(
 
 
 def carried(white: FloatArray, time: float) -> FloatArray:
-    """Return a first-order Gauss–Markov process of unit variance and this correlation time [s] from (ticks, width) unit noise."""
+    """Return (ticks, width) of a first-order Gauss–Markov process with unit variance and this correlation time [s].
+
+    ``white`` (ticks, width) is unit normal noise, one sample a control tick.
+    """
     keep = exp(-1.0 / (RATE * time))
     drive = sqrt(1.0 - keep**2) * white
     drive[0] = white[0]

@@ -12,17 +12,17 @@ import numpy as np
 TORQUE_LIMIT = 33.5
 """Definition: largest torque of a motor at its joint [N m], by the vendor."""
 TOP_SPEED = 21.0
-"""Definition: speed without load at the full supply [rad/s], by the vendor."""
+"""Definition: speed of a motor without load [rad/s], by the vendor."""
 CURRENT_TIME = 0.0006
-"""Definition: time constant of the current loop [s], a bandwidth of 265 Hz. Twice as much delays torques by 0.6 ms more."""
+"""Definition: time constant of the current loop [s], a bandwidth of 265 Hz. Doubled, torques come 0.6 ms later."""
 SPEED_TIME = 0.0008
-"""Definition: time constant of the drive's speed filter [s]. Twice as much delays the measured speed by 0.8 ms more."""
+"""Definition: time constant of the drive's speed filter [s]. Doubled, speeds are read 0.8 ms later."""
 ENCODER_STEP = 2.0 * np.pi / 65536.0
 """Definition: resolution of the encoders at the joint [rad], 16 bits a turn."""
 JOINT_SPEED = 0.03
-"""Definition: speed scale of the joints' Coulomb friction [rad/s]. Twice as much lets a loaded joint creep twice as fast."""
+"""Definition: speed scale of the joints' Coulomb friction [rad/s]. Doubled, a loaded joint creeps twice as fast."""
 SLIP_SPEED = 0.002
-"""Definition: speed scale of the feet's friction [m/s]. Twice as much lets loaded feet creep twice as fast."""
+"""Definition: speed scale of the feet's friction [m/s]. Doubled, loaded feet creep twice as fast."""
 REACH = 0.01
 """Tolerance: height of a foot [m] from which it is not asked for contact in a step; none falls so far in one."""
 SWEEPS = 40
@@ -32,11 +32,16 @@ TOLERANCE = 1e-7
 
 
 @numba.njit(cache=True)
-def drive(law, strength, voltage, dt, angle, speed, state):  # type: ignore[no-untyped-def]
+def drive(law, strength, dt, angle, speed, state):  # type: ignore[no-untyped-def]
     """Run the drives for one step.
 
-    ``law`` (5, 12) is q, q̇, Kp, Kd, τ of the motor law. ``angle`` and ``speed`` (12,) are those of the encoders' shafts.
-    ``state`` (4, 12) is the angle as read, its speed, the current as a torque [N m] and whether there was a step before.
+    Args:
+        law: (5, 12) q, q̇, Kp, Kd, τ of the motor law.
+        strength: torque that flows, as a fraction of the command.
+        dt: duration of the step [s].
+        angle: (12,) of the encoders' shafts [rad].
+        speed: (12,) of the same [rad/s].
+        state: (4, 12) angle as read, its speed, current as a torque [N m], and whether there was a step before.
     """
     for j in range(12):
         read = np.round(angle[j] / ENCODER_STEP) * ENCODER_STEP
@@ -48,7 +53,7 @@ def drive(law, strength, voltage, dt, angle, speed, state):  # type: ignore[no-u
         wanted = law[4, j] + law[2, j] * (law[0, j] - read) + law[3, j] * (law[1, j] - state[1, j])
         wanted = strength * min(max(wanted, -TORQUE_LIMIT), TORQUE_LIMIT)
         if wanted * speed[j] > 0.0:  # back electromotive force limits a driving torque
-            most = strength * TORQUE_LIMIT * max(2.0 * (voltage - abs(speed[j]) / TOP_SPEED), 0.0)
+            most = strength * TORQUE_LIMIT * max(2.0 * (1.0 - abs(speed[j]) / TOP_SPEED), 0.0)
             wanted = min(max(wanted, -most), most)
         state[2, j] += (wanted - state[2, j]) * (1.0 - np.exp(-dt / CURRENT_TIME))
 

@@ -4,7 +4,8 @@ Laws (``laws.py`` has them in code):
 
     contact     N = max(0, k δ + c δ̇), no adhesion; friction μ N tanh(|s| / v_s); both at the step's end
     joints      F tanh(q̇ / v_j) + b q̇, in the step implicit
-    drives      the motor law at 2 kHz on 16-bit encoders, with speeds by filtered differences; a first-order current loop
+    drives      the motor law at 2 kHz on 16-bit encoders, with speeds by filtered differences; a first-order
+                current loop, and at most 2 (1 − |q̇| / 21 rad/s) of the largest torque while driving
     motion      v' = v + dt M⁻¹(τ − h) + M⁻¹ Jᵀ λ, then q' = q ⊕ dt v'
 
 A held base is exactly at rest. There are no ends of joints, no torsional friction, and the trunk touches nothing.
@@ -31,11 +32,11 @@ STEP = 0.0005
 """Definition: duration of a step [s]."""
 STEPS = round(1.0 / (RATE * STEP))
 ARMATURE, DRY, VISCOUS = 0.005, 0.1, 0.05
-"""Definitions: inertia [kg m²], Coulomb friction [N m] and viscous friction [N m s/rad] of a joint, as in the data sheet."""
+"""Definitions: inertia [kg m²], Coulomb friction [N m] and viscous friction [N m s/rad] of a joint."""
 FRICTION = 0.8
 """Definition: friction coefficient of rubber on the ground."""
 STIFFNESS, DAMPING = 6e4, 150.0
-"""Definitions: of a foot [N/m] and [N s/m]: 0.6 mm under a quarter of the robot. The rubber's factor multiplies the first."""
+"""Definitions: of a foot [N/m] and [N s/m]. A quarter of the robot sinks 0.6 mm. Doubled, half as far."""
 SOIL = 85.0
 """Definition: load [N] under which soft ground gives way by its ``sink``. Half the robot then sinks by 0.8 of it.
 
@@ -73,7 +74,6 @@ class Plant:
         self._ground = _ground(machine, held)
         self._offset = np.tile([machine[f"encoder_offset.{joint}"] for joint in ("hip", "thigh", "calf")], 4)
         self._strength, self._constant = machine["motor_strength.factor"], machine["torque_constant.factor"]
-        self._voltage = machine["torque_speed_line.voltage"]
         self._delay = round(machine["latency.delay"] / STEP)
         self.q, self.v = pin.neutral(self._model), np.zeros(18)
 
@@ -131,9 +131,7 @@ class Plant:
         return float(pin.computeMechanicalEnergy(self._model, self._data, self.q, self.v))
 
     def _read(self, law: FloatArray) -> None:
-        drive(
-            law, self._strength, self._voltage, STEP, self.q[7:] + self._offset, self.v[6:], self._drives
-        )
+        drive(law, self._strength, STEP, self.q[7:] + self._offset, self.v[6:], self._drives)
 
     def _motion(self) -> None:
         """Compute the terms of motion at the present state."""
@@ -169,7 +167,7 @@ def _inertia(inertia: Inertia) -> pin.Inertia:
 def _ground(machine: Machine, held: bool) -> FloatArray:
     """Return (15,): axes forward, left, normal; μ, stiffness, damping; the foot's radius; drag and its height.
 
-    Soft ground is a spring in series with the rubber. Their common damping keeps the rubber's share of critical damping.
+    Soft ground is a spring in series with the rubber. Both together keep the rubber's damping ratio.
     """
     slope = 0.0 if held else radians(machine["slope.angle"])
     rubber, sink = STIFFNESS * machine.rubber, machine["soft_ground.sink"]
@@ -177,4 +175,6 @@ def _ground(machine: Machine, held: bool) -> FloatArray:
     axes = (cos(slope), 0.0, sin(slope), 0.0, 1.0, 0.0, -sin(slope), 0.0, cos(slope))
     mu = FRICTION * machine.ground * machine["ground_friction.factor"]
     damping = DAMPING * sqrt(stiffness / STIFFNESS)
-    return np.array([*axes, mu, stiffness, damping, A1.foot_radius, machine["foot_drag.coefficient"], DRAG_HEIGHT])
+    return np.array(
+        [*axes, mu, stiffness, damping, A1.foot_radius, machine["foot_drag.coefficient"], DRAG_HEIGHT]
+    )

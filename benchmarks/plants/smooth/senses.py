@@ -33,7 +33,10 @@ class Senses:
         errors[:, 6:9] = VELOCITY * carried(rng.normal(size=(ticks, 3)), VELOCITY_TIME)
         errors[:, 9:12] = GYRO * rng.normal(size=(ticks, 3)) + GYRO_BIAS * rng.normal(size=3)
         self._errors = machine.noise * errors
-        self._errors[:, 3:5] += radians(machine["attitude_bias.roll"]), radians(machine["attitude_bias.pitch"])
+        self._errors[:, 3:5] += (
+            radians(machine["attitude_bias.roll"]),
+            radians(machine["attitude_bias.pitch"]),
+        )
         self._rate: FloatArray | None = None
         self._tick = 0
 

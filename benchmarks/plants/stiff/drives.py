@@ -12,7 +12,7 @@ TORQUE_STEP = 1.0 / 64.0
 GEAR_LOSS = 0.01
 """Definition: part of a gear's load that it loses to dry friction. A planetary stage loses 1 to 3 %."""
 STRIBECK, STRIBECK_SPEED = 0.25, 0.15
-"""Definitions: part by which dry friction is higher at rest, and the speed at which that has fallen to a third [rad/s]."""
+"""Definitions: part by which dry friction is higher at rest, and the speed [rad/s] that leaves a third of it."""
 FLUID_POWER = 0.9
 """Definition: power of speed in viscous friction, per 1 rad/s: grease thins."""
 

@@ -40,7 +40,7 @@ Dry friction with rise at rest and gear loss is on average near the data sheet's
 FRICTION = 0.8
 """Definition: friction coefficient of rubber on the ground, along the sides of the pyramid."""
 FOOT_WIDTH = 0.006
-"""Definition: half length of a foot's capsule, across the robot [m]. Twice as much widens the stance by 6 mm at most."""
+"""Definition: half length of a foot's capsule, across the robot [m]. Doubled, the stance is 6 mm wider at most."""
 RATE_SQUARED, DAMPING_RATIO, IMPEDANCE = 8e4, 0.9, 0.95
 """Definitions: stiffness per mass of a contact [1/s²], its damping ratio, and MuJoCo's impedance."""
 SOFT_IMPEDANCE, SINKAGE = 0.6, 0.5

@@ -13,10 +13,8 @@ from benchmarks.plants.rollout import carried
 
 FloatArray = NDArray[np.float64]
 
-COLOURED = np.repeat(
-    (0.0003, 0.0018, 0.0015, 0.009, 0.010, 0.0006, 0.03), (3, 2, 1, 3, 3, 12, 12)
-)
-"""Definitions: (36,) standard deviations of a measured state: [m], [rad], [m/s], [rad/s], then joints [rad], [rad/s]."""
+COLOURED = np.repeat((0.0003, 0.0018, 0.0015, 0.009, 0.010, 0.0006, 0.03), (3, 2, 1, 3, 3, 12, 12))
+"""Definitions: (36,) standard deviations of a measured state [m], [rad], [m/s], [rad/s]; joints [rad], [rad/s]."""
 TIME = np.repeat((0.05, 0.08, 0.08, 0.015, 0.004, 0.003, 0.003), (3, 2, 1, 3, 3, 12, 12))
 """Definitions: (36,) correlation times of the same [s]."""
 WHITE = 1.0 / 3.0
@@ -34,10 +32,13 @@ class Senses:
         self._rng, self._noise = rng, machine.noise
         errors = WHITE * rng.normal(size=(ticks, 36))
         for time in np.unique(TIME):
-            alike = np.flatnonzero(TIME == time)
+            alike = np.flatnonzero(time == TIME)
             errors[:, alike] += carried(rng.normal(size=(ticks, alike.size)), float(time))
         self._errors = machine.noise * COLOURED * errors
-        self._errors[:, 3:5] += radians(machine["attitude_bias.roll"]), radians(machine["attitude_bias.pitch"])
+        self._errors[:, 3:5] += (
+            radians(machine["attitude_bias.roll"]),
+            radians(machine["attitude_bias.pitch"]),
+        )
         self._tick = 0
 
     def read(self, truth: FloatArray, encoders: FloatArray) -> FloatArray:
