@@ -4,8 +4,9 @@ Run: OMP_NUM_THREADS=1 python -m benchmarks.plants.compare [--write]
 
 For each protocol, and for trots at three commands, it prints the rms over samples and joints of the difference from the
 simulator: in joint angle, torque and the base's height and, for trots, in forward velocity. Noise is reduced first:
-trots are averaged over the gait cycles of the last second, and protocols over 10 ms. Beside the two plants are the blind
-generator, another model of the same robot, and a second seed of the simulator. All machines are nominal.
+trots are averaged over the gait cycles of the last second, and protocols over 10 ms. Beside the two plants are the
+blind generator, another model of the same robot, and a second seed of the simulator. All machines are nominal. In a
+trot, feet stand a little wider or narrower from seed to seed, which moves the hips' angles.
 
 Then how far feet sink on soft ground, as parts of the catalogue's ``sink``, in standing and in the trot.
 """
