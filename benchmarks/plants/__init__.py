@@ -1,8 +1,9 @@
 """Two A1s by other authors: other contact, integrator, drives and noise than the simulator and the blind generator.
 
-Of a machine with nothing wrong, a diagnosis should name nothing, whoever wrote its laws. These plants are for that, and
-for machines with one large effect. Both run the trot of ``specs/a1_velocity.stl`` and the A1's excitation protocols.
-They share the robot's controller, logger and figures with the simulator (``robot.py``), and nothing else.
+A diagnosis of a machine with nothing wrong should name nothing, whoever wrote the machine's laws. These plants test
+that. With one large effect, it should name that effect. Both run the trot of ``specs/a1_velocity.stl`` and the A1's
+excitation protocols. They share the robot's controller, logger and figures with the simulator (``robot.py``), and
+nothing else.
 
     smooth   Kelvin–Voigt feet, tanh friction, a current loop, 16-bit encoders, a filtered gyro, 0.5 ms semi-implicit
     stiff    nearly rigid feet, Coulomb friction with a rise at rest, sampled drives, coloured noise, 1 ms Runge–Kutta

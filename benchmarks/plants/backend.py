@@ -1,4 +1,4 @@
-"""A plant as a backend, for a diagnosis that asks its machine for rollouts and protocols."""
+"""A plant as a backend, for a diagnosis that chooses rollouts and protocols itself."""
 
 from __future__ import annotations
 

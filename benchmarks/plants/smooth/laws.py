@@ -24,7 +24,7 @@ JOINT_SPEED = 0.03
 SLIP_SPEED = 0.002
 """Definition: speed scale of the feet's friction [m/s]. Doubled, loaded feet creep twice as fast."""
 REACH = 0.01
-"""Tolerance: height of a foot [m] from which it is not asked for contact in a step; none falls so far in one."""
+"""Tolerance: height of a foot [m] above which a step leaves out its contact; no foot falls so far in a step."""
 SWEEPS = 40
 """Budget: sweeps over the contacts in a step."""
 TOLERANCE = 1e-7

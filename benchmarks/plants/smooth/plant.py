@@ -96,6 +96,7 @@ class Plant:
         )
 
     def encoders(self) -> FloatArray:
+        # The drives read half a millisecond before the controller's sample, and speeds pass their filter.
         return self._drives[:2].ravel()
 
     def step(self, motors: MotorCommand) -> None:

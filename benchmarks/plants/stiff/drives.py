@@ -8,7 +8,7 @@ import numpy as np
 TORQUE_LIMIT = 33.5
 """Definition: largest torque of a motor at its joint [N m], by the vendor."""
 TORQUE_STEP = 1.0 / 64.0
-"""Definition: resolution of the torque that a drive asks for [N m]."""
+"""Definition: resolution of a drive's torque [N m]."""
 GEAR_LOSS = 0.01
 """Definition: part of a gear's load that it loses to dry friction. A planetary stage loses 1 to 3 %."""
 STRIBECK, STRIBECK_SPEED = 0.25, 0.15
@@ -18,8 +18,8 @@ FLUID_POWER = 0.9
 
 
 @numba.njit(cache=True)
-def asked(law, strength, angle, speed):  # type: ignore[no-untyped-def]
-    """Return (12,) torques that the drives ask for after one sample; ``law`` (5, 12) is q, q̇, Kp, Kd, τ."""
+def demand(law, strength, angle, speed):  # type: ignore[no-untyped-def]
+    """Return (12,) torques that the drives demand after one sample; ``law`` (5, 12) is q, q̇, Kp, Kd, τ."""
     torque = np.empty(12)
     for j in range(12):
         wanted = law[4, j] + law[2, j] * (law[0, j] - angle[j]) + law[3, j] * (law[1, j] - speed[j])

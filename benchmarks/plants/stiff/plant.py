@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from benchmarks.plants.machine import Link, Machine, bodies
 from benchmarks.plants.robot import A1, GRAVITY, LEGS, RATE, Inertia, MotorCommand
-from benchmarks.plants.stiff.drives import asked, friction
+from benchmarks.plants.stiff.drives import demand, friction
 
 FloatArray = NDArray[np.float64]
 
@@ -119,7 +119,7 @@ class Plant:
             torque = self._constant * self._next
             read = self.encoders()
             self._made += self._next / STEPS
-            self._next = asked(self._law, self._strength, read[:12], read[12:])
+            self._next = demand(self._law, self._strength, read[:12], read[12:])
             most, fluid = friction(self._dry, self._fluid, torque, data.qvel[self._free :])
             model.dof_frictionloss[self._free :] = most
             data.qfrc_applied[:] = 0.0
