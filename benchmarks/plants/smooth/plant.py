@@ -42,6 +42,8 @@ SOIL = 85.0
 
 Source: of the simulator's feet, that part is 0.55 in standing and 0.66 in the trot (``compare.py``).
 """
+SOIL_DAMPING = 0.7
+"""Definition: damping ratio of half the robot on soft ground. Turf dissipates; doubled, the robot sinks more slowly."""
 DRAG_HEIGHT = 0.06
 """Definition: height of the ball's centre under which a foot is dragged [m], by the catalogue."""
 PAYLOAD_HEIGHT = 0.08
@@ -168,14 +170,18 @@ def _inertia(inertia: Inertia) -> pin.Inertia:
 def _ground(machine: Machine, held: bool) -> FloatArray:
     """Return (15,): axes forward, left, normal; μ, stiffness, damping; the foot's radius; drag and its height.
 
-    Soft ground is a spring in series with the rubber. Both together keep the rubber's damping ratio.
+    Soft ground is a spring and damper in series with the rubber's, at frequencies below those of both.
     """
     slope = 0.0 if held else radians(machine["slope.angle"])
     rubber, sink = STIFFNESS * machine.rubber, machine["soft_ground.sink"]
-    stiffness = 1.0 / (1.0 / rubber + sink / SOIL)
+    stiffness, damping = rubber, DAMPING
+    if sink > 0.0:
+        soil = SOIL / sink
+        stiffness = 1.0 / (1.0 / rubber + 1.0 / soil)
+        soil_damping = 2.0 * SOIL_DAMPING * sqrt(soil * A1.mass / 2.0)
+        damping = DAMPING * (stiffness / rubber) ** 2 + soil_damping * (stiffness / soil) ** 2
     axes = (cos(slope), 0.0, sin(slope), 0.0, 1.0, 0.0, -sin(slope), 0.0, cos(slope))
     mu = FRICTION * machine.ground * machine["ground_friction.factor"]
-    damping = DAMPING * sqrt(stiffness / STIFFNESS)
     return np.array(
         [*axes, mu, stiffness, damping, A1.foot_radius, machine["foot_drag.coefficient"], DRAG_HEIGHT]
     )
