@@ -40,7 +40,7 @@ STIFFNESS, DAMPING = 6e4, 150.0
 SOIL = 85.0
 """Definition: load [N] under which soft ground gives way by its ``sink``. Half the robot then sinks by 0.8 of it.
 
-Source: of the simulator's feet, that part is 0.55 in standing and 0.66 in the trot (``compare.py``).
+Source: of the simulator's feet, that part is 0.55 in standing and 0.64 in the trot (``compare.py``).
 """
 SOIL_DAMPING = 0.7
 """Definition: damping ratio of half the robot on soft ground. Turf dissipates; doubled, the robot sinks more slowly."""

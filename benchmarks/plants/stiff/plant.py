@@ -46,7 +46,7 @@ RATE_SQUARED, DAMPING_RATIO, IMPEDANCE = 8e4, 0.9, 0.95
 SOFT_IMPEDANCE, SINKAGE = 0.6, 0.5
 """Definitions: impedance of soft ground, and the depth of a standing foot as part of the catalogue's ``sink``.
 
-Source of the latter: the simulator's feet sink by 0.55 in standing and 0.66 in the trot (``compare.py``).
+Source of the latter: the simulator's feet sink by 0.55 in standing and 0.64 in the trot (``compare.py``).
 """
 DRAG_HEIGHT, DRAG_POWER = 0.06, 0.9
 """Definitions: height of the ball's centre under which a foot is dragged [m]; power of speed, per 1 m/s."""
