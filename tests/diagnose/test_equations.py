@@ -18,7 +18,8 @@ from s2r_spec.diagnose.signatures import LEVEL
 from s2r_spec.errors import BackendError, TraceError
 from s2r_spec.trace import Trace
 
-pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+# Parts of the first design, which go when the second answers.
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")]
 
 
 LINE = SPEC.replace("acc {m/s^2} in [1, 4]", "acc {m/s^2} = 2.5")

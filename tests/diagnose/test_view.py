@@ -14,6 +14,8 @@ from s2r_spec.diagnose.models import Surrogate
 from s2r_spec.diagnose.prepare import LEAST, LEFT, TREND, _nearer, _of_replicates, _trend
 from s2r_spec.space import Axis, Space
 
+pytestmark = pytest.mark.slow  # parts of the first design, which go when the second answers
+
 SPACE = Space((Axis("v", 0.0, 1.0, "m/s"),))
 BANK = [{"v": v} for v in np.linspace(0, 1, 7)]
 TESTS = [{"v": v} for v in np.linspace(0.02, 0.98, 15)]
