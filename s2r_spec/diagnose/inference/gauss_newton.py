@@ -78,12 +78,14 @@ class _Prepared:
 
     def __init__(self, observation: Observation) -> None:
         r = observation.response
-        small = [v[np.abs(c) <= 0.5] for c, v in zip(r.coordinates, r.values, strict=True)]
-        signature = np.sqrt(np.mean([(v**2).max(axis=0) for v in small if len(v)], axis=0))
-        usable = np.isfinite(observation.mean) & np.isfinite(r.nominal) & np.isfinite(r.scatter)
-        usable &= np.isfinite(r.variants).all(axis=0) & np.isfinite(signature)
-        for values in r.values:
-            usable &= np.isfinite(values).all(axis=0)
+        usable = np.isfinite(r.nominal) & np.isfinite(r.scatter) & np.isfinite(r.variants).all(axis=0)
+        # A point at which the simulator falls is left out: it would take the rest of the trace from all parameters.
+        whole = [np.isfinite(v[:, usable]).all(axis=1) for v in r.values]
+        self.coordinates = [c[kept] for c, kept in zip(r.coordinates, whole, strict=True)]
+        values = [v[kept] for v, kept in zip(r.values, whole, strict=True)]
+        small = [v[np.abs(c) <= 0.5] for c, v in zip(self.coordinates, values, strict=True)]
+        signature = np.sqrt(np.mean([(v**2).max(axis=0) for v in small], axis=0))
+        usable &= np.isfinite(observation.mean)
         shape = np.ones_like(r.nominal)
         parts, names = [], []
         for group in r.groups:
@@ -103,8 +105,7 @@ class _Prepared:
         scale = shape[kept]
         self.observed = (observation.mean - observation.correction - r.nominal)[kept] / scale
         self.variants = r.variants[:, kept] / scale
-        self.coordinates = r.coordinates
-        self.values = [values[:, kept] / scale for values in r.values]
+        self.values = [v[:, kept] / scale for v in values]
 
     def at(self, parameter: int, coordinate: float) -> FloatArray:
         """Return the response to a parameter."""
@@ -210,10 +211,9 @@ def fit(problem: Problem, start: FloatArray | None = None, deviation: FloatArray
             break
         moved = _step(total, theta, deviation) * (FIRST if step < 2 else 1.0)
         new = np.clip(theta + moved, prior.low, prior.high)
-        close = np.abs(new - theta).max(initial=0.0) < CLOSE
-        theta = new
-        if close:
+        if np.abs(new - theta).max(initial=0.0) < CLOSE:
             break
+        theta = new
     names = tuple(one.names for one in prepared)
     return Fit(theta, marginal(total, shared_error(theta)), tuple(misfit), names, tuple(found))
 
