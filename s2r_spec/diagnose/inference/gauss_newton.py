@@ -78,14 +78,16 @@ class _Prepared:
 
     def __init__(self, observation: Observation) -> None:
         r = observation.response
-        usable = np.isfinite(r.nominal) & np.isfinite(r.scatter) & np.isfinite(r.variants).all(axis=0)
+        usable = np.isfinite(observation.mean) & np.isfinite(r.nominal) & np.isfinite(r.scatter)
+        usable &= np.isfinite(r.variants).all(axis=0)
         # A point at which the simulator falls is left out: it would take the rest of the trace from all parameters.
-        whole = [np.isfinite(v[:, usable]).all(axis=1) for v in r.values]
+        whole = [np.isfinite(v[:, r.bins]).all(axis=1) for v in r.values]
         self.coordinates = [c[kept] for c, kept in zip(r.coordinates, whole, strict=True)]
         values = [v[kept] for v, kept in zip(r.values, whole, strict=True)]
+        for each in values:
+            usable &= np.isfinite(each).all(axis=0)  # such as the mean of a phase that does not occur
         small = [v[np.abs(c) <= 0.5] for c, v in zip(self.coordinates, values, strict=True)]
         signature = np.sqrt(np.mean([(v**2).max(axis=0) for v in small], axis=0))
-        usable &= np.isfinite(observation.mean)
         shape = np.ones_like(r.nominal)
         parts, names = [], []
         for group in r.groups:

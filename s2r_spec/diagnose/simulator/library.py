@@ -78,6 +78,13 @@ class Response:
         """The groups of the observables."""
         return self.observables.groups
 
+    @property
+    def bins(self) -> NDArray[np.int64]:
+        """Places of the means over parts of the trace; they have values as long as a run lasts."""
+        places = [np.arange(g.start, g.stop) for g in self.groups if g.statistic == "bin"]
+        bins = np.concatenate(places) if places else np.zeros(0, dtype=np.int64)
+        return bins[np.isfinite(self.nominal[bins])]
+
     def at(self, parameter: int, coordinate: float) -> FloatArray:
         """Return (m,) the response to one parameter."""
         c, v, k = self._cell(parameter, coordinate)
