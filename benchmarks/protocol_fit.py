@@ -227,7 +227,10 @@ def main() -> None:
     library(SIM, EXPERIMENTS, partial(ProcessPoolExecutor, given.workers))
     print(f"library: {time.time() - began:.0f} s on {given.workers} cores", flush=True)
     with ProcessPoolExecutor(given.workers) as pool:
-        twins = list(pool.map(of_twin, [(k, given.seed) for k in range(given.twins)]))
+        twins = []
+        for one in pool.map(of_twin, [(k, given.seed) for k in range(given.twins)]):
+            twins.append(one)
+            print(one["number"], one["causes"], f"{one['seconds']:.0f} s", flush=True)
         result: dict[str, Any] = {"twins": show("twins of the generator", twins)}
         practice = list(pool.map(of_practice, [(k, given.seed) for k in range(given.practice)]))
     if practice:
