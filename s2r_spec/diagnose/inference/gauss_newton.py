@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,64 +54,78 @@ FIRST = 0.7
 
 @dataclass(frozen=True)
 class Observation:
-    """Real data of one experiment.
+    """Real data of one experiment, and the simulator's responses, in units of their errors u.
+
+    Of m observables n are used: those that the real runs, the nominal runs and all responses have.
 
     Attributes:
         response: of the simulator to every effect.
-        mean: (m,) mean observables of the real runs; NaN where nothing was recorded.
-        runs: number of them.
-        correction: (m,) what the simulator's mean is beyond the sum of responses.
+        kept: (n,) places of the observables that are used.
+        scale: (n,) u.
+        observed: (n,) difference of the real and the nominal mean, in units of u.
+        variants: (V, n) responses to the variants.
+        coordinates: of every parameter, the points of its response at which the simulator does not fall.
+        values: of every parameter, (points, n) the responses there.
+        parts: (quantity, statistic) and places among the n of every group.
+        correction: (n,) what the simulator's mean is beyond the sum of responses.
     """
 
     response: Response
-    mean: FloatArray
-    runs: int
+    kept: NDArray[np.int64]
+    scale: FloatArray
+    observed: FloatArray
+    variants: FloatArray
+    coordinates: tuple[FloatArray, ...]
+    values: tuple[FloatArray, ...]
+    parts: tuple[tuple[tuple[str, str], NDArray[np.int64]], ...]
     correction: FloatArray
 
     @classmethod
     def of(cls, response: Response, vectors: Sequence[FloatArray]) -> Observation:
         """Return the observation of (m,) observables of each real run."""
-        return cls(response, np.mean(vectors, axis=0), len(vectors), np.zeros_like(response.nominal))
-
-
-class _Prepared:
-    """An observation in units of its errors: what a fit needs again and again."""
-
-    def __init__(self, observation: Observation) -> None:
-        r = observation.response
-        usable = np.isfinite(observation.mean) & np.isfinite(r.nominal) & np.isfinite(r.scatter)
-        usable &= np.isfinite(r.variants).all(axis=0)
+        mean = np.mean(vectors, axis=0)
+        usable = np.isfinite(mean) & np.isfinite(response.nominal) & np.isfinite(response.scatter)
+        usable &= np.isfinite(response.variants).all(axis=0)
         # A point at which the simulator falls is left out: it would take the rest of the trace from all parameters.
-        whole = [np.isfinite(v[:, r.bins]).all(axis=1) for v in r.values]
-        self.coordinates = [c[kept] for c, kept in zip(r.coordinates, whole, strict=True)]
-        values = [v[kept] for v, kept in zip(r.values, whole, strict=True)]
+        whole = [np.isfinite(v[:, response.bins]).all(axis=1) for v in response.values]
+        coordinates = tuple(c[kept] for c, kept in zip(response.coordinates, whole, strict=True))
+        values = [v[kept] for v, kept in zip(response.values, whole, strict=True)]
         for each in values:
             usable &= np.isfinite(each).all(axis=0)  # such as the mean of a phase that does not occur
-        small = [v[np.abs(c) <= 0.5] for c, v in zip(self.coordinates, values, strict=True)]
+        small = [v[np.abs(c) <= 0.5] for c, v in zip(coordinates, values, strict=True)]
         signature = np.sqrt(np.mean([(v**2).max(axis=0) for v in small], axis=0))
-        shape = np.ones_like(r.nominal)
-        parts, names = [], []
-        for group in r.groups:
-            part = np.arange(group.start, group.stop)[usable[group.start : group.stop]]
-            if not part.size:
+        error = np.zeros_like(mean)
+        parts, kept, start = [], [], 0
+        for group in response.groups:
+            places = np.arange(group.start, group.stop)[usable[group.start : group.stop]]
+            if not places.size:
                 continue
-            shape[part] = unit(r.scatter[part], observation.runs, signature[part], r.variants[:, part])
-            if shape[part].min() > 1e-9:  # a group that nothing moves says nothing
-                parts.append(part)
-                names.append((group.quantity, group.statistic))
-        self.names = tuple(names)
-        kept = np.concatenate(parts) if parts else np.zeros(0, dtype=np.int64)
-        sizes = np.array([part.size for part in parts], dtype=np.int64)
-        self.starts = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
-        self.parts = [np.arange(start, start + size) for start, size in zip(self.starts, sizes, strict=True)]
-        self.sizes = sizes
-        scale = shape[kept]
-        self.observed = (observation.mean - observation.correction - r.nominal)[kept] / scale
-        self.variants = r.variants[:, kept] / scale
-        self.values = [v[:, kept] / scale for v in values]
+            variants = response.variants[:, places]
+            error[places] = unit(response.scatter[places], len(vectors), signature[places], variants)
+            if error[places].min() > 1e-9:  # a group that nothing moves says nothing
+                parts.append(((group.quantity, group.statistic), np.arange(start, start + places.size)))
+                kept.append(places)
+                start += places.size
+        used = np.concatenate(kept) if kept else np.zeros(0, dtype=np.int64)
+        scale = error[used]
+        return cls(
+            response,
+            used,
+            scale,
+            (mean - response.nominal)[used] / scale,
+            response.variants[:, used] / scale,
+            coordinates,
+            tuple(v[:, used] / scale for v in values),
+            tuple(parts),
+            np.zeros(used.size),
+        )
+
+    def corrected(self, correction: FloatArray) -> Observation:
+        """Return the observation with (m,) another correction of the simulator's mean."""
+        return replace(self, correction=correction[self.kept] / self.scale)
 
     def at(self, parameter: int, coordinate: float) -> FloatArray:
-        """Return the response to a parameter."""
+        """Return (n,) the response to a parameter."""
         c, v = self.coordinates[parameter], self.values[parameter]
         if len(c) < 2:
             return np.zeros_like(self.observed)
@@ -120,13 +135,12 @@ class _Prepared:
         )
 
     def residual(self, theta: FloatArray) -> FloatArray:
-        """Return the residual at θ."""
-        return np.asarray(
-            self.observed - np.sum([self.at(k, float(theta[k])) for k in range(len(theta))], axis=0)
-        )
+        """Return (n,) the residual at θ."""
+        moved = np.sum([self.at(k, float(theta[k])) for k in range(len(theta))], axis=0)
+        return np.asarray(self.observed - self.correction - moved)
 
     def jacobian(self, theta: FloatArray) -> FloatArray:
-        """Return (K + V, m) the slopes of all responses, then the variants."""
+        """Return (K + V, n) the slopes of all responses, then the variants."""
         rows = []
         for k, (c, v) in enumerate(zip(self.coordinates, self.values, strict=True)):
             if len(c) < 2:
@@ -140,12 +154,19 @@ class _Prepared:
     def _place(c: FloatArray, coordinate: float) -> int:
         return min(max(int(np.searchsorted(c, coordinate, side="right")) - 1, 0), len(c) - 2)
 
+    @cached_property
+    def _layout(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Begin and size of every group."""
+        places = [each for _, each in self.parts]
+        return np.array([each[0] for each in places]), np.array([each.size for each in places])
+
     def loss(self, residual: FloatArray) -> float:
         """Return Σ_g ½ (ν + N_g) log(1 + N_g |r_g|²/(n_g ν))."""
-        if not self.sizes.size:
+        if not self.parts:
             return 0.0
-        energy = np.add.reduceat(np.clip(residual, -LARGEST, LARGEST) ** 2, self.starts) / self.sizes
-        size = np.minimum(self.sizes, EFFECTIVE)
+        starts, count = self._layout
+        energy = np.add.reduceat(np.clip(residual, -LARGEST, LARGEST) ** 2, starts) / count
+        size = np.minimum(count, EFFECTIVE)
         return float(0.5 * np.sum((DEGREES + size) * np.log1p(size * energy / DEGREES)))
 
 
@@ -164,7 +185,7 @@ class Problem:
     def corrected(self, corrections: Sequence[FloatArray]) -> Problem:
         """Return the problem with (m_p,) another correction of every experiment."""
         pairs = zip(self.observations, corrections, strict=True)
-        return replace(self, observations=tuple(replace(one, correction=new) for one, new in pairs))
+        return replace(self, observations=tuple(one.corrected(new) for one, new in pairs))
 
 
 @dataclass(frozen=True)
@@ -194,17 +215,20 @@ def fit(problem: Problem, start: FloatArray | None = None, deviation: FloatArray
         start: (K,) first estimate; the search finds one without it.
         deviation: (K,) prior standard deviation of every size in the fit; without it, that of a cause.
     """
-    prepared = [_Prepared(one) for one in problem.observations]
-    prior = problem.prior
+    observations, prior = problem.observations, problem.prior
     effects = prior.low.size
     deviation = np.full(effects, SLAB) if deviation is None else deviation
-    theta = search(prepared, prior) if start is None else start
-    found = [Variances.prior(len(one.parts)) for one in prepared]
-    total, misfit = Likelihood(np.zeros((effects, effects)), np.zeros(effects)), [np.zeros(0)] * len(prepared)
+    theta = search(observations, prior) if start is None else start
+    found = [Variances.prior(len(one.parts)) for one in observations]
+    total, misfit = (
+        Likelihood(np.zeros((effects, effects)), np.zeros(effects)),
+        [np.zeros(0)] * len(observations),
+    )
     for step in range(STEPS + 1):
         likelihoods, found, misfit = [], list(found), []
-        for number, one in enumerate(prepared):
-            groups = Groups.of(one.residual(theta), one.jacobian(theta), one.parts)
+        for number, one in enumerate(observations):
+            places = [each for _, each in one.parts]
+            groups = Groups.of(one.residual(theta), one.jacobian(theta), places)
             found[number] = variances(groups, theta, found[number], 2 if step == 0 else 1)
             likelihoods.append(likelihood(groups, theta, found[number]))
             misfit.append(groups.energy)
@@ -216,7 +240,7 @@ def fit(problem: Problem, start: FloatArray | None = None, deviation: FloatArray
         if np.abs(new - theta).max(initial=0.0) < CLOSE:
             break
         theta = new
-    names = tuple(one.names for one in prepared)
+    names = tuple(tuple(name for name, _ in one.parts) for one in observations)
     return Fit(theta, marginal(total, shared_error(theta)), tuple(misfit), names, tuple(found))
 
 
@@ -230,35 +254,35 @@ def _step(total: Likelihood, theta: FloatArray, deviation: FloatArray) -> FloatA
     return np.asarray(np.linalg.solve(total.information + np.diag(precision), gradient)[:effects])
 
 
-def search(prepared: Sequence[_Prepared], prior: SizePrior) -> FloatArray:
+def search(observations: Sequence[Observation], prior: SizePrior) -> FloatArray:
     """Return (K,) the first estimate: one parameter at a time moves to a point of the library."""
     theta = np.zeros(prior.low.size)
-    points = [_points(prepared, k, prior) for k in range(theta.size)]
-    residuals = [one.residual(theta) for one in prepared]
-    losses = [one.loss(r) for one, r in zip(prepared, residuals, strict=True)]
+    points = [_points(observations, k, prior) for k in range(theta.size)]
+    residuals = [one.residual(theta) for one in observations]
+    losses = [one.loss(r) for one, r in zip(observations, residuals, strict=True)]
     for _ in range(4 * theta.size):
         best, move = sum(losses) - GAIN, None
         for k, candidates in enumerate(points):
-            current = [one.at(k, theta[k]) for one in prepared]
+            current = [one.at(k, theta[k]) for one in observations]
             for point in candidates:
                 trial = 0.5 * (point**2 - theta[k] ** 2) / SLAB**2
-                for one, r, now in zip(prepared, residuals, current, strict=True):
+                for one, r, now in zip(observations, residuals, current, strict=True):
                     trial += one.loss(r + now - one.at(k, point))
                 if trial < best:
                     best, move = trial, (k, point)
         if move is None:
             break
         theta[move[0]] = move[1]
-        residuals = [one.residual(theta) for one in prepared]
-        losses = [one.loss(r) for one, r in zip(prepared, residuals, strict=True)]
+        residuals = [one.residual(theta) for one in observations]
+        losses = [one.loss(r) for one, r in zip(observations, residuals, strict=True)]
     return theta
 
 
-def _points(prepared: Sequence[_Prepared], parameter: int, prior: SizePrior) -> list[float]:
+def _points(observations: Sequence[Observation], parameter: int, prior: SizePrior) -> list[float]:
     """Return the points of the library, the middle between two of them, and a quarter of the first on either side."""
     found = (
-        np.unique(np.concatenate([one.coordinates[parameter] for one in prepared]))
-        if prepared
+        np.unique(np.concatenate([one.coordinates[parameter] for one in observations]))
+        if observations
         else np.zeros(1)
     )
     if found.size < 2:
