@@ -14,7 +14,8 @@ from s2r_spec.diagnose.inference.hierarchical import Likelihood
 from s2r_spec.diagnose.inference.model_search import ModelPosterior, posterior
 from s2r_spec.diagnose.inference.prior import BACKGROUND, SLAB, SizePrior
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.diagnose.simulator.library import Response, ResponseLibrary, simulated
+from s2r_spec.diagnose.simulator.library import Response, ResponseLibrary, nominal, simulated
+from s2r_spec.errors import UsageError, one_of
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
@@ -55,15 +56,20 @@ def estimate(
 
     Args:
         backend: the nominal simulator.
-        library: its responses to every experiment of the traces.
-        traces: experiment → real runs.
+        library: its responses to every protocol of the traces, and to some tests of the specification.
+        traces: experiment → real runs. Runs of a test that the library does not have count for the nearest one that
+            it has, less the difference that the nominal simulator makes between the two.
         corrections: times that the simulator runs at the estimate.
     """
-    observations = []
+    vectors: dict[Experiment, list[FloatArray]] = {}
     for experiment, runs in traces.items():
-        response = library.response(experiment)
-        vectors = [response.observables.vector(experiment.with_residuals(run, backend)) for run in runs]
-        observations.append(Observation.of(response, vectors))
+        response = nearest(library, experiment)
+        found = [response.observables.vector(experiment.with_residuals(run, backend)) for run in runs]
+        shift: FloatArray | float = 0.0
+        if response.experiment != experiment:
+            shift = nominal(backend, response, experiment) - response.reference
+        vectors.setdefault(response.experiment, []).extend(each - shift for each in found)
+    observations = [Observation.of(library.response(e), each) for e, each in vectors.items()]
     prior = size_prior(library)
     plain = Problem(tuple(observations), prior)
     joint = fit(plain)
@@ -73,6 +79,28 @@ def estimate(
     modes.sort(key=lambda mode: -mode.posterior.log_evidence)
     best = [exact(backend, mode, plain, corrections) for mode in modes[:SIMULATED]]
     return max(best, key=lambda mode: mode.posterior.log_evidence)
+
+
+def nearest(library: ResponseLibrary, experiment: Experiment) -> Response:
+    """Return the response of an experiment, or of the nearest test in units of the tests' spread.
+
+    Raises:
+        UsageError: the library lacks the protocol, or has no test of these parameters.
+    """
+    responses = {each.experiment: each for each in library.responses}
+    if experiment in responses:
+        return responses[experiment]
+    names = [name for name, _ in experiment.params]
+    tests = [
+        e for e in responses if not (e.protocol or experiment.protocol) and [n for n, _ in e.params] == names
+    ]
+    if not tests:
+        have = one_of(sorted({e.protocol or "tests" for e in responses}))
+        raise UsageError(f"the response library has no {experiment}; it has {have}")
+    places = np.array([[value for _, value in e.params] for e in (*tests, experiment)])
+    spread = np.ptp(places, axis=0)
+    distance = np.abs((places[:-1] - places[-1]) / np.where(spread > 0.0, spread, 1.0)).sum(axis=1)
+    return responses[tests[int(np.argmin(distance))]]
 
 
 def around(

@@ -11,6 +11,7 @@ from s2r_spec.diagnose.cache import Cache
 from s2r_spec.diagnose.estimation import estimate
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import library
+from s2r_spec.errors import UsageError
 from s2r_spec.trace import Trace
 
 TESTS = [Experiment.test({"vd": vd, "acc": acc}) for vd, acc in ((0.3, 3.5), (0.9, 1.5), (0.9, 3.5))]
@@ -57,6 +58,19 @@ def test_the_order_of_channels_and_of_the_catalogue_changes_nothing(responses, m
     assert [line.name for line in turned.parameters] == [line.name for line in reversed(responses.parameters)]
     assert again.posterior.quantile(0.5)[::-1] == pytest.approx(first.posterior.quantile(0.5), abs=1e-3)
     assert again.posterior.beyond()[::-1] == pytest.approx(first.posterior.beyond(), abs=1e-3)
+
+
+def test_logs_at_other_tests_than_the_library_s_are_used(responses):
+    rng = np.random.default_rng(8)
+    tests = [
+        Experiment.test({"vd": vd, "acc": acc})
+        for vd, acc in zip(rng.uniform(0.2, 1.0, 12), rng.uniform(1, 4, 12), strict=True)
+    ]
+    data = {test: [real(dict(test.params), 8000 + k, {"tilt": -1.6})] for k, test in enumerate(tests)}
+    found = estimate(Cart(), responses, data)
+    assert named(responses, found) == {"tilt"}
+    with pytest.raises(UsageError, match="has no chirp"):
+        estimate(Cart(), responses, {Experiment("chirp"): data[tests[0]]})
 
 
 def test_a_trace_that_ends_early_is_used_as_far_as_it_goes(responses):

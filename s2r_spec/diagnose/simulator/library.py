@@ -308,6 +308,11 @@ def simulated(backend: Backend, response: Response, values: Values) -> FloatArra
     return mean_of_runs(backend, job, response.observables)
 
 
+def nominal(backend: Backend, response: Response, experiment: Experiment) -> FloatArray:
+    """Return (m,) the nominal mean of another experiment, in the observables and with the seeds of a response."""
+    return mean_of_runs(backend, _Job(experiment, (), "", _seeds(experiment)), response.observables)
+
+
 def _frozen(values: Values) -> tuple[tuple[str, tuple[tuple[str, float], ...]], ...]:
     return tuple((effect, tuple(sorted(numbers.items()))) for effect, numbers in sorted(values.items()))
 
