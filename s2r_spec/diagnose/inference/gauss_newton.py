@@ -38,10 +38,13 @@ from s2r_spec.diagnose.inference.hierarchical import (
     variances,
 )
 from s2r_spec.diagnose.inference.prior import SLAB, SizePrior
-from s2r_spec.diagnose.simulator.library import Response
+from s2r_spec.diagnose.simulator.library import Curve, Response
 
 FloatArray = NDArray[np.float64]
 
+SMALL = 0.5
+"""Definition: the form error is a part of the responses up to this size, in typical sizes. Up to twice as much, the
+errors of observables that only large effects move count more."""
 GAIN = 2.0
 """Tolerance: least gain of a step of the search, in log-likelihood; the odds of one step change by a factor of 7."""
 STEPS = 12
@@ -64,8 +67,7 @@ class Observation:
         scale: (n,) u.
         observed: (n,) difference of the real and the nominal mean, in units of u.
         variants: (V, n) responses to the variants.
-        coordinates: of every parameter, the points of its response at which the simulator does not fall.
-        values: of every parameter, (points, n) the responses there.
+        curves: the response to every parameter, at the points at which the simulator does not fall.
         parts: (quantity, statistic) and places among the n of every group.
         correction: (n,) what the simulator's mean is beyond the sum of responses.
     """
@@ -75,8 +77,7 @@ class Observation:
     scale: FloatArray
     observed: FloatArray
     variants: FloatArray
-    coordinates: tuple[FloatArray, ...]
-    values: tuple[FloatArray, ...]
+    curves: tuple[Curve, ...]
     parts: tuple[tuple[tuple[str, str], NDArray[np.int64]], ...]
     correction: FloatArray
 
@@ -87,13 +88,15 @@ class Observation:
         usable = np.isfinite(mean) & np.isfinite(response.nominal) & np.isfinite(response.scatter)
         usable &= np.isfinite(response.variants).all(axis=0)
         # A point at which the simulator falls is left out: it would take the rest of the trace from all parameters.
-        whole = [np.isfinite(v[:, response.bins]).all(axis=1) for v in response.values]
-        coordinates = tuple(c[kept] for c, kept in zip(response.coordinates, whole, strict=True))
-        values = [v[kept] for v, kept in zip(response.values, whole, strict=True)]
-        for each in values:
-            usable &= np.isfinite(each).all(axis=0)  # such as the mean of a phase that does not occur
-        small = [v[np.abs(c) <= 0.5] for c, v in zip(coordinates, values, strict=True)]
-        signature = np.sqrt(np.mean([(v**2).max(axis=0) for v in small], axis=0))
+        curves = []
+        for curve in response.curves:
+            whole = np.isfinite(curve.values[:, response.bins]).all(axis=1)
+            curves.append(Curve(curve.coordinates[whole], curve.values[whole]))
+            usable &= np.isfinite(curves[-1].values).all(
+                axis=0
+            )  # such as the mean of a phase that does not occur
+        small = [(c.values[np.abs(c.coordinates) <= SMALL] ** 2).max(axis=0) for c in curves]
+        signature = np.sqrt(np.mean(small, axis=0))
         error = np.zeros_like(mean)
         parts, kept, start = [], [], 0
         for group in response.groups:
@@ -114,8 +117,7 @@ class Observation:
             scale,
             (mean - response.nominal)[used] / scale,
             response.variants[:, used] / scale,
-            coordinates,
-            tuple(v[:, used] / scale for v in values),
+            tuple(Curve(curve.coordinates, curve.values[:, used] / scale) for curve in curves),
             tuple(parts),
             np.zeros(used.size),
         )
@@ -124,35 +126,15 @@ class Observation:
         """Return the observation with (m,) another correction of the simulator's mean."""
         return replace(self, correction=correction[self.kept] / self.scale)
 
-    def at(self, parameter: int, coordinate: float) -> FloatArray:
-        """Return (n,) the response to a parameter."""
-        c, v = self.coordinates[parameter], self.values[parameter]
-        if len(c) < 2:
-            return np.zeros_like(self.observed)
-        place = self._place(c, coordinate)
-        return np.asarray(
-            v[place] + (v[place + 1] - v[place]) * (coordinate - c[place]) / (c[place + 1] - c[place])
-        )
-
     def residual(self, theta: FloatArray) -> FloatArray:
         """Return (n,) the residual at θ."""
-        moved = np.sum([self.at(k, float(theta[k])) for k in range(len(theta))], axis=0)
+        moved = np.sum([curve.at(float(x)) for curve, x in zip(self.curves, theta, strict=True)], axis=0)
         return np.asarray(self.observed - self.correction - moved)
 
     def jacobian(self, theta: FloatArray) -> FloatArray:
         """Return (K + V, n) the slopes of all responses, then the variants."""
-        rows = []
-        for k, (c, v) in enumerate(zip(self.coordinates, self.values, strict=True)):
-            if len(c) < 2:
-                rows.append(np.zeros_like(self.observed))
-                continue
-            place = self._place(c, float(theta[k]))
-            rows.append((v[place + 1] - v[place]) / (c[place + 1] - c[place]))
-        return np.vstack([*rows, self.variants])
-
-    @staticmethod
-    def _place(c: FloatArray, coordinate: float) -> int:
-        return min(max(int(np.searchsorted(c, coordinate, side="right")) - 1, 0), len(c) - 2)
+        slopes = [curve.slope(float(x)) for curve, x in zip(self.curves, theta, strict=True)]
+        return np.vstack([*slopes, self.variants])
 
     @cached_property
     def _layout(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -263,11 +245,11 @@ def search(observations: Sequence[Observation], prior: SizePrior) -> FloatArray:
     for _ in range(4 * theta.size):
         best, move = sum(losses) - GAIN, None
         for k, candidates in enumerate(points):
-            current = [one.at(k, theta[k]) for one in observations]
+            current = [one.curves[k].at(float(theta[k])) for one in observations]
             for point in candidates:
                 trial = 0.5 * (point**2 - theta[k] ** 2) / SLAB**2
                 for one, r, now in zip(observations, residuals, current, strict=True):
-                    trial += one.loss(r + now - one.at(k, point))
+                    trial += one.loss(r + now - one.curves[k].at(point))
                 if trial < best:
                     best, move = trial, (k, point)
         if move is None:
@@ -281,7 +263,7 @@ def search(observations: Sequence[Observation], prior: SizePrior) -> FloatArray:
 def _points(observations: Sequence[Observation], parameter: int, prior: SizePrior) -> list[float]:
     """Return the points of the library, the middle between two of them, and a quarter of the first on either side."""
     found = (
-        np.unique(np.concatenate([one.coordinates[parameter] for one in observations]))
+        np.unique(np.concatenate([one.curves[parameter].coordinates for one in observations]))
         if observations
         else np.zeros(1)
     )

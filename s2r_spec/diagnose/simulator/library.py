@@ -50,6 +50,35 @@ VERSION = 1
 
 
 @dataclass(frozen=True)
+class Curve:
+    """The response to one parameter: linear between its points, extrapolated beyond them.
+
+    Attributes:
+        coordinates: (p,) rising; 0 is among them.
+        values: (p, m) the response at each.
+    """
+
+    coordinates: FloatArray
+    values: FloatArray
+
+    def at(self, coordinate: float) -> FloatArray:
+        """Return (m,) the response."""
+        place = self._place(coordinate)
+        return np.asarray(
+            self.values[place] + self.slope(coordinate) * (coordinate - self.coordinates[place])
+        )
+
+    def slope(self, coordinate: float) -> FloatArray:
+        """Return (m,) the derivative; at nominal, that of the upper side if there is one."""
+        c, v, place = self.coordinates, self.values, self._place(coordinate)
+        return np.zeros_like(v[0]) if c.size < 2 else (v[place + 1] - v[place]) / (c[place + 1] - c[place])
+
+    def _place(self, coordinate: float) -> int:
+        last = max(self.coordinates.size - 2, 0)
+        return min(max(int(np.searchsorted(self.coordinates, coordinate, side="right")) - 1, 0), last)
+
+
+@dataclass(frozen=True)
 class Response:
     """What the simulator knows of one experiment.
 
@@ -59,9 +88,8 @@ class Response:
         nominal: (m,) mean of the nominal runs.
         scatter: (m,) standard deviation of one run.
         reference: (m,) mean of the nominal runs with the seeds of the responses.
-        coordinates: of every parameter (p_k,), rising; 0 is among them.
-        values: of every parameter (p_k, m), the responses there.
-        variants: (v, m) responses to the simulator's variants.
+        curves: the response to every parameter.
+        variants: (V, m) responses to the simulator's variants.
     """
 
     experiment: Experiment
@@ -69,8 +97,7 @@ class Response:
     nominal: FloatArray
     scatter: FloatArray
     reference: FloatArray
-    coordinates: tuple[FloatArray, ...]
-    values: tuple[FloatArray, ...]
+    curves: tuple[Curve, ...]
     variants: FloatArray
 
     @property
@@ -85,36 +112,10 @@ class Response:
         bins = np.concatenate(places) if places else np.zeros(0, dtype=np.int64)
         return bins[np.isfinite(self.nominal[bins])]
 
-    def at(self, parameter: int, coordinate: float) -> FloatArray:
-        """Return (m,) the response to one parameter."""
-        c, v, k = self._cell(parameter, coordinate)
-        return (
-            np.zeros_like(self.nominal)
-            if k < 0
-            else v[k] + self.slope(parameter, coordinate) * (coordinate - c[k])
-        )
-
-    def slope(self, parameter: int, coordinate: float) -> FloatArray:
-        """Return (m,) its derivative."""
-        c, v, k = self._cell(parameter, coordinate)
-        return np.zeros_like(self.nominal) if k < 0 else (v[k + 1] - v[k]) / (c[k + 1] - c[k])
-
     def mean(self, theta: FloatArray) -> FloatArray:
         """Return (m,) the mean of the observables at (K,) coordinates, as the sum of responses."""
-        moved = [self.at(int(k), float(theta[k])) for k in np.flatnonzero(theta)]
+        moved = [self.curves[k].at(float(theta[k])) for k in np.flatnonzero(theta)]
         return self.nominal + np.sum(moved, axis=0) if moved else self.nominal
-
-    def jacobian(self, theta: FloatArray) -> FloatArray:
-        """Return (K, m) the derivatives of the mean."""
-        return np.array([self.slope(k, float(theta[k])) for k in range(len(self.coordinates))])
-
-    def _cell(self, parameter: int, coordinate: float) -> tuple[FloatArray, FloatArray, int]:
-        c, v = self.coordinates[parameter], self.values[parameter]
-        if len(c) < 2:
-            return c, v, -1
-        place = int(np.searchsorted(c, coordinate, side="right")) - 1
-        # At nominal, a parameter of one sign has its slope from that side.
-        return c, v, min(max(place, 0), len(c) - 2)
 
 
 @dataclass(frozen=True)
@@ -261,7 +262,7 @@ def _response(
     seeds = _seeds(experiment)
     runs = np.array([means[_Job(experiment, (), "", (seed,))] for seed in range(SEED, SEED + NOMINAL)])
     reference = runs[: len(seeds)].mean(axis=0)
-    coordinates, values = [], []
+    curves = []
     for line in parameters:
         points = {0.0: np.zeros_like(reference)}
         for coordinate in _points(line):
@@ -270,8 +271,7 @@ def _response(
             if np.isfinite(moved).any():  # a machine that fell at once shows nothing
                 points[line.coordinate(value)] = moved
         order = sorted(points)
-        coordinates.append(np.array(order))
-        values.append(np.array([points[c] for c in order]))
+        curves.append(Curve(np.array(order), np.array([points[c] for c in order])))
     names = list(backend.variants()) if isinstance(backend, HasVariants) else []
     variants = [means[_Job(experiment, (), name, seeds)] - reference for name in names]
     return Response(
@@ -280,8 +280,7 @@ def _response(
         runs.mean(axis=0),
         runs.std(axis=0, ddof=1),
         reference,
-        tuple(coordinates),
-        tuple(values),
+        tuple(curves),
         np.array(variants).reshape(len(names), reference.size),
     )
 
@@ -339,7 +338,7 @@ def _save(response: Response, path: Path) -> None:
         "flags": o.flags,
         "quantities": [(q.name, q.channel, q.minus, q.scale.tolist()) for q in o.quantities],
     }
-    sizes = [len(c) for c in response.coordinates]
+    sizes = [curve.coordinates.size for curve in response.curves]
     np.savez_compressed(
         path,
         header=np.array(json.dumps(header)),
@@ -347,8 +346,8 @@ def _save(response: Response, path: Path) -> None:
         scatter=response.scatter.astype(np.float32),
         reference=response.reference,
         sizes=np.array(sizes),
-        coordinates=np.concatenate(response.coordinates),
-        values=np.concatenate(response.values).astype(np.float32),
+        coordinates=np.concatenate([curve.coordinates for curve in response.curves]),
+        values=np.concatenate([curve.values for curve in response.curves]).astype(np.float32),
         variants=response.variants.astype(np.float32),
     )
 
@@ -371,8 +370,14 @@ def _load(path: Path) -> Response:
             arrays["nominal"],
             arrays["scatter"].astype(float),
             arrays["reference"],
-            tuple(np.split(arrays["coordinates"], edges)),
-            tuple(np.split(arrays["values"].astype(float), edges)),
+            tuple(
+                Curve(*points)
+                for points in zip(
+                    np.split(arrays["coordinates"], edges),
+                    np.split(arrays["values"].astype(float), edges),
+                    strict=True,
+                )
+            ),
             arrays["variants"].astype(float),
         )
     if response.nominal.size != observables.groups[-1].stop:
