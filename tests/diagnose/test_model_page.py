@@ -1,0 +1,25 @@
+"""The figures on the page of the model are those that the benchmark printed."""
+
+import json
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_the_page_has_the_figures_of_the_benchmark():
+    twins = json.loads((ROOT / "benchmarks" / "results" / "protocol_fit.json").read_text())["twins"]
+    page = (ROOT / "docs" / "explanation" / "diagnosis-model.md").read_text()
+    rows = dict(line.strip("| ").split(" | ") for line in page.splitlines() if line.count("|") == 3)
+    rms = [one["rms"] for one in twins["errors"].values()]
+    assert rows["rms error of a size, median over parameters"] == f"{twins['median rms']:.3f}"
+    assert rows["parameters with an error above 0.08"] == f"{sum(one > 0.08 for one in rms)} of {len(rms)}"
+    assert rows["truths in the 90 % intervals"] == f"{100 * twins['coverage']:.0f} %"
+    exact = round(40 * twins["verdicts"]["exact sets"])
+    assert rows["machines whose named effects are right by size"] == f"{exact} of 40"
+    assert rows["effects of at least 0.25 that are not named"] == str(twins["verdicts"]["missed effects"])
+    assert rows["effects below 0.125 that are named"] == str(twins["verdicts"]["wrong effects"])
+    slope = {name: one["slope"] for name, one in twins["errors"].items()}
+    assert f"comes out {100 * (1 - slope['ground_friction.factor']):.0f} % too small" in " ".join(
+        page.split()
+    )
+    assert f"load {100 * (1 - slope['strength_decay.rate']):.0f} %" in " ".join(page.split())
