@@ -9,7 +9,8 @@ ROOT = Path(__file__).parents[2]
 def test_the_page_has_the_figures_of_the_benchmark():
     twins = json.loads((ROOT / "benchmarks" / "results" / "protocol_fit.json").read_text())["twins"]
     page = (ROOT / "docs" / "explanation" / "diagnosis-model.md").read_text()
-    rows = dict(line.strip("| ").split(" | ") for line in page.splitlines() if line.count("|") == 3)
+    table = [line.split("|") for line in page.splitlines() if line.count("|") == 3]
+    rows = {cells[1].strip(): cells[2].strip() for cells in table}
     rms = [one["rms"] for one in twins["errors"].values()]
     assert rows["rms error of a size, median over parameters"] == f"{twins['median rms']:.3f}"
     assert rows["parameters with an error above 0.08"] == f"{sum(one > 0.08 for one in rms)} of {len(rms)}"
