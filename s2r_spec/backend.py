@@ -306,7 +306,7 @@ class HasResiduals(Protocol):
             trace: trace with channels of this backend. Other channels are ignored, and residuals that need a missing
                 channel are left out.
             params: parameters of the test, if the model depends on them (a declared payload); a missing parameter
-                takes the backend's default.
+                takes the backend's default. Of a protocol's trace (``meta["protocol"]``), those of the protocol.
 
         Returns:
             Channels (n,) or (n, k) with units, over the trace's times or a part of them. The times do not depend on

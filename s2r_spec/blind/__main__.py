@@ -57,7 +57,7 @@ def freeze(
         from s2r_spec.blind.freeze import freeze as fix
         from s2r_spec.cli.stages import Stages
         from s2r_spec.diagnose import diagnose
-        from s2r_spec.diagnose.bank import source_of
+        from s2r_spec.diagnose.cache import source_of
         from s2r_spec.rollouts.recorded import LogBackend
         from s2r_spec.spec import load_spec
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import inspect
 import json
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from s2r_spec.backend import Effect, HasResiduals, HasVariants
 from s2r_spec.diagnose.axes import BACKGROUND, STEPS, Line, Values, lines
 from s2r_spec.diagnose.axes import line as line_of
-from s2r_spec.diagnose.cache import Cache
+from s2r_spec.diagnose.cache import Cache, source_of
 from s2r_spec.diagnose.design import grid
 from s2r_spec.diagnose.equations import LITTLE, Equations, Probe
 from s2r_spec.diagnose.features import Block, Features
@@ -109,23 +108,9 @@ def _source() -> str:
     of_rho = [
         path for name in ("lang", "robustness") for path in sorted((folder.parent / name).rglob("*.py"))
     ]
+    own.append(folder / "simulator" / "experiments.py")
     for path in (*own, *of_rho, folder.parent / "rollouts" / "compatibility.py"):
         digest.update(path.read_bytes())
-    return digest.hexdigest()
-
-
-def source_of(kind: type) -> str:
-    """Return a hash of the packages that a class and those it is made from are in, or of their files."""
-    digest = hashlib.sha256()
-    for one in kind.__mro__:
-        try:
-            file = Path(inspect.getfile(one))
-        except (OSError, TypeError):
-            continue  # built in, or typed at a prompt
-        packaged = (file.parent / "__init__.py").exists()
-        if not one.__module__.startswith("s2r_spec."):
-            for path in sorted(file.parent.rglob("*.py")) if packaged else (file,):
-                digest.update(path.relative_to(file.parent).as_posix().encode() + path.read_bytes())
     return digest.hexdigest()
 
 

@@ -6,6 +6,8 @@ it cannot be read it is made again, with a sentence that names it.
 
 from __future__ import annotations
 
+import hashlib
+import inspect
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -70,3 +72,18 @@ def _write(save: Callable[[Path], None], path: Path) -> None:
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
+
+
+def source_of(kind: type) -> str:
+    """Return a hash of the packages that a class and those it is made from are in, or of their files."""
+    digest = hashlib.sha256()
+    for one in kind.__mro__:
+        try:
+            file = Path(inspect.getfile(one))
+        except (OSError, TypeError):
+            continue  # built in, or typed at a prompt
+        packaged = (file.parent / "__init__.py").exists()
+        if not one.__module__.startswith("s2r_spec."):
+            for path in sorted(file.parent.rglob("*.py")) if packaged else (file,):
+                digest.update(path.relative_to(file.parent).as_posix().encode() + path.read_bytes())
+    return digest.hexdigest()

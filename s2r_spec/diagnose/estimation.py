@@ -21,12 +21,11 @@ from s2r_spec.trace import Trace
 FloatArray = NDArray[np.float64]
 
 CORRECTIONS = 1
-"""Budget: times that the simulator runs at the estimate. Each costs one run of every experiment."""
-
+"""Budget: times that the simulator runs at the estimate. Twice as many take twice the runs of every experiment."""
 RIVALS = 3
-"""Budget: sets that are fitted beside the most probable one."""
+"""Budget: sets that are fitted beside the most probable one. Twice as many take about twice the time of all fits."""
 SIMULATED = 2
-"""Budget: of these fits, the best ones whose set the simulator runs."""
+"""Budget: of these fits, the best ones whose set the simulator runs. Twice as many take twice the runs."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +59,9 @@ def estimate(
         traces: experiment → real runs. Runs of a test that the library does not have count for the nearest one that
             it has, less the difference that the nominal simulator makes between the two.
         corrections: times that the simulator runs at the estimate.
+
+    Raises:
+        UsageError: there is no run, a run's protocol is not in the library, or no run has a channel of the simulator.
     """
     vectors: dict[Experiment, list[FloatArray]] = {}
     for experiment, runs in traces.items():
@@ -70,6 +72,10 @@ def estimate(
             shift = nominal(backend, response, experiment) - response.reference
         vectors.setdefault(response.experiment, []).extend(each - shift for each in found)
     observations = [Observation.of(library.response(e), each) for e, each in vectors.items()]
+    if not any(one.parts for one in observations):
+        raise UsageError(
+            "no run has a channel that the simulator has, too, so no size can be estimated; add such runs"
+        )
     prior = size_prior(library)
     plain = Problem(tuple(observations), prior)
     joint = fit(plain)
@@ -135,7 +141,8 @@ def rivals(found: Likelihood, sets: ModelPosterior) -> list[tuple[FloatArray, tu
     active, information = sets.sets[0], found.information
     scale = np.sqrt(np.maximum(np.diag(information), 1e-12))
     cosine = np.abs(information / np.outer(scale, scale))
-    pairs = [(float(cosine[j, k]), j, k) for j in active for k in range(len(scale)) if k not in active]
+    others = [k for k in range(len(scale)) if k not in active]
+    pairs = [(float(cosine[j, k]), j, k) for j in active for k in others if cosine[j, k] > 0.0]
     starts = []
     for _, lost, gained in sorted(pairs, reverse=True)[:RIVALS]:
         theta = sets.mean[0].copy()
@@ -149,6 +156,6 @@ def correction(
     backend: Backend, library: ResponseLibrary, response: Response, theta: FloatArray
 ) -> FloatArray:
     """Return (m,) what the simulator's mean at θ is beyond the sum of responses; 0 where a run ended early."""
-    exact = simulated(backend, response, library.values(theta)) - response.reference
-    beyond = exact - (response.mean(theta) - response.nominal)
+    moved = simulated(backend, response, library.values(theta)) - response.reference
+    beyond = moved - (response.mean(theta) - response.nominal)
     return np.where(np.isfinite(beyond), beyond, 0.0)

@@ -17,9 +17,10 @@ from itertools import combinations, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.backend import Backend, HasResiduals
+from s2r_spec.backend import Backend
 from s2r_spec.diagnose.equations import Equations, Instruments, Probe
-from s2r_spec.errors import TraceError, UsageError
+from s2r_spec.diagnose.simulator.experiments import RESIDUAL
+from s2r_spec.errors import UsageError
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
@@ -100,7 +101,7 @@ class Features:
 
     @classmethod
     def of_nominal(cls, traces: Sequence[Trace], duration: float) -> Features:
-        """Choose from traces that :func:`with_residuals` returned."""
+        """Choose from traces with residuals."""
         names = [n for n in traces[0].channels if all(n in t.channels for t in traces)]
         stacked = {n: np.concatenate([_columns(t, n) for t in traces]) for n in names}
         flags = {n: x.shape[1] for n, x in stacked.items() if np.isin(x, (0.0, 1.0)).all() and np.ptp(x) > 0}
@@ -266,28 +267,6 @@ class Features:
     def _slices(self) -> list[slice]:
         ends = np.cumsum([b.width for b in self.blocks])
         return [slice(int(e) - b.width, int(e)) for e, b in zip(ends, self.blocks, strict=True)]
-
-
-RESIDUAL = "residual."
-"""Prefix of channels that the backend's own model computes."""
-
-
-def with_residuals(trace: Trace, backend: Backend, params: Mapping[str, float]) -> Trace:
-    """Return the trace with the backend's residuals beside its channels, on the trace's times.
-
-    ``params`` are the test in the backend's own units. A trace from which no residual
-    can be computed (a log of few channels, a fall at once) stays as it is.
-    """
-    if not isinstance(backend, HasResiduals):
-        return trace
-    try:
-        found = backend.residuals(trace, params)
-    except TraceError:
-        return trace
-    nearest = np.clip(np.searchsorted(found.times, trace.times - 1e-9), 0, len(found) - 1)
-    extra = {f"{RESIDUAL}{name}": values[nearest] for name, values in found.channels.items()}
-    units = {f"{RESIDUAL}{name}": unit for name, unit in found.units.items()}
-    return Trace(trace.times, dict(trace.channels) | extra, dict(trace.units) | units, trace.meta)
 
 
 def _columns(trace: Trace, name: str) -> FloatArray:

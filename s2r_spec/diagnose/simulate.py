@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from s2r_spec.backend import Backend, HasEffects, HasVariants
 from s2r_spec.diagnose.axes import Values
 from s2r_spec.diagnose.equations import Instruments
-from s2r_spec.diagnose.features import Features, with_residuals
+from s2r_spec.diagnose.features import Features
+from s2r_spec.diagnose.simulator.experiments import with_residuals
 from s2r_spec.documentation import page
 from s2r_spec.errors import BackendError, UsageError
 from s2r_spec.rollouts.compatibility import Interface

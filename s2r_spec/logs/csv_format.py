@@ -115,7 +115,7 @@ class Text:
         rows: Iterator[list[str]] = iter(lambda: _next(reader, lines), None)
         first_line: int | None = lines.number + 1
         above = next(csv.reader([comment.lstrip("# ")]), [])
-        if len(above) == len(header) and any(map(_is_number, header)):
+        if len(above) == len(header) and any(map(is_number, header)):
             # numpy.savetxt and others write the names as a comment
             header, rows, first_line = above, chain([header], rows), None
         few(len(header))
@@ -237,7 +237,8 @@ def head_of(text: str) -> Head:
     return Head(name, index, unit)
 
 
-def _is_number(text: str) -> bool:
+def is_number(text: str) -> bool:
+    """Return whether a cell is a number."""
     try:
         float(text)
     except ValueError:

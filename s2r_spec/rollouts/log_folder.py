@@ -20,6 +20,7 @@ import numpy as np
 
 from s2r_spec import logs
 from s2r_spec.errors import TraceError, UsageError, one_of, shortened
+from s2r_spec.logs.csv_format import is_number
 from s2r_spec.logs.interpret import Loaded
 from s2r_spec.logs.table import regular
 from s2r_spec.logs.topics.formats import FORMATS, opener
@@ -337,15 +338,7 @@ def _table(path: Path) -> _Tests:
 
 def _names_protocols(column: Sequence[str]) -> bool:
     """Return whether the column ``protocol`` names protocols; numbers are a parameter of an older folder."""
-    return not any(column) or not all(_is_number(text) for text in column)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+    return not any(column) or not all(is_number(text) for text in column)
 
 
 def _parameter(text: str) -> tuple[str, str]:

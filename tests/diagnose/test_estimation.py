@@ -73,6 +73,13 @@ def test_logs_at_other_tests_than_the_library_s_are_used(responses):
         estimate(Cart(), responses, {Experiment("chirp"): data[tests[0]]})
 
 
+def test_runs_that_show_nothing_are_refused(responses):
+    other = Trace(np.linspace(0.0, 2.0, 201), {"temperature": np.ones(201)}, {"temperature": "K"})
+    for data in ({}, {TESTS[0]: [other]}):
+        with pytest.raises(UsageError, match="no size can be estimated"):
+            estimate(Cart(), responses, data)
+
+
 def test_a_trace_that_ends_early_is_used_as_far_as_it_goes(responses):
     data = traces(7000, {"coulomb": 1.2})
     test = TESTS[0]

@@ -396,9 +396,9 @@ def test_where_to_look_is_the_part_that_shifts_most_and_not_the_clearest():
     assert [part_of(line) for line in diagnosed.body_words(unknown.where)] == ["RR thigh", "FL calf", "base"]
     clearer = [BodyPart(f"{leg} hip", (small,)) for leg in ("FL", "FR", "RL", "RR")]
     unknown, spec = diagnosis(1, Verdict.UNKNOWN, body=Body((*clearer, *parts), 10, 2.0, 100))
-    told = diagnosed.body_words(unknown.where)
-    assert [part_of(line) for line in told] == ["FL hip", "FR hip", "RL hip", "FL calf"]
-    assert "1.1" in told[-1]
+    lines = diagnosed.body_words(unknown.where)
+    assert [part_of(line) for line in lines] == ["FL hip", "FR hip", "RL hip", "FL calf"]
+    assert "1.1" in lines[-1]
 
 
 def test_a_push_comes_before_the_motion_that_answers_it():

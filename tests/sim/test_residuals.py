@@ -408,3 +408,10 @@ def test_what_looks_on_decides_no_trace():
         imported = {".".join(name.split(".")[:2]) for name in imported}
         first = path.relative_to(package).parts[0]
         assert not imported & onlookers or first in {*_ONLOOKERS, "backend.py"}, path
+
+
+def test_a_protocol_s_trace_has_residuals_with_the_protocol_s_parameters():
+    trace = SIM.run("air_coast", {"amplitude": 0.5}, 0)
+    found = SIM.residuals(trace, trace.meta["params"])
+    assert np.array_equal(found["joint_torque"], SIM.residuals(trace)["joint_torque"])
+    assert np.abs(found["joint_torque"]).mean() < 0.2

@@ -43,6 +43,7 @@ from s2r_sim.residuals.world import Motion
 from s2r_sim.settings import Settings
 from s2r_spec.effects import Choice
 from s2r_spec.errors import TraceError, one_of
+from s2r_spec.protocols import PROTOCOL
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
@@ -86,7 +87,8 @@ def residuals(
     The world has the physics of ``settings.physics`` with the test's slope, payload and push, and with those
     of these effects that predict the record.
     """
-    test = read_test(params or {})
+    # A protocol has the plain world: its parameters are those of its references.
+    test = read_test({} if PROTOCOL in trace.meta else params or {})
     possible = [one for one in RESIDUALS if all(name in trace.channels for name in one.needs)]
     if not possible:
         raise TraceError(

@@ -26,7 +26,7 @@ FloatArray = NDArray[np.float64]
 
 TESTS = 3
 """At which the nominal simulator and its variants run."""
-TOLD = 5
+REPORTED = 5
 """Largest ones that are kept."""
 
 
@@ -89,7 +89,7 @@ def remainders(
         out = min(told, key=lambda each: max((one.surplus for one in each), default=0.0))
         if read.motion is not None:
             out += _of_motion(bench, read.motion, ran.columns(slice(k, None)), whole)
-    largest = sorted(out, key=lambda each: -each.surplus)[:TOLD]
+    largest = sorted(out, key=lambda each: -each.surplus)[:REPORTED]
     return ordered([_with_times(each, traces) for each in largest])
 
 
@@ -285,7 +285,7 @@ def _largest(
     units: Mapping[str, str],
     part: Mapping[tuple[str, int], str],
 ) -> list[Remainder]:
-    """Return the cell of the largest surplus of every column, the :data:`TOLD` largest of these."""
+    """Return the cell of the largest surplus of every column, the :data:`REPORTED` largest of these."""
     out: dict[tuple[str, int], Remainder] = {}
     places = cells.places()
     for k in np.argsort(-surplus, kind="stable"):
@@ -304,6 +304,6 @@ def _largest(
                 along_unit,
                 float(surplus[k]),
             )
-        if len(out) == TOLD:
+        if len(out) == REPORTED:
             break
     return list(out.values())

@@ -58,19 +58,28 @@ class Experiment:
         return backend.run(self.protocol, dict(self.params), seed)
 
     def with_residuals(self, trace: Trace, backend: Backend) -> Trace:
-        """Return the trace with the residuals of a nominal simulator beside its channels.
+        """Return the trace with the residuals of a nominal simulator beside its channels."""
+        return with_residuals(trace, backend, dict(self.params))
 
-        A residual has no value at the ends of a trace, where its filter lacks samples: it takes the nearest one there.
-        A trace without the channels of any residual is returned as it is.
-        """
-        if not isinstance(backend, HasResiduals):
-            return trace
-        params = {} if self.protocol else dict(self.params)
-        try:
-            found = backend.residuals(trace, params)
-        except TraceError:
-            return trace
-        nearest = np.clip(np.searchsorted(found.times, trace.times - 1e-9), 0, len(found) - 1)
-        channels = {RESIDUAL + name: values[nearest] for name, values in found.channels.items()}
-        units = {RESIDUAL + name: unit for name, unit in found.units.items()}
-        return Trace(trace.times, dict(trace.channels) | channels, dict(trace.units) | units, trace.meta)
+
+def with_residuals(trace: Trace, backend: Backend, params: Mapping[str, float]) -> Trace:
+    """Return the trace with the residuals of a backend's own model beside its channels, at the trace's times.
+
+    A residual has no value at the ends of a trace, where its filter lacks samples: it takes the nearest one there. A
+    trace without the channels of any residual (a log of few channels, a fall at once) is returned as it is.
+
+    Args:
+        trace: of a test or of a protocol.
+        backend: the nominal simulator.
+        params: parameters of the test or of the protocol, in the backend's units.
+    """
+    if not isinstance(backend, HasResiduals):
+        return trace
+    try:
+        found = backend.residuals(trace, params)
+    except TraceError:
+        return trace
+    nearest = np.clip(np.searchsorted(found.times, trace.times - 1e-9), 0, len(found) - 1)
+    channels = {RESIDUAL + name: values[nearest] for name, values in found.channels.items()}
+    units = {RESIDUAL + name: unit for name, unit in found.units.items()}
+    return Trace(trace.times, dict(trace.channels) | channels, dict(trace.units) | units, trace.meta)

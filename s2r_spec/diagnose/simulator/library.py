@@ -5,7 +5,7 @@ coordinates, and the response to every variant of the simulator. A response is a
 
 Units: parameters are in coordinates, distances from nominal in units of the typical size (see :mod:`..axes`).
 Between its points a response is interpolated linearly, and beyond them extrapolated. Responses of several parameters
-add up: their interactions enter where a fit simulates its own estimate (:mod:`..inference.gauss_newton`).
+add up; :mod:`..estimation` corrects the sum by runs at the estimate itself.
 """
 
 from __future__ import annotations
@@ -24,12 +24,13 @@ from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend, HasEffects, HasVariants
 from s2r_spec.diagnose.axes import Line, lines
-from s2r_spec.diagnose.cache import Cache
+from s2r_spec.diagnose.cache import Cache, source_of
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.observables import Group, Observables, Quantity
 from s2r_spec.effects import catalogue_of
 from s2r_spec.errors import BackendError
 from s2r_spec.rollouts.pools import in_this_process
+from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
 Values = Mapping[str, Mapping[str, float]]
@@ -219,7 +220,7 @@ def _make(
     return {e: _response(backend, e, observables[e], parameters, means) for e in experiments}
 
 
-def _nominal(backend: Backend, experiment: Experiment) -> Iterator[Any]:
+def _nominal(backend: Backend, experiment: Experiment) -> Iterator[Trace]:
     for k in range(2):
         trace = experiment.run(backend, SEED + k)
         if trace.failure:
@@ -325,8 +326,20 @@ def _duration(job: _Job, observables: Mapping[Experiment, Observables]) -> float
 
 
 def _key(backend: Backend, experiment: Experiment, parameters: Sequence[Line]) -> str:
-    text = f"{VERSION} {backend.name} {backend.model_hash} {experiment!r} {[asdict(line) for line in parameters]}"
-    return hashlib.sha256(text.encode()).hexdigest()[:24]
+    """Return a hash of everything that a response depends on.
+
+    A model's hash says what its rollouts are. Its residuals and variants are of other source, and the observables are
+    of ours, so the sources of both count, too.
+    """
+    what = (
+        VERSION,
+        (backend.name, backend.model_hash, backend.duration),
+        source_of(type(backend)),
+        [path.read_text() for path in sorted(Path(__file__).parent.glob("*.py"))],
+        experiment,
+        [asdict(line) for line in parameters],
+    )
+    return hashlib.sha256(repr(what).encode()).hexdigest()[:24]
 
 
 def _save(response: Response, path: Path) -> None:

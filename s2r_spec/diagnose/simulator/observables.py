@@ -19,7 +19,7 @@ difference, which nearly vanish in a nominal trace, it is at least 5 % of the sc
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise
 
@@ -134,10 +134,8 @@ class Observables:
     def vector(self, trace: Trace) -> FloatArray:
         """Return (m,) the observables of a trace with residuals."""
         values = {quantity.name: quantity.of(trace) for quantity in self.quantities}
-        times = trace.times - trace.times[0]
         parts = [
-            _statistic(statistic, values[quantity.name], times, self, trace, values)
-            for quantity, statistic, _ in self._layout()
+            self._statistic(quantity, statistic, values, trace) for quantity, statistic, _ in self._layout()
         ]
         return np.concatenate(parts) if parts else np.zeros(0)
 
@@ -151,6 +149,26 @@ class Observables:
         """Return the flags whose phases a quantity has."""
         width = quantity.scale.size
         return [(name, k) for name, k in self.flags if width % k == 0 and (k > 1 or width == 1)]
+
+    def _statistic(
+        self, quantity: Quantity, statistic: str, values: Mapping[str, FloatArray], trace: Trace
+    ) -> FloatArray:
+        """Return the observables of one group; ``values`` are the samples of every quantity."""
+        x, times = values[quantity.name], trace.times - trace.times[0]
+        if statistic == "bin":
+            return _means(x, times, np.linspace(0.0, self.duration, BINS + 1))
+        if statistic == "mean":
+            return _means(x, times, self.duration * np.array(WINDOWS))
+        if statistic == "ripple":
+            return _ripple(x, times, self.duration)
+        if statistic == "flag":
+            phases = [_in_phases(x, trace, flag, width) for flag, width in self.flags_of(quantity)]
+            return np.concatenate(phases)
+        rows = []
+        for s in (values[partner] for partner in self.partners(quantity)):
+            rate = np.gradient(s, times, axis=0) * self.duration if len(times) > 1 else np.zeros_like(s)
+            rows += [(x * s).mean(axis=0), (x * np.sign(s)).mean(axis=0), (x * rate).mean(axis=0)]
+        return np.concatenate(rows)
 
     def _layout(self) -> Iterator[tuple[Quantity, str, int]]:
         for quantity in self.quantities:
@@ -190,36 +208,6 @@ def _scale(x: FloatArray, least: float) -> FloatArray:
     rms = np.sqrt((x**2).mean(axis=0))
     rms = np.maximum(np.where(rms > 1e-9 * _rms(x), rms, _rms(x)), least)
     return np.where(rms > 0.0, rms, 1.0)
-
-
-def _statistic(
-    statistic: str,
-    x: FloatArray,
-    times: FloatArray,
-    observables: Observables,
-    trace: Trace,
-    values: dict[str, FloatArray],
-) -> FloatArray:
-    """Return the observables of one group."""
-    duration = observables.duration
-    if statistic == "bin":
-        return _means(x, times, np.linspace(0.0, duration, BINS + 1))
-    if statistic == "mean":
-        return _means(x, times, duration * np.array(WINDOWS))
-    if statistic == "ripple":
-        return _ripple(x, times, duration)
-    name = next(name for name, samples in values.items() if samples is x)
-    quantity = next(q for q in observables.quantities if q.name == name)
-    if statistic == "flag":
-        return np.concatenate(
-            [_in_phases(x, trace, flag, width) for flag, width in observables.flags_of(quantity)]
-        )
-    rows = []
-    for partner in observables.partners(quantity):
-        s = values[partner]
-        rate = np.gradient(s, times, axis=0) * duration if len(times) > 1 else np.zeros_like(s)
-        rows += [(x * s).mean(axis=0), (x * np.sign(s)).mean(axis=0), (x * rate).mean(axis=0)]
-    return np.concatenate(rows)
 
 
 def _means(x: FloatArray, times: FloatArray, edges: FloatArray) -> FloatArray:

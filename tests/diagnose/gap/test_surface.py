@@ -158,7 +158,7 @@ def test_an_improved_simulator_says_where_the_gap_is_largest_between_the_tests()
     assert alone < 6
 
 
-def test_a_simulator_that_foretells_something_else_is_not_believed():
+def test_a_simulator_that_predicts_something_else_is_not_used():
     generator = np.random.default_rng(5)
     places = generator.uniform(size=(18, 3))
     tests = seen(CUBE, bumpy, places, generator)
@@ -184,6 +184,6 @@ def test_a_simulator_that_foretells_everything_is_heard_three_quarters_at_most(m
 
     bounded = gap_surface(CUBE, tests, seed=1, predicted=exact)
     monkeypatch.setattr(importlib.import_module("s2r_spec.diagnose.gap.surface"), "MOST_PREDICTED", 1.0)
-    believed = gap_surface(CUBE, tests, seed=1, predicted=exact)
-    assert bounded.worst == believed.worst
-    assert volume(bounded) > 10 * volume(believed)
+    surface = gap_surface(CUBE, tests, seed=1, predicted=exact)
+    assert bounded.worst == surface.worst
+    assert volume(bounded) > 10 * volume(surface)

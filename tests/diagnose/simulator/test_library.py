@@ -67,8 +67,8 @@ def test_the_library_is_read_from_the_cache(made, folder, monkeypatch):
 
 def test_a_declared_cost_changes_nothing(folder, made, monkeypatch):
     monkeypatch.setattr(Cart, "rollout", None)
-    dear = replace(Cart(), cost=100.0)
-    assert library(dear, [TEST], cache=Cache(folder)).response(TEST).nominal == pytest.approx(
+    costly = replace(Cart(), cost=100.0)
+    assert library(costly, [TEST], cache=Cache(folder)).response(TEST).nominal == pytest.approx(
         made.response(TEST).nominal
     )
 
@@ -77,6 +77,19 @@ def test_another_model_has_a_library_of_its_own(folder, made):
     heavier = Cart().with_effects({"payload": {"mass": 1.0}})
     other = library(heavier, [TEST], cache=Cache(folder))
     assert np.abs(other.response(TEST).nominal - made.response(TEST).nominal).max() > 0.01
+
+
+def test_another_duration_and_another_source_have_libraries_of_their_own(tmp_path, made):
+    """A cart's hash has neither: a library of another one would answer for it."""
+
+    class Other(Cart):
+        """The same cart, as code of another module."""
+
+    cache = Cache(tmp_path)
+    library(Cart(), [TEST], cache=cache)
+    library(replace(Cart(), duration=1.0), [TEST], cache=cache)
+    library(Other(), [TEST], cache=cache)
+    assert len(list(tmp_path.rglob("*.npz"))) == 3
 
 
 def test_a_damaged_cache_is_made_again(tmp_path, made):
