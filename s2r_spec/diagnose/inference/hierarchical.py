@@ -38,24 +38,30 @@ FloatArray = NDArray[np.float64]
 
 LAW_ERROR = 0.02
 """Prior: scale τ0 of the law error of a group, in typical sizes. With twice as much, many groups of a channel that
-follows every law count for more, and the few precise ones for less; `benchmarks/protocol_fit.py` prints the errors."""
+follows every law count for more, and the few precise ones for less. Chosen among 0.01, 0.02, 0.05 by the errors on 20 of
+the twins of `benchmarks/protocol_fit.py`, which are therefore validation."""
 LAW_SHARE = 0.1
 """Prior: part ρ of an effect's size by which its law is wrong, in each group and again in all of them. Twice as much
-makes intervals of large effects twice as wide, and weakens every group that shows one."""
+makes intervals of large effects up to twice as wide, and weakens every group that shows one. No source yet: a judgement."""
 DEGREES = 4.0
 """Prior: degrees of freedom ν of both variances of a group. With twice as many, a group that does not fit keeps more
-of its weight."""
+of its weight. Chosen like τ0, among 1 and 4."""
 EFFECTIVE = 60.0
-"""Prior: most independent numbers N_g of a group, however many it has, for its errors are correlated."""
+"""Prior: most independent numbers N_g of a group, however many it has, for its errors are correlated.
+Twice as many count scatter less and law errors more. Chosen like τ0, among 20, 60, 200, whose errors hardly differ."""
 LARGEST = 60.0
-"""Tolerance: a residual beyond so many units counts as that many; a diverged run then stays finite."""
+"""Tolerance: a residual beyond so many units counts as that many; a diverged run then stays finite.
+Twice as much lets one such observable raise s_g² of its group up to four times as far."""
 SHARED = 0.03
 """Prior: standard deviation σ_c of the error that all groups share at nominal, in typical sizes: two healthy machines
-of different authors differ by so much. Twice as much makes intervals of small effects twice as wide."""
+of different authors differ by so much. No source yet: a judgement
+before law variants. Twice as much makes intervals of small effects up to twice as wide."""
 VARIANT = 2.0
-"""Prior: error of a variant's amount in a group, in units of τ_g; a variant is known less well than an effect."""
+"""Prior: error of a variant's amount in a group, in units of τ_g; a variant is known less well than an effect. No
+source: a judgement. Twice as much lets each group use the variants more freely."""
 FORM = 0.1
-"""Prior: form error of a response, as a part of its rms over all effects. It is the shape of u_g, not its size."""
+"""Prior: form error of a response, as a part of its rms over all effects. It is the shape of u_g, not its size. No
+source: a judgement, with LAW_SHARE. Twice as much evens out observables of little and of much scatter."""
 
 
 @dataclass(frozen=True)
