@@ -38,11 +38,12 @@ FloatArray = NDArray[np.float64]
 
 LAW_ERROR = 0.02
 """Prior: scale τ0 of the law error of a group, in typical sizes. With twice as much, many groups of a channel that
-follows every law count for more, and the few precise ones for less. Chosen among 0.01, 0.02, 0.05 by the errors on 20 of
-the twins of `benchmarks/protocol_fit.py`, which are therefore validation."""
+follows every law count for more, and the few precise ones for less. Chosen among 0.01, 0.02, 0.05 by the errors on 20
+of the twins of `benchmarks/protocol_fit.py`, which are therefore validation."""
 LAW_SHARE = 0.1
 """Prior: part ρ of an effect's size by which its law is wrong, in each group and again in all of them. Twice as much
-makes intervals of large effects up to twice as wide, and weakens every group that shows one. No source yet: a judgement."""
+makes intervals of large effects up to twice as wide, and weakens every group that shows one. No source yet: a
+judgement."""
 DEGREES = 4.0
 """Prior: degrees of freedom ν of both variances of a group. With twice as many, a group that does not fit keeps more
 of its weight. Chosen like τ0, among 1 and 4."""
