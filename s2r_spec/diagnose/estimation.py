@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend
-from s2r_spec.diagnose.inference.gauss_newton import Fit, Observation, Problem, fit
+from s2r_spec.diagnose.inference.gauss_newton import Fit, Observation, Problem, fit, search
 from s2r_spec.diagnose.inference.hierarchical import Likelihood
 from s2r_spec.diagnose.inference.model_search import ModelPosterior, posterior
-from s2r_spec.diagnose.inference.prior import BACKGROUND, SLAB, SizePrior
+from s2r_spec.diagnose.inference.prior import SizePrior
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import Response, ResponseLibrary, nominal, simulated
 from s2r_spec.errors import UsageError, one_of
@@ -22,6 +22,8 @@ FloatArray = NDArray[np.float64]
 
 CORRECTIONS = 1
 """Budget: times that the simulator runs at the estimate. Twice as many take twice the runs of every experiment."""
+AGAIN = 1
+"""Budget: further searches, each from the estimate of the one before. Every one takes about 5 s of one core."""
 RIVALS = 3
 """Budget: sets that are fitted beside the most probable one. Twice as many take about twice the time of all fits."""
 SIMULATED = 2
@@ -42,7 +44,7 @@ def size_prior(library: ResponseLibrary) -> SizePrior:
     lines = library.parameters
     low = np.array([min(line.coordinate(line.low), line.coordinate(line.high)) for line in lines])
     high = np.array([max(line.coordinate(line.low), line.coordinate(line.high)) for line in lines])
-    return SizePrior.of([line.effect for line in lines], low, high)
+    return SizePrior.of([line.effect for line in lines], low, high, library.dependence.base >= 0)
 
 
 def estimate(
@@ -71,20 +73,27 @@ def estimate(
         if response.experiment != experiment:
             shift = nominal(backend, response, experiment) - response.reference
         vectors.setdefault(response.experiment, []).extend(each - shift for each in found)
-    observations = [Observation.of(library.response(e), each) for e, each in vectors.items()]
+    observations = [
+        Observation.of(library.response(e), each, library.dependence) for e, each in vectors.items()
+    ]
     if not any(one.parts for one in observations):
         raise UsageError(
             "no run has a channel that the simulator has, too, so no size can be estimated; add such runs"
         )
     prior = size_prior(library)
     plain = Problem(tuple(observations), prior)
+    starts: list[Mode] = []
     joint = fit(plain)
-    first = posterior(joint.likelihood, joint.theta, prior)
-    starts = [(first.mean[0], first.sets[0]), *rivals(joint.likelihood, first)]
-    modes = [around(library, plain, theta, active) for theta, active in starts]
-    modes.sort(key=lambda mode: -mode.posterior.log_evidence)
-    best = [exact(backend, mode, plain, corrections) for mode in modes[:SIMULATED]]
-    return max(best, key=lambda mode: mode.posterior.log_evidence)
+    for _ in range(1 + AGAIN):
+        joint = fit(plain, search(plain, joint.theta)) if starts else joint
+        first = posterior(joint.likelihood, joint.theta, prior)
+        starts.append(Mode(plain, first.mean[0], first.sets[0]))
+    starts += [Mode(plain, *one) for one in rivals(joint.likelihood, first)]
+    modes = sorted(fitted(library, starts), key=lambda mode: -mode.posterior.log_evidence)
+    for _ in range(corrections):
+        exact = [corrected(backend, library, plain, mode) for mode in modes[:SIMULATED]]
+        modes = sorted(fitted(library, exact), key=lambda mode: -mode.posterior.log_evidence)
+    return modes[0]
 
 
 def nearest(library: ResponseLibrary, experiment: Experiment) -> Response:
@@ -109,28 +118,41 @@ def nearest(library: ResponseLibrary, experiment: Experiment) -> Response:
     return responses[tests[int(np.argmin(distance))]]
 
 
-def around(
-    library: ResponseLibrary, problem: Problem, theta: FloatArray, active: tuple[int, ...]
-) -> Estimate:
-    """Return the estimate around a set: its own effects are causes, and all others are background."""
-    prior = problem.prior
-    deviation = np.where(np.isin(np.arange(theta.size), active), SLAB, BACKGROUND)
-    found = fit(problem, np.clip(theta, prior.low, prior.high), deviation)
-    return Estimate(library, found, posterior(found.likelihood, found.theta, prior))
+@dataclass(frozen=True)
+class Mode:
+    """A mode of the likelihood: a problem, (K,) a point, and the parameters that are causes."""
+
+    problem: Problem
+    theta: FloatArray
+    active: tuple[int, ...]
 
 
-def exact(backend: Backend, mode: Estimate, problem: Problem, corrections: int) -> Estimate:
-    """Return the estimate with runs of the simulator at the most probable set in place of sums of responses."""
-    for _ in range(corrections):
-        active = mode.posterior.sets[0]
-        if not active:
-            break
-        theta = np.clip(mode.posterior.mean[0], problem.prior.low, problem.prior.high)
-        causes = np.where(np.isin(np.arange(theta.size), active), theta, 0.0)
-        responses = [one.response for one in problem.observations]
-        new = problem.corrected([correction(backend, mode.library, each, causes) for each in responses])
-        mode = around(mode.library, new, theta, active)
-    return mode
+def fitted(library: ResponseLibrary, modes: Sequence[Mode]) -> list[Estimate]:
+    """Return the estimate around each mode, under errors that are the larger of all of theirs.
+
+    In the fit the causes of a mode have the prior of causes, and all other parameters that of the background.
+    """
+    near = [fit(m.problem, m.theta, m.problem.prior.deviation(m.active)) for m in modes]
+    each = [m.problem.errors(one.theta) for m, one in zip(modes, near, strict=True)]
+    common = [np.max(same, axis=0) for same in zip(*each, strict=True)]
+    found = []
+    for mode, one in zip(modes, near, strict=True):
+        prior = mode.problem.prior
+        last = fit(mode.problem, one.theta, prior.deviation(mode.active), common)
+        found.append(Estimate(library, last, posterior(last.likelihood, last.theta, prior)))
+    return found
+
+
+def corrected(backend: Backend, library: ResponseLibrary, problem: Problem, found: Estimate) -> Mode:
+    """Return the mode with runs of the simulator at its most probable set in place of sums of responses."""
+    active = found.posterior.sets[0]
+    theta = np.clip(found.posterior.mean[0], problem.prior.low, problem.prior.high)
+    if not active:
+        return Mode(problem, theta, active)
+    part = [k in active or (found.library.dependence.base[k] in active) for k in range(theta.size)]
+    causes = np.where(part, theta, 0.0)
+    new = [correction(backend, library, one, causes) for one in problem.observations]
+    return Mode(problem.corrected(new, causes), theta, active)
 
 
 def rivals(found: Likelihood, sets: ModelPosterior) -> list[tuple[FloatArray, tuple[int, ...]]]:
@@ -152,10 +174,9 @@ def rivals(found: Likelihood, sets: ModelPosterior) -> list[tuple[FloatArray, tu
     return starts
 
 
-def correction(
-    backend: Backend, library: ResponseLibrary, response: Response, theta: FloatArray
-) -> FloatArray:
+def correction(backend: Backend, library: ResponseLibrary, one: Observation, theta: FloatArray) -> FloatArray:
     """Return (m,) what the simulator's mean at θ is beyond the sum of responses; 0 where a run ended early."""
-    moved = simulated(backend, response, library.values(theta)) - response.reference
-    beyond = moved - (response.mean(theta) - response.nominal)
+    response = one.response
+    beyond = simulated(backend, response, library.values(theta)) - response.reference
+    beyond[one.kept] -= one.moved(theta)
     return np.where(np.isfinite(beyond), beyond, 0.0)

@@ -38,12 +38,13 @@ from s2r_sim.effects import with_effects
 from s2r_sim.parameters import Test, read_test
 from s2r_sim.plant.channels import FEET, JOINTS
 from s2r_sim.plant.physics import Physics
+from s2r_sim.protocols import PROTOCOLS
 from s2r_sim.residuals.motion import Recorded, hann, recorded
-from s2r_sim.residuals.world import Motion
+from s2r_sim.residuals.world import Motion, Protocol
 from s2r_sim.settings import Settings
 from s2r_spec.effects import Choice
 from s2r_spec.errors import TraceError, one_of
-from s2r_spec.protocols import PROTOCOL
+from s2r_spec.protocols import PROTOCOL, named
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
@@ -69,6 +70,7 @@ class _Residual:
         knows: fields of the world that change the residual; all other fields are at their defaults.
         parts: the part of the robot of each column.
         of: function from a motion in a world to (n − 1, columns).
+        by_gains: whether it depends on the gains of the joints, which follow from a test's stance or from a protocol.
     """
 
     name: str
@@ -77,6 +79,12 @@ class _Residual:
     knows: tuple[str, ...]
     parts: tuple[str, ...]
     of: Callable[[Motion], FloatArray]
+    by_gains: bool = False
+
+    def possible(self, trace: Trace) -> bool:
+        """Whether the trace has all that is needed."""
+        given = {*trace.channels, *(("stance",) if self.by_gains and PROTOCOL in trace.meta else ())}
+        return given.issuperset(self.needs)
 
 
 def residuals(
@@ -89,7 +97,8 @@ def residuals(
     """
     # A protocol has the plain world: its parameters are those of its references.
     test = read_test({} if PROTOCOL in trace.meta else params or {})
-    possible = [one for one in RESIDUALS if all(name in trace.channels for name in one.needs)]
+    protocol = _protocol(trace, params or {})
+    possible = [one for one in RESIDUALS if one.possible(trace)]
     if not possible:
         raise TraceError(
             f"no residual can be computed from the channels {one_of(trace.channels)}; the fewest are needed for "
@@ -107,7 +116,7 @@ def residuals(
         _inner(trace.times[:-1] + log.dt / 2, window),
         {
             one.name: _averaged(
-                one, log, settings.gains, _shown(bare, one.knows), _shown(here, one.knows), test
+                one, log, settings.gains, _shown(bare, one.knows), _shown(here, one.knows), (test, protocol)
             )
             for one in possible
         },
@@ -116,13 +125,26 @@ def residuals(
     )
 
 
+def _protocol(trace: Trace, params: Mapping[str, float]) -> Protocol | None:
+    """Return the protocol of a trace and its parameters; None for a test."""
+    if PROTOCOL not in trace.meta:
+        return None
+    one = named(PROTOCOLS, str(trace.meta[PROTOCOL]), "sim")
+    return one.name, tuple(one.values(params).items())
+
+
 @lru_cache(maxsize=128)
 def _averaged(
-    one: _Residual, log: Recorded, gains: Gains, bare: Physics, here: Physics, test: Test
+    one: _Residual,
+    log: Recorded,
+    gains: Gains,
+    bare: Physics,
+    here: Physics,
+    way: tuple[Test, Protocol | None],
 ) -> FloatArray:
     """Return the (m, columns) averages of a residual; cached, for most worlds change only one or two residuals."""
     window = hann(log.trace.times, WINDOW)
-    return _inner(convolve1d(one.of(_moving(log, gains, bare, here, test)), window, axis=0), window)
+    return _inner(convolve1d(one.of(_moving(log, gains, bare, here, way)), window, axis=0), window)
 
 
 def _inner(values: FloatArray, window: FloatArray) -> FloatArray:
@@ -132,8 +154,10 @@ def _inner(values: FloatArray, window: FloatArray) -> FloatArray:
 
 
 @lru_cache(maxsize=4)
-def _moving(log: Recorded, gains: Gains, bare: Physics, here: Physics, test: Test) -> Motion:
-    return Motion(log, gains, bare, here, test)
+def _moving(
+    log: Recorded, gains: Gains, bare: Physics, here: Physics, way: tuple[Test, Protocol | None]
+) -> Motion:
+    return Motion(log, gains, bare, here, *way)
 
 
 def _shown(world: Physics, fields: tuple[str, ...]) -> Physics:
@@ -238,7 +262,7 @@ RESIDUALS = (
     _Residual(
         "base_torque", "N*m", _WITH_FORCE, _BASE_KNOWS, _BASE, lambda motion: _base_wrench(motion)[:, 3:]
     ),
-    _Residual("motor", "N*m", ("q", "dq", "tau", "tau_cmd", "stance"), _MOTOR_KNOWS, JOINTS, _motor),
+    _Residual("motor", "N*m", ("q", "dq", "tau", "tau_cmd", "stance"), _MOTOR_KNOWS, JOINTS, _motor, True),
     _Residual(
         "acceleration",
         "m/s^2",

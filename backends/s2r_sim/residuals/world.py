@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import convolve1d
 
 from s2r_sim.controller.estimator import BLEND
-from s2r_sim.controller.gains import Gains
+from s2r_sim.controller.gains import RATE, Gains
 from s2r_sim.parameters import Test
 from s2r_sim.plant.physics import Physics
+from s2r_sim.protocols.references import reference
 from s2r_sim.residuals.motion import Ground, Recorded, corrected, ground, hann
 from s2r_sim.residuals.play import crossed
 from s2r_sim.residuals.yielding import Yielding, yielding
@@ -21,6 +22,8 @@ from s2r_sim.robot.rotation import turned, turned_back
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+Protocol = tuple[str, tuple[tuple[str, float], ...]]
+"""Name of a protocol, and (name, value) of its parameters."""
 
 _STILL = 0.1
 """[rad/s] below which a joint's dry friction balances any torque up to its own size."""
@@ -40,6 +43,7 @@ class Motion:
         bare: the nominal world of the test.
         world: the same world with effects.
         test: the requested test.
+        protocol: name and parameters of the protocol; None for a test.
     """
 
     recorded: Recorded
@@ -47,6 +51,7 @@ class Motion:
     bare: Physics
     world: Physics
     test: Test
+    protocol: Protocol | None = None
 
     @property
     def robot(self) -> Robot:
@@ -147,9 +152,8 @@ class Motion:
     @cached_property
     def delivered(self) -> FloatArray:
         """(n − 1, 12) torque that the motors should report [N m], with latency and limits."""
-        log, gains = self.recorded, self.gains
-        swings = 1.0 - np.repeat(log.at("stance"), 3, axis=1)
-        kp, kd = gains.kp_joint_swing * swings, gains.kd_joint
+        log = self.recorded
+        kp, kd = self._joint_gains
         asked, given = log.at("tau_cmd"), self._given
         low, high = self._limits
         # The motors report the last step of a tick: its law, with the joints of that step.
@@ -158,9 +162,21 @@ class Motion:
             log.at(name) + last * np.diff(log.trace[name], axis=0) - log.at(name)[law] for name in ("q", "dq")
         )
         torque: FloatArray = self.strength[:, None] * np.clip(
-            asked[law] - kp[law] * moved - kd * turned, low, high
+            asked[law] - kp[law] * moved - kd[law] * turned, low, high
         )
         return torque
+
+    @property
+    def _joint_gains(self) -> tuple[FloatArray, FloatArray]:
+        """(n − 1, 12) stiffness [N m/rad] and (n − 1, 1) damping [N m s/rad] of the joints."""
+        log, gains = self.recorded, self.gains
+        if self.protocol is None:
+            swings = 1.0 - np.repeat(log.at("stance"), 3, axis=1)
+            return gains.kp_joint_swing * swings, np.full((len(swings), 1), gains.kd_joint)
+        name, values = self.protocol
+        played = reference(name, **dict(values))
+        rows = np.clip(np.round(log.trace.times[:-1] * RATE).astype(int), 0, len(played.kp) - 1)
+        return np.repeat(played.kp[rows, None], 12, axis=1), played.kd[rows, None]
 
     @cached_property
     def _given(self) -> IntArray:

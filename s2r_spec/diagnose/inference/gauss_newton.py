@@ -3,8 +3,18 @@
 Data: y_p (m_p,), the mean observables of real runs of each experiment p. Unknown: θ (K,) in typical sizes. Model and
 likelihood: :mod:`.hierarchical`. Prior in the fit: θ_k ~ N(0, σ_slab²) within its range, for every parameter.
 
-The likelihood has several modes, because the variance of a group grows with its residual. So the first estimate is
-a search: from θ = 0, one parameter at a time moves to the point of the library that lowers
+The error of an observable i of group g has the shape
+
+    u_i² = scatter² + variants² + Σ_k (κ_g F_k,i)² + bend_k,i² + θ_k² spread_k,i²
+
+F_k is the response to parameter k. κ_g is the relative error of a sum of responses (:mod:`.additivity`). *bend* is the
+error of interpolation, and *spread* the scatter of a response from run to run. So a group that an effect throws into
+disorder says little about this effect. Half of the last three terms is spread evenly over the group.
+
+Since u depends on θ, it is fixed within a Gauss–Newton step (a quasi-likelihood; McCullagh & Nelder, *Generalized
+Linear Models*, ch. 9). Estimates are compared under a common u, the larger of theirs.
+
+The first estimate is a search: from θ = 0, one parameter at a time moves to the point of the library that lowers
 
     Σ_g ½ (ν + N_g) log(1 + N_g |r_g|²/(n_g ν)) + ½ |θ|²/σ_slab²      (Student's t for each group)
 
@@ -24,29 +34,30 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.diagnose.inference.additivity import relative_errors
 from s2r_spec.diagnose.inference.hierarchical import (
     DEGREES,
     EFFECTIVE,
     LARGEST,
+    LAW_SHARE,
     Groups,
     Likelihood,
     Variances,
     likelihood,
     marginal,
     shared_error,
-    unit,
     variances,
 )
-from s2r_spec.diagnose.inference.prior import SLAB, SizePrior
-from s2r_spec.diagnose.simulator.library import Curve, Response
+from s2r_spec.diagnose.inference.prior import BACKGROUND, SLAB, SizePrior
+from s2r_spec.diagnose.simulator.curve import Curve
+from s2r_spec.diagnose.simulator.library import Dependence, Response
 
 FloatArray = NDArray[np.float64]
 
-SMALL = 0.5
-"""Definition: the form error is a part of the responses up to this size, in typical sizes. Up to twice as much, the
-errors of observables that only large effects move count more."""
 GAIN = 2.0
 """Tolerance: least gain of a step of the search, in log-likelihood; the odds of one step change by a factor of 7."""
+TRIED = 40
+"""Budget: moves of the search that are tried before all others. Twice as many take up to twice its time."""
 STEPS = 12
 """Budget: most Gauss–Newton steps of a fit."""
 CLOSE = 0.002
@@ -57,99 +68,163 @@ FIRST = 0.7
 
 @dataclass(frozen=True)
 class Observation:
-    """Real data of one experiment, and the simulator's responses, in units of their errors u.
+    """Real data of one experiment, and the simulator's responses.
 
     Of m observables n are used: those that the real runs, the nominal runs and all responses have.
 
     Attributes:
         response: of the simulator to every effect.
+        dependence: which responses are in proportion to another parameter.
         kept: (n,) places of the observables that are used.
-        scale: (n,) u.
-        observed: (n,) difference of the real and the nominal mean, in units of u.
-        variants: (V, n) responses to the variants.
-        curves: the response to every parameter, at the points at which the simulator does not fall.
         parts: (quantity, statistic) and places among the n of every group.
-        correction: (n,) what the simulator's mean is beyond the sum of responses.
+        observed: (n,) difference of the real and the nominal mean.
+        noise: (n,) variance of this difference by the scatter of the runs and by the variants.
+        curves: the response to every parameter, at the points at which the simulator does not fall.
+        spread: (K, n) variance of the difference by the scatter of the responses, for a coordinate of 1.
+        variants: (V, n) responses to the variants.
+        coherent: (G,) ρ_g.
+        form: (n,) κ_g of the group of every observable.
+        correction: (n,) what the simulator's mean is beyond the sum of responses, from runs at ``ran``.
+        ran: (K,) coordinates at which the simulator ran; 0 before any correction.
     """
 
     response: Response
+    dependence: Dependence
     kept: NDArray[np.int64]
-    scale: FloatArray
-    observed: FloatArray
-    variants: FloatArray
-    curves: tuple[Curve, ...]
     parts: tuple[tuple[tuple[str, str], NDArray[np.int64]], ...]
+    observed: FloatArray
+    noise: FloatArray
+    curves: tuple[Curve, ...]
+    spread: FloatArray
+    variants: FloatArray
+    coherent: FloatArray
+    form: FloatArray
     correction: FloatArray
+    ran: FloatArray
 
     @classmethod
-    def of(cls, response: Response, vectors: Sequence[FloatArray]) -> Observation:
-        """Return the observation of (m,) observables of each real run."""
-        mean = np.mean(vectors, axis=0)
+    def of(cls, response: Response, vectors: Sequence[FloatArray], dependence: Dependence) -> Observation:
+        """Return the observation of (m,) observables of each real run. Runs that ended early count if no other did."""
+        whole = [each for each in vectors if np.isfinite(each[response.bins]).all()] or vectors
+        mean = np.mean(whole, axis=0)
         usable = np.isfinite(mean) & np.isfinite(response.nominal) & np.isfinite(response.scatter)
         usable &= np.isfinite(response.variants).all(axis=0)
         # A point at which the simulator falls is left out: it would take the rest of the trace from all parameters.
         curves = []
         for curve in response.curves:
-            whole = np.isfinite(curve.values[:, response.bins]).all(axis=1)
-            curves.append(Curve(curve.coordinates[whole], curve.values[whole]))
-            usable &= np.isfinite(curves[-1].values).all(
-                axis=0
-            )  # such as the mean of a phase that does not occur
-        small = [(c.values[np.abs(c.coordinates) <= SMALL] ** 2).max(axis=0) for c in curves]
-        signature = np.sqrt(np.mean(small, axis=0))
-        error = np.zeros_like(mean)
+            stood = np.isfinite(curve.values[:, response.bins]).all(axis=1)
+            curves.append(Curve(curve.coordinates[stood], curve.values[stood]))
+            # Some points lack an observable, such as the mean of a phase that does not occur.
+            usable &= np.isfinite(curves[-1].values).all(axis=0)
+        moved = np.max([np.abs(curve.values).max(axis=0) for curve in curves], axis=0) > 1e-9
         parts, kept, start = [], [], 0
-        for group in response.groups:
+        for group in response.groups_of(np.isfinite(mean)):
             places = np.arange(group.start, group.stop)[usable[group.start : group.stop]]
-            if not places.size:
-                continue
-            variants = response.variants[:, places]
-            error[places] = unit(response.scatter[places], len(vectors), signature[places], variants)
-            if error[places].min() > 1e-9:  # a group that nothing moves says nothing
+            if places.size and moved[places].any():  # a group that nothing moves says nothing
                 parts.append(((group.quantity, group.statistic), np.arange(start, start + places.size)))
                 kept.append(places)
                 start += places.size
         used = np.concatenate(kept) if kept else np.zeros(0, dtype=np.int64)
-        scale = error[used]
-        return cls(
+        bare = cls(
             response,
+            dependence,
             used,
-            scale,
-            (mean - response.nominal)[used] / scale,
-            response.variants[:, used] / scale,
-            tuple(Curve(curve.coordinates, curve.values[:, used] / scale) for curve in curves),
             tuple(parts),
+            (mean - response.nominal)[used],
+            response.scatter[used] ** 2 / len(whole) + (response.variants[:, used] ** 2).sum(axis=0),
+            tuple(Curve(curve.coordinates, curve.values[:, used]) for curve in curves),
+            response.spread[:, used] * (1.0 / len(whole) + 1.0 / response.replicates),
+            response.variants[:, used],
+            np.full(len(parts), LAW_SHARE),
+            np.full(used.size, LAW_SHARE),
             np.zeros(used.size),
+            np.zeros(len(curves)),
         )
+        return bare._calibrated() if parts else bare
 
-    def corrected(self, correction: FloatArray) -> Observation:
-        """Return the observation with (m,) another correction of the simulator's mean."""
-        return replace(self, correction=correction[self.kept] / self.scale)
+    def corrected(self, correction: FloatArray, theta: FloatArray) -> Observation:
+        """Return the observation with (m,) another correction of the simulator's mean, from runs at θ."""
+        return replace(self, correction=correction[self.kept], ran=theta)
+
+    def moved(self, theta: FloatArray) -> FloatArray:
+        """Return (n,) the sum of the responses at θ."""
+        factors = self.dependence.factors(theta)
+        each = [f * c.at(float(x)) for f, c, x in zip(factors, self.curves, theta, strict=True)]
+        return np.asarray(np.sum(each, axis=0))
 
     def residual(self, theta: FloatArray) -> FloatArray:
         """Return (n,) the residual at θ."""
-        moved = np.sum([curve.at(float(x)) for curve, x in zip(self.curves, theta, strict=True)], axis=0)
-        return np.asarray(self.observed - self.correction - moved)
+        return self.observed - self.correction - self.moved(theta)
 
     def jacobian(self, theta: FloatArray) -> FloatArray:
         """Return (K + V, n) the slopes of all responses, then the variants."""
-        slopes = [curve.slope(float(x)) for curve, x in zip(self.curves, theta, strict=True)]
+        factors = self.dependence.factors(theta)
+        slopes = [f * c.slope(float(x)) for f, c, x in zip(factors, self.curves, theta, strict=True)]
+        for k, base in self.dependence.pairs:
+            slopes[base] = slopes[base] + self.curves[k].at(float(theta[k])) / self.dependence.at[k]
         return np.vstack([*slopes, self.variants])
+
+    def error(self, parameter: int, size: float, factor: float = 1.0) -> FloatArray:
+        """Return (n,) the variance of a response: form, interpolation, and scatter from run to run."""
+        curve = self.curves[parameter]
+        bend = curve.bend(size) - curve.bend(float(self.ran[parameter]))
+        relative = self.form**2 * curve.at(size) ** 2 + bend**2 + size**2 * self.spread[parameter]
+        return np.asarray(factor**2 * relative)
+
+    def errors(self, theta: FloatArray) -> FloatArray:
+        """Return (n,) the sum of the variances of all responses at θ."""
+        factors = self.dependence.factors(theta)
+        each = [self.error(k, float(x), float(factors[k])) for k, x in enumerate(theta)]
+        return np.asarray(np.sum(each, axis=0))
+
+    def unit(self, errors: FloatArray) -> FloatArray:
+        """Return (n,) u from (n,) the variances of responses; half of these is spread evenly over a group."""
+        errors = errors + self._background
+        starts, count = self._layout
+        level = np.repeat(np.add.reduceat(errors, starts) / count, count)
+        return np.asarray(np.sqrt(self.noise + 0.5 * (errors + level)) + 1e-12)
+
+    def loss(self, residual: FloatArray, unit: FloatArray) -> float:
+        """Return Σ_g ½ (ν + N_g) log(1 + N_g |r_g|²/(n_g ν))."""
+        if not self.parts:
+            return 0.0
+        starts, count = self._layout
+        energy = np.add.reduceat(np.clip(residual / unit, -LARGEST, LARGEST) ** 2, starts) / count
+        size = np.minimum(count, EFFECTIVE)
+        return float(np.sum(0.5 * (DEGREES + size) * np.log1p(size * energy / DEGREES)))
+
+    def groups(self, theta: FloatArray, errors: FloatArray) -> Groups:
+        """Return the groups at θ, under the error of (n,) these variances."""
+        places = [each for _, each in self.parts]
+        return Groups.of(self.residual(theta), self.jacobian(theta), self.unit(errors), places, self.coherent)
+
+    def _calibrated(self) -> Observation:
+        """Return the observation with the relative errors that the practice machines show."""
+        practice = self.response.practice
+        sums = np.array([self.moved(theta) for theta in practice.theta])
+        rest = practice.values[:, self.kept] - self.response.nominal[self.kept] - sums
+        rest = rest - practice.variant @ self.variants
+        runs = self.response.scatter[self.kept] ** 2
+        # The error of the sum itself: interpolation and scatter, without form.
+        plain = replace(self, form=np.zeros_like(self.form), spread=2.0 * self.response.spread[:, self.kept])
+        noise = np.sqrt([runs + plain.errors(theta) + self._background + 1e-24 for theta in practice.theta])
+        coherent, other = relative_errors(sums, rest, noise, [each for _, each in self.parts])
+        return replace(self, coherent=coherent, form=np.repeat(other, self._layout[1]))
+
+    @cached_property
+    def _background(self) -> FloatArray:
+        """(n,) variance of the responses to small amounts of every effect."""
+        each = [
+            np.mean([self.form**2 * c.at(s * BACKGROUND) ** 2 for s in (-1.0, 1.0)], axis=0)
+            for c in self.curves
+        ]
+        return np.asarray(np.sum(each, axis=0) + BACKGROUND**2 * self.spread.sum(axis=0))
 
     @cached_property
     def _layout(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Begin and size of every group."""
         places = [each for _, each in self.parts]
         return np.array([each[0] for each in places]), np.array([each.size for each in places])
-
-    def loss(self, residual: FloatArray) -> float:
-        """Return Σ_g ½ (ν + N_g) log(1 + N_g |r_g|²/(n_g ν))."""
-        if not self.parts:
-            return 0.0
-        starts, count = self._layout
-        energy = np.add.reduceat(np.clip(residual, -LARGEST, LARGEST) ** 2, starts) / count
-        size = np.minimum(count, EFFECTIVE)
-        return float(0.5 * np.sum((DEGREES + size) * np.log1p(size * energy / DEGREES)))
 
 
 @dataclass(frozen=True)
@@ -164,10 +239,14 @@ class Problem:
     observations: tuple[Observation, ...]
     prior: SizePrior
 
-    def corrected(self, corrections: Sequence[FloatArray]) -> Problem:
-        """Return the problem with (m_p,) another correction of every experiment."""
+    def corrected(self, corrections: Sequence[FloatArray], theta: FloatArray) -> Problem:
+        """Return the problem with (m_p,) another correction of every experiment, from runs at θ."""
         pairs = zip(self.observations, corrections, strict=True)
-        return replace(self, observations=tuple(one.corrected(new) for one, new in pairs))
+        return replace(self, observations=tuple(one.corrected(new, theta) for one, new in pairs))
+
+    def errors(self, theta: FloatArray) -> list[FloatArray]:
+        """Return (n_p,) the variances of all responses at θ, for every experiment."""
+        return [one.errors(theta) for one in self.observations]
 
 
 @dataclass(frozen=True)
@@ -189,18 +268,24 @@ class Fit:
     variances: tuple[Variances, ...]
 
 
-def fit(problem: Problem, start: FloatArray | None = None, deviation: FloatArray | None = None) -> Fit:
+def fit(
+    problem: Problem,
+    start: FloatArray | None = None,
+    deviation: FloatArray | None = None,
+    errors: Sequence[FloatArray] | None = None,
+) -> Fit:
     """Return the joint estimate.
 
     Args:
         problem: data and prior.
         start: (K,) first estimate; the search finds one without it.
         deviation: (K,) prior standard deviation of every size in the fit; without it, that of a cause.
+        errors: (n_p,) variances of the responses in u, for every experiment; without them, those at the estimate.
     """
     observations, prior = problem.observations, problem.prior
     effects = prior.low.size
     deviation = np.full(effects, SLAB) if deviation is None else deviation
-    theta = search(observations, prior) if start is None else start
+    theta = search(problem) if start is None else np.clip(start, prior.low, prior.high)
     found = [Variances.prior(len(one.parts)) for one in observations]
     total, misfit = (
         Likelihood(np.zeros((effects, effects)), np.zeros(effects)),
@@ -209,8 +294,7 @@ def fit(problem: Problem, start: FloatArray | None = None, deviation: FloatArray
     for step in range(STEPS + 1):
         likelihoods, found, misfit = [], list(found), []
         for number, one in enumerate(observations):
-            places = [each for _, each in one.parts]
-            groups = Groups.of(one.residual(theta), one.jacobian(theta), places)
+            groups = one.groups(theta, one.errors(theta) if errors is None else errors[number])
             found[number] = variances(groups, theta, found[number], 2 if step == 0 else 1)
             likelihoods.append(likelihood(groups, theta, found[number]))
             misfit.append(groups.energy)
@@ -236,40 +320,82 @@ def _step(total: Likelihood, theta: FloatArray, deviation: FloatArray) -> FloatA
     return np.asarray(np.linalg.solve(total.information + np.diag(precision), gradient)[:effects])
 
 
-def search(observations: Sequence[Observation], prior: SizePrior) -> FloatArray:
-    """Return (K,) the first estimate: one parameter at a time moves to a point of the library."""
-    theta = np.zeros(prior.low.size)
-    points = [_points(observations, k, prior) for k in range(theta.size)]
+def search(problem: Problem, start: FloatArray | None = None) -> FloatArray:
+    """Return (K,) a first estimate: from a start, one parameter at a time moves to a point of the library.
+
+    A move is compared with the present estimate under the larger of both errors u. Most moves do not change their gain
+    much: those that gained most are tried first, and all others only when none of these gains any more.
+    """
+    observations, prior = problem.observations, problem.prior
+    theta = np.zeros(prior.low.size) if start is None else start.copy()
+    tables = [
+        _Table.of(observations, k, _points(observations, k, prior, float(x))) for k, x in enumerate(theta)
+    ]
+    moves = [(k, j) for k, table in enumerate(tables) for j in range(len(table.points))]
+    place = [table.points.index(float(x)) for table, x in zip(tables, theta, strict=True)]
     residuals = [one.residual(theta) for one in observations]
-    losses = [one.loss(r) for one, r in zip(observations, residuals, strict=True)]
+    errors = problem.errors(theta)
+    few = moves
     for _ in range(4 * theta.size):
-        best, move = sum(losses) - GAIN, None
-        for k, candidates in enumerate(points):
-            current = [one.curves[k].at(float(theta[k])) for one in observations]
-            for point in candidates:
-                trial = 0.5 * (point**2 - theta[k] ** 2) / SLAB**2
-                for one, r, now in zip(observations, residuals, current, strict=True):
-                    trial += one.loss(r + now - one.curves[k].at(point))
-                if trial < best:
-                    best, move = trial, (k, point)
-        if move is None:
-            break
-        theta[move[0]] = move[1]
-        residuals = [one.residual(theta) for one in observations]
-        losses = [one.loss(r) for one, r in zip(observations, residuals, strict=True)]
-    return theta
+        gains = {
+            (k, j): tables[k].gain(observations, residuals, errors, place[k], j)
+            for k, j in few
+            if j != place[k]
+        }
+        first = max(gains, key=lambda move: gains[move], default=None)
+        if first is None or gains[first] < GAIN:
+            if few is moves:
+                break
+            few = moves
+            continue
+        few = sorted(gains, key=lambda move: -gains[move])[:TRIED]
+        k, j = first
+        for e in range(len(observations)):
+            residuals[e] = residuals[e] + tables[k].values[e][place[k]] - tables[k].values[e][j]
+            errors[e] = errors[e] + tables[k].errors[e][j] - tables[k].errors[e][place[k]]
+        few = [move for move in few if move[0] != k] + [(k, j) for j in range(len(tables[k].points))]
+        place[k] = j
+    return np.array([table.points[j] for table, j in zip(tables, place, strict=True)])
 
 
-def _points(observations: Sequence[Observation], parameter: int, prior: SizePrior) -> list[float]:
-    """Return the points of the library, the middle between two of them, and a quarter of the first on either side."""
-    found = (
-        np.unique(np.concatenate([one.curves[parameter].coordinates for one in observations]))
-        if observations
-        else np.zeros(1)
-    )
-    if found.size < 2:
-        return []
-    middle = (found[1:] + found[:-1]) / 2.0
+@dataclass(frozen=True)
+class _Table:
+    """Responses of one parameter at its points and their variances, for every experiment."""
+
+    points: list[float]
+    values: list[FloatArray]
+    errors: list[FloatArray]
+
+    @classmethod
+    def of(cls, observations: Sequence[Observation], parameter: int, points: list[float]) -> _Table:
+        values = [np.array([one.curves[parameter].at(x) for x in points]) for one in observations]
+        errors = [np.array([one.error(parameter, x) for x in points]) for one in observations]
+        return cls(points, values, errors)
+
+    def gain(
+        self,
+        observations: Sequence[Observation],
+        residuals: Sequence[FloatArray],
+        errors: Sequence[FloatArray],
+        now: int,
+        then: int,
+    ) -> float:
+        """Return how much a move from one point to another lowers loss and prior."""
+        gain = 0.5 * (self.points[now] ** 2 - self.points[then] ** 2) / SLAB**2
+        for one, r, e, v, own in zip(observations, residuals, errors, self.values, self.errors, strict=True):
+            unit = one.unit(e + np.maximum(own[then] - own[now], 0.0))
+            gain += one.loss(r, unit) - one.loss(r + v[now] - v[then], unit)
+        return gain
+
+
+def _points(
+    observations: Sequence[Observation], parameter: int, prior: SizePrior, present: float
+) -> list[float]:
+    """Return the points of the library, the middle between two, a quarter of the first, and the present one."""
+    found = np.unique(np.concatenate([[0.0], *(one.curves[parameter].coordinates for one in observations)]))
+    if found.size < 2 or any(k == parameter for one in observations for k, _ in one.dependence.pairs):
+        return [present]  # a dependent parameter has no response while the other one is nominal
     first = np.array([found[found > 0].min(initial=np.inf), found[found < 0].max(initial=-np.inf)])
-    points = np.unique(np.concatenate([found, middle, 0.25 * first[np.isfinite(first)]]))
-    return [float(p) for p in points if prior.low[parameter] - 1e-9 <= p <= prior.high[parameter] + 1e-9]
+    points = [found, (found[1:] + found[:-1]) / 2.0, 0.25 * first[np.isfinite(first)]]
+    inside = np.clip(np.concatenate(points), prior.low[parameter], prior.high[parameter])
+    return [float(x) for x in np.unique(np.append(inside, present))]

@@ -5,19 +5,20 @@ real runs. Unknown: θ (K,), the parameters of the catalogue in typical sizes; �
 variants. Model:
 
     y_g = F_g(θ + b_g, φ + c_g) + ε_g          F_g: the simulator's mean, linear around the present θ
-    b_g ~ N(0, τ_g² I_K + ρ² diag(θ²))           law error: the machine's laws are not the simulator's, so that
+    b_g ~ N(0, τ_g² I_K + ρ_g² diag(θ²))         law error: the machine's laws are not the simulator's, so that
     c_g ~ N(0, 4 τ_g² I_V)                       each group sees the size of an effect with an error of its own
     ε_g ~ N(0, s_g² diag(u_g²) n_g/N_g)          scatter and form error, of N_g independent numbers
     φ ~ N(0, I_V),   τ_g² ~ Inv-χ²(ν, τ0²),   s_g² ~ Inv-χ²(ν, 1)
 
-u_g (n_g,) is the known shape of the error (:func:`unit`). Errors of a law stay in the groups that the law moves: a
-group that the model cannot follow gets a large τ_g or s_g, and counts little. So no channel needs a tolerance of its
-own. Groups are combined as studies are in a random-effects meta-analysis.
+u_g (n_g,) is the known shape of the error (:mod:`.gauss_newton`), ρ_g the relative error of a sum of responses
+(:mod:`.additivity`). Errors of a law stay in the groups that the law moves: a group that the model cannot follow gets a
+large τ_g or s_g, and counts little. So no channel needs a tolerance of its own. Groups are combined as studies are in a
+random-effects meta-analysis.
 
 Estimator: s_g² and τ_g² are at the mode of their marginal posterior (MacKay's fixed point), given θ. Then group g
 says about (θ, φ), with its information I_g = N_g/(n_g s_g²) M_gᵀ M_g and score h_g,
 
-    information (I_g⁻¹ + T_g)⁻¹,   score (1 + I_g T_g)⁻¹ h_g,   T_g = diag(τ_g² I_K + ρ² diag(θ²), 4 τ_g² I_V)
+    information (I_g⁻¹ + T_g)⁻¹,   score (1 + I_g T_g)⁻¹ h_g,   T_g = diag(τ_g² I_K + ρ_g² diag(θ²), 4 τ_g² I_V)
 
 and the likelihood of θ is the sum of these over g. The error that all groups share has the variance
 σ_c² + ρ² θ_k² (:func:`shared_error`): an effect's size in the laws of another author is not defined any better.
@@ -41,9 +42,8 @@ LAW_ERROR = 0.02
 follows every law count for more, and the few precise ones for less. Chosen among 0.01, 0.02, 0.05 by the errors on 20
 of the twins of `benchmarks/protocol_fit.py`, which are therefore validation."""
 LAW_SHARE = 0.1
-"""Prior: part ρ of an effect's size by which its law is wrong, in each group and again in all of them. Twice as much
-makes intervals of large effects up to twice as wide, and weakens every group that shows one. No source yet: a
-judgement."""
+"""Prior: part ρ of an effect's size by which its law is wrong in all groups, and the scale of ρ_g and κ_g in each.
+Twice as much makes intervals of large effects up to twice as wide. No source yet: a judgement."""
 DEGREES = 4.0
 """Prior: degrees of freedom ν of both variances of a group. With twice as many, a group that does not fit keeps more
 of its weight. Chosen like τ0, among 1 and 4."""
@@ -53,16 +53,13 @@ Twice as many count scatter less and law errors more. Chosen like τ0, among 20,
 LARGEST = 60.0
 """Tolerance: a residual beyond so many units counts as that many; a diverged run then stays finite.
 Twice as much lets one such observable raise s_g² of its group up to four times as far."""
-SHARED = 0.03
+SHARED = 0.05
 """Prior: standard deviation σ_c of the error that all groups share at nominal, in typical sizes: two healthy machines
-of different authors differ by so much. No source yet: a judgement
-before law variants. Twice as much makes intervals of small effects up to twice as wide."""
+of different authors differ by so much. Chosen among 0.03 and 0.05 by the coverage on 20 of the twins of
+`benchmarks/protocol_fit.py`. Twice as much makes intervals of small effects up to twice as wide."""
 VARIANT = 2.0
 """Prior: error of a variant's amount in a group, in units of τ_g; a variant is known less well than an effect. No
 source: a judgement. Twice as much lets each group use the variants more freely."""
-FORM = 0.1
-"""Prior: form error of a response, as a part of its rms over all effects. It is the shape of u_g, not its size. No
-source: a judgement, with LAW_SHARE. Twice as much evens out observables of little and of much scatter."""
 
 
 @dataclass(frozen=True)
@@ -74,24 +71,34 @@ class Groups:
         moment: (G, D) M_gᵀ r_g / n_g, with the residual r_g in units of u_g.
         energy: (G,) r_gᵀ r_g / n_g.
         size: (G,) N_g.
+        coherent: (G,) ρ_g.
     """
 
     gram: FloatArray
     moment: FloatArray
     energy: FloatArray
     size: FloatArray
+    coherent: FloatArray
 
     @classmethod
-    def of(cls, residual: FloatArray, columns: FloatArray, parts: Sequence[NDArray[np.int64]]) -> Groups:
-        """Reduce a residual (m,) and columns (D, m) in units of u; ``parts`` are the places of each group."""
+    def of(
+        cls,
+        residual: FloatArray,
+        columns: FloatArray,
+        unit: FloatArray,
+        parts: Sequence[NDArray[np.int64]],
+        coherent: FloatArray,
+    ) -> Groups:
+        """Reduce a residual (m,) and columns (D, m), with u (m,); ``parts`` are the places of each group."""
+        r, columns = np.clip(residual / unit, -LARGEST, LARGEST), columns / unit
         gram, moment, energy, size = [], [], [], []
         for part in parts:
-            r, m = np.clip(residual[part], -LARGEST, LARGEST), columns[:, part]
+            m = columns[:, part]
             gram.append(m @ m.T / len(part))
-            moment.append(m @ r / len(part))
-            energy.append(float(r @ r) / len(part))
+            moment.append(m @ r[part] / len(part))
+            energy.append(float(r[part] @ r[part]) / len(part))
             size.append(min(len(part), EFFECTIVE))
-        return cls(np.array(gram), np.array(moment), np.array(energy), np.array(size))
+        return cls(np.array(gram), np.array(moment), np.array(energy), np.array(size), coherent)
 
 
 @dataclass(frozen=True)
@@ -128,25 +135,11 @@ class Likelihood:
         )
 
 
-def unit(scatter: FloatArray, runs: int, signature: FloatArray, variants: FloatArray) -> FloatArray:
-    """Return (m,) the shape u of the error of a group's observables.
-
-    Args:
-        scatter: (m,) standard deviation of one run.
-        runs: number of real runs in the mean.
-        signature: (m,) rms of the responses to all effects.
-        variants: (v, m) responses to the simulator's variants.
-    """
-    level = float(np.mean(signature**2)) if signature.size else 0.0
-    form = 0.5 * FORM**2 * (signature**2 + level)
-    return np.asarray(np.sqrt(scatter**2 / runs + form + (variants**2).sum(axis=0)))
-
-
-def law_prior(variance: FloatArray, theta: FloatArray, columns: int) -> FloatArray:
-    """Return (G, D) the diagonal of T_g for (G,) τ_g² and (K,) θ."""
+def law_prior(variance: FloatArray, coherent: FloatArray, theta: FloatArray, columns: int) -> FloatArray:
+    """Return (G, D) the diagonal of T_g for (G,) τ_g², (G,) ρ_g and (K,) θ."""
     scale = np.where(np.arange(columns) < theta.size, 1.0, VARIANT**2)
-    share = np.concatenate([(LAW_SHARE * theta) ** 2, np.zeros(columns - theta.size)])
-    return np.asarray(variance[:, None] * scale + share)
+    sizes = np.concatenate([theta**2, np.zeros(columns - theta.size)])
+    return np.asarray(variance[:, None] * scale + coherent[:, None] ** 2 * sizes)
 
 
 def variances(groups: Groups, theta: FloatArray, start: Variances, rounds: int = 3) -> Variances:
@@ -155,7 +148,7 @@ def variances(groups: Groups, theta: FloatArray, start: Variances, rounds: int =
     columns = groups.gram.shape[1]
     scale = np.where(np.arange(columns) < theta.size, 1.0, VARIANT**2)
     for _ in range(rounds):
-        prior = law_prior(law, theta, columns)
+        prior = law_prior(law, groups.coherent, theta, columns)
         weight = (groups.size / noise)[:, None, None]
         precision = weight * groups.gram
         precision[:, range(columns), range(columns)] += 1.0 / prior
@@ -181,7 +174,7 @@ def likelihood(groups: Groups, theta: FloatArray, found: Variances) -> Likelihoo
     weight = groups.size / found.noise
     information = weight[:, None, None] * groups.gram
     score = weight[:, None] * groups.moment
-    prior = law_prior(found.law, theta, columns)
+    prior = law_prior(found.law, groups.coherent, theta, columns)
     damping = np.eye(columns) + information * prior[:, None, :]
     solved = np.linalg.solve(damping, np.concatenate([information, score[..., None]], axis=2))
     total = solved[..., :-1].sum(axis=0)

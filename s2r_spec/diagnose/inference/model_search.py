@@ -61,8 +61,8 @@ class ModelPosterior:
         below = self._cdf(size) - self._cdf(-size)  # (S, K)
         effects = int(self.prior.effect.max()) + 1
         within = np.ones((len(self.sets), effects))
-        for k, effect in enumerate(self.prior.effect):
-            within[:, effect] *= below[:, k]
+        for k in self.prior.causes:
+            within[:, self.prior.effect[k]] *= below[:, k]
         return np.asarray(1.0 - self.probability @ within)
 
     def quantile(self, level: float) -> FloatArray:
@@ -99,19 +99,20 @@ def posterior(found: Likelihood, theta: FloatArray, prior: SizePrior) -> ModelPo
     precision, moment = found.information, found.score + found.information @ theta
     base = _Base(precision, moment, prior)
     scored: dict[Set, float] = {(): 0.0}
-    for size in range(1, min(ALL, len(moment)) + 1):
-        every = list(combinations(range(len(moment)), size))
+    causes = prior.causes.tolist()
+    for size in range(1, min(ALL, len(causes)) + 1):
+        every = list(combinations(causes, size))
         scored |= dict(zip(every, base.log_evidence(np.array(every)).tolist(), strict=True))
-    best = sorted(scored, key=lambda s: -scored[s])[:GROWN]
+    best = [s for s in sorted(scored, key=lambda s: -scored[s])[:GROWN] if len(s) < len(causes)]
     while best:
         gained = set()
         for members in best:
-            longer = [tuple(sorted((*members, k))) for k in range(len(moment)) if k not in members]
+            longer = [tuple(sorted((*members, k))) for k in causes if k not in members]
             for new, value in zip(longer, base.log_evidence(np.array(longer)).tolist(), strict=True):
                 if new not in scored and value > scored[members]:
                     gained.add(new)
                 scored[new] = value
-        best = sorted(gained, key=lambda s: -scored[s])[:GROWN] if len(best[0]) + 1 < len(moment) else []
+        best = [s for s in sorted(gained, key=lambda s: -scored[s])[:GROWN] if len(s) < len(causes)]
     sets = sorted(scored, key=lambda s: -scored[s])
     weight = np.exp(np.array([scored[s] for s in sets]) - scored[sets[0]])
     keep = weight >= KEPT
@@ -135,12 +136,13 @@ class _Base:
 
     def __init__(self, precision: FloatArray, moment: FloatArray, prior: SizePrior) -> None:
         self.prior = prior
-        self.covariance = np.asarray(np.linalg.inv(precision + np.eye(len(moment)) / BACKGROUND**2))
+        deviation = prior.deviation()
+        self.covariance = np.asarray(np.linalg.inv(precision + np.diag(1.0 / deviation**2)))
         self.mean = self.covariance @ moment
         self.constant = 0.5 * float(moment @ self.mean) + 0.5 * float(np.linalg.slogdet(self.covariance)[1])
-        self.constant -= len(moment) * float(np.log(BACKGROUND))
+        self.constant -= float(np.log(deviation).sum())
         self.change = 1.0 / SLAB**2 - 1.0 / BACKGROUND**2
-        self.odds = np.log(prior.probability) - np.log1p(-prior.probability)
+        self.odds = np.log(np.maximum(prior.probability, 1e-300)) - np.log1p(-prior.probability)
         self.sign = np.where(prior.low > -1e-9, 1.0, -1.0)
 
     def log_evidence(self, sets: NDArray[np.int64]) -> FloatArray:

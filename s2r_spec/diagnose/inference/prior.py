@@ -2,7 +2,8 @@
 
     θ_k ~ (1 − π_k) N(0, σ_bg²) + π_k N(0, σ_slab²),   half-normal where the range has one side
 
-Units: typical sizes. An effect with several parameters shares its π among them.
+Units: typical sizes. An effect with several parameters shares its π among them. A *dependent* parameter, such as the
+place of a payload, has no spike: it is N(0, σ_slab²), for it is no cause by itself.
 """
 
 from __future__ import annotations
@@ -14,9 +15,10 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
-BACKGROUND = 0.05
+BACKGROUND = 0.07
 """Prior: σ_bg, standard deviation of an effect that nobody added, in typical sizes. A real robot differs a little from
-its model in everything. Twice as much makes small effects harder to name."""
+its model in everything: by 5 % of a large effect, which is up to 1.6 typical sizes. Twice as much makes small effects
+harder to name."""
 SLAB = 0.6
 """Prior: σ_slab, standard deviation of an effect that is a cause. Twice as much costs every named effect 0.7 in log
 evidence."""
@@ -37,7 +39,7 @@ class SizePrior:
     Attributes:
         effect: (K,) number of the effect of each parameter.
         low, high: (K,) ends of the ranges in typical sizes.
-        probability: (K,) π_k.
+        probability: (K,) π_k; 0 for a dependent parameter.
     """
 
     effect: NDArray[np.int64]
@@ -46,11 +48,24 @@ class SizePrior:
     probability: FloatArray
 
     @classmethod
-    def of(cls, effects: list[str], low: FloatArray, high: FloatArray, active: float = ACTIVE) -> SizePrior:
-        """Return the prior for parameters of these effects, by name."""
+    def of(
+        cls, effects: list[str], low: FloatArray, high: FloatArray, dependent: NDArray[np.bool_] | None = None
+    ) -> SizePrior:
+        """Return the prior of parameters, by the names of their effects; ``dependent`` (K,) are no cause alone."""
         names = list(dict.fromkeys(effects))
         number = np.array([names.index(name) for name in effects], dtype=np.int64)
-        return cls(number, low, high, active / np.bincount(number)[number])
+        alone = np.ones(len(effects)) if dependent is None else 1.0 - dependent
+        return cls(number, low, high, ACTIVE * alone / np.bincount(number, alone)[number])
+
+    @property
+    def causes(self) -> NDArray[np.int64]:
+        """Numbers of the parameters that can be a cause."""
+        return np.flatnonzero(self.probability > 0.0)
+
+    def deviation(self, active: tuple[int, ...] = ()) -> FloatArray:
+        """Return (K,) the standard deviation of every size, where these parameters are the causes."""
+        wide = (self.probability == 0.0) | np.isin(np.arange(self.low.size), active)
+        return np.where(wide, SLAB, BACKGROUND)
 
     @property
     def one_sided(self) -> NDArray[np.bool_]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -59,7 +59,8 @@ class Experiment:
 
     def with_residuals(self, trace: Trace, backend: Backend) -> Trace:
         """Return the trace with the residuals of a nominal simulator beside its channels."""
-        return with_residuals(trace, backend, dict(self.params))
+        meta = dict(trace.meta) | ({PROTOCOL: self.protocol} if self.protocol else {})
+        return with_residuals(replace(trace, meta=meta), backend, dict(self.params))
 
 
 def with_residuals(trace: Trace, backend: Backend, params: Mapping[str, float]) -> Trace:

@@ -1,21 +1,25 @@
 """The response library: what every effect does to the observables of every experiment, simulated once and kept.
 
-Of an experiment it holds the nominal mean (m,), the scatter (m,) of one run, the response to every parameter at a few
-coordinates, and the response to every variant of the simulator. A response is a difference of runs with equal seeds.
+Of an experiment it holds the nominal mean (m,), the scatter (m,) of one run, and the response to every parameter at a
+few coordinates, with its scatter from run to run. A response is a difference of runs with equal seeds. It also holds
+the response to every variant of the simulator. *Practice machines* are the simulator with random sizes of all effects
+and a random variant. Their runs show how well the sum of responses predicts a machine.
+
+A parameter that does nothing while the rest of its effect is nominal, such as the place of a payload, is *dependent*:
+its response was simulated with the first parameter of the effect at its typical size, and grows in proportion to it.
 
 Units: parameters are in coordinates, distances from nominal in units of the typical size (see :mod:`..axes`).
-Between its points a response is interpolated linearly, and beyond them extrapolated. Responses of several parameters
-add up; :mod:`..estimation` corrects the sum by runs at the estimate itself.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, as_completed
 from dataclasses import asdict, dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +28,10 @@ from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend, HasEffects, HasVariants
 from s2r_spec.diagnose.axes import Line, lines
+from s2r_spec.diagnose.axes import line as line_of
 from s2r_spec.diagnose.cache import Cache, source_of
-from s2r_spec.diagnose.simulator.experiments import Experiment
+from s2r_spec.diagnose.simulator.curve import Curve
+from s2r_spec.diagnose.simulator.experiments import RESIDUAL, Experiment
 from s2r_spec.diagnose.simulator.observables import Group, Observables, Quantity
 from s2r_spec.effects import catalogue_of
 from s2r_spec.errors import BackendError
@@ -40,46 +46,73 @@ Progress = Callable[[str, int, int], None]
 POINTS = (0.3, 1.0, 2.0)
 """Definition: coordinates of a response on either side, as far as the range reaches. An effect with a threshold between
 two of them is interpolated; more points cost a run of every experiment each."""
+MACHINES = 24
+"""Budget: practice machines; the error of a sum of responses is then known to 15 %. Twice as many: 10 %."""
+CAUSES = 3
+"""Definition: a practice machine has 0 to 3 causes, of a quarter of the typical size to all of it. More causes make
+sums of responses look worse."""
+LITTLE = 0.05
+"""Prior: standard deviation of all other effects of a practice machine, in typical sizes."""
 NOMINAL = 8
 """Budget: nominal runs of an experiment, from which its scatter is known to 27 %. Twice as many: 18 %."""
+PILOT = 4
+"""Budget: nominal runs that decide which observables there are. With two, a gait may agree in time by chance."""
 REPLICATES = {"test": 2, "protocol": 1}
 """Budget: runs of a response. A test's controller has a clock of its own, so that its runs differ more."""
 SEED = 1_000
 """Definition: seed of the first run; no rollout of a certificate has it."""
-VERSION = 1
+VERSION = 2
 """Definition: of the arrays; a change makes every library again."""
 
 
 @dataclass(frozen=True)
-class Curve:
-    """The response to one parameter: linear between its points, extrapolated beyond them.
+class Dependence:
+    """Which responses are in proportion to another parameter.
 
     Attributes:
-        coordinates: (p,) rising; 0 is among them.
-        values: (p, m) the response at each.
+        base: (K,) this parameter; −1 for a response that stands alone.
+        at: (K,) its coordinate at which the response was simulated.
     """
 
-    coordinates: FloatArray
-    values: FloatArray
+    base: NDArray[np.int64]
+    at: FloatArray
 
-    def at(self, coordinate: float) -> FloatArray:
-        """Return (m,) the response."""
-        place = self._place(coordinate)
-        return np.asarray(
-            self.values[place] + self.slope(coordinate) * (coordinate - self.coordinates[place])
-        )
+    @classmethod
+    def of(cls, parameters: Sequence[Line]) -> Dependence:
+        """Return that of a catalogue's parameters."""
+        base, at = np.full(len(parameters), -1), np.ones(len(parameters))
+        for k, line in enumerate(parameters):
+            if line.base:
+                base[k] = next(j for j, p in enumerate(parameters) if p.effect == line.effect and not p.base)
+                at[k] = parameters[base[k]].coordinate(parameters[base[k]].at_typical())
+        return cls(base, at)
 
-    def slope(self, coordinate: float) -> FloatArray:
-        """Return (m,) the derivative; at nominal, that of the upper side if there is one."""
-        c, v, place = self.coordinates, self.values, self._place(coordinate)
-        return np.zeros_like(v[0]) if c.size < 2 else (v[place + 1] - v[place]) / (c[place + 1] - c[place])
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """(dependent parameter, its base) of every dependent one."""
+        return [(int(k), int(self.base[k])) for k in np.flatnonzero(self.base >= 0)]
 
-    def _place(self, coordinate: float) -> int:
-        last = max(self.coordinates.size - 2, 0)
-        return min(max(int(np.searchsorted(self.coordinates, coordinate, side="right")) - 1, 0), last)
+    def factors(self, theta: FloatArray) -> FloatArray:
+        """Return (K,) what every response is multiplied by at (K,) coordinates."""
+        return np.where(self.base >= 0, theta[self.base] / self.at, 1.0)
 
 
 @dataclass(frozen=True)
+class Practice:
+    """Runs of random machines.
+
+    Attributes:
+        theta: (M, K) their coordinates.
+        variant: (M, V) 1 for the variant that each machine has.
+        values: (M, m) the observables of one run of each.
+    """
+
+    theta: FloatArray
+    variant: FloatArray
+    values: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class Response:
     """What the simulator knows of one experiment.
 
@@ -90,7 +123,9 @@ class Response:
         scatter: (m,) standard deviation of one run.
         reference: (m,) mean of the nominal runs with the seeds of the responses.
         curves: the response to every parameter.
+        spread: (K, m) variance of the response from run to run, for a coordinate of 1; it grows with its square.
         variants: (V, m) responses to the simulator's variants.
+        practice: runs of practice machines.
     """
 
     experiment: Experiment
@@ -99,24 +134,40 @@ class Response:
     scatter: FloatArray
     reference: FloatArray
     curves: tuple[Curve, ...]
+    spread: FloatArray
     variants: FloatArray
+    practice: Practice
 
     @property
     def groups(self) -> tuple[Group, ...]:
         """The groups of the observables."""
         return self.observables.groups
 
+    def groups_of(self, measured: NDArray[np.bool_]) -> tuple[Group, ...]:
+        """Return the groups to use of (m,) observables that were measured.
+
+        Where every residual was measured, the channels themselves are left out: they show the same causes through the
+        machine's closed loop.
+        """
+        residuals = [g for g in self.groups if g.quantity.startswith(RESIDUAL)]
+        whole = all(
+            measured[g.start : g.stop].any()
+            for g in residuals
+            if np.isfinite(self.nominal[g.start : g.stop]).any()
+        )
+        return tuple(residuals) if residuals and whole else self.groups
+
     @property
     def bins(self) -> NDArray[np.int64]:
         """Places of the means over parts of the trace; they have values as long as a run lasts."""
-        places = [np.arange(g.start, g.stop) for g in self.groups if g.statistic == "bin"]
+        places = [np.arange(g.start, g.stop) for g in self.groups if g.statistic in ("bin", "mean")]
         bins = np.concatenate(places) if places else np.zeros(0, dtype=np.int64)
         return bins[np.isfinite(self.nominal[bins])]
 
-    def mean(self, theta: FloatArray) -> FloatArray:
-        """Return (m,) the mean of the observables at (K,) coordinates, as the sum of responses."""
-        moved = [self.curves[k].at(float(theta[k])) for k in np.flatnonzero(theta)]
-        return self.nominal + np.sum(moved, axis=0) if moved else self.nominal
+    @property
+    def replicates(self) -> int:
+        """Number of runs of a response."""
+        return len(_seeds(self.experiment))
 
 
 @dataclass(frozen=True)
@@ -130,6 +181,11 @@ class ResponseLibrary:
 
     parameters: tuple[Line, ...]
     responses: tuple[Response, ...]
+
+    @cached_property
+    def dependence(self) -> Dependence:
+        """Which responses are in proportion to another parameter."""
+        return Dependence.of(self.parameters)
 
     def response(self, experiment: Experiment) -> Response:
         """Return the response of an experiment.
@@ -182,8 +238,8 @@ def library(
         UsageError: the backend declares no effects.
         BackendError: a nominal run fails, or responses to a variant are no numbers.
     """
-    parameters = lines(catalogue_of(backend))
     cache = Cache.usual() if cache is None else cache
+    parameters = lines(catalogue_of(backend), _acting(backend, experiments, cache))
     places = {e: f"responses/{_key(backend, e, parameters)}.npz" for e in experiments}
     missing = [e for e, place in places.items() if not (cache.folder / place).is_file()]
     # All missing experiments share one pool; a damaged file is made again alone.
@@ -198,6 +254,18 @@ def library(
     return ResponseLibrary(parameters, tuple(responses))
 
 
+def _acting(backend: Backend, experiments: Sequence[Experiment], cache: Cache) -> dict[str, frozenset[str]]:
+    def save(found: dict[str, frozenset[str]], path: Path) -> None:
+        np.savez(path, names=np.array(json.dumps({e: sorted(names) for e, names in found.items()})))
+
+    def load(path: Path) -> dict[str, frozenset[str]]:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+            return {e: frozenset(names) for e, names in json.loads(str(arrays["names"])).items()}
+
+    place = f"acting/{_key(backend, tuple(experiments), ())}.npz"
+    return cache.kept(place, load, lambda: acting(backend, experiments), save)
+
+
 def _make(
     backend: Backend,
     experiments: Sequence[Experiment],
@@ -208,20 +276,21 @@ def _make(
     if not experiments:
         return {}
     observables = {e: Observables.of_nominal(list(_nominal(backend, e))) for e in experiments}
-    jobs = [job for e in experiments for job in _jobs(backend, e, parameters)]
+    machines = _machines(parameters, list(backend.variants()) if isinstance(backend, HasVariants) else [])
+    jobs = list(dict.fromkeys(job for e in experiments for job in _jobs(backend, e, parameters, machines)))
     # The longest jobs first, so that no worker waits for the last one.
-    jobs.sort(key=lambda job: -_duration(job, observables))
-    means: dict[_Job, FloatArray] = {}
+    jobs.sort(key=lambda job: -observables[job.experiment].duration * len(job.seeds))
+    runs: dict[_Job, NDArray[np.float32]] = {}
     with (executor or in_this_process)() as pool:
-        pending = {pool.submit(mean_of_runs, backend, job, observables[job.experiment]): job for job in jobs}
+        pending = {pool.submit(vectors, backend, job, observables[job.experiment]): job for job in jobs}
         for done, future in enumerate(as_completed(pending), 1):
-            means[pending[future]] = future.result()
+            runs[pending[future]] = future.result()
             progress("simulating every effect", done, len(jobs))
-    return {e: _response(backend, e, observables[e], parameters, means) for e in experiments}
+    return {e: _response(backend, e, observables[e], parameters, machines, runs) for e in experiments}
 
 
 def _nominal(backend: Backend, experiment: Experiment) -> Iterator[Trace]:
-    for k in range(2):
+    for k in range(PILOT):
         trace = experiment.run(backend, SEED + k)
         if trace.failure:
             raise BackendError(
@@ -231,16 +300,69 @@ def _nominal(backend: Backend, experiment: Experiment) -> Iterator[Trace]:
         yield experiment.with_residuals(trace, backend)
 
 
-def _jobs(backend: Backend, experiment: Experiment, parameters: Sequence[Line]) -> Iterator[_Job]:
-    for seed in range(SEED, SEED + NOMINAL):
-        yield _Job(experiment, (), "", (seed,))
-    seeds = _seeds(experiment)
+@dataclass(frozen=True)
+class _Machine:
+    """A practice machine: its (K,) coordinates, and the name of its variant; "" for none."""
+
+    theta: FloatArray
+    variant: str
+
+
+def _machines(parameters: Sequence[Line], variants: Sequence[str]) -> list[_Machine]:
+    """Return the practice machines; the same for every experiment."""
+    return [_machine(parameters, sorted(variants), number) for number in range(MACHINES)]
+
+
+def _machine(parameters: Sequence[Line], variants: Sequence[str], number: int) -> _Machine:
+    """Return a practice machine. Every parameter has a stream of its own, so that their order changes nothing."""
+
+    def stream(name: str) -> np.random.Generator:
+        return np.random.default_rng(
+            np.random.SeedSequence(SEED, spawn_key=(number, zlib.crc32(name.encode())))
+        )
+
+    theta, turn = np.zeros(len(parameters)), np.ones(len(parameters))
+    sizes = np.zeros(len(parameters))
+    for k, line in enumerate(parameters):
+        random = stream(line.name)
+        low, high = sorted((line.coordinate(line.low), line.coordinate(line.high)))
+        # A dependent parameter may have any value: where a load lies is no sign of its mass.
+        theta[k] = np.clip((1.0 if line.base else LITTLE) * random.normal(), low, high)
+        sign = 1.0 if low > -1e-9 or (high > 1e-9 and random.uniform() < 0.5) else -1.0
+        sizes[k] = np.clip(sign * random.uniform(0.25, 1.0), low, high)
+        turn[k] = np.inf if line.base else random.uniform()
+    random = stream("")
+    causes = np.argsort(turn)[: min(int(random.integers(CAUSES + 1)), int(np.isfinite(turn).sum()))]
+    theta[causes] = sizes[causes]
+    return _Machine(theta, str(random.choice(["", *variants])))
+
+
+def _jobs(
+    backend: Backend, experiment: Experiment, parameters: Sequence[Line], machines: Sequence[_Machine]
+) -> Iterator[_Job]:
+    yield _nominal_job(experiment)
     for line in parameters:
         for coordinate in _points(line):
-            value = line.at(line.value(coordinate))
-            yield _Job(experiment, _frozen(value), "", seeds)
+            yield _point_job(experiment, line, coordinate)
     for name in backend.variants() if isinstance(backend, HasVariants) else ():
-        yield _Job(experiment, (), name, seeds)
+        yield _Job(experiment, (), name, _seeds(experiment))
+    for number, machine in enumerate(machines):
+        yield _practice_job(experiment, parameters, machine, number)
+
+
+def _nominal_job(experiment: Experiment) -> _Job:
+    return _Job(experiment, (), "", tuple(range(SEED, SEED + NOMINAL)))
+
+
+def _point_job(experiment: Experiment, line: Line, coordinate: float) -> _Job:
+    """Return the runs of one point; at a coordinate of ±1 there are two, which show the scatter of the response."""
+    seeds = (SEED, SEED + 1) if abs(coordinate) == _middle(line, coordinate) else _seeds(experiment)
+    return _Job(experiment, _frozen(line.at(line.value(coordinate))), "", seeds)
+
+
+def _practice_job(experiment: Experiment, parameters: Sequence[Line], machine: _Machine, number: int) -> _Job:
+    values = ResponseLibrary(tuple(parameters), ()).values(machine.theta)
+    return _Job(experiment, _frozen(values), machine.variant, (SEED + NOMINAL + number,))
 
 
 def _points(line: Line) -> list[float]:
@@ -253,41 +375,81 @@ def _points(line: Line) -> list[float]:
     return sorted(found)
 
 
+def _middle(line: Line, coordinate: float) -> float:
+    """Return the size nearest to 1 of all points on the same side."""
+    side = [abs(c) for c in _points(line) if c * coordinate > 0.0]
+    return min(side, key=lambda size: abs(size - 1.0))
+
+
 def _response(
     backend: Backend,
     experiment: Experiment,
     observables: Observables,
     parameters: Sequence[Line],
-    means: Mapping[_Job, FloatArray],
+    machines: Sequence[_Machine],
+    runs: Mapping[_Job, NDArray[np.float32]],
 ) -> Response:
-    seeds = _seeds(experiment)
-    runs = np.array([means[_Job(experiment, (), "", (seed,))] for seed in range(SEED, SEED + NOMINAL)])
-    reference = runs[: len(seeds)].mean(axis=0)
-    curves = []
-    for line in parameters:
-        points = {0.0: np.zeros_like(reference)}
+    nominal = runs[_nominal_job(experiment)].astype(float)
+    reference = nominal[: len(_seeds(experiment))].mean(axis=0)
+    curves, spread = [], np.zeros((len(parameters), reference.size))
+    for k, line in enumerate(parameters):
+        # A dependent parameter's response is that beside the first parameter of its effect.
+        before = nominal
+        if line.base:
+            first = next(p for p in parameters if p.effect == line.effect and not p.base)
+            at = first.coordinate(first.at_typical())
+            before = runs[_point_job(experiment, first, min(_points(first), key=lambda c: abs(c - at)))]
+        points, scatter = {0.0: np.zeros_like(reference)}, []
         for coordinate in _points(line):
-            value = line.value(coordinate)
-            moved = means[_Job(experiment, _frozen(line.at(value)), "", seeds)] - reference
+            moved = runs[_point_job(experiment, line, coordinate)].astype(float)
+            moved = moved - before[: len(moved)]
             if np.isfinite(moved).any():  # a machine that fell at once shows nothing
-                points[line.coordinate(value)] = moved
+                at = line.coordinate(line.value(coordinate))
+                points[at] = moved.mean(axis=0)
+                if len(moved) > 1:
+                    scatter.append(_scatter(moved, observables.groups) / at**2)
         order = sorted(points)
         curves.append(Curve(np.array(order), np.array([points[c] for c in order])))
+        spread[k] = np.mean(scatter, axis=0) if scatter else 0.0
     names = list(backend.variants()) if isinstance(backend, HasVariants) else []
-    variants = [means[_Job(experiment, (), name, seeds)] - reference for name in names]
+    variants = [
+        runs[_Job(experiment, (), name, _seeds(experiment))].mean(axis=0) - reference for name in names
+    ]
+    practice = Practice(
+        np.array([machine.theta for machine in machines]),
+        np.array([[float(machine.variant == name) for name in names] for machine in machines]),
+        np.array([runs[_practice_job(experiment, parameters, m, n)][0] for n, m in enumerate(machines)]),
+    )
     return Response(
         experiment,
         observables,
-        runs.mean(axis=0),
-        runs.std(axis=0, ddof=1),
+        nominal.mean(axis=0),
+        nominal.std(axis=0, ddof=1),
         reference,
         tuple(curves),
+        spread,
         np.array(variants).reshape(len(names), reference.size),
+        practice,
     )
 
 
-def mean_of_runs(backend: Backend, job: _Job, observables: Observables) -> FloatArray:
-    """Return (m,) the mean observables of a job's runs; NaN where a run ended before."""
+def _scatter(moved: FloatArray, groups: Sequence[Group]) -> FloatArray:
+    """Return (m,) the variance of a response from (runs, m), half of it spread over each group: two runs say little.
+
+    An observable that a run lacks, since it ended early, scatters by as much as it moves.
+    """
+    variance = moved.var(axis=0, ddof=1)
+    variance = np.where(
+        np.isfinite(variance), variance, np.nan_to_num(np.nanmax(np.nan_to_num(moved) ** 2, axis=0))
+    )
+    for group in groups:
+        part = variance[group.start : group.stop]
+        variance[group.start : group.stop] = 0.5 * (part + part.mean())
+    return np.asarray(variance)
+
+
+def vectors(backend: Backend, job: _Job, observables: Observables) -> NDArray[np.float32]:
+    """Return (seeds, m) the observables of a job's runs; NaN where a run ended before."""
     machine: Any = backend
     if job.variant:
         assert isinstance(backend, HasVariants)
@@ -295,22 +457,51 @@ def mean_of_runs(backend: Backend, job: _Job, observables: Observables) -> Float
     if job.values:
         assert isinstance(machine, HasEffects)
         machine = machine.with_effects({effect: dict(values) for effect, values in job.values})
-    vectors = [
-        observables.vector(job.experiment.with_residuals(job.experiment.run(machine, seed), backend))
-        for seed in job.seeds
-    ]
-    return np.asarray(np.mean(vectors, axis=0))
+    runs = (job.experiment.run(machine, seed) for seed in job.seeds)
+    found = [observables.vector(job.experiment.with_residuals(run, backend)) for run in runs]
+    return np.array(found, dtype=np.float32)
 
 
 def simulated(backend: Backend, response: Response, values: Values) -> FloatArray:
     """Return (m,) the mean observables of a simulator with these effects, with the seeds of the responses."""
     job = _Job(response.experiment, _frozen(values), "", _seeds(response.experiment))
-    return mean_of_runs(backend, job, response.observables)
+    return np.asarray(vectors(backend, job, response.observables).astype(float).mean(axis=0))
 
 
 def nominal(backend: Backend, response: Response, experiment: Experiment) -> FloatArray:
     """Return (m,) the nominal mean of another experiment, in the observables and with the seeds of a response."""
-    return mean_of_runs(backend, _Job(experiment, (), "", _seeds(experiment)), response.observables)
+    job = _Job(experiment, (), "", _seeds(experiment))
+    return np.asarray(vectors(backend, job, response.observables).astype(float).mean(axis=0))
+
+
+def acting(backend: Backend, experiments: Sequence[Experiment]) -> dict[str, frozenset[str]]:
+    """Return effect → parameters that change some experiment while the effect's others are nominal.
+
+    Only an effect of several parameters is tried; without a parameter that acts alone it is left out.
+    """
+    found = {}
+    nominal: dict[Experiment, Trace] = {}
+    for effect in catalogue_of(backend):
+        if len(effect.parameters) < 2:
+            continue
+        able = set()
+        for parameter in effect.parameters:
+            one = line_of(effect, parameter)
+            assert isinstance(backend, HasEffects)
+            changed = backend.with_effects(one.at(one.at_typical()))
+            for experiment in experiments:
+                if experiment not in nominal:
+                    nominal[experiment] = experiment.run(backend, SEED)
+                if not _same(experiment.run(changed, SEED), nominal[experiment]):
+                    able.add(parameter.name)
+                    break
+        if able:
+            found[effect.name] = frozenset(able)
+    return found
+
+
+def _same(a: Trace, b: Trace) -> bool:
+    return len(a) == len(b) and all(np.array_equal(a[name], b[name], equal_nan=True) for name in b.channels)
 
 
 def _frozen(values: Values) -> tuple[tuple[str, tuple[tuple[str, float], ...]], ...]:
@@ -321,11 +512,7 @@ def _seeds(experiment: Experiment) -> tuple[int, ...]:
     return tuple(range(SEED, SEED + REPLICATES["protocol" if experiment.protocol else "test"]))
 
 
-def _duration(job: _Job, observables: Mapping[Experiment, Observables]) -> float:
-    return observables[job.experiment].duration * len(job.seeds)
-
-
-def _key(backend: Backend, experiment: Experiment, parameters: Sequence[Line]) -> str:
+def _key(backend: Backend, experiment: object, parameters: Sequence[Line]) -> str:
     """Return a hash of everything that a response depends on.
 
     A model's hash says what its rollouts are. Its residuals and variants are of other source, and the observables are
@@ -349,6 +536,7 @@ def _save(response: Response, path: Path) -> None:
         "params": response.experiment.params,
         "duration": o.duration,
         "flags": o.flags,
+        "clocked": o.clocked,
         "quantities": [(q.name, q.channel, q.minus, q.scale.tolist()) for q in o.quantities],
     }
     sizes = [curve.coordinates.size for curve in response.curves]
@@ -361,7 +549,11 @@ def _save(response: Response, path: Path) -> None:
         sizes=np.array(sizes),
         coordinates=np.concatenate([curve.coordinates for curve in response.curves]),
         values=np.concatenate([curve.values for curve in response.curves]).astype(np.float32),
+        spread=response.spread.astype(np.float32),
         variants=response.variants.astype(np.float32),
+        theta=response.practice.theta,
+        variant=response.practice.variant,
+        practice=response.practice.values.astype(np.float32),
     )
 
 
@@ -376,6 +568,7 @@ def _load(path: Path) -> Response:
                 for name, channel, minus, scale in header["quantities"]
             ),
             tuple((name, int(width)) for name, width in header["flags"]),
+            bool(header["clocked"]),
         )
         response = Response(
             Experiment(header["protocol"], tuple((name, value) for name, value in header["params"])),
@@ -391,7 +584,9 @@ def _load(path: Path) -> Response:
                     strict=True,
                 )
             ),
+            arrays["spread"].astype(float),
             arrays["variants"].astype(float),
+            Practice(arrays["theta"], arrays["variant"], arrays["practice"].astype(float)),
         )
     if response.nominal.size != observables.groups[-1].stop:
         raise ValueError("the arrays do not fit the observables")

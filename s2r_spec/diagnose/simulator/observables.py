@@ -4,8 +4,8 @@ Channels alone decide the observables, so they are the same for every robot. A *
 or the difference of two channels that measure the same (``tau - tau_cmd``). Statistics of a quantity x (n,), with a
 flag f (a channel of 0 and 1, such as stance) or another quantity s of the same width:
 
-    bin          means over 50 equal parts of the trace        a motion under references that are functions of time
-    mean         means over six windows                        a motion whose own clock begins anywhere
+    bin          means over 50 equal parts of the trace        where two nominal traces agree in time
+    mean         means over six windows                        where they do not: a motion whose clock begins anywhere
     ripple       log of the scatter within short blocks, for either half;  and log of the scatter of all samples
     flag         means of x where f = 1, and where f = 0       phases of a gait
     product      means of x s, x sign(s) and x ds/dt, of a residual x: what its force law looks like
@@ -20,7 +20,7 @@ difference, which nearly vanish in a nominal trace, it is at least 5 % of the sc
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 
 import numpy as np
@@ -94,11 +94,13 @@ class Observables:
         duration: of a whole trace [s].
         quantities: channels and differences.
         flags: (name, width) of the channels of 0 and 1.
+        clocked: whether two nominal traces agree in time.
     """
 
     duration: float
     quantities: tuple[Quantity, ...]
     flags: tuple[tuple[str, int], ...]
+    clocked: bool = True
 
     @classmethod
     def of_nominal(cls, traces: Sequence[Trace]) -> Observables:
@@ -116,11 +118,9 @@ class Observables:
             if np.isfinite(x).all() and name not in dict(flags) and (np.any(x) or name.startswith(RESIDUAL))
         }
         units = traces[0].units
-        return cls(
-            max(trace.duration for trace in traces),
-            tuple(_quantities(plain, {name: units.get(name, "") for name in plain})),
-            flags,
-        )
+        quantities = tuple(_quantities(plain, {name: units.get(name, "") for name in plain}))
+        found = cls(max(trace.duration for trace in traces), quantities, flags)
+        return replace(found, clocked=found._agrees(traces))
 
     @property
     def groups(self) -> tuple[Group, ...]:
@@ -138,6 +138,19 @@ class Observables:
             self._statistic(quantity, statistic, values, trace) for quantity, statistic, _ in self._layout()
         ]
         return np.concatenate(parts) if parts else np.zeros(0)
+
+    def _agrees(self, traces: Sequence[Trace]) -> bool:
+        """Whether the channels' means over 50 parts scatter less from trace to trace than from part to part."""
+        edges = np.linspace(0.0, self.duration, BINS + 1)
+        noise = []
+        for quantity in self.quantities:
+            if quantity.residual:
+                continue
+            parts = np.array([_means(quantity.of(t), t.times - t.times[0], edges) for t in traces])
+            parts = parts.reshape(len(traces), BINS, -1)
+            signal = parts.mean(axis=0).var(axis=0)
+            noise.append(float(np.mean(parts.var(axis=0).mean(axis=0) / np.where(signal > 0.0, signal, 1.0))))
+        return not noise or float(np.median(noise)) < 1.0
 
     def partners(self, quantity: Quantity) -> list[str]:
         """Return the names of the channels with which a residual is multiplied."""
@@ -173,8 +186,11 @@ class Observables:
     def _layout(self) -> Iterator[tuple[Quantity, str, int]]:
         for quantity in self.quantities:
             width = quantity.scale.size
-            yield quantity, "bin", BINS * width
-            yield quantity, "mean", (len(WINDOWS) - 1) * width
+            yield (
+                (quantity, "bin", BINS * width)
+                if self.clocked
+                else (quantity, "mean", (len(WINDOWS) - 1) * width)
+            )
             yield quantity, "ripple", 3 * width
             if flags := self.flags_of(quantity):
                 yield quantity, "flag", 2 * len(flags) * width

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from s2r_spec.diagnose.inference.hierarchical import (
+    LAW_SHARE,
     Groups,
     Likelihood,
     Variances,
     likelihood,
     marginal,
-    unit,
     variances,
 )
 
@@ -24,9 +24,14 @@ def parts(groups):
     return [np.arange(g * OBSERVABLES, (g + 1) * OBSERVABLES) for g in range(groups)]
 
 
+def grouped(residual, design, where):
+    """Return the groups, with errors of unit size."""
+    return Groups.of(residual, design, np.ones(residual.size), where, np.full(len(where), LAW_SHARE))
+
+
 def estimated(residual, design, where, rounds=12):
     """Return estimate and deviation of θ, whose prior is so wide that it does not count."""
-    groups = Groups.of(residual, design, where)
+    groups = grouped(residual, design, where)
     found = variances(groups, np.zeros(EFFECTS), Variances.prior(len(where)), rounds)
     total = marginal(likelihood(groups, np.zeros(EFFECTS), found), np.zeros(EFFECTS))
     covariance = np.linalg.inv(total.information)
@@ -83,7 +88,7 @@ def test_an_effect_without_a_response_keeps_its_prior():
     rng = np.random.default_rng(5)
     design = columns(rng, 6)
     design[2] = 0.0
-    groups = Groups.of(rng.normal(size=design.shape[1]), design, parts(6))
+    groups = grouped(rng.normal(size=design.shape[1]), design, parts(6))
     found = likelihood(groups, np.zeros(EFFECTS), variances(groups, np.zeros(EFFECTS), Variances.prior(6)))
     assert found.information[2] == pytest.approx(np.zeros(EFFECTS))
     assert found.score[2] == 0.0
@@ -103,16 +108,10 @@ def test_a_variant_takes_the_part_of_the_residual_that_it_explains():
     design = columns(rng, 8)
     variant = design[0] + 0.3 * rng.normal(size=design.shape[1])
     residual = 1.0 * variant
-    groups = Groups.of(residual, np.vstack([design, variant]), parts(8))
+    groups = grouped(residual, np.vstack([design, variant]), parts(8))
     found = marginal(
         likelihood(groups, np.zeros(EFFECTS), variances(groups, np.zeros(EFFECTS), Variances.prior(8), 12)),
         np.full(EFFECTS, 9e-4),
     )
     estimate = np.linalg.solve(found.information + np.eye(EFFECTS) / 0.36, found.score)
     assert abs(estimate[0]) < 0.3
-
-
-def test_more_runs_make_the_error_smaller_down_to_the_form_error():
-    scatter, signature, variants = np.full(5, 0.2), np.full(5, 1.0), np.zeros((0, 5))
-    errors = [unit(scatter, runs, signature, variants)[0] for runs in (1, 4, 10**6)]
-    assert errors[0] > errors[1] > errors[2] == pytest.approx(0.1, rel=1e-3)

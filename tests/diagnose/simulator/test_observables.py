@@ -91,7 +91,7 @@ def test_a_residual_that_is_nothing_at_nominal_is_kept():
     nominal = trace(**{"residual.grip": np.zeros(TIMES.size)})
     found = Observables.of_nominal([nominal])
     slipping = trace(**{"residual.grip": np.where(TIMES > 2.0, 1.0, 0.0)})
-    assert of(found, slipping, "residual.grip", "mean")[-1] > 0.5
+    assert of(found, slipping, "residual.grip", "bin")[-1] > 0.5
 
 
 def test_an_experiment_without_protocols_is_refused():

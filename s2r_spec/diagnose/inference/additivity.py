@@ -1,0 +1,68 @@
+"""How well a sum of responses predicts a machine: its relative errors, group by group.
+
+Data: runs y_j (m,) of practice machines j = 1 … M. Their sizes θ_j and variants φ_j are known
+(:mod:`..simulator.library`). Unknown: for every group g, the relative error ρ_g of a sum of responses in its own
+direction, and κ_g in all others. Model, with the sum of responses S_j at θ_j and the scatter of a run ε:
+
+    y_j − nominal − Bφ_j = (1 + c_j) S_j + e_j + ε,   c_j ~ N(0, ρ_g²),   e_j ~ N(0, κ_g² mean S_j² I)
+
+Estimator: c_j is the least-squares slope of the rest on S_j, and |e_j|² what it leaves beyond ε. ρ_g is the median
+|c_j| over the machines that move the group, divided by that of a standard normal. κ_g² is the median |e_j|²/|S_j|².
+Medians, because a machine that slides or falls has no sum of responses. Both are shrunk towards a prior scale with ν
+degrees of freedom (Gelman et al., *Bayesian Data Analysis*, 3rd ed., §2.6).
+
+Units: ρ_g, κ_g dimensionless. Shapes: G groups of n_g observables.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.diagnose.inference.hierarchical import DEGREES, EFFECTIVE, LAW_SHARE
+
+FloatArray = NDArray[np.float64]
+
+MEDIAN = 0.6745
+"""Definition: median of |x| of a standard normal x."""
+CLEAR = 4.0
+"""Tolerance: a machine counts for c_j where the variance of c_j by scatter is below a quarter. Twice as much counts
+fewer machines."""
+
+
+def relative_errors(
+    sums: FloatArray, rest: FloatArray, scatter: FloatArray, parts: Sequence[NDArray[np.int64]]
+) -> tuple[FloatArray, FloatArray]:
+    """Return (G,) ρ_g and (G,) κ_g.
+
+    Args:
+        sums: (M, n) S_j.
+        rest: (M, n) y_j − nominal − Bφ_j − S_j.
+        scatter: (M, n) standard deviation of a run of each machine.
+        parts: places of every group among the n.
+    """
+    coherent, other = np.empty(len(parts)), np.empty(len(parts))
+    for g, part in enumerate(parts):
+        s, e = sums[:, part] / scatter[:, part], rest[:, part] / scatter[:, part]
+        whole = np.isfinite(e).all(axis=1)
+        s, e = s[whole], e[whole]
+        signal = (s**2).mean(axis=1)
+        slope = (s * e).mean(axis=1) / np.maximum(signal, 1e-12)
+        left = ((e - slope[:, None] * s) ** 2).mean(axis=1)
+        number = min(part.size, EFFECTIVE)
+        clear = signal * number > CLEAR * np.maximum(left, 1.0)
+        coherent[g] = _shrunk((_median(np.abs(slope[clear])) / MEDIAN) ** 2, int(clear.sum()))
+        moved = signal > 1.0
+        other[g] = _shrunk(_median(np.maximum(left[moved] - 1.0, 0.0) / signal[moved]), int(moved.sum()))
+    return np.sqrt(coherent), np.sqrt(other)
+
+
+def _median(values: FloatArray) -> float:
+    return float(np.median(values)) if values.size else 0.0
+
+
+def _shrunk(variance: float, number: int) -> float:
+    """Return a variance found from so many machines, shrunk towards the prior's."""
+    return (DEGREES * LAW_SHARE**2 + number * variance) / (DEGREES + number)
