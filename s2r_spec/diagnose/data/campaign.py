@@ -20,6 +20,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from s2r_spec.backend import Backend, HasDuration, Recording, is_exclusive
 from s2r_spec.diagnose.data.journal import Journal
@@ -135,13 +136,16 @@ def campaign(
         plan: the fixed experiments.
         seed: seed of the machine's random numbers.
         choose: rule for the experiments after these.
-        folder: folder of the journal; None to keep nothing.
+        folder: folder of the journal and the traces; None to keep nothing.
         progress: called with the number of experiments and the budget.
 
     Raises:
         UsageError: the machine needs an operator, refuses a test, or does not fit the spec; or the folder has another
             campaign, or recordings without a campaign.
     """
+    if folder is None:
+        with TemporaryDirectory() as place:
+            return campaign(bench, machine, plan, seed, choose, Path(place), progress)
     refuse_machine(machine)
     if isinstance(machine, HasDuration):
         machine = machine.with_duration(bench.backend.duration)

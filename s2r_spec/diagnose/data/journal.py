@@ -29,14 +29,14 @@ class Journal:
     """The attempts of a campaign so far.
 
     Attributes:
-        folder: folder of the files; None to keep nothing.
+        folder: folder of the files; it is made if needed.
         units: the machine's units: parameter → unit.
         steps: the experiments, with the simulator's parameters.
         refused: number of an experiment → why the machine refused it.
         rows: rows of the table.
     """
 
-    folder: Path | None
+    folder: Path
     units: Mapping[str, str]
     steps: list[Experiment] = field(default_factory=list)
     refused: dict[int, str] = field(default_factory=dict)
@@ -48,8 +48,6 @@ class Journal:
         Raises:
             UsageError: the folder has recordings of no campaign, or its journal is damaged.
         """
-        if self.folder is None:
-            return
         self.folder.mkdir(parents=True, exist_ok=True)
         path, instead = self.folder / FILE, f"diagnose its recordings with --real log:{self.folder}"
         if not path.exists():
@@ -84,20 +82,19 @@ class Journal:
         Raises:
             UsageError: the journal has another experiment, the machine refuses a test, or a file cannot be written.
         """
-        name = f"{number:04d}"
+        path = self.folder / f"{number:04d}.npz"
         if number == len(self.steps):
             self.steps.append(experiment)
             self._save()
         elif not _same(self.steps[number], experiment):
             raise UsageError(
-                f"{name}.npz was recorded with {self.steps[number]}, but this run plans {experiment} in its place. Use "
-                f"the spec, budget, protocols and seed of the first run, or diagnose its recordings with "
+                f"{path} was recorded with {self.steps[number]}, but this run plans {experiment} in its place. Use the "
+                f"spec, budget, protocols and seed of the first run, or diagnose its recordings with "
                 f"--real log:{self.folder}"
             )
         if number in self.refused:
             return None
-        path = None if self.folder is None else self.folder / f"{name}.npz"
-        if path is None or not path.exists():
+        if not path.exists():
             try:
                 trace = run()
             except (UsageError, NotBegunError) as error:
@@ -106,31 +103,28 @@ class Journal:
                 self.refused[number] = str(error)
                 self._save()
                 return None
-            if path is None:
-                return trace
             logs.write(trace, path)
         columns = {f"{n} [{self.units[n]}]" if self.units.get(n) else n: repr(v) for n, v in params.items()}
-        self.rows.append({"id": name, PROTOCOL: experiment.protocol} | columns)
-        if len(self.rows) >= len(list(path.parent.glob("[!.]*.npz"))):
-            self._tabulate(path.parent / TABLE)
+        self.rows.append({"id": path.stem, PROTOCOL: experiment.protocol} | columns)
+        if len(self.rows) >= len(list(self.folder.glob("[!.]*.npz"))):
+            self._tabulate()
         return logs.read(path)  # as a resumed campaign reads it
 
     def _save(self) -> None:
-        if self.folder is not None:
-            steps = [
-                {"protocol": e.protocol, "params": dict(e.params), "refused": self.refused.get(number, "")}
-                for number, e in enumerate(self.steps)
-            ]
-            save(self.folder / FILE, json.dumps({"schema": SCHEMA, "steps": steps}, indent=1) + "\n")
+        steps = [
+            {"protocol": e.protocol, "params": dict(e.params), "refused": self.refused.get(number, "")}
+            for number, e in enumerate(self.steps)
+        ]
+        save(self.folder / FILE, json.dumps({"schema": SCHEMA, "steps": steps}, indent=1) + "\n")
 
-    def _tabulate(self, path: Path) -> None:
+    def _tabulate(self) -> None:
         left_out = () if any(row[PROTOCOL] for row in self.rows) else (PROTOCOL,)
         columns = dict.fromkeys(name for row in self.rows for name in row if name not in left_out)
         text = io.StringIO(newline="")
         writer = csv.DictWriter(text, columns, extrasaction="ignore")
         writer.writeheader()
         writer.writerows(self.rows)
-        save(path, text.getvalue())
+        save(self.folder / TABLE, text.getvalue())
 
 
 def _same(one: Experiment, other: Experiment) -> bool:
