@@ -128,7 +128,7 @@ def campaign(
     """Run a campaign, or resume it from its folder; return its rollouts, those that are held out first.
 
     A protocol that the machine refuses, or in which it falls, is not run again. A note names the reason, and the fallen
-    trace is kept.
+    trace is kept. The machine itself asks about the risk of a protocol.
 
     Args:
         bench: the simulator, with the spec set up on it.
@@ -156,9 +156,9 @@ def campaign(
     found, dropped, done = RealRollouts(), dict[str, str](), list[Experiment]()
     planned, budget = iter(plan.steps), len(plan.steps) + plan.chosen
     for number in range(budget):
-        experiment = next((e for e in planned if e.protocol not in dropped), None)
-        if experiment is None and number < len(journal.steps):
-            experiment = journal.steps[number]
+        experiment = next((e for e in planned if e.protocol not in dropped), None) or journal.experiment(
+            number
+        )
         if experiment is None:
             experiment = choose(replace(found, tests=found.tests[plan.held_out :]), frozenset(dropped))
         if experiment is None:
@@ -174,7 +174,7 @@ def campaign(
         trace = journal.run(number, experiment, params, partial(on_machine.run, machine, draws))
         progress(number + 1, budget)
         if trace is None:
-            dropped[name] = f"the protocol {name!r} was not run: {journal.refused[number]}"
+            dropped[name] = f"the protocol {name!r} was not run: {journal.refused(number)}"
             continue
         found = found.plus(bench, Recording(f"real rollout {number}", own, trace, name))
         if name and trace.failure is not None:

@@ -11,8 +11,8 @@ import io
 import json
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from s2r_spec import logs
 from s2r_spec.diagnose.simulator.experiments import Experiment
@@ -22,51 +22,46 @@ from s2r_spec.protocols import PROTOCOL
 from s2r_spec.trace import Trace
 
 FILE, TABLE, SCHEMA = "campaign.json", "rollouts.csv", "s2r.campaign/1"
+TRACES = "[!.]*.npz"
+"""Definition: names of the traces; hidden files are incomplete."""
 
 
-@dataclass
 class Journal:
     """The attempts of a campaign so far.
 
-    Attributes:
+    Args:
         folder: folder of the files; it is made if needed.
         units: the machine's units: parameter → unit.
-        steps: the experiments, with the simulator's parameters.
-        refused: number of an experiment → why the machine refused it.
-        rows: rows of the table.
+
+    Raises:
+        UsageError: the folder has recordings of no campaign, or its journal is damaged.
     """
 
-    folder: Path
-    units: Mapping[str, str]
-    steps: list[Experiment] = field(default_factory=list)
-    refused: dict[int, str] = field(default_factory=dict)
-    rows: list[dict[str, str]] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        """Read what the folder has.
-
-        Raises:
-            UsageError: the folder has recordings of no campaign, or its journal is damaged.
-        """
-        self.folder.mkdir(parents=True, exist_ok=True)
-        path, instead = self.folder / FILE, f"diagnose its recordings with --real log:{self.folder}"
+    def __init__(self, folder: Path, units: Mapping[str, str]) -> None:
+        self._folder, self._units = folder, units
+        self._steps: list[dict[str, Any]] = []
+        self._rows: list[dict[str, str]] = []
+        folder.mkdir(parents=True, exist_ok=True)
+        path, instead = folder / FILE, f"diagnose its recordings with --real log:{folder}"
         if not path.exists():
-            if (self.folder / TABLE).exists() or any(self.folder.glob("[!.]*.npz")):
-                raise UsageError(
-                    f"{self.folder} has recordings and no {FILE}; use an empty folder, or {instead}"
-                )
+            if (folder / TABLE).exists() or any(folder.glob(TRACES)):
+                raise UsageError(f"{folder} has recordings and no {FILE}; use an empty folder, or {instead}")
             return
         try:
             found = json.loads(path.read_text(encoding="utf-8"))
             if found["schema"] != SCHEMA:
                 raise ValueError
-            for each in found["steps"]:
-                values = {name: float(value) for name, value in each["params"].items()}
-                self.steps.append(Experiment(str(each["protocol"]), tuple(sorted(values.items()))))
-                if each["refused"]:
-                    self.refused[len(self.steps) - 1] = str(each["refused"])
+            self._steps = [_step(_experiment(each), str(each["refused"])) for each in found["steps"]]
         except (ValueError, KeyError, TypeError, AttributeError):
             raise UsageError(f"{path} is not the journal of a campaign; restore it, or {instead}") from None
+
+    def experiment(self, number: int) -> Experiment | None:
+        """Return an experiment that has begun, with the simulator's parameters; None if none has this number."""
+        return _experiment(self._steps[number]) if number < len(self._steps) else None
+
+    def refused(self, number: int) -> str:
+        """Return why the machine refused an experiment; "" if it did not."""
+        return str(self._steps[number]["refused"])
 
     def run(
         self, number: int, experiment: Experiment, params: Mapping[str, float], run: Callable[[], Trace]
@@ -82,17 +77,16 @@ class Journal:
         Raises:
             UsageError: the journal has another experiment, the machine refuses a test, or a file cannot be written.
         """
-        path = self.folder / f"{number:04d}.npz"
-        if number == len(self.steps):
-            self.steps.append(experiment)
-            self._save()
-        elif not _same(self.steps[number], experiment):
+        path, begun = self._folder / f"{number:04d}.npz", self.experiment(number)
+        if begun is None:
+            self._save([*self._steps, _step(experiment)])
+        elif not _same(begun, experiment):
             raise UsageError(
-                f"{path} was recorded with {self.steps[number]}, but this run plans {experiment} in its place. Use the "
-                f"spec, budget, protocols and seed of the first run, or diagnose its recordings with "
-                f"--real log:{self.folder}"
+                f"{path} was recorded with {begun}, but this run plans {experiment} in its place. Use the spec, "
+                f"budget, protocols and seed of the first run, or diagnose its recordings with "
+                f"--real log:{self._folder}"
             )
-        if number in self.refused:
+        if self.refused(number):
             return None
         if not path.exists():
             try:
@@ -100,31 +94,37 @@ class Journal:
             except (UsageError, NotBegunError) as error:
                 if not experiment.protocol:
                     raise
-                self.refused[number] = str(error)
-                self._save()
+                self._steps[number]["refused"] = str(error)
+                self._save(self._steps)
                 return None
             logs.write(trace, path)
-        columns = {f"{n} [{self.units[n]}]" if self.units.get(n) else n: repr(v) for n, v in params.items()}
-        self.rows.append({"id": path.stem, PROTOCOL: experiment.protocol} | columns)
-        if len(self.rows) >= len(list(self.folder.glob("[!.]*.npz"))):
+        named = {f"{n} [{self._units[n]}]" if self._units.get(n) else n: repr(v) for n, v in params.items()}
+        self._rows.append({"id": path.stem, PROTOCOL: experiment.protocol} | named)
+        if len(self._rows) >= len(list(self._folder.glob(TRACES))):
             self._tabulate()
         return logs.read(path)  # as a resumed campaign reads it
 
-    def _save(self) -> None:
-        steps = [
-            {"protocol": e.protocol, "params": dict(e.params), "refused": self.refused.get(number, "")}
-            for number, e in enumerate(self.steps)
-        ]
-        save(self.folder / FILE, json.dumps({"schema": SCHEMA, "steps": steps}, indent=1) + "\n")
+    def _save(self, steps: list[dict[str, Any]]) -> None:
+        self._steps = steps
+        save(self._folder / FILE, json.dumps({"schema": SCHEMA, "steps": steps}, indent=1) + "\n")
 
     def _tabulate(self) -> None:
-        left_out = () if any(row[PROTOCOL] for row in self.rows) else (PROTOCOL,)
-        columns = dict.fromkeys(name for row in self.rows for name in row if name not in left_out)
+        left_out = () if any(row[PROTOCOL] for row in self._rows) else (PROTOCOL,)
+        columns = dict.fromkeys(name for row in self._rows for name in row if name not in left_out)
         text = io.StringIO(newline="")
         writer = csv.DictWriter(text, columns, extrasaction="ignore")
         writer.writeheader()
-        writer.writerows(self.rows)
-        save(self.folder / TABLE, text.getvalue())
+        writer.writerows(self._rows)
+        save(self._folder / TABLE, text.getvalue())
+
+
+def _step(experiment: Experiment, refused: str = "") -> dict[str, Any]:
+    return {"protocol": experiment.protocol, "params": dict(experiment.params), "refused": refused}
+
+
+def _experiment(step: Mapping[str, Any]) -> Experiment:
+    values = {name: float(value) for name, value in step["params"].items()}
+    return Experiment(str(step["protocol"]), tuple(sorted(values.items())))
 
 
 def _same(one: Experiment, other: Experiment) -> bool:

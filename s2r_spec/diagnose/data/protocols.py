@@ -76,10 +76,10 @@ def next_words(bench: Bench, experiment: Experiment, robot: object = None, path:
         UsageError: the robot does not have the protocol, or the path does not end in ``.csv``.
         TraceError: the file cannot be written.
     """
-    add = "next, and add its log and its row of rollouts.csv to the folder."
+    add = "Then add its log, with its row of rollouts.csv, to the folder."
     if not experiment.protocol:
         test = bench.matched.to_spec(dict(experiment.params)) or {}
-        return f"Run the test {_values(test, bench.spec.space.units) or 'of the spec'} {add}"
+        return f"Run the test {_values(test, bench.spec.space.units) or 'of the spec'} next. {add}"
     protocol = protocol_of(bench.backend, experiment.protocol)
     params = protocol.values(dict(experiment.params))
     values = _values(params, {p.name: p.unit for p in protocol.parameters})
@@ -87,7 +87,7 @@ def next_words(bench: Bench, experiment: Experiment, robot: object = None, path:
         playing = write_playable(robot, protocol.name, params, path)
     else:
         playing = protocol.words + (f" Risk: {protocol.risk}." if protocol.risk else "")
-    return f"Run the protocol {protocol.name}{f' with {values}' if values else ''} {add} {playing}"
+    return f"Run the protocol {protocol.name}{f' with {values}' if values else ''} next. {playing} {add}"
 
 
 def _values(params: Mapping[str, float], units: Mapping[str, str]) -> str:

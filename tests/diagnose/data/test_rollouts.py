@@ -6,13 +6,9 @@ import numpy as np
 import pytest
 
 import s2r_spec as s2r
-from s2r_spec.diagnose.ask import cut as old_cut
-from s2r_spec.diagnose.ask import read_at as old_read_at
-from s2r_spec.diagnose.ask import real_rollouts
-from s2r_spec.diagnose.data.rollouts import RealRollouts, cut, read_at, recorded
+from s2r_spec.diagnose.data.rollouts import RealRollouts, as_simulated, cut, read_at, recorded
 from s2r_spec.diagnose.data.space_filling import representative, spread, star
 from s2r_spec.diagnose.data.split import split
-from s2r_spec.diagnose.parted import Parted
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space
@@ -100,43 +96,74 @@ def test_a_folder_has_protocols_and_values_that_the_spec_fixes(tmp_path):
     ],
 )
 @pytest.mark.filterwarnings("ignore:divide")
-def test_bad_recordings_get_the_sentence_that_they_had(spoil, facts):
+def test_bad_recordings_get_a_sentence(spoil, facts):
     given = spoil(some_tests(9))
-    with pytest.raises(UsageError, match=naming(*facts)) as new:
+    with pytest.raises(UsageError, match=naming(*facts)):
         recorded(BENCH, given)
-    with pytest.raises(UsageError) as old:
-        real_rollouts(BENCH, given, None, 0)
-    assert str(new.value) == str(old.value)
 
 
-def test_traces_are_cut_and_read_as_before():
-    rng = np.random.default_rng(0)
-    for n in range(20):
-        own = np.cumsum(rng.uniform(0.02, 0.06, 60)) + 3.0
-        trace = Trace(own, {"x": rng.normal(size=(60, 2)), "on": (rng.uniform(size=60) > 0.5).astype(float)})
-        for new, old in (
-            (cut(trace, 0.1 * n), old_cut(trace, 0.1 * n)),
-            (read_at(trace, 0.01, trace.duration + 0.01), old_read_at(trace, 0.01, trace.duration + 0.01)),
-            (read_at(trace, 0.013), old_read_at(trace, 0.013)),
-        ):
-            np.testing.assert_allclose(new.times, old.times, atol=1e-9)
-            assert dict(new.meta) == dict(old.meta)
-            for name in ("x", "on"):
-                np.testing.assert_allclose(new[name], old[name], atol=1e-6)
+def test_a_test_that_a_conversion_has_put_just_outside_is_at_the_end():
+    trace = Pointer().rollout({"vd": 1.0}, 0)
+    found = recorded(BENCH, [({"vd": 1.0 + 1e-12}, trace)] * 6)
+    assert [test for test, _ in found.tests] == [{"vd": 1.0}] * 6
 
 
-@pytest.mark.parametrize("failed", [(), (2,), (2, 5, 7)])
-@pytest.mark.parametrize("count", [6, 12, 30])
-def test_tests_are_held_out_as_before_and_protocols_never(count, failed):
-    given = [
-        (test, replace(trace, meta={"failure": "fall"}) if i in failed and count > 8 else trace)
-        for i, (test, trace) in enumerate(some_tests(count))
-    ]
+def test_a_trace_has_the_simulator_s_unit_and_length():
+    times = np.arange(301) / 100 + 7.0
+    trace = Trace(times, {"v": np.where(times < 7.05, np.inf, 3.6), "w": times}, {"v": "km/h", "w": "m"})
+    found = as_simulated(trace, Pointer())
+    assert np.isnan(found["v"][:5]).all()
+    np.testing.assert_allclose(found["v"][5:], 1.0)
+    assert dict(found.units) == {"v": "m/s", "w": "m"}
+    assert cut(trace, 1.0).duration == pytest.approx(1.0)
+    fell = replace(trace, meta={"failure": "fall"})  # the time of a fall is information
+    assert cut(fell, 1.0) is fell
+    assert cut(trace, 2.99) is trace
+
+
+def test_between_its_samples_a_flag_is_what_it_was():
+    own = np.array([0.0, 0.1, 0.25, 0.4])
+    trace = Trace(own + 3.0, {"x": 2.0 * own, "on": np.array([0.0, 1.0, 0.0, 1.0])}, {"x": "m"})
+    found = read_at(trace, 0.05)
+    np.testing.assert_allclose(found.times, 0.05 * np.arange(9))
+    np.testing.assert_allclose(found["x"], 0.1 * np.arange(9), atol=1e-12)
+    np.testing.assert_array_equal(found["on"], [0, 0, 1, 1, 1, 0, 0, 0, 1])
+    # One that ends within its own last period before the horizon keeps its last values; a shorter one does not.
+    np.testing.assert_allclose(read_at(trace, 0.05, 0.5)["x"][-3:], 0.8)
+    assert read_at(trace, 0.05, 0.6).duration == pytest.approx(0.4)
+
+
+def test_a_window_shorter_than_the_time_between_samples_is_read_at_the_simulator_s():
+    short = bench_of(spec=s2r.parse_spec(SPEC.text.replace("[0.5, 0.9 s]", "[0.885 s, 0.895 s]")))
+    runs = some_tests(6)
+    slow = [(test, trace.resample(0.03)) for test, trace in runs]
+    for (test, found), (_, trace) in zip(recorded(short, slow).tests, runs, strict=True):
+        np.testing.assert_allclose(np.diff(found.times), 0.01)
+        assert short.rho(found, test) == pytest.approx(short.rho(trace, test), abs=0.1)
+    assert len(recorded(BENCH, slow).tests[0][1]) == len(slow[0][1])
+
+
+@pytest.mark.parametrize(
+    ("count", "tests", "held"), [(6, 6, 0), (11, 9, 0), (12, 9, 4), (27, 9, 9), (12, 1, 4), (8, 1, 0)]
+)
+def test_whole_tests_are_held_out_and_protocols_never(count, tests, held):
+    given = [(some_tests(9)[i % tests][0], trace) for i, (_, trace) in enumerate(some_tests(count))]
     found = split(RealRollouts(tuple(given), ((Experiment("chirp"), given[0][1]),)), 4)
-    before = Parted.of(given, 4)
-    assert [t for t, _ in found.train.tests] == [t for t, _ in before.seen]
-    assert [t for t, _ in found.held_out] == [t for t, _ in before.held]
+    assert len(found.held_out) == pytest.approx(held, abs=1 if tests > 1 and held else 0)
+    assert len(found.held_out) + len(found.train.tests) == count
     assert len(found.train.protocols) == 1
+    if tests > 1:
+        assert not {t["vd"] for t, _ in found.held_out} & {t["vd"] for t, _ in found.train.tests}
+
+
+@pytest.mark.parametrize(("failed", "left_out"), [(1, 1), (2, 0)])
+def test_a_few_accidents_are_left_out(failed, left_out):
+    given = [
+        (t, replace(x, meta={"failure": "fall"}) if i < failed else x)
+        for i, (t, x) in enumerate(some_tests(15))
+    ]
+    found = split(RealRollouts(tuple(given)), 0)
+    assert len(found.train.tests) + len(found.held_out) == 15 - left_out
 
 
 def test_what_a_campaign_set_apart_is_held_out():
