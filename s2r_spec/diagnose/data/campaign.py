@@ -156,15 +156,15 @@ def campaign(
     found, dropped, done = RealRollouts(), dict[str, str](), list[Experiment]()
     planned, budget = iter(plan.steps), len(plan.steps) + plan.chosen
     for number in range(budget):
-        experiment = next((e for e in planned if e.protocol not in dropped), None) or journal.experiment(
-            number
-        )
+        begun = journal.experiment(number)
+        experiment = next((e for e in planned if e.protocol not in dropped), begun)
         if experiment is None:
             experiment = choose(replace(found, tests=found.tests[plan.held_out :]), frozenset(dropped))
         if experiment is None:
             break
         done.append(experiment)
-        if name := experiment.protocol:
+        name = experiment.protocol
+        if name:
             own = params = protocol_of(bench.backend, name).values(dict(experiment.params))
         else:
             own = dict(plan.tests.get(experiment) or _test(bench, experiment))

@@ -11,7 +11,10 @@ from s2r_spec.space import Space
 
 
 def spread(space: Space, count: int, seed: int) -> list[dict[str, float]]:
-    """Return tests that fill the space: the first points of a scrambled Sobol sequence."""
+    """Return tests that fill the space: the first points of a scrambled Sobol sequence.
+
+    A space without parameters has one test, which returns ``count`` times.
+    """
     from scipy.stats import qmc
 
     points = np.zeros((count, 0))
@@ -31,7 +34,7 @@ def representative(tests: Iterable[Test], space: Space, most: int | None = None)
     """Return the tests that the library simulates: the first one in the middle, then each as far away as possible.
 
     This is greedy k-centre (Gonzalez, 1985): no test is more than twice as far from these as with the best choice. The
-    order of the tests changes nothing. Of a :func:`star` all tests return.
+    order of the tests changes nothing. From a :func:`star`, all tests return.
 
     Args:
         tests: tests in the space.

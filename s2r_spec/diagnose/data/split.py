@@ -49,9 +49,9 @@ def split(rollouts: RealRollouts, seed: int, apart: int = 0) -> TrainHeldOut:
     failed = len(tests) - len(used)
     if failed > max(1, int(ACCIDENTS * len(tests))) or len(used) < FEWEST:
         used = list(range(len(tests)))
-    held = (
-        {i for i in used if i < apart} if apart else {used[k] for k in _drawn([tests[i] for i in used], seed)}
-    )
+    held = set(used) & set(range(apart))
+    if not apart:
+        held = {used[k] for k in _drawn([tests[i] for i in used], seed)}
     return TrainHeldOut(
         replace(rollouts, tests=tuple(tests[i] for i in used if i not in held)),
         tuple(tests[i] for i in used if i in held),
