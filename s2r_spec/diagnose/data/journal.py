@@ -1,0 +1,135 @@
+"""The journal of a campaign, in a folder that ``log:FOLDER`` reads.
+
+``campaign.json`` lists the experiments, each before it begins, and what the machine refused. The trace of a run is on
+disk before the next begins. The table ``rollouts.csv`` follows from both.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from s2r_spec import logs
+from s2r_spec.diagnose.simulator.experiments import Experiment
+from s2r_spec.errors import NotBegunError, UsageError
+from s2r_spec.files import save
+from s2r_spec.protocols import PROTOCOL
+from s2r_spec.trace import Trace
+
+FILE, TABLE, SCHEMA = "campaign.json", "rollouts.csv", "s2r.campaign/1"
+TRACES = "[!.]*.npz"
+"""Definition: names of the traces; hidden files are incomplete."""
+
+
+class Journal:
+    """The attempts of a campaign so far.
+
+    Args:
+        folder: folder of the files; it is made if needed.
+        units: the machine's units: parameter → unit.
+
+    Raises:
+        UsageError: the folder has recordings of no campaign, or its journal is damaged.
+    """
+
+    def __init__(self, folder: Path, units: Mapping[str, str]) -> None:
+        self._folder, self._units = folder, units
+        self._steps: list[dict[str, Any]] = []
+        self._rows: list[dict[str, str]] = []
+        folder.mkdir(parents=True, exist_ok=True)
+        path, instead = folder / FILE, f"diagnose its recordings with --real log:{folder}"
+        if not path.exists():
+            if (folder / TABLE).exists() or any(folder.glob(TRACES)):
+                raise UsageError(f"{folder} has recordings and no {FILE}; use an empty folder, or {instead}")
+            return
+        try:
+            found = json.loads(path.read_text(encoding="utf-8"))
+            if found["schema"] != SCHEMA:
+                raise ValueError
+            self._steps = [_step(_experiment(each), str(each["refused"])) for each in found["steps"]]
+        except (ValueError, KeyError, TypeError, AttributeError):
+            raise UsageError(f"{path} is not the journal of a campaign; restore it, or {instead}") from None
+
+    def experiment(self, number: int) -> Experiment | None:
+        """Return an experiment that has begun, with the simulator's parameters; None if none has this number."""
+        return _experiment(self._steps[number]) if number < len(self._steps) else None
+
+    def refused(self, number: int) -> str:
+        """Return why the machine refused an experiment; "" if it did not."""
+        return str(self._steps[number]["refused"])
+
+    def run(
+        self, number: int, experiment: Experiment, params: Mapping[str, float], run: Callable[[], Trace]
+    ) -> Trace | None:
+        """Return the trace of an experiment, from the disk if it is there; None if the machine refuses a protocol.
+
+        Args:
+            number: its place in the campaign.
+            experiment: with the simulator's parameters.
+            params: the machine's parameters.
+            run: runs it on the machine.
+
+        Raises:
+            UsageError: the journal has another experiment, the machine refuses a test, or a file cannot be written.
+        """
+        path, begun = self._folder / f"{number:04d}.npz", self.experiment(number)
+        if begun is None:
+            self._save([*self._steps, _step(experiment)])
+        elif not _same(begun, experiment):
+            raise UsageError(
+                f"{path} was recorded with {begun}, but this run plans {experiment} in its place. Use the spec, "
+                f"budget, protocols and seed of the first run, or diagnose its recordings with "
+                f"--real log:{self._folder}"
+            )
+        if self.refused(number):
+            return None
+        if not path.exists():
+            try:
+                trace = run()
+            except (UsageError, NotBegunError) as error:
+                if not experiment.protocol:
+                    raise
+                self._steps[number]["refused"] = str(error)
+                self._save(self._steps)
+                return None
+            logs.write(trace, path)
+        named = {f"{n} [{self._units[n]}]" if self._units.get(n) else n: repr(v) for n, v in params.items()}
+        self._rows.append({"id": path.stem, PROTOCOL: experiment.protocol} | named)
+        if len(self._rows) >= len(list(self._folder.glob(TRACES))):
+            self._tabulate()
+        return logs.read(path)  # as a resumed campaign reads it
+
+    def _save(self, steps: list[dict[str, Any]]) -> None:
+        self._steps = steps
+        save(self._folder / FILE, json.dumps({"schema": SCHEMA, "steps": steps}, indent=1) + "\n")
+
+    def _tabulate(self) -> None:
+        left_out = () if any(row[PROTOCOL] for row in self._rows) else (PROTOCOL,)
+        columns = dict.fromkeys(name for row in self._rows for name in row if name not in left_out)
+        text = io.StringIO(newline="")
+        writer = csv.DictWriter(text, columns, extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows(self._rows)
+        save(self._folder / TABLE, text.getvalue())
+
+
+def _step(experiment: Experiment, refused: str = "") -> dict[str, Any]:
+    return {"protocol": experiment.protocol, "params": dict(experiment.params), "refused": refused}
+
+
+def _experiment(step: Mapping[str, Any]) -> Experiment:
+    values = {name: float(value) for name, value in step["params"].items()}
+    return Experiment(str(step["protocol"]), tuple(sorted(values.items())))
+
+
+def _same(one: Experiment, other: Experiment) -> bool:
+    """Return whether two experiments are equal up to rounding."""
+    here, there = dict(one.params), dict(other.params)
+    return (one.protocol, here.keys()) == (other.protocol, there.keys()) and all(
+        math.isclose(here[name], there[name], rel_tol=1e-9, abs_tol=1e-12) for name in here
+    )

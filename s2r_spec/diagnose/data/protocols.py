@@ -1,0 +1,94 @@
+"""Which protocols may be run, and the next experiment in words and as a file that a robot can play."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from s2r_spec.backend import Backend
+from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.diagnose.simulator.experiments import Experiment
+from s2r_spec.errors import UsageError
+from s2r_spec.protocols import HasPlayable, HasProtocols, Protocol, protocol_of, write_playable
+
+
+def canonical(protocol: Protocol, params: Mapping[str, float]) -> Experiment:
+    """Return the experiment of a run, without the parameters at the protocol's defaults.
+
+    Raises:
+        UsageError: a parameter is not declared, is not a number, or is outside its range.
+    """
+    values = protocol.values(params)
+    changed = {p.name: values[p.name] for p in protocol.parameters if values[p.name] != p.default}
+    return Experiment(protocol.name, tuple(sorted(changed.items())))
+
+
+def allowed(
+    simulator: Backend, machine: Backend, names: Sequence[str] | None = None
+) -> tuple[tuple[Experiment, ...], tuple[str, ...]]:
+    """Return an experiment for each protocol that both sides have, in the machine's order, and notes on the others.
+
+    Parameters have the simulator's defaults, moved into the machine's range.
+
+    Args:
+        simulator: the nominal simulator.
+        machine: the real machine; for recordings, the simulator again.
+        names: protocols that may be run; None for all, empty for none.
+
+    Raises:
+        UsageError: one of the names is not a protocol of the machine, or of the simulator.
+    """
+    for name in names or ():
+        protocol_of(machine, name)
+        protocol_of(simulator, name)
+    experiments, notes = [], []
+    for protocol in machine.protocols() if isinstance(machine, HasProtocols) else ():
+        if names is None or protocol.name in names:
+            try:
+                experiments.append(_moved(protocol_of(simulator, protocol.name), protocol))
+            except UsageError as error:
+                notes.append(f"the protocol {protocol.name!r} is not run: {error}")
+    return tuple(experiments), tuple(notes)
+
+
+def _moved(own: Protocol, other: Protocol) -> Experiment:
+    """Return the experiment of a protocol at its defaults, moved into the range of the same protocol elsewhere.
+
+    Raises:
+        UsageError: parameters differ, or their ranges do not overlap.
+    """
+    if {(p.name, p.unit) for p in own.parameters} != {(p.name, p.unit) for p in other.parameters}:
+        raise UsageError("its parameters, or their units, differ between machine and simulator")
+    defaults = own.values({})
+    return canonical(own, {p.name: min(max(defaults[p.name], p.low), p.high) for p in other.parameters})
+
+
+def next_words(bench: Bench, experiment: Experiment, robot: object = None, path: Path | None = None) -> str:
+    """Return which experiment to run next; write a protocol's references to a file if the robot has them.
+
+    Args:
+        bench: the simulator, with the spec set up on it.
+        experiment: a test or a protocol.
+        robot: the backend that may have references of its protocols.
+        path: path of their file, with the ending ``.csv``; None to write none.
+
+    Raises:
+        UsageError: the robot does not have the protocol, or the path does not end in ``.csv``.
+        TraceError: the file cannot be written.
+    """
+    add = "Then add its log, with its row of rollouts.csv, to the folder."
+    if not experiment.protocol:
+        test = bench.matched.to_spec(dict(experiment.params)) or {}
+        return f"Run the test {_values(test, bench.spec.space.units) or 'of the spec'} next. {add}"
+    protocol = protocol_of(bench.backend, experiment.protocol)
+    params = protocol.values(dict(experiment.params))
+    values = _values(params, {p.name: p.unit for p in protocol.parameters})
+    if path is not None and isinstance(robot, HasPlayable):
+        playing = write_playable(robot, protocol.name, params, path)
+    else:
+        playing = protocol.words + (f" Risk: {protocol.risk}." if protocol.risk else "")
+    return f"Run the protocol {protocol.name}{f' with {values}' if values else ''} next. {playing} {add}"
+
+
+def _values(params: Mapping[str, float], units: Mapping[str, str]) -> str:
+    return ", ".join(f"{name} = {value:.4g} {units.get(name, '')}".rstrip() for name, value in params.items())

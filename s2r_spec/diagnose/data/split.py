@@ -1,0 +1,73 @@
+"""Train and held-out rollouts: sizes are estimated from the first, and the gap before and after from the second."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from s2r_spec.diagnose.data.rollouts import FEWEST, RealRollouts, TestRun
+from s2r_spec.space import key_of
+
+LEAST = 3
+"""Budget: fewest tests whose gap is measured. With twice as many, small recordings have no held-out gap."""
+HELD_OUT = 0.3
+"""Budget: share of the tests that is held out. Twice as many leave fewer tests to estimate from."""
+ENOUGH = (9, 2 * FEWEST)
+"""Budget: different tests, and runs of tests, from which on some are held out. The first follows from the two above."""
+ACCIDENTS = 0.1
+"""Tolerance: share of the tests that may have failed by accident, or one. Twice as much leaves out more falls."""
+
+
+@dataclass(frozen=True)
+class TrainHeldOut:
+    """Real rollouts in two parts, without the accidents.
+
+    Attributes:
+        train: rollouts for the estimate, with all runs of protocols.
+        held_out: tests for the gap before and after; empty if there are too few.
+    """
+
+    train: RealRollouts
+    held_out: tuple[TestRun, ...]
+
+
+def split(rollouts: RealRollouts, seed: int, apart: int = 0) -> TrainHeldOut:
+    """Return the rollouts in two parts.
+
+    A few tests that failed by accident are left out of both. One fall outweighs all else in ρ, and says nothing about
+    the others. Where falls are common, they are part of the gap and stay.
+
+    Args:
+        rollouts: all of them.
+        seed: seed of the draw.
+        apart: number of first tests that a campaign set apart to be held out; 0 to draw whole tests.
+    """
+    tests = rollouts.tests
+    used = [i for i, (_, trace) in enumerate(tests) if trace.failure is None]
+    failed = len(tests) - len(used)
+    if failed > max(1, int(ACCIDENTS * len(tests))) or len(used) < FEWEST:
+        used = list(range(len(tests)))
+    held = set(used) & set(range(apart))
+    if not apart:
+        held = {used[k] for k in _drawn([tests[i] for i in used], seed)}
+    return TrainHeldOut(
+        replace(rollouts, tests=tuple(tests[i] for i in used if i not in held)),
+        tuple(tests[i] for i in used if i in held),
+    )
+
+
+def _drawn(tests: Sequence[TestRun], seed: int) -> set[int]:
+    """Return the places of the tests that are held out: all rollouts of some tests, drawn at random."""
+    keys = [key_of(test) for test, _ in tests]
+    different = list(dict.fromkeys(keys))
+    if len(different) == 1:  # rollouts of the one test are all that can be held out
+        count = round(HELD_OUT * len(tests))
+        return set(range(count)) if count >= LEAST else set()
+    count = round(HELD_OUT * len(different))
+    if count < LEAST or len(tests) < ENOUGH[1]:
+        return set()
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(7,)))
+    out = {different[k] for k in rng.permutation(len(different))[:count]}
+    return {place for place, key in enumerate(keys) if key in out}
