@@ -1,0 +1,309 @@
+"""Which effects the data tell apart, and which ones another run of each experiment would.
+
+Data: the likelihood of an estimate, with information L (K, K), and the response library. Unknown: how far the most
+probable sets of effects differ in a further run. Model, linear and Gaussian around the estimate:
+
+    ψ = θ + c,   c ~ N(0, S)        the error that all groups share; more runs do not lower it
+    θ | A ~ N(0, P_A)               prior of the sizes given a set A
+    data so far: information (L⁻¹ − S)⁻¹ about ψ;   a further run of experiment p: information B_p about ψ
+
+B_p is that of `inference/hierarchical.py`, with the variances of all groups at their prior and every slope taken from
+nominal to the size that a set has. Runs of the same experiment share its law errors: B_p is the information of n + 1
+runs less that of n. Estimators:
+
+    D²_ij = δᵀ B_p (1 + Σ B_p)⁻¹ δ,   δ = E(ψ | i) − E(ψ | j),   Σ = mean of both posterior covariances of ψ
+    half-width of θ_k: 1.645 √ diag (L + 1/σ_slab²)⁻¹, with the sizes of all other parameters free
+
+A run *settles* a possible effect if it separates the most probable sets with and without it by at least 3 σ, and the
+size is then clear of a quarter of typical with 95 % probability.
+
+Units: θ, ψ in typical sizes, D in standard deviations per run. Shapes: K parameters, S sets.
+Source: Atkinson, Donev & Tobias, *Optimum Experimental Designs* (2007), ch. 20.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.diagnose.estimation import Estimate
+from s2r_spec.diagnose.inference.estimates import Status
+from s2r_spec.diagnose.inference.gauss_newton import Observation
+from s2r_spec.diagnose.inference.hierarchical import Groups, Variances, likelihood, marginal, shared_error
+from s2r_spec.diagnose.inference.prior import BACKGROUND, NAMED, SLAB
+from s2r_spec.diagnose.simulator.experiments import Experiment
+from s2r_spec.diagnose.simulator.library import Response
+
+FloatArray = NDArray[np.float64]
+
+APART = 3.0
+"""Level: standard deviations from which on two sets are told apart. Higher, more pairs are called inseparable."""
+COVER = 1.645
+"""Definition: standard deviations to either end of a 90 % interval."""
+COMPARED = 12
+"""Budget: sets that are compared, most probable first. Doubled, four times as many pairs."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An experiment that could be run.
+
+    Attributes:
+        experiment: see there.
+        cost: of one run [s].
+        allowed: whether the user allows it.
+        runs: number of real runs so far.
+    """
+
+    experiment: Experiment
+    cost: float
+    allowed: bool = True
+    runs: int = 0
+
+
+@dataclass(frozen=True)
+class Power:
+    """What one more run of an experiment says about a possible effect.
+
+    Attributes:
+        experiment: see there.
+        allowed: whether the user allows it.
+        sigma: distance of the most probable sets with and without the effect.
+        settles: whether the effect is then named or ruled out.
+    """
+
+    experiment: Experiment
+    allowed: bool
+    sigma: float
+    settles: bool
+
+
+@dataclass(frozen=True)
+class Separation:
+    """A possible effect, and the experiments that could settle it.
+
+    Attributes:
+        effect: name.
+        included: the most probable set with the effect.
+        excluded: the most probable set without it.
+        powers: of every candidate, largest distance first.
+    """
+
+    effect: str
+    included: tuple[str, ...]
+    excluded: tuple[str, ...]
+    powers: tuple[Power, ...]
+
+    def best(self, allowed: bool) -> Power | None:
+        """Return the experiment that settles the effect, the most powerful one first; None where none does."""
+        return next((one for one in self.powers if one.settles and one.allowed is allowed), None)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the fields."""
+        powers = [
+            {
+                "experiment": str(one.experiment),
+                "allowed": one.allowed,
+                "sigma": round(one.sigma, 2),
+                "settles": one.settles,
+            }
+            for one in self.powers
+        ]
+        return {
+            "effect": self.effect,
+            "included": list(self.included),
+            "excluded": list(self.excluded),
+            "powers": powers,
+        }
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """What the data and the candidates can tell.
+
+    Attributes:
+        half_width: parameter → half-width of its 90 % interval with all other sizes free, in typical sizes.
+        separations: one for each possible effect, in the order of the catalogue.
+    """
+
+    half_width: Mapping[str, float]
+    separations: tuple[Separation, ...] = ()
+
+    @property
+    def hidden(self) -> tuple[str, ...]:
+        """The effects, or some of their parameters, whose size the data leave wider than a quarter of typical."""
+        by_effect: dict[str, dict[str, bool]] = {}
+        for name, width in self.half_width.items():
+            by_effect.setdefault(name.partition(".")[0], {})[name] = width > NAMED
+        return tuple(
+            name
+            for effect, wide in by_effect.items()
+            for name in ([effect] if all(wide.values()) else [n for n, is_wide in wide.items() if is_wide])
+        )
+
+    @property
+    def open(self) -> tuple[str, ...]:
+        """The possible effects that an allowed experiment settles."""
+        return tuple(one.effect for one in self.separations if one.best(allowed=True))
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the fields."""
+        return {
+            "half_width": {name: round(width, 4) for name, width in self.half_width.items()},
+            "hidden": list(self.hidden),
+            "separations": [one.to_json() for one in self.separations],
+        }
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """The posterior of ψ given each of the most probable sets.
+
+    Attributes:
+        estimate: of the machine.
+        information: (K, K) of the data so far about ψ.
+        shared: (K,) diagonal of S.
+        variance: (S, K) diagonal of P_A.
+        mean: (S, K) of ψ.
+        covariance: (S, K, K) of ψ.
+    """
+
+    estimate: Estimate
+    information: FloatArray
+    shared: FloatArray
+    variance: FloatArray
+    mean: FloatArray
+    covariance: FloatArray
+
+    @classmethod
+    def of(cls, found: Estimate) -> Forecast:
+        """Return the forecast of an estimate."""
+        theta, seen = found.fit.theta, found.fit.likelihood
+        shared, one = shared_error(theta), np.eye(theta.size)
+        inner = one - seen.information * shared
+        information = np.linalg.solve(inner, seen.information)
+        information = (information + information.T) / 2.0
+        moment = np.linalg.solve(inner, seen.score + seen.information @ theta)
+        variance = np.full((min(len(found.posterior.sets), COMPARED), theta.size), BACKGROUND**2)
+        for row, members in zip(variance, found.posterior.sets, strict=False):
+            row[list(members)] = SLAB**2
+        covariance = np.array([np.linalg.inv(information + np.diag(1.0 / (v + shared))) for v in variance])
+        return cls(found, information, shared, variance, covariance @ moment, covariance)
+
+    @cached_property
+    def names(self) -> tuple[tuple[str, ...], ...]:
+        """The effects of each set."""
+        lines = self.estimate.library.parameters
+        sets = self.estimate.posterior.sets[: len(self.mean)]
+        return tuple(tuple(dict.fromkeys(lines[k].effect for k in members)) for members in sets)
+
+    @cached_property
+    def sizes(self) -> FloatArray:
+        """(K,) the size of each parameter whose response counts: the largest of any set, or a quarter of typical."""
+        prior = self.estimate.posterior.prior
+        largest = np.take_along_axis(self.mean, np.abs(self.mean).argmax(axis=0)[None], axis=0)[0]
+        usual = np.where(prior.high > 0.0, NAMED, -NAMED)
+        return np.clip(np.where(np.abs(largest) < NAMED, usual, largest), prior.low, prior.high)
+
+    def gained(self, candidate: Candidate) -> FloatArray:
+        """Return (K, K) the information of one more run about ψ."""
+        response = self.estimate.library.response(candidate.experiment)
+        after = information(response, self.estimate.fit.theta, self.sizes, candidate.runs + 1)
+        if not candidate.runs:
+            return after
+        return after - information(response, self.estimate.fit.theta, self.sizes, candidate.runs)
+
+    def apart(self, gained: FloatArray) -> FloatArray:
+        """Return (S, S) the distance D of any two sets in data of this information."""
+        count = len(self.mean)
+        distance = np.zeros((count, count))
+        for i in range(count):
+            for j in range(i):
+                delta = self.mean[i] - self.mean[j]
+                between = 0.5 * (self.covariance[i] + self.covariance[j])
+                seen = np.linalg.solve(np.eye(delta.size) + gained @ between, gained @ delta)
+                distance[i, j] = distance[j, i] = np.sqrt(max(float(delta @ seen), 0.0))
+        return distance
+
+    def deviation(self, gained: FloatArray, row: int) -> FloatArray:
+        """Return (K,) the deviation of every size given a set, after data of this information."""
+        total = self.information + gained
+        seen = np.linalg.solve(np.eye(len(total)) + total * self.shared, total)
+        return np.asarray(np.sqrt(np.diag(np.linalg.inv(seen + np.diag(1.0 / self.variance[row])))))
+
+
+def information(response: Response, theta: FloatArray, sizes: FloatArray, runs: int) -> FloatArray:
+    """Return (K, K) the information about ψ of the mean of so many runs, with slopes from nominal to (K,) sizes."""
+    one = Observation.of(response, [response.nominal] * runs)
+    if not one.parts:
+        return np.zeros((theta.size, theta.size))
+    slopes = [
+        curve.at(size) / size if size else curve.slope(0.0)
+        for curve, size in zip(one.curves, sizes.tolist(), strict=True)
+    ]
+    columns = np.vstack([*slopes, one.variants])
+    groups = Groups.of(np.zeros(columns.shape[1]), columns, [places for _, places in one.parts])
+    found = likelihood(groups, theta, Variances.prior(len(one.parts)))
+    return marginal(found, np.zeros(theta.size)).information
+
+
+def identifiability(found: Estimate, candidates: Sequence[Candidate] = ()) -> Identifiability:
+    """Return what the data tell apart, and what one more run of each candidate would.
+
+    Args:
+        found: the estimate.
+        candidates: allowed or not; an experiment that the library does not have is left out.
+    """
+    lines, seen = found.library.parameters, found.fit.likelihood.information
+    width = COVER * np.sqrt(np.diag(np.linalg.inv(seen + np.eye(len(seen)) / SLAB**2)))
+    half_width = dict(zip((line.name for line in lines), width.tolist(), strict=True))
+    effects = list(dict.fromkeys(line.effect for line in lines))
+    possible = [
+        name
+        for name, p in zip(effects, found.posterior.beyond().tolist(), strict=True)
+        if Status.of(p) is Status.POSSIBLE
+    ]
+    if not possible:
+        return Identifiability(half_width)
+    forecast = Forecast.of(found)
+    known = {each.experiment for each in found.library.responses}
+    gains = [(one, forecast.gained(one)) for one in candidates if one.experiment in known]
+    distances = [forecast.apart(gained) for _, gained in gains]
+    return Identifiability(
+        half_width, tuple(_separation(forecast, name, gains, distances) for name in possible)
+    )
+
+
+def _separation(
+    forecast: Forecast,
+    effect: str,
+    gains: Sequence[tuple[Candidate, FloatArray]],
+    distances: Sequence[FloatArray],
+) -> Separation:
+    """Return what each candidate says about a possible effect."""
+    lines = forecast.estimate.library.parameters
+    own = [k for k, line in enumerate(lines) if line.effect == effect]
+    included = next((n for n, names in enumerate(forecast.names) if effect in names), None)
+    excluded = next((n for n, names in enumerate(forecast.names) if effect not in names), None)
+    row = included or 0
+    largest = max(own, key=lambda k: abs(forecast.mean[row, k]))
+    margin = abs(abs(float(forecast.mean[row, largest])) - NAMED)
+    powers = []
+    for (one, gained), distance in zip(gains, distances, strict=True):
+        clear = margin / float(forecast.deviation(gained, row)[largest])
+        # Without a rival set only the width of the size is open.
+        rivals = included is not None and excluded is not None
+        sigma = float(distance[included, excluded]) if rivals else clear
+        settles = sigma >= APART and clear >= COVER if rivals else clear >= COVER
+        powers.append(Power(one.experiment, one.allowed, sigma, bool(settles)))
+    return Separation(
+        effect,
+        () if included is None else forecast.names[included],
+        () if excluded is None else forecast.names[excluded],
+        tuple(sorted(powers, key=lambda power: -power.sigma)),
+    )
