@@ -11,7 +11,7 @@ from s2r_spec.attribution.attribute import Part
 from s2r_spec.attribution.critical import Critical
 from s2r_spec.diagnose.diagnosis import NextTest, Verdict
 from s2r_spec.diagnose.gap.body import Shift
-from s2r_spec.diagnose.how_far import Gap, HeldOut
+from s2r_spec.diagnose.gap.held_out import Gap, HeldOut
 from s2r_spec.diagnose.isolability import Least
 from s2r_spec.json_objects.parts import Count, Open, Point, Probability
 

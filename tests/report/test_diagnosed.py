@@ -257,8 +257,8 @@ def test_what_no_effect_leaves_is_said_in_every_form():
     assert [each["low"] for each in written["left"]] == [0.5, None]
     still, _ = diagnosis(1, left=(QUIET,))
     silent, _ = diagnosis(1)
-    assert len(diagnosed.left_words(still)) == 1
-    assert diagnosed.left_words(silent) == ()
+    assert len(diagnosed.left_words(still.left)) == 1
+    assert diagnosed.left_words(silent.left) == ()
 
 
 def test_over_one_parameter_held_out_tests_stand_on_the_curve(shown):
