@@ -53,7 +53,10 @@ def _leave(found: Diagnosis) -> str:
             f"For this requirement, leave the simulator as it is. If the motion itself matters, look for the cause of "
             f"{unexplained[0]}; the catalogue lacks it ({page('how-to/effects')})."
         )
-    return "Leave the simulator as it is for this requirement. Diagnose again after the machine or the requirement has changed."
+    return (
+        "Leave the simulator as it is for this requirement. Diagnose again after the machine or the requirement has "
+        "changed."
+    )
 
 
 def _add(found: Diagnosis) -> str:

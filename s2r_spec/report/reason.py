@@ -1,4 +1,4 @@
-"""The reason for a verdict, in a few sentences: whether the gap is material, the cause, how much of the gap it closes."""
+"""The reason for a verdict in a few sentences: whether the gap is material, the cause, how much it closes."""
 
 from __future__ import annotations
 
