@@ -118,8 +118,8 @@ def hidden_words(found: Diagnosis) -> str:
     if not found.passive or not hidden:
         return ""
     return (
-        f"these are tests of the specification alone, which do not show the size of {listed(hidden)}: its 90 % "
-        f"interval is wider than a quarter of typical either way"
+        f"tests of the specification alone cannot measure {listed(hidden, 'or')}: with all other sizes free, the 90 % "
+        f"interval reaches more than a quarter of typical either way"
     )
 
 

@@ -17,10 +17,13 @@ def reason(found: Diagnosis) -> str:
     material = _material(found)
     match found.rule:
         case Rule.EFFECT | Rule.OPEN:
-            return _joined(material, _cause(found), *_open(found), *_closes(found), *_odd(found))
+            closes = _closes(found) if found.evidence.shows else []
+            return _joined(material, _cause(found), *closes, *_open(found), *_odd(found))
         case Rule.EITHER:
             rivals = listed([one.effect for one in found.which.possible], "or")
-            return _joined(material, f"There is a cause, but the data do not tell which: {rivals}.")
+            return _joined(
+                material, f"There is a cause, but the data do not tell which: {rivals}.", *_closes(found)
+            )
         case Rule.SPREAD:
             return _joined(material, "No cause stands out.", *_closes(found), *_mistake(found))
         case Rule.NONE:

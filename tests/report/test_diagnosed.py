@@ -9,14 +9,10 @@ import numpy as np
 import pytest
 
 import s2r_spec as s2r
-from s2r_spec.attribution.attribute import attribute
 from s2r_spec.diagnose.diagnosis import Diagnosis, NextTest, Verdict, Which
 from s2r_spec.diagnose.estimate import Estimate
 from s2r_spec.diagnose.gap.body import Body, BodyPart, Shift
-from s2r_spec.diagnose.gap.materiality import RolloutsAtTest, materiality
-from s2r_spec.diagnose.gap.observed import GapAt
-from s2r_spec.diagnose.gap.surface import Band, GapSurface
-from s2r_spec.diagnose.gap.where import Pairs, Where, where
+from s2r_spec.diagnose.gap.where import Pairs, where
 from s2r_spec.diagnose.how_far import how_far
 from s2r_spec.diagnose.isolability import Isolability, Least
 from s2r_spec.diagnose.quality import Finding
@@ -27,69 +23,12 @@ from s2r_spec.report import diagnosed, diagnosed_page
 from s2r_spec.report.diagnosed_markdown import markdown
 from s2r_spec.report.figures.robot import is_quadruped, robot
 from s2r_spec.report.nextstep import next_step
-from s2r_spec.trace import Trace
 from tests.errors import states
-from tests.report.conftest import undrawn
+from tests.report.made import SPACES, body_of, materiality_of, page_of, rollout, spec_of, where_of
 from tests.report.test_html import Page
 
 NASTY = '<script>alert("x")</script> & $x$ | `d` 漢字🤖 ' + "long" * 200
-SPACES = {
-    0: "",
-    1: "param vd {m/s} in [0, 1]",
-    2: "param vd {m/s} in [0, 1]\nparam load {kg} in [0, 5]",
-    3: "param vd {m/s} in [0, 1]\nparam load {kg} in [0, 5]\nparam slope {deg} in [-5, 5]",
-}
 EFFECTS = ("friction", "delay", "payload")
-
-
-def spec_of(dim):
-    text = f"signal x {{m}}\nsignal u[2] {{V}}\n{SPACES[dim]}\n"
-    text += "require near: always[0, 1 s] (abs(x) <= 0.5 and u[1] <= 3)\n"
-    return s2r.parse_spec(text, "specs/a spec.stl")
-
-
-def rollout(rng, size):
-    t = np.linspace(0, 1, 41)
-    x = size * np.exp(-((t - 0.6) ** 2) / 0.01) + 0.01 * rng.normal(size=t.size)
-    return Trace(t, {"x": x, "u": np.column_stack([x, 2 * x])}, {"x": "m", "u": "V"})
-
-
-@functools.cache
-def where_of(dim, n=10, size=0.4):
-    """Return tests and where; over two parameters and more the test space's answer is made up, for it takes long."""
-    spec = spec_of(dim)
-    rng = np.random.default_rng(1)
-    axes = spec.space.axes
-    tests = [{a.name: float(rng.uniform(a.low, a.high)) for a in axes} for _ in range(n)]
-    sides = []
-    for scale in (size, 0.1):
-        traces = [rollout(rng, scale) for _ in tests]
-        rhos = [spec.robustness(t, d)["near"] for t, d in zip(traces, tests, strict=True)]
-        sides.append(list(zip(traces, rhos, strict=True)))
-    if dim < 2:
-        return tests, where(spec, "near", Pairs(tests, *sides))
-    pair = attribute(spec, "near", sides[0][0][0], sides[1][0][0], tests[0])
-    return tests, Where(made_up(spec.space, tests), tests[0], pair)
-
-
-def made_up(space, tests):
-    grid = space.grid({2: (21, 21), 3: (7, 7, 7)}[space.dim])
-    mean = 0.1 * (grid[:, 0] - 0.5)
-    band = Band(mean, mean - 0.03, mean + 0.03)
-    gaps = tuple(GapAt(test, np.array([0.1]), np.array([0.1 + 0.1 * (test["vd"] - 0.5)])) for test in tests)
-    worst = space.point(grid[0])
-    ends = {name: (value, value) for name, value in worst.items()}
-    exceeds = np.ones(len(grid))
-    return GapSurface(
-        space, "m", gaps, grid, band, band, 0.01, worst, 0.9, ends, (0.05, 0.04, 0.06), 0.02, exceeds, ()
-    )
-
-
-def body_of(names):
-    shift = Shift("torque", 1, "mean", "N*m", 0.25, 0.75, -1.25, 1.3, 12.0, 1e-9, 1e-6)
-    wave = replace(shift, channel="speed", kind="rms", unit="rad/s", mean=0.01, size=0.2, sigma=2.0)
-    parts = [BodyPart(names[0], (shift, wave)), BodyPart(names[1], (wave,))]
-    return Body((*parts, *(BodyPart(name, ()) for name in names[2:])), 10, 1.0, 534)
 
 
 LEAST = (
@@ -107,24 +46,6 @@ def far_of(dim):
     real = -0.3 + 0.02 * rng.normal(size=len(tests))
     patched, tuned = (real + scatter * rng.normal(size=len(tests)) for scatter in (0.03, 0.02))
     return how_far(real, np.zeros(len(tests)), patched, tuned, tests, 0.01, 0.02, 3, "m")
-
-
-@functools.cache
-def materiality_of(dim):
-    """Return a gap of 12 µm of a margin of 0.4 mm at the last test, and one rollout that ended early."""
-    tests, _ = where_of(dim)
-    rho = 4e-4 + 1e-8 * np.random.default_rng(3).normal(size=(len(tests), 6))
-    runs = [
-        RolloutsAtTest(test, own[:1], own, int(n == 0))
-        for n, (test, own) in enumerate(zip(tests, rho, strict=True))
-    ]
-    return materiality([*runs[:-1], replace(runs[-1], real=rho[-1, :1] - 12e-6)], "m", 0.002)
-
-
-def page_of(found, spec):
-    """Return a page whose pictures are painted, but not written down."""
-    with undrawn():
-        return Page(diagnosed_page.render(found, spec))
 
 
 def diagnosis(dim, verdict=Verdict.NAMED, body=None, near=8.0, **changes):
@@ -170,7 +91,7 @@ def test_gap_margin_and_tolerance_are_in_units_that_a_person_reads_in_every_form
     assert states(diagnosed.text(found, spec), *facts)
     assert states(markdown(found, spec), *facts)
     assert states(str(replace(found, spec=spec)._repr_html_()), *facts)
-    assert states(page_of(found, spec).text, *facts)
+    assert states(page_of(diagnosed_page.render, found, spec).text, *facts)
     shown = diagnosed.record(found, spec)["materiality"]
     assert (shown["matters"], shown["places"], shown["tolerance"]) == (False, [], 0.002)
     assert shown["largest"]["gap"] == pytest.approx(-12e-6, rel=0.01)
@@ -249,7 +170,7 @@ def test_what_no_effect_leaves_is_said_in_every_form():
     found, spec = diagnosis(1, left=(PUSH, QUIET))
     words = "−3.25 N·m of torque from 0.5 to 0.6 s at FR calf"
     assert diagnosed.text(found, spec).count(words) == 1
-    assert words in page_of(found, spec).text
+    assert words in page_of(diagnosed_page.render, found, spec).text
     assert words in markdown(found, spec)
     assert "where u is below" not in diagnosed.text(found, spec)
     written = json.loads(diagnosed.as_json(found, spec))
@@ -293,7 +214,7 @@ def test_what_no_data_tell_apart_is_said_to_be_so():
     assert words.count("friction and delay") == 2
     assert "payload" not in words
     assert words in diagnosed.text(alike, spec)
-    for shown in (markdown(alike, spec), page_of(alike, spec).text):
+    for shown in (markdown(alike, spec), page_of(diagnosed_page.render, alike, spec).text):
         assert f"{words[1:]}." in shown
     assert diagnosed.doubt(replace(found.which, answer=())) == ""
     beside = replace(found.which, answer=("friction", "delay"), confounded=("friction", "delay", "payload"))
@@ -328,7 +249,7 @@ def test_no_cause_is_named_that_a_mistake_of_the_recordings_explains_as_well(sam
     assert late.text in note
     assert head.startswith(verdict.value.upper())
     assert said.count(late.text) == markdown(odd, spec).count(late.text) == 1
-    assert page_of(odd, spec).text.count("by one clock?") == 1
+    assert page_of(diagnosed_page.render, odd, spec).text.count("by one clock?") == 1
     assert diagnosed.record(odd, spec)["findings"] == [
         {"code": "late", "channel": "x and y", "text": late.text}
     ]
@@ -342,7 +263,7 @@ def test_a_mistake_in_one_rollout_takes_no_cause_away():
 
 
 def test_confounded_pairs_are_marked():
-    page = page_of(*diagnosis(0, Verdict.CONFOUNDED, near=1.0))
+    page = page_of(diagnosed_page.render, *diagnosis(0, Verdict.CONFOUNDED, near=1.0))
     assert any("less than 3, or of one kind: friction and delay" in alt for alt in page.pictures)
     assert "run the test again with gait = 2" in page.text
 
@@ -446,7 +367,7 @@ def test_the_schema_notices_a_damaged_object(one, damage):
 
 def test_without_where_or_held_out_tests_the_page_says_so():
     found, spec = diagnosis(0)
-    page = page_of(replace(found, where=None, how_far=None), spec)
+    page = page_of(diagnosed_page.render, replace(found, where=None, how_far=None), spec)
     assert "No real rollouts were held out" in page.text
     assert len(page.pictures) == 1
 

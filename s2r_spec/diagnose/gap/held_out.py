@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -184,15 +184,11 @@ class HeldOutGap:
 
     def to_json(self) -> dict[str, Any]:
         """Return a JSON object."""
-        own = dict(vars(self)) | {"material": self.material, "elsewhere": self.elsewhere}
+        own = asdict(self) | {"material": self.material, "elsewhere": self.elsewhere}
         own["tests_with_a_larger_gap_at_most"] = own.pop("beyond")
-        for name in ("before", "after", "tuned", "seen"):
-            own[name] = None if own[name] is None else dict(vars(own[name]))
         for name in ("share", "tuned_share"):
-            ends = ("estimate", "low", "high")
-            own[name] = None if own[name] is None else dict(zip(ends, own[name], strict=True))
-        own["tests"] = [dict(vars(test)) | {"params": dict(test.params)} for test in self.tests]
-        return own
+            own[name] = own[name] and dict(zip(("estimate", "low", "high"), own[name], strict=True))
+        return own | {"tests": list(own["tests"])}
 
 
 def held_out_gap(
@@ -313,8 +309,7 @@ def gap(differences: FloatArray, groups: NDArray[np.intp]) -> Gap:
     """Return the mean of |differences| (n,) with an interval; ``groups`` (n,) says which share a test."""
     size = np.abs(differences)
     worst = max(abs(float(differences[groups == g].mean())) for g in np.unique(groups))
-    low, high = _interval(lambda pick: float(size[pick].mean()), groups)
-    return Gap(float(size.mean()), low, high, worst)
+    return Gap(float(size.mean()), *_interval(_resampled(size[None], groups)[0]), worst)
 
 
 def compared(
@@ -347,14 +342,10 @@ def compared(
     def share(after: FloatArray) -> Share | None:
         if before.mean <= (1.0 + ABOVE) * floor:
             return None
-        b, a = np.abs(left[0]), np.abs(after)
-
-        def ratio(pick: NDArray[np.intp]) -> float:
-            return float(
-                (b[pick].mean() - a[pick].mean()) / max(b[pick].mean() - floor, ABOVE * floor + 1e-12)
-            )
-
-        return (ratio(np.arange(len(b))), *_interval(ratio, groups))
+        sizes = np.abs([left[0], after])
+        b, a = np.column_stack([sizes.mean(axis=1), _resampled(sizes, groups)])
+        closed = (b - a) / np.maximum(b - floor, ABOVE * floor + 1e-12)
+        return (float(closed[0]), *_interval(closed[1:]))
 
     patched = left[2] if len(left) > 2 else None
     distinct = np.unique(groups)
@@ -382,17 +373,15 @@ def compared(
     )
 
 
-def _interval(
-    statistic: Callable[[NDArray[np.intp]], float], groups: NDArray[np.intp]
-) -> tuple[float, float]:
-    """Return a percentile bootstrap interval over whole tests; over rollouts if all are of one test."""
+def _resampled(values: FloatArray, groups: NDArray[np.intp]) -> FloatArray:
+    """Return (q, RESAMPLES) means of (q, n) values over whole tests; over rollouts if all are of one test."""
     rng = np.random.default_rng(np.random.SeedSequence(0))
-    members = [np.flatnonzero(groups == g) for g in np.unique(groups)]
-    if len(members) == 1:
-        members = [np.array([i]) for i in members[0]]
-    draws = [
-        statistic(np.concatenate([members[i] for i in rng.integers(len(members), size=len(members))]))
-        for _ in range(RESAMPLES)
-    ]
+    tests = np.unique(groups, return_inverse=True)[1] if np.ptp(groups) else np.arange(groups.size)
+    member = tests == np.arange(tests.max() + 1)[:, None]
+    picks = rng.integers(len(member), size=(RESAMPLES, len(member)))
+    return np.asarray((values @ member.T)[:, picks].sum(axis=2) / member.sum(axis=1)[picks].sum(axis=1))
+
+
+def _interval(draws: FloatArray) -> tuple[float, float]:
     low, high = np.quantile(draws, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
     return float(low), float(high)

@@ -1,0 +1,306 @@
+"""The answer of a diagnosis in its forms: every effect, and the cart's gap, without a simulation."""
+
+import json
+from dataclasses import replace
+
+import jsonschema
+import numpy as np
+import pytest
+
+from s2r_spec.diagnose.answer import Diagnosis, Which
+from s2r_spec.diagnose.decision import Evidence, Rule
+from s2r_spec.diagnose.design.identifiability import Identifiability, Power, Separation
+from s2r_spec.diagnose.design.next_test import NextTest
+from s2r_spec.diagnose.gap.held_out import compared
+from s2r_spec.diagnose.inference.estimates import EffectEstimate, ParameterEstimate
+from s2r_spec.diagnose.quality.finding import Finding
+from s2r_spec.diagnose.remainder import Remainder
+from s2r_spec.diagnose.simulator.experiments import Experiment
+from s2r_spec.json_objects.schema import schema
+from s2r_spec.report import answered, answered_page
+from s2r_spec.report.advice import next_step
+from s2r_spec.report.answered_markdown import markdown
+from tests.diagnose.test_decision import ALARM, CLOCK, FELL, MATTERS, SAME
+from tests.report.made import body_of, materiality_of, page_of, spec_of, where_of
+from tests.report.test_html import Page
+
+CHIRP, COAST = Experiment("chirp", (("gain", 2.0),)), Experiment("coast")
+NASTY = '<script>alert("x")</script> & $x$ | `d` 漢字🤖 ' + "long" * 200
+
+
+def effect(name, parameter, unit, probability, value, half, at_end=False):
+    size = ParameterEstimate(
+        parameter,
+        unit,
+        value,
+        value - half,
+        value + half,
+        value / 2,
+        (value - half) / 2,
+        (value + half) / 2,
+        at_end,
+    )
+    return EffectEstimate(name, "actuation", probability, (size,))
+
+
+FRICTION = effect("friction", "force", "N", 0.999, 1.5, 0.2)
+DELAY = effect("delay", "time", "s", 0.3, 0.004, 0.003)
+PAYLOAD = effect("payload", "mass", "kg", 0.01, 0.1, 0.2)
+EFFECTS = (PAYLOAD, FRICTION, DELAY)
+
+
+def power(one, allowed, sigma, settles):
+    return Power(one, allowed, sigma, settles)
+
+
+SETTLED = Separation(
+    "delay",
+    ("friction", "delay"),
+    ("friction",),
+    (power(CHIRP, True, 4.1, True), power(COAST, False, 3.2, True)),
+)
+MISSING = replace(SETTLED, powers=(power(COAST, False, 3.2, True), power(CHIRP, True, 1.0, False)))
+NEVER = replace(SETTLED, powers=(power(CHIRP, True, 1.0, False),))
+WIDTH = {"payload.mass": 0.1, "friction.force": 0.1, "delay.time": 0.4}
+NEXT = NextTest(CHIRP, (("friction", "delay"), ("friction",)), 4.1, 0.8)
+
+
+def far_of(dim, closed=0.95, size=0.3):
+    tests, _ = where_of(dim)
+    rng = np.random.default_rng(2)
+    real = -size + 0.02 * rng.normal(size=len(tests))
+    left = [closed * real + scatter * rng.normal(size=len(tests)) for scatter in (0.01, 0.01)]
+    return compared(real, [np.zeros(len(tests)), *left], tests, 0.01, 0.02, "m")
+
+
+def diagnosis(
+    dim=1,
+    effects=EFFECTS,
+    separation=SETTLED,
+    answer=("friction",),
+    test=NEXT,
+    passive=False,
+    any_cause=0.999,
+    **more,
+):
+    spec, (_, place) = spec_of(dim), where_of(dim)
+    identified = Identifiability(WIDTH, (separation,) if separation else ())
+    known = {"held_out": far_of(dim), "materiality": materiality_of(dim), "open": identified.open}
+    evidence = Evidence(effects, any_cause, **(known | more))
+    which = Which(effects, ((("friction",), 0.7), (("friction", "delay"), 0.3)), answer, identified, test)
+    provenance = {
+        "s2r": "0", "seed": 0, "spec_hash": spec.hash, "requirement": "near", "backend": "cart",
+        "model_hash": "0" * 64, "rollouts": 20, "held_out": 10,
+    }  # fmt: skip
+    tuned = {"friction": {"force": 1.5}, "delay": {"time": 0.001}}
+    assumed = ("the real rollouts were run as their tests say",)
+    return Diagnosis(evidence, which, place, tuned, provenance, assumed, passive=passive), spec
+
+
+def test_the_first_screen_has_the_answer_in_order():
+    found, spec = diagnosis()
+    said = answered.text(found, spec)
+    order = (
+        "CONFOUNDED", "friction explains the data best", "delay may be there, too", "largest gap", "12 µm",
+        "friction.force", "1.50 ± 0.20 N", "0.75 ± 0.10", "possible", "delay ", "4.0 ± 3.0 ms", "probability 0.30",
+        "chirp gain = 2 would settle it (4.1 σ per run)", "ruled out: payload", "before", "closed", "where:",
+        "next: To settle what is open, run chirp gain = 2", "10 of them held out",
+    )  # fmt: skip
+    assert [words for words in order if words not in said] == []
+    places = [said.index(words) for words in order]
+    assert places == sorted(places)
+    assert "payload.mass" not in said
+
+
+def test_every_size_is_in_markdown_page_and_json():
+    found, spec = diagnosis()
+    page = page_of(answered_page.render, found, spec).text
+    for name in ("friction.force", "delay.time", "payload.mass"):
+        assert name in page
+        assert f"| {name} |" in markdown(found, spec)
+    sizes = answered.record(found, spec)["which"]["parameters"]
+    assert sizes["payload"]["mass"]["size"] == 0.05
+    assert answered.record(found, spec)["which"]["status"] == {
+        "payload": "ruled out", "friction": "named", "delay": "possible",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("separation", "words"),
+    [
+        (SETTLED, "chirp gain = 2 would settle it (4.1 σ per run)"),
+        (MISSING, "no allowed experiment settles it; coast, which is not allowed, would (3.2 σ per run)"),
+        (NEVER, "no experiment settles it"),
+    ],
+)
+def test_a_possible_effect_comes_with_the_experiment_that_settles_it_or_the_one_that_is_missing(
+    separation, words
+):
+    found, spec = diagnosis(separation=separation)
+    for said in (
+        answered.text(found, spec),
+        markdown(found, spec),
+        page_of(answered_page.render, found, spec).text,
+    ):
+        assert words in said
+
+
+def test_logs_of_tests_alone_say_first_what_they_cannot_tell():
+    found, spec = diagnosis(passive=True)
+    second = answered.text(found, spec).splitlines()[1]
+    assert "delay" in second
+    assert "friction" not in second
+    assert "tests of the specification alone" not in answered.text(*diagnosis())
+    assert "tests of the specification alone" in page_of(answered_page.render, found, spec).text
+
+
+PUSH = Remainder("torque", 1, "FR calf", "", 0.5, 0.6, -3.25, "N*m", "s", 1.8)
+
+
+SURE = {"effects": (FRICTION, PAYLOAD), "separation": None}
+NONE = {"effects": (PAYLOAD,), "separation": None, "answer": (), "test": None, "any_cause": 0.1}
+EITHER = {"effects": (DELAY,), "answer": ()}
+SMALL = {"held_out": far_of(0, size=0.012)}
+FALLS = {"held_out": None, "materiality": FELL}
+ODD = {"held_out": far_of(0, 0.6), "goodness": ALARM, "answer": ()}
+SPIKE = Finding("spike", "u", "u is off")
+
+
+@pytest.mark.parametrize(
+    ("more", "rule", "code", "reason", "step"),
+    [
+        (SURE, Rule.EFFECT, 0, "closes 9", "--apply FILE, then --sim patched"),
+        ({}, Rule.OPEN, 3, "delay may be there", "run chirp"),
+        (EITHER, Rule.EITHER, 3, "do not tell which: delay", "run chirp"),
+        (
+            EITHER | {"test": None, "separation": NEVER},
+            Rule.EITHER,
+            3,
+            "tell which",
+            "Measure delay directly",
+        ),
+        (NONE, Rule.SPREAD, 3, "No cause stands out", "--apply FILE --tuned"),
+        (
+            SURE | {"left": (PUSH,), "answer": ()},
+            Rule.REMAINDER,
+            3,
+            "Unexplained: −3.25 N·m",
+            "explains −3.25",
+        ),
+        (
+            {"held_out": far_of(0, 0.2), "answer": ()},
+            Rule.STAYS,
+            3,
+            "nearest is friction",
+            "outside the catalogue",
+        ),
+        (ODD, Rule.MISFIT, 3, "p = 0.001", "outside the catalogue"),
+        (SURE | SMALL, Rule.EFFECT, 0, "The gap in ρ is not material", "leave the simulator as it is"),
+        (NONE | SMALL, Rule.NONE, 0, "The traces do differ, most as with friction", "Diagnose again"),
+        (NONE | FALLS, Rule.SPREAD, 3, "4 of 10 real rollouts ended early", "--tuned"),
+        (FALLS | {"materiality": MATTERS}, Rule.OPEN, 3, "No rollout was held out", "run chirp"),
+        (
+            {"findings": (CLOCK,), "answer": ()},
+            Rule.MISTAKE,
+            3,
+            "would do the same and explains",
+            "First check x",
+        ),
+        ({"findings": (SAME,)}, Rule.ALIKE, 3, "a wrong clock would do the same", "First check x"),
+        (SURE | {"findings": (SPIKE,)}, Rule.EFFECT, 3, "friction explains", "First check u"),
+    ],
+)
+def test_every_rule_has_a_reason_an_exit_code_and_a_next_step(more, rule, code, reason, step):
+    found, spec = diagnosis(**more)
+    record = json.loads(answered.as_json(found, spec))
+    jsonschema.validate(record, schema("s2r/diagnosis/2"))
+    assert found.rule is rule
+    assert reason in record["reason"]
+    assert step in record["next"]
+    assert record["exit_code"] == code
+    said = answered.text(found, spec)
+    assert record["reason"] in said
+    assert record["next"] in said
+    assert bool(record["patch"]) is bool(found.which.answer)
+
+
+def test_what_is_applied_is_the_named_effects_and_with_tuned_a_little_of_all():
+    found, _ = diagnosis()
+    assert found.improved(tuned=False) == found.patch == {"friction": {"force": 1.5}}
+    assert found.improved(tuned=True) == found.tuned
+    spread, _ = diagnosis(effects=(DELAY,), answer=())
+    assert spread.improved(tuned=False) == {}
+    assert spread.improved(tuned=True) == spread.tuned
+    nothing, _ = diagnosis(**NONE | SMALL)
+    assert nothing.improved(tuned=True) == {}
+
+
+def test_the_next_step_says_where_a_range_is_too_narrow_and_where_the_rest_helps():
+    ended = effect("friction", "force", "N", 0.999, 1.5, 0.2, at_end=True)
+    found, spec = diagnosis(effects=(ended,), separation=None)
+    assert "range of friction.force" in next_step(found, spec)
+    assert "friction.force is at the end of its range" in found.reason
+    better = replace(far_of(0), share=(0.5, 0.4, 0.6), tuned_share=(0.9, 0.8, 1.0))
+    assert "--apply FILE --tuned" in next_step(diagnosis(**SURE, held_out=better)[0], spec)
+
+
+def test_membership_and_ranking_are_those_of_before():
+    found, _ = diagnosis()
+    assert list(found.which.membership) == ["friction", "delay", "payload"]
+    assert found.which.ranked[0] == (("friction",), 0.7)
+    assert found.which.nearest_family == "actuation"
+
+
+def test_the_schema_notices_a_damaged_object():
+    record = json.loads(answered.as_json(*diagnosis()))
+    jsonschema.validate(record, schema("s2r/diagnosis/2"))
+    for damage in (
+        lambda one: one.pop("next"),
+        lambda one: one["which"].update(extra=1),
+        lambda one: one["which"]["parameters"]["delay"]["time"].pop("size"),
+        lambda one: one["how_far"]["tests"][0].update(before=None),
+    ):
+        damaged = json.loads(json.dumps(record))
+        damage(damaged)
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(damaged, schema("s2r/diagnosis/2"))
+
+
+def test_the_forms_of_a_result_in_python(tmp_path):
+    plain, spec = diagnosis()
+    one = replace(plain, spec=spec, real="twin:lab")
+    assert one.to_json() == answered.record(plain, spec)
+    assert one.save(tmp_path / "kept").read_text() == answered.as_json(plain, spec) + "\n"
+    assert one.report(tmp_path / "x.html").read_text() == answered_page.render(plain, spec, "twin:lab")
+    assert repr(one).startswith("Diagnosis(confounded: The gap is material.")
+    assert "friction.force" in one._repr_html_()
+    assert "This assumes" in plain._repr_html_()
+
+
+def test_the_page_is_whole_small_and_offline():
+    found, spec = diagnosis(2)
+    found = replace(
+        found, where=replace(found.where, body=body_of(["FR calf", "FR foot", "base"]), no_body="")
+    )
+    text = answered_page.render(found, spec, "twin:lab")
+    assert answered_page.render(found, spec, "twin:lab") == text
+    assert len(text.encode()) < 1_000_000
+    page = Page(text)
+    assert not page.fetched
+    titles = (
+        "CONFOUNDED: friction",
+        "The gap over the test space",
+        "Which effects",
+        "How far the gap shrinks",
+    )
+    places = [page.text.index(title) for title in titles]
+    assert places == sorted(places)
+    assert all(page.pictures)
+
+
+def test_names_of_users_do_not_break_a_form():
+    nasty = effect(NASTY, "p", "N", 0.999, 1.5, 0.2)
+    found, spec = diagnosis(effects=(nasty,), answer=(NASTY,), separation=None)
+    assert "<script>" not in answered_page.render(found, spec)
+    assert all(line.count("| ") < 20 for line in markdown(found, spec).splitlines())
+    assert NASTY.split(" ")[0] in answered.text(found, spec)
