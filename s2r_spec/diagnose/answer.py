@@ -7,13 +7,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from s2r_spec.diagnose.decision import Evidence, Rule, Verdict
-from s2r_spec.diagnose.design.identifiability import Identifiability
+from s2r_spec.diagnose.design.identifiability import Separation
 from s2r_spec.diagnose.design.next_test import NextTest
-from s2r_spec.diagnose.estimation import Estimate
 from s2r_spec.diagnose.gap.held_out import HeldOutGap
 from s2r_spec.diagnose.gap.materiality import Materiality
 from s2r_spec.diagnose.gap.where import Where
-from s2r_spec.diagnose.inference.estimates import EffectEstimate, Status, by_effects, with_status
+from s2r_spec.diagnose.inference.estimates import EffectEstimate, Status, hidden_names, with_status
 from s2r_spec.diagnose.remainder import Remainder
 from s2r_spec.result import Result
 from s2r_spec.spec import Spec
@@ -34,15 +33,15 @@ class Which:
         effects: every effect of the catalogue, in its order.
         sets: (effects, probability), most probable first; () for no cause.
         answer: the effects named; () for none.
-        identifiability: what the data tell apart, and what other experiments would.
+        separations: one for each possible effect: what other experiments would say about it.
         next_test: the experiment to run next; None where none separates the sets, or nothing is open.
     """
 
     effects: tuple[EffectEstimate, ...]
     sets: tuple[tuple[tuple[str, ...], float], ...]
     answer: tuple[str, ...]
-    identifiability: Identifiability
-    next_test: NextTest | None = None
+    separations: tuple[Separation, ...]
+    next_test: NextTest | None
 
     @property
     def membership(self) -> dict[str, float]:
@@ -58,6 +57,11 @@ class Which:
     def possible(self) -> tuple[EffectEstimate, ...]:
         """The possible effects, most probable first."""
         return with_status(self.effects, Status.POSSIBLE)
+
+    @property
+    def hidden(self) -> tuple[str, ...]:
+        """The effects, or some of their parameters, that the data alone do not measure to a quarter of typical."""
+        return hidden_names(self.effects)
 
     @property
     def nearest_family(self) -> str:
@@ -87,7 +91,8 @@ class Which:
                 for one in self.effects
             },
             "nearest_family": self.nearest_family,
-            "identifiability": self.identifiability.to_json(),
+            "hidden": list(self.hidden),
+            "separations": [one.to_json() for one in self.separations],
             "next_test": None if self.next_test is None else self.next_test.to_json(),
         }
 
@@ -105,7 +110,8 @@ class Diagnosis(Result):
 
     Attributes:
         evidence: what the verdict rests on.
-        which: see there.
+        sets: (effects, probability), most probable first; () for no cause.
+        next_test: the experiment to run next; None where none separates the sets.
         where: the gap over tests, time, formula and body; None when it was not asked for.
         tuned: effect → parameter → posterior mean.
         provenance: version, seed, hashes.
@@ -117,7 +123,8 @@ class Diagnosis(Result):
     """
 
     evidence: Evidence
-    which: Which
+    sets: tuple[tuple[tuple[str, ...], float], ...]
+    next_test: NextTest | None
     where: Where | None
     tuned: Values
     provenance: Mapping[str, Any]
@@ -144,6 +151,12 @@ class Diagnosis(Result):
         return words
 
     @property
+    def which(self) -> Which:
+        """Which effects, with sizes and probabilities."""
+        own = self.evidence
+        return Which(own.effects, self.sets, own.answer, own.separations, self.next_test)
+
+    @property
     def how_far(self) -> HeldOutGap | None:
         """The held-out gap before and after; None where nothing was held out."""
         return self.evidence.held_out
@@ -161,7 +174,8 @@ class Diagnosis(Result):
     @property
     def patch(self) -> dict[str, dict[str, float]]:
         """Effect → parameter → value to add to the simulator; empty where nothing is named."""
-        return {one.effect: one.values for one in self.which.effects if one.effect in self.which.answer}
+        own = self.evidence
+        return {one.effect: one.values for one in own.effects if one.effect in own.answer}
 
     @property
     def misread(self) -> tuple[str, ...]:
@@ -207,19 +221,3 @@ class Diagnosis(Result):
             "misread": list(self.misread),
         }
         return own if self.spec is None else own | upper("report.results").added(self)
-
-
-def answered(
-    found: Estimate, evidence: Evidence, identified: Identifiability, next_test: NextTest | None
-) -> Which:
-    """Return which effects, as the rule of the evidence lets them be named."""
-    named = evidence.rule().verdict in (Verdict.NAMED, Verdict.CONFOUNDED) and not (
-        evidence.held_out is not None and evidence.held_out.harmful
-    )
-    return Which(
-        evidence.effects,
-        by_effects(found.posterior, found.library.parameters),
-        evidence.named if named else (),
-        identified,
-        next_test,
-    )

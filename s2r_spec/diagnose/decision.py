@@ -34,6 +34,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Protocol
 
+from s2r_spec.diagnose.design.identifiability import Separation
 from s2r_spec.diagnose.gap.held_out import CLOSED, GONE, HeldOutGap
 from s2r_spec.diagnose.gap.materiality import Materiality
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, Status
@@ -100,7 +101,7 @@ class Evidence:
     Attributes:
         effects: estimate of every effect.
         any_cause: probability that some effect is at least a quarter of typical.
-        open: the possible effects that an allowed experiment would settle.
+        separations: one for each possible effect: what other experiments would say about it.
         held_out: the held-out gap; None where nothing was held out.
         materiality: whether the gap matters at any test; None where that was not tested.
         goodness: of the fit; None where that was not tested.
@@ -110,7 +111,7 @@ class Evidence:
 
     effects: tuple[EffectEstimate, ...]
     any_cause: float
-    open: tuple[str, ...] = ()
+    separations: tuple[Separation, ...] = ()
     held_out: HeldOutGap | None = None
     materiality: Materiality | None = None
     goodness: GoodnessOfFit | None = None
@@ -121,6 +122,16 @@ class Evidence:
     def named(self) -> tuple[str, ...]:
         """The named effects, in the order of the catalogue."""
         return tuple(one.effect for one in self.effects if one.status is Status.NAMED)
+
+    @property
+    def open(self) -> tuple[str, ...]:
+        """The possible effects that an allowed experiment would settle."""
+        return tuple(one.effect for one in self.separations if one.best(allowed=True))
+
+    @property
+    def answer(self) -> tuple[str, ...]:
+        """The effects that the verdict names."""
+        return self.named if self.rule() in (Rule.ALIKE, Rule.OPEN, Rule.EFFECT) else ()
 
     @property
     def shows(self) -> bool:

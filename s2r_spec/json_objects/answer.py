@@ -20,7 +20,7 @@ from s2r_spec.json_objects.diagnosis_parts import (
 )
 from s2r_spec.json_objects.parts import Count, Open, Point, Probability
 
-Status = Literal["named", "possible", "ruled out"]
+Status = Literal["named", "possible", "ruled out", "hidden"]
 
 
 class EstimateObject(TypedDict):
@@ -34,6 +34,7 @@ class EstimateObject(TypedDict):
         size: the estimate in typical sizes; a typical size is twice the standard deviation of the parameter's prior.
         size_low: the lower end in typical sizes.
         size_high: the upper end in typical sizes.
+        half_width: half-width of the interval by the data alone, with all other sizes free, in typical sizes.
         at_end: whether the data ask for an end of the range, beyond which nothing was simulated.
     """
 
@@ -44,6 +45,7 @@ class EstimateObject(TypedDict):
     size: float
     size_low: float
     size_high: float
+    half_width: float
     at_end: bool
 
 
@@ -79,20 +81,6 @@ class SeparationObject(TypedDict):
     powers: list[PowerObject]
 
 
-class IdentifiabilityObject(TypedDict):
-    """What the data tell apart, and what other experiments would.
-
-    Attributes:
-        half_width: parameter → half-width of its 90 % interval if all other sizes are free, in typical sizes.
-        hidden: effects, or some of their parameters, with a half-width above a quarter of typical.
-        separations: one for each possible effect.
-    """
-
-    half_width: dict[str, float]
-    hidden: list[str]
-    separations: list[SeparationObject]
-
-
 class NextTestObject(TypedDict):
     """The experiment to run next.
 
@@ -119,12 +107,13 @@ class WhichObject(TypedDict):
         pairs: sets of two or more effects, each with a probability of at least one in a thousand.
         others: probability of all other sets of several effects.
         membership: effect → probability that it is at least a quarter of typical.
-        status: effect → named, possible or ruled out.
+        status: effect → named, possible, ruled out, or hidden: ruled out by the prior alone.
         answer: effects named.
         set: effects named, then the possible ones.
         parameters: effect → parameter → its estimate, for every effect of the catalogue.
         nearest_family: the family of the most probable effects.
-        identifiability: what the data tell apart, and what other experiments would.
+        hidden: effects, or some of their parameters, that the data alone do not measure to a quarter of typical.
+        separations: one for each possible effect: what other experiments would say about it.
         next_test: the experiment to run next; null if none separates the candidates.
     """
 
@@ -137,7 +126,8 @@ class WhichObject(TypedDict):
     set: list[str]
     parameters: dict[str, dict[str, EstimateObject]]
     nearest_family: str
-    identifiability: IdentifiabilityObject
+    hidden: list[str]
+    separations: list[SeparationObject]
     next_test: NextTestObject | None
 
 

@@ -53,13 +53,14 @@ class Description:
     """What every form of a diagnosis says; a form adds its layout and its figures.
 
     Attributes:
-        hidden: what tests of the specification alone cannot tell; "" where protocols were run, or nothing is hidden.
+        passive: what tests of the specification alone cannot tell; "" where protocols were run, or nothing is hidden.
         mistakes: sentences on suspected mistakes of the recordings.
         notes: other sentences on the recordings.
         matters: sentences on whether the gap matters; none for a diagnosis without that test.
         named: the parameters of the named effects.
         possible: (effect, its size, its probability, and the experiment that would settle it).
-        ruled_out: names of the other effects; "" for none.
+        ruled_out: names of effects; "" for none.
+        hidden: names of the effects that the data do not show; "" for none.
         sizes: of every parameter of the catalogue: named, possible, ruled out.
         gap_title: the title of ``gap``.
         gap: (name, text) rows on the gap of held-out rollouts; none without such rollouts.
@@ -69,13 +70,14 @@ class Description:
         provenance: rollouts, seed, backend and model hash.
     """
 
-    hidden: str
+    passive: str
     mistakes: tuple[str, ...]
     notes: tuple[str, ...]
     matters: tuple[str, ...]
     named: tuple[SizeRow, ...]
     possible: tuple[tuple[str, str], ...]
     ruled_out: str
+    hidden: str
     sizes: tuple[SizeRow, ...]
     gap_title: str
     gap: tuple[tuple[str, str], ...]
@@ -90,10 +92,10 @@ def describe(found: Diagnosis, spec: Spec) -> Description:
     which, where, far = found.which, found.where, found.how_far
     mistakes = tuple(each.text for each in found.evidence.findings)
     by_status = {status: with_status(which.effects, status) for status in Status}
-    settled = {one.effect: settled_words(one, spec) for one in which.identifiability.separations}
-    ruled_out = sorted(one.effect for one in by_status[Status.RULED_OUT])
+    settled = {one.effect: settled_words(one, spec) for one in which.separations}
+    names = {status: listed(sorted(one.effect for one in of)) for status, of in by_status.items()}
     return Description(
-        hidden=hidden_words(found),
+        passive=passive_words(found),
         mistakes=mistakes,
         notes=tuple(note for note in found.notes if note not in mistakes),
         matters=() if found.materiality is None else matters_words(found.materiality, spec.space.units),
@@ -101,7 +103,8 @@ def describe(found: Diagnosis, spec: Spec) -> Description:
         possible=tuple(
             (one.effect, _possible(one, settled.get(one.effect, ""))) for one in by_status[Status.POSSIBLE]
         ),
-        ruled_out=listed(ruled_out),
+        ruled_out=names[Status.RULED_OUT],
+        hidden=names[Status.HIDDEN],
         sizes=tuple(row for status in Status for one in by_status[status] for row in _rows(one)),
         gap_title="" if far is None else gap_title(far),
         gap=() if far is None else shrink_rows(far),
@@ -112,9 +115,9 @@ def describe(found: Diagnosis, spec: Spec) -> Description:
     )
 
 
-def hidden_words(found: Diagnosis) -> str:
+def passive_words(found: Diagnosis) -> str:
     """Return what tests of the specification alone cannot tell; "" where protocols were run, or nothing is hidden."""
-    hidden = found.which.identifiability.hidden
+    hidden = found.which.hidden
     if not found.passive or not hidden:
         return ""
     return (
@@ -178,7 +181,7 @@ def markup(found: Diagnosis, spec: Spec) -> str:
 def body(found: Diagnosis, spec: Spec) -> str:
     """Return whether the gap matters, its causes, how far it shrinks, where it lies, and what to do next."""
     words = describe(found, spec)
-    lines = [f"  {words.hidden}"] if words.hidden else []
+    lines = [f"  {words.passive}"] if words.passive else []
     lines += [f"  {line}" for line in words.matters] + [f"  note: {line}" for line in words.notes]
     if words.named:
         lines += ["", f"  {'named':36} {'value (90 %)':28} parts of typical"]
@@ -188,6 +191,8 @@ def body(found: Diagnosis, spec: Spec) -> str:
         lines += [f"  {name:36} {row}" for name, row in words.possible]
     if words.ruled_out:
         lines += ["", f"  ruled out: {words.ruled_out}"]
+    if words.hidden:
+        lines += ["", f"  not visible in these data: {words.hidden}"]
     if words.gap:
         lines += ["", f"  {words.gap_title}", *(f"    {name:6} {row}" for name, row in words.gap)]
     if words.where:

@@ -13,7 +13,7 @@ def markdown(found: Diagnosis, spec: Spec) -> str:
     words = describe(found, spec)
     lines = ["### s2r diagnose", "", *_notes(words.mistakes)]
     lines += [f"**{found.verdict.value.upper()}**: {cell(found.reason)}", ""]
-    lines += [f"{cell(words.hidden)}.", ""] if words.hidden else []
+    lines += [f"{cell(words.passive)}.", ""] if words.passive else []
     lines += [*(f"- {cell(line)}" for line in words.matters), ""] if words.matters else []
     lines += _notes(words.notes)
     lines += ["| parameter | value | 90 % interval | parts of typical | probability | effect is |"]

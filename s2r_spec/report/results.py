@@ -106,12 +106,13 @@ def _diagnosed(result: Diagnosis | answer.Diagnosis) -> list[tuple[str, str]]:
 def _answered(result: answer.Diagnosis, spec: Spec) -> list[tuple[str, str]]:
     """Return the (name, text) rows of a diagnosis."""
     words = answered.describe(result, spec)
-    rows = [("hidden", words.hidden)] if words.hidden else []
+    rows = [("hidden", words.passive)] if words.passive else []
     rows += [("note", note) for note in (*words.mistakes, *words.notes)]
     rows += [("matters", "; ".join(words.matters))] if words.matters else []
     rows += [(row.name, f"{row.whole}, {row.size} of typical") for row in words.named]
     rows += [(f"{name} (possible)", row) for name, row in words.possible]
     rows += [("ruled out", words.ruled_out)] if words.ruled_out else []
+    rows += [("not visible", words.hidden)] if words.hidden else []
     rows += [(f"gap {name}", row) for name, row in words.gap]
     rows += [("where", "; ".join(words.where))] if words.where else []
     return [*rows, ("next", words.next), ("run", words.provenance)]

@@ -6,17 +6,19 @@ import numpy as np
 import pytest
 
 from s2r_spec.diagnose.decision import Evidence, Rule, Verdict
+from s2r_spec.diagnose.design.identifiability import Power, Separation
 from s2r_spec.diagnose.gap.held_out import compared, gap
 from s2r_spec.diagnose.gap.materiality import Failures, Materiality, RolloutsAtTest, materiality
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, ParameterEstimate
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.remainder import Remainder
+from s2r_spec.diagnose.simulator.experiments import Experiment
 
 TESTS = [{"v": k / 9} for k in range(9)]
 
 
 def effect(name, probability, at_end=False):
-    size = ParameterEstimate("size", "N", 1.0, 0.8, 1.2, 0.5, 0.4, 0.6, at_end)
+    size = ParameterEstimate("size", "N", 1.0, 0.8, 1.2, 0.5, 0.4, 0.6, 0.1, at_end)
     return EffectEstimate(name, "actuation", probability, (size,))
 
 
@@ -50,6 +52,7 @@ NOWHERE = materiality([RolloutsAtTest({"v": 0.1}, np.array([1.0, 1.01]), np.lins
 FELL = replace(NOWHERE, failures=Failures(4, 10, 0, 60, 0.001))
 ELSEWHERE = gap(np.ones(4), np.arange(4))
 
+SETTLED = Separation("b", ("a", "b"), ("a",), (Power(Experiment("chirp"), True, 4.0, True),))
 A, MAYBE, AT_END = effect("a", 0.99), effect("b", 0.4), effect("a", 0.99, at_end=True)
 
 
@@ -62,7 +65,7 @@ def evidence(effects=(A,), any_cause=0.99, **more):
     [
         (evidence(held_out=far(1.0, 0.95)), Rule.EFFECT),
         (evidence((A, MAYBE), held_out=far(1.0, 0.95)), Rule.EFFECT),
-        (evidence((A, MAYBE), open=("b",), held_out=far(1.0, 0.95)), Rule.OPEN),
+        (evidence((A, MAYBE), separations=(SETTLED,), held_out=far(1.0, 0.95)), Rule.OPEN),
         (evidence(), Rule.EFFECT),
         # A cause that surely leaves most of the gap is not named, nor one that has no more to give.
         (evidence(held_out=far(0.4, 0.3)), Rule.STAYS),
@@ -99,6 +102,7 @@ def evidence(effects=(A,), any_cause=0.99, **more):
 )
 def test_the_first_rule_that_holds_decides(found, rule):
     assert found.rule() is rule
+    assert found.answer == (("a",) if rule in (Rule.EFFECT, Rule.OPEN, Rule.ALIKE) else ())
 
 
 @pytest.mark.parametrize(
@@ -122,7 +126,8 @@ def test_no_material_gap_is_never_said_of_a_gap_that_shows(shown, any_cause, goo
 
 @pytest.mark.parametrize("share", [-1.0, 0.0, 0.2, 0.4, 0.45])
 @pytest.mark.parametrize(
-    "more", [{}, {"findings": (SAME,)}, {"open": ("b",)}, {"goodness": FITS}, {"materiality": NOWHERE}]
+    "more",
+    [{}, {"findings": (SAME,)}, {"separations": (SETTLED,)}, {"goodness": FITS}, {"materiality": NOWHERE}],
 )
 def test_no_cause_is_named_that_surely_leaves_the_gap(share, more):
     found = evidence((A, MAYBE), held_out=far(share, share), **more)

@@ -7,9 +7,9 @@ import jsonschema
 import numpy as np
 import pytest
 
-from s2r_spec.diagnose.answer import Diagnosis, Which
+from s2r_spec.diagnose.answer import Diagnosis
 from s2r_spec.diagnose.decision import Evidence, Rule
-from s2r_spec.diagnose.design.identifiability import Identifiability, Power, Separation
+from s2r_spec.diagnose.design.identifiability import Power, Separation
 from s2r_spec.diagnose.design.next_test import NextTest
 from s2r_spec.diagnose.gap.held_out import compared
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, ParameterEstimate
@@ -28,23 +28,14 @@ CHIRP, COAST = Experiment("chirp", (("gain", 2.0),)), Experiment("coast")
 NASTY = '<script>alert("x")</script> & $x$ | `d` 漢字🤖 ' + "long" * 200
 
 
-def effect(name, parameter, unit, probability, value, half, at_end=False):
-    size = ParameterEstimate(
-        parameter,
-        unit,
-        value,
-        value - half,
-        value + half,
-        value / 2,
-        (value - half) / 2,
-        (value + half) / 2,
-        at_end,
-    )
+def effect(name, parameter, unit, probability, value, half, width=0.1, at_end=False):
+    ends = value, value - half, value + half
+    size = ParameterEstimate(parameter, unit, *ends, *(end / 2 for end in ends), width, at_end)
     return EffectEstimate(name, "actuation", probability, (size,))
 
 
 FRICTION = effect("friction", "force", "N", 0.999, 1.5, 0.2)
-DELAY = effect("delay", "time", "s", 0.3, 0.004, 0.003)
+DELAY = effect("delay", "time", "s", 0.3, 0.004, 0.003, width=0.4)
 PAYLOAD = effect("payload", "mass", "kg", 0.01, 0.1, 0.2)
 EFFECTS = (PAYLOAD, FRICTION, DELAY)
 
@@ -61,7 +52,6 @@ SETTLED = Separation(
 )
 MISSING = replace(SETTLED, powers=(power(COAST, False, 3.2, True), power(CHIRP, True, 1.0, False)))
 NEVER = replace(SETTLED, powers=(power(CHIRP, True, 1.0, False),))
-WIDTH = {"payload.mass": 0.1, "friction.force": 0.1, "delay.time": 0.4}
 NEXT = NextTest(CHIRP, (("friction", "delay"), ("friction",)), 4.1, 0.8)
 
 
@@ -73,28 +63,19 @@ def far_of(dim, closed=0.95, size=0.3):
     return compared(real, [np.zeros(len(tests)), *left], tests, 0.01, 0.02, "m")
 
 
-def diagnosis(
-    dim=1,
-    effects=EFFECTS,
-    separation=SETTLED,
-    answer=("friction",),
-    test=NEXT,
-    passive=False,
-    any_cause=0.999,
-    **more,
-):
+def diagnosis(dim=0, effects=EFFECTS, separation=SETTLED, test=NEXT, passive=False, any_cause=0.999, **more):
     spec, (_, place) = spec_of(dim), where_of(dim)
-    identified = Identifiability(WIDTH, (separation,) if separation else ())
-    known = {"held_out": far_of(dim), "materiality": materiality_of(dim), "open": identified.open}
+    known = {"held_out": far_of(dim), "materiality": materiality_of(dim)}
+    known["separations"] = (separation,) if separation else ()
     evidence = Evidence(effects, any_cause, **(known | more))
-    which = Which(effects, ((("friction",), 0.7), (("friction", "delay"), 0.3)), answer, identified, test)
+    sets = ((("friction",), 0.7), (("friction", "delay"), 0.3))
     provenance = {
         "s2r": "0", "seed": 0, "spec_hash": spec.hash, "requirement": "near", "backend": "cart",
         "model_hash": "0" * 64, "rollouts": 20, "held_out": 10,
     }  # fmt: skip
     tuned = {"friction": {"force": 1.5}, "delay": {"time": 0.001}}
     assumed = ("the real rollouts were run as their tests say",)
-    return Diagnosis(evidence, which, place, tuned, provenance, assumed, passive=passive), spec
+    return Diagnosis(evidence, sets, test, place, tuned, provenance, assumed, passive=passive), spec
 
 
 def test_the_first_screen_has_the_answer_in_order():
@@ -102,7 +83,7 @@ def test_the_first_screen_has_the_answer_in_order():
     said = answered.text(found, spec)
     order = (
         "CONFOUNDED", "friction explains the data best", "delay may be there, too", "largest gap", "12 µm",
-        "friction.force", "1.50 ± 0.20 N", "0.75 ± 0.10", "possible", "delay ", "4.0 ± 3.0 ms", "probability 0.30",
+        "friction.force", "1.50 ± 0.20 N", "0.75 ± 0.10", "possible", "\n  delay ", "4.0 ± 3.0 ms", "probability 0.30",
         "chirp gain = 2 would settle it (4.1 σ per run)", "ruled out: payload", "before", "closed", "where:",
         "next: To settle what is open, run chirp gain = 2", "10 of them held out",
     )  # fmt: skip
@@ -145,24 +126,33 @@ def test_a_possible_effect_comes_with_the_experiment_that_settles_it_or_the_one_
         assert words in said
 
 
+def test_an_effect_that_the_data_do_not_show_is_not_said_to_be_ruled_out():
+    slip = effect("slip", "factor", "", 0.03, 0.02, 0.1, width=0.9)
+    found, spec = diagnosis(effects=(*EFFECTS, slip))
+    said = answered.text(found, spec)
+    assert "not visible in these data: slip" in said
+    assert "ruled out: payload\n" in said
+    assert answered.record(found, spec)["which"]["hidden"] == ["delay", "slip"]
+
+
 def test_logs_of_tests_alone_say_first_what_they_cannot_tell():
     found, spec = diagnosis(passive=True)
     second = answered.text(found, spec).splitlines()[1]
     assert "delay" in second
     assert "friction" not in second
     assert "tests of the specification alone" not in answered.text(*diagnosis())
-    assert "tests of the specification alone" in page_of(answered_page.render, found, spec).text
+    assert "Tests of the specification alone" in page_of(answered_page.render, found, spec).text
 
 
 PUSH = Remainder("torque", 1, "FR calf", "", 0.5, 0.6, -3.25, "N*m", "s", 1.8)
 
 
 SURE = {"effects": (FRICTION, PAYLOAD), "separation": None}
-NONE = {"effects": (PAYLOAD,), "separation": None, "answer": (), "test": None, "any_cause": 0.1}
-EITHER = {"effects": (DELAY,), "answer": ()}
+NONE = {"effects": (PAYLOAD,), "separation": None, "test": None, "any_cause": 0.1}
+EITHER = {"effects": (DELAY,)}
 SMALL = {"held_out": far_of(0, size=0.012)}
 FALLS = {"held_out": None, "materiality": FELL}
-ODD = {"held_out": far_of(0, 0.6), "goodness": ALARM, "answer": ()}
+ODD = {"held_out": far_of(0, 0.6), "goodness": ALARM}
 SPIKE = Finding("spike", "u", "u is off")
 
 
@@ -181,14 +171,14 @@ SPIKE = Finding("spike", "u", "u is off")
         ),
         (NONE, Rule.SPREAD, 3, "No cause stands out", "--apply FILE --tuned"),
         (
-            SURE | {"left": (PUSH,), "answer": ()},
+            SURE | {"left": (PUSH,)},
             Rule.REMAINDER,
             3,
             "Unexplained: −3.25 N·m",
             "explains −3.25",
         ),
         (
-            {"held_out": far_of(0, 0.2), "answer": ()},
+            {"held_out": far_of(0, 0.2)},
             Rule.STAYS,
             3,
             "nearest is friction",
@@ -200,7 +190,7 @@ SPIKE = Finding("spike", "u", "u is off")
         (NONE | FALLS, Rule.SPREAD, 3, "4 of 10 real rollouts ended early", "--tuned"),
         (FALLS | {"materiality": MATTERS}, Rule.OPEN, 3, "No rollout was held out", "run chirp"),
         (
-            {"findings": (CLOCK,), "answer": ()},
+            {"findings": (CLOCK,)},
             Rule.MISTAKE,
             3,
             "would do the same and explains",
@@ -228,7 +218,7 @@ def test_what_is_applied_is_the_named_effects_and_with_tuned_a_little_of_all():
     found, _ = diagnosis()
     assert found.improved(tuned=False) == found.patch == {"friction": {"force": 1.5}}
     assert found.improved(tuned=True) == found.tuned
-    spread, _ = diagnosis(effects=(DELAY,), answer=())
+    spread, _ = diagnosis(effects=(DELAY,))
     assert spread.improved(tuned=False) == {}
     assert spread.improved(tuned=True) == spread.tuned
     nothing, _ = diagnosis(**NONE | SMALL)
@@ -300,7 +290,7 @@ def test_the_page_is_whole_small_and_offline():
 
 def test_names_of_users_do_not_break_a_form():
     nasty = effect(NASTY, "p", "N", 0.999, 1.5, 0.2)
-    found, spec = diagnosis(effects=(nasty,), answer=(NASTY,), separation=None)
+    found, spec = diagnosis(effects=(nasty,), separation=None)
     assert "<script>" not in answered_page.render(found, spec)
     assert all(line.count("| ") < 20 for line in markdown(found, spec).splitlines())
     assert NASTY.split(" ")[0] in answered.text(found, spec)

@@ -1,4 +1,4 @@
-"""Which effects the data tell apart, and which ones another run of each experiment would.
+"""What one more run of each experiment would say about the effects that are possible.
 
 Data: the likelihood of an estimate, with information L (K, K), and the response library. Unknown: how far the most
 probable sets of effects differ in a further run. Model, linear and Gaussian around the estimate:
@@ -9,13 +9,13 @@ probable sets of effects differ in a further run. Model, linear and Gaussian aro
 
 B_p is that of `inference/hierarchical.py`, with the variances of all groups at their prior and every slope taken from
 nominal to the size that a set has. Runs of the same experiment share its law errors: B_p is the information of n + 1
-runs less that of n. Estimators:
+runs less that of n. Estimator:
 
     D²_ij = δᵀ B_p (1 + Σ B_p)⁻¹ δ,   δ = E(ψ | i) − E(ψ | j),   Σ = mean of both posterior covariances of ψ
-    half-width of θ_k: 1.645 √ diag (L + 1/σ_slab²)⁻¹, with the sizes of all other parameters free
 
 A run *settles* a possible effect if it separates the most probable sets with and without it by at least 3 σ, and the
-size is then clear of a quarter of typical with 95 % probability.
+size is then clear of a quarter of typical with 95 % probability. A possible effect that no run settles cannot be told
+from what the other set has in its place.
 
 Units: θ, ψ in typical sizes, D in standard deviations per run. Shapes: K parameters, S sets.
 Source: Atkinson, Donev & Tobias, *Optimum Experimental Designs* (2007), ch. 20.
@@ -23,16 +23,17 @@ Source: Atkinson, Donev & Tobias, *Optimum Experimental Designs* (2007), ch. 20.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.diagnose.axes import Line
 from s2r_spec.diagnose.estimation import Estimate
-from s2r_spec.diagnose.inference.estimates import Status
+from s2r_spec.diagnose.inference.estimates import COVER
 from s2r_spec.diagnose.inference.gauss_newton import Observation
 from s2r_spec.diagnose.inference.hierarchical import Groups, Variances, likelihood, marginal, shared_error
 from s2r_spec.diagnose.inference.prior import BACKGROUND, NAMED, SLAB
@@ -43,8 +44,6 @@ FloatArray = NDArray[np.float64]
 
 APART = 3.0
 """Level: standard deviations from which on two sets are told apart. Higher, more pairs are called inseparable."""
-COVER = 1.645
-"""Definition: standard deviations to either end of a 90 % interval."""
 COMPARED = 12
 """Budget: sets that are compared, most probable first. Doubled, four times as many pairs."""
 
@@ -104,59 +103,13 @@ class Separation:
         return next((one for one in self.powers if one.settles and one.allowed is allowed), None)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the fields."""
-        powers = [
-            {
-                "experiment": str(one.experiment),
-                "allowed": one.allowed,
-                "sigma": round(one.sigma, 2),
-                "settles": one.settles,
-            }
-            for one in self.powers
-        ]
+        """Return the fields, with the experiments in words."""
+        powers = [asdict(one) | {"experiment": str(one.experiment)} for one in self.powers]
         return {
             "effect": self.effect,
             "included": list(self.included),
             "excluded": list(self.excluded),
             "powers": powers,
-        }
-
-
-@dataclass(frozen=True)
-class Identifiability:
-    """What the data and the candidates can tell.
-
-    Attributes:
-        half_width: parameter → half-width of its 90 % interval with all other sizes free, in typical sizes.
-        separations: one for each possible effect, in the order of the catalogue.
-    """
-
-    half_width: Mapping[str, float]
-    separations: tuple[Separation, ...] = ()
-
-    @property
-    def hidden(self) -> tuple[str, ...]:
-        """The effects, or some of their parameters, whose size the data leave wider than a quarter of typical."""
-        by_effect: dict[str, dict[str, bool]] = {}
-        for name, width in self.half_width.items():
-            by_effect.setdefault(name.partition(".")[0], {})[name] = width > NAMED
-        return tuple(
-            name
-            for effect, wide in by_effect.items()
-            for name in ([effect] if all(wide.values()) else [n for n, is_wide in wide.items() if is_wide])
-        )
-
-    @property
-    def open(self) -> tuple[str, ...]:
-        """The possible effects that an allowed experiment settles."""
-        return tuple(one.effect for one in self.separations if one.best(allowed=True))
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields."""
-        return {
-            "half_width": {name: round(width, 4) for name, width in self.half_width.items()},
-            "hidden": list(self.hidden),
-            "separations": [one.to_json() for one in self.separations],
         }
 
 
@@ -198,9 +151,13 @@ class Forecast:
     @cached_property
     def names(self) -> tuple[tuple[str, ...], ...]:
         """The effects of each set."""
-        lines = self.estimate.library.parameters
         sets = self.estimate.posterior.sets[: len(self.mean)]
-        return tuple(tuple(dict.fromkeys(lines[k].effect for k in members)) for members in sets)
+        return tuple(tuple(dict.fromkeys(self.lines[k].effect for k in members)) for members in sets)
+
+    @property
+    def lines(self) -> tuple[Line, ...]:
+        """The parameters of the catalogue."""
+        return self.estimate.library.parameters
 
     @cached_property
     def sizes(self) -> FloatArray:
@@ -252,31 +209,21 @@ def information(response: Response, theta: FloatArray, sizes: FloatArray, runs: 
     return marginal(found, np.zeros(theta.size)).information
 
 
-def identifiability(found: Estimate, candidates: Sequence[Candidate] = ()) -> Identifiability:
-    """Return what the data tell apart, and what one more run of each candidate would.
+def separations(
+    found: Estimate, possible: Iterable[str], candidates: Sequence[Candidate]
+) -> tuple[Separation, ...]:
+    """Return what one more run of each candidate says about each possible effect.
 
     Args:
         found: the estimate.
+        possible: names of effects.
         candidates: allowed or not; an experiment that the library does not have is left out.
     """
-    lines, seen = found.library.parameters, found.fit.likelihood.information
-    width = COVER * np.sqrt(np.diag(np.linalg.inv(seen + np.eye(len(seen)) / SLAB**2)))
-    half_width = dict(zip((line.name for line in lines), width.tolist(), strict=True))
-    effects = list(dict.fromkeys(line.effect for line in lines))
-    possible = [
-        name
-        for name, p in zip(effects, found.posterior.beyond().tolist(), strict=True)
-        if Status.of(p) is Status.POSSIBLE
-    ]
-    if not possible:
-        return Identifiability(half_width)
     forecast = Forecast.of(found)
     known = {each.experiment for each in found.library.responses}
     gains = [(one, forecast.gained(one)) for one in candidates if one.experiment in known]
     distances = [forecast.apart(gained) for _, gained in gains]
-    return Identifiability(
-        half_width, tuple(_separation(forecast, name, gains, distances) for name in possible)
-    )
+    return tuple(_separation(forecast, name, gains, distances) for name in possible)
 
 
 def _separation(
@@ -285,25 +232,23 @@ def _separation(
     gains: Sequence[tuple[Candidate, FloatArray]],
     distances: Sequence[FloatArray],
 ) -> Separation:
-    """Return what each candidate says about a possible effect."""
-    lines = forecast.estimate.library.parameters
-    own = [k for k, line in enumerate(lines) if line.effect == effect]
-    included = next((n for n, names in enumerate(forecast.names) if effect in names), None)
-    excluded = next((n for n, names in enumerate(forecast.names) if effect not in names), None)
+    names = forecast.names
+    included = next((n for n, own in enumerate(names) if effect in own), None)
+    excluded = next((n for n, own in enumerate(names) if effect not in own), None)
     row = included or 0
-    largest = max(own, key=lambda k: abs(forecast.mean[row, k]))
-    margin = abs(abs(float(forecast.mean[row, largest])) - NAMED)
+    size = np.where([line.effect == effect for line in forecast.lines], np.abs(forecast.mean[row]), 0.0)
     powers = []
     for (one, gained), distance in zip(gains, distances, strict=True):
-        clear = margin / float(forecast.deviation(gained, row)[largest])
-        # Without a rival set only the width of the size is open.
-        rivals = included is not None and excluded is not None
-        sigma = float(distance[included, excluded]) if rivals else clear
-        settles = sigma >= APART and clear >= COVER if rivals else clear >= COVER
-        powers.append(Power(one.experiment, one.allowed, sigma, bool(settles)))
+        largest = int(size.argmax())
+        sigma = clear = float(np.abs(size[largest] - NAMED) / forecast.deviation(gained, row)[largest])
+        settles = clear >= COVER
+        if included is not None and excluded is not None:  # else only the width of the size is open
+            sigma = float(distance[included, excluded])
+            settles &= sigma >= APART
+        powers.append(Power(one.experiment, one.allowed, sigma, settles))
     return Separation(
         effect,
-        () if included is None else forecast.names[included],
-        () if excluded is None else forecast.names[excluded],
+        () if included is None else names[included],
+        () if excluded is None else names[excluded],
         tuple(sorted(powers, key=lambda power: -power.sigma)),
     )

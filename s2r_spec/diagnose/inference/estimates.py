@@ -1,21 +1,23 @@
-"""Sizes of all effects with intervals, and which of them are named, possible or ruled out.
+"""Sizes of all effects with intervals, and which of them are named, possible, ruled out or hidden.
 
-Data: the posterior over sets of parameters and over sizes (:mod:`.model_search`). Unknown: θ (K,). Estimators, over
-all sets with their probabilities:
+Data: the likelihood of θ (K,) with information L, and the posterior over sets of parameters and over sizes
+(:mod:`.model_search`). Estimators, over all sets with their probabilities:
 
     value and interval: the 5 %, 50 % and 95 % quantiles of θ_k
     probability of an effect: P(any of its parameters has |θ_k| ≥ 0.25 typical)
+    half-width: 1.645 √ diag (L + 1/σ_slab²)⁻¹, what the data alone say of θ_k, with all other sizes free
     tuned: E θ, the posterior mean of every parameter
 
-An effect is *named* if its probability is at least 0.95, *possible* from 0.05 on, else *ruled out*
-(:mod:`.prior`). Every effect gets an entry.
+An effect is *named* if its probability is at least 0.95, *possible* from 0.05 on, else *ruled out* (:mod:`.prior`). It
+is *hidden* instead of ruled out if every half-width of it is above a quarter of typical: then the prior alone speaks
+against it. Every effect gets an entry.
 
 Units: sizes in typical sizes, values in the parameter's unit. Shapes: K parameters, S sets.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 
@@ -23,13 +25,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.axes import Line
+from s2r_spec.diagnose.inference.hierarchical import Likelihood
 from s2r_spec.diagnose.inference.model_search import ModelPosterior
-from s2r_spec.diagnose.inference.prior import POSSIBLE, SURE
+from s2r_spec.diagnose.inference.prior import NAMED, POSSIBLE, SLAB, SURE
 
 FloatArray = NDArray[np.float64]
 
 INTERVAL = (0.05, 0.5, 0.95)
 """Definition: quantiles of an estimate: lower end, value and upper end of a 90 % interval."""
+COVER = 1.645
+"""Definition: standard deviations to either end of a 90 % interval of a normal distribution."""
 
 
 class Status(Enum):
@@ -38,13 +43,7 @@ class Status(Enum):
     NAMED = "named"
     POSSIBLE = "possible"
     RULED_OUT = "ruled out"
-
-    @classmethod
-    def of(cls, probability: float) -> Status:
-        """Return the status of an effect that is at least a quarter of typical with this probability."""
-        return (
-            cls.NAMED if probability >= SURE else cls.POSSIBLE if probability >= POSSIBLE else cls.RULED_OUT
-        )
+    HIDDEN = "hidden"
 
 
 @dataclass(frozen=True)
@@ -60,6 +59,7 @@ class ParameterEstimate:
         size: the median in typical sizes.
         size_low: lower end of the interval in typical sizes.
         size_high: upper end.
+        half_width: of the interval by the data alone, with all other sizes free, in typical sizes.
         at_end: whether the data ask for an end of the range, beyond which nothing was simulated.
     """
 
@@ -71,7 +71,13 @@ class ParameterEstimate:
     size: float
     size_low: float
     size_high: float
+    half_width: float
     at_end: bool = False
+
+    @property
+    def hidden(self) -> bool:
+        """Whether the data alone do not measure it to a quarter of typical."""
+        return self.half_width > NAMED
 
 
 @dataclass(frozen=True)
@@ -92,8 +98,12 @@ class EffectEstimate:
 
     @property
     def status(self) -> Status:
-        """Whether it is named, possible or ruled out."""
-        return Status.of(self.probability)
+        """Whether it is named, possible, ruled out or hidden."""
+        if self.probability >= SURE:
+            return Status.NAMED
+        if self.probability >= POSSIBLE:
+            return Status.POSSIBLE
+        return Status.HIDDEN if all(one.hidden for one in self.parameters) else Status.RULED_OUT
 
     @property
     def largest(self) -> ParameterEstimate:
@@ -107,26 +117,27 @@ class EffectEstimate:
 
 
 def effect_estimates(
-    found: ModelPosterior, parameters: Sequence[Line], families: dict[str, str]
+    found: ModelPosterior, seen: Likelihood, parameters: Sequence[Line], families: Mapping[str, str]
 ) -> tuple[EffectEstimate, ...]:
     """Return the estimate of every effect, in the order of the catalogue.
 
     Args:
         found: the posterior.
-        parameters: of the catalogue, as in the posterior.
+        seen: the likelihood behind it.
+        parameters: of the catalogue, as in both.
         families: effect → family.
     """
-    low, middle, high = (found.quantile(level).tolist() for level in INTERVAL)
+    low, middle, high = (found.quantile(level) for level in INTERVAL)
+    width = COVER * np.sqrt(np.diag(np.linalg.inv(seen.information + np.eye(len(middle)) / SLAB**2)))
     # The posterior is truncated to the range. Its mean before that says whether the data ask for more.
-    most, ends = found.mean[0], (found.prior.low, found.prior.high)
-    at_end = [any(end[k] and most[k] / end[k] >= 1.0 for end in ends) for k in range(len(parameters))]
+    ends = np.array([found.prior.low, found.prior.high])
+    at_end = (found.mean[0] / np.where(np.abs(ends) > 1e-9, ends, np.nan) >= 1.0).any(axis=0)
     rows: dict[str, list[ParameterEstimate]] = {}
-    for k, line in enumerate(parameters):
-        sizes = low[k], middle[k], high[k]
-        below, value, above = map(line.value, sizes)
-        one = ParameterEstimate(
-            line.parameter, line.unit, value, below, above, sizes[1], sizes[0], sizes[2], bool(at_end[k])
-        )
+    for line, size, below, above, half, end in zip(
+        parameters, *(x.tolist() for x in (middle, low, high, width, at_end)), strict=True
+    ):
+        value, least, most = map(line.value, (size, below, above))
+        one = ParameterEstimate(line.parameter, line.unit, value, least, most, size, below, above, half, end)
         rows.setdefault(line.effect, []).append(one)
     probabilities = found.beyond().tolist()
     return tuple(
@@ -166,3 +177,16 @@ def by_effects(
 def with_status(effects: Iterable[EffectEstimate], status: Status) -> tuple[EffectEstimate, ...]:
     """Return the effects of one status, most probable first."""
     return tuple(sorted((e for e in effects if e.status is status), key=lambda e: -e.probability))
+
+
+def hidden_names(effects: Iterable[EffectEstimate]) -> tuple[str, ...]:
+    """Return the effects, or some of their parameters, that the data alone do not measure to a quarter of typical."""
+    return tuple(
+        name
+        for one in effects
+        for name in (
+            [one.effect]
+            if all(each.hidden for each in one.parameters)
+            else [f"{one.effect}.{each.parameter}" for each in one.parameters if each.hidden]
+        )
+    )

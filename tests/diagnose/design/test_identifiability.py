@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from s2r_spec.diagnose.cache import Cache
-from s2r_spec.diagnose.design.identifiability import Candidate, Forecast, identifiability
+from s2r_spec.diagnose.design.identifiability import Candidate, Forecast, separations
 from s2r_spec.diagnose.design.next_test import next_test, screen
 from s2r_spec.diagnose.estimation import estimate
+from s2r_spec.diagnose.inference.estimates import Status, effect_estimates, hidden_names
 from s2r_spec.diagnose.simulator.library import library
 from tests.diagnose.toy import SHOW, SPLIT, TEST, Toy
 
@@ -34,10 +35,9 @@ CANDIDATES = [Candidate(TEST, 1.0, runs=2), Candidate(SPLIT, 1.0), Candidate(SHO
 
 
 def test_only_the_protocol_with_both_shapes_settles_them(unclear):
-    told = identifiability(unclear, CANDIDATES)
-    assert {one.effect for one in told.separations} == {"a", "b"}
-    assert set(told.open) == {"a", "b"}
-    for one in told.separations:
+    told = separations(unclear, ["a", "b"], CANDIDATES)
+    assert [one.effect for one in told] == ["a", "b"]
+    for one in told:
         assert one.best(allowed=True).experiment == SPLIT
         assert {power.experiment: power.settles for power in one.powers} == {
             TEST: False,
@@ -46,21 +46,14 @@ def test_only_the_protocol_with_both_shapes_settles_them(unclear):
         }
         assert one.effect in one.included
         assert one.effect not in one.excluded
-    assert json.loads(json.dumps(told.to_json())) == told.to_json()
+        assert json.loads(json.dumps(one.to_json())) == one.to_json()
 
 
 def test_a_protocol_that_is_not_allowed_is_named_as_missing(unclear):
-    told = identifiability(unclear, [CANDIDATES[0], replace(CANDIDATES[1], allowed=False), CANDIDATES[2]])
-    assert told.open == ()
-    assert all(one.best(allowed=False).experiment == SPLIT for one in told.separations)
-
-
-def test_sizes_that_the_data_do_not_show_are_hidden(responses, unclear):
-    assert set(identifiability(unclear).hidden) == {"a", "b", "c", "d"}
-    all_seen = found(responses, {"a": 2.0}, TEST, SPLIT, SHOW)
-    told = identifiability(all_seen, CANDIDATES)
-    assert told.hidden == told.open == told.separations == ()
-    assert max(told.half_width.values()) < 0.25
+    missing = [CANDIDATES[0], replace(CANDIDATES[1], allowed=False), CANDIDATES[2]]
+    for one in separations(unclear, ["a", "b"], missing):
+        assert one.best(allowed=True) is None
+        assert one.best(allowed=False).experiment == SPLIT
 
 
 def test_the_next_experiment_is_the_one_that_separates_and_its_forecast_comes_true(responses, unclear):
@@ -100,3 +93,16 @@ def test_the_screen_runs_every_allowed_protocol_twice():
         screen([Candidate(SPLIT, 1.0, runs=2), Candidate(SHOW, 1.0, allowed=False), Candidate(TEST, 1.0)])
         is None
     )
+
+
+def test_sizes_that_the_data_alone_do_not_show_are_hidden(responses, unclear):
+    def estimates(one):
+        return effect_estimates(one.posterior, one.fit.likelihood, responses.parameters, {})
+
+    by_name = {one.effect: one for one in estimates(unclear)}
+    # Of a and b the test shows the sum alone, and nothing of the other two.
+    assert hidden_names(by_name.values()) == ("a", "b", "c", "d")
+    assert {name for name, one in by_name.items() if one.status is Status.HIDDEN} == {"c", "d"}
+    shown = estimates(found(responses, {"a": 2.0}, TEST, SPLIT, SHOW))
+    assert hidden_names(shown) == ()
+    assert [one.status.value for one in shown] == ["named", *3 * ["ruled out"]]

@@ -1,18 +1,24 @@
 """Sizes of all effects with intervals, from a posterior that is made by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from s2r_spec.backend import Effect, EffectParameter
 from s2r_spec.diagnose.axes import lines
 from s2r_spec.diagnose.inference.estimates import (
+    EffectEstimate,
+    ParameterEstimate,
     Status,
     any_cause,
     by_effects,
     effect_estimates,
+    hidden_names,
     mean_sizes,
     with_status,
 )
+from s2r_spec.diagnose.inference.hierarchical import Likelihood
 from s2r_spec.diagnose.inference.model_search import ModelPosterior
 from s2r_spec.diagnose.inference.prior import SizePrior
 
@@ -35,6 +41,7 @@ EFFECTS = (
     ),
 )
 LINES = lines(EFFECTS)
+SEEN = Likelihood(1e3 * np.eye(4), np.zeros(4))
 FAMILIES = {effect.name: effect.family for effect in EFFECTS}
 
 
@@ -45,7 +52,7 @@ def posterior(sets, probability, mean, deviation):
 
 
 def estimated(*arguments):
-    return effect_estimates(posterior(*arguments), LINES, FAMILIES)
+    return effect_estimates(posterior(*arguments), SEEN, LINES, FAMILIES)
 
 
 def test_every_effect_has_a_size_in_its_unit_and_a_status():
@@ -74,10 +81,27 @@ def test_every_effect_has_a_size_in_its_unit_and_a_status():
 
 
 @pytest.mark.parametrize(
-    ("probability", "status"), [(0.95, "named"), (0.94, "possible"), (0.05, "possible"), (0.04, "ruled out")]
+    ("probability", "width", "status"),
+    [
+        (0.95, 0.1, "named"),
+        (0.95, 0.9, "named"),
+        (0.94, 0.1, "possible"),
+        (0.05, 0.9, "possible"),
+        (0.04, 0.24, "ruled out"),
+        (0.04, 0.26, "hidden"),
+    ],
 )
-def test_the_levels_of_the_status(probability, status):
-    assert Status.of(probability).value == status
+def test_the_levels_of_the_status(probability, width, status):
+    sizes = [ParameterEstimate(name, "", *6 * [0.0], half) for name, half in (("x", 0.9), ("y", width))]
+    assert EffectEstimate("a", "", probability, tuple(sizes)).status.value == status
+
+
+def test_what_the_data_alone_do_not_measure_is_hidden():
+    blind = replace(SEEN, information=np.diag([1e3, 0.0, 1e3, 0.0]))
+    found = effect_estimates(posterior([()], [1.0], [[0.0] * 4], [[0.04] * 4]), blind, LINES, FAMILIES)
+    # An effect with one parameter that is seen is not hidden.
+    assert [one.status.value for one in found] == ["ruled out", "hidden", "ruled out"]
+    assert hidden_names(found) == ("motor", "payload.x")
 
 
 def test_a_value_is_at_the_end_of_its_range_where_the_data_ask_for_more():
@@ -93,7 +117,7 @@ def test_a_value_is_at_the_end_of_its_range_where_the_data_ask_for_more():
 
 def test_that_some_effect_is_there_may_be_sure_although_none_is_named():
     either = posterior([(0,), (2,)], [0.5, 0.5], [[0.6, 0, 0, 0], [0, 0, 0.6, 0]], [[0.04] * 4] * 2)
-    assert [one.status for one in effect_estimates(either, LINES, FAMILIES)].count(Status.NAMED) == 0
+    assert [one.status for one in effect_estimates(either, SEEN, LINES, FAMILIES)].count(Status.NAMED) == 0
     assert any_cause(either) > 0.99
     assert by_effects(either, LINES) == ((("friction",), 0.5), (("payload",), 0.5))
     nothing = posterior([()], [1.0], [[0.0] * 4], [[0.04] * 4])
