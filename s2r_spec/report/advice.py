@@ -37,7 +37,10 @@ def next_step(found: Diagnosis, spec: Spec) -> str:
             if test:
                 return f"To settle what is open, {test}."
             rivals = listed([one.effect for one in found.which.possible], "or")
-            return f"Measure {rivals} directly on the machine: no allowed experiment separates them."
+            missing = [one.best(allowed=False) for one in found.evidence.separations]
+            words = {experiment_words(one.experiment, spec) for one in missing if one is not None}
+            allow = f"Allow {listed(sorted(words), 'or')}, or measure" if words else "Measure"
+            return f"{allow} {rivals} directly on the machine: no allowed experiment separates them."
         case _:
             return (
                 f"Look for a cause outside the catalogue{place_words(found.left, found.where)}. Write it as an effect "
@@ -94,13 +97,15 @@ def settled_words(one: Separation | None, spec: Spec) -> str:
     """Return which experiment settles a possible effect, or which one would if it were allowed."""
     if one is None:
         return ""
+    rivals = listed([name for name in one.excluded if name not in one.included], "or")
+    tells = f"tell it from {rivals}" if rivals else "settle it"
     allowed, other = one.best(allowed=True), one.best(allowed=False)
     if allowed is not None:
-        return f"{experiment_words(allowed.experiment, spec)} would settle it ({allowed.sigma:.1f} σ per run)"
-    if other is not None:
-        words = f"{experiment_words(other.experiment, spec)}, which is not allowed, would ({other.sigma:.1f} σ per run)"
-        return f"no allowed experiment settles it; {words}"
-    return "no experiment settles it"
+        return f"{experiment_words(allowed.experiment, spec)} would {tells} ({allowed.sigma:.1f} σ per run)"
+    if other is None:
+        return f"no experiment would {tells}"
+    words = f"{experiment_words(other.experiment, spec)}, which is not allowed, would ({other.sigma:.1f} σ per run)"
+    return f"no allowed experiment would {tells}; {words}"
 
 
 def _wider(found: Diagnosis) -> str:

@@ -110,8 +110,12 @@ def test_every_size_is_in_markdown_page_and_json():
     ("separation", "words"),
     [
         (SETTLED, "chirp gain = 2 would settle it (4.1 σ per run)"),
-        (MISSING, "no allowed experiment settles it; coast, which is not allowed, would (3.2 σ per run)"),
-        (NEVER, "no experiment settles it"),
+        (
+            MISSING,
+            "no allowed experiment would settle it; coast, which is not allowed, would (3.2 σ per run)",
+        ),
+        (NEVER, "no experiment would settle it"),
+        (replace(NEVER, excluded=("payload",)), "no experiment would tell it from payload"),
     ],
 )
 def test_a_possible_effect_comes_with_the_experiment_that_settles_it_or_the_one_that_is_missing(
@@ -168,6 +172,13 @@ SPIKE = Finding("spike", "u", "u is off")
             3,
             "tell which",
             "Measure delay directly",
+        ),
+        (
+            EITHER | {"test": None, "separation": MISSING},
+            Rule.EITHER,
+            3,
+            "tell which",
+            "Allow coast, or measure delay",
         ),
         (NONE, Rule.SPREAD, 3, "No cause stands out", "--apply FILE --tuned"),
         (
