@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from s2r_spec.diagnose.decision import Evidence, Rule, Verdict
+from s2r_spec.diagnose.decision import Evidence, GoodnessOfFit, Rule, Verdict
 from s2r_spec.diagnose.design.identifiability import Separation
 from s2r_spec.diagnose.design.next_test import NextTest
 from s2r_spec.diagnose.gap.held_out import HeldOutGap
@@ -95,6 +95,14 @@ class Which:
             "separations": [one.to_json() for one in self.separations],
             "next_test": None if self.next_test is None else self.next_test.to_json(),
         }
+
+
+def _goodness(found: GoodnessOfFit | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    worst = {name: getattr(found.worst, name) for name in ("quantity", "statistic", "part", "begin", "end")}
+    place = {"experiment": str(found.worst.experiment), **worst}
+    return {"p": found.p, "level": found.level, "alarm": found.alarm, "worst": place}
 
 
 def _parameter(fields: Mapping[str, Any]) -> dict[str, Any]:
@@ -199,7 +207,7 @@ class Diagnosis(Result):
 
     def to_json(self) -> dict[str, Any]:
         """Return the object that ``s2r diagnose --json`` prints, as plain values."""
-        goodness, where, far = self.evidence.goodness, self.where, self.how_far
+        where, far = self.where, self.how_far
         own = {
             "schema": SCHEMA,
             **self.provenance,
@@ -210,7 +218,7 @@ class Diagnosis(Result):
             "where": None if where is None else where.to_json(),
             "how_far": None if far is None else far.to_json(),
             "materiality": None if self.materiality is None else self.materiality.to_json(),
-            "goodness_of_fit": None if goodness is None else goodness.to_json(),
+            "goodness_of_fit": _goodness(self.evidence.goodness),
             "left": [each.to_json() for each in self.left],
             "patch": self.patch,
             "tuned": {name: dict(values) for name, values in self.tuned.items()},

@@ -82,16 +82,18 @@ class GoodnessOfFit(Protocol):
     @property
     def p(self) -> float:
         """Conformal p-value over all experiments."""
-        ...
+
+    @property
+    def level(self) -> float:
+        """Level of the alarm."""
 
     @property
     def alarm(self) -> bool:
-        """Whether it is below its level."""
-        ...
+        """Whether the p-value is at most its level."""
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields."""
-        ...
+    @property
+    def worst(self) -> Any:
+        """Where the misfit is largest: experiment, quantity, statistic, part, begin and end [s]."""
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from annotated_types import MinLen
 from typing_extensions import TypedDict
@@ -167,6 +167,42 @@ class HowFarObject(TypedDict):
     tests: list[HeldOut]
 
 
+class MisfitObject(TypedDict):
+    """Where the misfit of the traces is largest.
+
+    Attributes:
+        experiment: the experiment in words.
+        quantity: the channel or the residual.
+        statistic: what of it is compared: its means over parts of the trace, its scatter, …
+        part: the column of the quantity; "" if it has one.
+        begin: the start of the place [s].
+        end: the end of the place [s].
+    """
+
+    experiment: str
+    quantity: str
+    statistic: str
+    part: str
+    begin: float
+    end: float
+
+
+class GoodnessOfFitObject(TypedDict):
+    """Whether the best set of effects fits the traces as well as it fits machines of the catalogue.
+
+    Attributes:
+        p: conformal p-value over all experiments.
+        level: level of the alarm.
+        alarm: whether the p-value is at most this level.
+        worst: where the misfit is largest.
+    """
+
+    p: Probability
+    level: Probability
+    alarm: bool
+    worst: MisfitObject
+
+
 class AnswerObject(Open):
     """The result of ``s2r diagnose``. Further fields describe the origin of the answer.
 
@@ -218,7 +254,7 @@ class AnswerObject(Open):
     where: WhereObject | None
     how_far: HowFarObject | None
     materiality: MaterialityObject | None
-    goodness_of_fit: dict[str, Any] | None
+    goodness_of_fit: GoodnessOfFitObject | None
     left: list[RemainderObject]
     patch: Values
     tuned: Values

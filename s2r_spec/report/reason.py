@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from s2r_spec.attribution.place import Place, Range
 from s2r_spec.diagnose.answer import Diagnosis
 from s2r_spec.diagnose.decision import Rule, Verdict
 from s2r_spec.report.gap_words import listed
@@ -120,14 +121,17 @@ def _unknown(found: Diagnosis) -> list[str]:
 
 
 def _odd(found: Diagnosis) -> list[str]:
-    """Return that the traces fit no set of effects, if they do not."""
+    """Return that the traces fit no set of effects, if they do not, and where the misfit is largest."""
     goodness = found.evidence.goodness
     if goodness is None or not goodness.alarm:
         return []
+    worst = goodness.worst
+    place = Place(Range(worst.begin, worst.end), worst.part)
+    words = f"No set of effects fits the traces (p = {goodness.p:.2g}), least of all {worst.quantity} of {worst.experiment}"
     also = (
-        "" if found.verdict is Verdict.UNKNOWN else " Something differs that this requirement does not need."
+        [] if found.verdict is Verdict.UNKNOWN else ["Something differs that this requirement does not need."]
     )
-    return [f"No set of effects fits the traces (p = {goodness.p:.2g}).{also}"]
+    return [f"{words} {place}.", *also]
 
 
 def _differ(found: Diagnosis) -> list[str]:

@@ -1,6 +1,7 @@
 """The rules of the verdict, on records that are made by hand."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -34,15 +35,18 @@ def far(tuned, named=None, size=1.0, seen=None):
 
 
 @dataclass(frozen=True)
-class Misfit:
-    p: float = 0.001
-    alarm: bool = True
+class Fitness:
+    p: float
+    alarm: bool
+    level: float = 0.05
+    worst: SimpleNamespace = field(
+        default_factory=lambda: SimpleNamespace(
+            experiment=Experiment("chirp"), quantity="q", statistic="bin", part="FR calf", begin=0.2, end=0.4
+        )
+    )
 
-    def to_json(self):
-        return {"p": self.p}
 
-
-ALARM, FITS = Misfit(), Misfit(0.4, alarm=False)
+ALARM, FITS = Fitness(0.001, alarm=True), Fitness(0.4, alarm=False)
 PUSH = Remainder("force", 0, "", "q", 0.1, 0.12, 25.0, "N", "m", 1.4)
 CLOCK = Finding("late", "x", "x comes late", "a wrong clock")
 SAME = replace(CLOCK, same=True)

@@ -1,12 +1,12 @@
-"""The next experiment: a screen first, then the one that best separates the most probable sets of effects.
+"""The next experiment: the one that best separates the most probable sets of effects.
 
 Data: the posterior over sets (:mod:`..inference.model_search`) and the response library. Unknown: the experiment whose
 run says most about the set. Criterion, by the distances D_ij of :mod:`.identifiability`:
 
     Σ_{i<j} p_i p_j min(D²_ij, 25) / cost          (Box & Hill, without their term for the sizes)
 
-A design that is chosen under a wrong model gets stuck, so every allowed protocol runs SCREEN times before. Nothing is
-simulated: responses of several effects add up, as in the estimate.
+A design that is chosen under a wrong model gets stuck, so a campaign runs a screen of all experiments before. Nothing
+is simulated: responses of several effects add up, as in the estimate.
 
 Units: D in standard deviations per run, cost in seconds, entropy in bits.
 Source: Box & Hill, *Technometrics* 9 (1967) 57.
@@ -27,8 +27,6 @@ from s2r_spec.diagnose.simulator.experiments import Experiment
 
 FloatArray = NDArray[np.float64]
 
-SCREEN = 2
-"""Budget: runs of every allowed protocol before one is chosen by what is known."""
 ENOUGH = 25.0
 """Level: D² beyond which two sets are separated. Higher, pairs that any run separates count more."""
 LEAST = 1.0
@@ -62,12 +60,6 @@ class NextTest:
             "sigma": round(self.sigma, 2),
             "entropy": round(self.entropy, 3),
         }
-
-
-def screen(candidates: Sequence[Candidate]) -> Experiment | None:
-    """Return the next experiment of the screen: the allowed protocol with the fewest runs; None after the screen."""
-    waiting = [c for c in candidates if c.allowed and c.experiment.protocol and c.runs < SCREEN]
-    return min(waiting, key=lambda c: c.runs).experiment if waiting else None
 
 
 def next_test(found: Estimate, candidates: Sequence[Candidate]) -> NextTest | None:

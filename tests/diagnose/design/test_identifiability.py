@@ -8,7 +8,7 @@ import pytest
 
 from s2r_spec.diagnose.cache import Cache
 from s2r_spec.diagnose.design.identifiability import Candidate, Forecast, separations
-from s2r_spec.diagnose.design.next_test import next_test, screen
+from s2r_spec.diagnose.design.next_test import next_test
 from s2r_spec.diagnose.estimation import estimate
 from s2r_spec.diagnose.inference.estimates import Status, effect_estimates, hidden_names
 from s2r_spec.diagnose.simulator.library import library
@@ -84,15 +84,6 @@ def test_more_runs_of_an_experiment_say_less_than_the_first(unclear):
     forecast = Forecast.of(unclear)
     gains = [np.trace(forecast.gained(Candidate(SPLIT, 1.0, runs=n))) for n in (0, 1, 4)]
     assert gains[0] > gains[1] > gains[2] > 0.0
-
-
-def test_the_screen_runs_every_allowed_protocol_twice():
-    assert screen(CANDIDATES) == SPLIT
-    assert screen([Candidate(SPLIT, 1.0, runs=2), Candidate(SHOW, 1.0, runs=1)]) == SHOW
-    assert (
-        screen([Candidate(SPLIT, 1.0, runs=2), Candidate(SHOW, 1.0, allowed=False), Candidate(TEST, 1.0)])
-        is None
-    )
 
 
 def test_sizes_that_the_data_alone_do_not_show_are_hidden(responses, unclear):
