@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from s2r_spec.diagnose.decision import Evidence, GoodnessOfFit, Rule, Verdict
-from s2r_spec.diagnose.design.identifiability import Separation
 from s2r_spec.diagnose.design.next_test import NextTest
 from s2r_spec.diagnose.gap.held_out import HeldOutGap
 from s2r_spec.diagnose.gap.materiality import Materiality
@@ -30,18 +29,24 @@ class Which:
     """Which effects, with sizes and probabilities.
 
     Attributes:
-        effects: every effect of the catalogue, in its order.
+        evidence: what the verdict rests on, with the estimate of every effect.
         sets: (effects, probability), most probable first; () for no cause.
-        answer: the effects named; () for none.
-        separations: one for each possible effect: what other experiments would say about it.
-        next_test: the experiment to run next; None where none separates the sets, or nothing is open.
+        next_test: the experiment to run next; None where none separates the sets.
     """
 
-    effects: tuple[EffectEstimate, ...]
+    evidence: Evidence
     sets: tuple[tuple[tuple[str, ...], float], ...]
-    answer: tuple[str, ...]
-    separations: tuple[Separation, ...]
-    next_test: NextTest | None
+    next_test: NextTest | None = None
+
+    @property
+    def effects(self) -> tuple[EffectEstimate, ...]:
+        """Every effect of the catalogue, in its order."""
+        return self.evidence.effects
+
+    @property
+    def answer(self) -> tuple[str, ...]:
+        """The effects that the verdict names."""
+        return self.evidence.answer
 
     @property
     def membership(self) -> dict[str, float]:
@@ -64,10 +69,14 @@ class Which:
         return hidden_names(self.effects)
 
     @property
+    def nearest(self) -> tuple[str, ...]:
+        """The effects with a name; without any, those of the most probable set with an effect."""
+        return self.evidence.named or next((names for names, _ in self.sets if names), ())
+
+    @property
     def nearest_family(self) -> str:
-        """The family of the most probable set with an effect, of each if they differ."""
-        members = next((names for names, _ in self.sets if names), ())
-        return " and ".join(dict.fromkeys(one.family for one in self.effects if one.effect in members))
+        """The family of the nearest effects, of each if they differ."""
+        return " and ".join(dict.fromkeys(one.family for one in self.effects if one.effect in self.nearest))
 
     def to_json(self) -> dict[str, Any]:
         """Return a JSON object; sets of several below one in a thousand are summed up in ``others``."""
@@ -92,7 +101,7 @@ class Which:
             },
             "nearest_family": self.nearest_family,
             "hidden": list(self.hidden),
-            "separations": [one.to_json() for one in self.separations],
+            "separations": [one.to_json() for one in self.evidence.separations],
             "next_test": None if self.next_test is None else self.next_test.to_json(),
         }
 
@@ -117,9 +126,7 @@ class Diagnosis(Result):
     """A whole diagnosis.
 
     Attributes:
-        evidence: what the verdict rests on.
-        sets: (effects, probability), most probable first; () for no cause.
-        next_test: the experiment to run next; None where none separates the sets.
+        which: which effects, and what the verdict rests on.
         where: the gap over tests, time, formula and body; None when it was not asked for.
         tuned: effect → parameter → posterior mean.
         provenance: version, seed, hashes.
@@ -130,9 +137,7 @@ class Diagnosis(Result):
         real: name of the real machine; "" for rollouts without a name.
     """
 
-    evidence: Evidence
-    sets: tuple[tuple[tuple[str, ...], float], ...]
-    next_test: NextTest | None
+    which: Which
     where: Where | None
     tuned: Values
     provenance: Mapping[str, Any]
@@ -159,10 +164,9 @@ class Diagnosis(Result):
         return words
 
     @property
-    def which(self) -> Which:
-        """Which effects, with sizes and probabilities."""
-        own = self.evidence
-        return Which(own.effects, self.sets, own.answer, own.separations, self.next_test)
+    def evidence(self) -> Evidence:
+        """What the verdict rests on."""
+        return self.which.evidence
 
     @property
     def how_far(self) -> HeldOutGap | None:
@@ -182,8 +186,8 @@ class Diagnosis(Result):
     @property
     def patch(self) -> dict[str, dict[str, float]]:
         """Effect → parameter → value to add to the simulator; empty where nothing is named."""
-        own = self.evidence
-        return {one.effect: one.values for one in own.effects if one.effect in own.answer}
+        answer = self.which.answer
+        return {one.effect: one.values for one in self.which.effects if one.effect in answer}
 
     @property
     def misread(self) -> tuple[str, ...]:

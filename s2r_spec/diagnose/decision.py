@@ -1,15 +1,15 @@
 """The verdict: one word from sizes, the gap, the misfit, what is left of the motion and suspected mistakes.
 
 The gap *shows* if it is material at held-out or other tests (:mod:`.gap.held_out`), or matters at any test, early ends
-included (:mod:`.gap.materiality`). It *stays* if the held-out rollouts say surely that the improved simulators leave a
-part of it. Rules, the first that holds:
+included (:mod:`.gap.materiality`). Held-out rollouts say how much of it is *closed* by the better of two simulators:
+that with the named effects, and that with the posterior mean of all. Rules, the first that holds:
 
 | rule | condition | verdict |
 | --- | --- | --- |
 | REMAINDER | the gap shows, and motion is left that no effect explains | none of these |
 | MISFIT | the misfit is an alarm; a gap is not closed, or was not measured and something is named | none of these |
-| STAYS | less than half stays closed with a cause named, less than 80 % without one | none of these |
-| END | a named value is at the end of its range, and its patch surely leaves a part | none of these |
+| STAYS | surely not all is closed, and less than half with an effect named, else less than 80 % | none of these |
+| END | a named value is at the end of its range, and surely less than 80 % is closed | none of these |
 | MISTAKE | an effect is named, and a mistake of the recordings explains more | none of these |
 | ALIKE | an effect is named, and a mistake of the recordings explains as much | confounded |
 | OPEN | an effect is named, and an allowed experiment would settle a possible one | confounded |
@@ -126,6 +126,16 @@ class Evidence:
         return tuple(one.effect for one in self.effects if one.status is Status.NAMED)
 
     @property
+    def at_end(self) -> tuple[str, ...]:
+        """The parameters of the named effects whose value is at the end of its range."""
+        return tuple(
+            f"{one.effect}.{each.parameter}"
+            for one in self.effects
+            for each in one.parameters
+            if one.status is Status.NAMED and each.at_end
+        )
+
+    @property
     def open(self) -> tuple[str, ...]:
         """The possible effects that an allowed experiment would settle."""
         return tuple(one.effect for one in self.separations if one.best(allowed=True))
@@ -158,7 +168,7 @@ class Evidence:
             return Rule.MISFIT
         if far is not None and far.stays(CLOSED if named else GONE):
             return Rule.STAYS
-        if far is not None and far.short and self._at_end():
+        if far is not None and far.short and self.at_end:
             return Rule.END
         if named and any(not one.same for one in self.rivals):
             return Rule.MISTAKE
@@ -169,12 +179,3 @@ class Evidence:
         if shows:
             return Rule.EITHER if self.any_cause >= SURE else Rule.SPREAD
         return Rule.NONE
-
-    def _at_end(self) -> bool:
-        """Return whether a value of a named effect is at the end of its range."""
-        return any(
-            parameter.at_end
-            for one in self.effects
-            if one.status is Status.NAMED
-            for parameter in one.parameters
-        )

@@ -110,11 +110,5 @@ def settled_words(one: Separation | None, spec: Spec) -> str:
 
 def _wider(found: Diagnosis) -> str:
     """Return the advice on values at the end of their ranges; "" if there are none."""
-    ends = [
-        f"{one.effect}.{parameter.parameter}"
-        for one in found.which.effects
-        if one.effect in found.evidence.named
-        for parameter in one.parameters
-        if parameter.at_end
-    ]
-    return f" Or widen the range of {listed(ends)}, if the machine can have larger values." if ends else ""
+    ends = listed(found.evidence.at_end)
+    return f" Or widen the range of {ends}, if the machine can have larger values." if ends else ""

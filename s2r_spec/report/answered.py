@@ -92,7 +92,7 @@ def describe(found: Diagnosis, spec: Spec) -> Description:
     which, where, far = found.which, found.where, found.how_far
     mistakes = tuple(each.text for each in found.evidence.findings)
     by_status = {status: with_status(which.effects, status) for status in Status}
-    settled = {one.effect: settled_words(one, spec) for one in which.separations}
+    settled = {one.effect: settled_words(one, spec) for one in which.evidence.separations}
     names = {status: listed(sorted(one.effect for one in of)) for status, of in by_status.items()}
     return Description(
         passive=passive_words(found),

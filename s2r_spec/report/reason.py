@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from s2r_spec.attribution.place import Place, Range
 from s2r_spec.diagnose.answer import Diagnosis
 from s2r_spec.diagnose.decision import Rule, Verdict
@@ -84,22 +82,14 @@ def _open(found: Diagnosis) -> list[str]:
 
 def _closes(found: Diagnosis) -> list[str]:
     """Return how much of the held-out gap is closed, by the named effects or by all together."""
-    far = found.how_far
-    if far is None:
-        return []
-    ends = [
-        f"{one.effect}.{parameter.parameter} is at the end of its range."
-        for one in found.which.effects
-        if one.effect in found.evidence.named
-        for parameter in one.parameters
-        if parameter.at_end
-    ]
-    if found.evidence.named and far.share is not None:
-        subject = "it closes" if len(found.evidence.named) == 1 else "they close"
+    far, named = found.how_far, found.evidence.named
+    ends = [f"{name} is at the end of its range." for name in found.evidence.at_end]
+    if far is not None and named and far.share is not None:
+        subject = "it closes" if len(named) == 1 else "they close"
         words = [f"Added to the simulator, {subject} {_part(far.share[0])} the held-out gap above scatter."]
         more = [f"The rest is more than {LITTLE} would leave."] if far.leaves_more else []
         return [*words, *more, *ends]
-    if not found.evidence.named and far.tuned_share is not None:
+    if far is not None and not named and far.tuned_share is not None:
         part = _part(far.tuned_share[0])
         return [f"Small amounts of all effects close {part} the held-out gap above scatter."]
     return ends
@@ -114,9 +104,8 @@ def _unknown(found: Diagnosis) -> list[str]:
     """Return why no effect of the catalogue is the answer, and the nearest one."""
     sentences = ["No effect of the catalogue explains the data."]
     sentences += [f"Unexplained: {each}." for each in found.left[:1] if each.material]
-    nearest: Sequence[str] = next((names for names, _ in found.which.sets if names), ())
-    if nearest:
-        sentences.append(f"The nearest is {listed(nearest)} ({found.which.nearest_family}).")
+    if found.which.nearest:
+        sentences.append(f"The nearest is {listed(found.which.nearest)} ({found.which.nearest_family}).")
     return [*sentences, *_closes(found), *_odd(found)]
 
 
@@ -127,11 +116,11 @@ def _odd(found: Diagnosis) -> list[str]:
         return []
     worst = goodness.worst
     place = Place(Range(worst.begin, worst.end), worst.part)
-    words = f"No set of effects fits the traces (p = {goodness.p:.2g}), least of all {worst.quantity} of {worst.experiment}"
+    least = f"least of all {worst.quantity} of {worst.experiment} {place}"
     also = (
         [] if found.verdict is Verdict.UNKNOWN else ["Something differs that this requirement does not need."]
     )
-    return [f"{words} {place}.", *also]
+    return [f"No set of effects fits the traces (p = {goodness.p:.2g}), {least}.", *also]
 
 
 def _differ(found: Diagnosis) -> list[str]:

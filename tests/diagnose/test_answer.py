@@ -6,7 +6,7 @@ import pytest
 from s2r_cart import NAMES, SPEC, Cart, real
 
 from s2r_spec import parse_spec
-from s2r_spec.diagnose.answer import Diagnosis
+from s2r_spec.diagnose.answer import Diagnosis, Which
 from s2r_spec.diagnose.cache import Cache
 from s2r_spec.diagnose.decision import Evidence, Rule
 from s2r_spec.diagnose.design.identifiability import Candidate, separations
@@ -59,9 +59,7 @@ def diagnosed(tmp_path_factory):
             compared_at_all_tests(bench, [*held, *seen], seed),
         )
         return Diagnosis(
-            evidence,
-            by_effects(found.posterior, responses.parameters),
-            next_test(found, candidates),
+            Which(evidence, by_effects(found.posterior, responses.parameters), next_test(found, candidates)),
             None,
             tuned,
             {

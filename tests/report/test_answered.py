@@ -7,7 +7,7 @@ import jsonschema
 import numpy as np
 import pytest
 
-from s2r_spec.diagnose.answer import Diagnosis
+from s2r_spec.diagnose.answer import Diagnosis, Which
 from s2r_spec.diagnose.decision import Evidence, Rule
 from s2r_spec.diagnose.design.identifiability import Power, Separation
 from s2r_spec.diagnose.design.next_test import NextTest
@@ -75,7 +75,8 @@ def diagnosis(dim=0, effects=EFFECTS, separation=SETTLED, test=NEXT, passive=Fal
     }  # fmt: skip
     tuned = {"friction": {"force": 1.5}, "delay": {"time": 0.001}}
     assumed = ("the real rollouts were run as their tests say",)
-    return Diagnosis(evidence, sets, test, place, tuned, provenance, assumed, passive=passive), spec
+    which = Which(evidence, sets, test)
+    return Diagnosis(which, place, tuned, provenance, assumed, passive=passive), spec
 
 
 def test_the_first_screen_has_the_answer_in_order():
