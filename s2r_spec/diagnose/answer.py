@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from s2r_spec.diagnose.decision import Evidence, GoodnessOfFit, Rule, Verdict
-from s2r_spec.diagnose.design.next_test import NextTest
+from s2r_spec.diagnose.experiment_design.next_test import NextTest
 from s2r_spec.diagnose.gap.held_out import HeldOutGap
 from s2r_spec.diagnose.gap.materiality import Materiality
 from s2r_spec.diagnose.gap.where import Where

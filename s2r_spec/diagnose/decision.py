@@ -34,7 +34,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Protocol
 
-from s2r_spec.diagnose.design.identifiability import Separation
+from s2r_spec.diagnose.experiment_design.identifiability import Separation
 from s2r_spec.diagnose.gap.held_out import CLOSED, GONE, HeldOutGap
 from s2r_spec.diagnose.gap.materiality import Materiality
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, Status

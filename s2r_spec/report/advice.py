@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from s2r_spec.diagnose.answer import Diagnosis
 from s2r_spec.diagnose.decision import Rule
-from s2r_spec.diagnose.design.identifiability import Separation
-from s2r_spec.diagnose.design.next_test import NextTest
+from s2r_spec.diagnose.experiment_design.identifiability import Separation
+from s2r_spec.diagnose.experiment_design.next_test import NextTest
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.documentation import page
 from s2r_spec.report.checked import test_words

@@ -9,9 +9,9 @@ from s2r_spec import parse_spec
 from s2r_spec.diagnose.answer import Diagnosis, Which
 from s2r_spec.diagnose.cache import Cache
 from s2r_spec.diagnose.decision import Evidence, Rule
-from s2r_spec.diagnose.design.identifiability import Candidate, separations
-from s2r_spec.diagnose.design.next_test import next_test
 from s2r_spec.diagnose.estimation import estimate
+from s2r_spec.diagnose.experiment_design.identifiability import Candidate, separations
+from s2r_spec.diagnose.experiment_design.next_test import next_test
 from s2r_spec.diagnose.gap.by_test import compared_at_all_tests
 from s2r_spec.diagnose.gap.held_out import held_out_gap
 from s2r_spec.diagnose.inference.estimates import (

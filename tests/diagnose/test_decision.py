@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from s2r_spec.diagnose.decision import Evidence, Rule, Verdict
-from s2r_spec.diagnose.design.identifiability import Power, Separation
+from s2r_spec.diagnose.experiment_design.identifiability import Power, Separation
 from s2r_spec.diagnose.gap.held_out import compared, gap
 from s2r_spec.diagnose.gap.materiality import Failures, Materiality, RolloutsAtTest, materiality
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, ParameterEstimate

@@ -9,8 +9,8 @@ import pytest
 
 from s2r_spec.diagnose.answer import Diagnosis, Which
 from s2r_spec.diagnose.decision import Evidence, Rule
-from s2r_spec.diagnose.design.identifiability import Power, Separation
-from s2r_spec.diagnose.design.next_test import NextTest
+from s2r_spec.diagnose.experiment_design.identifiability import Power, Separation
+from s2r_spec.diagnose.experiment_design.next_test import NextTest
 from s2r_spec.diagnose.gap.held_out import compared
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, ParameterEstimate
 from s2r_spec.diagnose.quality.finding import Finding

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.design.identifiability import Candidate, Forecast
 from s2r_spec.diagnose.estimation import Estimate
+from s2r_spec.diagnose.experiment_design.identifiability import Candidate, Forecast
 from s2r_spec.diagnose.simulator.experiments import Experiment
 
 FloatArray = NDArray[np.float64]
