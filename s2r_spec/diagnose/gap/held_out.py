@@ -229,8 +229,8 @@ def held_out_gap(
     elsewhere = None
     if seen:
         first, place = _distinct(seen)
-        nominal = _simulated(bench, [{}], first, 1, seed, executor)[0, :, 0, 0]
-        elsewhere = gap(np.array(others) - nominal[place], place)
+        nominal = _simulated(bench, [{}], first, SHOTS, seed, executor)[0, ..., 0]
+        elsewhere = gap(np.array(others) - nominal.mean(axis=1)[place], place)
     rows = zip((*held, *seen), (*real, *others), strict=True)
     return compared(
         np.array(real),
