@@ -20,7 +20,9 @@ from s2r_spec.json_objects.schema import schema
 from s2r_spec.report import answered, answered_page
 from s2r_spec.report.advice import next_step
 from s2r_spec.report.answered_markdown import markdown
+from s2r_spec.report.figures.robot import is_quadruped, robot
 from tests.diagnose.test_decision import ALARM, CLOCK, FELL, MATTERS, SAME
+from tests.errors import states
 from tests.report.made import body_of, materiality_of, page_of, spec_of, where_of
 from tests.report.test_html import Page
 
@@ -312,3 +314,41 @@ def test_names_of_users_do_not_break_a_form():
     assert "<script>" not in answered_page.render(found, spec)
     assert all(line.count("| ") < 20 for line in markdown(found, spec).splitlines())
     assert NASTY.split(" ")[0] in answered.text(found, spec)
+
+
+@pytest.mark.parametrize(
+    ("dim", "starts"),
+    [(0, ["|Δρ| of 1 held-out"]), (2, ["Map of the expected Δρ over vd and load", "|Δρ| of 10 held-out"]),
+     (3, ["Δρ along vd, load, slope", "|Δρ| of 10 held-out"])],
+)  # fmt: skip
+def test_the_gap_is_drawn_over_any_test_space(dim, starts):
+    page = Page(answered_page.render(*diagnosis(dim)))
+    for start in starts:
+        assert sum(alt.startswith(start) for alt in page.pictures) == 1
+    assert page.pictures[-1].startswith(starts[-1])
+
+
+def test_over_one_parameter_held_out_tests_stand_on_the_curve():
+    page = Page(answered_page.render(*diagnosis(1)))
+    assert states(page.pictures[0], "Δρ", "vd", "0", "1 m/s", "10 held-out tests")
+    assert states(page.text, "before", "after")
+
+
+def test_four_legs_are_drawn_and_any_other_machine_is_rows():
+    legs = [f"{leg} {joint}" for leg in ("FR", "FL", "RR", "RL") for joint in ("hip", "thigh", "calf")]
+    whole = body_of(["FR calf", "FR foot", *legs[:2], *legs[3:], "base"])
+    assert is_quadruped(whole)
+    assert robot(whole, "robot").svg.count(">thigh<") == 4
+    other = body_of(["wheels", "encoder"])
+    assert not is_quadruped(other)
+    picture = robot(other, "rows")
+    assert ">trunk<" not in picture.svg
+    assert ">wheels<" in picture.svg
+    assert picture.alt.startswith("2 of 2 parts")
+
+
+def test_without_where_or_held_out_tests_the_page_says_so():
+    found, spec = diagnosis(held_out=None)
+    page = page_of(answered_page.render, replace(found, where=None), spec)
+    assert "No real rollouts were held out" in page.text
+    assert page.pictures == []
