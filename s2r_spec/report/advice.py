@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from s2r_spec.diagnose.answer import Diagnosis
 from s2r_spec.diagnose.decision import Rule
-from s2r_spec.diagnose.experiment_design.identifiability import Separation
+from s2r_spec.diagnose.experiment_design.identifiability import Candidate, Separation
 from s2r_spec.diagnose.experiment_design.next_test import NextTest
-from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.documentation import page
 from s2r_spec.report.checked import test_words
 from s2r_spec.report.gap_words import listed, place_words
@@ -38,7 +37,7 @@ def next_step(found: Diagnosis, spec: Spec) -> str:
                 return f"To settle what is open, {test}."
             rivals = listed([one.effect for one in found.which.possible], "or")
             missing = [one.best(allowed=False) for one in found.evidence.separations]
-            words = {experiment_words(one.experiment, spec) for one in missing if one is not None}
+            words = {experiment_words(one.candidate, spec) for one in missing if one is not None}
             allow = f"Allow {listed(sorted(words), 'or')}, or measure" if words else "Measure"
             return f"{allow} {rivals} directly on the machine: no allowed experiment separates them."
         case _:
@@ -82,15 +81,15 @@ def test_in_words(test: NextTest, spec: Spec) -> str:
     """Return the experiment to run: "run air_sine, which separates a and b by 4.0 σ per run"."""
     sets = " from ".join(listed(names) or "nothing" for names in test.separates)
     return (
-        f"run {experiment_words(test.experiment, spec)}, which separates {sets} by {test.sigma:.1f} σ per run"
+        f"run {experiment_words(test.candidate, spec)}, which separates {sets} by {test.sigma:.1f} σ per run"
     )
 
 
-def experiment_words(one: Experiment, spec: Spec) -> str:
+def experiment_words(one: Candidate, spec: Spec) -> str:
     """Return an experiment with the units of the specification: "air_sine amplitude = 0.2", "vd = 0.3 m/s"."""
-    return (
-        " ".join(filter(None, (one.protocol, test_words(dict(one.params), spec.space.units)))) or "the test"
-    )
+    shown = one.shown
+    params = test_words(dict(shown.params), {} if shown.protocol else spec.space.units)
+    return " ".join(filter(None, (shown.protocol, params))) or "the test"
 
 
 def settled_words(one: Separation | None, spec: Spec) -> str:
@@ -101,10 +100,10 @@ def settled_words(one: Separation | None, spec: Spec) -> str:
     tells = f"tell it from {rivals}" if rivals else "settle it"
     allowed, other = one.best(allowed=True), one.best(allowed=False)
     if allowed is not None:
-        return f"{experiment_words(allowed.experiment, spec)} would {tells} ({allowed.sigma:.1f} σ per run)"
+        return f"{experiment_words(allowed.candidate, spec)} would {tells} ({allowed.sigma:.1f} σ per run)"
     if other is None:
         return f"no experiment would {tells}"
-    words = f"{experiment_words(other.experiment, spec)}, which is not allowed, would ({other.sigma:.1f} σ per run)"
+    words = f"{experiment_words(other.candidate, spec)}, which is not allowed, would ({other.sigma:.1f} σ per run)"
     return f"no allowed experiment would {tells}; {words}"
 
 

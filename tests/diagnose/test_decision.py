@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from s2r_spec.diagnose.decision import Evidence, Rule, Verdict
-from s2r_spec.diagnose.experiment_design.identifiability import Power, Separation
+from s2r_spec.diagnose.experiment_design.identifiability import Candidate, Power, Separation
 from s2r_spec.diagnose.gap.held_out import compared, gap
 from s2r_spec.diagnose.gap.materiality import Failures, Materiality, RolloutsAtTest, materiality
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, ParameterEstimate
@@ -56,7 +56,7 @@ NOWHERE = materiality([RolloutsAtTest({"v": 0.1}, np.array([1.0, 1.01]), np.lins
 FELL = replace(NOWHERE, failures=Failures(4, 10, 0, 60, 0.001))
 ELSEWHERE = gap(np.ones(4), np.arange(4))
 
-SETTLED = Separation("b", ("a", "b"), ("a",), (Power(Experiment("chirp"), True, 4.0, True),))
+SETTLED = Separation("b", ("a", "b"), ("a",), (Power(Candidate(Experiment("chirp"), 1.0), 4.0, True),))
 A, MAYBE, AT_END = effect("a", 0.99), effect("b", 0.4), effect("a", 0.99, at_end=True)
 
 

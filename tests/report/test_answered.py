@@ -9,7 +9,7 @@ import pytest
 
 from s2r_spec.diagnose.answer import Diagnosis, Which
 from s2r_spec.diagnose.decision import Evidence, Rule
-from s2r_spec.diagnose.experiment_design.identifiability import Power, Separation
+from s2r_spec.diagnose.experiment_design.identifiability import Candidate, Power, Separation
 from s2r_spec.diagnose.experiment_design.next_test import NextTest
 from s2r_spec.diagnose.gap.held_out import compared
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, ParameterEstimate
@@ -26,7 +26,8 @@ from tests.errors import states
 from tests.report.made import body_of, materiality_of, page_of, spec_of, where_of
 from tests.report.test_html import Page
 
-CHIRP, COAST = Experiment("chirp", (("gain", 2.0),)), Experiment("coast")
+CHIRP = Candidate(Experiment("chirp", (("gain", 2.0),)), 1.0)
+COAST = Candidate(Experiment("coast"), 1.0, allowed=False)
 NASTY = '<script>alert("x")</script> & $x$ | `d` 漢字🤖 ' + "long" * 200
 
 
@@ -42,18 +43,14 @@ PAYLOAD = effect("payload", "mass", "kg", 0.01, 0.1, 0.2)
 EFFECTS = (PAYLOAD, FRICTION, DELAY)
 
 
-def power(one, allowed, sigma, settles):
-    return Power(one, allowed, sigma, settles)
-
-
 SETTLED = Separation(
     "delay",
     ("friction", "delay"),
     ("friction",),
-    (power(CHIRP, True, 4.1, True), power(COAST, False, 3.2, True)),
+    (Power(CHIRP, 4.1, True), Power(COAST, 3.2, True)),
 )
-MISSING = replace(SETTLED, powers=(power(COAST, False, 3.2, True), power(CHIRP, True, 1.0, False)))
-NEVER = replace(SETTLED, powers=(power(CHIRP, True, 1.0, False),))
+MISSING = replace(SETTLED, powers=(Power(COAST, 3.2, True), Power(CHIRP, 1.0, False)))
+NEVER = replace(SETTLED, powers=(Power(CHIRP, 1.0, False),))
 NEXT = NextTest(CHIRP, (("friction", "delay"), ("friction",)), 4.1, 0.8)
 
 
@@ -131,6 +128,19 @@ def test_a_possible_effect_comes_with_the_experiment_that_settles_it_or_the_one_
         page_of(answered_page.render, found, spec).text,
     ):
         assert words in said
+
+
+def test_a_test_is_told_in_the_units_of_the_specification():
+    """The simulator has km/h, and the specification m/s."""
+    own = Candidate(Experiment.test({"speed": 1.8}), 1.0, test={"vd": 0.5})
+    found, spec = diagnosis(
+        1, separation=replace(SETTLED, powers=(Power(own, 4.0, True),)), test=replace(NEXT, candidate=own)
+    )
+    assert "run vd = 0.5 m/s, which separates" in next_step(found, spec)
+    assert "vd = 0.5 m/s would settle it" in answered.text(found, spec)
+    which = answered.record(found, spec)["which"]
+    assert which["next_test"]["params"] == {"vd": 0.5}
+    assert which["separations"][0]["powers"][0]["experiment"] == "vd = 0.5"
 
 
 def test_an_effect_that_the_data_do_not_show_is_not_said_to_be_ruled_out():

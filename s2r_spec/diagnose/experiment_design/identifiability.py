@@ -23,8 +23,8 @@ Source: Atkinson, Donev & Tobias, *Optimum Experimental Designs* (2007), ch. 20.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -57,12 +57,19 @@ class Candidate:
         cost: of one run [s].
         allowed: whether the user allows it.
         runs: number of real runs so far.
+        test: of the specification, in its units; None for a protocol, or where the simulator has the same units.
     """
 
     experiment: Experiment
     cost: float
     allowed: bool = True
     runs: int = 0
+    test: Mapping[str, float] | None = None
+
+    @property
+    def shown(self) -> Experiment:
+        """The experiment in the units of the specification."""
+        return self.experiment if self.test is None else Experiment.test(self.test)
 
 
 @dataclass(frozen=True)
@@ -70,14 +77,12 @@ class Power:
     """What one more run of an experiment says about a possible effect.
 
     Attributes:
-        experiment: see there.
-        allowed: whether the user allows it.
+        candidate: the experiment.
         sigma: distance of the most probable sets with and without the effect.
         settles: whether the effect is then named or ruled out.
     """
 
-    experiment: Experiment
-    allowed: bool
+    candidate: Candidate
     sigma: float
     settles: bool
 
@@ -100,17 +105,21 @@ class Separation:
 
     def best(self, allowed: bool) -> Power | None:
         """Return the experiment that settles the effect, the most powerful one first; None where none does."""
-        return next((one for one in self.powers if one.settles and one.allowed is allowed), None)
+        return next((one for one in self.powers if one.settles and one.candidate.allowed is allowed), None)
 
     def to_json(self) -> dict[str, Any]:
         """Return the fields, with the experiments in words."""
-        powers = [asdict(one) | {"experiment": str(one.experiment)} for one in self.powers]
-        return {
-            "effect": self.effect,
-            "included": list(self.included),
-            "excluded": list(self.excluded),
-            "powers": powers,
-        }
+        powers = [
+            {
+                "experiment": str(one.candidate.shown),
+                "allowed": one.candidate.allowed,
+                "sigma": one.sigma,
+                "settles": one.settles,
+            }
+            for one in self.powers
+        ]
+        sets = {"included": list(self.included), "excluded": list(self.excluded)}
+        return {"effect": self.effect, **sets, "powers": powers}
 
 
 @dataclass(frozen=True)
@@ -245,7 +254,7 @@ def _separation(
         if included is not None and excluded is not None:  # else only the width of the size is open
             sigma = float(distance[included, excluded])
             settles &= sigma >= APART
-        powers.append(Power(one.experiment, one.allowed, sigma, settles))
+        powers.append(Power(one, sigma, settles))
     return Separation(
         effect,
         () if included is None else names[included],

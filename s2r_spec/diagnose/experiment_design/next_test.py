@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from s2r_spec.diagnose.estimation import Estimate
 from s2r_spec.diagnose.experiment_design.identifiability import Candidate, Forecast
-from s2r_spec.diagnose.simulator.experiments import Experiment
 
 FloatArray = NDArray[np.float64]
 
@@ -40,13 +39,13 @@ class NextTest:
     """The experiment to run next.
 
     Attributes:
-        experiment: see there.
+        candidate: the experiment.
         separates: the two sets that it separates, weighted by their probabilities.
         sigma: by so many standard deviations per run.
         entropy: expected fall of the entropy of the set [bit].
     """
 
-    experiment: Experiment
+    candidate: Candidate
     separates: tuple[tuple[str, ...], tuple[str, ...]]
     sigma: float
     entropy: float
@@ -54,8 +53,8 @@ class NextTest:
     def to_json(self) -> dict[str, Any]:
         """Return the fields."""
         return {
-            "protocol": self.experiment.protocol,
-            "params": dict(self.experiment.params),
+            "protocol": self.candidate.shown.protocol,
+            "params": dict(self.candidate.shown.params),
             "separates": [list(names) for names in self.separates],
             "sigma": round(self.sigma, 2),
             "entropy": round(self.entropy, 3),
@@ -85,11 +84,11 @@ def next_test(found: Estimate, candidates: Sequence[Candidate]) -> NextTest | No
         first, second = sorted(divmod(int(gains.argmax()), len(p)))
         if worth > best and distance[first, second] >= LEAST:
             pair = forecast.names[first], forecast.names[second]
-            best, chosen = worth, (one.experiment, pair, float(distance[first, second]), gained)
+            best, chosen = worth, (one, pair, float(distance[first, second]), gained)
     if chosen is None:
         return None
-    experiment, pair, sigma, gained = chosen
-    return NextTest(experiment, pair, sigma, entropy_fall(forecast, gained, p))
+    candidate, pair, sigma, gained = chosen
+    return NextTest(candidate, pair, sigma, entropy_fall(forecast, gained, p))
 
 
 def entropy_fall(forecast: Forecast, gained: FloatArray, probability: FloatArray) -> float:

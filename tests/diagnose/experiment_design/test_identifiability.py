@@ -38,8 +38,8 @@ def test_only_the_protocol_with_both_shapes_settles_them(unclear):
     told = separations(unclear, ["a", "b"], CANDIDATES)
     assert [one.effect for one in told] == ["a", "b"]
     for one in told:
-        assert one.best(allowed=True).experiment == SPLIT
-        assert {power.experiment: power.settles for power in one.powers} == {
+        assert one.best(allowed=True).candidate.experiment == SPLIT
+        assert {power.candidate.experiment: power.settles for power in one.powers} == {
             TEST: False,
             SPLIT: True,
             SHOW: False,
@@ -53,12 +53,12 @@ def test_a_protocol_that_is_not_allowed_is_named_as_missing(unclear):
     missing = [CANDIDATES[0], replace(CANDIDATES[1], allowed=False), CANDIDATES[2]]
     for one in separations(unclear, ["a", "b"], missing):
         assert one.best(allowed=True) is None
-        assert one.best(allowed=False).experiment == SPLIT
+        assert one.best(allowed=False).candidate.experiment == SPLIT
 
 
 def test_the_next_experiment_is_the_one_that_separates_and_its_forecast_comes_true(responses, unclear):
     chosen = next_test(unclear, CANDIDATES)
-    assert chosen.experiment == SPLIT
+    assert chosen.candidate.experiment == SPLIT
     assert {name for names in chosen.separates for name in names} == {"a", "b"}
     assert chosen.sigma > 3.0
     # About one bit is open, and this run gives it.
@@ -72,7 +72,7 @@ def test_cost_counts_and_what_is_not_allowed_is_not_chosen(unclear):
     assert next_test(unclear, [CANDIDATES[0], CANDIDATES[2]]) is None
     assert next_test(unclear, [replace(one, allowed=False) for one in CANDIDATES]) is None
     dear = [replace(CANDIDATES[1], cost=9.0)]
-    assert next_test(unclear, dear).experiment == SPLIT
+    assert next_test(unclear, dear).candidate.experiment == SPLIT
 
 
 def test_a_sure_answer_needs_no_test(responses):
