@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from s2r_spec.diagnose.decision import Verdict as Verdict
 from s2r_spec.diagnose.estimate import Estimate
 from s2r_spec.diagnose.gap.materiality import Materiality
 from s2r_spec.diagnose.gap.where import Where
@@ -16,20 +17,8 @@ from s2r_spec.diagnose.remainder import Remainder
 from s2r_spec.result import Result
 from s2r_spec.spec import Spec
 from s2r_spec.upper import upper
-from s2r_spec.verdict import Tone, Toned
 
 SCHEMA = "s2r/diagnosis/1"
-
-
-class Verdict(Toned):
-    """What the diagnosis says, in the user's words."""
-
-    NONE = "no material gap", Tone.GOOD
-    SPREAD = "no single cause", Tone.OPEN
-    """A material gap, of which a few percent of every effect close as much as any cause."""
-    NAMED = "named", Tone.GOOD
-    CONFOUNDED = "confounded", Tone.OPEN
-    UNKNOWN = "none of these", Tone.OPEN
 
 
 @dataclass(frozen=True)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.diagnose.gap.held_out import Gap as Gap
+from s2r_spec.diagnose.gap.held_out import HeldOut as HeldOut
 from s2r_spec.space import key_of
 
 FloatArray = NDArray[np.float64]
@@ -21,48 +23,6 @@ SURELY = 1.645 * float(np.sqrt(np.pi / 2.0 - 1.0))
 """A mean of n |normal| numbers is more than 1 + SURELY / √n times its expectation in 1 of 20 cases."""
 CLOSED = 0.5
 """Where less than this part of a material held-out gap can be closed, its cause is not in the catalogue."""
-
-
-@dataclass(frozen=True)
-class Gap:
-    """|ρ_real − E ρ_sim| over the held-out rollouts, in the unit of ρ.
-
-    Attributes:
-        mean: over the rollouts.
-        low: of the mean's 95 % interval, rollouts of one test resampled together.
-        high: of it.
-        worst: largest over the tests, of the mean at each.
-    """
-
-    mean: float
-    low: float
-    high: float
-    worst: float
-
-    def to_json(self) -> dict[str, float]:
-        """Return the fields."""
-        return {"mean": self.mean, "low": self.low, "high": self.high, "worst": self.worst}
-
-
-@dataclass(frozen=True)
-class HeldOut:
-    """Held-out rollouts of one test.
-
-    Attributes:
-        params: the test.
-        rollouts: real ones.
-        before: ρ_real − E ρ_sim of the nominal simulator, mean over the rollouts.
-        after: the same of the patched one; None when there is nothing to patch.
-    """
-
-    params: Mapping[str, float]
-    rollouts: int
-    before: float
-    after: float | None
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields."""
-        return dict(vars(self)) | {"params": dict(self.params)}
 
 
 @dataclass(frozen=True)
@@ -233,20 +193,20 @@ class HowFar:
         return {
             "rollouts": self.rollouts,
             "unit": self.unit,
-            "before": self.before.to_json(),
-            "after": None if self.after is None else self.after.to_json(),
-            "tuned": None if self.tuned is None else self.tuned.to_json(),
+            "before": asdict(self.before),
+            "after": None if self.after is None else asdict(self.after),
+            "tuned": None if self.tuned is None else asdict(self.tuned),
             "floor": self.floor,
             "background": self.background,
             "material": self.material,
-            "seen": None if self.seen is None else self.seen.to_json(),
+            "seen": None if self.seen is None else asdict(self.seen),
             "elsewhere": self.elsewhere,
             "share": _interval_json(self.share),
             "tuned_share": _interval_json(self.tuned_share),
             "oracle_gap": self.oracle,
             "oracle_share": self.oracle_share,
             "tests_with_a_larger_gap_at_most": self.beyond,
-            "tests": [test.to_json() for test in self.tests],
+            "tests": [asdict(test) for test in self.tests],
         }
 
 

@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 import json
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import cast
 
 from rich.markup import escape
 from rich.text import Text
 
-from s2r_spec.attribution.place import Place, Range, cause_first
 from s2r_spec.backend import short
 from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
 from s2r_spec.diagnose.estimate import Estimate
-from s2r_spec.diagnose.gap.where import Where
-from s2r_spec.diagnose.how_far import Gap, HowFar
 from s2r_spec.json_objects.diagnosis import DiagnosisObject
 from s2r_spec.printable import one_line
-from s2r_spec.quantity import Scale, interval, measured, quantity
-from s2r_spec.report.checked import test_words
-from s2r_spec.report.figures.robot import amount
+from s2r_spec.quantity import interval, measured, quantity
+from s2r_spec.report.gap_words import body_words, gap_title, left_words, listed, shrink_rows, where_words
 from s2r_spec.report.materiality import matters_words
 from s2r_spec.report.nextstep import next_step
 from s2r_spec.report.text import STYLES
@@ -29,8 +23,6 @@ from s2r_spec.spec import Spec
 
 SHOWN = 5
 """Definition: causes that are printed, most probable first."""
-PARTS = 3
-"""Definition: parts of the machine that are printed, largest shift first."""
 WORDS = {"none": "no material effect", "unknown": "none of these"}
 
 
@@ -76,7 +68,7 @@ def describe(found: Diagnosis, spec: Spec) -> Description:
         notes=tuple(note for note in found.notes if note not in mistakes),
         matters=() if found.materiality is None else matters_words(found.materiality, spec.space.units),
         where=() if where is None else where_words(where, spec),
-        parts=() if where is None else (*body_words(where), *left_words(found)),
+        parts=() if where is None else (*body_words(where), *left_words(found.left)),
         causes=tuple((WORDS.get(names[0], " + ".join(names)), p) for names, p in which.ranked),
         estimates=tuple(map(_estimate, which.estimates)),
         doubt=doubt(which),
@@ -156,9 +148,9 @@ def doubt(which: Which) -> str:
     if not set(which.confounded) > set(which.answer) != set():
         return ""
     if len(which.answer) == 1 and set(which.instead) | set(which.answer) == set(which.confounded):
-        words = f"these data do not separate {_listed(which.confounded)}"
+        words = f"these data do not separate {listed(which.confounded)}"
     else:
-        others = _listed([name for name in which.confounded if name not in which.answer])
+        others = listed([name for name in which.confounded if name not in which.answer])
         words = f"these data do not rule out {others}"
     kinds = ", ".join(f"{a} and {b}" for a, b in which.isolability.kinds(which.confounded))
     return (
@@ -166,116 +158,3 @@ def doubt(which: Which) -> str:
         if kinds
         else words
     )
-
-
-def _listed(names: Sequence[str]) -> str:
-    """Return "a, b and c"."""
-    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
-
-
-def where_words(where: Where, spec: Spec) -> tuple[str, ...]:
-    """Return sentences on the worst test: its gap, and the time, channel and predicate that cause most of it."""
-    unit = where.pair.unit
-    test = test_words(where.test, spec.space.units)
-    lines = [
-        f"worst test of those run{f', {test}' if test else ''}: Δρ {_signed(where.pair.delta, unit)}{_rho(where)}"
-    ]
-    window = where.pair.window
-    if where.pair.delta and window is None:
-        part = round(100 * where.pair.ended / where.pair.delta)
-        lines.append(
-            f"{part} % of it comes from the end of a trace: {where.pair.reason or 'one trace ends before the other'}"
-        )
-    elif where.pair.delta and window is not None:
-        part = round(100 * window.delta / where.pair.delta)
-        lines.append(f"{part} % of it arises {Place(Range(window.begin, window.end))}")
-    credit = {name: float(values.sum()) for name, values in where.pair.credit.items()}
-    if credit and window is not None:
-        name = max(credit, key=lambda n: abs(credit[n]))
-        lines.append(f"most of it comes from {name} ({_signed(credit[name], unit)})")
-    if where.pair.switch is not None:
-        lines.append(str(where.pair.switch))
-    if where.space is not None:
-        place = test_words(where.space.worst, spec.space.units)
-        expected = measured(*where.space.largest, where.space.unit)
-        lines.append(f"worst test of the whole space is probably {place}: expected |Δρ| {expected} at 95 %")
-    return tuple(lines)
-
-
-def _signed(value: float, unit: str) -> str:
-    """Return a quantity with its sign: ``−12 µm``."""
-    return f"{'−' if value < 0.0 else '+'}{quantity(abs(value), unit)}"
-
-
-def _rho(where: Where) -> str:
-    """Return ρ of both rollouts at the worst test; "" where it is not the margin of one predicate."""
-    pair, switch = where.pair, where.pair.switch
-    if switch is None:
-        return ""
-    simulated, real = switch.simulated.simulated, switch.real.real
-    if not math.isclose(real - simulated, pair.delta, rel_tol=1e-6, abs_tol=1e-12):
-        return ""
-    return (
-        f" (ρ {_signed(simulated, pair.unit)} in simulation, {_signed(real, pair.unit)} on the real machine)"
-    )
-
-
-def body_words(where: Where) -> tuple[str, ...]:
-    """Return one sentence for each part whose residuals the nominal model does not explain, the cause's place first."""
-    if where.body is None:
-        return (where.no_body,)
-    body, origin = where.body, where.body.origin
-    if origin is None:
-        return (
-            f"the nominal model explains the residuals of every part of the machine ({body.asked} comparisons)",
-        )
-    shown = [(part, part.shifts[0]) for part in body.shifted[:PARTS]]
-    if origin[0] not in body.shifted[:PARTS]:
-        shown.append(origin)  # where the next step looks first
-    ordered = cause_first(shown, lambda one: body.place(*one), lambda one: one[1].sigma)
-    return tuple(
-        f"{body.place(part, shift)}: {amount(shift)}, unexplained by the nominal model"
-        for part, shift in ordered
-    )
-
-
-def left_words(found: Diagnosis) -> tuple[str, ...]:
-    """Return one sentence for each remainder of the motion that no effect explains."""
-    if not found.left:
-        return ()
-    unexplained = [f"{each}, which no effect explains" for each in found.left if each.material]
-    return tuple(unexplained[:PARTS]) or ("the best-fitting simulator explains all of the motion",)
-
-
-def shrink_rows(far: HowFar) -> tuple[tuple[str, str], ...]:
-    """Return (name, text) rows: the gap before and after, the floor, and the closed part."""
-    scale = _scale(far)
-    rows = [("before", _gap(far.before, scale))]
-    if far.after is not None:
-        rows.append(("after", _gap(far.after, scale)))
-    rows.append(("floor", f"{scale.number(far.floor, 0.3 * far.floor)} (scatter alone)"))
-    for name, part, words in (
-        ("closed", far.share, "of the gap above the floor"),
-        ("tuned", far.tuned_share, "with small amounts of every other effect"),
-    ):
-        if part is not None:
-            value, low, high = (round(100 * end) for end in part)
-            more = "; more than 100 % is scatter" if value > 100 else ""
-            rows.append((name, f"{value} % {words} (95 %: {low} to {high} %{more})"))
-    return tuple(rows)
-
-
-def gap_title(far: HowFar) -> str:
-    """Return the title of :func:`shrink_rows`, with their unit."""
-    unit = _scale(far).unit
-    return f"gap on {far.rollouts} held-out rollouts, mean |ρ_real − ρ_sim|{f' in {unit}' if unit else ''}"
-
-
-def _scale(far: HowFar) -> Scale:
-    return Scale.of(max(far.before.mean, far.before.worst), far.unit)
-
-
-def _gap(gap: Gap, scale: Scale) -> str:
-    half = (gap.high - gap.low) / 2
-    mean, low, high, worst = (scale.number(value, half) for value in (gap.mean, gap.low, gap.high, gap.worst))
-    return f"{mean} (95 %: {low} to {high}), {worst} at the worst test"

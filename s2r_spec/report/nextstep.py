@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from s2r_spec.attribution.place import Place, Range
 from s2r_spec.diagnose.diagnosis import Diagnosis, NextTest, Verdict
 from s2r_spec.documentation import page
 from s2r_spec.report.checked import test_words
+from s2r_spec.report.gap_words import place_words
 from s2r_spec.spec import Spec
-
-LATE = 0.95
-"""Definition: part of a rollout; a window that ends later than it says nothing about the time of the cause."""
 
 
 def next_step(found: Diagnosis, spec: Spec) -> str:
@@ -68,7 +65,7 @@ def next_step(found: Diagnosis, spec: Spec) -> str:
             )
         case Verdict.UNKNOWN:
             return (
-                f"Look for a cause outside the catalogue{_place(found)}. Write it as an effect "
+                f"Look for a cause outside the catalogue{place_words(found.left, found.where)}. Write it as an effect "
                 f"({page('how-to/effects')}).{_wider(found)}"
             )
 
@@ -89,22 +86,3 @@ def _wider(found: Diagnosis) -> str:
     return (
         f" Or widen the range of {' and '.join(ends)}, if the machine can have larger values." if ends else ""
     )
-
-
-def _place(found: Diagnosis) -> str:
-    """Return the place to look at: the unexplained motion, the part where a shift begins, or a time."""
-    if found.left and found.left[0].material:
-        return f" that explains {found.left[0]}"
-    where = found.where
-    if where is None:
-        return ""
-    if where.body is not None and (origin := where.body.origin) is not None:
-        return f" that acts {where.body.place(*origin)} ({origin[1].channel})"
-    window = where.pair.window
-    if window is None:
-        return f" before the end of the trace ({where.pair.reason})" if where.pair.reason else ""
-    times = where.pair.times
-    if window.end - times[0] > LATE * (times[-1] - times[0]):
-        return ""  # a cause before the end is every cause
-    # ρ is decided where a requirement is nearest to its limit; feedback carries earlier disturbances there.
-    return f" that acts before or while most of the gap arises ({Place(Range(window.begin, window.end))})"

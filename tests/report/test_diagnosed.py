@@ -8,15 +8,9 @@ import jsonschema
 import numpy as np
 import pytest
 
-import s2r_spec as s2r
-from s2r_spec.attribution.attribute import attribute
 from s2r_spec.diagnose.diagnosis import Diagnosis, NextTest, Verdict, Which
 from s2r_spec.diagnose.estimate import Estimate
-from s2r_spec.diagnose.gap.body import Body, BodyPart, Shift
-from s2r_spec.diagnose.gap.materiality import RolloutsAtTest, materiality
-from s2r_spec.diagnose.gap.observed import GapAt
-from s2r_spec.diagnose.gap.surface import Band, GapSurface
-from s2r_spec.diagnose.gap.where import Pairs, Where, where
+from s2r_spec.diagnose.gap.body import BodyPart
 from s2r_spec.diagnose.how_far import how_far
 from s2r_spec.diagnose.isolability import Isolability, Least
 from s2r_spec.diagnose.quality import Finding
@@ -25,71 +19,13 @@ from s2r_spec.diagnose.remainder import Remainder
 from s2r_spec.json_objects.schema import schema
 from s2r_spec.report import diagnosed, diagnosed_page
 from s2r_spec.report.diagnosed_markdown import markdown
-from s2r_spec.report.figures.robot import is_quadruped, robot
 from s2r_spec.report.nextstep import next_step
-from s2r_spec.trace import Trace
 from tests.errors import states
-from tests.report.conftest import undrawn
+from tests.report.made import body_of, materiality_of, page_of, spec_of, where_of
 from tests.report.test_html import Page
 
 NASTY = '<script>alert("x")</script> & $x$ | `d` 漢字🤖 ' + "long" * 200
-SPACES = {
-    0: "",
-    1: "param vd {m/s} in [0, 1]",
-    2: "param vd {m/s} in [0, 1]\nparam load {kg} in [0, 5]",
-    3: "param vd {m/s} in [0, 1]\nparam load {kg} in [0, 5]\nparam slope {deg} in [-5, 5]",
-}
 EFFECTS = ("friction", "delay", "payload")
-
-
-def spec_of(dim):
-    text = f"signal x {{m}}\nsignal u[2] {{V}}\n{SPACES[dim]}\n"
-    text += "require near: always[0, 1 s] (abs(x) <= 0.5 and u[1] <= 3)\n"
-    return s2r.parse_spec(text, "specs/a spec.stl")
-
-
-def rollout(rng, size):
-    t = np.linspace(0, 1, 41)
-    x = size * np.exp(-((t - 0.6) ** 2) / 0.01) + 0.01 * rng.normal(size=t.size)
-    return Trace(t, {"x": x, "u": np.column_stack([x, 2 * x])}, {"x": "m", "u": "V"})
-
-
-@functools.cache
-def where_of(dim, n=10, size=0.4):
-    """Return tests and where; over two parameters and more the test space's answer is made up, for it takes long."""
-    spec = spec_of(dim)
-    rng = np.random.default_rng(1)
-    axes = spec.space.axes
-    tests = [{a.name: float(rng.uniform(a.low, a.high)) for a in axes} for _ in range(n)]
-    sides = []
-    for scale in (size, 0.1):
-        traces = [rollout(rng, scale) for _ in tests]
-        rhos = [spec.robustness(t, d)["near"] for t, d in zip(traces, tests, strict=True)]
-        sides.append(list(zip(traces, rhos, strict=True)))
-    if dim < 2:
-        return tests, where(spec, "near", Pairs(tests, *sides))
-    pair = attribute(spec, "near", sides[0][0][0], sides[1][0][0], tests[0])
-    return tests, Where(made_up(spec.space, tests), tests[0], pair)
-
-
-def made_up(space, tests):
-    grid = space.grid({2: (21, 21), 3: (7, 7, 7)}[space.dim])
-    mean = 0.1 * (grid[:, 0] - 0.5)
-    band = Band(mean, mean - 0.03, mean + 0.03)
-    gaps = tuple(GapAt(test, np.array([0.1]), np.array([0.1 + 0.1 * (test["vd"] - 0.5)])) for test in tests)
-    worst = space.point(grid[0])
-    ends = {name: (value, value) for name, value in worst.items()}
-    exceeds = np.ones(len(grid))
-    return GapSurface(
-        space, "m", gaps, grid, band, band, 0.01, worst, 0.9, ends, (0.05, 0.04, 0.06), 0.02, exceeds, ()
-    )
-
-
-def body_of(names):
-    shift = Shift("torque", 1, "mean", "N*m", 0.25, 0.75, -1.25, 1.3, 12.0, 1e-9, 1e-6)
-    wave = replace(shift, channel="speed", kind="rms", unit="rad/s", mean=0.01, size=0.2, sigma=2.0)
-    parts = [BodyPart(names[0], (shift, wave)), BodyPart(names[1], (wave,))]
-    return Body((*parts, *(BodyPart(name, ()) for name in names[2:])), 10, 1.0, 534)
 
 
 LEAST = (
@@ -107,24 +43,6 @@ def far_of(dim):
     real = -0.3 + 0.02 * rng.normal(size=len(tests))
     patched, tuned = (real + scatter * rng.normal(size=len(tests)) for scatter in (0.03, 0.02))
     return how_far(real, np.zeros(len(tests)), patched, tuned, tests, 0.01, 0.02, 3, "m")
-
-
-@functools.cache
-def materiality_of(dim):
-    """Return a gap of 12 µm of a margin of 0.4 mm at the last test, and one rollout that ended early."""
-    tests, _ = where_of(dim)
-    rho = 4e-4 + 1e-8 * np.random.default_rng(3).normal(size=(len(tests), 6))
-    runs = [
-        RolloutsAtTest(test, own[:1], own, int(n == 0))
-        for n, (test, own) in enumerate(zip(tests, rho, strict=True))
-    ]
-    return materiality([*runs[:-1], replace(runs[-1], real=rho[-1, :1] - 12e-6)], "m", 0.002)
-
-
-def page_of(found, spec):
-    """Return a page whose pictures are painted, but not written down."""
-    with undrawn():
-        return Page(diagnosed_page.render(found, spec))
 
 
 def diagnosis(dim, verdict=Verdict.NAMED, body=None, near=8.0, **changes):
@@ -170,7 +88,7 @@ def test_gap_margin_and_tolerance_are_in_units_that_a_person_reads_in_every_form
     assert states(diagnosed.text(found, spec), *facts)
     assert states(markdown(found, spec), *facts)
     assert states(str(replace(found, spec=spec)._repr_html_()), *facts)
-    assert states(page_of(found, spec).text, *facts)
+    assert states(page_of(diagnosed_page.render, found, spec).text, *facts)
     shown = diagnosed.record(found, spec)["materiality"]
     assert (shown["matters"], shown["places"], shown["tolerance"]) == (False, [], 0.002)
     assert shown["largest"]["gap"] == pytest.approx(-12e-6, rel=0.01)
@@ -228,19 +146,6 @@ def test_the_answer_comes_first_and_everything_is_there(shown):
     assert places == sorted(places)
 
 
-@pytest.mark.parametrize(
-    ("dim", "starts"),
-    [(0, ["|Δρ| of 1 held-out"]), (2, ["Map of the expected Δρ over vd and load", "|Δρ| of 10 held-out"]),
-     (3, ["Δρ along vd, load, slope", "|Δρ| of 10 held-out"])],
-)  # fmt: skip
-def test_the_gap_is_drawn_over_any_test_space(dim, starts):
-    page = Page(diagnosed_page.render(*diagnosis(dim)))
-    for start in starts:
-        assert sum(alt.startswith(start) for alt in page.pictures) == 1
-    assert page.pictures[-1].startswith(starts[-1])
-    assert "the backend computes no residuals" in page.text
-
-
 PUSH = Remainder("torque", 1, "FR calf", "", 0.5, 0.6, -3.25, "N*m", "s", 1.8)
 QUIET = replace(PUSH, column=2, along="u", low=-np.inf, surplus=0.6)
 
@@ -249,7 +154,7 @@ def test_what_no_effect_leaves_is_said_in_every_form():
     found, spec = diagnosis(1, left=(PUSH, QUIET))
     words = "−3.25 N·m of torque from 0.5 to 0.6 s at FR calf"
     assert diagnosed.text(found, spec).count(words) == 1
-    assert words in page_of(found, spec).text
+    assert words in page_of(diagnosed_page.render, found, spec).text
     assert words in markdown(found, spec)
     assert "where u is below" not in diagnosed.text(found, spec)
     written = json.loads(diagnosed.as_json(found, spec))
@@ -257,27 +162,8 @@ def test_what_no_effect_leaves_is_said_in_every_form():
     assert [each["low"] for each in written["left"]] == [0.5, None]
     still, _ = diagnosis(1, left=(QUIET,))
     silent, _ = diagnosis(1)
-    assert len(diagnosed.left_words(still)) == 1
-    assert diagnosed.left_words(silent) == ()
-
-
-def test_over_one_parameter_held_out_tests_stand_on_the_curve(shown):
-    page = Page(shown)
-    assert states(page.pictures[0], "Δρ", "vd", "0", "1 m/s", "10 held-out tests")
-    assert states(page.text, "before", "after")
-
-
-def test_four_legs_are_drawn_and_any_other_machine_is_rows(one, shown):
-    found, _ = one
-    assert is_quadruped(found.where.body)
-    text = shown
-    assert text.count(">thigh<") == 4
-    other = body_of(["wheels", "encoder"])
-    assert not is_quadruped(other)
-    picture = robot(other, "rows")
-    assert ">trunk<" not in picture.svg
-    assert ">wheels<" in picture.svg
-    assert picture.alt.startswith("2 of 2 parts")
+    assert len(diagnosed.left_words(still.left)) == 1
+    assert diagnosed.left_words(silent.left) == ()
 
 
 def test_what_no_data_tell_apart_is_said_to_be_so():
@@ -293,7 +179,7 @@ def test_what_no_data_tell_apart_is_said_to_be_so():
     assert words.count("friction and delay") == 2
     assert "payload" not in words
     assert words in diagnosed.text(alike, spec)
-    for shown in (markdown(alike, spec), page_of(alike, spec).text):
+    for shown in (markdown(alike, spec), page_of(diagnosed_page.render, alike, spec).text):
         assert f"{words[1:]}." in shown
     assert diagnosed.doubt(replace(found.which, answer=())) == ""
     beside = replace(found.which, answer=("friction", "delay"), confounded=("friction", "delay", "payload"))
@@ -328,7 +214,7 @@ def test_no_cause_is_named_that_a_mistake_of_the_recordings_explains_as_well(sam
     assert late.text in note
     assert head.startswith(verdict.value.upper())
     assert said.count(late.text) == markdown(odd, spec).count(late.text) == 1
-    assert page_of(odd, spec).text.count("by one clock?") == 1
+    assert page_of(diagnosed_page.render, odd, spec).text.count("by one clock?") == 1
     assert diagnosed.record(odd, spec)["findings"] == [
         {"code": "late", "channel": "x and y", "text": late.text}
     ]
@@ -342,7 +228,7 @@ def test_a_mistake_in_one_rollout_takes_no_cause_away():
 
 
 def test_confounded_pairs_are_marked():
-    page = page_of(*diagnosis(0, Verdict.CONFOUNDED, near=1.0))
+    page = page_of(diagnosed_page.render, *diagnosis(0, Verdict.CONFOUNDED, near=1.0))
     assert any("less than 3, or of one kind: friction and delay" in alt for alt in page.pictures)
     assert "run the test again with gait = 2" in page.text
 
@@ -382,34 +268,6 @@ def test_the_next_step_says_where_a_range_is_too_narrow_and_where_the_rest_helps
     ]["force"]["at_end"]
 
 
-def part_of(line):
-    return line.partition(":")[0].partition("at ")[2]
-
-
-def test_where_to_look_is_the_part_that_shifts_most_and_not_the_clearest():
-    small = Shift("torque", 0, "rms", "N*m", 0.0, 2.0, 0.4, 0.4, 90.0, 1e-9, 1e-6)
-    large = Shift("torque", 1, "rms", "N*m", 0.5, 1.0, 1.1, 1.1, 20.0, 1e-9, 1e-6)
-    other = Shift("wrench", 0, "rms", "N", 0.0, 2.0, 9.0, 9.0, 10.0, 1e-9, 1e-6)
-    parts = [BodyPart("RR thigh", (small,)), BodyPart("FL calf", (large,)), BodyPart("base", (other,))]
-    unknown, spec = diagnosis(1, Verdict.UNKNOWN, body=Body(tuple(parts), 10, 2.0, 100))
-    assert "acts from 0.5 to 1 s at FL calf (torque)" in next_step(unknown, spec)
-    assert [part_of(line) for line in diagnosed.body_words(unknown.where)] == ["RR thigh", "FL calf", "base"]
-    clearer = [BodyPart(f"{leg} hip", (small,)) for leg in ("FL", "FR", "RL", "RR")]
-    unknown, spec = diagnosis(1, Verdict.UNKNOWN, body=Body((*clearer, *parts), 10, 2.0, 100))
-    lines = diagnosed.body_words(unknown.where)
-    assert [part_of(line) for line in lines] == ["FL hip", "FR hip", "RL hip", "FL calf"]
-    assert "1.1" in lines[-1]
-
-
-def test_a_push_comes_before_the_motion_that_answers_it():
-    push = Shift("wrench", 0, "mean", "N", 0.8, 0.85, 179.0, 180.0, 40.0, 1e-9, 1e-6)
-    answer = Shift("wrench", 0, "mean", "N", 0.9, 1.4, 220.0, 225.0, 60.0, 1e-9, 1e-6)
-    body = Body((BodyPart("arm", (answer,)), BodyPart("base", (push,))), 10, 2.0, 100)
-    unknown, spec = diagnosis(1, Verdict.UNKNOWN, body=body)
-    assert "acts from 0.8 to 0.85 s at base" in next_step(unknown, spec)
-    assert [part_of(line) for line in diagnosed.body_words(unknown.where)] == ["base", "arm"]
-
-
 def test_json_is_what_the_schema_says(one):
     derived = schema("s2r/diagnosis/1")
     bare, spec = diagnosis(0, Verdict.UNKNOWN)
@@ -446,57 +304,9 @@ def test_the_schema_notices_a_damaged_object(one, damage):
 
 def test_without_where_or_held_out_tests_the_page_says_so():
     found, spec = diagnosis(0)
-    page = page_of(replace(found, where=None, how_far=None), spec)
+    page = page_of(diagnosed_page.render, replace(found, where=None, how_far=None), spec)
     assert "No real rollouts were held out" in page.text
     assert len(page.pictures) == 1
-
-
-def test_the_text_names_the_worst_of_all_tests_beside_that_of_those_that_were_run():
-    _, place = where_of(2)
-    spec = spec_of(2)
-    assert "vd = 0 m/s, load = 0 kg: expected |Δρ| 0.050 ± 0.010 m" in diagnosed.where_words(place, spec)[-1]
-    nowhere = diagnosed.where_words(replace(place, space=None), spec)
-    assert nowhere == diagnosed.where_words(place, spec)[:-1]
-
-
-def test_a_gap_that_a_fall_makes_is_in_no_window():
-    _, place = where_of(2)
-    pair = replace(
-        place.pair, ended=-5.0, delta=place.pair.delta - 5.0, reason="the real rollout ended with 'fall'"
-    )
-    fallen = replace(place, pair=pair)
-    assert place.pair.window in place.pair.windows()
-    assert fallen.pair.window is None
-    lines = diagnosed.where_words(fallen, spec_of(2))
-    part = round(100 * pair.ended / pair.delta)
-    (ended,) = [line for line in lines if "the real rollout ended with 'fall'" in line]
-    assert ended.startswith(f"{part} % of it")
-    assert not any(" to " in line and line.endswith(" s") for line in lines)
-
-
-def test_small_gaps_are_not_rounded_to_nothing(one):
-    found, spec = one
-    tiny = replace(found.how_far.before, mean=1.5e-5, low=1.4e-5, high=1.6e-5, worst=2e-5)
-    shown = diagnosed.text(replace(found, how_far=replace(found.how_far, before=tiny)), spec)
-    assert "before 15.0 (95 %: 14.0 to 16.0), 20.0 at the worst test" in shown
-    assert "|ρ_real − ρ_sim| in µm" in shown
-
-
-def test_rho_at_the_worst_test_is_given_where_one_predicate_decides_it():
-    spec = s2r.parse_spec(
-        f"signal x {{m}}\n{SPACES[1]}\nrequire near: always[0, 1 s] (abs(x) <= 0.5)\n", "a.stl"
-    )
-    rng = np.random.default_rng(1)
-    real, simulated = rollout(rng, 0.5), rollout(rng, 0.1)
-    rhos = [spec.robustness(trace, {"vd": 0.5})["near"] for trace in (real, simulated)]
-    found = where(spec, "near", Pairs([{"vd": 0.5}], [(real, rhos[0])], [(simulated, rhos[1])]))
-    first = diagnosed.where_words(found, spec)[0]
-    assert f"{rhos[1]:+.3g} m in simulation" in first
-    assert f"{rhos[0]:+.3g} m on the real machine".replace("-", "−") in first
-    assert (
-        "in simulation"
-        not in diagnosed.where_words(replace(found, pair=replace(found.pair, delta=9.0)), spec)[0]
-    )
 
 
 def test_names_are_text_whatever_they_are(one):

@@ -1,0 +1,181 @@
+"""The verdict: one word from sizes, the gap, the misfit, what is left of the motion and suspected mistakes.
+
+The gap *shows* if it is material at held-out or other tests (:mod:`.gap.held_out`), or matters at any test, early ends
+included (:mod:`.gap.materiality`). Held-out rollouts say how much of it is *closed* by the better of two simulators:
+that with the named effects, and that with the posterior mean of all. Rules, the first that holds:
+
+| rule | condition | verdict |
+| --- | --- | --- |
+| REMAINDER | the gap shows, and motion is left that no effect explains | none of these |
+| MISFIT | the misfit is an alarm; a gap is not closed, or was not measured and something is named | none of these |
+| STAYS | surely not all is closed, and less than half with an effect named, else less than 80 % | none of these |
+| END | a named value is at the end of its range, and surely less than 80 % is closed | none of these |
+| MISTAKE | an effect is named, and a mistake of the recordings explains more | none of these |
+| ALIKE | an effect is named, and a mistake of the recordings explains as much | confounded |
+| OPEN | an effect is named, and an allowed experiment would settle a possible one | confounded |
+| EFFECT | an effect is named | named |
+| EITHER | the gap shows, and surely there is a cause, but it is not clear which | confounded |
+| SPREAD | the gap shows | no single cause |
+| NONE | else | no material gap |
+
+An effect is *named* by its size alone (:mod:`.inference.estimates`), whether or not the gap shows: it is a fact about
+the machine, and may matter for another requirement. The reason then says first that the gap is not material. A named
+effect does not count if its patch makes a material gap where there is none.
+
+These rules keep two promises. *No material gap* is never said of a gap that shows. No cause is named that surely leaves
+the gap. A misfit alone is no verdict where no gap is left: every machine differs from its simulator in ways that no
+requirement asks about.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, Protocol
+
+from s2r_spec.diagnose.experiment_design.identifiability import Separation
+from s2r_spec.diagnose.gap.held_out import CLOSED, GONE, HeldOutGap
+from s2r_spec.diagnose.gap.materiality import Materiality
+from s2r_spec.diagnose.inference.estimates import EffectEstimate, Status
+from s2r_spec.diagnose.inference.prior import SURE
+from s2r_spec.diagnose.quality.finding import Finding
+from s2r_spec.diagnose.remainder import Remainder
+from s2r_spec.verdict import Tone, Toned
+
+
+class Verdict(Toned):
+    """What the diagnosis says, in the user's words."""
+
+    NONE = "no material gap", Tone.GOOD
+    SPREAD = "no single cause", Tone.OPEN
+    """A material gap that nothing named closes, and small amounts of all effects do."""
+    NAMED = "named", Tone.GOOD
+    CONFOUNDED = "confounded", Tone.OPEN
+    UNKNOWN = "none of these", Tone.OPEN
+
+
+class Rule(Enum):
+    """The rule behind a verdict; see the table of this module."""
+
+    REMAINDER = "remainder", Verdict.UNKNOWN
+    MISFIT = "misfit", Verdict.UNKNOWN
+    STAYS = "stays", Verdict.UNKNOWN
+    END = "end", Verdict.UNKNOWN
+    MISTAKE = "mistake", Verdict.UNKNOWN
+    ALIKE = "alike", Verdict.CONFOUNDED
+    OPEN = "open", Verdict.CONFOUNDED
+    EFFECT = "effect", Verdict.NAMED
+    EITHER = "either", Verdict.CONFOUNDED
+    SPREAD = "spread", Verdict.SPREAD
+    NONE = "none", Verdict.NONE
+
+    @property
+    def verdict(self) -> Verdict:
+        """What this rule answers."""
+        return self.value[1]
+
+
+class GoodnessOfFit(Protocol):
+    """Whether the best set fits the traces as well as it fits machines of the catalogue."""
+
+    @property
+    def p(self) -> float:
+        """Conformal p-value over all experiments."""
+
+    @property
+    def level(self) -> float:
+        """Level of the alarm."""
+
+    @property
+    def alarm(self) -> bool:
+        """Whether the p-value is at most its level."""
+
+    @property
+    def worst(self) -> Any:
+        """Where the misfit is largest: experiment, quantity, statistic, part, begin and end [s]."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What a verdict rests on.
+
+    Attributes:
+        effects: estimate of every effect.
+        any_cause: probability that some effect is at least a quarter of typical.
+        separations: one for each possible effect: what other experiments would say about it.
+        held_out: the held-out gap; None where nothing was held out.
+        materiality: whether the gap matters at any test; None where that was not tested.
+        goodness: of the fit; None where that was not tested.
+        left: motion that no effect explains.
+        findings: suspected mistakes of the recordings.
+    """
+
+    effects: tuple[EffectEstimate, ...]
+    any_cause: float
+    separations: tuple[Separation, ...] = ()
+    held_out: HeldOutGap | None = None
+    materiality: Materiality | None = None
+    goodness: GoodnessOfFit | None = None
+    left: Sequence[Remainder] = ()
+    findings: Sequence[Finding] = ()
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """The named effects, in the order of the catalogue."""
+        return tuple(one.effect for one in self.effects if one.status is Status.NAMED)
+
+    @property
+    def at_end(self) -> tuple[str, ...]:
+        """The parameters of the named effects whose value is at the end of its range."""
+        return tuple(
+            f"{one.effect}.{each.parameter}"
+            for one in self.effects
+            for each in one.parameters
+            if one.status is Status.NAMED and each.at_end
+        )
+
+    @property
+    def open(self) -> tuple[str, ...]:
+        """The possible effects that an allowed experiment would settle."""
+        return tuple(one.effect for one in self.separations if one.best(allowed=True))
+
+    @property
+    def answer(self) -> tuple[str, ...]:
+        """The effects that the verdict names."""
+        return self.named if self.rule() in (Rule.ALIKE, Rule.OPEN, Rule.EFFECT) else ()
+
+    @property
+    def shows(self) -> bool:
+        """Whether the gap is material or matters anywhere."""
+        far, matters = self.held_out, self.materiality
+        held = far is not None and (far.material or far.elsewhere)
+        return held or (matters is not None and matters.matters)
+
+    @property
+    def rivals(self) -> tuple[Finding, ...]:
+        """The suspected mistakes that do the same as an effect."""
+        return tuple(one for one in self.findings if one.imitates)
+
+    def rule(self) -> Rule:
+        """Return the first rule that holds."""
+        far, shows = self.held_out, self.shows
+        named = bool(self.named) and not (far is not None and far.harmful)
+        alarm = self.goodness is not None and self.goodness.alarm
+        if shows and any(one.material for one in self.left):
+            return Rule.REMAINDER
+        if alarm and ((shows and not (far and far.closed)) or (named and far is None)):
+            return Rule.MISFIT
+        if far is not None and far.stays(CLOSED if named else GONE):
+            return Rule.STAYS
+        if far is not None and far.short and self.at_end:
+            return Rule.END
+        if named and any(not one.same for one in self.rivals):
+            return Rule.MISTAKE
+        if named and self.rivals:
+            return Rule.ALIKE
+        if named:
+            return Rule.OPEN if self.open else Rule.EFFECT
+        if shows:
+            return Rule.EITHER if self.any_cause >= SURE else Rule.SPREAD
+        return Rule.NONE

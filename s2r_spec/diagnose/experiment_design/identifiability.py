@@ -1,0 +1,263 @@
+"""What one more run of each experiment would say about the effects that are possible.
+
+Data: the likelihood of an estimate, with information L (K, K), and the response library. Unknown: how far the most
+probable sets of effects differ in a further run. Model, linear and Gaussian around the estimate:
+
+    ψ = θ + c,   c ~ N(0, S)        the error that all groups share; more runs do not lower it
+    θ | A ~ N(0, P_A)               prior of the sizes given a set A
+    data so far: information (L⁻¹ − S)⁻¹ about ψ;   a further run of experiment p: information B_p about ψ
+
+B_p is that of `inference/hierarchical.py`, with the variances of all groups at their prior and every slope taken from
+nominal to the size that a set has. Runs of the same experiment share its law errors: B_p is the information of n + 1
+runs less that of n. Estimator:
+
+    D²_ij = δᵀ B_p (1 + Σ B_p)⁻¹ δ,   δ = E(ψ | i) − E(ψ | j),   Σ = mean of both posterior covariances of ψ
+
+A run *settles* a possible effect if it separates the most probable sets with and without it by at least 3 σ, and the
+size is then clear of a quarter of typical with 95 % probability. A possible effect that no run settles cannot be told
+from what the other set has in its place.
+
+Units: θ, ψ in typical sizes, D in standard deviations per run. Shapes: K parameters, S sets.
+Source: Atkinson, Donev & Tobias, *Optimum Experimental Designs* (2007), ch. 20.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.diagnose.axes import Line
+from s2r_spec.diagnose.estimation import Estimate
+from s2r_spec.diagnose.inference.estimates import COVER
+from s2r_spec.diagnose.inference.gauss_newton import Observation
+from s2r_spec.diagnose.inference.hierarchical import Groups, Variances, likelihood, marginal, shared_error
+from s2r_spec.diagnose.inference.prior import BACKGROUND, NAMED, SLAB
+from s2r_spec.diagnose.simulator.experiments import Experiment
+from s2r_spec.diagnose.simulator.library import Response
+
+FloatArray = NDArray[np.float64]
+
+APART = 3.0
+"""Level: standard deviations from which on two sets are told apart. Higher, more pairs are called inseparable."""
+COMPARED = 12
+"""Budget: sets that are compared, most probable first. Doubled, four times as many pairs."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An experiment that could be run.
+
+    Attributes:
+        experiment: see there.
+        cost: of one run [s].
+        allowed: whether the user allows it.
+        runs: number of real runs so far.
+        test: of the specification, in its units; None for a protocol, or where the simulator has the same units.
+    """
+
+    experiment: Experiment
+    cost: float
+    allowed: bool = True
+    runs: int = 0
+    test: Mapping[str, float] | None = None
+
+    @property
+    def shown(self) -> Experiment:
+        """The experiment in the units of the specification."""
+        return self.experiment if self.test is None else Experiment.test(self.test)
+
+
+@dataclass(frozen=True)
+class Power:
+    """What one more run of an experiment says about a possible effect.
+
+    Attributes:
+        candidate: the experiment.
+        sigma: distance of the most probable sets with and without the effect.
+        settles: whether the effect is then named or ruled out.
+    """
+
+    candidate: Candidate
+    sigma: float
+    settles: bool
+
+
+@dataclass(frozen=True)
+class Separation:
+    """A possible effect, and the experiments that could settle it.
+
+    Attributes:
+        effect: name.
+        included: the most probable set with the effect.
+        excluded: the most probable set without it.
+        powers: of every candidate, largest distance first.
+    """
+
+    effect: str
+    included: tuple[str, ...]
+    excluded: tuple[str, ...]
+    powers: tuple[Power, ...]
+
+    def best(self, allowed: bool) -> Power | None:
+        """Return the experiment that settles the effect, the most powerful one first; None where none does."""
+        return next((one for one in self.powers if one.settles and one.candidate.allowed is allowed), None)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the fields, with the experiments in words."""
+        powers = [
+            {
+                "experiment": str(one.candidate.shown),
+                "allowed": one.candidate.allowed,
+                "sigma": one.sigma,
+                "settles": one.settles,
+            }
+            for one in self.powers
+        ]
+        sets = {"included": list(self.included), "excluded": list(self.excluded)}
+        return {"effect": self.effect, **sets, "powers": powers}
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """The posterior of ψ given each of the most probable sets.
+
+    Attributes:
+        estimate: of the machine.
+        information: (K, K) of the data so far about ψ.
+        shared: (K,) diagonal of S.
+        variance: (S, K) diagonal of P_A.
+        mean: (S, K) of ψ.
+        covariance: (S, K, K) of ψ.
+    """
+
+    estimate: Estimate
+    information: FloatArray
+    shared: FloatArray
+    variance: FloatArray
+    mean: FloatArray
+    covariance: FloatArray
+
+    @classmethod
+    def of(cls, found: Estimate) -> Forecast:
+        """Return the forecast of an estimate."""
+        theta, seen = found.fit.theta, found.fit.likelihood
+        shared, one = shared_error(theta), np.eye(theta.size)
+        inner = one - seen.information * shared
+        information = np.linalg.solve(inner, seen.information)
+        information = (information + information.T) / 2.0
+        moment = np.linalg.solve(inner, seen.score + seen.information @ theta)
+        variance = np.full((min(len(found.posterior.sets), COMPARED), theta.size), BACKGROUND**2)
+        for row, members in zip(variance, found.posterior.sets, strict=False):
+            row[list(members)] = SLAB**2
+        covariance = np.array([np.linalg.inv(information + np.diag(1.0 / (v + shared))) for v in variance])
+        return cls(found, information, shared, variance, covariance @ moment, covariance)
+
+    @cached_property
+    def names(self) -> tuple[tuple[str, ...], ...]:
+        """The effects of each set."""
+        sets = self.estimate.posterior.sets[: len(self.mean)]
+        return tuple(tuple(dict.fromkeys(self.lines[k].effect for k in members)) for members in sets)
+
+    @property
+    def lines(self) -> tuple[Line, ...]:
+        """The parameters of the catalogue."""
+        return self.estimate.library.parameters
+
+    @cached_property
+    def sizes(self) -> FloatArray:
+        """(K,) the size of each parameter whose response counts: the largest of any set, or a quarter of typical."""
+        prior = self.estimate.posterior.prior
+        largest = np.take_along_axis(self.mean, np.abs(self.mean).argmax(axis=0)[None], axis=0)[0]
+        usual = np.where(prior.high > 0.0, NAMED, -NAMED)
+        return np.clip(np.where(np.abs(largest) < NAMED, usual, largest), prior.low, prior.high)
+
+    def gained(self, candidate: Candidate) -> FloatArray:
+        """Return (K, K) the information of one more run about ψ."""
+        response = self.estimate.library.response(candidate.experiment)
+        after = information(response, self.estimate.fit.theta, self.sizes, candidate.runs + 1)
+        if not candidate.runs:
+            return after
+        return after - information(response, self.estimate.fit.theta, self.sizes, candidate.runs)
+
+    def apart(self, gained: FloatArray) -> FloatArray:
+        """Return (S, S) the distance D of any two sets in data of this information."""
+        count = len(self.mean)
+        distance = np.zeros((count, count))
+        for i in range(count):
+            for j in range(i):
+                delta = self.mean[i] - self.mean[j]
+                between = 0.5 * (self.covariance[i] + self.covariance[j])
+                seen = np.linalg.solve(np.eye(delta.size) + gained @ between, gained @ delta)
+                distance[i, j] = distance[j, i] = np.sqrt(max(float(delta @ seen), 0.0))
+        return distance
+
+    def deviation(self, gained: FloatArray, row: int) -> FloatArray:
+        """Return (K,) the deviation of every size given a set, after data of this information."""
+        total = self.information + gained
+        seen = np.linalg.solve(np.eye(len(total)) + total * self.shared, total)
+        return np.asarray(np.sqrt(np.diag(np.linalg.inv(seen + np.diag(1.0 / self.variance[row])))))
+
+
+def information(response: Response, theta: FloatArray, sizes: FloatArray, runs: int) -> FloatArray:
+    """Return (K, K) the information about ψ of the mean of so many runs, with slopes from nominal to (K,) sizes."""
+    one = Observation.of(response, [response.nominal] * runs)
+    if not one.parts:
+        return np.zeros((theta.size, theta.size))
+    slopes = [
+        curve.at(size) / size if size else curve.slope(0.0)
+        for curve, size in zip(one.curves, sizes.tolist(), strict=True)
+    ]
+    columns = np.vstack([*slopes, one.variants])
+    groups = Groups.of(np.zeros(columns.shape[1]), columns, [places for _, places in one.parts])
+    found = likelihood(groups, theta, Variances.prior(len(one.parts)))
+    return marginal(found, np.zeros(theta.size)).information
+
+
+def separations(
+    found: Estimate, possible: Iterable[str], candidates: Sequence[Candidate]
+) -> tuple[Separation, ...]:
+    """Return what one more run of each candidate says about each possible effect.
+
+    Args:
+        found: the estimate.
+        possible: names of effects.
+        candidates: allowed or not; an experiment that the library does not have is left out.
+    """
+    forecast = Forecast.of(found)
+    known = {each.experiment for each in found.library.responses}
+    gains = [(one, forecast.gained(one)) for one in candidates if one.experiment in known]
+    distances = [forecast.apart(gained) for _, gained in gains]
+    return tuple(_separation(forecast, name, gains, distances) for name in possible)
+
+
+def _separation(
+    forecast: Forecast,
+    effect: str,
+    gains: Sequence[tuple[Candidate, FloatArray]],
+    distances: Sequence[FloatArray],
+) -> Separation:
+    names = forecast.names
+    included = next((n for n, own in enumerate(names) if effect in own), None)
+    excluded = next((n for n, own in enumerate(names) if effect not in own), None)
+    row = included or 0
+    size = np.where([line.effect == effect for line in forecast.lines], np.abs(forecast.mean[row]), 0.0)
+    powers = []
+    for (one, gained), distance in zip(gains, distances, strict=True):
+        largest = int(size.argmax())
+        sigma = clear = float(np.abs(size[largest] - NAMED) / forecast.deviation(gained, row)[largest])
+        settles = clear >= COVER
+        if included is not None and excluded is not None:  # else only the width of the size is open
+            sigma = float(distance[included, excluded])
+            settles &= sigma >= APART
+        powers.append(Power(one, sigma, settles))
+    return Separation(
+        effect,
+        () if included is None else names[included],
+        () if excluded is None else names[excluded],
+        tuple(sorted(powers, key=lambda power: -power.sigma)),
+    )

@@ -1,0 +1,192 @@
+"""Sizes of all effects with intervals, and which of them are named, possible, ruled out or hidden.
+
+Data: the likelihood of θ (K,) with information L, and the posterior over sets of parameters and over sizes
+(:mod:`.model_search`). Estimators, over all sets with their probabilities:
+
+    value and interval: the 5 %, 50 % and 95 % quantiles of θ_k
+    probability of an effect: P(any of its parameters has |θ_k| ≥ 0.25 typical)
+    half-width: 1.645 √ diag (L + 1/σ_slab²)⁻¹, what the data alone say of θ_k, with all other sizes free
+    tuned: E θ, the posterior mean of every parameter
+
+An effect is *named* if its probability is at least 0.95, *possible* from 0.05 on, else *ruled out* (:mod:`.prior`). It
+is *hidden* instead of ruled out if every half-width of it is above a quarter of typical: then the prior alone speaks
+against it. Every effect gets an entry.
+
+Units: sizes in typical sizes, values in the parameter's unit. Shapes: K parameters, S sets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.diagnose.axes import Line
+from s2r_spec.diagnose.inference.hierarchical import Likelihood
+from s2r_spec.diagnose.inference.model_search import ModelPosterior
+from s2r_spec.diagnose.inference.prior import NAMED, POSSIBLE, SLAB, SURE
+
+FloatArray = NDArray[np.float64]
+
+INTERVAL = (0.05, 0.5, 0.95)
+"""Definition: quantiles of an estimate: lower end, value and upper end of a 90 % interval."""
+COVER = 1.645
+"""Definition: standard deviations to either end of a 90 % interval of a normal distribution."""
+
+
+class Status(Enum):
+    """Whether an effect is there, by its size."""
+
+    NAMED = "named"
+    POSSIBLE = "possible"
+    RULED_OUT = "ruled out"
+    HIDDEN = "hidden"
+
+
+@dataclass(frozen=True)
+class ParameterEstimate:
+    """A parameter of an effect.
+
+    Attributes:
+        parameter: name.
+        unit: of the next three.
+        value: posterior median.
+        low: lower end of the 90 % interval.
+        high: upper end.
+        size: the median in typical sizes.
+        size_low: lower end of the interval in typical sizes.
+        size_high: upper end.
+        half_width: of the interval by the data alone, with all other sizes free, in typical sizes.
+        at_end: whether the data ask for an end of the range, beyond which nothing was simulated.
+    """
+
+    parameter: str
+    unit: str
+    value: float
+    low: float
+    high: float
+    size: float
+    size_low: float
+    size_high: float
+    half_width: float
+    at_end: bool = False
+
+    @property
+    def hidden(self) -> bool:
+        """Whether the data alone do not measure it to a quarter of typical."""
+        return self.half_width > NAMED
+
+
+@dataclass(frozen=True)
+class EffectEstimate:
+    """An effect of the catalogue.
+
+    Attributes:
+        effect: name.
+        family: of the effect.
+        probability: that it is at least a quarter of typical.
+        parameters: in the order of the catalogue.
+    """
+
+    effect: str
+    family: str
+    probability: float
+    parameters: tuple[ParameterEstimate, ...]
+
+    @property
+    def status(self) -> Status:
+        """Whether it is named, possible, ruled out or hidden."""
+        if self.probability >= SURE:
+            return Status.NAMED
+        if self.probability >= POSSIBLE:
+            return Status.POSSIBLE
+        return Status.HIDDEN if all(one.hidden for one in self.parameters) else Status.RULED_OUT
+
+    @property
+    def largest(self) -> ParameterEstimate:
+        """The parameter with the largest size."""
+        return max(self.parameters, key=lambda one: abs(one.size))
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The value of every parameter."""
+        return {one.parameter: one.value for one in self.parameters}
+
+
+def effect_estimates(
+    found: ModelPosterior, seen: Likelihood, parameters: Sequence[Line], families: Mapping[str, str]
+) -> tuple[EffectEstimate, ...]:
+    """Return the estimate of every effect, in the order of the catalogue.
+
+    Args:
+        found: the posterior.
+        seen: the likelihood behind it.
+        parameters: of the catalogue, as in both.
+        families: effect → family.
+    """
+    low, middle, high = (found.quantile(level) for level in INTERVAL)
+    width = COVER * np.sqrt(np.diag(np.linalg.inv(seen.information + np.eye(len(middle)) / SLAB**2)))
+    # The posterior is truncated to the range. Its mean before that says whether the data ask for more.
+    ends = np.array([found.prior.low, found.prior.high])
+    at_end = (found.mean[0] / np.where(np.abs(ends) > 1e-9, ends, np.nan) >= 1.0).any(axis=0)
+    rows: dict[str, list[ParameterEstimate]] = {}
+    for line, size, below, above, half, end in zip(
+        parameters, *(x.tolist() for x in (middle, low, high, width, at_end)), strict=True
+    ):
+        value, least, most = map(line.value, (size, below, above))
+        one = ParameterEstimate(line.parameter, line.unit, value, least, most, size, below, above, half, end)
+        rows.setdefault(line.effect, []).append(one)
+    probabilities = found.beyond().tolist()
+    return tuple(
+        EffectEstimate(effect, families.get(effect, ""), p, tuple(own))
+        for (effect, own), p in zip(rows.items(), probabilities, strict=True)
+    )
+
+
+def any_cause(found: ModelPosterior) -> float:
+    """Return the probability that some effect is at least a quarter of typical."""
+    together = replace(found.prior, effect=np.zeros_like(found.prior.effect))
+    return float(replace(found, prior=together).beyond()[0])
+
+
+def mean_sizes(found: ModelPosterior) -> FloatArray:
+    """Return (K,) the posterior mean of every size, each truncated to its range."""
+    from scipy.special import ndtr
+
+    ends = [(end - found.mean) / found.deviation for end in (found.prior.low, found.prior.high)]
+    density = [np.exp(-0.5 * np.minimum(end**2, 1e3)) / np.sqrt(2.0 * np.pi) for end in ends]
+    mass = np.maximum(ndtr(ends[1]) - ndtr(ends[0]), 1e-12)
+    mean = found.mean + found.deviation * (density[0] - density[1]) / mass
+    return np.asarray(found.probability @ np.clip(mean, found.prior.low, found.prior.high))
+
+
+def by_effects(
+    found: ModelPosterior, parameters: Sequence[Line]
+) -> tuple[tuple[tuple[str, ...], float], ...]:
+    """Return sets of effects with their probabilities, most probable first; sets of parameters are summed."""
+    total: dict[tuple[str, ...], float] = {}
+    for members, p in zip(found.sets, found.probability.tolist(), strict=True):
+        names = tuple(dict.fromkeys(parameters[k].effect for k in members))
+        total[names] = total.get(names, 0.0) + p
+    return tuple(sorted(total.items(), key=lambda item: -item[1]))
+
+
+def with_status(effects: Iterable[EffectEstimate], status: Status) -> tuple[EffectEstimate, ...]:
+    """Return the effects of one status, most probable first."""
+    return tuple(sorted((e for e in effects if e.status is status), key=lambda e: -e.probability))
+
+
+def hidden_names(effects: Iterable[EffectEstimate]) -> tuple[str, ...]:
+    """Return the effects, or some of their parameters, that the data alone do not measure to a quarter of typical."""
+    return tuple(
+        name
+        for one in effects
+        for name in (
+            [one.effect]
+            if all(each.hidden for each in one.parameters)
+            else [f"{one.effect}.{each.parameter}" for each in one.parameters if each.hidden]
+        )
+    )

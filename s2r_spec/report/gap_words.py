@@ -1,0 +1,152 @@
+"""Sentences on a gap: where it lies, what no effect explains of it, and how far it shrinks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from s2r_spec.attribution.place import Place, Range, cause_first
+from s2r_spec.diagnose.gap.held_out import Gap, HeldOutGap
+from s2r_spec.diagnose.gap.where import Where
+from s2r_spec.diagnose.how_far import HowFar
+from s2r_spec.diagnose.remainder import Remainder
+from s2r_spec.quantity import Scale, measured, quantity
+from s2r_spec.report.checked import test_words
+from s2r_spec.report.figures.robot import amount
+from s2r_spec.spec import Spec
+
+PARTS = 3
+"""Definition: parts of the machine that are printed, largest shift first."""
+LATE = 0.95
+"""Definition: part of a rollout; a window that ends later than it says nothing about the time of the cause."""
+
+
+def listed(names: Sequence[str], last: str = "and") -> str:
+    """Return "a, b and c"."""
+    return f" {last} ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
+
+
+def where_words(where: Where, spec: Spec) -> tuple[str, ...]:
+    """Return sentences on the worst test: its gap, and the time, channel and predicate that cause most of it."""
+    unit = where.pair.unit
+    test = test_words(where.test, spec.space.units)
+    lines = [
+        f"worst test of those run{f', {test}' if test else ''}: Δρ {_signed(where.pair.delta, unit)}{_rho(where)}"
+    ]
+    window = where.pair.window
+    if where.pair.delta and window is None:
+        part = round(100 * where.pair.ended / where.pair.delta)
+        lines.append(
+            f"{part} % of it comes from the end of a trace: {where.pair.reason or 'one trace ends before the other'}"
+        )
+    elif where.pair.delta and window is not None:
+        part = round(100 * window.delta / where.pair.delta)
+        lines.append(f"{part} % of it arises {Place(Range(window.begin, window.end))}")
+    credit = {name: float(values.sum()) for name, values in where.pair.credit.items()}
+    if credit and window is not None:
+        name = max(credit, key=lambda n: abs(credit[n]))
+        lines.append(f"most of it comes from {name} ({_signed(credit[name], unit)})")
+    if where.pair.switch is not None:
+        lines.append(str(where.pair.switch))
+    if where.space is not None:
+        place = test_words(where.space.worst, spec.space.units)
+        expected = measured(*where.space.largest, where.space.unit)
+        lines.append(f"worst test of the whole space is probably {place}: expected |Δρ| {expected} at 95 %")
+    return tuple(lines)
+
+
+def _signed(value: float, unit: str) -> str:
+    """Return a quantity with its sign: ``−12 µm``."""
+    return f"{'−' if value < 0.0 else '+'}{quantity(abs(value), unit)}"
+
+
+def _rho(where: Where) -> str:
+    """Return ρ of both rollouts at the worst test; "" where it is not the margin of one predicate."""
+    pair, switch = where.pair, where.pair.switch
+    if switch is None:
+        return ""
+    simulated, real = switch.simulated.simulated, switch.real.real
+    if not math.isclose(real - simulated, pair.delta, rel_tol=1e-6, abs_tol=1e-12):
+        return ""
+    return (
+        f" (ρ {_signed(simulated, pair.unit)} in simulation, {_signed(real, pair.unit)} on the real machine)"
+    )
+
+
+def body_words(where: Where) -> tuple[str, ...]:
+    """Return one sentence for each part whose residuals the nominal model does not explain, the cause's place first."""
+    if where.body is None:
+        return (where.no_body,)
+    body, origin = where.body, where.body.origin
+    if origin is None:
+        return (
+            f"the nominal model explains the residuals of every part of the machine ({body.asked} comparisons)",
+        )
+    shown = [(part, part.shifts[0]) for part in body.shifted[:PARTS]]
+    if origin[0] not in body.shifted[:PARTS]:
+        shown.append(origin)  # where the next step looks first
+    ordered = cause_first(shown, lambda one: body.place(*one), lambda one: one[1].sigma)
+    return tuple(
+        f"{body.place(part, shift)}: {amount(shift)}, unexplained by the nominal model"
+        for part, shift in ordered
+    )
+
+
+def left_words(left: Sequence[Remainder]) -> tuple[str, ...]:
+    """Return one sentence for each remainder of the motion that no effect explains."""
+    if not left:
+        return ()
+    unexplained = [f"{each}, which no effect explains" for each in left if each.material]
+    return tuple(unexplained[:PARTS]) or ("the best-fitting simulator explains all of the motion",)
+
+
+def shrink_rows(far: HowFar | HeldOutGap) -> tuple[tuple[str, str], ...]:
+    """Return (name, text) rows: the gap before and after, the floor, and the closed part."""
+    scale = _scale(far)
+    rows = [("before", _gap(far.before, scale))]
+    if far.after is not None:
+        rows.append(("after", _gap(far.after, scale)))
+    rows.append(("floor", f"{scale.number(far.floor, 0.3 * far.floor)} (scatter alone)"))
+    for name, part, words in (
+        ("closed", far.share, "of the gap above the floor"),
+        ("tuned", far.tuned_share, "with small amounts of every other effect"),
+    ):
+        if part is not None:
+            value, low, high = (round(100 * end) for end in part)
+            more = "; more than 100 % is scatter" if value > 100 else ""
+            rows.append((name, f"{value} % {words} (95 %: {low} to {high} %{more})"))
+    return tuple(rows)
+
+
+def gap_title(far: HowFar | HeldOutGap) -> str:
+    """Return the title of :func:`shrink_rows`, with their unit."""
+    unit = _scale(far).unit
+    return f"gap on {far.rollouts} held-out rollouts, mean |ρ_real − ρ_sim|{f' in {unit}' if unit else ''}"
+
+
+def _scale(far: HowFar | HeldOutGap) -> Scale:
+    return Scale.of(max(far.before.mean, far.before.worst), far.unit)
+
+
+def _gap(gap: Gap, scale: Scale) -> str:
+    half = (gap.high - gap.low) / 2
+    mean, low, high, worst = (scale.number(value, half) for value in (gap.mean, gap.low, gap.high, gap.worst))
+    return f"{mean} (95 %: {low} to {high}), {worst} at the worst test"
+
+
+def place_words(left: Sequence[Remainder], where: Where | None) -> str:
+    """Return the place to look at: the unexplained motion, the part where a shift begins, or a time."""
+    if left and left[0].material:
+        return f" that explains {left[0]}"
+    if where is None:
+        return ""
+    if where.body is not None and (origin := where.body.origin) is not None:
+        return f" that acts {where.body.place(*origin)} ({origin[1].channel})"
+    window = where.pair.window
+    if window is None:
+        return f" before the end of the trace ({where.pair.reason})" if where.pair.reason else ""
+    times = where.pair.times
+    if window.end - times[0] > LATE * (times[-1] - times[0]):
+        return ""  # a cause before the end is every cause
+    # ρ is decided where a requirement is nearest to its limit; feedback carries earlier disturbances there.
+    return f" that acts before or while most of the gap arises ({Place(Range(window.begin, window.end))})"

@@ -1,0 +1,141 @@
+"""The reason for a verdict in a few sentences: whether the gap is material, the cause, how much it closes."""
+
+from __future__ import annotations
+
+from s2r_spec.attribution.place import Place, Range
+from s2r_spec.diagnose.answer import Diagnosis
+from s2r_spec.diagnose.decision import Rule, Verdict
+from s2r_spec.report.gap_words import listed
+
+LITTLE = "a few percent of every effect"
+"""Definition: the words for the small effects that every machine has; alone they make no material gap."""
+
+
+def reason(found: Diagnosis) -> str:
+    """Return the reason for the verdict of a diagnosis."""
+    material = _material(found)
+    match found.rule:
+        case Rule.EFFECT | Rule.OPEN:
+            closes = _closes(found) if found.evidence.shows else []
+            return _joined(material, _cause(found), *closes, *_open(found), *_odd(found))
+        case Rule.EITHER:
+            rivals = listed([one.effect for one in found.which.possible], "or")
+            return _joined(
+                material, f"There is a cause, but the data do not tell which: {rivals}.", *_closes(found)
+            )
+        case Rule.SPREAD:
+            return _joined(material, "No cause stands out.", *_closes(found), *_mistake(found))
+        case Rule.NONE:
+            return _joined(material, *_differ(found), *_odd(found), *_mistake(found))
+        case Rule.ALIKE:
+            cause = f"{_named(found)} {_verb(found, 'explain')} the data, and {_mistaken(found)} would do the same"
+            return f"{cause}: check the recordings first."
+        case Rule.MISTAKE:
+            cause = f"Of the catalogue, {_named(found)} {_verb(found, 'fit')} best, but {_mistaken(found)} would do"
+            return f"{cause} the same and explains more: check the recordings first."
+        case _:
+            return _joined(material, *_unknown(found))
+
+
+def _joined(*sentences: str) -> str:
+    return " ".join(filter(None, sentences))
+
+
+def _material(found: Diagnosis) -> str:
+    """Return whether the gap is material, and where, if not on average over the held-out tests."""
+    far, matters = found.how_far, found.materiality
+    if far is not None and far.material:
+        return "The gap is material."
+    if not found.evidence.shows:
+        if far is None:
+            return "The gap matters at no test." if matters is not None else "The gap was not measured."
+        return f"The gap in ρ is not material: {LITTLE} would make one as large."
+    ended = None if matters is None or matters.places else matters.failures
+    if ended is not None and ended.matters:
+        return (
+            f"The gap is material: {ended.real} of {ended.real_rollouts} real rollouts ended early, and "
+            f"{ended.simulated} of {ended.simulated_rollouts} simulated ones."
+        )
+    if far is None:
+        return "The gap is material. No rollout was held out to measure its reduction."
+    return "The gap is material at some tests, but not on average over the held-out tests."
+
+
+def _named(found: Diagnosis) -> str:
+    return listed(found.evidence.named)
+
+
+def _verb(found: Diagnosis, verb: str) -> str:
+    return verb if len(found.evidence.named) > 1 else f"{verb}s"
+
+
+def _cause(found: Diagnosis) -> str:
+    return f"{_named(found)} {_verb(found, 'explain')} the data best."
+
+
+def _open(found: Diagnosis) -> list[str]:
+    """Return which possible effects a further experiment would settle."""
+    if found.rule is not Rule.OPEN:
+        return []
+    return [f"{listed(found.evidence.open, 'or')} may be there, too; one more experiment would settle it."]
+
+
+def _closes(found: Diagnosis) -> list[str]:
+    """Return how much of the held-out gap is closed, by the named effects or by all together."""
+    far, named = found.how_far, found.evidence.named
+    ends = [f"{name} is at the end of its range." for name in found.evidence.at_end]
+    if far is not None and named and far.share is not None:
+        subject = "it closes" if len(named) == 1 else "they close"
+        words = [f"Added to the simulator, {subject} {_part(far.share[0])} the held-out gap above scatter."]
+        more = [f"The rest is more than {LITTLE} would leave."] if far.leaves_more else []
+        return [*words, *more, *ends]
+    if far is not None and not named and far.tuned_share is not None:
+        part = _part(far.tuned_share[0])
+        return [f"Small amounts of all effects close {part} the held-out gap above scatter."]
+    return ends
+
+
+def _part(share: float) -> str:
+    """Return how much of a gap is closed, in words."""
+    return "none of" if share <= 0.0 else "all of" if share > 1.0 else f"{100 * share:.0f} % of"
+
+
+def _unknown(found: Diagnosis) -> list[str]:
+    """Return why no effect of the catalogue is the answer, and the nearest one."""
+    sentences = ["No effect of the catalogue explains the data."]
+    sentences += [f"Unexplained: {each}." for each in found.left[:1] if each.material]
+    if found.which.nearest:
+        sentences.append(f"The nearest is {listed(found.which.nearest)} ({found.which.nearest_family}).")
+    return [*sentences, *_closes(found), *_odd(found)]
+
+
+def _odd(found: Diagnosis) -> list[str]:
+    """Return that the traces fit no set of effects, if they do not, and where the misfit is largest."""
+    goodness = found.evidence.goodness
+    if goodness is None or not goodness.alarm:
+        return []
+    worst = goodness.worst
+    place = Place(Range(worst.begin, worst.end), worst.part)
+    least = f"least of all {worst.quantity} of {worst.experiment} {place}"
+    also = (
+        [] if found.verdict is Verdict.UNKNOWN else ["Something differs that this requirement does not need."]
+    )
+    return [f"No set of effects fits the traces (p = {goodness.p:.2g}), {least}.", *also]
+
+
+def _differ(found: Diagnosis) -> list[str]:
+    """Return by which causes the traces differ although none is named, and what no effect explains."""
+    first = found.which.sets[0][0] if found.which.sets else ()
+    seen = [f"The traces do differ, most as with {listed(first)}."] if first else []
+    return [*seen, *(f"No effect explains {each}." for each in found.left[:1] if each.material)]
+
+
+def _mistake(found: Diagnosis) -> list[str]:
+    """Return the mistake of the recordings that would explain a difference without a named cause."""
+    if not found.evidence.rivals:
+        return []
+    return [f"But {_mistaken(found)} would explain how the recordings differ: check them first."]
+
+
+def _mistaken(found: Diagnosis) -> str:
+    return found.evidence.rivals[0].imitates

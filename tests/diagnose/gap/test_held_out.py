@@ -1,0 +1,120 @@
+"""The held-out gap before and after: from numbers, and of a cart."""
+
+import json
+
+import numpy as np
+import pytest
+from s2r_cart import SPEC, Cart, real
+
+from s2r_spec import parse_spec
+from s2r_spec.diagnose.gap.held_out import background_machines, compared, gap, held_out_gap, scatter
+from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.rollouts.compatibility import check_compatibility
+
+TESTS = [{"v": k / 9} for k in range(9)]
+
+
+def far(share=0.95, size=1.0, tuned=None, background=0.1, seen=None, tests=TESTS, named=True):
+    """A gap that is the same at nine tests, and a patch that closes this part of it."""
+    n = len(tests)
+    closed = [np.full(n, (share if part is None else part) * size) for part in (tuned, None)]
+    return compared(np.full(n, size), [np.zeros(n), *closed[: 1 + named]], tests, 0.01, background, "m", seen)
+
+
+def test_gap_share_and_floor():
+    found = far(share=0.5)
+    assert (found.before.mean, found.after.mean) == (1.0, 0.5)
+    assert found.floor == pytest.approx(0.01 * np.sqrt(2 / np.pi * 4 / 3))
+    assert found.share[0] == pytest.approx(0.5 / (1.0 - found.floor))
+    assert found.tests[0].after == 0.5
+    # With nine tests, 28 % of all tests may have a larger gap.
+    assert found.beyond == pytest.approx(1 - 0.05 ** (1 / 9))
+
+
+@pytest.mark.parametrize(
+    ("found", "true"),
+    [
+        (far(0.95), {"material", "closed"}),
+        (far(0.7), {"material", "short", "leaves_more"}),
+        (far(0.3), {"material", "short", "leaves_more", "stays"}),
+        (far(0.3, tuned=0.9), {"material", "short", "leaves_more", "closed", "better_tuned"}),
+        (far(0.95, size=0.05), set()),
+        (far(40.0, size=0.05), {"harmful"}),
+        (far(0.95, size=0.05, seen=gap(np.ones(4), np.arange(4))), {"elsewhere"}),
+    ],
+)
+def test_what_the_held_out_tests_say(found, true):
+    names = ("material", "elsewhere", "closed", "short", "harmful", "leaves_more", "better_tuned")
+    said = {name for name in names if getattr(found, name)} | ({"stays"} if found.stays(0.5) else set())
+    assert said == true
+
+
+def test_a_gap_of_one_test_stays_for_nobody_knows():
+    """The bootstrap over tests has shares from far below 0 to 1, where one test has all of the gap."""
+    real = np.array([1.0] + [0.011] * 8)
+    left = np.array([0.05] + [0.15] * 8)
+    found = compared(real, [np.zeros(9), real - left, real - left], TESTS, 0.01, 0.0, "m")
+    assert found.material
+    assert not found.stays(0.8)
+    assert not found.closed
+
+
+def test_replicates_say_how_rho_scatters_where_there_are_enough():
+    rng = np.random.default_rng(0)
+    few = [({"v": 0.0}, 1.0), ({"v": 0.0}, 3.0), ({"v": 1.0}, 0.0)]
+    assert scatter(few, 0.5) == 0.5
+    many = [({"v": float(k // 4)}, float(k // 4 + 0.2 * rng.normal())) for k in range(400)]
+    assert scatter(many, 9.0) == pytest.approx(0.2, rel=0.1)
+
+
+def test_the_json_object_has_plain_values():
+    found = far(0.7, seen=gap(np.ones(2), np.arange(2))).to_json()
+    assert json.loads(json.dumps(found)) == found
+    assert found["share"].keys() == {"estimate", "low", "high"}
+    assert far(named=False).to_json()["after"] is None
+
+
+@pytest.fixture(scope="module")
+def bench():
+    spec = parse_spec(SPEC)
+    return Bench(Cart(), spec, "tracking", check_compatibility(spec, "tracking", Cart()))
+
+
+def runs(tests, effects, first):
+    return [(test, real(test, first + k, effects)) for k, test in enumerate(tests)]
+
+
+CART_TESTS = [{"vd": vd, "acc": acc} for vd in (0.3, 0.6, 0.9) for acc in (1.5, 3.5)]
+SEEN, HELD = CART_TESTS[:3] * 2, CART_TESTS[3:] * 2
+
+
+def test_the_right_patch_closes_the_gap_and_a_wrong_one_does_not(bench):
+    held, seen = runs(HELD, {"tilt": -2.5}, 4000), runs(SEEN, {"tilt": -2.5}, 4050)
+    tuned = {"tilt": {"force": -2.4}, "viscous": {"coefficient": 0.05}}
+    found = held_out_gap(bench, held, seen, {"tilt": {"force": -2.5}}, tuned, 0)
+    assert found.closed
+    assert not found.stays(0.5)
+    assert found.seen.mean > found.at_most
+    assert 0.0 < found.floor < found.background < found.before.mean
+    assert (found.rollouts, found.unit, len(found.tests)) == (6, "m/s", 3)
+    wrong = held_out_gap(bench, held, seen, {"motor": {"factor": 0.95}}, {"motor": {"factor": 0.94}}, 0)
+    assert wrong.stays(0.5)
+    assert wrong.before == found.before
+    assert held_out_gap(bench, [], seen, {}, tuned, 0) is None
+
+
+def test_a_healthy_machine_has_no_material_gap_and_one_test_is_enough_to_measure_it(bench):
+    for tests in (HELD, HELD[:1] * 4):
+        found = held_out_gap(bench, runs(tests, {}, 9000), [], {}, {}, 0)
+        assert not found.material
+        assert (found.after, found.seen) == (None, None)
+
+
+def test_random_machines_have_a_little_of_every_effect_within_its_range(bench):
+    machines = background_machines(bench, 0)
+    assert machines == background_machines(bench, 0) != background_machines(bench, 1)
+    tilt = np.array([one["tilt"]["force"] for one in machines])
+    drag = np.array([one["viscous"]["coefficient"] for one in machines])
+    # Typical sizes are 2 N and 2 N s/m, of which 5 % is the deviation.
+    assert 0.06 < tilt.std() < 0.14
+    assert tilt.min() < 0.0 <= drag.min()
