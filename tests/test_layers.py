@@ -49,8 +49,8 @@ LAYERS = [
 SIMULATOR_LAYERS = [
     {"twins"},
     {"backend"},
-    {"options", "pictures", "protocols", "rollout", "variants"},
     {"residuals"},
+    {"options", "pictures", "protocols", "rollout", "variants"},
     {"settings", "parameters"},
     {"effects"},
     {"plant"},

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from s2r_spec.backend import Backend
 from s2r_spec.diagnose.inference.gauss_newton import Fit, Observation, Problem, fit, search
 from s2r_spec.diagnose.inference.hierarchical import Likelihood
-from s2r_spec.diagnose.inference.model_search import ModelPosterior, posterior
+from s2r_spec.diagnose.inference.model_search import ModelPosterior, combined, posterior
 from s2r_spec.diagnose.inference.prior import SizePrior
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import Response, ResponseLibrary, nominal, simulated
@@ -89,11 +89,12 @@ def estimate(
         first = posterior(joint.likelihood, joint.theta, prior)
         starts.append(Mode(plain, first.mean[0], first.sets[0]))
     starts += [Mode(plain, *one) for one in rivals(joint.likelihood, first)]
-    modes = sorted(fitted(library, starts), key=lambda mode: -mode.posterior.log_evidence)
+    modes = fitted(library, starts)
     for _ in range(corrections):
-        exact = [corrected(backend, library, plain, mode) for mode in modes[:SIMULATED]]
-        modes = sorted(fitted(library, exact), key=lambda mode: -mode.posterior.log_evidence)
-    return modes[0]
+        different = {mode.posterior.sets[0]: mode for mode in reversed(modes)}
+        best = [mode for mode in modes if different[mode.posterior.sets[0]] is mode][:SIMULATED]
+        modes = fitted(library, [corrected(backend, library, plain, mode) for mode in best])
+    return replace(modes[0], posterior=combined([mode.posterior for mode in modes]))
 
 
 def nearest(library: ResponseLibrary, experiment: Experiment) -> Response:
@@ -128,7 +129,7 @@ class Mode:
 
 
 def fitted(library: ResponseLibrary, modes: Sequence[Mode]) -> list[Estimate]:
-    """Return the estimate around each mode, under errors that are the larger of all of theirs.
+    """Return the estimate around each mode, the most probable first, under errors that are the larger of all of theirs.
 
     In the fit the causes of a mode have the prior of causes, and all other parameters that of the background.
     """
@@ -140,7 +141,7 @@ def fitted(library: ResponseLibrary, modes: Sequence[Mode]) -> list[Estimate]:
         prior = mode.problem.prior
         last = fit(mode.problem, one.theta, prior.deviation(mode.active), common)
         found.append(Estimate(library, last, posterior(last.likelihood, last.theta, prior)))
-    return found
+    return sorted(found, key=lambda mode: -mode.posterior.log_evidence)
 
 
 def corrected(backend: Backend, library: ResponseLibrary, problem: Problem, found: Estimate) -> Mode:

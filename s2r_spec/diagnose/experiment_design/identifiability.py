@@ -38,7 +38,7 @@ from s2r_spec.diagnose.inference.gauss_newton import Observation
 from s2r_spec.diagnose.inference.hierarchical import Groups, Variances, likelihood, marginal, shared_error
 from s2r_spec.diagnose.inference.prior import BACKGROUND, NAMED, SLAB
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.diagnose.simulator.library import Response
+from s2r_spec.diagnose.simulator.library import Dependence, Response
 
 FloatArray = NDArray[np.float64]
 
@@ -178,11 +178,12 @@ class Forecast:
 
     def gained(self, candidate: Candidate) -> FloatArray:
         """Return (K, K) the information of one more run about ψ."""
-        response = self.estimate.library.response(candidate.experiment)
-        after = information(response, self.estimate.fit.theta, self.sizes, candidate.runs + 1)
+        library, theta = self.estimate.library, self.estimate.fit.theta
+        response = library.response(candidate.experiment)
+        after = information(response, library.dependence, theta, self.sizes, candidate.runs + 1)
         if not candidate.runs:
             return after
-        return after - information(response, self.estimate.fit.theta, self.sizes, candidate.runs)
+        return after - information(response, library.dependence, theta, self.sizes, candidate.runs)
 
     def apart(self, gained: FloatArray) -> FloatArray:
         """Return (S, S) the distance D of any two sets in data of this information."""
@@ -203,9 +204,11 @@ class Forecast:
         return np.asarray(np.sqrt(np.diag(np.linalg.inv(seen + np.diag(1.0 / self.variance[row])))))
 
 
-def information(response: Response, theta: FloatArray, sizes: FloatArray, runs: int) -> FloatArray:
+def information(
+    response: Response, dependence: Dependence, theta: FloatArray, sizes: FloatArray, runs: int
+) -> FloatArray:
     """Return (K, K) the information about ψ of the mean of so many runs, with slopes from nominal to (K,) sizes."""
-    one = Observation.of(response, [response.nominal] * runs)
+    one = Observation.of(response, [response.nominal] * runs, dependence)
     if not one.parts:
         return np.zeros((theta.size, theta.size))
     slopes = [
@@ -213,7 +216,8 @@ def information(response: Response, theta: FloatArray, sizes: FloatArray, runs: 
         for curve, size in zip(one.curves, sizes.tolist(), strict=True)
     ]
     columns = np.vstack([*slopes, one.variants])
-    groups = Groups.of(np.zeros(columns.shape[1]), columns, [places for _, places in one.parts])
+    places = [each for _, each in one.parts]
+    groups = Groups.of(np.zeros(columns.shape[1]), columns, one.unit(one.errors(theta)), places, one.coherent)
     found = likelihood(groups, theta, Variances.prior(len(one.parts)))
     return marginal(found, np.zeros(theta.size)).information
 

@@ -17,6 +17,7 @@ Source: Mitchell & Beauchamp, *JASA* 83 (1988) 1023; Rasmussen & Williams, *Gaus
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -128,6 +129,33 @@ def posterior(found: Likelihood, theta: FloatArray, prior: SizePrior) -> ModelPo
         np.array([np.sqrt(np.diag(covariance)) for _, covariance in moments]),
         prior,
         constant + scored[sets[0]],
+    )
+
+
+def combined(posteriors: Sequence[ModelPosterior]) -> ModelPosterior:
+    """Return the posterior over the sets of several modes of the likelihood, for the same data and prior.
+
+    Each mode has a likelihood of its own. A set counts in the mode in which its evidence is the largest: its sizes are
+    near that mode.
+    """
+    best: dict[Set, tuple[float, int, int]] = {}
+    for number, one in enumerate(posteriors):
+        evidence = one.log_evidence + np.log(one.probability / one.probability[0])
+        for row, members in enumerate(one.sets):
+            if members not in best or evidence[row] > best[members][0]:
+                best[members] = float(evidence[row]), number, row
+    sets = sorted(best, key=lambda members: -best[members][0])
+    most = best[sets[0]][0]
+    sets = [members for members in sets if best[members][0] - most > np.log(KEPT)]
+    weight = np.exp(np.array([best[members][0] for members in sets]) - most)
+    rows = [best[members][1:] for members in sets]
+    return ModelPosterior(
+        tuple(sets),
+        weight / weight.sum(),
+        np.array([posteriors[number].mean[row] for number, row in rows]),
+        np.array([posteriors[number].deviation[row] for number, row in rows]),
+        posteriors[0].prior,
+        most,
     )
 
 
