@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import norm
 
 from s2r_spec.diagnose.inference.hierarchical import Likelihood
-from s2r_spec.diagnose.inference.model_search import posterior
+from s2r_spec.diagnose.inference.model_search import combined, posterior
 from s2r_spec.diagnose.inference.prior import BACKGROUND, NAMED, SLAB, SizePrior
 
 PARAMETERS = 8
@@ -126,3 +126,17 @@ def test_an_effect_of_several_parameters_is_named_by_any_of_them():
         likelihood(np.array([0.0, 0.5, 0.0, 0.0]), information), np.zeros(4), prior(names=names)
     )
     assert found.beyond() == pytest.approx([1.0, 0.0], abs=1e-3)
+
+
+def test_two_modes_that_the_data_do_not_separate_share_the_probability():
+    """In the mode of one effect the law error of this effect is large, so that its mode alone would prefer it."""
+    estimate = np.zeros(PARAMETERS)
+    modes = []
+    for active, other in ((0, 1), (1, 0)):
+        information = np.zeros((PARAMETERS, PARAMETERS))
+        information[np.ix_([active, other], [active, other])] = [[60.0, 45.0], [45.0, 65.0]]
+        theta = np.where(np.arange(PARAMETERS) == active, 1.0, estimate)
+        modes.append(posterior(Likelihood(information, np.zeros(PARAMETERS)), theta, prior()))
+    alone, both = modes[0].beyond(), combined(modes).beyond()
+    assert alone[0] > 0.8 > 0.2 > alone[1]
+    assert both[:2] == pytest.approx([0.5, 0.5], abs=0.1)
