@@ -23,7 +23,7 @@ def test_the_page_has_the_figures_of_the_benchmark():
     assert f"comes out {100 * (1 - slope['ground_friction.factor']):.0f} % too small" in " ".join(
         page.split()
     )
-    assert f"load {100 * (1 - slope['strength_decay.rate']):.0f} %" in " ".join(page.split())
+    assert f"with the load {100 * (1 - slope['strength_decay.rate']):.0f} %" in " ".join(page.split())
 
 
 def test_the_page_has_the_counts_of_the_plants():
