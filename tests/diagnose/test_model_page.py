@@ -1,7 +1,11 @@
 """The figures on the page of the model are those that the benchmark printed."""
 
+import importlib
 import json
+import re
 from pathlib import Path
+
+from s2r_spec.diagnose.inference.prior import BACKGROUND
 
 ROOT = Path(__file__).parents[2]
 
@@ -37,3 +41,18 @@ def test_the_page_has_the_counts_of_the_plants():
         9,
         6,
     ]
+
+
+def test_the_pages_have_the_priors_of_the_code():
+    pages = ROOT / "docs" / "explanation"
+    rows = re.findall(
+        r"\| ([\d.]+|at most \d+)[^|]*\| `(\w+)\.(\w+)` \|", (pages / "diagnosis-model.md").read_text()
+    )
+    assert len(rows) == 8
+    for value, module, name in rows:
+        code = importlib.import_module(f"s2r_spec.diagnose.inference.{module}")
+        assert float(value.removeprefix("at most ")) == getattr(code, name), name
+    (background,) = re.findall(
+        r"standard deviation of ([\d.]+) typical", (pages / "diagnosis-answer.md").read_text()
+    )
+    assert float(background) == BACKGROUND
