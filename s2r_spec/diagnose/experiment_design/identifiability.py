@@ -36,7 +36,7 @@ from s2r_spec.diagnose.estimation import Estimate
 from s2r_spec.diagnose.inference.estimates import COVER
 from s2r_spec.diagnose.inference.gauss_newton import Observation
 from s2r_spec.diagnose.inference.hierarchical import Groups, Variances, likelihood, marginal, shared_error
-from s2r_spec.diagnose.inference.prior import BACKGROUND, NAMED, SLAB
+from s2r_spec.diagnose.inference.prior import NAMED
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import Dependence, Response
 
@@ -151,9 +151,8 @@ class Forecast:
         information = np.linalg.solve(inner, seen.information)
         information = (information + information.T) / 2.0
         moment = np.linalg.solve(inner, seen.score + seen.information @ theta)
-        variance = np.full((min(len(found.posterior.sets), COMPARED), theta.size), BACKGROUND**2)
-        for row, members in zip(variance, found.posterior.sets, strict=False):
-            row[list(members)] = SLAB**2
+        prior = found.posterior.prior
+        variance = np.array([prior.deviation(members) ** 2 for members in found.posterior.sets[:COMPARED]])
         covariance = np.array([np.linalg.inv(information + np.diag(1.0 / (v + shared))) for v in variance])
         return cls(found, information, shared, variance, covariance @ moment, covariance)
 

@@ -35,9 +35,9 @@ CANDIDATES = [Candidate(TEST, 1.0, runs=2), Candidate(SPLIT, 1.0), Candidate(SHO
 
 
 def test_only_the_protocol_with_both_shapes_settles_them(unclear):
-    told = separations(unclear, ["a", "b"], CANDIDATES)
-    assert [one.effect for one in told] == ["a", "b"]
-    for one in told:
+    possible = separations(unclear, ["a", "b"], CANDIDATES)
+    assert [one.effect for one in possible] == ["a", "b"]
+    for one in possible:
         assert one.best(allowed=True).candidate.experiment == SPLIT
         assert {power.candidate.experiment: power.settles for power in one.powers} == {
             TEST: False,
@@ -71,8 +71,8 @@ def test_the_next_experiment_is_the_one_that_separates_and_its_forecast_comes_tr
 def test_cost_counts_and_what_is_not_allowed_is_not_chosen(unclear):
     assert next_test(unclear, [CANDIDATES[0], CANDIDATES[2]]) is None
     assert next_test(unclear, [replace(one, allowed=False) for one in CANDIDATES]) is None
-    dear = [replace(CANDIDATES[1], cost=9.0)]
-    assert next_test(unclear, dear).candidate.experiment == SPLIT
+    costly = [replace(CANDIDATES[1], cost=9.0)]
+    assert next_test(unclear, costly).candidate.experiment == SPLIT
 
 
 def test_a_sure_answer_needs_no_test(responses):
