@@ -136,10 +136,11 @@ def fitted(library: ResponseLibrary, modes: Sequence[Mode]) -> list[Estimate]:
     near = [fit(m.problem, m.theta, m.problem.prior.deviation(m.active)) for m in modes]
     each = [m.problem.errors(one.theta) for m, one in zip(modes, near, strict=True)]
     common = [np.max(same, axis=0) for same in zip(*each, strict=True)]
+    sizes = np.max([np.abs(one.theta) for one in near], axis=0)
     found = []
     for mode, one in zip(modes, near, strict=True):
         prior = mode.problem.prior
-        last = fit(mode.problem, one.theta, prior.deviation(mode.active), common)
+        last = fit(mode.problem, one.theta, prior.deviation(mode.active), common, sizes)
         found.append(Estimate(library, last, posterior(last.likelihood, last.theta, prior)))
     return sorted(found, key=lambda mode: -mode.posterior.log_evidence)
 

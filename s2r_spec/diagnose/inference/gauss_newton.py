@@ -156,10 +156,13 @@ class Observation:
         """Return (n,) the residual at θ."""
         return self.observed - self.correction - self.moved(theta)
 
-    def jacobian(self, theta: FloatArray) -> FloatArray:
-        """Return (K + V, n) the slopes of all responses, then the variants."""
+    def columns(self, theta: FloatArray, secants: bool = False) -> FloatArray:
+        """Return (K + V, n) the tangents of all responses at θ, or their secants from nominal, then the variants."""
         factors = self.dependence.factors(theta)
-        slopes = [f * c.slope(float(x)) for f, c, x in zip(factors, self.curves, theta, strict=True)]
+        slopes = [
+            f * (c.secant(float(x)) if secants else c.slope(float(x)))
+            for f, c, x in zip(factors, self.curves, theta, strict=True)
+        ]
         for k, base in self.dependence.pairs:
             slopes[base] = slopes[base] + self.curves[k].at(float(theta[k])) / self.dependence.at[k]
         return np.vstack([*slopes, self.variants])
@@ -193,10 +196,11 @@ class Observation:
         size = np.minimum(count, EFFECTIVE)
         return float(np.sum(0.5 * (DEGREES + size) * np.log1p(size * energy / DEGREES)))
 
-    def groups(self, theta: FloatArray, errors: FloatArray) -> Groups:
+    def groups(self, theta: FloatArray, errors: FloatArray, secants: bool = False) -> Groups:
         """Return the groups at θ, under the error of (n,) these variances."""
         places = [each for _, each in self.parts]
-        return Groups.of(self.residual(theta), self.jacobian(theta), self.unit(errors), places, self.coherent)
+        columns = self.columns(theta, secants)
+        return Groups.of(self.residual(theta), columns, self.unit(errors), places, self.coherent)
 
     def _calibrated(self) -> Observation:
         """Return the observation with the relative errors that the practice machines show."""
@@ -255,7 +259,7 @@ class Fit:
 
     Attributes:
         theta: (K,) estimate of every parameter.
-        likelihood: of θ around the estimate, with the shared error; the prior is not in it.
+        likelihood: of θ around the estimate, by secants, with the shared error; the prior is not in it.
         misfit: of every experiment, (G,) energy of each group that the fit leaves, in units of u².
         groups: of every experiment, (quantity, statistic) of each group.
         variances: of every experiment.
@@ -273,19 +277,26 @@ def fit(
     start: FloatArray | None = None,
     deviation: FloatArray | None = None,
     errors: Sequence[FloatArray] | None = None,
+    sizes: FloatArray | None = None,
 ) -> Fit:
     """Return the joint estimate.
+
+    Errors of the model grow with the sizes. They are fixed within a fit: an estimate that lowered its own error by
+    being small would be drawn to 0.
 
     Args:
         problem: data and prior.
         start: (K,) first estimate; the search finds one without it.
         deviation: (K,) prior standard deviation of every size in the fit; without it, that of a cause.
-        errors: (n_p,) variances of the responses in u, for every experiment; without them, those at the estimate.
+        errors: (n_p,) variances of the responses in u, for every experiment; without them, those at the start.
+        sizes: (K,) at which the law errors are; without them, the start.
     """
     observations, prior = problem.observations, problem.prior
     effects = prior.low.size
     deviation = np.full(effects, SLAB) if deviation is None else deviation
     theta = search(problem) if start is None else np.clip(start, prior.low, prior.high)
+    errors = problem.errors(theta) if errors is None else errors
+    sizes = theta if sizes is None else sizes
     found = [Variances.prior(len(one.parts)) for one in observations]
     total, misfit = (
         Likelihood(np.zeros((effects, effects)), np.zeros(effects)),
@@ -294,9 +305,9 @@ def fit(
     for step in range(STEPS + 1):
         likelihoods, found, misfit = [], list(found), []
         for number, one in enumerate(observations):
-            groups = one.groups(theta, one.errors(theta) if errors is None else errors[number])
-            found[number] = variances(groups, theta, found[number], 2 if step == 0 else 1)
-            likelihoods.append(likelihood(groups, theta, found[number]))
+            groups = one.groups(theta, errors[number])
+            found[number] = variances(groups, sizes, found[number], 2 if step == 0 else 1)
+            likelihoods.append(likelihood(groups, sizes, found[number]))
             misfit.append(groups.energy)
         total = sum(likelihoods[1:], likelihoods[0])
         if step == STEPS:
@@ -307,7 +318,26 @@ def fit(
             break
         theta = new
     names = tuple(tuple(name for name, _ in one.parts) for one in observations)
-    return Fit(theta, marginal(total, shared_error(theta)), tuple(misfit), names, tuple(found))
+    seen = replace(total, information=_secant_information(problem, theta, errors, sizes, found))
+    return Fit(theta, marginal(seen, shared_error(sizes)), tuple(misfit), names, tuple(found))
+
+
+def _secant_information(
+    problem: Problem,
+    theta: FloatArray,
+    errors: Sequence[FloatArray],
+    sizes: FloatArray,
+    found: Sequence[Variances],
+) -> FloatArray:
+    """Return (D, D) the information of θ and φ by secants: evidence for an effect compares the estimate with nominal.
+
+    A response that saturates has no slope at the estimate, and yet it is far from nominal.
+    """
+    informations = [
+        likelihood(one.groups(theta, own, secants=True), sizes, each).information
+        for one, own, each in zip(problem.observations, errors, found, strict=True)
+    ]
+    return np.asarray(np.sum(informations, axis=0))
 
 
 def _step(total: Likelihood, theta: FloatArray, deviation: FloatArray) -> FloatArray:

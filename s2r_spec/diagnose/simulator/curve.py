@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
+NEAR = 1e-3
+"""Tolerance: below this coordinate a secant is the derivative at nominal. Twice as much changes nothing that shows."""
+
 
 @dataclass(frozen=True, eq=False)
 class Curve:
@@ -42,6 +45,10 @@ class Curve:
         if self.coordinates.size < 2:
             return np.zeros(self.values.shape[1])
         return np.asarray(self._derivative(self._inside(coordinate)))
+
+    def secant(self, coordinate: float) -> FloatArray:
+        """Return (m,) the slope of the straight line from nominal; the derivative at nominal itself."""
+        return self.at(coordinate) / coordinate if abs(coordinate) > NEAR else self.slope(0.0)
 
     def bend(self, coordinate: float) -> FloatArray:
         """Return (m,) the difference of the cubic and the chord; 0 at the points and beyond them."""

@@ -30,6 +30,7 @@ from s2r_spec.backend import Backend, HasEffects, HasVariants
 from s2r_spec.diagnose.axes import Line, lines
 from s2r_spec.diagnose.axes import line as line_of
 from s2r_spec.diagnose.cache import Cache, source_of
+from s2r_spec.diagnose.inference.prior import BACKGROUND
 from s2r_spec.diagnose.simulator.curve import Curve
 from s2r_spec.diagnose.simulator.experiments import RESIDUAL, Experiment
 from s2r_spec.diagnose.simulator.observables import Group, Observables, Quantity
@@ -51,8 +52,6 @@ MACHINES = 24
 CAUSES = 3
 """Definition: a practice machine has 0 to 3 causes, of a quarter of the typical size to all of it. More causes make
 sums of responses look worse."""
-LITTLE = 0.05
-"""Prior: standard deviation of all other effects of a practice machine, in typical sizes."""
 NOMINAL = 8
 """Budget: nominal runs of an experiment, from which its scatter is known to 27 %. Twice as many: 18 %."""
 PILOT = 4
@@ -327,7 +326,7 @@ def _machine(parameters: Sequence[Line], variants: Sequence[str], number: int) -
         random = stream(line.name)
         low, high = sorted((line.coordinate(line.low), line.coordinate(line.high)))
         # A dependent parameter may have any value: where a load lies is no sign of its mass.
-        theta[k] = np.clip((1.0 if line.base else LITTLE) * random.normal(), low, high)
+        theta[k] = np.clip((1.0 if line.base else BACKGROUND) * random.normal(), low, high)
         sign = 1.0 if low > -1e-9 or (high > 1e-9 and random.uniform() < 0.5) else -1.0
         sizes[k] = np.clip(sign * random.uniform(0.25, 1.0), low, high)
         turn[k] = np.inf if line.base else random.uniform()
@@ -519,7 +518,7 @@ def _key(backend: Backend, experiment: object, parameters: Sequence[Line]) -> st
     of ours, so the sources of both count, too.
     """
     what = (
-        VERSION,
+        (VERSION, BACKGROUND),
         (backend.name, backend.model_hash, backend.duration),
         source_of(type(backend)),
         [path.read_text() for path in sorted(Path(__file__).parent.glob("*.py"))],

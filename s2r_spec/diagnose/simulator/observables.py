@@ -140,17 +140,18 @@ class Observables:
         return np.concatenate(parts) if parts else np.zeros(0)
 
     def _agrees(self, traces: Sequence[Trace]) -> bool:
-        """Whether the channels' means over 50 parts scatter less from trace to trace than from part to part."""
+        """Whether means over 50 parts, of all channels in units of their scales, differ more in time than by run."""
         edges = np.linspace(0.0, self.duration, BINS + 1)
-        noise = []
+        noise = signal = 0.0
         for quantity in self.quantities:
             if quantity.residual:
                 continue
             parts = np.array([_means(quantity.of(t), t.times - t.times[0], edges) for t in traces])
             parts = parts.reshape(len(traces), BINS, -1)
-            signal = parts.mean(axis=0).var(axis=0)
-            noise.append(float(np.mean(parts.var(axis=0).mean(axis=0) / np.where(signal > 0.0, signal, 1.0))))
-        return not noise or float(np.median(noise)) < 1.0
+            scatter = float(parts.var(axis=0, ddof=1).mean()) if len(traces) > 1 else 0.0
+            noise += scatter
+            signal += float(parts.mean(axis=0).var(axis=0).mean()) - scatter / len(traces)
+        return noise <= signal
 
     def partners(self, quantity: Quantity) -> list[str]:
         """Return the names of the channels with which a residual is multiplied."""
