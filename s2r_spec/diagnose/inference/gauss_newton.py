@@ -318,26 +318,12 @@ def fit(
             break
         theta = new
     names = tuple(tuple(name for name, _ in one.parts) for one in observations)
-    seen = replace(total, information=_secant_information(problem, theta, errors, sizes, found))
-    return Fit(theta, marginal(seen, shared_error(sizes)), tuple(misfit), names, tuple(found))
-
-
-def _secant_information(
-    problem: Problem,
-    theta: FloatArray,
-    errors: Sequence[FloatArray],
-    sizes: FloatArray,
-    found: Sequence[Variances],
-) -> FloatArray:
-    """Return (D, D) the information of θ and φ by secants: evidence for an effect compares the estimate with nominal.
-
-    A response that saturates has no slope at the estimate, and yet it is far from nominal.
-    """
-    informations = [
-        likelihood(one.groups(theta, own, secants=True), sizes, each).information
-        for one, own, each in zip(problem.observations, errors, found, strict=True)
+    secants = [
+        likelihood(one.groups(theta, own, secants=True), sizes, each)
+        for one, own, each in zip(observations, errors, found, strict=True)
     ]
-    return np.asarray(np.sum(informations, axis=0))
+    seen = sum(secants[1:], secants[0])
+    return Fit(theta, marginal(seen, shared_error(sizes)), tuple(misfit), names, tuple(found))
 
 
 def _step(total: Likelihood, theta: FloatArray, deviation: FloatArray) -> FloatArray:
