@@ -39,7 +39,7 @@ from s2r_spec.backend import load_backend  # noqa: E402
 from s2r_spec.diagnose.axes import lines  # noqa: E402
 from s2r_spec.diagnose.gap.observed import GapAt  # noqa: E402
 from s2r_spec.diagnose.gap.surface import gap_surface  # noqa: E402
-from s2r_spec.diagnose.prepare import bench_of  # noqa: E402
+from s2r_spec.diagnose.simulate import Bench  # noqa: E402
 from s2r_spec.diagnose.simulate import Bench  # noqa: E402
 from s2r_spec.trace import Trace  # noqa: E402
 
@@ -68,7 +68,7 @@ ENOUGH = 0.9
 def bench(sim: str) -> Bench:
     """Set the spec up on a simulator."""
     spec = s2r.load_spec(ROOT / SPECS[sim])
-    return bench_of(spec, spec.requirements[0], sim)
+    return Bench.of(spec, spec.requirements[0], sim)
 
 
 def names(sim: str, twin: bool) -> list[str]:

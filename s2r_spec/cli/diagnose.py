@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from s2r_spec.cli.campaign_options import Next, NoProtocols, Passive, Protocols, protocol_names
 from s2r_spec.cli.common import begun, interrupted, sentences
 from s2r_spec.cli.log_options import LogReading, reads_logs
 from s2r_spec.cli.options import (
@@ -29,6 +30,9 @@ from s2r_spec.printable import one_line
 
 REAL, ANSWER = "real", "diagnosis.json"
 """In the folder of a run: the folder of the real rollouts, and the file of the diagnosis."""
+
+if TYPE_CHECKING:
+    from s2r_spec.diagnose import Diagnosis
 
 Form = Annotated[
     str | None,
@@ -71,6 +75,10 @@ def diagnose(
     resume: Resume = None,
     apply: Apply = None,
     tuned: Tuned = False,
+    protocols: Protocols = None,
+    no_protocols: NoProtocols = False,
+    passive: Passive = False,
+    following: Next = None,
     as_json: AsJson = False,
     form: Form = None,
     output: Output = None,
@@ -91,6 +99,7 @@ def diagnose(
         pageable(page)
         if tuned and apply is None:
             raise UsageError("--tuned changes what --apply writes; give --apply FILE with it")
+        names = protocol_names(protocols, no_protocols, passive)
         parsed = load_spec(spec)
         name = f"diagnose-{spec.stem}-{sim}-{Path(real).name}"
         compared = [requirement] if requirement else list(parsed.requirements)
@@ -111,6 +120,8 @@ def diagnose(
                     executor=executor,
                     progress=stages,
                     folder=folder / REAL,
+                    protocols=names,
+                    passive=passive,
                 )
         except KeyboardInterrupt:
             interrupted(folder)
@@ -134,7 +145,23 @@ def diagnose(
                 f"use it as --sim patched:{apply}" if added else f"{apply} is not written: no effect is named"
             )
             errors.print(one_line(sentence), markup=False, soft_wrap=True)
+        if following is not None:
+            errors.print(one_line(_next(found, sim, machine, following)), markup=False, soft_wrap=True)
         raise typer.Exit(diagnosed.exit_code(found))
+
+
+def _next(found: Diagnosis, sim: str, machine: object, path: Path) -> str:
+    """Return which experiment to run next; write the references of a protocol to a file if the robot has them."""
+    from s2r_spec.diagnose.data.protocols import next_words
+    from s2r_spec.diagnose.simulate import Bench
+    from s2r_spec.protocols import HasPlayable
+
+    if found.which.next_test is None:
+        return f"{path} is not written: no further experiment would separate what is open"
+    assert found.spec is not None
+    bench = Bench.of(found.spec, str(found.provenance["requirement"]), sim)
+    robot = machine if isinstance(machine, HasPlayable) else bench.backend
+    return next_words(bench, found.which.next_test.candidate.experiment, robot, path)
 
 
 def _recorded(folder: Path) -> Path:

@@ -86,14 +86,17 @@ def estimate(
     joint = fit(plain)
     for _ in range(1 + AGAIN):
         joint = fit(plain, search(plain, joint.theta)) if starts else joint
+        joint = fit(plain, joint.theta, sizes=np.abs(joint.theta))
         first = posterior(joint.likelihood, joint.theta, prior)
         starts.append(Mode(plain, first.mean[0], first.sets[0]))
     starts += [Mode(plain, *one) for one in rivals(joint.likelihood, first)]
-    modes = fitted(library, starts)
+    errors = Errors(plain.errors(joint.theta), np.abs(joint.theta))
+    errors = Errors.expected(plain, fitted(library, starts, errors))
+    modes = fitted(library, starts, errors)
     for _ in range(corrections):
         different = {mode.posterior.sets[0]: mode for mode in reversed(modes)}
         best = [mode for mode in modes if different[mode.posterior.sets[0]] is mode][:SIMULATED]
-        modes = fitted(library, [corrected(backend, library, plain, mode) for mode in best])
+        modes = fitted(library, [corrected(backend, library, plain, mode) for mode in best], errors)
     return replace(modes[0], posterior=combined([mode.posterior for mode in modes]))
 
 
@@ -128,19 +131,41 @@ class Mode:
     active: tuple[int, ...]
 
 
-def fitted(library: ResponseLibrary, modes: Sequence[Mode]) -> list[Estimate]:
-    """Return the estimate around each mode, the most probable first, under errors that are the larger of all of theirs.
+@dataclass(frozen=True)
+class Errors:
+    """Errors of the model, the same for all modes, so that their evidence can be compared.
+
+    They grow with the sizes. First they are those at the joint estimate, in which every parameter may be a cause; then
+    their posterior means over the modes that this gives.
+
+    Attributes:
+        variances: (n_p,) of the responses, for every experiment.
+        sizes: (K,) at which the law errors are.
+    """
+
+    variances: Sequence[FloatArray]
+    sizes: FloatArray
+
+    @classmethod
+    def expected(cls, problem: Problem, modes: Sequence[Estimate]) -> Errors:
+        """Return the posterior means over modes."""
+        evidence = np.array([mode.posterior.log_evidence for mode in modes])
+        weight = np.exp(evidence - evidence.max())
+        weight /= weight.sum()
+        theta = np.array([mode.fit.theta for mode in modes])
+        each = [problem.errors(one) for one in theta]
+        return cls([weight @ np.array(same) for same in zip(*each, strict=True)], np.sqrt(weight @ theta**2))
+
+
+def fitted(library: ResponseLibrary, modes: Sequence[Mode], errors: Errors) -> list[Estimate]:
+    """Return the estimate around each mode, the most probable first.
 
     In the fit the causes of a mode have the prior of causes, and all other parameters that of the background.
     """
-    near = [fit(m.problem, m.theta, m.problem.prior.deviation(m.active)) for m in modes]
-    each = [m.problem.errors(one.theta) for m, one in zip(modes, near, strict=True)]
-    common = [np.max(same, axis=0) for same in zip(*each, strict=True)]
-    sizes = np.max([np.abs(one.theta) for one in near], axis=0)
     found = []
-    for mode, one in zip(modes, near, strict=True):
+    for mode in modes:
         prior = mode.problem.prior
-        last = fit(mode.problem, one.theta, prior.deviation(mode.active), common, sizes)
+        last = fit(mode.problem, mode.theta, prior.deviation(mode.active), errors.variances, errors.sizes)
         found.append(Estimate(library, last, posterior(last.likelihood, last.theta, prior)))
     return sorted(found, key=lambda mode: -mode.posterior.log_evidence)
 

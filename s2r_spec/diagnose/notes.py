@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.backend import Effect, HasResiduals
+from s2r_spec.backend import HasResiduals
 from s2r_spec.diagnose.falls import Falls, always_early
-from s2r_spec.diagnose.how_far import HowFar
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.errors import TraceError
@@ -30,70 +29,59 @@ SHOWN = 6
 
 @dataclass(frozen=True)
 class Used:
-    """Which of the real rollouts a diagnosis is of.
+    """The real rollouts of a diagnosis.
 
     Attributes:
-        rollouts: that there are.
-        count: how many of them it is of; of the others all failed.
-        begun: whether a cause is named without some of these, that failed too.
-        held: how many of them were held out.
-        recorded: how many more there were that nobody asked for, and these; 0 of a machine that is asked.
-        others: how many were recorded with another value of a parameter of which the spec has one.
+        rollouts: all tests of the specification.
+        train: number of those from which sizes are estimated.
+        held_out: number of those that are held out.
+        least: different tests, and rollouts, from which on some are held out.
     """
 
     rollouts: Sequence[Rollout]
-    count: int
-    begun: bool
-    held: int
-    recorded: int
-    others: int = 0
+    train: int
+    held_out: int
+    least: tuple[int, int]
+
+    @property
+    def count(self) -> int:
+        """Number of rollouts in use; the others ended early."""
+        return self.train + self.held_out
 
 
 def notes(
     bench: Bench,
     used: Used,
-    least: tuple[int, int],
     idle: Sequence[str] = (),
     why: Falls | None = None,
     odd: Sequence[Finding] = (),
     alone: Sequence[Mapping[str, float]] = (),
 ) -> tuple[str, ...]:
-    """Return, a sentence each, what these rollouts lack for a diagnosis.
+    """Return what these rollouts lack for a diagnosis, a sentence each.
 
     Args:
-        bench: the simulator whose channels they should have.
+        bench: the simulator with the channels that they should have.
         used: the rollouts.
-        least: from how many different tests, and rollouts, on some are held out.
-        idle: effects of the catalogue that change nothing at any test.
+        idle: effects that change nothing in any experiment.
         why: what may have ended some of them early.
-        odd: what the recordings seem to have wrong.
+        odd: suspected mistakes of the recordings.
         alone: tests at which the simulator ends early, and the machine does not.
     """
     found = [each.text for each in odd]
     rollouts, count = used.rollouts, len(used.rollouts)
     if idle:
         found.append(
-            f"at the tests of this spec, {', '.join(idle)} {'changes' if len(idle) == 1 else 'change'} nothing in the "
-            f"simulator. No data can show {'it' if len(idle) == 1 else 'them'}, so the diagnosis leaves "
-            f"{'it' if len(idle) == 1 else 'them'} out"
+            f"in these experiments, {', '.join(idle)} {'changes' if len(idle) == 1 else 'change'} nothing in the "
+            f"simulator, so no data can show {'it' if len(idle) == 1 else 'them'}"
         )
-    if used.recorded > count:
-        found.append(
-            f"only the first {count} of {used.recorded} recorded rollouts were used, because of the budget"
-        )
-    if used.others:
-        fixed = ", ".join(bench.matched.fixed)
-        found.append(
-            f"{used.others} recorded rollouts were not used: they have another value of {fixed} than the spec"
-        )
+    if not rollouts:
+        return (*found, "no test of the specification was run, so the gap in ρ was not measured")
     fell = [trace.failure for _, trace in rollouts if trace.failure is not None]
     if fell:
         kinds = ", ".join(sorted({str(failure) for failure in fell}))
         early = f"{len(fell)} of {count} real rollouts ended early ({kinds}{_again(rollouts)})"
         if used.count < count:
             found.append(f"{early}, and {'is' if len(fell) == 1 else 'are'} left out")
-        elif used.begun:
-            found.append(f"{early}. The others name the cause; the gap in ρ includes all")
         else:
             found.append(f"{early}. The cause also rests on their samples before the end, which say little")
         if why is not None:
@@ -139,40 +127,19 @@ def notes(
     tests = {key_of(test) for test, _ in rollouts}
     if len(tests) == 1 and rollouts[0][0]:
         found.append("all real rollouts repeat one test, so nothing is known about other tests")
-    if not used.held:
-        takes, here = f"{least[1]} rollouts of {least[0]} different tests", f"{count} of {len(tests)}"
+    if not used.held_out:
+        takes, here = (
+            f"{used.least[1]} rollouts of {used.least[0]} different tests",
+            f"{count} of {len(tests)}",
+        )
         if not bench.spec.space.dim:
             # There is one test, and rollouts of it are all there is to hold out.
-            takes, here = f"{least[0]} rollouts", f"{count}"
+            takes, here = f"{used.least[0]} rollouts", f"{count}"
         found.append(
             f"no rollouts were held out, so the reduction of the gap was not measured: it takes {takes}, and there are "
             f"{here}"
         )
     return tuple(found)
-
-
-def hidden_by_one(effect: Effect, far: HowFar) -> str:
-    """Return what is said where a gap is not material because of one effect's prior alone."""
-    priors = " and ".join(f"{p.name}: {p.prior}" for p in effect.parameters)
-    gap, little = (f"{value:.3g} {far.unit}".rstrip() for value in (far.before.mean, far.background))
-    more = (
-        f"{far.before.mean / far.floor:.0f} times the scatter"
-        if far.floor > 0.0
-        else "larger than the scatter"
-    )
-    return (
-        f"the gap of {gap} is {more}. It is not called material because a few percent of every effect make {little}, "
-        f"nearly all of it from {effect.name}. Is its prior right ({priors})? If not, write a smaller one"
-    )
-
-
-def looked_again(tests: int) -> str:
-    """Return what is said where so many tests had been held out that alone show a gap."""
-    which, its = ("1 of them was", "its place") if tests == 1 else (f"{tests} of them were", "their places")
-    return (
-        f"only held-out tests showed the gap, and the first answer did not close it. So {which} diagnosed after all, "
-        f"and other tests were held out in {its}"
-    )
 
 
 def _again(rollouts: Sequence[Rollout]) -> str:
@@ -196,11 +163,10 @@ def _unread(bench: Bench, rollouts: Sequence[Rollout]) -> str:
 
 def _gaps(bench: Bench, rollouts: Sequence[Rollout], lacking: Sequence[str]) -> list[str]:
     """Return which channels some rollouts lack, or have gaps in, a sentence for every number of rollouts."""
-    read = None if bench.features is None else {block.source for block in bench.features.blocks}
     holes: dict[int, list[str]] = {}
     for channel in bench.backend.channels:
         name = channel.name
-        if name in lacking or (read is not None and name not in read):
+        if name in lacking:
             continue
         count = sum(name not in trace.channels or not np.isfinite(trace[name]).all() for _, trace in rollouts)
         if count:

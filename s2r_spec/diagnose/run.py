@@ -1,72 +1,74 @@
-"""Diagnose: from real rollouts and a simulator with a catalogue of effects to an answer."""
+"""Diagnose: from real rollouts and a simulator with a catalogue of effects to an answer.
+
+The pipeline, in this order:
+
+    data          tests and protocols that were recorded, or that a machine runs in a campaign
+    library       what every effect does in these experiments, simulated once (:mod:`.simulator.library`)
+    estimate      sizes of all effects, from the train rollouts (:mod:`.estimation`)
+    evidence      the gap at all tests and on held-out ones, motion that no effect explains, suspected mistakes
+    diagnosis     the verdict, by one table of rules (:mod:`.decision`)
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend, HasRecordings, load_backend
 from s2r_spec.certify.arguments import as_folder, as_rollouts, as_simulator, as_spec
-from s2r_spec.diagnose import bank as banks
-from s2r_spec.diagnose.accused import named_by_falls
-from s2r_spec.diagnose.ask import Rollouts, real_rollouts, refuse_machine
+from s2r_spec.diagnose.axes import Values
 from s2r_spec.diagnose.cache import Cache
-from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
-from s2r_spec.diagnose.estimate import Fit, by_linear, fit
-from s2r_spec.diagnose.falls import always_early, falls, falls_alone
+from s2r_spec.diagnose.data.campaign import BUDGET, campaign, plan
+from s2r_spec.diagnose.data.protocols import allowed
+from s2r_spec.diagnose.data.rollouts import RealRollouts, Rollouts, as_experiment, recorded
+from s2r_spec.diagnose.data.space_filling import representative, star
+from s2r_spec.diagnose.data.split import ENOUGH, TrainHeldOut, split
+from s2r_spec.diagnose.decision import Evidence
+from s2r_spec.diagnose.diagnosis import Diagnosis, Which
+from s2r_spec.diagnose.estimation import Estimate, estimate
+from s2r_spec.diagnose.experiment_design.identifiability import Candidate, separations
+from s2r_spec.diagnose.experiment_design.next_test import NextTest, next_test
+from s2r_spec.diagnose.falls import falls, falls_alone
 from s2r_spec.diagnose.gap.by_test import compared_at_all_tests
+from s2r_spec.diagnose.gap.held_out import held_out_gap
 from s2r_spec.diagnose.gap.where import Pairs, Where
 from s2r_spec.diagnose.gap.where import where as find_where
-from s2r_spec.diagnose.held_out import measured, mostly_of_one
-from s2r_spec.diagnose.how_far import HowFar
-from s2r_spec.diagnose.idle import active
-from s2r_spec.diagnose.isolability import Isolability, isolability
-from s2r_spec.diagnose.kin import shared
-from s2r_spec.diagnose.next_test import next_test
-from s2r_spec.diagnose.notes import Used, hidden_by_one, looked_again, notes
-from s2r_spec.diagnose.parted import ENOUGH, Parted
-from s2r_spec.diagnose.prepare import Progress, State, bench_of, prepare
-from s2r_spec.diagnose.quality import findings
-from s2r_spec.diagnose.quality.doubt import doubted
-from s2r_spec.diagnose.remainder import remainders
-from s2r_spec.diagnose.simulate import Bench, Test
-from s2r_spec.diagnose.size import sized
-from s2r_spec.diagnose.threads import one_thread
-from s2r_spec.diagnose.together import LARGEST, Together, together
-from s2r_spec.diagnose.verdict import (
-    SURE,
-    certain,
-    clear,
-    confounded,
-    decided,
-    early_ends,
-    large,
-    likeliest,
-    reason,
-    spare,
+from s2r_spec.diagnose.inference.estimates import (
+    EffectEstimate,
+    Status,
+    any_cause,
+    by_effects,
+    effect_estimates,
+    mean_sizes,
+    with_status,
 )
-from s2r_spec.diagnose.watched import Watched
+from s2r_spec.diagnose.notes import Used, notes
+from s2r_spec.diagnose.quality import findings
+from s2r_spec.diagnose.remainder import remainders
+from s2r_spec.diagnose.simulate import Bench, Test, refuse_machine
+from s2r_spec.diagnose.simulator.experiments import Experiment
+from s2r_spec.diagnose.simulator.library import ResponseLibrary, library
+from s2r_spec.diagnose.threads import one_thread
+from s2r_spec.diagnose.watched import Progress, Watched
 from s2r_spec.distribution import version
-from s2r_spec.documentation import page
 from s2r_spec.effects import catalogue_of
-from s2r_spec.errors import require
-from s2r_spec.rollouts.compatibility import check_compatibility
+from s2r_spec.protocols import HasProtocols, protocol_of
 from s2r_spec.rollouts.pools import kept_open
-from s2r_spec.rollouts.recorded import tests_of
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
-FloatArray = NDArray[np.float64]
-
-PLAIN = 3.0
-"""A gap that is so many times what scatter makes is there, whatever a little of every effect would make."""
+ASSUMPTIONS = (
+    "the real rollouts were run at the recorded tests, and only those named in a note were left out",
+    "the real machine's laws differ from the simulator's by about a tenth of each effect, and from one kind of "
+    "observable to the next independently",
+    "if an effect outside the catalogue looks like one in it, the diagnosis names the one in the catalogue",
+)
 
 
 @one_thread()
@@ -83,286 +85,223 @@ def diagnose(
     cache: Path | None = None,
     folder: Path | None = None,
     where: bool = True,
+    protocols: Sequence[str] | None = None,
+    passive: bool = False,
 ) -> Diagnosis:
     """Say where a sim-to-real gap lies, which unmodelled effect causes it, and how far it shrinks.
 
     Args:
         spec: what is required, and over which tests.
         sim: the simulator; it must declare effects.
-        real: (test in the spec's units, trace) of each real rollout, or a backend: a folder of
-            recordings, or a machine, which is then asked for ``budget`` tests spread over the space.
-        budget: at most so many real rollouts.
-        requirement: the one to look at; the spec's first if not given.
+        real: (test in the spec's units, trace) of each real rollout, or a backend: a folder of recordings, or a
+            machine, which then runs a campaign of tests and protocols.
+        budget: largest number of real rollouts; 30 from a machine, and all recorded ones, if not given.
+        requirement: the requirement to look at; the spec's first if not given.
         seed: fixes everything that is drawn.
         executor: makes a pool for the simulations; None runs them here.
-        progress: called with (stage, done, of) now and then; ``of`` is 0 where nobody knows how much there is.
-        cache: folder for what is simulated and learnt once; the user's cache folder if not given.
-        folder: where rollouts that are asked of a machine are kept, each before the next begins; a
-            second call goes on from what is there.
+        progress: called with (stage, done, of) now and then; ``of`` is 0 where it is not known.
+        cache: folder for what is simulated once; the user's cache folder if not given.
+        folder: folder of the rollouts of a machine, each on disk before the next begins; a second call resumes.
         where: also say where the gap lies in tests, time, formula and body.
+        protocols: names of the protocols that a machine may run; None for all, empty for none.
+        passive: use tests of the specification alone.
 
     Raises:
-        UsageError: scikit-learn is not installed, the simulator declares no effects, or the
-            rollouts do not fit the spec.
+        UsageError: the simulator declares no effects, or the rollouts do not fit the spec.
     """
-    require("a diagnosis needs", "sklearn")
     spec, sim, real = as_spec(spec), as_simulator(sim), as_rollouts(real)
     called = real if isinstance(real, str) else str(getattr(real, "name", ""))
     cache, folder = (None if path is None else as_folder(path) for path in (cache, folder))
-    name = spec.requirements[0] if requirement is None else requirement
-    bench = bench_of(spec, name, sim)
-    if isinstance(real, str) and not real.startswith("log:"):  # a folder is read only when it is needed
-        real = load_backend(real)
+    bench = Bench.of(spec, spec.requirements[0] if requirement is None else requirement, sim)
+    real = load_backend(real) if isinstance(real, str) else real
     refuse_machine(real)
     tell = Watched(progress or (lambda stage, done, of: None))
-    kept = Cache.usual() if cache is None else Cache(cache)
-    bank, idle = active(banks.bank(bench, executor, tell, kept))
-    bench = replace(bench, features=bank.features)
-    # The bank comes first: a simulator that cannot be diagnosed costs no rollout of the machine.
-    real = load_backend(real) if isinstance(real, str) else real
-    rollouts = real_rollouts(bench, real, budget, seed, folder, lambda n, of: tell("real rollouts", n, of))
-    parts = Parted.of(rollouts, seed)
-    begun = len(parts.compared) < len(parts.seen)
-    told = Used(rollouts, len(parts.used), begun, len(parts.held), *_recorded(bench, real))
-    held_first = parts.held
     with kept_open(executor) as pool, tell.watching():
-        gap = compared_at_all_tests(
-            bench, rollouts, seed, pool, lambda done, of: tell("simulating all tests", done, of)
-        )
-        matters = bool(gap.places)
-        tell("where the simulator falls", 0, 0)
-        why = falls(bench, bank.lines, rollouts, seed, pool)
-        odd = findings(
-            bench, rollouts, bank.lines, pool, lambda done, of: tell("checking the recordings", done, of)
-        )
-        alone = falls_alone(bench, rollouts, seed, pool)
-        lacking = notes(bench, told, ENOUGH, idle, why, odd, alone)
-        state = prepare(bench, bank, parts.compared, seed, kept, pool, tell)
-        found = _answer(bench, state, parts, seed, pool, tell, where, matters=matters)
-        if (far := found.how_far) is not None and far.overlooked:
-            parts, moved = parts.looked_at([dict(test.params) for test in far.odd])
-            if moved:
-                state = prepare(bench, bank, parts.compared, seed, kept, pool, tell)
-                found = _answer(bench, state, parts, seed, pool, tell, where, moved=True, matters=matters)
-                lacking = (*lacking, looked_again(moved))
-        lacking = (*lacking, *_hidden(bench, state, found))
-        left_out = len(rollouts) - len(parts.used)
-        if left_out and found.verdict is Verdict.NONE and always_early(rollouts):
-            found = named_by_falls(found, state, why)
-        elif why is not None and not left_out and not found.which.answer:
-            # So many fell that they are the gap: what closes it by falling there, too, is the cause. No trace of a
-            # fall was looked at, so those that changed places are as good as held out.
-            asked = replace(parts, held=held_first)
-            found = named_by_falls(
-                found,
-                state,
-                why,
-                lambda patch: measured(bench, state, asked, patch, found.tuned, seed, pool, tell),
-            )
-        found = early_ends(found, gap)
-        if left_out and found.verdict is Verdict.NONE:
-            # That a machine falls where its simulator does not is a gap, whatever the other rollouts say.
-            found = replace(
-                found,
-                reason=f"{found.reason} This leaves out {left_out} of {len(rollouts)} rollouts, which ended early.",
-            )
-        found = replace(found, notes=(*lacking, *dict.fromkeys(kept.said)), findings=odd, materiality=gap)
-        return replace(doubted(found), spec=spec, real=called)
+        work = _Work(bench, seed, pool, tell, Cache.usual() if cache is None else Cache(cache))
+        if isinstance(real, Backend) and not isinstance(real, HasRecordings):
+            data = _campaign(work, real, budget, folder, protocols, passive)
+        else:
+            data = _recordings(work, real, budget, protocols, passive)
+        found = _answer(work, data, where)
+    return replace(found, notes=(*found.notes, *dict.fromkeys(work.cache.said)), spec=spec, real=called)
 
 
-def _hidden(bench: Bench, state: State, found: Diagnosis) -> list[str]:
-    """Return what to say where a plain gap is not material for one effect's prior alone."""
-    far = found.how_far
-    if far is None or found.verdict is not Verdict.NONE or far.before.mean < PLAIN * far.floor:
-        return []
-    only = mostly_of_one(state.signatures.curves)
-    return [hidden_by_one(e, far) for e in catalogue_of(bench.backend) if e.name == only]
+@dataclass(frozen=True)
+class _Work:
+    """What every stage needs."""
+
+    bench: Bench
+    seed: int
+    pool: Callable[[], Executor] | None
+    tell: Watched
+    cache: Cache
+
+    def library(self, experiments: Sequence[Experiment]) -> ResponseLibrary:
+        return library(self.bench.backend, experiments, self.pool, self.tell, self.cache)
+
+    def progress(self, stage: str) -> Callable[[int, int], None]:
+        return partial(self.tell, stage)
 
 
-def _recorded(bench: Bench, real: Rollouts | Backend) -> tuple[int, int]:
-    """Return how many rollouts of the spec's tests, and of others, there were before anybody asked.
+@dataclass(frozen=True)
+class _Data:
+    """Real rollouts, in two parts, and the library of their experiments.
 
-    None of either of a machine that is asked.
+    Attributes:
+        rollouts: all of them.
+        parts: train and held-out rollouts.
+        responses: the library.
+        allowed: the experiments that may run next.
     """
-    if not isinstance(real, Backend):
-        return len(real), 0
-    if not isinstance(real, HasRecordings):
-        return 0, 0
-    matched = check_compatibility(bench.spec, bench.requirement, real)
-    tests = tests_of(real.recordings)
-    of_spec = sum(matched.to_spec(each.params) is not None for each in tests)
-    return of_spec, len(tests) - of_spec
+
+    rollouts: RealRollouts
+    parts: TrainHeldOut
+    responses: ResponseLibrary
+    allowed: frozenset[Experiment]
+
+    def candidates(
+        self, bench: Bench, train: RealRollouts, dropped: frozenset[str] = frozenset()
+    ) -> list[Candidate]:
+        """Return every experiment of the library, with the number of its runs so far."""
+        runs = train.by_experiment(bench)
+        found = []
+        for one in (response.experiment for response in self.responses.responses):
+            able = one in self.allowed and one.protocol not in dropped
+            duration = (
+                protocol_of(bench.backend, one.protocol).duration if one.protocol else bench.backend.duration
+            )
+            test = None if one.protocol else bench.matched.to_spec(dict(one.params))
+            found.append(Candidate(one, duration, able, len(runs.get(one, [])), test))
+        return found
 
 
-def _answer(
-    bench: Bench,
-    state: State,
-    parts: Parted,
-    seed: int,
-    executor: Callable[[], Executor] | None,
-    tell: Progress,
-    want_where: bool,
-    moved: bool = False,
-    matters: bool = False,
-) -> Diagnosis:
-    effects = state.judge.effects
-    weighed = together(state, lambda done, of: tell("simulating sets of effects", done, of))
-    state = replace(state, sets=weighed.sets, temperature=weighed.temperature)
-    isolable = isolability(
-        state.smooth.surrogate,
-        state.smooth.layout.scatter,
-        state.signatures.noise,
-        state.smooth.nuisances,
-        state.temperature,
-    )
-    ranked = state.sets.ranked()
-    first_none = not ranked[0][0]
-    told = shared(state.sets, isolable.kin)
-    named = likeliest(ranked, told.ranked())
-    tell("fitting the causes", 0, 0)
-    catalogue = state.view.surrogate.catalogue
-    best = sized(state, weighed, named)
-    there = large(catalogue, named, best.at)
-    if there != named:
-        named, best = there, sized(state, weighed, there)
-    fitted = fit(catalogue, named, best)
-    tuned = catalogue.values((sized(state, weighed, ()) if first_none else best).tuned)
-    left = remainders(
-        bench,
-        state.signatures.bank.lines,
-        parts.used,
-        tuned,
-        seed,
-        executor,
-        lambda done, of: tell("unexplained motion", done, of),
-        None if first_none else fitted.values,
+def _campaign(
+    work: _Work,
+    machine: Backend,
+    budget: int | None,
+    folder: Path | None,
+    protocols: Sequence[str] | None,
+    passive: bool,
+) -> _Data:
+    """Run a campaign: a fixed plan, then the experiments that best separate what is open, until nothing is."""
+    bench = work.bench
+    tests = star(bench.spec.space)
+    runnable, said = allowed(bench.backend, machine, () if passive else protocols)
+    fixed = plan(bench, tests, runnable, BUDGET if budget is None else budget, work.seed)
+    # The library comes first: a simulator that cannot be diagnosed costs no rollout of the machine.
+    experiments = [as_experiment(bench, test) for test in tests]
+    responses = work.library([*experiments, *(() if passive else _protocols(bench, runnable))])
+    before = _Data(
+        RealRollouts(), TrainHeldOut(RealRollouts(), ()), responses, frozenset([*experiments, *runnable])
     )
 
-    def answered(fitted: Fit, plain: bool) -> tuple[HowFar | None, Verdict, float]:
-        values = {} if first_none else fitted.values
-        far = measured(bench, state, parts, values, tuned, seed, executor, tell)
-        far = far and replace(far, moved=moved, matters=matters)
-        return far, *decided(
-            far,
-            state.unknown,
-            state.judge.threshold,
-            ranked[0][1],
-            nothing=first_none,
-            plain=plain,
-            at_end=any(e.at_end for e in fitted.estimates),
-            strange=any(each.material for each in left),
-            matters=matters,
-        )
+    def choose(train: RealRollouts, dropped: frozenset[str]) -> Experiment | None:
+        found = estimate(bench.backend, responses, train.by_experiment(bench), corrections=0)
+        if not with_status(_sizes(work, found), Status.POSSIBLE):
+            return None
+        best = next_test(found, before.candidates(bench, train, dropped))
+        return None if best is None else best.candidate.experiment
 
-    far, verdict, unknown = answered(fitted, clear(state.sets, *ranked[0]))
-    sure = certain(state.sets, named)
-    if verdict is Verdict.NONE and not first_none and 0 < len(sure) < len(named):
-        # The traces are sure of some of them, and what may be beside these does not make that less so.
-        named, fitted = sure, fit(catalogue, sure, sized(state, weighed, sure))
-        far, verdict, unknown = answered(fitted, plain=True)
-    known = 1.0 - unknown
-    by_size: dict[int, dict[tuple[str, ...], float]] = {size: {} for size in range(LARGEST + 2)}
-    for several, probability in zip(told.members, told.probability, strict=True):
-        by_size[len(several)][tuple(effects[k] for k in several)] = known * float(probability)
+    rollouts = campaign(bench, machine, fixed, work.seed, choose, folder, work.progress("real rollouts"))
+    rollouts = replace(rollouts, notes=(*said, *rollouts.notes))
+    return replace(before, rollouts=rollouts, parts=split(rollouts, work.seed, fixed.held_out))
 
-    members = tuple(effects[k] for k in named)
-    alike = confounded(isolable, members, by_size)
-    if verdict is Verdict.NAMED and len(alike) > len(named):
-        verdict = Verdict.CONFOUNDED
-    nothing = verdict in (Verdict.NONE, Verdict.SPREAD)
-    answer = () if nothing or verdict is Verdict.UNKNOWN else members
-    upcoming = None
-    unsure = told.probability.max() * known < SURE or verdict is Verdict.CONFOUNDED
-    if verdict not in (Verdict.NONE, Verdict.UNKNOWN) and unsure:
-        upcoming = _next(
-            bench, state, weighed, isolable, told.ranked(), [test for test, _ in parts.used], tell
-        )
-    families = {e.name: e.family for e in catalogue_of(bench.backend)}
-    which = Which(
-        none=by_size[0][()],
-        unknown=unknown,
-        singles={n[0]: p for n, p in by_size[1].items()},
-        several={names: p for size in range(2, LARGEST + 1) for names, p in by_size[size].items()},
-        answer=answer,
-        confounded=alike if answer else (),
-        estimates=() if nothing else fitted.estimates,
-        nearest_family=" and ".join(dict.fromkeys(families[name] for name in members)),
-        isolability=isolable,
-        next_test=upcoming,
-        spare=spare(members, by_size) if answer else (),
+
+def _recordings(
+    work: _Work, real: Rollouts | Backend, budget: int | None, protocols: Sequence[str] | None, passive: bool
+) -> _Data:
+    """Read recorded rollouts; the library has their tests or tests near these, and all protocols."""
+    bench = work.bench
+    rollouts = recorded(bench, real, budget, passive)
+    tests = representative([test for test, _ in rollouts.tests] or star(bench.spec.space), bench.spec.space)
+    experiments = [as_experiment(bench, test) for test in tests]
+    run = list(dict.fromkeys(experiment for experiment, _ in rollouts.protocols))
+    runnable, _ = allowed(bench.backend, bench.backend, () if passive else protocols)
+    others = () if passive else _protocols(bench, [*run, *runnable])
+    responses = work.library(list(dict.fromkeys([*experiments, *run, *others])))
+    parts = split(rollouts, work.seed)
+    return _Data(rollouts, parts, responses, frozenset([*experiments, *run, *runnable]))
+
+
+def _protocols(bench: Bench, runnable: Sequence[Experiment]) -> list[Experiment]:
+    """Return these protocols, and the simulator's others, which say what an answer lacks."""
+    have = {experiment.protocol for experiment in runnable}
+    own = bench.backend.protocols() if isinstance(bench.backend, HasProtocols) else ()
+    return [*runnable, *(Experiment(protocol.name) for protocol in own if protocol.name not in have)]
+
+
+def _sizes(work: _Work, found: Estimate) -> tuple[EffectEstimate, ...]:
+    families = {effect.name: effect.family for effect in catalogue_of(work.bench.backend)}
+    return effect_estimates(found.posterior, found.fit.likelihood, found.library.parameters, families)
+
+
+def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
+    bench, seed, pool, tell = work.bench, work.seed, work.pool, work.tell
+    tests, parts, lines = data.rollouts.tests, data.parts, data.responses.parameters
+    used = [*parts.train.tests, *parts.held_out]
+    odd = findings(bench, tests, lines, pool, work.progress("checking the recordings"))
+    tell("where the simulator falls", 0, 0)
+    why, alone = falls(bench, lines, tests, seed, pool), falls_alone(bench, tests, seed, pool)
+    tell("estimating sizes", 0, 0)
+    found = estimate(bench.backend, data.responses, parts.train.by_experiment(bench))
+    sizes = _sizes(work, found)
+    tuned = data.responses.values(mean_sizes(found.posterior))
+    patch = {one.effect: one.values for one in with_status(sizes, Status.NAMED)}
+    candidates = data.candidates(bench, parts.train)
+    tell("gap before and after", 0, 0)
+    evidence = Evidence(
+        sizes,
+        any_cause(found.posterior),
+        separations(found, [one.effect for one in with_status(sizes, Status.POSSIBLE)], candidates),
+        held_out_gap(bench, parts.held_out, parts.train.tests, patch, tuned, seed, pool),
+        compared_at_all_tests(bench, tests, seed, pool, work.progress("simulating all tests"))
+        if tests
+        else None,
+        left=remainders(bench, lines, used, tuned, seed, pool, work.progress("unexplained motion"), patch),
+        findings=odd,
     )
+    nothing = with_status(sizes, Status.POSSIBLE) == ()
+    upcoming: NextTest | None = None if nothing else next_test(found, candidates)
+    told = Used(tests, len(parts.train.tests), len(parts.held_out), ENOUGH)
+    lacking = notes(bench, told, _idle(data.responses), why, odd, alone)
     return Diagnosis(
-        verdict=verdict,
-        reason=reason(verdict, which, far, members, left),
-        where=_where(bench, parts.used, tuned, seed, executor, tell) if want_where else None,
-        which=which,
-        how_far=far,
-        left=left,
-        patch=fitted.values if answer else {},
-        tuned=tuned,
-        provenance={
+        Which(evidence, by_effects(found.posterior, lines), upcoming),
+        _where(work, used, tuned) if want_where and used else None,
+        tuned,
+        {
             "s2r": version(),
             "seed": seed,
             "spec_hash": bench.spec.hash,
             "requirement": bench.requirement,
             "backend": bench.backend.name,
             "model_hash": bench.backend.model_hash,
-            "rollouts": len(parts.used),
-            "held_out": len(parts.held),
-            "weighed_by": "bank" if state.by_bank else "simulator",
-            "judge": {name: round(value, 4) for name, value in state.judge.practice.items()},
+            "rollouts": len(data.rollouts.tests) + len(data.rollouts.protocols),
+            "held_out": len(parts.held_out),
         },
-        assumptions=ASSUMPTIONS,
+        ASSUMPTIONS,
+        (*lacking, *data.rollouts.notes),
+        passive=not data.rollouts.protocols,
     )
 
 
-ASSUMPTIONS = (
-    "the real rollouts were run at the recorded tests, and only those named in a note were left out",
-    "the probabilities combine evidence and networks with fixed weights, chosen on development twins; "
-    f"{page('explanation/diagnosis')} shows how often they come true on sealed twins",
-    "if an effect outside the catalogue looks like one in it, the diagnosis names the one in the catalogue",
-)
+def _idle(responses: ResponseLibrary) -> list[str]:
+    """Return the effects that change nothing in any experiment."""
+    moved = np.zeros(len(responses.parameters), dtype=bool)
+    for response in responses.responses:
+        moved |= [bool(np.any(np.nan_to_num(curve.values))) for curve in response.curves]
+    effects = dict.fromkeys(line.effect for line in responses.parameters)
+    acting = {line.effect for line, any_move in zip(responses.parameters, moved, strict=True) if any_move}
+    return [effect for effect in effects if effect not in acting]
 
 
-def _next(
-    bench: Bench,
-    state: State,
-    weighed: Together,
-    isolable: Isolability,
-    ranked: list[tuple[tuple[int, ...], float]],
-    run: Sequence[Test],
-    tell: Progress,
-) -> Any:
-    rivals: list[tuple[str, Mapping[str, Mapping[str, float]]]] = []
-    first = next((members for members, _ in ranked if members), ())
-    for members, _ in ranked:
-        if members and len(rivals) < 2 and not isolable.same(first, members):
-            size = by_linear(state.data, members, state.temperature)
-            # Linear data are right near the fit of everything; a set that was simulated has a fit of its own.
-            if looked := weighed.fits.get(members):
-                size = replace(size, at=looked.at)
-            best = fit(state.view.surrogate.catalogue, members, size)
-            rivals.append((" + ".join(state.judge.effects[k] for k in members), best.values))
-    tell("next test", 0, 0)
-    return next_test(bench, state.signatures, rivals, run, protocols=True, temperature=state.temperature)
-
-
-def _where(
-    bench: Bench,
-    rollouts: list[tuple[dict[str, float], Trace]],
-    improved: Mapping[str, Mapping[str, float]],
-    seed: int,
-    executor: Callable[[], Executor] | None,
-    tell: Progress,
-) -> Where:
+def _where(work: _Work, rollouts: Sequence[tuple[Test, Trace]], improved: Values) -> Where:
     """Compare every real rollout with one of the nominal simulator at its test."""
-    real, simulated = [], []
+    bench, real, simulated = work.bench, [], []
     for number, (test, trace) in enumerate(rollouts):
-        other = bench.run({}, test, rollout_seed(seed, number, 0, Stream.CHECK))
+        other = bench.run({}, test, rollout_seed(work.seed, number, 0, Stream.CHECK))
         real.append((trace, bench.rho(trace, test)))
         simulated.append((other, bench.rho(other, test)))
-        tell("where", number + 1, len(rollouts))
-    tests = [test for test, _ in rollouts]
-    tell("where in the machine and between the tests", 0, 0)
-    pairs = Pairs(tests, real, simulated)
-    return find_where(bench.spec, bench.requirement, pairs, seed, bench, improved, executor)
+        work.tell("where", number + 1, len(rollouts))
+    work.tell("where in the machine and between the tests", 0, 0)
+    pairs = Pairs([test for test, _ in rollouts], real, simulated)
+    return find_where(bench.spec, bench.requirement, pairs, work.seed, bench, improved, work.pool)

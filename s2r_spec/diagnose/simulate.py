@@ -1,44 +1,30 @@
-"""Rollouts for the diagnosis: many effects, many tests, reduced to numbers where they are made."""
+"""Rollouts for the diagnosis: many machines, many tests, reduced to numbers where they are made."""
 
 from __future__ import annotations
 
+import math
 import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, as_completed
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.backend import Backend, HasEffects, HasVariants
+from s2r_spec.backend import Backend, Effect, HasDuration, HasEffects, HasVariants, is_exclusive, load_backend
 from s2r_spec.diagnose.axes import Values
-from s2r_spec.diagnose.equations import Instruments
-from s2r_spec.diagnose.features import Features
 from s2r_spec.diagnose.simulator.experiments import with_residuals
 from s2r_spec.documentation import page
+from s2r_spec.effects import catalogue_of
 from s2r_spec.errors import BackendError, UsageError
-from s2r_spec.rollouts.compatibility import Interface
-from s2r_spec.space import key_of
+from s2r_spec.rollouts.compatibility import Interface, check_compatibility
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
 Test = Mapping[str, float]
-
-INSTRUMENT_SEEDS = (2_000_003, 2_000_004, 2_000_005)
-"""Of rollouts that are instruments: no other rollout of a simulator has these."""
-
-A_READING = 3e-4
-"""[s] of one core that the residuals of a rollout take, about. They are asked for once, and once for every effect."""
-
-
-class _Kept(dict[tuple[tuple[str, float], ...], Instruments | None]):
-    """Instruments that were made in this process; they are not sent to another."""
-
-    def __reduce__(self) -> tuple[type[_Kept], tuple[()]]:
-        return _Kept, ()
 
 
 @dataclass(frozen=True)
@@ -50,21 +36,28 @@ class Bench:
         spec: with the requirement.
         requirement: its name.
         matched: how the spec's tests become the backend's.
-        features: what is computed from a trace; None for ρ alone.
     """
 
     backend: Backend
     spec: Spec
     requirement: str
     matched: Interface
-    features: Features | None = None
-    _kept: _Kept = field(default_factory=_Kept, init=False, repr=False, compare=False)
 
-    @property
-    def cost(self) -> float:
-        """Expected time on one core [s] of a rollout, as the backend has it, and of what is measured of it."""
-        readings = 0 if self.features is None else 1 + len(self.features.probes)
-        return max(float(self.backend.cost), 1e-4) + A_READING * readings
+    @classmethod
+    def of(cls, spec: Spec, requirement: str, simulator: Backend | str) -> Bench:
+        """Set a spec up on a simulator.
+
+        Raises:
+            UsageError: the simulator declares no effects, or lacks what the spec needs.
+            BackendError: two of its effects have one name.
+        """
+        backend = load_backend(simulator) if isinstance(simulator, str) else simulator
+        refuse_machine(backend)
+        horizon = spec.horizon(requirement)
+        if isinstance(backend, HasDuration) and math.isfinite(horizon) and horizon > 0:
+            backend = backend.with_duration(horizon)
+        _of_different_names(backend.name, catalogue_of(backend))
+        return cls(backend, spec, requirement, check_compatibility(spec, requirement, backend))
 
     def with_effects(self, values: Values) -> Backend:
         """Return the backend with these effects; the same one for none."""
@@ -95,51 +88,36 @@ class Bench:
         """Return the trace with the residuals of the nominal model beside its channels."""
         return with_residuals(trace, self.backend, self.matched.to_backend(test))
 
-    def measure(self, trace: Trace, test: Test, extra: Test | None = None) -> FloatArray:
-        """Return (p + 1,): ρ, then the features.
 
-        Args:
-            trace: a rollout.
-            test: in the spec's units.
-            extra: parameters of the backend that the spec does not sweep, in its units, where they were not usual.
-        """
-        rho = self.rho(trace, test)
-        if self.features is None:
-            return np.array([rho])
-        params = {**self.matched.to_backend(test), **(extra or {})}
-        equations = self.features.equations(trace, self.backend, params, self.instruments(test))
-        seen = with_residuals(trace, self.backend, params)
-        return np.concatenate([[rho], self.features.vector(seen), equations])
+def refuse_machine(backend: object) -> None:
+    """Refuse a machine whose rollouts need an operator.
 
-    def unexplained(self, trace: Trace, test: Test) -> float:
-        """Return the mean square that no effect's equations explain of the nominal residuals; NaN if none is asked."""
-        if self.features is None or not self.features.probes:
-            return float("nan")
-        asked = self.features.asked(self.backend)
-        return asked.unexplained(trace, self.matched.to_backend(test), self.instruments(test))
+    Raises:
+        UsageError: it is one.
+    """
+    if is_exclusive(backend):
+        name = getattr(backend, "name", "this backend")
+        raise UsageError(
+            f"{name} is a machine, and its rollouts need an operator; diagnose its recordings with --real log:FOLDER"
+        )
 
-    def instruments(self, test: Test) -> Instruments | None:
-        """Return the instruments at a test, made once in a process; None where they are not used."""
-        if self.features is None or not self.features.instrumented:
-            return None
-        place = key_of(test)
-        if place not in self._kept:
-            self._kept[place] = self.nominal_motion(self.features, test)
-        return self._kept[place]
 
-    def weights(self, tests: Sequence[Test]) -> FloatArray:
-        """Return (tests, p, p) by which coordinates that the equations ask for count; 1 where all count alike."""
-        probes = () if self.features is None else self.features.probes
-        found = [self.instruments(test) for test in tests]
-        return np.array([np.eye(len(probes)) if each is None else each.weight for each in found])
+def _of_different_names(backend: str, effects: Sequence[Effect]) -> None:
+    """Refuse a catalogue in which one name stands for two effects, or for two parameters of one.
 
-    def nominal_motion(self, features: Features, test: Test) -> Instruments | None:
-        """Return the regressors of the nominal simulator at a test."""
-        traces = []
-        for seed in INSTRUMENT_SEEDS:
-            with blamed(self, {}, test, seed):
-                traces.append(self.run({}, test, seed))
-        return features.asked(self.backend).instruments(traces, self.matched.to_backend(test))
+    Raises:
+        BackendError: it does.
+    """
+    names = [effect.name for effect in effects]
+    of_one = [(effect.name, [p.name for p in effect.parameters]) for effect in effects]
+    for what, among in [
+        ("effects", names),
+        *((f"parameters of the effect {name!r}", of) for name, of in of_one),
+    ]:
+        if twice := [name for n, name in enumerate(among) if name in among[:n]]:
+            raise BackendError(
+                f"backend {backend!r} has two {what} named {twice[0]!r}; give each its own name"
+            )
 
 
 @dataclass(frozen=True)
@@ -157,11 +135,16 @@ WATCH: ContextVar[Callable[[int], None]] = ContextVar("watch", default=lambda ro
 """Definition: what counts the rollouts that are run for a stage with no count of its own."""
 
 Read = Callable[[Bench, Trace, Test], FloatArray]
-"""What is kept of a rollout: one row of numbers."""
+"""From a rollout to one row of numbers."""
 
 
-def run_job(bench: Bench, job: Job, read: Read = Bench.measure) -> FloatArray:
-    """Return (runs, p + 1) of :meth:`Bench.measure`, or what else is read of each rollout.
+def rho_and_end(bench: Bench, trace: Trace, test: Test) -> FloatArray:
+    """Return (2,): ρ, and whether the rollout ended early."""
+    return np.array([bench.rho(trace, test), float(trace.failure is not None)])
+
+
+def run_job(bench: Bench, job: Job, read: Read = rho_and_end) -> FloatArray:
+    """Return (runs, n) the row of each rollout.
 
     Raises:
         BackendError: the backend raised; the sentence names the effects and the test.
@@ -211,7 +194,7 @@ def run_jobs(
     jobs: Sequence[Job],
     executor: Callable[[], Executor] | None = None,
     progress: Callable[[int, int], None] | None = None,
-    read: Read = Bench.measure,
+    read: Read = rho_and_end,
 ) -> list[FloatArray]:
     """Return :func:`run_job` of each job, in their order.
 

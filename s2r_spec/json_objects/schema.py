@@ -12,7 +12,6 @@ from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from typing_extensions import get_original_bases
 
 from s2r_spec.errors import UsageError, one_of, suggest
-from s2r_spec.json_objects.answer import AnswerObject
 from s2r_spec.json_objects.backends import BackendObject, BackendsObject, ConformanceObject
 from s2r_spec.json_objects.certify import CertifyObject
 from s2r_spec.json_objects.check import CheckObject
@@ -46,8 +45,7 @@ OBJECTS: Mapping[str, Any] = {
     "s2r.plan/1": PlanObject | PilotObject,
     "s2r.promises/1": ConformanceObject,
     "s2r.replay/1": ReplayObject,
-    "s2r/diagnosis/1": DiagnosisObject,
-    "s2r/diagnosis/2": AnswerObject,
+    "s2r/diagnosis/2": DiagnosisObject,
 }
 """What an object calls itself → its record."""
 INFINITE = frozenset({"s2r.monitor/1", "s2r.online/1"})

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from s2r_spec.diagnose.answer import Diagnosis
 from s2r_spec.diagnose.decision import Rule
+from s2r_spec.diagnose.diagnosis import Diagnosis
 from s2r_spec.diagnose.experiment_design.identifiability import Candidate, Separation
 from s2r_spec.diagnose.experiment_design.next_test import NextTest
 from s2r_spec.documentation import page

@@ -10,20 +10,42 @@ from rich.markup import escape
 from rich.text import Text
 
 from s2r_spec.backend import short
-from s2r_spec.diagnose.diagnosis import Diagnosis, Verdict, Which
-from s2r_spec.diagnose.estimate import Estimate
+from s2r_spec.diagnose.decision import Verdict
+from s2r_spec.diagnose.diagnosis import Diagnosis
+from s2r_spec.diagnose.inference.estimates import EffectEstimate, ParameterEstimate, Status, with_status
 from s2r_spec.json_objects.diagnosis import DiagnosisObject
 from s2r_spec.printable import one_line
 from s2r_spec.quantity import interval, measured, quantity
+from s2r_spec.report.advice import next_step, settled_words
 from s2r_spec.report.gap_words import body_words, gap_title, left_words, listed, shrink_rows, where_words
 from s2r_spec.report.materiality import matters_words
-from s2r_spec.report.nextstep import next_step
 from s2r_spec.report.text import STYLES
 from s2r_spec.spec import Spec
 
-SHOWN = 5
-"""Definition: causes that are printed, most probable first."""
-WORDS = {"none": "no material effect", "unknown": "none of these"}
+
+@dataclass(frozen=True)
+class SizeRow:
+    """The estimate of one parameter, in words.
+
+    Attributes:
+        name: of effect and parameter.
+        value: with its unit.
+        interval: of 90 %.
+        whole: value and interval.
+        size: in typical sizes, with its interval.
+        probability: that the effect is at least a quarter of typical.
+        status: of the effect.
+        parameter: the numbers.
+    """
+
+    name: str
+    value: str
+    interval: str
+    whole: str
+    size: str
+    probability: str
+    status: str
+    parameter: ParameterEstimate
 
 
 @dataclass(frozen=True)
@@ -31,30 +53,36 @@ class Description:
     """What every form of a diagnosis says; a form adds its layout and its figures.
 
     Attributes:
+        passive: what tests of the specification alone cannot tell; "" where protocols were run, or nothing is hidden.
         mistakes: sentences on suspected mistakes of the recordings.
         notes: other sentences on the recordings.
         matters: sentences on whether the gap matters; none for a diagnosis without that test.
-        where: sentences on the worst test; none if the place of the gap was not asked for.
-        parts: sentences on the parts of the machine, and on motion that no effect explains.
-        causes: (cause, probability), most probable first.
-        estimates: (parameter, value with its interval, value, 90 % interval).
-        doubt: which effects the data do not separate; "" for none.
+        named: the parameters of the named effects.
+        possible: (effect, its size, its probability, and the experiment that would settle it).
+        ruled_out: names of effects; "" for none.
+        hidden: names of the effects that the data do not show; "" for none.
+        sizes: of every parameter of the catalogue: named, possible, ruled out.
         gap_title: the title of ``gap``.
         gap: (name, text) rows on the gap of held-out rollouts; none without such rollouts.
+        where: sentences on the worst test; none if the place of the gap was not asked for.
+        parts: sentences on the parts of the machine, and on motion that no effect explains.
         next: the next step.
         provenance: rollouts, seed, backend and model hash.
     """
 
+    passive: str
     mistakes: tuple[str, ...]
     notes: tuple[str, ...]
     matters: tuple[str, ...]
-    where: tuple[str, ...]
-    parts: tuple[str, ...]
-    causes: tuple[tuple[str, float], ...]
-    estimates: tuple[tuple[str, str, str, str], ...]
-    doubt: str
+    named: tuple[SizeRow, ...]
+    possible: tuple[tuple[str, str], ...]
+    ruled_out: str
+    hidden: str
+    sizes: tuple[SizeRow, ...]
     gap_title: str
     gap: tuple[tuple[str, str], ...]
+    where: tuple[str, ...]
+    parts: tuple[str, ...]
     next: str
     provenance: str
 
@@ -62,21 +90,62 @@ class Description:
 def describe(found: Diagnosis, spec: Spec) -> Description:
     """Return what every form of a diagnosis says."""
     which, where, far = found.which, found.where, found.how_far
-    mistakes = tuple(each.text for each in found.findings)
+    mistakes = tuple(each.text for each in found.evidence.findings)
+    by_status = {status: with_status(which.effects, status) for status in Status}
+    settled = {one.effect: settled_words(one, spec) for one in which.evidence.separations}
+    names = {status: listed(sorted(one.effect for one in of)) for status, of in by_status.items()}
     return Description(
+        passive=passive_words(found),
         mistakes=mistakes,
         notes=tuple(note for note in found.notes if note not in mistakes),
         matters=() if found.materiality is None else matters_words(found.materiality, spec.space.units),
-        where=() if where is None else where_words(where, spec),
-        parts=() if where is None else (*body_words(where), *left_words(found.left)),
-        causes=tuple((WORDS.get(names[0], " + ".join(names)), p) for names, p in which.ranked),
-        estimates=tuple(map(_estimate, which.estimates)),
-        doubt=doubt(which),
+        named=tuple(row for one in by_status[Status.NAMED] for row in _rows(one)),
+        possible=tuple(
+            (one.effect, _possible(one, settled.get(one.effect, ""))) for one in by_status[Status.POSSIBLE]
+        ),
+        ruled_out=names[Status.RULED_OUT],
+        hidden=names[Status.HIDDEN],
+        sizes=tuple(row for status in Status for one in by_status[status] for row in _rows(one)),
         gap_title="" if far is None else gap_title(far),
         gap=() if far is None else shrink_rows(far),
+        where=() if where is None else where_words(where, spec),
+        parts=() if where is None else (*body_words(where), *left_words(found.left)),
         next=next_step(found, spec),
         provenance=provenance(found),
     )
+
+
+def passive_words(found: Diagnosis) -> str:
+    """Return what tests of the specification alone cannot tell; "" where protocols were run, or nothing is hidden."""
+    hidden = found.which.hidden
+    if not found.passive or not hidden:
+        return ""
+    return (
+        f"tests of the specification alone cannot measure {listed(hidden, 'or')}: with all other sizes free, the 90 % "
+        f"interval reaches more than a quarter of typical either way"
+    )
+
+
+def _rows(one: EffectEstimate) -> list[SizeRow]:
+    return [
+        SizeRow(
+            f"{one.effect}.{p.parameter}",
+            quantity(p.value, p.unit, (p.high - p.low) / 2),
+            interval(p.low, p.high, p.unit),
+            measured(p.value, p.low, p.high, p.unit),
+            measured(p.size, p.size_low, p.size_high, ""),
+            f"{one.probability:.3f}",
+            one.status.value,
+            p,
+        )
+        for p in one.parameters
+    ]
+
+
+def _possible(one: EffectEstimate, settled: str) -> str:
+    p = one.largest
+    words = f"{measured(p.value, p.low, p.high, p.unit)}, probability {one.probability:.2f}"
+    return f"{words}; {settled}" if settled else words
 
 
 def record(found: Diagnosis, spec: Spec) -> DiagnosisObject:
@@ -102,7 +171,7 @@ def text(found: Diagnosis, spec: Spec) -> str:
 
 def markup(found: Diagnosis, spec: Spec) -> str:
     """Return rich markup: mistakes of the recordings, the answer, then its details."""
-    first = "".join(f"{escape(one_line(f'note: {each.text}'))}\n" for each in found.findings)
+    first = "".join(f"{escape(one_line(f'note: {each.text}'))}\n" for each in found.evidence.findings)
     headline = (
         f"[{STYLES[found.verdict.tone]}]{found.verdict.value.upper()}[/]  {escape(one_line(found.reason))}"
     )
@@ -110,21 +179,25 @@ def markup(found: Diagnosis, spec: Spec) -> str:
 
 
 def body(found: Diagnosis, spec: Spec) -> str:
-    """Return where the gap lies, which effects cause it, how far it shrinks, and what to do next, as plain text."""
+    """Return whether the gap matters, its causes, how far it shrinks, where it lies, and what to do next."""
     words = describe(found, spec)
-    lines = [f"  {line}" for line in words.matters] + [f"  note: {line}" for line in words.notes]
+    lines = [f"  {words.passive}"] if words.passive else []
+    lines += [f"  {line}" for line in words.matters] + [f"  note: {line}" for line in words.notes]
+    if words.named:
+        lines += ["", f"  {'named':36} {'value (90 %)':28} parts of typical"]
+        lines += [f"  {row.name:36} {row.whole:28} {row.size}" for row in words.named]
+    if words.possible:
+        lines += ["", f"  {'possible':36} value (90 %)"]
+        lines += [f"  {name:36} {row}" for name, row in words.possible]
+    if words.ruled_out:
+        lines += ["", f"  ruled out: {words.ruled_out}"]
+    if words.hidden:
+        lines += ["", f"  not visible in these data: {words.hidden}"]
+    if words.gap:
+        lines += ["", f"  {words.gap_title}", *(f"    {name:6} {row}" for name, row in words.gap)]
     if words.where:
         first, *rest = words.where + words.parts
         lines += ["", f"  where: {first}", *(f"    {line}" for line in rest)]
-    lines += ["", f"  {'cause':42} probability"]
-    lines += [f"  {cause:42} {p:.3f}" for cause, p in words.causes[:SHOWN]]
-    if words.estimates:
-        lines += ["", f"  {'parameter':42} value (90 %)"]
-        lines += [f"  {name:42} {value}" for name, value, *_ in words.estimates]
-    if words.doubt:
-        lines += ["", f"  {words.doubt}"]
-    if words.gap:
-        lines += ["", f"  {words.gap_title}", *(f"    {name:6} {row}" for name, row in words.gap)]
     lines += ["", f"  next: {words.next}", "", *(f"  - {line}" for line in found.assumptions)]
     return "\n".join(map(one_line, [*lines, "", f"  {words.provenance}"]))
 
@@ -135,26 +208,4 @@ def provenance(found: Diagnosis) -> str:
     return (
         f"{p['rollouts']} real rollouts, {p['held_out']} of them held out, seed {p['seed']}, "
         f"backend {p['backend']}, model {short(str(p['model_hash']))}"
-    )
-
-
-def _estimate(e: Estimate) -> tuple[str, str, str, str]:
-    whole, ends = measured(e.value, e.low, e.high, e.unit), interval(e.low, e.high, e.unit)
-    return f"{e.effect}.{e.parameter}", whole, quantity(e.value, e.unit, (e.high - e.low) / 2), ends
-
-
-def doubt(which: Which) -> str:
-    """Return which effects the data do not separate from the answer, and which no data would; "" for none."""
-    if not set(which.confounded) > set(which.answer) != set():
-        return ""
-    if len(which.answer) == 1 and set(which.instead) | set(which.answer) == set(which.confounded):
-        words = f"these data do not separate {listed(which.confounded)}"
-    else:
-        others = listed([name for name in which.confounded if name not in which.answer])
-        words = f"these data do not rule out {others}"
-    kinds = ", ".join(f"{a} and {b}" for a, b in which.isolability.kinds(which.confounded))
-    return (
-        f"{words}. More of these tests would not separate {kinds}: their laws are too similar"
-        if kinds
-        else words
     )

@@ -2,30 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import PurePath
+from typing import Any
+
+from s2r_spec.attribution.attribute import Part
 from s2r_spec.diagnose.diagnosis import Diagnosis
-from s2r_spec.diagnose.estimate import Estimate
-from s2r_spec.printable import spelled
-from s2r_spec.report.answered_page import (
-    Bar,
-    about,
-    body,
-    flat,
-    formula,
-    held_out,
-    percent,
-    shifts,
-    space,
-    unbroken,
-)
-from s2r_spec.report.diagnosed import Description, describe
+from s2r_spec.diagnose.gap.held_out import HeldOutGap
+from s2r_spec.diagnose.gap.where import Where
+from s2r_spec.report.diagnosed import SizeRow, describe
 from s2r_spec.report.figures.blame import blame
-from s2r_spec.report.figures.isolation import isolation
+from s2r_spec.report.figures.canvas import Picture
+from s2r_spec.report.figures.robot import amount, robot
+from s2r_spec.report.figures.shrink import before_and_after, over_space
 from s2r_spec.report.html import fill
 from s2r_spec.spec import Spec
 
-SHOWN = 8
-"""Definition: causes that get a bar, most probable first."""
-_LEAST = 0.0005
+
+@dataclass(frozen=True)
+class Bar:
+    """A row with a bar; positions in percent of the line."""
+
+    label: str
+    left: float
+    width: float
+    words: str
+    tone: str = ""
 
 
 def render(found: Diagnosis, spec: Spec, real: str = "") -> str:
@@ -39,7 +42,7 @@ def render(found: Diagnosis, spec: Spec, real: str = "") -> str:
     Raises:
         UsageError: a package is missing.
     """
-    words = describe(found, spec)
+    words, where, far = describe(found, spec), found.where, found.how_far
     return fill(
         "diagnosis.html",
         found=found,
@@ -47,54 +50,108 @@ def render(found: Diagnosis, spec: Spec, real: str = "") -> str:
         about=about(found.provenance, spec, real),
         reason=unbroken(found.reason),
         next=unbroken(words.next),
-        causes=causes(words),
-        bars=[_on_a_line(e) for e in found.which.estimates],
-        space=space(found.where, found.how_far),
-        held_out=held_out(found.where, found.how_far, spec),
-        trace=None if found.where is None else blame(found.where, spec, "trace"),
-        formula=() if found.where is None else formula(found.where.pair.parts, found.where.pair.delta),
-        formula_unit="" if found.where is None else found.where.pair.unit,
-        body=body(found.where),
-        shifts=shifts(found.where),
-        isolation=isolation(found.which.isolability, found.which.answer, "isolation"),
-        least=_least(found),
+        bars=on_a_line(words.sizes),
+        space=space(where, far),
+        held_out=held_out(where, far, spec),
+        trace=None if where is None else blame(where, spec, "trace"),
+        formula=() if where is None else formula(where.pair.parts, where.pair.delta),
+        formula_unit="" if where is None else where.pair.unit,
+        body=body(where),
+        shifts=shifts(where),
         sources=flat(found.provenance),
         spec_text=spec.text,
         version=str(found.provenance.get("s2r", "")),
     )
 
 
-def causes(words: Description) -> tuple[Bar, ...]:
-    """Return a bar for each of the most probable causes, and one for the sum of all others."""
-    shown = [one for one in words.causes[:SHOWN] if one[1] >= _LEAST]
-    bars = [Bar(cause, 0.0, percent(p), _odds(p)) for cause, p in shown]
-    others = words.causes[len(shown) :]
-    left = sum(p for _, p in others)
-    if left >= _LEAST:
-        bars.append(Bar(f"{len(others)} others together", 0.0, percent(left), _odds(left), "quiet"))
+def on_a_line(rows: tuple[SizeRow, ...]) -> list[Bar]:
+    """Return the interval of every size as a bar on one line of typical sizes; its words are the place of the value."""
+    ends = [end for row in rows for end in (row.parameter.size_low, row.parameter.size_high)]
+    low, high = min([0.0, *ends]), max([1.0, *ends])
+
+    def place(size: float) -> float:
+        return percent((size - low) / (high - low))
+
+    bars = []
+    for p in (row.parameter for row in rows):
+        left = place(p.size_low)
+        bars.append(Bar("", left, max(place(p.size_high) - left, 0.5), f"{place(p.size)}"))
+    return bars
+
+
+def formula(parts: tuple[Part, ...], delta: float) -> tuple[Bar, ...]:
+    """Return a bar for the part of Δρ of each sub-formula, indented by its depth."""
+    most = max((abs(part.amount) for part in parts), default=0.0)
+    bars = []
+    for part in parts:
+        if most > 0 and abs(part.amount) > 1e-3 * most:
+            share = f", {100 * part.amount / delta:.0f} %" if delta else ""
+            label = "\u2003" * part.depth + (f"{part.name}: " if part.name else "") + part.text
+            bars.append(
+                Bar(
+                    label, 0.0, percent(abs(part.amount) / most), f"{part.amount:+.3g}{share}",
+                    "worse" if part.amount < 0 else "better",
+                )
+            )  # fmt: skip
     return tuple(bars)
 
 
-def _odds(p: float) -> str:
-    return f"{100 * p:.1f} %"
+def unbroken(sentence: str) -> str:
+    """Keep numbers and their percent signs on one line."""
+    return sentence.replace(" %", "\u00a0%")
 
 
-def _on_a_line(e: Estimate) -> Bar:
-    """Return the interval of a parameter as a bar; its words are the place of the value."""
-    low, high = min(e.low, e.value, 0.0 if e.low >= 0 else e.low), max(e.high, e.value)
-    span = (high - low) or 1.0
-    low, high = low - 0.06 * span * (low != 0.0), high + 0.06 * span
-    place = [percent((x - low) / (high - low)) for x in (e.low, e.high, e.value)]
-    return Bar("", place[0], max(place[1] - place[0], 0.5), f"{place[2]}")
+def percent(part: float) -> float:
+    """Return a part of a line in percent."""
+    return round(100.0 * min(max(part, 0.0), 1.0), 2)
 
 
-def _least(found: Diagnosis) -> list[tuple[str, str, str]]:
-    """Return parameter, nominal value, and the values at which these tests separate it from every other effect."""
-    rows = []
-    for one in found.which.isolability.least:
-        unit = f" {spelled(one.unit)}" if one.unit else ""
-        words = [f"{one.below:.3g}{unit} or less"] if one.below is not None else []
-        words += [f"{one.above:.3g}{unit} or more"] if one.above is not None else []
-        sizes = " and ".join(words) or "at none of the tried sizes"
-        rows.append((f"{one.effect}.{one.parameter}", f"{one.nominal:.3g}{unit}", sizes))
+def about(provenance: Mapping[str, Any], spec: Spec, real: str) -> str:
+    """Return the requirement, the simulator, the machine and the rollouts in one line."""
+    p = provenance
+    against = f" against {real}" if real else ""
+    return (
+        f"{PurePath(spec.name).name}, requirement {p['requirement']}: {p['backend']}{against}, "
+        f"{p['rollouts']} real rollouts, {p['held_out']} of them held out"
+    )
+
+
+def space(where: Where | None, far: HeldOutGap | None) -> Picture | None:
+    """Return the gap over the test space."""
+    return None if where is None or where.space is None else over_space(where.space, far, "space")
+
+
+def held_out(where: Where | None, far: HeldOutGap | None, spec: Spec) -> Picture | None:
+    """Return the gap of each held-out test; None where the picture over one parameter shows it already."""
+    over = None if where is None else where.space
+    if far is None or not far.tests or (over is not None and over.space.dim == 1):
+        return None
+    return before_and_after(far, spec.space.units, "held")
+
+
+def body(where: Where | None) -> Picture | None:
+    """Return the parts of the machine; None where their motion was not compared."""
+    return None if where is None or where.body is None else robot(where.body, "robot")
+
+
+def shifts(where: Where | None) -> list[tuple[str, str, str]]:
+    """Return the place, the residual with its size, and the adjusted p-value of every significant shift."""
+    if where is None or where.body is None:
+        return []
+    found = where.body
+    return [
+        (str(found.place(part, shift)), amount(shift), f"p = {shift.adjusted:.1g}, adjusted for all tests")
+        for part in found.shifted
+        for shift in part.shifts
+    ]
+
+
+def flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+    """Return nested values as rows of names and words."""
+    rows: list[tuple[str, str]] = []
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            rows += flat(value, f"{prefix}{name}: ")
+        else:
+            rows.append((f"{prefix}{name}", str(value)))
     return rows

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from s2r_spec.attribution.place import Place, Range, cause_first
 from s2r_spec.diagnose.gap.held_out import Gap, HeldOutGap
 from s2r_spec.diagnose.gap.where import Where
-from s2r_spec.diagnose.how_far import HowFar
 from s2r_spec.diagnose.remainder import Remainder
 from s2r_spec.quantity import Scale, measured, quantity
 from s2r_spec.report.checked import test_words
@@ -100,7 +99,7 @@ def left_words(left: Sequence[Remainder]) -> tuple[str, ...]:
     return tuple(unexplained[:PARTS]) or ("the best-fitting simulator explains all of the motion",)
 
 
-def shrink_rows(far: HowFar | HeldOutGap) -> tuple[tuple[str, str], ...]:
+def shrink_rows(far: HeldOutGap) -> tuple[tuple[str, str], ...]:
     """Return (name, text) rows: the gap before and after, the floor, and the closed part."""
     scale = _scale(far)
     rows = [("before", _gap(far.before, scale))]
@@ -118,13 +117,13 @@ def shrink_rows(far: HowFar | HeldOutGap) -> tuple[tuple[str, str], ...]:
     return tuple(rows)
 
 
-def gap_title(far: HowFar | HeldOutGap) -> str:
+def gap_title(far: HeldOutGap) -> str:
     """Return the title of :func:`shrink_rows`, with their unit."""
     unit = _scale(far).unit
     return f"gap on {far.rollouts} held-out rollouts, mean |ρ_real − ρ_sim|{f' in {unit}' if unit else ''}"
 
 
-def _scale(far: HowFar | HeldOutGap) -> Scale:
+def _scale(far: HeldOutGap) -> Scale:
     return Scale.of(max(far.before.mean, far.before.worst), far.unit)
 
 

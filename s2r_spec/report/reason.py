@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from s2r_spec.attribution.place import Place, Range
-from s2r_spec.diagnose.answer import Diagnosis
 from s2r_spec.diagnose.decision import Rule, Verdict
+from s2r_spec.diagnose.diagnosis import Diagnosis
 from s2r_spec.report.gap_words import listed
 
 LITTLE = "a few percent of every effect"

@@ -12,23 +12,19 @@ from s2r_spec.certify.check_result import CheckResult
 from s2r_spec.certify.gap_result import GapResult
 from s2r_spec.certify.real_machine import CertifyResult
 from s2r_spec.certify.rounding import between
-from s2r_spec.diagnose import answer
 from s2r_spec.diagnose.diagnosis import SCHEMA as DIAGNOSIS
 from s2r_spec.diagnose.diagnosis import Diagnosis
 from s2r_spec.errors import UsageError
 from s2r_spec.files import save
 from s2r_spec.json_values import to_json
 from s2r_spec.printable import html_table, html_text, one_line
-from s2r_spec.report import advice, answered, certified, checked, diagnosed, gapped, jsonform
+from s2r_spec.report import advice, certified, checked, diagnosed, gapped, jsonform
 from s2r_spec.report.finding import Finding, Report
-from s2r_spec.report.nextstep import next_step
-from s2r_spec.spec import Spec
 
 Certified = CheckResult | GapResult | CertifyResult
-Known = Certified | Diagnosis | answer.Diagnosis
+Known = Certified | Diagnosis
 _FILES = {
     CheckResult: "check.json", GapResult: "gap.json", CertifyResult: "certify.json", Diagnosis: "diagnosis.json",
-    answer.Diagnosis: "diagnosis.json",
 }  # fmt: skip
 
 _RUNS: dict[str, Callable[[Any], str | Path]] = {
@@ -42,7 +38,7 @@ _RUNS: dict[str, Callable[[Any], str | Path]] = {
 def line(result: Known) -> str:
     """Return one line: the verdict, and the bounds or the reason."""
     name = type(result).__name__
-    if isinstance(result, Diagnosis | answer.Diagnosis):
+    if isinstance(result, Diagnosis):
         return one_line(f"{name}({result})")
     if isinstance(result, CheckResult):
         bound = _bound("ρ", result.lower, result.upper, result)
@@ -71,7 +67,7 @@ def _bound(symbol: str, lower: float, upper: float, result: CheckResult | GapRes
 
 def table(result: Known) -> str:
     """Return a table for a notebook: verdict, bounds and effort, and the assumptions to unfold."""
-    if isinstance(result, Diagnosis | answer.Diagnosis):
+    if isinstance(result, Diagnosis):
         return html_table(line(result), (), _diagnosed(result)) + _folded("This assumes", result.assumptions)
     found = _finding(result)
     rows = [("", found.reason), *found.facts, ("run", found.provenance)]
@@ -86,26 +82,11 @@ def _folded(title: str, lines: Sequence[str]) -> str:
     return f"<details><summary>{html_text(title)}</summary><ul>{items}</ul></details>"
 
 
-def _diagnosed(result: Diagnosis | answer.Diagnosis) -> list[tuple[str, str]]:
+def _diagnosed(result: Diagnosis) -> list[tuple[str, str]]:
     """Return the (name, text) rows of a diagnosis."""
     if result.spec is None:
         return [("note", note) for note in result.notes]
-    if isinstance(result, answer.Diagnosis):
-        return _answered(result, result.spec)
     words = diagnosed.describe(result, result.spec)
-    rows = [("note", note) for note in (*words.mistakes, *words.notes)]
-    rows += [("matters", "; ".join(words.matters))] if words.matters else []
-    rows += [("where", "; ".join(words.where))] if words.where else []
-    rows += [("cause", f"{cause}: {p:.3f}") for cause, p in words.causes[: diagnosed.SHOWN]]
-    rows += [(name, value) for name, value, *_ in words.estimates]
-    rows += [("doubt", words.doubt)] if words.doubt else []
-    rows += [(f"gap {name}", row) for name, row in words.gap]
-    return [*rows, ("next", words.next), ("run", words.provenance)]
-
-
-def _answered(result: answer.Diagnosis, spec: Spec) -> list[tuple[str, str]]:
-    """Return the (name, text) rows of a diagnosis."""
-    words = answered.describe(result, spec)
     rows = [("hidden", words.passive)] if words.passive else []
     rows += [("note", note) for note in (*words.mistakes, *words.notes)]
     rows += [("matters", "; ".join(words.matters))] if words.matters else []
@@ -137,13 +118,11 @@ def as_json(result: Certified) -> Any:
     return to_json(_report(result).record)
 
 
-def added(result: Diagnosis | answer.Diagnosis) -> dict[str, Any]:
+def added(result: Diagnosis) -> dict[str, Any]:
     """Return what the command adds to a diagnosis: its exit code, and the next step."""
     spec = result.spec
     assert spec is not None
-    if isinstance(result, answer.Diagnosis):
-        return {"exit_code": answered.exit_code(result), "next": advice.next_step(result, spec)}
-    return {"exit_code": diagnosed.exit_code(result), "next": next_step(result, spec)}
+    return {"exit_code": diagnosed.exit_code(result), "next": advice.next_step(result, spec)}
 
 
 def save_result(result: Known, path: str | os.PathLike[str]) -> Path:
@@ -158,7 +137,7 @@ def save_result(result: Known, path: str | os.PathLike[str]) -> Path:
     elif file.suffix.lower() != ".json":
         remedy = "; report() writes a page" if file.suffix.lower() in (".html", ".htm") else ""
         raise UsageError(f"{file.name!r}: the file name of a saved result ends in .json{remedy}")
-    if isinstance(result, Diagnosis | answer.Diagnosis):
+    if isinstance(result, Diagnosis):
         text = json.dumps(result.to_json(), allow_nan=False, indent=2, ensure_ascii=False)
     else:
         text = jsonform.render(_report(result))
@@ -168,19 +147,16 @@ def save_result(result: Known, path: str | os.PathLike[str]) -> Path:
 
 def save_page(result: Known, path: str | os.PathLike[str]) -> Path:
     """Write the page of a result; see :meth:`s2r_spec.result.Result.report`."""
-    from s2r_spec.report import answered_page, diagnosed_page, html, recompute
+    from s2r_spec.report import diagnosed_page, html, recompute
 
     file = Path(path)
     if file.suffix.lower() not in (".html", ".htm"):
         raise UsageError(f"{file.name!r}: the file name of a page ends in .html")
     html.require_packages()
-    if isinstance(result, Diagnosis | answer.Diagnosis):
+    if isinstance(result, Diagnosis):
         if result.spec is None:
             raise UsageError("this diagnosis has no specification, so there is no page of it")
-        if isinstance(result, answer.Diagnosis):
-            text = answered_page.render(result, result.spec, result.real)
-        else:
-            text = diagnosed_page.render(result, result.spec, result.real)
+        text = diagnosed_page.render(result, result.spec, result.real)
     elif isinstance(result, CheckResult):
         text = html.render([recompute.recompute(result.folder)])
     elif isinstance(result, GapResult):
@@ -226,7 +202,7 @@ def _folder_in(file: Path) -> Path:
     """
     try:
         found = json.loads(file.read_text(encoding="utf-8"))
-        if found["schema"] in (DIAGNOSIS, answer.SCHEMA):
+        if found["schema"] == DIAGNOSIS:
             raise UsageError(f"{file} is a diagnosis; read it as plain values: json.loads(path.read_text())")
         folder = Path(_RUNS[found["schema"]](found))
     except (OSError, ValueError, LookupError, TypeError):

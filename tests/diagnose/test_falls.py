@@ -9,7 +9,7 @@ from s2r_cart import SPEC, Cart
 import s2r_spec as s2r
 from s2r_spec.diagnose.axes import lines
 from s2r_spec.diagnose.falls import falls, falls_alone
-from s2r_spec.diagnose.prepare import bench_of
+from s2r_spec.diagnose.simulate import Bench
 
 TRIPS = 0.35
 """Speed [m/s] that the measured one may be off from what is wanted, from 0.4 s on."""
@@ -39,7 +39,7 @@ TESTS = [{"vd": 0.2 + 0.1 * n, "acc": 2.0} for n in range(9)]
 
 
 def asked(real, sim=None):
-    bench = bench_of(s2r.parse_spec(SPEC), s2r.parse_spec(SPEC).requirements[0], sim or Tripping())
+    bench = Bench.of(s2r.parse_spec(SPEC), s2r.parse_spec(SPEC).requirements[0], sim or Tripping())
     runs = [(test, real.rollout(test, 7 + n)) for n, test in enumerate(TESTS)]
     return falls(bench, lines(Cart().effects()), runs, 0), [t.failure is not None for _, t in runs]
 
@@ -87,7 +87,7 @@ def test_a_fall_that_no_effect_makes_has_no_culprit():
     runs = [(test, Cart().rollout(test, n)) for n, test in enumerate(TESTS)]
     runs[0] = (runs[0][0], replace(runs[0][1], meta={"failure": "emergency stop"}))
     spec = s2r.parse_spec(SPEC)
-    found = falls(bench_of(spec, spec.requirements[0], Cart()), lines(Cart().effects()), runs, 0)
+    found = falls(Bench.of(spec, spec.requirements[0], Cart()), lines(Cart().effects()), runs, 0)
     assert found.culprits == ()
 
 
@@ -97,14 +97,14 @@ def test_nothing_is_asked_where_nothing_fell_or_everything_did():
     assert found is None
     runs = [(test, replace(Cart().rollout(test, 1), meta={"failure": "fall"})) for test in TESTS]
     spec = s2r.parse_spec(SPEC)
-    assert falls(bench_of(spec, spec.requirements[0], Cart()), lines(Cart().effects()), runs, 0) is None
+    assert falls(Bench.of(spec, spec.requirements[0], Cart()), lines(Cart().effects()), runs, 0) is None
 
 
 def test_where_the_simulator_ends_early_by_itself_and_no_real_rollout_does_is_found():
     weak = machine(motor=0.62)
     ended = [test for n, test in enumerate(TESTS) if weak.rollout(test, 7 + n).failure is not None]
     assert 0 < len(ended) < len(TESTS)
-    bench = bench_of(s2r.parse_spec(SPEC), "tracking", weak)
+    bench = Bench.of(s2r.parse_spec(SPEC), "tracking", weak)
     strong = [(test, Cart().rollout(test, 7 + n)) for n, test in enumerate(TESTS)]
     assert falls_alone(bench, strong, 0) == ended
     assert falls_alone(bench, [(test, weak.rollout(test, 1)) for test in TESTS], 0) == []

@@ -16,7 +16,7 @@ from s2r_spec.diagnose.gap.materiality import (
     tail,
 )
 from s2r_spec.diagnose.gap.tolerance import smallest_tolerance
-from s2r_spec.diagnose.prepare import bench_of
+from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.errors import UsageError
 from s2r_turtlebot.effects import turtlebot
 from tests.errors import naming
@@ -206,7 +206,7 @@ def test_the_tolerance_is_the_smallest_constant_of_the_unit_of_rho(bound, size):
 def diagnosed_turtlebot(machine, frozen=()):
     """Return whether the gap of a turtlebot matters, from one rollout at each of 8 tests; some end early."""
     spec = s2r.load_spec(SPEC)
-    bench = bench_of(spec, spec.requirements[0], turtlebot())
+    bench = Bench.of(spec, spec.requirements[0], turtlebot())
     rng = np.random.default_rng(0)
     tests = [
         spec.space.point(spec.space.lower + u * (spec.space.upper - spec.space.lower))

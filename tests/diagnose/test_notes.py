@@ -18,7 +18,7 @@ from s2r_spec.diagnose.how_far import how_far
 from s2r_spec.diagnose.next_test import next_test
 from s2r_spec.diagnose.notes import Used, hidden_by_one, notes
 from s2r_spec.diagnose.parted import ENOUGH, split
-from s2r_spec.diagnose.prepare import bench_of
+from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.diagnose.quality.direct import direct
 from s2r_spec.diagnose.quality.wrapped import wrapped as jumping
 from s2r_spec.diagnose.signatures import Curve, Signatures
@@ -29,7 +29,7 @@ from s2r_spec.trace import Trace
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 TEST = {"vd": 0.8, "acc": 3.0}
-BENCH = bench_of(s2r.parse_spec(SPEC), "tracking", Cart())
+BENCH = Bench.of(s2r.parse_spec(SPEC), "tracking", Cart())
 
 
 def misread(bench, runs, found=()):
@@ -149,12 +149,12 @@ def test_falls_missing_channels_few_tests_and_a_cut_budget_are_told():
     assert texts[2].startswith("the real rollouts have no v_meas, u")
     assert "12 rollouts of 9 different tests" in texts[3]
     assert texts[3].endswith("10 of 5")
-    one = bench_of(s2r.parse_spec(SPEC.replace("in [1, 4]", "= 2")), "tracking", Cart())
+    one = Bench.of(s2r.parse_spec(SPEC.replace("in [1, 4]", "= 2")), "tracking", Cart())
     [others] = notes(one, Used(many(12, 9), 12, False, 4, 12, 5), ENOUGH)
     assert others.startswith("5 recorded rollouts were not used")
     assert " acc " in others
     text = SPEC.replace("in [1, 4]", "= 2").replace("in [0.2, 1]", "= 0.5").partition("certify")[0]
-    none = bench_of(s2r.parse_spec(text), "tracking", Cart())
+    none = Bench.of(s2r.parse_spec(text), "tracking", Cart())
     alone = [({}, trace) for _, trace in many(8, 1)]
     [few] = notes(none, Used(alone, 8, False, 0, 8), ENOUGH)
     assert "9 rollouts" in few
@@ -193,7 +193,7 @@ class Blind(Cart):
 
 
 def test_that_the_equations_could_not_be_asked_is_told():
-    bench = bench_of(s2r.parse_spec(SPEC), "tracking", Blind())
+    bench = Bench.of(s2r.parse_spec(SPEC), "tracking", Blind())
     [one] = notes(bench, Used(many(12, 9), 12, False, 4, 12), ENOUGH)
     assert "(the channel 'nothing' is missing)" in one
 
@@ -213,7 +213,7 @@ def test_a_recording_that_ends_too_early_is_named_by_its_file(tmp_path):
         s2r.write_trace(short, tmp_path / f"r{i}.npz")
         with (tmp_path / "rollouts.csv").open("a") as table:
             table.write(("id,vd,acc\n" if not i else "") + f"r{i},{test['vd']},{test['acc']}\n")
-    bench = bench_of(s2r.parse_spec(SPEC), "tracking", Cart())
+    bench = Bench.of(s2r.parse_spec(SPEC), "tracking", Cart())
     with pytest.raises(
         UsageError, match=r"r5\.npz: 'tracking' looks 1\.99 s ahead, but the trace lasts 0\.49 s; leave"
     ):
@@ -237,7 +237,7 @@ def test_recordings_whose_samples_miss_an_end_of_a_window_are_used_as_they_are()
 
 
 def test_where_a_window_is_shorter_than_the_time_between_samples_the_simulators_are_read():
-    short = bench_of(s2r.parse_spec(SPEC.replace("[0, 1.99 s]", "[1.98 s, 1.99 s]")), "tracking", Cart())
+    short = Bench.of(s2r.parse_spec(SPEC.replace("[0, 1.99 s]", "[1.98 s, 1.99 s]")), "tracking", Cart())
     runs = many(8, 8)
     read = real_rollouts(short, [(test, slower(trace, 0.03)) for test, trace in runs], None, 0)
     for (test, found), (_, trace) in zip(read, runs, strict=True):
@@ -331,7 +331,7 @@ def test_a_simulator_that_all_effects_at_once_break_has_no_commands(how):
             first = {n: x[:5] for n, x in trace.channels.items()}
             return Trace(trace.times[:5], first, trace.units, {"failure": "stopped"})
 
-    bench = bench_of(s2r.parse_spec(SPEC), "tracking", Frail())
+    bench = Bench.of(s2r.parse_spec(SPEC), "tracking", Frail())
     assert misread(bench, many(8, 8), lines(Cart().effects())) == {}
 
 
@@ -445,7 +445,7 @@ def test_one_recording_of_two_tests_is_told_and_one_of_a_test_that_was_run_twice
             return super().rollout(dict(params) | {"vd": 0.5, "acc": 2.0}, seed)
 
     one = [(test, Bare().rollout(test, 0)) for test, _ in runs]
-    assert misread(bench_of(s2r.parse_spec(SPEC), "tracking", Bare()), one) == {}
+    assert misread(Bench.of(s2r.parse_spec(SPEC), "tracking", Bare()), one) == {}
 
 
 def test_a_channel_of_another_name_is_told_beside_the_one_that_lacks():
@@ -465,7 +465,7 @@ def test_a_name_that_stands_for_two_effects_gets_one_sentence():
             return (*super().effects(), super().effects()[0])
 
     with pytest.raises(BackendError, match=r"two effects .*'viscous'"):
-        bench_of(s2r.parse_spec(SPEC), "tracking", Twice())
+        Bench.of(s2r.parse_spec(SPEC), "tracking", Twice())
 
 
 def test_a_parameter_that_varies_and_that_the_spec_does_not_know_gets_one_sentence(tmp_path):
@@ -479,11 +479,11 @@ def test_a_parameter_that_varies_and_that_the_spec_does_not_know_gets_one_senten
     assert len(real_rollouts(BENCH, f"log:{tmp_path}", None, 0)) == 8
     of_one = s2r.parse_spec(SPEC.replace("param  acc {m/s^2} in [1, 4]\n", ""))
     with pytest.raises(UsageError, match=r"'acc' from 2 to 2\.7.* does not declare"):
-        real_rollouts(bench_of(of_one, "tracking", Cart()), f"log:{tmp_path}", None, 0)
+        real_rollouts(Bench.of(of_one, "tracking", Cart()), f"log:{tmp_path}", None, 0)
     # Of what is left out, for the spec keeps to another value, nothing is asked.
     of_one = s2r.parse_spec(SPEC.replace("acc {m/s^2} in [1, 4]", "acc {m/s^2} = 2"))
     with pytest.raises(UsageError, match=r"^1 real rollouts"):
-        real_rollouts(bench_of(of_one, "tracking", Cart()), f"log:{tmp_path}", None, 0)
+        real_rollouts(Bench.of(of_one, "tracking", Cart()), f"log:{tmp_path}", None, 0)
 
 
 @pytest.mark.slow
@@ -586,7 +586,7 @@ class Uneven(Cart):
 
 
 def test_what_an_effect_does_on_average_is_not_one_draw_of_it():
-    bank = banks.simulate(bench_of(s2r.parse_spec(SPEC), "tracking", Uneven()))
+    bank = banks.simulate(Bench.of(s2r.parse_spec(SPEC), "tracking", Uneven()))
     lean = next(
         change for line, change in zip(bank.lines, bank.changes, strict=True) if line.effect == "tilt"
     )

@@ -12,7 +12,7 @@ from s2r_spec.backend import Channel
 from s2r_spec.diagnose.axes import lines
 from s2r_spec.diagnose.equations import Probe
 from s2r_spec.diagnose.features import Features
-from s2r_spec.diagnose.prepare import bench_of
+from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.diagnose.remainder import Remainder, channels, motion
 from s2r_spec.diagnose.remainder.cells import FEWEST_ROLLOUTS
 from s2r_spec.diagnose.remainder.find import columns, ordered, parts, remainders
@@ -36,7 +36,7 @@ TESTS = [
 @pytest.fixture(scope="module")
 def bench():
     spec = s2r.load_spec("specs/emps_tracking.stl")
-    found = bench_of(spec, spec.requirements[0], EmpsBackend())
+    found = Bench.of(spec, spec.requirements[0], EmpsBackend())
     traces = [found.seen(found.run({}, test, seed), test) for seed, test in enumerate(TESTS[:3])]
     features = Features.of_nominal(traces, found.backend.duration)
     return replace(found, features=replace(features, probes=PROBES, instrumented=True))

@@ -5,11 +5,11 @@ from s2r_cart import SPEC, Cart
 import s2r_spec as s2r
 from s2r_spec.diagnose import bank as banks
 from s2r_spec.diagnose.axes import lines
-from s2r_spec.diagnose.prepare import bench_of
+from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.diagnose.simulate import Job, run_jobs
 from s2r_spec.diagnose.watched import Watched
 
-BENCH = bench_of(s2r.parse_spec(SPEC), "tracking", Cart())
+BENCH = Bench.of(s2r.parse_spec(SPEC), "tracking", Cart())
 TEST = {"vd": 0.5, "acc": 2.0}
 
 

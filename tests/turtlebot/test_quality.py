@@ -10,7 +10,7 @@ import pytest
 
 import s2r_spec as s2r
 from s2r_spec.diagnose.axes import lines
-from s2r_spec.diagnose.prepare import bench_of
+from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.diagnose.quality.comparison import compare
 from s2r_spec.diagnose.quality.decide import suspected
 from s2r_spec.diagnose.quality.hold import hold
@@ -34,7 +34,7 @@ class Remembering(TurtlebotWithEffects):
         return self.kept[key]
 
 
-BENCH = bench_of(s2r.load_spec(ROOT / "specs" / "turtlebot.stl"), "delivers", Remembering())
+BENCH = Bench.of(s2r.load_spec(ROOT / "specs" / "turtlebot.stl"), "delivers", Remembering())
 LINES = lines(catalogue_of(BENCH.backend))
 TESTS = [{"ox": ox, "oy": oy} for ox in (-0.25, -0.05, 0.2) for oy in (0.03, 0.15, 0.27)]
 POSES = ("x", "y", "heading", "d_goal", "d_obs")

@@ -22,12 +22,12 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from s2r_spec.backend import Backend, HasDuration, Recording, is_exclusive
+from s2r_spec.backend import Backend, HasDuration, Recording
 from s2r_spec.diagnose.data.journal import Journal
 from s2r_spec.diagnose.data.rollouts import FEWEST, RealRollouts, as_experiment
 from s2r_spec.diagnose.data.space_filling import spread
 from s2r_spec.diagnose.data.split import LEAST
-from s2r_spec.diagnose.simulate import Bench, Test
+from s2r_spec.diagnose.simulate import Bench, Test, refuse_machine
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.errors import UsageError
 from s2r_spec.protocols import HasProtocols, protocol_of
@@ -101,19 +101,6 @@ def plan(
     twice = [e for place, e in enumerate(screen) for _ in range(2 if place < again else 1)]
     apart = [as_experiment(bench, test) for test in filling[:held_out]]
     return Plan((*apart, *twice), known, held_out, spare - again)
-
-
-def refuse_machine(backend: object) -> None:
-    """Refuse a machine whose rollouts need an operator.
-
-    Raises:
-        UsageError: it is one.
-    """
-    if is_exclusive(backend):
-        name = getattr(backend, "name", "this backend")
-        raise UsageError(
-            f"{name} is a machine, and its rollouts need an operator; diagnose its recordings with --real log:FOLDER"
-        )
 
 
 def campaign(

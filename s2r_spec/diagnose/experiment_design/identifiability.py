@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from s2r_spec.diagnose.axes import Line
 from s2r_spec.diagnose.estimation import Estimate
 from s2r_spec.diagnose.inference.estimates import COVER
-from s2r_spec.diagnose.inference.gauss_newton import Observation
+from s2r_spec.diagnose.inference.gauss_newton import Fit, Observation
 from s2r_spec.diagnose.inference.hierarchical import Groups, Variances, likelihood, marginal, shared_error
 from s2r_spec.diagnose.inference.prior import NAMED
 from s2r_spec.diagnose.simulator.experiments import Experiment
@@ -146,7 +146,7 @@ class Forecast:
     def of(cls, found: Estimate) -> Forecast:
         """Return the forecast of an estimate."""
         theta, seen = found.fit.theta, found.fit.likelihood
-        shared, one = shared_error(theta), np.eye(theta.size)
+        shared, one = shared_error(found.fit.sizes), np.eye(theta.size)
         inner = one - seen.information * shared
         information = np.linalg.solve(inner, seen.information)
         information = (information + information.T) / 2.0
@@ -177,12 +177,12 @@ class Forecast:
 
     def gained(self, candidate: Candidate) -> FloatArray:
         """Return (K, K) the information of one more run about ψ."""
-        library, theta = self.estimate.library, self.estimate.fit.theta
+        library, fit = self.estimate.library, self.estimate.fit
         response = library.response(candidate.experiment)
-        after = information(response, library.dependence, theta, self.sizes, candidate.runs + 1)
+        after = information(response, library.dependence, fit, self.sizes, candidate.runs + 1)
         if not candidate.runs:
             return after
-        return after - information(response, library.dependence, theta, self.sizes, candidate.runs)
+        return after - information(response, library.dependence, fit, self.sizes, candidate.runs)
 
     def apart(self, gained: FloatArray) -> FloatArray:
         """Return (S, S) the distance D of any two sets in data of this information."""
@@ -204,21 +204,21 @@ class Forecast:
 
 
 def information(
-    response: Response, dependence: Dependence, theta: FloatArray, sizes: FloatArray, runs: int
+    response: Response, dependence: Dependence, fit: Fit, sizes: FloatArray, runs: int
 ) -> FloatArray:
     """Return (K, K) the information about ψ of the mean of so many runs, with slopes from nominal to (K,) sizes."""
     one = Observation.of(response, [response.nominal] * runs, dependence)
     if not one.parts:
-        return np.zeros((theta.size, theta.size))
+        return np.zeros((sizes.size, sizes.size))
     slopes = [
         curve.at(size) / size if size else curve.slope(0.0)
         for curve, size in zip(one.curves, sizes.tolist(), strict=True)
     ]
     columns = np.vstack([*slopes, one.variants])
     places = [each for _, each in one.parts]
-    groups = Groups.of(np.zeros(columns.shape[1]), columns, one.unit(one.errors(theta)), places, one.coherent)
-    found = likelihood(groups, theta, Variances.prior(len(one.parts)))
-    return marginal(found, np.zeros(theta.size)).information
+    groups = Groups.of(np.zeros(columns.shape[1]), columns, one.unit(one.errors(fit.theta)), places, one.coherent)
+    found = likelihood(groups, fit.sizes, Variances.prior(len(one.parts)))
+    return marginal(found, np.zeros(sizes.size)).information
 
 
 def separations(

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.gap.materiality import Materiality, RolloutsAtTest, materiality
 from s2r_spec.diagnose.gap.tolerance import smallest_tolerance
-from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
+from s2r_spec.diagnose.simulate import Bench, Job, Test, rho_and_end, run_jobs
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.space import key_of
 from s2r_spec.trace import Trace
@@ -45,22 +44,18 @@ def compared_at_all_tests(
     """
     real: dict[tuple[tuple[str, float], ...], list[tuple[float, float]]] = {}
     for test, trace in rollouts:
-        real.setdefault(key_of(test), []).append(tuple(_rho_and_failure(bench, trace, test).tolist()))
+        real.setdefault(key_of(test), []).append(tuple(rho_and_end(bench, trace, test).tolist()))
     jobs = [
         Job({}, tuple((dict(key), rollout_seed(seed, n, k, Stream.MATERIALITY)) for k in range(SIMULATED)))
         for n, key in enumerate(real)
     ]
-    rows = run_jobs(replace(bench, features=None), jobs, executor, progress, read=_rho_and_failure)
+    rows = run_jobs(bench, jobs, executor, progress)
     tests = [
         _test(dict(key), np.array(own), simulated)
         for (key, own), simulated in zip(real.items(), rows, strict=True)
     ]
     formula = bench.spec.formulas[bench.requirement]
     return materiality(tests, bench.spec.unit(bench.requirement), smallest_tolerance(formula))
-
-
-def _rho_and_failure(bench: Bench, trace: Trace, test: Test) -> FloatArray:
-    return np.array([bench.rho(trace, test), float(trace.failure is not None)])
 
 
 def _test(params: Test, real: FloatArray, simulated: FloatArray) -> RolloutsAtTest:

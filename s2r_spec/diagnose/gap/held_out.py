@@ -263,7 +263,7 @@ def _simulated(
         for n, test in enumerate(tests)
         for shot in range(shots)
     )
-    rows = run_jobs(bench, [Job(values, runs) for values in machines], executor, read=_rho_and_end)
+    rows = run_jobs(bench, [Job(values, runs) for values in machines], executor)
     return np.array(rows).reshape(len(machines), len(tests), shots, 2)
 
 
@@ -280,10 +280,6 @@ def background_machines(bench: Bench, seed: int) -> list[Values]:
             values.setdefault(line.effect, {})[line.parameter] = line.value(inside)
         machines.append(values)
     return machines
-
-
-def _rho_and_end(bench: Bench, trace: Trace, test: Test) -> FloatArray:
-    return np.array([bench.rho(trace, test), float(trace.failure is not None)])
 
 
 def scatter(runs: Sequence[tuple[Test, float]], simulated: float) -> float:

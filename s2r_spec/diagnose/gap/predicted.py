@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose import design
+from s2r_spec.diagnose.gap import test_space
 from s2r_spec.diagnose.gap.surface import Predicted, grid_of
 from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
@@ -40,26 +39,25 @@ def predict(
     """
     space = bench.spec.space
     grid = grid_of(space)
-    short = replace(bench, features=None)
-    places = _places(short, len(grid))
+    places = _places(bench, len(grid))
     runs = [
         (test, rollout_seed(seed, number, 0, Stream.FORETELL))
         for number, test in enumerate((*tests, *places))
     ]
     jobs = [Job(v, (run,)) for run in runs for v in ({}, values)]
-    rho = np.array([row[0, 0] for row in run_jobs(short, jobs, executor)]).reshape(-1, 2)
+    rho = np.array([row[0, 0] for row in run_jobs(bench, jobs, executor)]).reshape(-1, 2)
     gap = rho[:, 1] - rho[:, 0]
-    box = design.unit_box(space, [space.point(place) for place in grid])
-    between = design.weights(design.unit_box(space, places), box)
+    box = test_space.unit_box(space, [space.point(place) for place in grid])
+    between = test_space.weights(test_space.unit_box(space, places), box)
     return Predicted(gap[: len(tests)], between @ gap[len(tests) :])
 
 
 def _places(bench: Bench, most: int) -> list[dict[str, float]]:
-    """Return a grid of as many tests as the budget allows, and at least the grid of the bank."""
+    """Return a grid of as many tests as the budget allows, and at least the coarse grid."""
     space = bench.spec.space
-    able = min(int(SECONDS / (2.0 * bench.cost)), PLACES, most)
+    able = min(int(SECONDS / (2.0 * max(float(bench.backend.cost), 1e-4))), PLACES, most)
     across = int(able ** (1.0 / space.dim) + 1e-9)
-    least = design.grid(space)
+    least = test_space.grid(space)
     if across**space.dim <= len(least) or across < 3:
         return least
     return [space.point(place) for place in space.grid((across,) * space.dim)]

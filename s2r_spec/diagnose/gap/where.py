@@ -11,11 +11,11 @@ import numpy as np
 
 from s2r_spec.attribution.attribute import Attribution, attribute
 from s2r_spec.backend import HasResiduals
-from s2r_spec.diagnose.design import unit_box
 from s2r_spec.diagnose.gap.body import FEWEST, Body, Residuals, shifts
 from s2r_spec.diagnose.gap.observed import GapAt
 from s2r_spec.diagnose.gap.predicted import predict
 from s2r_spec.diagnose.gap.surface import MOST_AXES, GapSurface, gap_surface
+from s2r_spec.diagnose.gap.test_space import unit_box
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.documentation import page
 from s2r_spec.errors import TraceError

@@ -259,6 +259,7 @@ class Fit:
 
     Attributes:
         theta: (K,) estimate of every parameter.
+        sizes: (K,) at which the law errors are.
         likelihood: of θ around the estimate, by secants, with the shared error; the prior is not in it.
         misfit: of every experiment, (G,) energy of each group that the fit leaves, in units of u².
         groups: of every experiment, (quantity, statistic) of each group.
@@ -266,6 +267,7 @@ class Fit:
     """
 
     theta: FloatArray
+    sizes: FloatArray
     likelihood: Likelihood
     misfit: tuple[FloatArray, ...]
     groups: tuple[tuple[tuple[str, str], ...], ...]
@@ -289,14 +291,14 @@ def fit(
         start: (K,) first estimate; the search finds one without it.
         deviation: (K,) prior standard deviation of every size in the fit; without it, that of a cause.
         errors: (n_p,) variances of the responses in u, for every experiment; without them, those at the start.
-        sizes: (K,) at which the law errors are; without them, the start.
+        sizes: (K,) at which the law errors are; without them, the larger of the start and the prior's deviation.
     """
     observations, prior = problem.observations, problem.prior
     effects = prior.low.size
     deviation = np.full(effects, SLAB) if deviation is None else deviation
     theta = search(problem) if start is None else np.clip(start, prior.low, prior.high)
     errors = problem.errors(theta) if errors is None else errors
-    sizes = theta if sizes is None else sizes
+    sizes = np.maximum(np.abs(theta), deviation) if sizes is None else sizes
     found = [Variances.prior(len(one.parts)) for one in observations]
     total, misfit = (
         Likelihood(np.zeros((effects, effects)), np.zeros(effects)),
@@ -323,7 +325,7 @@ def fit(
         for one, own, each in zip(observations, errors, found, strict=True)
     ]
     seen = sum(secants[1:], secants[0])
-    return Fit(theta, marginal(seen, shared_error(sizes)), tuple(misfit), names, tuple(found))
+    return Fit(theta, sizes, marginal(seen, shared_error(sizes)), tuple(misfit), names, tuple(found))
 
 
 def _step(total: Likelihood, theta: FloatArray, deviation: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.features import Features
+from s2r_spec.diagnose.simulator.experiments import RESIDUAL
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
@@ -43,22 +43,22 @@ class Cells:
     fewest: int
 
     @classmethod
-    def of(cls, features: Features, widths: Mapping[str, int], traces: Sequence[Trace], fewest: int) -> Cells:
-        """Choose the edges, with as many samples of these traces between each two."""
+    def of(
+        cls, duration: float, widths: Mapping[str, int], traces: Sequence[Trace], fewest: int = 1
+    ) -> Cells:
+        """Choose the edges along recorded channels, with as many samples of these traces between each two."""
         edges = {}
-        for channel, width in channels_of(features).items():
-            known = [
-                trace.channels[channel].reshape(len(trace), -1)
-                for trace in traces
-                if width in widths.values() and channel in trace.channels
-            ]
+        for name, width in widths.items():
+            if name.startswith(RESIDUAL):
+                continue
+            known = [trace[name].reshape(len(trace), -1) for trace in traces if name in trace.channels]
             for column in range(width):
                 values = np.concatenate([each[:, column] for each in known]) if known else np.zeros(0)
                 values = values[np.isfinite(values)]
                 if values.size:
                     parts = np.quantile(values, np.linspace(0.0, 1.0, PARTS + 1)[1:-1])
-                    edges[channel, column] = np.unique(parts)
-        return cls(features.duration, dict(widths), edges, fewest)
+                    edges[name, column] = np.unique(parts)
+        return cls(duration, dict(widths), edges, fewest)
 
     def places(self) -> list[tuple[str, int, str, float, float]]:
         """Return quantity, column, channel ("" for time), and the two ends of every cell, as :meth:`means` has them."""
@@ -120,10 +120,15 @@ class Cells:
         ]
 
 
-def channels_of(features: Features) -> dict[str, int]:
-    """Return channel → columns of all that is recorded and is no flag."""
-    plain = (block for block in features.blocks if not block.residual and block.minus is None)
-    return {block.source: block.width for block in plain if block.name not in features.flags}
+def quantities_of(traces: Sequence[Trace]) -> dict[str, int]:
+    """Return quantity → columns of all that is recorded in these traces, with residuals, and is no flag of 0 and 1."""
+    found = {}
+    for name in traces[0].channels:
+        values = [trace[name] for trace in traces if name in trace.channels]
+        flag = all(np.isin(x, (0.0, 1.0)).all() for x in values)
+        if len(values) == len(traces) and all(np.isfinite(x).all() for x in values) and not flag:
+            found[name] = values[0].reshape(len(values[0]), -1).shape[1]
+    return found
 
 
 def over_column(squares: FloatArray, column: NDArray[np.intp]) -> FloatArray:

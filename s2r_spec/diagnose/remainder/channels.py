@@ -1,7 +1,7 @@
-"""What a machine does that the improved simulator does not, in what is recorded of both.
+"""What a machine does that the improved simulator does not, in its channels and in the residuals of its equations.
 
-That needs no model of the equations of motion. But in a closed loop what acts in one window goes on in the next, and
-all that the machine does otherwise is in it, so less of it is strange.
+A residual shows where a cause acts. In a closed loop what acts in one window goes on in the next, and all that the
+machine does otherwise is in its channels, so less of these is strange.
 
 The cells lie where another rollout of the improved simulator at the same test was at the time: where it had this
 speed, or that force. Cells by what each rollout itself did would differ wherever the channel that bounds them does.
@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.features import Features
-from s2r_spec.diagnose.remainder.cells import Cells, beyond, channels_of, over_column
+from s2r_spec.diagnose.remainder.cells import Cells, beyond, over_column
 from s2r_spec.diagnose.simulate import Bench, Test
 from s2r_spec.space import key_of
 from s2r_spec.trace import Trace
@@ -33,7 +32,7 @@ NOTHING = 0.03
 TAIL = 0.2
 """The largest of many columns of a machine that is the simulator's in kind is 1 + TAIL · log(columns) times allowed."""
 BESIDE = 0.5
-"""By so much a surplus counts where the equations of motion are asked, too: they see most of it, and more sharply."""
+"""By so much the surplus of a channel counts where there are residuals: they show most of it, and more sharply."""
 AS_MUCH = 0.5
 """Of the largest surplus in a column: the first window of time with so much is where it begins."""
 GRID = 1000
@@ -53,15 +52,17 @@ class Beside:
     at: Mapping[Key, NDArray[np.uint8]]
 
     @classmethod
-    def of(cls, features: Features, tests: Sequence[Test], paths: Sequence[FloatArray]) -> Beside:
-        """Take :func:`path` of a rollout at every test."""
-        times, widths = _grid(features), channels_of(features)
+    def of(
+        cls, duration: float, widths: Mapping[str, int], tests: Sequence[Test], paths: Sequence[FloatArray]
+    ) -> Beside:
+        """Take :meth:`Path` of a rollout at every test."""
+        times = _grid(duration)
         ends = np.cumsum(list(widths.values()))[:-1]
         runs = [
             Trace(times, dict(zip(widths, np.split(rows.reshape(GRID, -1), ends, axis=1), strict=True)), {})
             for rows in paths
         ]
-        cells = Cells.of(features, widths, runs, 1)
+        cells = Cells.of(duration, widths, runs)
         at = {}
         for test, run in zip(tests, runs, strict=True):
             along = cells.within(run, times)
@@ -81,17 +82,22 @@ class Beside:
         return np.asarray(self.cells.means(values, times, dict(zip(self.cells.edges, rows, strict=True)))[0])
 
 
-def path(bench: Bench, trace: Trace, test: Test) -> FloatArray:
-    """Return (GRID · columns,) the channels of a rollout at the times of the grid; the last ones after its end."""
-    assert bench.features is not None
-    times = trace.times - trace.times[0]
-    sample = np.clip(np.searchsorted(times, _grid(bench.features) - 1e-9), 0, len(trace) - 1)
-    names = channels_of(bench.features)
-    return np.column_stack([trace[name].reshape(len(trace), -1)[sample] for name in names]).ravel()
+@dataclass(frozen=True)
+class Path:
+    """Reads (GRID · columns,) the quantities of a rollout at the times of the grid; the last ones after its end."""
+
+    widths: Mapping[str, int]
+
+    def __call__(self, bench: Bench, trace: Trace, test: Test) -> FloatArray:
+        """Return them of one rollout."""
+        trace = bench.seen(trace, test)
+        times = trace.times - trace.times[0]
+        sample = np.clip(np.searchsorted(times, _grid(bench.backend.duration) - 1e-9), 0, len(trace) - 1)
+        return np.column_stack([trace[name].reshape(len(trace), -1)[sample] for name in self.widths]).ravel()
 
 
-def _grid(features: Features) -> FloatArray:
-    return np.arange(GRID) / GRID * features.duration
+def _grid(duration: float) -> FloatArray:
+    return np.arange(GRID) / GRID * duration
 
 
 def left_over(

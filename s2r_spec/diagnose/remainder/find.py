@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.attribution.place import Place, cause_first, visited
-from s2r_spec.backend import Channel, HasVariants
+from s2r_spec.backend import Channel, HasResiduals, HasVariants
 from s2r_spec.diagnose.axes import Line, Values
 from s2r_spec.diagnose.gap.body import named
-from s2r_spec.diagnose.remainder import channels, motion
-from s2r_spec.diagnose.remainder.cells import FEWEST_ROLLOUTS, Cells
+from s2r_spec.diagnose.remainder import channels
+from s2r_spec.diagnose.remainder.cells import FEWEST_ROLLOUTS, Cells, quantities_of
 from s2r_spec.diagnose.remainder.found import Remainder
 from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
+from s2r_spec.diagnose.simulator.experiments import RESIDUAL
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.space import key_of
 from s2r_spec.trace import Trace, thinned
@@ -54,41 +55,36 @@ def remainders(
         progress: is told (done, of).
         named: the likeliest alone, with which it may be nearer: what is left of channels is what both leave.
     """
-    features = bench.features
     whole = [(test, trace) for test, trace in rollouts if trace.failure is None]
-    if features is None or len(whole) < FEWEST_ROLLOUTS:
+    if len(whole) < FEWEST_ROLLOUTS:
         return ()
     traces = [trace for _, trace in whole]
     tests = [dict(key) for key in dict.fromkeys(key_of(test) for test, _ in whole)]
     seeds = [[rollout_seed(seed, n, again, Stream.REMAINDER) for n in range(len(tests))] for again in (0, 1)]
+    nominal = [
+        bench.seen(bench.run({}, test, seed), test) for test, seed in zip(tests, seeds[1], strict=True)
+    ]
+    widths = quantities_of([trace for trace in nominal if trace.failure is None] or nominal)
     beside = [Job(improved, (run,)) for run in zip(tests, seeds[1], strict=True)]
     apart = named is not None and named != improved
     tell = _Stages(progress, len(tests) * (3 if apart else 2) + 1 + len(_variants(bench)) + len(lines))
-    paths = np.concatenate(run_jobs(bench, beside, executor, tell, channels.path))
+    paths = np.concatenate(run_jobs(bench, beside, executor, tell, channels.Path(widths)))
     step = float(np.median([np.median(np.diff(trace.times)) for trace in traces]))
-    read = _Read(channels.Beside.of(features, tests, list(paths)), motion.cells_of(features, traces), step)
+    read = _Read(channels.Beside.of(bench.backend.duration, widths, tests, list(paths)), step)
     runs = tuple(zip(tests, seeds[0], strict=True))
     ran = _Ran.of(bench, read, whole, runs, improved, executor, tell)
-    k = len(read.channels.cells.places())
-    of_channels = ran.columns(slice(None, k))
     # How much of a channel is a little of everything is an average over the rollout: one test is enough for it.
     once = len(ran.few) // 2
     typical = [Job(line.at(line.at_typical()), (runs[ran.few[once]],)) for line in lines]
-    alone = replace(read, motion=None)
-    changes = [rows - of_channels.nominal[[once]] for rows in run_jobs(bench, typical, executor, tell, alone)]
-    simulated = [of_channels.simulated]
+    changes = [rows - ran.nominal[[once]] for rows in run_jobs(bench, typical, executor, tell, read)]
+    simulated = [ran.simulated]
     if named is not None and apart:
         jobs = [Job(named, (run,)) for run in runs]
-        simulated.append(np.concatenate(run_jobs(bench, jobs, executor, tell, alone)))
+        simulated.append(np.concatenate(run_jobs(bench, jobs, executor, tell, read)))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of cells into which no rollout reaches
-        told = [
-            _of_channels(bench, read, replace(of_channels, simulated=rows), changes, traces)
-            for rows in simulated
-        ]
-        out = min(told, key=lambda each: max((one.surplus for one in each), default=0.0))
-        if read.motion is not None:
-            out += _of_motion(bench, read.motion, ran.columns(slice(k, None)), whole)
+        each = [_largest_of(bench, read, replace(ran, simulated=rows), changes, whole) for rows in simulated]
+        out = min(each, key=lambda found: max((one.surplus for one in found), default=0.0))
     largest = sorted(out, key=lambda each: -each.surplus)[:REPORTED]
     return ordered([_with_times(each, traces) for each in largest])
 
@@ -139,19 +135,16 @@ def _variants(bench: Bench) -> list[str]:
 
 @dataclass(frozen=True)
 class _Read:
-    """What is kept of a rollout: cells of its channels, then those of its residuals; NaN of one that ended early.
+    """Reads the cells of a rollout's channels and residuals; NaN for one that ended early.
 
     Of one with more samples than the machine's only as many are read, so that a mean is of the same times.
     """
 
     channels: channels.Beside
-    motion: Cells | None
     step: float
 
     def __call__(self, bench: Bench, trace: Trace, test: Test) -> FloatArray:
-        trace = thinned(trace, self.step)
-        more = np.zeros(0) if self.motion is None else motion.summed(self.motion, bench, trace, test)
-        row = np.concatenate([self.channels.averaged(trace, test), more])
+        row = self.channels.averaged(bench.seen(thinned(trace, self.step), test), test)
         return row if trace.failure is None else np.full_like(row, np.nan)
 
 
@@ -202,19 +195,13 @@ class _Ran:
             blocks[len(runs) + 1 :],
         )
 
-    def columns(self, which: slice) -> _Ran:
-        """Return some columns of every row."""
-        return replace(
-            self,
-            machine=self.machine[:, which],
-            simulated=self.simulated[:, which],
-            nominal=self.nominal[:, which],
-            variants=[block[:, which] for block in self.variants],
-        )
 
-
-def _of_channels(
-    bench: Bench, read: _Read, ran: _Ran, effects: Sequence[FloatArray], traces: Sequence[Trace]
+def _largest_of(
+    bench: Bench,
+    read: _Read,
+    ran: _Ran,
+    effects: Sequence[FloatArray],
+    rollouts: Sequence[tuple[Test, Trace]],
 ) -> list[Remainder]:
     cells = read.channels.cells
     size, surplus = channels.left_over(
@@ -226,31 +213,33 @@ def _of_channels(
         [block - ran.nominal for block in ran.variants],
         cells,
     )
-    weight = 1.0 if read.motion is None else channels.BESIDE
-    surplus = channels.begin(cells.places(), weight * surplus)
-    units, of = _units(traces), columns(bench.backend.channels, cells.widths)
-    return [replace(each, recorded=True) for each in _largest(cells, size, surplus, units, of)]
-
-
-def _of_motion(
-    bench: Bench, cells: Cells, ran: _Ran, rollouts: Sequence[tuple[Test, Trace]]
-) -> list[Remainder]:
-    assert bench.features is not None
-    places, probes = len(cells.places()), len(bench.features.probes)
-
-    def sums(rows: FloatArray) -> motion.Sums:
-        return motion.Sums.of(rows, places, probes)
-
-    there = np.isfinite(ran.machine[:, -1])
-    if there.sum() < FEWEST_ROLLOUTS:
-        return []
-    plain, *others = (sums(rows).left for rows in (ran.nominal, *ran.variants))
-    numerics = [np.nanmean(other - plain, axis=0) for other in others]
-    own = sums(ran.simulated).left[ran.at[there]]
-    size, surplus = motion.left_over(sums(ran.machine[there]), own, numerics, cells.columns())
-    traces = [trace for _, trace in rollouts]
-    scales, found = motion.scales(bench, cells), motion.residuals(bench, *rollouts[int(np.argmax(there))])
-    return _largest(cells, scales * size, surplus, _units([*traces, found]), parts(found, cells.widths))
+    places = cells.places()
+    residual = np.array([name.startswith(RESIDUAL) for name, *_ in places])
+    seen = residual & np.isfinite(ran.machine).any(axis=0)
+    surplus = channels.begin(places, np.where(residual | ~seen.any(), 1.0, channels.BESIDE) * surplus)
+    units, of = _units([trace for _, trace in rollouts]), columns(bench.backend.channels, cells.widths)
+    if isinstance(bench.backend, HasResiduals) and seen.any():
+        test, trace = next(
+            (test, trace)
+            for (test, trace), row in zip(rollouts, ran.machine, strict=True)
+            if np.isfinite(row[seen]).any()
+        )
+        found = bench.backend.residuals(trace, bench.matched.to_backend(test))
+        widths = {
+            name.removeprefix(RESIDUAL): width
+            for name, width in cells.widths.items()
+            if name.startswith(RESIDUAL)
+        }
+        of |= {(RESIDUAL + name, column): part for (name, column), part in parts(found, widths).items()}
+        units |= {RESIDUAL + name: unit for name, unit in found.units.items()}
+    return [
+        replace(
+            each,
+            quantity=each.quantity.removeprefix(RESIDUAL),
+            recorded=not each.quantity.startswith(RESIDUAL),
+        )
+        for each in _largest(cells, size, surplus, units, of)
+    ]
 
 
 def _units(traces: Sequence[Trace]) -> dict[str, str]:

@@ -9,7 +9,6 @@ import numpy as np
 
 from s2r_spec.diagnose.gap.held_out import HeldOut, HeldOutGap
 from s2r_spec.diagnose.gap.surface import GapSurface
-from s2r_spec.diagnose.how_far import HowFar
 from s2r_spec.report.checked import test_words
 from s2r_spec.report.figures.canvas import (
     BAD,
@@ -32,7 +31,7 @@ _MOST_TESTS = 16
 _DELTA = "Δρ = ρ real − ρ sim"
 
 
-def over_space(space: GapSurface, far: HowFar | HeldOutGap | None, name: str) -> Picture:
+def over_space(space: GapSurface, far: HeldOutGap | None, name: str) -> Picture:
     """Draw Δρ over the test space: a curve over one parameter, maps over two, slices over more."""
     held = () if far is None else far.tests
     match space.space.dim:
@@ -44,7 +43,7 @@ def over_space(space: GapSurface, far: HowFar | HeldOutGap | None, name: str) ->
             return _slices(space, name)
 
 
-def before_and_after(far: HowFar | HeldOutGap, units: dict[str, str], name: str) -> Picture:
+def before_and_after(far: HeldOutGap, units: dict[str, str], name: str) -> Picture:
     """Draw |Δρ| of each held-out test before and after the named effects are added, largest first."""
     tests = sorted(far.tests, key=lambda test: -abs(test.before))[:_MOST_TESTS]
     rows = np.arange(len(tests))[::-1]

@@ -7,7 +7,7 @@ import s2r_spec as s2r
 from s2r_spec.diagnose.design import grid as bank_tests
 from s2r_spec.diagnose.gap.predicted import _places, predict
 from s2r_spec.diagnose.gap.surface import grid_of
-from s2r_spec.diagnose.prepare import bench_of
+from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 
 ADDED = {"coulomb": {"force": 1.5}}
@@ -16,7 +16,7 @@ TESTS = [{"vd": 0.25, "acc": 3.5}, {"vd": 0.9, "acc": 1.2}]
 
 def bench(cart):
     spec = s2r.parse_spec(SPEC)
-    return bench_of(spec, spec.requirements[0], cart)
+    return Bench.of(spec, spec.requirements[0], cart)
 
 
 def test_what_is_foretold_is_what_the_two_simulators_say_of_the_same_seed():

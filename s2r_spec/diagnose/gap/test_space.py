@@ -1,4 +1,4 @@
-"""The test space as the diagnosis sees it: where to simulate, and how a gap varies with the test."""
+"""Tests over the test space: where to simulate, and how a value at some tests becomes one between them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def unit_box(space: Space, tests: Sequence[Mapping[str, float]]) -> FloatArray:
 
 
 def grid(space: Space) -> list[dict[str, float]]:
-    """Return the tests at which the bank is simulated.
+    """Return tests over the space.
 
     Seven equal steps on a line; in more dimensions the corners and a Sobol
     sequence, 14 points in 2 dimensions and 26 in 3 and 4.
@@ -61,16 +61,3 @@ def weights(known: FloatArray, wanted: FloatArray) -> FloatArray:
 
     found: FloatArray = RBFInterpolator(known, identity, kernel="linear", degree=1)(wanted)
     return found
-
-
-def basis(points: FloatArray) -> FloatArray:
-    """Return (n, q) of the functions of the test on which gaps are projected.
-
-    Constant, linear and, in one or two dimensions, the second Legendre
-    polynomial of every coordinate: orthogonal under tests drawn uniformly.
-    """
-    n, dim = points.shape
-    columns = [np.ones(n), *(np.sqrt(3.0) * points.T)]
-    if dim <= 2:
-        columns += list(np.sqrt(5.0) * (3.0 * points.T**2 - 1.0) / 2.0)
-    return np.stack(columns, axis=1)

@@ -6,7 +6,7 @@ import pytest
 from s2r_cart import NAMES, SPEC, Cart, real
 
 from s2r_spec import parse_spec
-from s2r_spec.diagnose.answer import Diagnosis, Which
+from s2r_spec.diagnose.diagnosis import Diagnosis, Which
 from s2r_spec.diagnose.cache import Cache
 from s2r_spec.diagnose.decision import Evidence, Rule
 from s2r_spec.diagnose.estimation import estimate
@@ -25,7 +25,7 @@ from s2r_spec.diagnose.inference.estimates import (
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import library
-from s2r_spec.report import answered
+from s2r_spec.report import diagnosed
 from s2r_spec.rollouts.compatibility import check_compatibility
 
 TESTS = [{"vd": vd, "acc": acc} for vd, acc in ((0.3, 3.5), (0.9, 1.5), (0.9, 3.5))]
@@ -88,7 +88,7 @@ def test_a_cart_with_causes_gets_their_names_sizes_and_a_patch_that_closes_its_g
             assert size.low <= effects[one.effect] <= size.high
     assert found.how_far.share[0] > 0.8
     assert "next" not in replace(found, spec=None).to_json()
-    said = answered.text(found, found.spec)
+    said = diagnosed.text(found, found.spec)
     assert all(
         f"{one.effect}.{one.largest.parameter}" in said
         for one in found.evidence.effects
