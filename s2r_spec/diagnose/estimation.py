@@ -14,20 +14,23 @@ from s2r_spec.diagnose.inference.hierarchical import Likelihood
 from s2r_spec.diagnose.inference.model_search import ModelPosterior, combined, posterior
 from s2r_spec.diagnose.inference.prior import SizePrior
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.diagnose.simulator.library import Response, ResponseLibrary, nominal, simulated
+from s2r_spec.diagnose.simulator.library import Response, ResponseLibrary, simulated
 from s2r_spec.errors import UsageError, one_of
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
 
-CORRECTIONS = 1
-"""Budget: times that the simulator runs at the estimate. Twice as many take twice the runs of every experiment."""
+CORRECTIONS = 3
+"""Budget: times that the simulator runs at the joint estimate. Twice as many take up to twice the runs."""
+SETTLED = 0.02
+"""Tolerance: the simulator does not run again where the estimate moved less, in typical sizes. Twice as much saves a
+run of every experiment in some machines."""
 AGAIN = 1
 """Budget: further searches, each from the estimate of the one before. Every one takes about 5 s of one core."""
 RIVALS = 3
 """Budget: sets that are fitted beside the most probable one. Twice as many take about twice the time of all fits."""
 SIMULATED = 2
-"""Budget: of these fits, the best ones whose set the simulator runs. Twice as many take twice the runs."""
+"""Budget: most probable sets at whose own estimate the simulator runs. Twice as many take twice the runs."""
 
 
 @dataclass(frozen=True)
@@ -60,19 +63,21 @@ def estimate(
         library: its responses to every protocol of the traces, and to some tests of the specification.
         traces: experiment → real runs. Runs of a test that the library does not have count for the nearest one that
             it has, less the difference that the nominal simulator makes between the two.
-        corrections: times that the simulator runs at the estimate.
+        corrections: largest number of times that the simulator runs at the joint estimate; 0 for no run at all.
 
     Raises:
         UsageError: there is no run, a run's protocol is not in the library, or no run has a channel of the simulator.
     """
     vectors: dict[Experiment, list[FloatArray]] = {}
+    sources: dict[Experiment, dict[Experiment, _Source]] = {}
     for experiment, runs in traces.items():
         response = nearest(library, experiment)
-        found = [response.observables.vector(experiment.with_residuals(run, backend)) for run in runs]
-        shift: FloatArray | float = 0.0
+        own = response.reference
         if response.experiment != experiment:
-            shift = nominal(backend, response, experiment) - response.reference
-        vectors.setdefault(response.experiment, []).extend(each - shift for each in found)
+            own = simulated(backend, response, experiment, {})
+        found = [response.observables.vector(experiment.with_residuals(run, backend)) for run in runs]
+        vectors.setdefault(response.experiment, []).extend(each - own + response.reference for each in found)
+        sources.setdefault(response.experiment, {})[experiment] = _Source(experiment, len(runs), own)
     observations = [
         Observation.of(library.response(e), each, library.dependence) for e, each in vectors.items()
     ]
@@ -80,23 +85,32 @@ def estimate(
         raise UsageError(
             "no run has a channel that the simulator has, too, so no size can be estimated; add such runs"
         )
+    simulator = _Simulator(backend, library, [list(of.values()) for of in sources.values()])
     prior = size_prior(library)
-    plain = Problem(tuple(observations), prior)
-    starts: list[Mode] = []
-    joint = fit(plain)
-    for _ in range(1 + AGAIN):
-        joint = fit(plain, search(plain, joint.theta)) if starts else joint
-        joint = fit(plain, joint.theta, sizes=np.abs(joint.theta))
-        first = posterior(joint.likelihood, joint.theta, prior)
-        starts.append(Mode(plain, first.mean[0], first.sets[0]))
-    starts += [Mode(plain, *one) for one in rivals(joint.likelihood, first)]
-    errors = Errors(plain.errors(joint.theta), np.abs(joint.theta))
-    errors = Errors.expected(plain, fitted(library, starts, errors))
-    modes = fitted(library, starts, errors)
+    problem = Problem(tuple(observations), prior)
+    joint = fit(problem)
+    for _ in range(AGAIN):
+        joint = fit(problem, search(problem, joint.theta))
+    joint = fit(problem, joint.theta, sizes=np.abs(joint.theta))
     for _ in range(corrections):
+        problem = simulator.corrected(problem, joint.theta)
+        before, joint = joint.theta, fit(problem, joint.theta, sizes=np.abs(joint.theta))
+        if np.abs(joint.theta - before).max(initial=0.0) < SETTLED:
+            break
+    first = posterior(joint.likelihood, joint.theta, prior)
+    starts = [Mode(problem, first.mean[0], first.sets[0])]
+    starts += [Mode(problem, *one) for one in rivals(joint.likelihood, first)]
+    errors = Errors(problem.errors(joint.theta), np.abs(joint.theta))
+    errors = Errors.expected(problem, fitted(library, starts, errors))
+    modes = fitted(library, starts, errors)
+    if corrections:
         different = {mode.posterior.sets[0]: mode for mode in reversed(modes)}
         best = [mode for mode in modes if different[mode.posterior.sets[0]] is mode][:SIMULATED]
-        modes = fitted(library, [corrected(backend, library, plain, mode) for mode in best], errors)
+        exact = [
+            Mode(simulator.corrected(problem, mean), mean, mode.posterior.sets[0])
+            for mode, mean in ((mode, mode.posterior.mean[0]) for mode in best)
+        ]
+        modes = fitted(library, exact, errors)
     return replace(modes[0], posterior=combined([mode.posterior for mode in modes]))
 
 
@@ -120,6 +134,54 @@ def nearest(library: ResponseLibrary, experiment: Experiment) -> Response:
     spread = np.ptp(places, axis=0)
     distance = np.abs((places[:-1] - places[-1]) / np.where(spread > 0.0, spread, 1.0)).sum(axis=1)
     return responses[tests[int(np.argmin(distance))]]
+
+
+@dataclass(frozen=True)
+class _Source:
+    """Real runs of one experiment, which count for a response of the library.
+
+    Attributes:
+        experiment: see there.
+        runs: number of them.
+        nominal: (m,) mean of the nominal simulator.
+    """
+
+    experiment: Experiment
+    runs: int
+    nominal: FloatArray
+
+
+@dataclass(frozen=True)
+class _Simulator:
+    """Runs the simulator at an estimate, in the experiments of the real runs themselves.
+
+    Attributes:
+        backend: the nominal simulator.
+        library: its responses.
+        sources: of every observation.
+    """
+
+    backend: Backend
+    library: ResponseLibrary
+    sources: Sequence[Sequence[_Source]]
+
+    def corrected(self, problem: Problem, theta: FloatArray) -> Problem:
+        """Return the problem with runs at (K,) θ in place of sums of responses there."""
+        theta = np.clip(theta, problem.prior.low, problem.prior.high)
+        pairs = zip(problem.observations, self.sources, strict=True)
+        return problem.corrected([self._correction(one, own, theta) for one, own in pairs], theta)
+
+    def _correction(self, one: Observation, sources: Sequence[_Source], theta: FloatArray) -> FloatArray:
+        """Return (m,) what the simulator's mean at θ is beyond the sum of responses; 0 where a run ended early."""
+        values = self.library.values(theta)
+        total = sum(source.runs for source in sources)
+        moved = [
+            source.runs * (simulated(self.backend, one.response, source.experiment, values) - source.nominal)
+            for source in sources
+        ]
+        beyond = np.sum(moved, axis=0) / total
+        beyond[one.kept] -= one.moved(theta)
+        return np.where(np.isfinite(beyond), beyond, 0.0)
 
 
 @dataclass(frozen=True)
@@ -170,18 +232,6 @@ def fitted(library: ResponseLibrary, modes: Sequence[Mode], errors: Errors) -> l
     return sorted(found, key=lambda mode: -mode.posterior.log_evidence)
 
 
-def corrected(backend: Backend, library: ResponseLibrary, problem: Problem, found: Estimate) -> Mode:
-    """Return the mode with runs of the simulator at its most probable set in place of sums of responses."""
-    active = found.posterior.sets[0]
-    theta = np.clip(found.posterior.mean[0], problem.prior.low, problem.prior.high)
-    if not active:
-        return Mode(problem, theta, active)
-    part = [k in active or (found.library.dependence.base[k] in active) for k in range(theta.size)]
-    causes = np.where(part, theta, 0.0)
-    new = [correction(backend, library, one, causes) for one in problem.observations]
-    return Mode(problem.corrected(new, causes), theta, active)
-
-
 def rivals(found: Likelihood, sets: ModelPosterior) -> list[tuple[FloatArray, tuple[int, ...]]]:
     """Return a start and a set for each rival: one effect of the most probable set, exchanged for a similar one.
 
@@ -199,11 +249,3 @@ def rivals(found: Likelihood, sets: ModelPosterior) -> list[tuple[FloatArray, tu
         theta[lost] = 0.0
         starts.append((theta, tuple(sorted({*active, gained} - {lost}))))
     return starts
-
-
-def correction(backend: Backend, library: ResponseLibrary, one: Observation, theta: FloatArray) -> FloatArray:
-    """Return (m,) what the simulator's mean at θ is beyond the sum of responses; 0 where a run ended early."""
-    response = one.response
-    beyond = simulated(backend, response, library.values(theta)) - response.reference
-    beyond[one.kept] -= one.moved(theta)
-    return np.where(np.isfinite(beyond), beyond, 0.0)
