@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from s2r_spec.diagnose.inference.prior import SizePrior
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import Response, ResponseLibrary, simulated
 from s2r_spec.errors import UsageError, one_of
+from s2r_spec.rollouts.pools import in_this_process
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
@@ -55,6 +57,7 @@ def estimate(
     library: ResponseLibrary,
     traces: Mapping[Experiment, Sequence[Trace]],
     corrections: int = CORRECTIONS,
+    executor: Callable[[], Executor] | None = None,
 ) -> Estimate:
     """Return the estimate of a machine.
 
@@ -64,6 +67,7 @@ def estimate(
         traces: experiment → real runs. Runs of a test that the library does not have count for the nearest one that
             it has, less the difference that the nominal simulator makes between the two.
         corrections: largest number of times that the simulator runs at the joint estimate; 0 for no run at all.
+        executor: makes a pool for these runs; None runs them here.
 
     Raises:
         UsageError: there is no run, a run's protocol is not in the library, or no run has a channel of the simulator.
@@ -74,7 +78,7 @@ def estimate(
         response = nearest(library, experiment)
         own = response.reference
         if response.experiment != experiment:
-            own = simulated(backend, response, experiment, {})
+            own = simulated(backend, response.observables, experiment, {})
         found = [response.observables.vector(experiment.with_residuals(run, backend)) for run in runs]
         vectors.setdefault(response.experiment, []).extend(each - own + response.reference for each in found)
         sources.setdefault(response.experiment, {})[experiment] = _Source(experiment, len(runs), own)
@@ -85,7 +89,7 @@ def estimate(
         raise UsageError(
             "no run has a channel that the simulator has, too, so no size can be estimated; add such runs"
         )
-    simulator = _Simulator(backend, library, [list(of.values()) for of in sources.values()])
+    simulator = _Simulator(backend, library, [list(of.values()) for of in sources.values()], executor)
     prior = size_prior(library)
     problem = Problem(tuple(observations), prior)
     joint = fit(problem)
@@ -159,27 +163,39 @@ class _Simulator:
         backend: the nominal simulator.
         library: its responses.
         sources: of every observation.
+        executor: makes a pool; None runs all here.
     """
 
     backend: Backend
     library: ResponseLibrary
     sources: Sequence[Sequence[_Source]]
+    executor: Callable[[], Executor] | None
 
     def corrected(self, problem: Problem, theta: FloatArray) -> Problem:
         """Return the problem with runs at (K,) θ in place of sums of responses there."""
         theta = np.clip(theta, problem.prior.low, problem.prior.high)
-        pairs = zip(problem.observations, self.sources, strict=True)
-        return problem.corrected([self._correction(one, own, theta) for one, own in pairs], theta)
-
-    def _correction(self, one: Observation, sources: Sequence[_Source], theta: FloatArray) -> FloatArray:
-        """Return (m,) what the simulator's mean at θ is beyond the sum of responses; 0 where a run ended early."""
         values = self.library.values(theta)
-        total = sum(source.runs for source in sources)
-        moved = [
-            source.runs * (simulated(self.backend, one.response, source.experiment, values) - source.nominal)
-            for source in sources
-        ]
-        beyond = np.sum(moved, axis=0) / total
+        with (self.executor or in_this_process)() as pool:
+            runs = [
+                [
+                    pool.submit(simulated, self.backend, one.response.observables, source.experiment, values)
+                    for source in sources
+                ]
+                for one, sources in zip(problem.observations, self.sources, strict=True)
+            ]
+            corrections = [
+                self._correction(one, sources, [run.result() for run in own], theta)
+                for one, sources, own in zip(problem.observations, self.sources, runs, strict=True)
+            ]
+        return problem.corrected(corrections, theta)
+
+    def _correction(
+        self, one: Observation, sources: Sequence[_Source], runs: Sequence[FloatArray], theta: FloatArray
+    ) -> FloatArray:
+        """Return (m,) what the simulator's mean at θ is beyond the sum of responses; 0 where a run ended early."""
+        weights = np.array([source.runs for source in sources], dtype=float)
+        moved = np.array([run - source.nominal for run, source in zip(runs, sources, strict=True)])
+        beyond = np.asarray(weights @ moved / weights.sum())
         beyond[one.kept] -= one.moved(theta)
         return np.where(np.isfinite(beyond), beyond, 0.0)
 

@@ -461,10 +461,12 @@ def vectors(backend: Backend, job: _Job, observables: Observables) -> NDArray[np
     return np.array(found, dtype=np.float32)
 
 
-def simulated(backend: Backend, response: Response, experiment: Experiment, values: Values) -> FloatArray:
+def simulated(
+    backend: Backend, observables: Observables, experiment: Experiment, values: Values
+) -> FloatArray:
     """Return (m,) the mean of an experiment with these effects, in the observables and with the seeds of a response."""
     job = _Job(experiment, _frozen(values), "", _seeds(experiment))
-    return np.asarray(vectors(backend, job, response.observables).astype(float).mean(axis=0))
+    return np.asarray(vectors(backend, job, observables).astype(float).mean(axis=0))
 
 
 def acting(backend: Backend, experiments: Sequence[Experiment]) -> dict[str, frozenset[str]]:
