@@ -138,6 +138,7 @@ class _Work:
     cache: Cache
 
     def library(self, experiments: Sequence[Experiment]) -> ResponseLibrary:
+        self.tell("trying each effect", 0, 0)
         return library(self.bench.backend, experiments, self.pool, self.tell, self.cache)
 
     def progress(self, stage: str) -> Callable[[int, int], None]:
