@@ -121,11 +121,16 @@ def main() -> None:
             one = row(estimate(backend, known, traces), causes)
             rows[robot].setdefault(KINDS[number % 3], []).append(one)
             print(robot, KINDS[number % 3], *causes, f"p = {one['p']:.3f}: {one['worst']}", file=sys.stderr)
-        found = {"seed": arguments.seed, "level": LEVEL, **scores(rows)}
         if arguments.write and number % 3 == 2:
-            text = json.dumps({"machine": describe("numpy"), **found, "machines": rows}, indent=1)
-            RESULT.write_text(text + "\n")
-    print(json.dumps(found, indent=2))
+            write(arguments.seed, rows)
+    print(json.dumps(scores(rows), indent=2))
+
+
+def write(seed: int, rows: dict[str, dict[str, list[dict[str, Any]]]]) -> None:
+    """Write the machines of a seed so far beside those of other seeds."""
+    kept = json.loads(RESULT.read_text()) if RESULT.exists() else {}
+    found = {"computer": describe("numpy"), "level": LEVEL, **scores(rows), "machines": rows}
+    RESULT.write_text(json.dumps({**kept, f"seed {seed}": found}, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ from s2r_spec.diagnose.inference.estimates import (
     mean_sizes,
     with_status,
 )
+from s2r_spec.diagnose.inference.goodness_of_fit import goodness_of_fit
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import library
@@ -57,6 +58,7 @@ def diagnosed(tmp_path_factory):
             separations(found, possible, candidates),
             held_out_gap(bench, held, seen, patch, tuned, seed),
             compared_at_all_tests(bench, [*held, *seen], seed),
+            goodness_of_fit(found.problem, found.fit),
         )
         return Diagnosis(
             Which(evidence, by_effects(found.posterior, responses.parameters), next_test(found, candidates)),
@@ -81,6 +83,7 @@ def diagnosed(tmp_path_factory):
 def test_a_cart_with_causes_gets_their_names_sizes_and_a_patch_that_closes_its_gap(diagnosed, effects):
     found = diagnosed(effects)
     assert found.rule is Rule.EFFECT
+    assert not found.evidence.goodness.alarm
     assert set(found.which.answer) == set(effects) == set(found.patch)
     for one in found.evidence.effects:
         if one.effect in effects:
@@ -98,5 +101,13 @@ def test_a_cart_with_causes_gets_their_names_sizes_and_a_patch_that_closes_its_g
 
 def test_a_cause_outside_the_catalogue_is_none_of_these(diagnosed):
     found = diagnosed({}, extra="gust")
-    assert found.rule is Rule.STAYS
+    assert found.rule is Rule.MISFIT
+    goodness = found.evidence.goodness
+    assert goodness.alarm
+    assert f"p = {goodness.p:.2g}" in answered.text(found, found.spec)
     assert found.patch == found.improved(tuned=True) == {}
+
+
+def test_healthy_carts_of_another_author_are_no_misfit(diagnosed):
+    """Of 40 carts one alarms, as the level of 5 % allows."""
+    assert sum(diagnosed({}, seed=seed).evidence.goodness.alarm for seed in range(20, 25)) <= 1

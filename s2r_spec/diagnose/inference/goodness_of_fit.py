@@ -51,7 +51,7 @@ LEVEL = 0.05
 DRAWS = 499
 """Budget: M, residuals drawn from the null. The least p-value is 1/(M + 1); twice as many take twice the time."""
 SEED = 2_000
-"""Definition: of the draws; every group of an experiment has a stream of its own, so that their order changes nothing."""
+"""Definition: of the draws. Every group has a stream of its own, so that the order of groups changes nothing."""
 PARTS = 5
 """Definition: equal parts of the time of cells of means. With twice as many, shorter misfits stand out more."""
 
@@ -83,7 +83,7 @@ class Goodness:
     Attributes:
         p: conformal p-value over all experiments.
         level: of the alarm at this look.
-        worst: the cell with the largest misfit, in the experiment with the largest one.
+        worst: the cell with the largest misfit of the experiment with the largest one.
     """
 
     p: float
@@ -110,9 +110,9 @@ def goodness_of_fit(
     tests = [_Tested.of(one, fit.theta) for one in problem.observations if one.parts]
     quantities: dict[str, FloatArray] = {}
     for each in tests:
-        for (quantity, _), loss in zip(each.groups, each.losses, strict=True):
+        for ((quantity, _), _), loss in zip(each.one.parts, each.losses, strict=True):
             quantities[quantity] = quantities.get(quantity, np.zeros(1 + DRAWS)) + loss
-    both = [np.maximum(_standard(each.losses.sum(axis=0)), _standard(each.largest)) for each in tests]
+    both = [np.maximum(_standard(one.losses.sum(axis=0)), _standard(one.excess.max(axis=0))) for one in tests]
     extreme = np.max([*both, *map(_standard, quantities.values())], axis=0)
     worst = tests[int(np.argmax([each[0] for each in both]))]
     return Goodness(float(np.mean(extreme >= extreme[0])), LEVEL / looks, worst.place(columns or {}))
@@ -125,8 +125,7 @@ class _Cell:
     group: tuple[str, str]
     column: int
     width: int
-    begin: float
-    end: float
+    span: tuple[float, float]
     places: NDArray[np.int64]
 
 
@@ -136,14 +135,12 @@ class _Tested:
 
     Attributes:
         one: the observation.
-        groups: quantity and statistic of each group.
         losses: (G, 1 + M) of every group.
         cells: C cells.
         excess: (C, 1 + M) loss of each, in standard deviations beyond its mean.
     """
 
     one: Observation
-    groups: tuple[tuple[str, str], ...]
     losses: FloatArray
     cells: tuple[_Cell, ...]
     excess: FloatArray
@@ -156,21 +153,14 @@ class _Tested:
         cells = list(_cells(one))
         losses, excess = [], []
         for number, (group, places) in enumerate(one.parts):
-            name = zlib.crc32(f"{one.response.experiment} {group}".encode())
-            random = np.random.default_rng(np.random.SeedSequence(SEED, spawn_key=(name,)))
-            drawn = _drawn(random, responses[:, places], theta, float(one.coherent[number]))
+            stream = zlib.crc32(f"{one.response.experiment} {group}".encode())
+            drawn = _drawn(stream, responses[:, places], theta, float(one.coherent[number]))
             squares = np.clip(np.vstack([data[places], drawn]), -LARGEST, LARGEST) ** 2
             share = min(places.size, EFFECTIVE) / places.size
             losses.append(_loss(squares, share))
             own = [cell.places - places[0] for cell in cells if cell.group == group]
             excess += [_standard(_loss(squares[:, each], share)) for each in own]
-        groups = tuple(group for group, _ in one.parts)
-        return cls(one, groups, np.array(losses), tuple(cells), np.array(excess))
-
-    @property
-    def largest(self) -> FloatArray:
-        """(1 + M,) the largest cell."""
-        return np.asarray(self.excess.max(axis=0))
+        return cls(one, np.array(losses), tuple(cells), np.array(excess))
 
     def place(self, columns: Mapping[str, Sequence[str]]) -> Misfit:
         """Return the cell of the data that is the farthest beyond its mean."""
@@ -183,18 +173,17 @@ class _Tested:
             self.one.response.experiment,
             *cell.group,
             names[cell.column] if len(names) == cell.width > 1 else part,
-            cell.begin * observables.duration,
-            cell.end * observables.duration,
+            cell.span[0] * observables.duration,
+            cell.span[1] * observables.duration,
         )
 
 
-def _drawn(
-    random: np.random.Generator, responses: FloatArray, theta: FloatArray, coherent: float
-) -> FloatArray:
+def _drawn(stream: int, responses: FloatArray, theta: FloatArray, coherent: float) -> FloatArray:
     """Return (M, n) residuals of a group in units of u, from (K + V, n) its responses.
 
     Columns are drawn in the order of their energy, so that the order of the catalogue changes nothing.
     """
+    random = np.random.default_rng(np.random.SeedSequence(SEED, spawn_key=(stream,)))
     size = responses.shape[1]
     number = int(min(size, EFFECTIVE))
     noise, law = DEGREES / random.chisquare(DEGREES, (2, DRAWS))
@@ -226,7 +215,7 @@ def _cells(one: Observation) -> Iterator[_Cell]:
         spans = _spans(group[1])
         span = row * len(spans) // BINS if group[1] == "bin" else np.minimum(row, len(spans) - 1)
         for k, c in sorted(set(zip(span.tolist(), column.tolist(), strict=True))):
-            yield _Cell(group, c, width, *spans[k], places[(span == k) & (column == c)])
+            yield _Cell(group, c, width, spans[k], places[(span == k) & (column == c)])
 
 
 def _spans(statistic: str) -> list[tuple[float, float]]:
