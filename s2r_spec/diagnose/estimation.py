@@ -35,11 +35,12 @@ SIMULATED = 2
 
 @dataclass(frozen=True)
 class Estimate:
-    """The joint estimate and the posterior of a machine."""
+    """The joint estimate and the posterior of a machine, and the problem that was fitted."""
 
     library: ResponseLibrary
     fit: Fit
     posterior: ModelPosterior
+    problem: Problem
 
 
 def size_prior(library: ResponseLibrary) -> SizePrior:
@@ -258,7 +259,8 @@ def fitted(library: ResponseLibrary, modes: Sequence[Mode], errors: Errors) -> l
     for mode in modes:
         prior = mode.problem.prior
         last = fit(mode.problem, mode.theta, prior.deviation(mode.active), errors.variances, errors.sizes)
-        found.append(Estimate(library, last, posterior(last.likelihood, last.theta, prior)))
+        sets = posterior(last.likelihood, last.theta, prior)
+        found.append(Estimate(library, last, sets, mode.problem))
     return sorted(found, key=lambda mode: -mode.posterior.log_evidence)
 
 
