@@ -104,7 +104,7 @@ def main() -> None:
                 truth,
                 "named",
                 row["named"],
-                row["possible"],
+                row["probability"],
                 row["falls"],
                 flush=True,
             )
