@@ -101,12 +101,30 @@ def named(number: int) -> str:
     return f"case-{number:03d}"
 
 
+class Stages:
+    """Processor time of the stages of a diagnosis; a progress function."""
+
+    def __init__(self) -> None:
+        self.began = [("before", time.process_time())]
+
+    def __call__(self, stage: str, done: int, of: int) -> None:
+        if stage != self.began[-1][0]:
+            self.began.append((stage, time.process_time()))
+
+    def seconds(self) -> dict[str, float]:
+        """Return stage → seconds, up to now."""
+        ends = [*(begin for _, begin in self.began[1:]), time.process_time()]
+        total: dict[str, float] = {}
+        for (stage, begin), end in zip(self.began, ends, strict=True):
+            total[stage] = total.get(stage, 0.0) + end - begin
+        return total
+
+
 def answered(machine: str, folder: Path, answers: Path, name: str) -> str:
     """Diagnose one case, unless its answer is there; return its name."""
     path = answers / f"{name}.json"
     if not path.exists():
-        began = time.process_time()
-        case = folder / "public" / name
+        case, stages = folder / "public" / name, Stages()
         found = diagnose(
             load_spec(case / "spec.stl"),
             load_backend(simulator(machine)),
@@ -114,9 +132,13 @@ def answered(machine: str, folder: Path, answers: Path, name: str) -> str:
             cache=folder / "cache",
             where=False,
             passive=True,
+            progress=stages,
         ).to_json()
+        seconds = stages.seconds()
         part = path.with_suffix(".part")
-        part.write_text(json.dumps({**found, "seconds": time.process_time() - began}, default=float))
+        part.write_text(
+            json.dumps({**found, "seconds": sum(seconds.values()), "stages": seconds}, default=float)
+        )
         part.rename(path)
     return name
 
@@ -269,7 +291,16 @@ def scores(cases: Sequence[Scored]) -> dict[str, Any]:
         "in the 90 % interval": _rounded(np.mean(inside) if inside else None),
         "seconds of processor, median": _rounded(np.median(seconds) if seconds else None),
         "seconds of processor, most": _rounded(max(seconds, default=None)),
+        "seconds of its stages, median": _stages(cases),
     }
+
+
+def _stages(cases: Sequence[Scored]) -> dict[str, float | None]:
+    found: dict[str, list[float]] = {}
+    for one in cases:
+        for stage, seconds in one.answer.get("stages", {}).items():
+            found.setdefault(stage, []).append(seconds)
+    return {stage: _rounded(np.median(each)) for stage, each in found.items()}
 
 
 def _share(cases: Sequence[Scored], right: Callable[[Scored], bool]) -> str:
