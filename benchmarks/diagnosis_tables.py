@@ -21,13 +21,6 @@ from s2r_spec.quantity import measured, quantity
 FOLDER = Path(__file__).parent
 SURE = 0.9
 """Level: probability from which an answer counts as confident."""
-WAYS = {
-    "joint least-squares fit, its largest effect": "joint least squares",
-    "best fit of one effect to all channels": "single fits",
-    "best fit of one effect to ρ": "ρ only",
-    "most probable cause of `s2r diagnose`": "s2r diagnose, likeliest cause",
-}
-"""Row → name of the way in the results."""
 
 
 def sure_and_wrong() -> str:
@@ -46,18 +39,6 @@ def sure_and_wrong() -> str:
 
 KINDS = {"single": "in the catalogue", "pair": "a pair", "unknown": "not in the catalogue"}
 """Kind of a case → words."""
-
-
-def simpler() -> str:
-    """Return how often simpler ways name a single effect."""
-    sets = {"axis, set 4": "emps4", "A1, set 13": "a1thirteenth"}
-    found = [_result(f"blind/results/{name}_baselines.json") for name in sets.values()]
-    rows = [["way to name a single effect", *sets]]
-    for words, key in WAYS.items():
-        rows.append([words, *(f"{one['rates'][key]['hits']} of {one['rates'][key]['of']}" for one in found)])
-    count = [one["rates"]["ρ only"]["of"] for one in found]
-    chance = [f"{n * one['chance']:.0f} of {n}" for n, one in zip(count, found, strict=True)]
-    return markdown([*rows, ["chance", *chance]])
 
 
 def could_close() -> str:
@@ -175,7 +156,9 @@ def go2() -> str:
     for effect, unit in (("dry_friction", "N*m"), ("armature", "kg*m^2"), ("viscous_friction", "N*m*s/rad")):
         for joint in ("hip", "thigh", "calf"):
             one = kept["parameters"].get(effect, {}).get(joint)
-            named = "not named" if one is None else measured(one["estimate"], one["low"], one["high"], unit)
+            named = "not named"
+            if one is not None and effect in kept["answer"]:
+                named = measured(one["estimate"], one["low"], one["high"], unit)
             fitted = quantity(fit["of_kinds"][f"{effect} [{unit}]"][joint], unit)
             rows.append([f"{effect} of a {joint}", named, fitted, quantity(given[effect][joint], unit)])
     closed, tuned = (f"{100 * far[key]['estimate']:.0f} %" for key in ("share", "tuned_share"))
@@ -201,14 +184,15 @@ def go2() -> str:
     )
 
 
-TABLES = (sure_and_wrong, simpler, could_close, several, worst_test, twins, axis, go2)
+TABLES = (sure_and_wrong, could_close, several, worst_test, twins, axis, go2)
 
 
 def _values(one: dict[str, Any]) -> list[str]:
-    """Return every fitted parameter of an answer with its interval."""
+    """Return every parameter of the named effects with its interval."""
     return [
         f"{effect}.{name} {measured(v['estimate'], v['low'], v['high'], v['unit'])}"
         for effect, values in one["parameters"].items()
+        if effect in one["answer"]
         for name, v in values.items()
     ]
 

@@ -42,12 +42,12 @@ def main() -> None:
             found = s2r.diagnose(spec, nominal, rollouts, cache=Path(cache), where=False).to_json()
             which = found["which"]
             kept[name] = {"has": values, "verdict": found["verdict"], "answer": which["answer"]} | {
-                key: which[key] for key in ("set", "parameters")
+                key: which[key] for key in ("set", "status", "parameters")
             }
             print(f"{name:16} {values}  {found['verdict']}: {', '.join(which['answer'])}", flush=True)
     right = sum(one["answer"] == list(one["has"]) for name, one in kept.items() if name != "nothing")
     print(f"{right} of {len(kept) - 1} effects answered exactly; of nothing: {kept['nothing']['verdict']}")
-    record = {"machine": describe("scikit-learn"), "right": right, "machines": kept}
+    record = {"machine": describe("scipy"), "right": right, "machines": kept}
     RESULTS.write_text(json.dumps(record, indent=1, ensure_ascii=False) + "\n")
 
 

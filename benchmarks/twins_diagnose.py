@@ -53,6 +53,7 @@ def diagnosed(place: str) -> dict[str, object]:
         "verdict": answer["verdict"],
         "answer": which["answer"],
         "set": which["set"],
+        "status": which["status"],
         "parameters": which["parameters"],
         "share": far["share"],
         "tuned_share": far["tuned_share"],
@@ -69,7 +70,7 @@ def main() -> None:
     for place in places:
         one = diagnosed(place)
         kept["twins"][place] = one
-        kept["machine"] = describe("mujoco", "pin", "piqp", "scikit-learn")
+        kept["machine"] = describe("mujoco", "pin", "piqp")
         RESULTS.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n")
         print(f"twin:{place} has {one['has']}, {one['cpu_seconds']} s of processor time\n{one['text']}")
 

@@ -40,7 +40,6 @@ from s2r_spec.diagnose.axes import lines  # noqa: E402
 from s2r_spec.diagnose.gap.observed import GapAt  # noqa: E402
 from s2r_spec.diagnose.gap.surface import gap_surface  # noqa: E402
 from s2r_spec.diagnose.simulate import Bench  # noqa: E402
-from s2r_spec.diagnose.simulate import Bench  # noqa: E402
 from s2r_spec.trace import Trace  # noqa: E402
 
 FloatArray = NDArray[np.float64]
@@ -103,12 +102,12 @@ def other_axis(effect: str, case: int) -> Run:
     from benchmarks.blind.emps import cases
 
     kinds = [cases.KNOWN[effect]]
-    machine, bare, *_ = cases.machine_of(np.random.default_rng([11, case]), kinds)
+    drawn = cases.machine_of(np.random.default_rng([11, case]), kinds)
 
     def run(tests: list[Test], seed: int) -> list[Trace]:
         rng = np.random.default_rng(seed)
-        drawn = [cases.drawn_nuisance(rng) for _ in tests]
-        made = cases.realise([cases.Plan(machine, bare, tests, [], drawn, {"effects": {}})])
+        nuisances = [cases.drawn_nuisance(rng) for _ in tests]
+        made = cases.realise([cases.Plan(drawn.machine, drawn.bare, tests, [], nuisances, {"effects": {}})])
         return [trace for _, trace in made[0].rollouts]
 
     return run

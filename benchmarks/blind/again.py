@@ -51,7 +51,15 @@ def main() -> None:
     public, out = given.folder / given.set / "public", given.folder / f"{given.set}-again"
     found: dict[str, Any] = {}
     for name in given.ids or [name for name, case in cases.items() if stayed(case)]:
-        words = ["s2r_spec", "diagnose", public / name / "spec.stl", "--sim", SETS[given.set][1], "--quiet"]
+        words = [
+            "s2r_spec",
+            "diagnose",
+            public / name / "spec.stl",
+            "--sim",
+            SETS[given.set][1],
+            "--quiet",
+            "--passive",
+        ]
         words += ["--real", f"log:{public / name}", "--run", out / name, "--workers", given.workers]
         command = [sys.executable, "-m", *map(str, words)]
         done = subprocess.run(
@@ -66,7 +74,7 @@ def main() -> None:
             "now": said(now) | {"reason": now["reason"], "notes": now["notes"]},
         }
         print(name, json.dumps(found[name], ensure_ascii=False), flush=True)
-    result = {"cases": found, "machine": describe("scikit-learn")}
+    result = {"cases": found, "machine": describe("scipy")}
     path = RESULTS / f"{given.set}_again.json"
     path.write_text(json.dumps(result, indent=1, ensure_ascii=False) + "\n")
 

@@ -17,9 +17,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from machine import describe
 
 from s2r_spec.backend import load_backend
-from s2r_spec.diagnose.ask import real_rollouts
-from s2r_spec.diagnose.parted import Parted
-from s2r_spec.diagnose.prepare import bench_of
+from s2r_spec.diagnose.data.rollouts import recorded
+from s2r_spec.diagnose.data.split import split
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.spec import load_spec
 from s2r_spec.trace import Trace
@@ -92,7 +91,7 @@ def kept(answers: Path) -> dict[str, dict[str, Any]]:
             "posterior": {k: p for k, p in which["posterior"].items() if p >= 0.05},
             "pairs": which["pairs"][:3],
             "parameters": which["parameters"],
-            "least": [one for one in which["isolability"]["least"] if one["effect"] in label["effects"]],
+            "status": which.get("status"),
             "how_far": answer["how_far"],
             "left": answer.get("left", [])[:1],
             "rollouts": answer["rollouts"],
@@ -105,14 +104,12 @@ def bench(name: str) -> Bench:
     """Return a set's simulator, set up."""
     path, simulator = SETS[name]
     spec = load_spec(ROOT / path)
-    return bench_of(spec, spec.requirements[0], simulator)
+    return Bench.of(spec, spec.requirements[0], simulator)
 
 
-def rollouts(of: Bench, case: Path) -> tuple[Rollouts, Rollouts]:
-    """Return what a diagnosis names the cause of a case from, and what it held out."""
+def held_out(of: Bench, case: Path) -> Rollouts:
+    """Return the rollouts of a case that a diagnosis holds out."""
     made_with = load_spec(case / "spec.stl").hash
     if made_with != of.spec.hash:
         raise SystemExit(f"{case} was made with another spec, {made_with}; use the code of that time")
-    recorded = real_rollouts(of, load_backend(f"log:{case}"), None, 0, None, lambda *_: None)
-    parts = Parted.of(recorded, 0)
-    return parts.compared, parts.held
+    return list(split(recorded(of, load_backend(f"log:{case}")), 0).held_out)

@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
-from opened import Opened, bench, rollouts
+from opened import Opened, bench, held_out
 
-from s2r_spec.diagnose.held_out import SHOTS
+from s2r_spec.diagnose.gap.held_out import SHOTS
 from s2r_spec.diagnose.simulate import Job, run_jobs
 from s2r_spec.effects import catalogue_of
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
@@ -34,7 +34,7 @@ AS_MUCH = 0.95
 def reached(case: Path, name: str, kept: dict[str, Any]) -> float | None:
     """Return the share of the held-out gap above its floor that the true effects at their true values close."""
     ours = bench(name)
-    _, held = rollouts(ours, case)
+    held = held_out(ours, case)
     far = kept["how_far"]
     if not held or not far or not far["tuned_share"]:
         return None  # nothing was held out, or the gap is no more than scatter

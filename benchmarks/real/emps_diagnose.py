@@ -40,7 +40,7 @@ def main() -> None:
     rubbed = ",".join(
         (ideal, *(f"{e}.{name}={value}" for e, p in DOCUMENTED.items() for name, value in p.items()))
     )
-    kept: dict[str, object] = {"machine": describe("scikit-learn"), "documented": DOCUMENTED}
+    kept: dict[str, object] = {"machine": describe("scipy"), "documented": DOCUMENTED}
     for name, simulator in (("friction", ideal), ("pulses", rubbed)):
         rollouts = segments(given.data / FILES[name])
         found = s2r.diagnose(spec, simulator, rollouts)
@@ -52,7 +52,7 @@ def main() -> None:
         answer = found.to_json()
         kept[name] = {
             "verdict": answer["verdict"],
-            **{key: answer["which"][key] for key in ("answer", "set", "parameters")},
+            **{key: answer["which"][key] for key in ("answer", "set", "status", "parameters")},
             "pairs": answer["which"]["pairs"][:3],
             **{key: answer["how_far"][key] for key in ("before", "after", "tuned", "share", "tuned_share")},
             "control law leaves": [round(each, 4) for each in voltage],

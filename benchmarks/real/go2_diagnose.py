@@ -46,10 +46,11 @@ def main() -> None:
     answer = found.to_json()
     far = answer["how_far"]
     kept = {
-        "machine": describe("mujoco", "scikit-learn"),
+        "machine": describe("mujoco"),
         "verdict": answer["verdict"],
         "answer": answer["which"]["answer"],
         "set": answer["which"]["set"],
+        "status": answer["which"]["status"],
         "posterior": {k: round(p, 4) for k, p in answer["which"]["posterior"].items() if p >= 0.02},
         "pairs": answer["which"]["pairs"][:3],
         "parameters": answer["which"]["parameters"],

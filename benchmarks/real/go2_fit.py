@@ -2,10 +2,10 @@
 
     python benchmarks/real/go2_fit.py --data ../shared/data/go2_inair          # minutes, once
 
-The simulator's joint angles are fitted to the recorded ones of the seconds that the diagnosis may see, first with dry
-friction, viscous friction and armature of each kind of joint (hip, thigh, calf), then with friction of each of the
-twelve joints by itself, and armature of each kind. Nobody asks here which effects there are: they are given. Printed
-and written to go2_fit.json are the values, and how much of the gap in ρ they close in the seconds that were held out.
+The simulator's joint angles are fitted to the recorded ones of the seconds that the diagnosis estimates from, first
+with dry friction, viscous friction and armature of each kind of joint (hip, thigh, calf), then with friction of each
+of the twelve joints by itself, and armature of each kind. Nobody asks here which effects there are: they are given.
+Printed and written to go2_fit.json are the values, and how much of the gap in ρ they close in the held-out seconds.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from machine import describe  # noqa: E402
 
 from benchmarks.real.go2_diagnose import SECONDS, shorter  # noqa: E402
 from benchmarks.real.go2_inair import JOINTS, Go2InAir, Joints, segments  # noqa: E402
-from s2r_spec.diagnose.parted import split  # noqa: E402
+from s2r_spec.diagnose.data.rollouts import RealRollouts  # noqa: E402
+from s2r_spec.diagnose.data.split import split  # noqa: E402
 from s2r_spec.trace import Trace  # noqa: E402
 
 RESULTS = Path(__file__).with_suffix(".json")
@@ -74,7 +75,8 @@ def main() -> None:
     data = parser.parse_args().data
     spec = shorter()
     (requirement,) = spec.requirements
-    seen, held = split(segments(data, SECONDS), 0)
+    parts = split(RealRollouts(tuple(segments(data, SECONDS))), 0)
+    seen, held = parts.train.tests, parts.held_out
 
     def gap(joints: Joints) -> float:
         model = robot(data, joints)

@@ -66,7 +66,11 @@ def load(answers: Path) -> list[tuple[dict[str, Any], dict[str, Any]]]:
 
 
 def ranked(answer: Mapping[str, Any]) -> list[tuple[frozenset[str], float]]:
-    """Return every answer with its probability, most probable first, including {"none"} and {"unknown"}."""
+    """Return every set with its probability, most probable first, including {"none"}.
+
+    Answers of schema s2r/diagnosis/1 also have a probability of {"unknown"}. In later ones *none of these* is a
+    verdict without a probability.
+    """
     which = answer["which"]
     found = [(frozenset([name]), float(p)) for name, p in which["posterior"].items()]
     found += [(frozenset(pair["effects"]), float(pair["probability"])) for pair in which["pairs"]]
@@ -88,7 +92,9 @@ def score(cases: Answers) -> dict[str, Any]:
     unknown = [(label, a) for label, a in cases if label["kind"] == "unknown"]
     null = [(label, a) for label, a in cases if label["kind"] == "null"]
     material = [(label, a) for label, a in unknown if _material(a)]
-    sure = [(label, a) for label, a in cases if ranked(a)[0][1] >= SURE]
+    open_world = [(label, a) for label, a in cases if label["kind"] != "unknown" or _has_unknown(a)]
+    claims = [(label, a) for label, a in cases if _has_unknown(a) or a["verdict"] != "none of these"]
+    sure = [(label, a) for label, a in claims if ranked(a)[0][1] >= SURE]
     rates = {
         "answered exactly, single": _rate(single, _answered),
         "answered exactly, pair": _rate(pair, _answered),
@@ -112,6 +118,10 @@ def score(cases: Answers) -> dict[str, Any]:
         "sure": Rate(len(sure), len(cases)),
         "true value in its 90 % interval": _coverage(single),
     }
+    if any("background" in label for label, _ in known):
+        rates["true value in its 90 % interval, background included"] = _coverage(
+            [*known, *null], ("background", "effects")
+        )
     if any(a.get("left") for _, a in cases):
         explicable = [(label, a) for label, a in known if _material(a)]
         rates |= {
@@ -173,9 +183,9 @@ def score(cases: Answers) -> dict[str, Any]:
     )
     out: dict[str, Any] = {name: rate.to_json() for name, rate in rates.items()}
     out["set size, single (mean)"] = _mean([max(1, len(a["which"]["set"])) for _, a in single])
-    out["log score"] = _mean([-math.log(max(_probability(label, a), SMALLEST)) for label, a in cases])
-    out["Brier score"] = _mean([_brier(label, a) for label, a in cases])
-    out["calibration error"] = _calibration(cases)
+    out["log score"] = _mean([-math.log(max(_probability(label, a), SMALLEST)) for label, a in open_world])
+    out["Brier score"] = _mean([_brier(label, a) for label, a in open_world])
+    out["calibration error"] = _calibration(open_world)
     out |= _shrink(single, "single") | _shrink(pair, "pair")
     out["cases"] = len(cases)
     out["confusion"] = _confusion(single)
@@ -212,6 +222,11 @@ def _named(answer: Mapping[str, Any]) -> tuple[frozenset[str], list[tuple[frozen
 def _members(answer: Mapping[str, Any]) -> list[str]:
     membership = answer["which"]["membership"]
     return sorted(membership, key=lambda name: -membership[name])
+
+
+def _has_unknown(answer: Mapping[str, Any]) -> bool:
+    """Return whether the answer has a probability of a cause outside the catalogue."""
+    return "unknown" in answer["which"]["posterior"]
 
 
 def _material(answer: Mapping[str, Any]) -> bool:
@@ -255,9 +270,12 @@ def _moves(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
 
 
 def _isolable(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
-    """Return whether, by the simulator alone, the effect at its typical size differs from every other effect."""
-    found = answer["which"]["isolability"]
-    if not truth(label) <= set(found["effects"]):
+    """Return whether, by the simulator alone, the effect at its typical size differs from every other effect.
+
+    False for an answer without ``isolability``, which schema s2r/diagnosis/1 has alone.
+    """
+    found = answer["which"].get("isolability")
+    if found is None or not truth(label) <= set(found["effects"]):
         return False
     places = [found["effects"].index(name) for name in truth(label)]
     others = [s for k in places for i, s in enumerate(found["sigma"][k]) if i not in places]
@@ -267,10 +285,10 @@ def _isolable(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
 def _isolable_at_its_size(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
     """Return whether, by the simulator alone, each effect at its true size differs from every other effect.
 
-    One of its parameters is enough. False for an older answer, which lacks these sizes.
+    One of its parameters is enough. False for an answer that lacks these sizes.
     """
     told = set()
-    for one in answer["which"]["isolability"].get("least", ()):
+    for one in answer["which"].get("isolability", {}).get("least", ()):
         value = label["effects"].get(one["effect"], {}).get(one["parameter"])
         low, high = one["below"], one["above"]
         if value is not None and ((low is not None and value <= low) or (high is not None and value >= high)):
@@ -320,10 +338,10 @@ def _calibration(cases: Answers) -> float | None:
     return round(total / len(cases), 4) if cases else None
 
 
-def _coverage(cases: Answers) -> Rate:
+def _coverage(cases: Answers, values_of: Sequence[str] = ("effects",)) -> Rate:
     hits = of = 0
     for label, a in cases:
-        for effect, values in label["effects"].items():
+        for effect, values in (item for name in values_of for item in label.get(name, {}).items()):
             for parameter, value in values.items():
                 found = a["which"]["parameters"].get(effect, {}).get(parameter)
                 if found is not None and isinstance(value, int | float):
@@ -348,7 +366,7 @@ def _shrink(cases: Answers, kind: str) -> dict[str, Any]:
     above = sum(f["before"]["mean"] - f["floor"] for f in far)
     closed = sum(f["before"]["mean"] - f["after"]["mean"] for f in far)
     shares = sorted(f["share"]["estimate"] for f in far if f["share"])
-    oracle = [f["oracle_share"] for f in far if f["oracle_share"] is not None]
+    oracle = [f["oracle_share"] for f in far if f.get("oracle_share") is not None]
     return {
         f"shrink, {kind}": {
             "cases": len(far),

@@ -282,3 +282,45 @@ def test_a_null_for_which_nothing_single_was_named_is_right():
     null = LABELS["case-c"]
     found = score([(null, answered("no single cause", "none")), (null, answered("none of these", "unknown"))])
     assert found["null called anything else"]["hits"] == 1
+
+
+def closed_world(verdict, sets, **more):
+    """Return an answer of today's schema: sets of effects with probabilities, and no probability of another cause."""
+    singles = {name: sets.get((name,), 0.0) for name in ("drag", "mass")}
+    answer = answered(verdict, "drag")
+    which = answer["which"] | {
+        "posterior": {"none": sets.get((), 0.0), **singles},
+        "pairs": [{"effects": list(names), "probability": p} for names, p in sets.items() if len(names) > 1],
+        "membership": {"drag": 0.9, "mass": 0.1},
+    }
+    which.pop("isolability")
+    which["parameters"] = which["parameters"] | {
+        "mass": {"extra": {"estimate": 0.0, "low": -0.1, "high": 0.1, "unit": "kg"}}
+    }
+    return answer | {"which": which} | more
+
+
+def test_a_cause_outside_the_catalogue_counts_by_its_verdict_alone():
+    right = closed_world("none of these", {("drag",): 0.99})
+    named = closed_world("named", {("drag",): 0.99})
+    found = score([(LABELS["case-b"], right), (LABELS["case-b"], named), (LABELS["case-a"], named)])
+    assert found["unknown detected, all"]["hits"] == 1
+    assert found["right where sure"] | {"low": 0, "high": 0, "rate": 0} == {
+        "rate": 0, "hits": 1, "of": 2, "low": 0, "high": 0,
+    }  # fmt: skip
+    assert found["log score"] == pytest.approx(0.01, abs=1e-3)
+
+
+def test_background_counts_in_the_coverage_of_intervals():
+    label = LABELS["case-a"] | {"background": {"mass": {"extra": 0.2}}}
+    found = score([(label, closed_world("named", {("drag",): 0.99}))])
+    assert found["true value in its 90 % interval"]["of"] == 1
+    every = found["true value in its 90 % interval, background included"]
+    assert (every["hits"], every["of"]) == (1, 2)
+
+
+def test_a_gap_without_an_oracle_has_its_closed_part():
+    gap = {key: value for key, value in far(0.1).items() if key != "oracle_share"}
+    found = score([(LABELS["case-a"], closed_world("named", {("drag",): 0.99}, how_far=gap))])
+    assert found["shrink, single"]["ratio of sums"] == pytest.approx(0.6 / 0.9, abs=1e-4)
+    assert found["shrink, single"]["mean share of oracle"] is None

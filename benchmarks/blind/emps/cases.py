@@ -74,18 +74,19 @@ def make_case(rng: Generator, kind: CaseKind, budget: int = 30, held_out: int = 
 def plan(rng: Generator, kind: CaseKind, budget: int, held_out: int = 0) -> Plan:
     """Draw everything that a case is made of."""
     kinds = chosen(rng, kind)
-    machine, bare, effects, where = machine_of(rng, kinds)
+    drawn = machine_of(rng, kinds)
     label: dict[str, Any] = {
         "kind": kind,
-        "effects": effects,
+        "effects": drawn.effects,
+        "background": drawn.background,
         "relative_of": kinds[0].relative_of if kinds else None,
         "generator": VERSION,
     }
-    if where:
-        label["where"] = where
+    if drawn.where:
+        label["where"] = drawn.where
     tests, further = drawn_tests(rng, budget), stratified(rng, held_out)
     nuisances = [drawn_nuisance(rng) for _ in range(budget + held_out)]
-    return Plan(machine, bare, tests, further, nuisances, label)
+    return Plan(drawn.machine, drawn.bare, tests, further, nuisances, label)
 
 
 def realise(plans: Sequence[Plan]) -> list[Case]:
@@ -149,10 +150,31 @@ def chosen(rng: Generator, kind: CaseKind) -> list[Kind]:
     return [KNOWN[str(name)] for name in rng.choice(sorted(KNOWN), count, replace=False)]
 
 
-def machine_of(
-    rng: Generator, kinds: Sequence[Kind], background: float = BACKGROUND
-) -> tuple[Machine, Machine, dict[str, dict[str, float]], dict[str, list[float]]]:
-    """Return an axis with these effects and a little of all others, the same without, values, where they act."""
+Labels = dict[str, dict[str, float]]
+"""Effect → parameter → value."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """An axis.
+
+    Attributes:
+        machine: with its effects and a little of all others.
+        bare: the same without its effects.
+        effects: values of its effects.
+        background: values of all others.
+        where: ``window`` [s] or ``place`` [m] in which an effect acts.
+    """
+
+    machine: Machine
+    bare: Machine
+    effects: Labels
+    background: Labels
+    where: dict[str, list[float]]
+
+
+def machine_of(rng: Generator, kinds: Sequence[Kind], background: float = BACKGROUND) -> Drawn:
+    """Return an axis with these effects and a little of all others."""
     machine = Machine()
     if background:
         machine = replace(
@@ -165,22 +187,27 @@ def machine_of(
             supply_time=float(rng.uniform(0.01, 0.06)),
         )
     names = {kind.name for kind in kinds}
+    others: Labels = {}
     for kind in KNOWN.values():
         amount = background * kind.high * float(rng.normal())
         if amount and kind.name not in names:
-            fields, _ = kind.made(amount if kind.signed else abs(amount), rng)
-            machine = replace(machine, **fields)
+            fields, values = kind.made(amount if kind.signed else abs(amount), rng)
+            machine, others[kind.name] = replace(machine, **fields), _rounded(values)
     bare = machine
-    effects: dict[str, dict[str, float]] = {}
+    effects: Labels = {}
     where: dict[str, list[float]] = {}
     for kind in kinds:
         size = float(np.exp(rng.uniform(log(kind.low), log(kind.high))))
         fields, values = kind.made(-size if kind.signed and rng.uniform() < 0.5 else size, rng)
         machine = replace(machine, **fields)
-        effects[kind.name] = {name: float(f"{value:.6g}") for name, value in values.items()}
+        effects[kind.name] = _rounded(values)
         if kind.where:
             where |= {name: [round(end, 4) for end in ends] for name, ends in kind.where(fields).items()}
-    return machine, bare, effects, where
+    return Drawn(machine, bare, effects, others, where)
+
+
+def _rounded(values: Mapping[str, float]) -> dict[str, float]:
+    return {name: float(f"{value:.6g}") for name, value in values.items()}
 
 
 def drawn_tests(rng: Generator, budget: int) -> list[dict[str, float]]:

@@ -86,7 +86,8 @@ def make_case(machine: Machine, rng: Generator, kind: CaseKind, held_out: int = 
     ]
     label: dict[str, Any] = {
         "kind": kind,
-        "effects": {cause.name: {cause.parameter: float(f"{values[cause.name]:.6g}")} for cause in causes},
+        "effects": _numbers(machine, values),
+        "background": _numbers(machine, others),
         "relative_of": None,
         "generator": machine.VERSION,
     }
@@ -97,6 +98,11 @@ def make_case(machine: Machine, rng: Generator, kind: CaseKind, held_out: int = 
         ]
         label["moved"] = float(f"{np.mean(away):.4g}")
     return Case(runs[: len(tests)], runs[len(tests) :], label)
+
+
+def _numbers(machine: Machine, values: Mapping[str, float]) -> dict[str, dict[str, float]]:
+    causes = (*machine.KNOWN, *machine.UNKNOWN)
+    return {c.name: {c.parameter: float(f"{values[c.name]:.6g}")} for c in causes if c.name in values}
 
 
 def _rho(spec: Spec, test: Test, trace: Trace) -> float:
