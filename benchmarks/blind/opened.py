@@ -17,9 +17,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from machine import describe
 
 from s2r_spec.backend import load_backend
-from s2r_spec.diagnose.ask import real_rollouts
-from s2r_spec.diagnose.parted import Parted
-from s2r_spec.diagnose.prepare import bench_of
+from s2r_spec.diagnose.data.rollouts import recorded
+from s2r_spec.diagnose.data.split import split
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.spec import load_spec
 from s2r_spec.trace import Trace
@@ -105,7 +104,7 @@ def bench(name: str) -> Bench:
     """Return a set's simulator, set up."""
     path, simulator = SETS[name]
     spec = load_spec(ROOT / path)
-    return bench_of(spec, spec.requirements[0], simulator)
+    return Bench.of(spec, spec.requirements[0], simulator)
 
 
 def rollouts(of: Bench, case: Path) -> tuple[Rollouts, Rollouts]:
@@ -113,6 +112,5 @@ def rollouts(of: Bench, case: Path) -> tuple[Rollouts, Rollouts]:
     made_with = load_spec(case / "spec.stl").hash
     if made_with != of.spec.hash:
         raise SystemExit(f"{case} was made with another spec, {made_with}; use the code of that time")
-    recorded = real_rollouts(of, load_backend(f"log:{case}"), None, 0, None, lambda *_: None)
-    parts = Parted.of(recorded, 0)
-    return parts.compared, parts.held
+    parts = split(recorded(of, load_backend(f"log:{case}")), 0)
+    return list(parts.train.tests), list(parts.held_out)
