@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from s2r_spec.diagnose.features import Features
 
 from benchmarks.blind.arm import machine as arm
 from benchmarks.blind.car import machine as car
@@ -24,9 +25,8 @@ from benchmarks.blind.segway import machine as segway
 from s2r_spec import backend, load_backend, load_spec
 from s2r_spec.blind.score import score
 from s2r_spec.diagnose.axes import lines
-from s2r_spec.diagnose.features import Features
-from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.diagnose.remainder import remainders
+from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.rollouts.recorded import LogBackend
 
 BLIND = Path(__file__).parents[2] / "benchmarks" / "blind"

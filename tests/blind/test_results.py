@@ -7,6 +7,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from s2r_spec.diagnose.held_out import SURELY_LESS
+from s2r_spec.diagnose.judge import WEIGHTS
+from s2r_spec.diagnose.told import ACROSS
 
 from benchmarks.blind.table import (
     HISTORY,
@@ -22,10 +25,7 @@ from benchmarks.blind.table import (
 from benchmarks.diagnosis_tables import TABLES
 from s2r_spec.blind.score import truth
 from s2r_spec.diagnose.axes import BACKGROUND
-from s2r_spec.diagnose.held_out import SURELY_LESS
-from s2r_spec.diagnose.judge import WEIGHTS
 from s2r_spec.diagnose.remainder import Remainder
-from s2r_spec.diagnose.told import ACROSS
 from s2r_spec.spec import load_spec
 
 ROOT = Path(__file__).parents[2]

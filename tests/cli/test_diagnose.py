@@ -23,7 +23,7 @@ def test_a_cause_is_named_applied_and_used(cart):
     assert "patched:patched.json" in done.stderr
     found = json.loads((cart.folder / "run" / "diagnosis.json").read_text())
     assert found["which"]["answer"] == ["coulomb"]
-    jsonschema.validate(found, schema("s2r/diagnosis/1"))
+    jsonschema.validate(found, schema("s2r/diagnosis/2"))
     assert found["next"] in done.stdout
     page = (cart.folder / "gap.html").read_text()
     assert "NAMED: coulomb" in page

@@ -5,26 +5,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from s2r_cart import SPEC, Cart, real
+from s2r_spec.diagnose.ask import as_simulated, cut, read_at, real_rollouts
+from s2r_spec.diagnose.held_out import mostly_of_one
+from s2r_spec.diagnose.how_far import how_far
+from s2r_spec.diagnose.next_test import next_test
+from s2r_spec.diagnose.parted import ENOUGH, split
+from s2r_spec.diagnose.signatures import Curve, Signatures
+from s2r_spec.report.nextstep import next_step
 
 import s2r_spec as s2r
 from s2r_spec import logs
 from s2r_spec.backend import Channel
 from s2r_spec.diagnose import bank as banks
-from s2r_spec.diagnose.ask import as_simulated, cut, read_at, real_rollouts
 from s2r_spec.diagnose.axes import line, lines
 from s2r_spec.diagnose.cache import Cache
-from s2r_spec.diagnose.held_out import mostly_of_one
-from s2r_spec.diagnose.how_far import how_far
-from s2r_spec.diagnose.next_test import next_test
 from s2r_spec.diagnose.notes import Used, hidden_by_one, notes
-from s2r_spec.diagnose.parted import ENOUGH, split
-from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.diagnose.quality.direct import direct
 from s2r_spec.diagnose.quality.wrapped import wrapped as jumping
-from s2r_spec.diagnose.signatures import Curve, Signatures
+from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.effects import catalogue_of
 from s2r_spec.errors import BackendError, TraceError, UsageError
-from s2r_spec.report.nextstep import next_step
 from s2r_spec.trace import Trace
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")

@@ -5,17 +5,17 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from s2r_spec.diagnose.equations import Probe
+from s2r_spec.diagnose.features import Features
 
 import s2r_spec as s2r
 from s2r_emps import EmpsBackend
 from s2r_spec.backend import Channel
 from s2r_spec.diagnose.axes import lines
-from s2r_spec.diagnose.equations import Probe
-from s2r_spec.diagnose.features import Features
-from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.diagnose.remainder import Remainder, channels, motion
 from s2r_spec.diagnose.remainder.cells import FEWEST_ROLLOUTS
 from s2r_spec.diagnose.remainder.find import columns, ordered, parts, remainders
+from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.trace import Trace, thinned
 from tests.errors import states
 
