@@ -91,7 +91,11 @@ def kept(answers: Path) -> dict[str, dict[str, Any]]:
             "posterior": {k: p for k, p in which["posterior"].items() if p >= 0.05},
             "pairs": which["pairs"][:3],
             "parameters": which["parameters"],
-            "least": [one for one in which["isolability"]["least"] if one["effect"] in label["effects"]],
+            "least": [
+                one
+                for one in which.get("isolability", {}).get("least", ())
+                if one["effect"] in label["effects"]
+            ],
             "how_far": answer["how_far"],
             "left": answer.get("left", [])[:1],
             "rollouts": answer["rollouts"],

@@ -255,9 +255,12 @@ def _moves(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
 
 
 def _isolable(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
-    """Return whether, by the simulator alone, the effect at its typical size differs from every other effect."""
-    found = answer["which"]["isolability"]
-    if not truth(label) <= set(found["effects"]):
+    """Return whether, by the simulator alone, the effect at its typical size differs from every other effect.
+
+    False for an answer that does not say so.
+    """
+    found = answer["which"].get("isolability")
+    if found is None or not truth(label) <= set(found["effects"]):
         return False
     places = [found["effects"].index(name) for name in truth(label)]
     others = [s for k in places for i, s in enumerate(found["sigma"][k]) if i not in places]
@@ -267,10 +270,10 @@ def _isolable(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
 def _isolable_at_its_size(label: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
     """Return whether, by the simulator alone, each effect at its true size differs from every other effect.
 
-    One of its parameters is enough. False for an older answer, which lacks these sizes.
+    One of its parameters is enough. False for an answer that lacks these sizes.
     """
     told = set()
-    for one in answer["which"]["isolability"].get("least", ()):
+    for one in answer["which"].get("isolability", {}).get("least", ()):
         value = label["effects"].get(one["effect"], {}).get(one["parameter"])
         low, high = one["below"], one["above"]
         if value is not None and ((low is not None and value <= low) or (high is not None and value >= high)):
@@ -348,7 +351,7 @@ def _shrink(cases: Answers, kind: str) -> dict[str, Any]:
     above = sum(f["before"]["mean"] - f["floor"] for f in far)
     closed = sum(f["before"]["mean"] - f["after"]["mean"] for f in far)
     shares = sorted(f["share"]["estimate"] for f in far if f["share"])
-    oracle = [f["oracle_share"] for f in far if f["oracle_share"] is not None]
+    oracle = [f["oracle_share"] for f in far if f.get("oracle_share") is not None]
     return {
         f"shrink, {kind}": {
             "cases": len(far),
