@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from s2r_spec.diagnose.features import Features
 
 from benchmarks.blind.arm import machine as arm
 from benchmarks.blind.car import machine as car
@@ -325,8 +324,6 @@ def test_a_gust_is_seen_in_what_a_car_without_residuals_recorded(simulators, gus
         (test, car.drive({"gust": gust, "front_grip": 0.8}, test, car.drawn_nuisance(rng))) for test in tests
     ]
     bench = Bench.of(spec, spec.requirements[0], car_of_ours)
-    nominal = [bench.run({}, test, seed) for seed, test in enumerate(tests)]
-    bench = replace(bench, features=Features.of_nominal(nominal, car_of_ours.duration))
     # The other author's tyres saturate, and ours are linear: a law that is off is no cause of its own.
     left = remainders(bench, lines(car_of_ours.effects()), rollouts, {"front_grip": {"factor": 0.8}})
     assert any(each.material for each in left) == (gust > 0.0)
