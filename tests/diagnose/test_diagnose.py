@@ -2,7 +2,6 @@
 
 import json
 import re
-import subprocess
 import sys
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -327,36 +326,6 @@ def test_what_cannot_be_diagnosed_gets_one_sentence(find):
             find(real_side, sim=sim)
     with pytest.raises(UsageError, match="tracing"):
         find(machine(), requirement="tracing")
-
-
-def test_linear_algebra_has_one_thread_and_gives_the_others_back(find, monkeypatch):
-    import scipy.linalg  # noqa: F401
-    from threadpoolctl import threadpool_info, threadpool_limits
-
-    class ReachedError(Exception):
-        pass
-
-    def threads():
-        return [pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"]
-
-    def reached(*_):
-        raise ReachedError(threads())
-
-    with threadpool_limits(2):
-        before = threads()
-        for name in ("library", "estimate"):
-            with monkeypatch.context() as patched:
-                patched.setattr(sys.modules["s2r_spec.diagnose.run"], name, reached)
-                with pytest.raises(ReachedError) as error:
-                    find(replace(Toy(), added=(("a", 2.0),)), 10, Toy(), TOY)
-            assert set(error.value.args[0]) == {1}
-        assert threads() == before
-
-
-def test_the_diagnosis_cannot_see_a_label():
-    code = "import s2r_spec.diagnose.run, sys; print(' '.join(sys.modules))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert not [name for name in done.stdout.split() if name.startswith(("s2r_spec.blind", "benchmarks"))]
 
 
 def test_the_page_on_logs_does_what_it_says(cache, monkeypatch, capsys):

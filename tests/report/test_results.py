@@ -11,7 +11,7 @@ import s2r_spec as s2r
 from s2r_spec.errors import UsageError
 from s2r_spec.json_objects.schema import schema
 from tests.cli.conftest import SPEC
-from tests.errors import naming
+from tests.errors import naming, states
 from tests.report.test_diagnosed import diagnosis
 
 KINDS = ("check", "gap", "certify")
@@ -108,7 +108,8 @@ def test_a_diagnosis_has_the_same_forms(tmp_path):
     jsonschema.validate(one.to_json(), schema("s2r/diagnosis/2"))
     assert one.save(tmp_path / "kept").read_text() == diagnosed.as_json(plain, spec) + "\n"
     assert one.report(tmp_path / "x.html").read_text() == diagnosed_page.render(plain, spec, "twin:lab")
-    assert repr(one) == "Diagnosis(named: friction explains the data best)"
+    assert states(repr(one), "Diagnosis(confounded: ", "friction", "delay")
+    assert "\n" not in repr(one)
     with pytest.raises(UsageError, match=naming("diagnosis")):
         s2r.load_result(tmp_path / "kept" / "diagnosis.json")
     with pytest.raises(UsageError, match="specification"):
