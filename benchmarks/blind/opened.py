@@ -91,11 +91,7 @@ def kept(answers: Path) -> dict[str, dict[str, Any]]:
             "posterior": {k: p for k, p in which["posterior"].items() if p >= 0.05},
             "pairs": which["pairs"][:3],
             "parameters": which["parameters"],
-            "least": [
-                one
-                for one in which.get("isolability", {}).get("least", ())
-                if one["effect"] in label["effects"]
-            ],
+            "status": which.get("status"),
             "how_far": answer["how_far"],
             "left": answer.get("left", [])[:1],
             "rollouts": answer["rollouts"],
@@ -111,10 +107,9 @@ def bench(name: str) -> Bench:
     return Bench.of(spec, spec.requirements[0], simulator)
 
 
-def rollouts(of: Bench, case: Path) -> tuple[Rollouts, Rollouts]:
-    """Return what a diagnosis names the cause of a case from, and what it held out."""
+def held_out(of: Bench, case: Path) -> Rollouts:
+    """Return the rollouts of a case that a diagnosis holds out."""
     made_with = load_spec(case / "spec.stl").hash
     if made_with != of.spec.hash:
         raise SystemExit(f"{case} was made with another spec, {made_with}; use the code of that time")
-    parts = split(recorded(of, load_backend(f"log:{case}")), 0)
-    return list(parts.train.tests), list(parts.held_out)
+    return list(split(recorded(of, load_backend(f"log:{case}")), 0).held_out)
