@@ -36,21 +36,26 @@ from benchmarks.blind.a1.effects import KNOWN
 from benchmarks.blind.a1.model import made
 from benchmarks.blind.a1.protocols import Bench
 from benchmarks.blind.a1.rollout import Runner
-from s2r_sim.backend import SimBackend
+from s2r_spec.diagnose.data.rollouts import as_experiment
+from s2r_spec.diagnose.data.space_filling import star
 from s2r_spec.diagnose.estimation import Estimate, estimate
-from s2r_spec.diagnose.inference.prior import NAMED, SURE
+from s2r_spec.diagnose.inference.estimates import named
+from s2r_spec.diagnose.inference.prior import NAMED, UNNAMED
+from s2r_spec.diagnose.simulate import Bench as SimulatorBench
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import ResponseLibrary, library
+from s2r_spec.spec import load_spec
 from s2r_spec.trace import Trace
 
 RESULT = Path(__file__).parent / "results" / "protocol_fit.json"
-SIM = SimBackend()
-TROTS = tuple(Experiment.test({"vd": vd}) for vd in (-0.2, 0.05, 0.3))
+SPEC = load_spec(Path(__file__).parents[1] / "specs" / "a1_velocity.stl")
+BENCH = SimulatorBench.of(SPEC, SPEC.requirements[0], "sim")
+SIM = BENCH.backend
+TROTS = tuple(as_experiment(BENCH, test) for test in star(SPEC.space))
+"""Definition: trots at the middle command and at both ends, the tests that `s2r diagnose` has in its library."""
 PROTOCOLS = tuple(Experiment(protocol.name) for protocol in SIM.protocols())
 EXPERIMENTS = (*TROTS, *PROTOCOLS)
 NEED_A_MASS = ("payload.x", "payload.y")
-UNNAMED = NAMED / 2.0
-"""Definition: an effect smaller than this must not be named; between it and ``NAMED`` either is right."""
 COUNTS = (1, 2, 1, 0)
 """Definition: number of causes of the machines in turn."""
 
@@ -136,7 +141,7 @@ def row(
         "median": found.posterior.quantile(0.5).tolist(),
         "low": low.tolist(),
         "high": high.tolist(),
-        "beyond": found.posterior.beyond(NAMED).tolist(),
+        "named": named(found.posterior).tolist(),
         "misfit": misfit(found),
         "seconds": seconds,
     }
@@ -185,9 +190,9 @@ def verdicts(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
             )
             for effect in effects
         }
-        named = {effect for effect, p in zip(effects, one["beyond"], strict=True) if p >= SURE}
-        lost = {effect for effect in effects if size[effect] >= NAMED} - named
-        extra = {effect for effect in named if size[effect] < UNNAMED}
+        answer = {effect for effect, is_named in zip(effects, one["named"], strict=True) if is_named}
+        lost = {effect for effect in effects if size[effect] >= NAMED} - answer
+        extra = {effect for effect in answer if size[effect] < UNNAMED}
         right.append(not lost and not extra)
         missed, wrong = missed + len(lost), wrong + len(extra)
         one["lost"], one["extra"] = sorted(lost), sorted(extra)

@@ -92,6 +92,7 @@ class Which:
             "pairs": [{"effects": list(each), "probability": round(p, 6)} for each, p in shown.items()],
             "others": round(sum(several.values()) - sum(shown.values()), 6),
             "membership": {name: round(p, 6) for name, p in self.membership.items()},
+            "presence": {one.effect: round(one.presence, 6) for one in self.effects},
             "status": {one.effect: one.status.value for one in self.effects},
             "answer": list(self.answer),
             "set": [*self.answer, *(one.effect for one in self.possible)],

@@ -2,41 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend
-from s2r_spec.diagnose.inference.gauss_newton import Fit, Observation, Problem, fit, search
+from s2r_spec.diagnose.inference.gauss_newton import CLOSE, Fit, Observation, Problem, fit, search
 from s2r_spec.diagnose.inference.hierarchical import Likelihood
 from s2r_spec.diagnose.inference.model_search import ModelPosterior, combined, posterior
 from s2r_spec.diagnose.inference.prior import SizePrior
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.diagnose.simulator.library import Response, ResponseLibrary, nominal, simulated
+from s2r_spec.diagnose.simulator.library import Response, ResponseLibrary, simulated
 from s2r_spec.errors import UsageError, one_of
+from s2r_spec.rollouts.pools import in_this_process
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
 
-CORRECTIONS = 1
-"""Budget: times that the simulator runs at the estimate. Twice as many take twice the runs of every experiment."""
-AGAIN = 1
-"""Budget: further searches, each from the estimate of the one before. Every one takes about 5 s of one core."""
+CORRECTIONS = 3
+"""Budget: times that the simulator runs at the joint estimate. Twice as many take up to twice the runs."""
+SETTLED = 0.02
+"""Tolerance: the simulator does not run again where the estimate moved less, in typical sizes. Twice as much saves a
+run of every experiment in some machines."""
 RIVALS = 3
 """Budget: sets that are fitted beside the most probable one. Twice as many take about twice the time of all fits."""
 SIMULATED = 2
-"""Budget: of these fits, the best ones whose set the simulator runs. Twice as many take twice the runs."""
+"""Budget: most probable sets at whose own estimate the simulator runs. Twice as many take twice the runs."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """The joint estimate and the posterior of a machine."""
+    """The joint estimate and the posterior of a machine, and the problem that was fitted."""
 
     library: ResponseLibrary
     fit: Fit
     posterior: ModelPosterior
+    problem: Problem
 
 
 def size_prior(library: ResponseLibrary) -> SizePrior:
@@ -52,6 +56,7 @@ def estimate(
     library: ResponseLibrary,
     traces: Mapping[Experiment, Sequence[Trace]],
     corrections: int = CORRECTIONS,
+    executor: Callable[[], Executor] | None = None,
 ) -> Estimate:
     """Return the estimate of a machine.
 
@@ -60,19 +65,22 @@ def estimate(
         library: its responses to every protocol of the traces, and to some tests of the specification.
         traces: experiment → real runs. Runs of a test that the library does not have count for the nearest one that
             it has, less the difference that the nominal simulator makes between the two.
-        corrections: times that the simulator runs at the estimate.
+        corrections: largest number of times that the simulator runs at the joint estimate; 0 for no run at all.
+        executor: makes a pool for these runs; None runs them here.
 
     Raises:
         UsageError: there is no run, a run's protocol is not in the library, or no run has a channel of the simulator.
     """
     vectors: dict[Experiment, list[FloatArray]] = {}
+    sources: dict[Experiment, dict[Experiment, _Source]] = {}
     for experiment, runs in traces.items():
         response = nearest(library, experiment)
-        found = [response.observables.vector(experiment.with_residuals(run, backend)) for run in runs]
-        shift: FloatArray | float = 0.0
+        own = response.reference
         if response.experiment != experiment:
-            shift = nominal(backend, response, experiment) - response.reference
-        vectors.setdefault(response.experiment, []).extend(each - shift for each in found)
+            own = simulated(backend, response.observables, experiment, {})
+        found = [response.observables.vector(experiment.with_residuals(run, backend)) for run in runs]
+        vectors.setdefault(response.experiment, []).extend(each - own + response.reference for each in found)
+        sources.setdefault(response.experiment, {})[experiment] = _Source(experiment, len(runs), own)
     observations = [
         Observation.of(library.response(e), each, library.dependence) for e, each in vectors.items()
     ]
@@ -80,23 +88,29 @@ def estimate(
         raise UsageError(
             "no run has a channel that the simulator has, too, so no size can be estimated; add such runs"
         )
+    simulator = _Simulator(backend, library, [list(of.values()) for of in sources.values()], executor)
     prior = size_prior(library)
-    plain = Problem(tuple(observations), prior)
-    starts: list[Mode] = []
-    joint = fit(plain)
-    for _ in range(1 + AGAIN):
-        joint = fit(plain, search(plain, joint.theta)) if starts else joint
-        joint = fit(plain, joint.theta, sizes=np.abs(joint.theta))
-        first = posterior(joint.likelihood, joint.theta, prior)
-        starts.append(Mode(plain, first.mean[0], first.sets[0]))
-    starts += [Mode(plain, *one) for one in rivals(joint.likelihood, first)]
-    errors = Errors(plain.errors(joint.theta), np.abs(joint.theta))
-    errors = Errors.expected(plain, fitted(library, starts, errors))
-    modes = fitted(library, starts, errors)
+    problem = Problem(tuple(observations), prior)
+    joint = _joint(library, problem)
     for _ in range(corrections):
+        problem = simulator.corrected(problem, joint.theta)
+        before, joint = joint.theta, fit(problem, joint.theta, sizes=np.abs(joint.theta))
+        if np.abs(joint.theta - before)[prior.causes].max(initial=0.0) < SETTLED:
+            break
+    first = posterior(joint.likelihood, joint.theta, prior)
+    starts = [Mode(problem, first.mean[0], first.sets[0])]
+    starts += [Mode(problem, *one) for one in rivals(joint.likelihood, first)]
+    errors = Errors(problem.errors(joint.theta), np.abs(joint.theta))
+    errors = Errors.expected(problem, fitted(library, starts, errors))
+    modes = fitted(library, starts, errors)
+    if corrections:
         different = {mode.posterior.sets[0]: mode for mode in reversed(modes)}
         best = [mode for mode in modes if different[mode.posterior.sets[0]] is mode][:SIMULATED]
-        modes = fitted(library, [corrected(backend, library, plain, mode) for mode in best], errors)
+        exact = [
+            Mode(simulator.corrected(problem, mean), mean, mode.posterior.sets[0])
+            for mode, mean in ((mode, mode.posterior.mean[0]) for mode in best)
+        ]
+        modes = fitted(library, exact, errors)
     return replace(modes[0], posterior=combined([mode.posterior for mode in modes]))
 
 
@@ -123,12 +137,91 @@ def nearest(library: ResponseLibrary, experiment: Experiment) -> Response:
 
 
 @dataclass(frozen=True)
+class _Source:
+    """Real runs of one experiment, which count for a response of the library.
+
+    Attributes:
+        experiment: see there.
+        runs: number of them.
+        nominal: (m,) mean of the nominal simulator.
+    """
+
+    experiment: Experiment
+    runs: int
+    nominal: FloatArray
+
+
+@dataclass(frozen=True)
+class _Simulator:
+    """Runs the simulator at an estimate, in the experiments of the real runs themselves.
+
+    Attributes:
+        backend: the nominal simulator.
+        library: its responses.
+        sources: of every observation.
+        executor: makes a pool; None runs all here.
+    """
+
+    backend: Backend
+    library: ResponseLibrary
+    sources: Sequence[Sequence[_Source]]
+    executor: Callable[[], Executor] | None
+
+    def corrected(self, problem: Problem, theta: FloatArray) -> Problem:
+        """Return the problem with runs at (K,) θ in place of sums of responses there."""
+        theta = np.clip(theta, problem.prior.low, problem.prior.high)
+        values = self.library.values(theta)
+        with (self.executor or in_this_process)() as pool:
+            runs = [
+                [
+                    pool.submit(simulated, self.backend, one.response.observables, source.experiment, values)
+                    for source in sources
+                ]
+                for one, sources in zip(problem.observations, self.sources, strict=True)
+            ]
+            corrections = [
+                self._correction(one, sources, [run.result() for run in own], theta)
+                for one, sources, own in zip(problem.observations, self.sources, runs, strict=True)
+            ]
+        return problem.corrected(corrections, theta)
+
+    def _correction(
+        self, one: Observation, sources: Sequence[_Source], runs: Sequence[FloatArray], theta: FloatArray
+    ) -> FloatArray:
+        """Return (m,) what the simulator's mean at θ is beyond the sum of responses; 0 where a run ended early."""
+        weights = np.array([source.runs for source in sources], dtype=float)
+        moved = np.array([run - source.nominal for run, source in zip(runs, sources, strict=True)])
+        beyond = np.asarray(weights @ moved / weights.sum())
+        beyond[one.kept] -= one.moved(theta)
+        return np.where(np.isfinite(beyond), beyond, 0.0)
+
+
+@dataclass(frozen=True)
 class Mode:
     """A mode of the likelihood: a problem, (K,) a point, and the parameters that are causes."""
 
     problem: Problem
     theta: FloatArray
     active: tuple[int, ...]
+
+
+def _joint(library: ResponseLibrary, problem: Problem) -> Fit:
+    """Return the joint estimate: of two, the second searched from the first, that of the more probable set."""
+    first = fit(problem)
+    found = [first, fit(problem, search(problem, first.theta))]
+    found = [fit(problem, one.theta, sizes=np.abs(one.theta)) for one in found]
+    if np.abs(found[0].theta - found[1].theta)[problem.prior.causes].max(initial=0.0) < CLOSE:
+        return found[1]
+    sets = [posterior(one.likelihood, one.theta, problem.prior) for one in found]
+    variances = [
+        np.max(same, axis=0) for same in zip(*(problem.errors(one.theta) for one in found), strict=True)
+    ]
+    errors = Errors(variances, np.max([np.abs(one.theta) for one in found], axis=0))
+    evidence = [
+        fitted(library, [Mode(problem, one.mean[0], one.sets[0])], errors)[0].posterior.log_evidence
+        for one in sets
+    ]
+    return found[int(np.argmax(evidence))]
 
 
 @dataclass(frozen=True)
@@ -166,20 +259,9 @@ def fitted(library: ResponseLibrary, modes: Sequence[Mode], errors: Errors) -> l
     for mode in modes:
         prior = mode.problem.prior
         last = fit(mode.problem, mode.theta, prior.deviation(mode.active), errors.variances, errors.sizes)
-        found.append(Estimate(library, last, posterior(last.likelihood, last.theta, prior)))
+        sets = posterior(last.likelihood, last.theta, prior)
+        found.append(Estimate(library, last, sets, mode.problem))
     return sorted(found, key=lambda mode: -mode.posterior.log_evidence)
-
-
-def corrected(backend: Backend, library: ResponseLibrary, problem: Problem, found: Estimate) -> Mode:
-    """Return the mode with runs of the simulator at its most probable set in place of sums of responses."""
-    active = found.posterior.sets[0]
-    theta = np.clip(found.posterior.mean[0], problem.prior.low, problem.prior.high)
-    if not active:
-        return Mode(problem, theta, active)
-    part = [k in active or (found.library.dependence.base[k] in active) for k in range(theta.size)]
-    causes = np.where(part, theta, 0.0)
-    new = [correction(backend, library, one, causes) for one in problem.observations]
-    return Mode(problem.corrected(new, causes), theta, active)
 
 
 def rivals(found: Likelihood, sets: ModelPosterior) -> list[tuple[FloatArray, tuple[int, ...]]]:
@@ -199,11 +281,3 @@ def rivals(found: Likelihood, sets: ModelPosterior) -> list[tuple[FloatArray, tu
         theta[lost] = 0.0
         starts.append((theta, tuple(sorted({*active, gained} - {lost}))))
     return starts
-
-
-def correction(backend: Backend, library: ResponseLibrary, one: Observation, theta: FloatArray) -> FloatArray:
-    """Return (m,) what the simulator's mean at θ is beyond the sum of responses; 0 where a run ended early."""
-    response = one.response
-    beyond = simulated(backend, response, library.values(theta)) - response.reference
-    beyond[one.kept] -= one.moved(theta)
-    return np.where(np.isfinite(beyond), beyond, 0.0)

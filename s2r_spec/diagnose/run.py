@@ -47,10 +47,11 @@ from s2r_spec.diagnose.inference.estimates import (
     mean_sizes,
     with_status,
 )
+from s2r_spec.diagnose.inference.goodness_of_fit import goodness_of_fit
 from s2r_spec.diagnose.notes import Used, notes
 from s2r_spec.diagnose.quality import findings
 from s2r_spec.diagnose.remainder import remainders
-from s2r_spec.diagnose.simulate import Bench, Test, refuse_machine
+from s2r_spec.diagnose.simulate import Bench, Test, refuse_machine, travels
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import ResponseLibrary, library
 from s2r_spec.diagnose.threads import one_thread
@@ -116,7 +117,8 @@ def diagnose(
     real = load_backend(real) if isinstance(real, str) else real
     refuse_machine(real)
     tell = Watched(progress or (lambda stage, done, of: None))
-    with kept_open(executor) as pool, tell.watching():
+    able = executor if travels(bench) else None
+    with kept_open(able) as pool, tell.watching():
         work = _Work(bench, seed, pool, tell, Cache.usual() if cache is None else Cache(cache))
         if isinstance(real, Backend) and not isinstance(real, HasRecordings):
             data = _campaign(work, real, budget, folder, protocols, passive)
@@ -137,6 +139,7 @@ class _Work:
     cache: Cache
 
     def library(self, experiments: Sequence[Experiment]) -> ResponseLibrary:
+        self.tell("trying each effect", 0, 0)
         return library(self.bench.backend, experiments, self.pool, self.tell, self.cache)
 
     def progress(self, stage: str) -> Callable[[int, int], None]:
@@ -243,11 +246,12 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
     tell("where the simulator falls", 0, 0)
     why, alone = falls(bench, lines, tests, seed, pool), falls_alone(bench, tests, seed, pool)
     tell("estimating sizes", 0, 0)
-    found = estimate(bench.backend, data.responses, parts.train.by_experiment(bench))
+    found = estimate(bench.backend, data.responses, parts.train.by_experiment(bench), executor=pool)
     sizes = _sizes(work, found)
     tuned = data.responses.values(mean_sizes(found.posterior))
     patch = {one.effect: one.values for one in with_status(sizes, Status.NAMED)}
     candidates = data.candidates(bench, parts.train)
+    columns = {channel.name: channel.columns for channel in bench.backend.channels}
     tell("gap before and after", 0, 0)
     evidence = Evidence(
         sizes,
@@ -257,6 +261,7 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
         compared_at_all_tests(bench, tests, seed, pool, work.progress("simulating all tests"))
         if tests
         else None,
+        goodness=goodness_of_fit(found.problem, found.fit, columns=columns),
         left=remainders(bench, lines, used, tuned, seed, pool, work.progress("unexplained motion"), patch),
         findings=odd,
     )

@@ -241,6 +241,11 @@ def _outcomes(
                 future.cancel()
 
 
+def travels(bench: Bench) -> bool:
+    """Return whether another process can be sent the simulator."""
+    return _pickled(bench) is not None
+
+
 def _pickled(bench: Bench) -> bytes | None:
     """Return the bench as bytes; None for a backend that only lives in this process."""
     try:

@@ -107,6 +107,7 @@ class WhichObject(TypedDict):
         pairs: sets of two or more effects, each with a probability of at least one in a thousand.
         others: probability of all other sets of several effects.
         membership: effect → probability that it is at least a quarter of typical.
+        presence: effect → probability that it is at least an eighth of typical.
         status: effect → named, possible, ruled out, or hidden: ruled out by the prior alone.
         answer: effects named.
         set: effects named, then the possible ones.
@@ -121,6 +122,7 @@ class WhichObject(TypedDict):
     pairs: list[SetObject]
     others: float
     membership: dict[str, float]
+    presence: dict[str, float]
     status: dict[str, Status]
     answer: list[str]
     set: list[str]

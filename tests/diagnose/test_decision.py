@@ -20,7 +20,7 @@ TESTS = [{"v": k / 9} for k in range(9)]
 
 def effect(name, probability, at_end=False):
     size = ParameterEstimate("size", "N", 1.0, 0.8, 1.2, 0.5, 0.4, 0.6, 0.1, at_end)
-    return EffectEstimate(name, "actuation", probability, (size,))
+    return EffectEstimate(name, "actuation", probability, probability, (size,))
 
 
 def far(tuned, named=None, size=1.0, seen=None):

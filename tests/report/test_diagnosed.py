@@ -34,7 +34,7 @@ NASTY = '<script>alert("x")</script> & $x$ | `d` 漢字🤖 ' + "long" * 200
 def effect(name, parameter, unit, probability, value, half, width=0.1, at_end=False):
     ends = value, value - half, value + half
     size = ParameterEstimate(parameter, unit, *ends, *(end / 2 for end in ends), width, at_end)
-    return EffectEstimate(name, "actuation", probability, (size,))
+    return EffectEstimate(name, "actuation", probability, probability, (size,))
 
 
 FRICTION = effect("friction", "force", "N", 0.999, 1.5, 0.2)

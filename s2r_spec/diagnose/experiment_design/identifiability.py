@@ -14,8 +14,8 @@ runs less that of n. Estimator:
     D²_ij = δᵀ B_p (1 + Σ B_p)⁻¹ δ,   δ = E(ψ | i) − E(ψ | j),   Σ = mean of both posterior covariances of ψ
 
 A run *settles* a possible effect if it separates the most probable sets with and without it by at least 3 σ, and the
-size is then clear of a quarter of typical with 95 % probability. A possible effect that no run settles cannot be told
-from what the other set has in its place.
+size is then surely below a quarter of typical, or surely above an eighth. A possible effect that no run settles cannot
+be told from what the other set has in its place.
 
 Units: θ, ψ in typical sizes, D in standard deviations per run. Shapes: K parameters, S sets.
 Source: Atkinson, Donev & Tobias, *Optimum Experimental Designs* (2007), ch. 20.
@@ -36,7 +36,7 @@ from s2r_spec.diagnose.estimation import Estimate
 from s2r_spec.diagnose.inference.estimates import COVER
 from s2r_spec.diagnose.inference.gauss_newton import Fit, Observation
 from s2r_spec.diagnose.inference.hierarchical import Groups, Variances, likelihood, marginal, shared_error
-from s2r_spec.diagnose.inference.prior import NAMED
+from s2r_spec.diagnose.inference.prior import NAMED, UNNAMED
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import Dependence, Response
 
@@ -216,7 +216,9 @@ def information(
     ]
     columns = np.vstack([*slopes, one.variants])
     places = [each for _, each in one.parts]
-    groups = Groups.of(np.zeros(columns.shape[1]), columns, one.unit(one.errors(fit.theta)), places, one.coherent)
+    groups = Groups.of(
+        np.zeros(columns.shape[1]), columns, one.unit(one.errors(fit.theta)), places, one.coherent
+    )
     found = likelihood(groups, fit.sizes, Variances.prior(len(one.parts)))
     return marginal(found, np.zeros(sizes.size)).information
 
@@ -252,7 +254,8 @@ def _separation(
     powers = []
     for (one, gained), distance in zip(gains, distances, strict=True):
         largest = int(size.argmax())
-        sigma = clear = float(np.abs(size[largest] - NAMED) / forecast.deviation(gained, row)[largest])
+        margin = size[largest] - UNNAMED if size[largest] >= NAMED else NAMED - size[largest]
+        sigma = clear = float(margin / forecast.deviation(gained, row)[largest])
         settles = clear >= COVER
         if included is not None and excluded is not None:  # else only the width of the size is open
             sigma = float(distance[included, excluded])

@@ -4,12 +4,13 @@ Data: the likelihood of θ (K,) with information L, and the posterior over sets 
 (:mod:`.model_search`). Estimators, over all sets with their probabilities:
 
     value and interval: the 5 %, 50 % and 95 % quantiles of θ_k
-    probability of an effect: P(any of its parameters has |θ_k| ≥ 0.25 typical)
+    probability of an effect: P(any of its parameters has |θ_k| ≥ 0.25 typical); presence: the same with 0.125
     half-width: 1.645 √ diag (L + 1/σ_slab²)⁻¹, what the data alone say of θ_k, with all other sizes free
     tuned: E θ, the posterior mean of every parameter
 
-An effect is *named* if its probability is at least 0.95, *possible* from 0.05 on, else *ruled out* (:mod:`.prior`). It
-is *hidden* instead of ruled out if every half-width of it is above a quarter of typical: then the prior alone speaks
+An effect of at least 0.25 is to be named, one below 0.125 must not be. So an effect is *named* if its presence is at
+least 0.95 and its probability at least 0.5. It is *possible* from a probability of 0.05 on, else *ruled out*. It is
+*hidden* instead of ruled out if every half-width of it is above a quarter of typical: then the prior alone speaks
 against it. Every effect gets an entry.
 
 Units: sizes in typical sizes, values in the parameter's unit. Shapes: K parameters, S sets.
@@ -27,7 +28,7 @@ from numpy.typing import NDArray
 from s2r_spec.diagnose.axes import Line
 from s2r_spec.diagnose.inference.hierarchical import Likelihood
 from s2r_spec.diagnose.inference.model_search import ModelPosterior
-from s2r_spec.diagnose.inference.prior import NAMED, POSSIBLE, SLAB, SURE
+from s2r_spec.diagnose.inference.prior import LIKELY, NAMED, POSSIBLE, SLAB, SURE, UNNAMED
 
 FloatArray = NDArray[np.float64]
 
@@ -88,18 +89,20 @@ class EffectEstimate:
         effect: name.
         family: of the effect.
         probability: that it is at least a quarter of typical.
+        presence: probability that it is at least an eighth of typical.
         parameters: in the order of the catalogue.
     """
 
     effect: str
     family: str
     probability: float
+    presence: float
     parameters: tuple[ParameterEstimate, ...]
 
     @property
     def status(self) -> Status:
         """Whether it is named, possible, ruled out or hidden."""
-        if self.probability >= SURE:
+        if self.presence >= SURE and self.probability >= LIKELY:
             return Status.NAMED
         if self.probability >= POSSIBLE:
             return Status.POSSIBLE
@@ -139,11 +142,16 @@ def effect_estimates(
         value, least, most = map(line.value, (size, below, above))
         one = ParameterEstimate(line.parameter, line.unit, value, least, most, size, below, above, half, end)
         rows.setdefault(line.effect, []).append(one)
-    probabilities = found.beyond().tolist()
+    probabilities, presences = (found.beyond(size).tolist() for size in (NAMED, UNNAMED))
     return tuple(
-        EffectEstimate(effect, families.get(effect, ""), p, tuple(own))
-        for (effect, own), p in zip(rows.items(), probabilities, strict=True)
+        EffectEstimate(effect, families.get(effect, ""), p, presence, tuple(own))
+        for (effect, own), p, presence in zip(rows.items(), probabilities, presences, strict=True)
     )
+
+
+def named(found: ModelPosterior) -> NDArray[np.bool_]:
+    """Return (E,) whether each effect is named."""
+    return (found.beyond(UNNAMED) >= SURE) & (found.beyond(NAMED) >= LIKELY)
 
 
 def any_cause(found: ModelPosterior) -> float:

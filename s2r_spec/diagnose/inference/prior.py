@@ -26,8 +26,14 @@ ACTIVE = 0.05
 """Prior: probability π that one effect of the catalogue is a cause. Twice as much adds 0.7 to the log odds of each."""
 NAMED = 0.25
 """Definition: an effect at least this large, in typical sizes, is to be named."""
+UNNAMED = NAMED / 2.0
+"""Definition: an effect below this size must not be named; between both either is right."""
 SURE = 0.95
-"""Level: posterior probability from which an effect is named. Raising it makes more of them *possible*."""
+"""Level: posterior probability of a size of at least ``UNNAMED`` from which an effect may be named. Raising it makes
+more of them *possible*."""
+LIKELY = 0.5
+"""Level: posterior probability of a size of at least ``NAMED`` from which an effect may be named. Raising it names
+fewer effects whose size is near ``NAMED``."""
 POSSIBLE = 0.05
 """Level: posterior probability from which an effect is possible; below it, it is ruled out."""
 

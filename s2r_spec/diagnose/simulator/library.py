@@ -461,16 +461,12 @@ def vectors(backend: Backend, job: _Job, observables: Observables) -> NDArray[np
     return np.array(found, dtype=np.float32)
 
 
-def simulated(backend: Backend, response: Response, values: Values) -> FloatArray:
-    """Return (m,) the mean observables of a simulator with these effects, with the seeds of the responses."""
-    job = _Job(response.experiment, _frozen(values), "", _seeds(response.experiment))
-    return np.asarray(vectors(backend, job, response.observables).astype(float).mean(axis=0))
-
-
-def nominal(backend: Backend, response: Response, experiment: Experiment) -> FloatArray:
-    """Return (m,) the nominal mean of another experiment, in the observables and with the seeds of a response."""
-    job = _Job(experiment, (), "", _seeds(experiment))
-    return np.asarray(vectors(backend, job, response.observables).astype(float).mean(axis=0))
+def simulated(
+    backend: Backend, observables: Observables, experiment: Experiment, values: Values
+) -> FloatArray:
+    """Return (m,) the mean of an experiment with these effects, in the observables and with the seeds of a response."""
+    job = _Job(experiment, _frozen(values), "", _seeds(experiment))
+    return np.asarray(vectors(backend, job, observables).astype(float).mean(axis=0))
 
 
 def acting(backend: Backend, experiments: Sequence[Experiment]) -> dict[str, frozenset[str]]:

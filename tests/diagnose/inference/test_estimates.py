@@ -93,7 +93,7 @@ def test_every_effect_has_a_size_in_its_unit_and_a_status():
 )
 def test_the_levels_of_the_status(probability, width, status):
     sizes = [ParameterEstimate(name, "", *6 * [0.0], half) for name, half in (("x", 0.9), ("y", width))]
-    assert EffectEstimate("a", "", probability, tuple(sizes)).status.value == status
+    assert EffectEstimate("a", "", probability, probability, tuple(sizes)).status.value == status
 
 
 def test_what_the_data_alone_do_not_measure_is_hidden():
