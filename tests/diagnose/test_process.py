@@ -21,7 +21,7 @@ def test_linear_algebra_has_one_thread_and_gives_the_others_back(tmp_path, monke
     def threads():
         return [pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"]
 
-    def reached(*_):
+    def reached(*_, **__):
         raise ReachedError(threads())
 
     with threadpool_limits(2):
