@@ -16,7 +16,7 @@ BACKENDS = "s2r.backends"
 """Definition: entry-point group in which a distribution offers backends."""
 UNKNOWN = "0+unknown"
 """Definition: version of a source tree on the path, which has no metadata."""
-_PACKAGES = {"PIL": "pillow", "pinocchio": "pin", "sklearn": "scikit-learn"}
+_PACKAGES = {"PIL": "pillow", "pinocchio": "pin"}
 """Definition: module → package, where the names differ. A package that is not installed cannot tell."""
 
 
@@ -38,7 +38,7 @@ def version() -> str:
 
 
 def package(module: str) -> str:
-    """Return the name of the package on the index that has a module: ``scikit-learn`` for ``sklearn.svm``."""
+    """Return the name of the package on the index that has a module: ``pillow`` for ``PIL.Image``."""
     top = module.partition(".")[0]
     return _PACKAGES.get(top, top)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import importlib
 import json
 import math
 import os
@@ -76,21 +75,9 @@ def no_waiting_for_the_disk() -> Generator[None, None, None]:
 
 @pytest.fixture(scope="session")
 def cache(tmp_path_factory):
-    """Where banks and judges are kept: made once for all tests, and for all of xdist's workers."""
+    """The folder of response libraries: they are made once for all tests, and for all of xdist's workers."""
     own = tmp_path_factory.getbasetemp()
     return (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "cache"
-
-
-@pytest.fixture
-def quick(monkeypatch, cache):
-    """Train judges on a quarter of the practice, for a catalogue that few tests have; return where they are kept.
-
-    The cart itself has the judge that a user's has, in ``cache``.
-    """
-    training = importlib.import_module("s2r_spec.diagnose.training")
-    for name, value in {"CASES": 100, "JUDGED": 20, "NETWORKS": 1, "TREES": 100}.items():
-        monkeypatch.setattr(training, name, value)
-    return cache.with_name("quick")
 
 
 @pytest.fixture

@@ -83,7 +83,6 @@ def test_the_messages_are_found():
         "pyarrow",
         "pyulog",
         "rosbags.highlevel",
-        "sklearn",
     }
 
 
@@ -116,7 +115,6 @@ def test_no_message_has_a_command_of_its_own():
         (["matplotlib"], "pictures"),
         (["jinja2", "matplotlib"], "report"),
         (["rosbags.highlevel"], "logs"),
-        (["sklearn"], "diagnose"),
         (["distributed"], "dask"),
         (["piqp"], "sim"),
     ],
@@ -137,7 +135,7 @@ def test_a_package_without_an_extra_is_named_itself(declared):
 
 
 def test_without_metadata_the_packages_are_named():
-    assert installing(["sklearn", "PIL"], None) == "pip install pillow scikit-learn"
+    assert installing(["pinocchio", "PIL"], None) == "pip install pillow pin"
     code = "from s2r_spec import errors; errors.require('x needs', 'no_such_module')"
     # -S: no site-packages, as with a source tree on the path of an interpreter without s2r.
     done = subprocess.run(

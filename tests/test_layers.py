@@ -103,8 +103,7 @@ def test_only_methods_that_users_look_for_reach_upwards():
         if "from s2r_spec.upper import upper" in path.read_text()
     }
     assert found == {
-        ("s2r_spec/diagnose/answer.py", '"report.reason"'),
-        ("s2r_spec/diagnose/answer.py", '"report.results"'),
+        ("s2r_spec/diagnose/diagnosis.py", '"report.reason"'),
         ("s2r_spec/diagnose/diagnosis.py", '"report.results"'),
         ("s2r_spec/result.py", "_FORMS"),
         ("s2r_spec/spec/evaluated.py", '"report.plot"'),

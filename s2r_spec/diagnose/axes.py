@@ -9,8 +9,6 @@ from dataclasses import dataclass, field
 from s2r_spec.backend import Effect, EffectParameter
 from s2r_spec.effects import prior_scale
 
-BACKGROUND = 0.05
-"""Standard deviation of what every effect does unasked, in parts of its typical size."""
 STEPS = (0.25, 0.5, 1.0)
 """Values of a line, as parts of its typical high value; the last is the end of the range, if that is further."""
 

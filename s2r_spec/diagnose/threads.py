@@ -9,11 +9,10 @@ from importlib.util import find_spec
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Keep linear algebra to one thread; without threadpoolctl, which comes with scikit-learn, do nothing.
+    """Keep linear algebra to one thread; without threadpoolctl, do nothing.
 
-    How a sum is shared out to threads changes its last bits, and training of networks makes of these what can be seen
-    in a probability: the answer would hang on how many cores there are. And arrays are small here: threads wait for
-    each other for longer than they work.
+    The number of threads changes the last bits of a sum, and then the answer depends on the number of cores. Arrays are
+    small here, so threads wait for each other for longer than they work.
     """
     if find_spec("threadpoolctl") is None:
         yield

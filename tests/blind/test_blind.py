@@ -1,6 +1,7 @@
 """A set is sealed, answered, opened and scored; any change in between is found."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -11,6 +12,7 @@ from s2r_spec.blind.seal import seal
 from s2r_spec.blind.unseal import unseal
 from s2r_spec.errors import UsageError
 from tests.errors import naming
+from tests.report.test_diagnosed import diagnosis
 
 LABELS = {
     "case-a": {"kind": "single", "effects": {"drag": {"coefficient": 2.0}}},
@@ -246,6 +248,16 @@ def test_effects_that_are_isolable_are_scored_by_themselves():
     assert found["that moves ρ or is isolable: first answer right, single"]["of"] == 1
     unheard = {"kind": "single", "effects": {"gust": {}}}
     assert "that moves ρ or is isolable: first answer right, single" not in score([(unheard, cases[0][1])])
+
+
+def test_what_a_diagnosis_answers_can_be_scored():
+    found, spec = diagnosis()
+    answer = replace(found, spec=spec).to_json()
+    label = {"kind": "single", "effects": {"friction": {"force": 1.4}}, "moved": 1.0}
+    scores = score([(label, answer), ({"kind": "null", "effects": {}}, answer)])
+    assert (scores["cases"], scores["answered exactly, single"]["hits"]) == (2, 1)
+    assert scores["true value in its 90 % interval"]["hits"] == 1
+    assert scores["null called anything else"]["hits"] == 1
 
 
 @pytest.mark.parametrize(

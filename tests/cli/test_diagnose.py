@@ -1,45 +1,92 @@
+"""``s2r diagnose``: a campaign, protocols, logs, and what is refused before anything runs."""
+
 import json
 
 import jsonschema
 import pytest
 from s2r_cart import SPEC
 
+from s2r_spec import load_backend, logs
 from s2r_spec.json_objects.schema import schema
 from tests.errors import states
+
+CART = ("diagnose", "cart.stl", "--sim", "cart")
+TOY = """
+param  v in [0, 1]
+signal x {N}
+require small: always[0, 0.9 s] (abs(x) <= 2 {N})
+certify small: delta = 0.1, epsilon = 0.05, B = 1, R = 0.05, kernel = rbf(0.5), fall = -1
+"""
 
 
 @pytest.fixture
 def cart(s2r, tmp_path, monkeypatch, cache):
     monkeypatch.setenv("S2R_CACHE", str(cache))
     (tmp_path / "cart.stl").write_text(SPEC)
+    (tmp_path / "swing.stl").write_text(TOY)
     return s2r
 
 
 def test_a_cause_is_named_applied_and_used(cart):
-    words = ("diagnose", "cart.stl", "--sim", "cart", "--real", "cart:real.coulomb=1.5", "--budget", 24, "-q")
-    more = ("--apply", "patched.json", "--report", "gap.html")
-    done = cart(*words, "--workers", 1, "--run", "run", *more, code=0)
-    assert states(done.stdout.splitlines()[0], "NAMED", "coulomb")
+    words = (*CART, "--real", "cart:real.tilt=-1.6", "--budget", 12, "-q", "--workers", 1)
+    done = cart(*words, "--run", "run", "--apply", "patched.json", "--report", "gap.html", code=0)
+    assert states(done.stdout.splitlines()[0], "NAMED", "tilt")
     assert "patched:patched.json" in done.stderr
     found = json.loads((cart.folder / "run" / "diagnosis.json").read_text())
-    assert found["which"]["answer"] == ["coulomb"]
-    jsonschema.validate(found, schema("s2r/diagnosis/1"))
+    assert found["which"]["answer"] == ["tilt"]
+    jsonschema.validate(found, schema("s2r/diagnosis/2"))
     assert found["next"] in done.stdout
     page = (cart.folder / "gap.html").read_text()
-    assert "NAMED: coulomb" in page
-    assert page.count("<svg") >= 4
+    assert "NAMED: tilt" in page
+    assert page.count("<svg") >= 2
     assert json.loads((cart.folder / "patched.json").read_text())["effects"] == found["patch"]
-    gap = (
-        "gap",
-        "cart.stl",
-        "--sim",
-        "patched:patched.json",
-        "--real",
-        "cart:real.coulomb=1.5",
-        "--budget",
-        30,
-    )
-    cart(*gap, "--workers", 1, "-q", "--run", "gap")
+    again = json.loads(cart(*words, "--resume", "run", "--json", code=0).stdout)
+    assert (again["verdict"], again["which"]["set"]) == (found["verdict"], found["which"]["set"])
+    assert again["which"]["membership"] == pytest.approx(found["which"]["membership"], abs=1e-3)
+
+
+SWING = (
+    "diagnose",
+    "swing.stl",
+    "--sim",
+    "swing",
+    "--real",
+    "swing:a=2",
+    "--budget",
+    20,
+    "-q",
+    "--workers",
+    1,
+)
+
+
+def test_protocols_are_run_restricted_or_left_out(cart):
+    assert states(cart(*SWING, code=0).stdout.splitlines()[0], "NAMED", "a")
+    for more in (("--protocols", "show"), ("--passive",)):
+        done = cart(*SWING, *more, "--json", code=3)
+        found = json.loads(done.stdout)
+        assert (found["verdict"], found["exit_code"]) == ("confounded", 3)
+        assert set(found["which"]["set"]) == {"a", "b"}
+        assert found["passive"] is (more != ("--protocols", "show"))
+    done = cart(*SWING, "--budget", 7, code=2)
+    assert states(done.stderr, "7", "8", "--budget", "--protocols")
+    done = cart(*SWING, "--protocols", "shwo", code=2)
+    assert states(done.stderr, "'shwo'", "show")
+    done = cart(*SWING, "--protocols", "show", "--passive", code=2)
+    assert states(done.stderr, "--protocols", "--passive")
+
+
+def test_the_next_experiment_is_printed_and_played_from_a_file(cart):
+    (cart.folder / "logs").mkdir()
+    machine, rows = load_backend("swing:a=2"), ["id,v"]
+    for k in range(12):
+        logs.write(machine.rollout({"v": k / 11}, k), cart.folder / "logs" / f"r{k}.npz")
+        rows.append(f"r{k},{k / 11}")
+    (cart.folder / "logs" / "rollouts.csv").write_text("\n".join(rows) + "\n")
+    words = ("diagnose", "swing.stl", "--sim", "swing", "--real", "log:logs", "-q", "--workers", 1)
+    done = cart(*words, "--next", "next.csv", code=3)
+    assert states(done.stderr, "protocol split", "next.csv")
+    assert states((cart.folder / "next.csv").read_text().splitlines()[0], "q_0", "kp")
 
 
 def test_a_missing_patch_is_a_sentence(s2r):
@@ -51,12 +98,12 @@ def test_a_missing_patch_is_a_sentence(s2r):
 
 
 def test_formats_and_places_that_cannot_be_are_said_before_anything_runs(cart):
-    words = ("diagnose", "cart.stl", "--sim", "cart", "--real", "cart:real.coulomb=1.5", "-q")
-    done = cart(*words, "--format", "junit", code=2)
-    assert states(done.stderr, "'junit'", "json, markdown, text")
-    done = cart(*words, "--report", "nowhere/gap.html", code=2)
-    assert "nowhere" in done.stderr
-    done = cart(*words, "--json", "--format", "markdown", code=2)
-    assert states(done.stderr, "--json", "--format markdown")
-    done = cart(*words, "--tuned", code=2)
-    assert states(done.stderr, "--tuned", "--apply")
+    words = (*CART, "--real", "cart:real.coulomb=1.5", "-q")
+    for more, facts in (
+        (("--format", "junit"), ("'junit'", "json, markdown, text")),
+        (("--report", "nowhere/gap.html"), ("nowhere",)),
+        (("--json", "--format", "markdown"), ("--json", "--format markdown")),
+        (("--tuned",), ("--tuned", "--apply")),
+        (("--budget", 5), ("--budget", "6")),
+    ):
+        assert states(cart(*words, *more, code=2).stderr, *facts)

@@ -111,7 +111,7 @@ def test_where_the_simulator_ends_early_by_itself_and_no_real_rollout_does_is_fo
 
 
 @pytest.mark.slow
-def test_falls_that_the_machine_does_not_have_hide_no_gap(quick):
+def test_falls_that_the_machine_does_not_have_hide_no_gap(cache):
     """They would make scatter a hundred times, and a little of everything ten times as large as they are."""
     rng = np.random.default_rng(0)
     tests = [{"vd": float(rng.uniform(0.2, 1.0)), "acc": float(rng.uniform(1.0, 4.0))} for _ in range(18)]
@@ -119,7 +119,7 @@ def test_falls_that_the_machine_does_not_have_hide_no_gap(quick):
 
     def asked_of(trips):
         sim = replace(machine(), trips=trips)
-        return s2r.diagnose(s2r.parse_spec(SPEC), sim, runs, cache=quick, where=False)
+        return s2r.diagnose(s2r.parse_spec(SPEC), sim, runs, cache=cache, where=False)
 
     stands, may_fall, falls_itself = map(asked_of, (0.35, 0.25, 0.23))
     assert stands.notes == ()

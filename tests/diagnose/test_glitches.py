@@ -5,12 +5,11 @@ import pytest
 from s2r_cart import SPEC, Cart, real
 
 import s2r_spec as s2r
-from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.diagnose.quality.glitches import glitches
-from s2r_spec.report.nextstep import next_step
+from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.report.advice import next_step
 from s2r_spec.trace import Trace
 
-pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 BENCH = Bench.of(s2r.parse_spec(SPEC), "tracking", Cart())
 
 

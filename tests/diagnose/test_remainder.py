@@ -10,20 +10,13 @@ import s2r_spec as s2r
 from s2r_emps import EmpsBackend
 from s2r_spec.backend import Channel
 from s2r_spec.diagnose.axes import lines
-from s2r_spec.diagnose.equations import Probe
-from s2r_spec.diagnose.features import Features
-from s2r_spec.diagnose.simulate import Bench
-from s2r_spec.diagnose.remainder import Remainder, channels, motion
-from s2r_spec.diagnose.remainder.cells import FEWEST_ROLLOUTS
+from s2r_spec.diagnose.remainder import Remainder, channels
+from s2r_spec.diagnose.remainder.cells import FEWEST_ROLLOUTS, Cells, quantities_of
 from s2r_spec.diagnose.remainder.find import columns, ordered, parts, remainders
+from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.trace import Trace, thinned
 from tests.errors import states
 
-PROBES = (
-    Probe("mass", "extra", 12.0, 1.0),
-    Probe("motor_gain", "factor", 1.1, 1.0),
-    Probe("coulomb", "force", 20.0, 1.0),
-)
 LINES = [line for line in lines(EmpsBackend().effects()) if line.effect in {"mass", "coulomb", "cable"}]
 TESTS = [
     {"speed": v, "accel": a, "payload": m}
@@ -33,13 +26,25 @@ TESTS = [
 ]
 
 
+class Bare(EmpsBackend):
+    """The axis without equations of motion."""
+
+    residuals = None
+
+
+def bench_of(backend):
+    spec = s2r.load_spec("specs/emps_tracking.stl")
+    return Bench.of(spec, spec.requirements[0], backend)
+
+
 @pytest.fixture(scope="module")
 def bench():
-    spec = s2r.load_spec("specs/emps_tracking.stl")
-    found = Bench.of(spec, spec.requirements[0], EmpsBackend())
-    traces = [found.seen(found.run({}, test, seed), test) for seed, test in enumerate(TESTS[:3])]
-    features = Features.of_nominal(traces, found.backend.duration)
-    return replace(found, features=replace(features, probes=PROBES, instrumented=True))
+    return bench_of(EmpsBackend())
+
+
+@pytest.fixture(scope="module")
+def bare():
+    return bench_of(Bare())
 
 
 def with_push(trace, when, force=30.0):
@@ -58,9 +63,10 @@ def test_of_a_machine_that_is_the_improved_simulator_nothing_is_left(bench):
     left = remainders(bench, LINES, rollouts(bench, values), values)
     assert left
     assert not any(each.material for each in left)
-    # Nor of the equations if it is not improved: what an effect does is explained, whether or not it was named.
-    left = remainders(bench, LINES, rollouts(bench, values), {})
-    assert not any(each.material for each in left if not each.recorded)
+    # Of one that is not improved, the effect is left where it acts.
+    first = remainders(bench, LINES, rollouts(bench, values), {})[0]
+    assert first.material
+    assert (first.quantity, first.recorded) == ("force", False)
 
 
 @pytest.mark.parametrize("named", [None, {"coulomb": {"force": 10.0}}])
@@ -114,12 +120,6 @@ def test_the_cause_is_told_before_the_reaction_to_it():
 def test_of_too_few_rollouts_nothing_is_told(bench):
     push = rollouts(bench, {}, lambda t: t["q"] > 0.1)
     assert remainders(bench, LINES, push[: FEWEST_ROLLOUTS - 1], {}) == ()
-
-
-@pytest.fixture(scope="module")
-def bare(bench):
-    """A simulator whose residuals know no effect, as if it had none."""
-    return replace(bench, features=replace(bench.features, probes=()))
 
 
 def test_without_equations_of_motion_a_push_shows_in_what_is_recorded(bare):
@@ -193,22 +193,20 @@ def test_a_fall_has_no_part_in_it(bench):
 
 
 def test_cells_are_as_many_as_their_means_and_lie_side_by_side(bench):
-    machine = rollouts(bench, {})
-    cells = motion.cells_of(bench.features, [trace for _, trace in machine])
-    places = cells.places()
-    test, trace = machine[0]
-    moved = bench.features.asked(bench.backend).motion(trace, test)
-    both = [np.concatenate([rest[None], taken]) for rest, taken in zip(moved.rest, moved.taken, strict=True)]
-    rest, *taken = cells.means(both, moved.times, cells.within(trace, moved.times))
-    assert rest.shape == (len(places),)
-    assert np.shape(taken) == (len(PROBES), len(places))
-    of_force = [place for place in places if place[:3] == ("force", 0, "q")]
+    traces = [bench.seen(trace, test) for test, trace in rollouts(bench, {})]
+    cells = Cells.of(bench.backend.duration, quantities_of(traces), traces)
+    places, trace = cells.places(), traces[0]
+    times = trace.times - trace.times[0]
+    values = [trace[name].reshape(1, len(trace), -1) for name in cells.widths]
+    (means,) = cells.means(values, times, cells.within(trace, times))
+    assert means.shape == (len(places),)
+    of_force = [place for place in places if place[:3] == ("residual.force", 0, "q")]
     assert of_force[0][3] == -np.inf
     assert of_force[-1][4] == np.inf
     assert all(one[4] == other[3] for one, other in pairwise(of_force))
-    # All samples of a motion are in one cell along each channel: their mean is that of the cells.
-    counted = np.nanmean(rest[[n for n, place in enumerate(places) if place[:3] == ("force", 0, "")]])
-    assert counted == pytest.approx(moved.rest[0].mean(), abs=0.3)
+    # All samples of a rollout are in one cell along each channel: their mean is that of the cells.
+    of_time = [n for n, place in enumerate(places) if place[:3] == ("residual.force", 0, "")]
+    assert np.nanmean(means[of_time]) == pytest.approx(trace["residual.force"].mean(), abs=0.3)
 
 
 def test_a_column_of_many_is_told_by_the_part_it_is_of_or_by_its_number():

@@ -1,16 +1,20 @@
 """Every stage of a diagnosis has a name before its first rollout, and a count while it runs."""
 
-from s2r_cart import SPEC, Cart
+from s2r_cart import SPEC, Cart, Machine
 
 import s2r_spec as s2r
-from s2r_spec.diagnose import bank as banks
-from s2r_spec.diagnose.axes import lines
-from s2r_spec.diagnose.simulate import Bench
-from s2r_spec.diagnose.simulate import Job, run_jobs
+from s2r_spec.diagnose.simulate import Bench, Job, run_jobs
 from s2r_spec.diagnose.watched import Watched
 
 BENCH = Bench.of(s2r.parse_spec(SPEC), "tracking", Cart())
 TEST = {"vd": 0.5, "acc": 2.0}
+
+
+class Short(Cart):
+    """A cart whose catalogue has two effects."""
+
+    def effects(self):
+        return tuple(e for e in super().effects() if e.name in ("tilt", "viscous"))
 
 
 def test_rollouts_of_a_stage_without_a_count_are_told():
@@ -26,19 +30,33 @@ def test_rollouts_of_a_stage_without_a_count_are_told():
     assert progress == [("fitting", n, 0) for n in (0, 2, 4, 6)] + [("where", 1, 30)]
 
 
-def test_a_bank_says_what_it_does_before_its_first_rollout(monkeypatch):
-    progress, ran = [], []
-    rollout = Cart.rollout
-
-    def counted(self, params, seed):
-        ran.append(len(progress))
-        return rollout(self, params, seed)
-
-    few = lines(Cart().effects()[:1])
-    monkeypatch.setattr(banks, "lines", lambda *_: few)
-    monkeypatch.setattr(Cart, "rollout", counted)
-    banks.simulate(BENCH, progress=lambda *now: progress.append(now))
-    assert ran[0] > 0
-    assert progress[0][0] == "trying each effect"
-    assert progress[-1][0] == "simulating effects"
-    assert progress[-1][1] == progress[-1][2]
+def test_a_diagnosis_names_its_stages_and_counts_to_the_end_of_each(tmp_path):
+    progress = []
+    s2r.diagnose(
+        s2r.parse_spec(SPEC),
+        Short(),
+        Machine(),
+        9,
+        cache=tmp_path,
+        progress=lambda *now: progress.append(now),
+    )
+    stages = list(dict.fromkeys(stage for stage, _, _ in progress))
+    assert stages[:3] == ["trying each effect", "simulating every effect", "real rollouts"]
+    assert {"estimating sizes", "gap before and after", "unexplained motion", "where"} <= set(stages)
+    for stage in stages:
+        counts = [(done, of) for name, done, of in progress if name == stage]
+        assert all(done <= of for done, of in counts if of)
+        assert [done for done, _ in counts] == sorted(done for done, _ in counts)
+        assert counts[-1][1] == 0 or counts[-1][0] == counts[-1][1]
+    # A diagnosis that finds its library tells nothing of it.
+    progress.clear()
+    s2r.diagnose(
+        s2r.parse_spec(SPEC),
+        Short(),
+        Machine(),
+        9,
+        cache=tmp_path,
+        where=False,
+        progress=lambda *now: progress.append(now),
+    )
+    assert "simulating every effect" not in {stage for stage, _, _ in progress}

@@ -7,8 +7,8 @@ import jsonschema
 import numpy as np
 import pytest
 
-from s2r_spec.diagnose.diagnosis import Diagnosis, Which
 from s2r_spec.diagnose.decision import Evidence, Rule
+from s2r_spec.diagnose.diagnosis import Diagnosis, Which
 from s2r_spec.diagnose.experiment_design.identifiability import Candidate, Power, Separation
 from s2r_spec.diagnose.experiment_design.next_test import NextTest
 from s2r_spec.diagnose.gap.held_out import compared

@@ -11,7 +11,7 @@ import s2r_spec as s2r
 from s2r_spec.errors import UsageError
 from s2r_spec.json_objects.schema import schema
 from tests.cli.conftest import SPEC
-from tests.errors import naming
+from tests.errors import naming, states
 from tests.report.test_diagnosed import diagnosis
 
 KINDS = ("check", "gap", "certify")
@@ -87,7 +87,7 @@ def test_a_table_for_a_notebook_is_small_and_safe(results, kind):
     if kind == "diagnosis":
         from dataclasses import replace
 
-        result = replace(one, spec=spec, reason=bad, assumptions=(bad,))
+        result = replace(one, spec=spec, notes=(bad,), assumptions=(bad,))
     else:
         result = results[kind]
     text = result._repr_html_()
@@ -104,11 +104,12 @@ def test_a_diagnosis_has_the_same_forms(tmp_path):
 
     plain, spec = diagnosis(1)
     one = replace(plain, spec=spec, real="twin:lab")
-    assert one.to_json() == diagnosed.record(plain, spec)
-    jsonschema.validate(one.to_json(), schema("s2r/diagnosis/1"))
+    assert one.to_json() == json.loads(diagnosed.as_json(plain, spec))
+    jsonschema.validate(one.to_json(), schema("s2r/diagnosis/2"))
     assert one.save(tmp_path / "kept").read_text() == diagnosed.as_json(plain, spec) + "\n"
     assert one.report(tmp_path / "x.html").read_text() == diagnosed_page.render(plain, spec, "twin:lab")
-    assert repr(one) == "Diagnosis(named: friction explains the data best)"
+    assert states(repr(one), "Diagnosis(confounded: ", "friction", "delay")
+    assert "\n" not in repr(one)
     with pytest.raises(UsageError, match=naming("diagnosis")):
         s2r.load_result(tmp_path / "kept" / "diagnosis.json")
     with pytest.raises(UsageError, match="specification"):

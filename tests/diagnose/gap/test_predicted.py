@@ -4,9 +4,9 @@ import numpy as np
 from s2r_cart import SPEC, Cart
 
 import s2r_spec as s2r
-from s2r_spec.diagnose.design import grid as bank_tests
 from s2r_spec.diagnose.gap.predicted import _places, predict
 from s2r_spec.diagnose.gap.surface import grid_of
+from s2r_spec.diagnose.gap.test_space import grid
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 
@@ -32,8 +32,8 @@ def test_what_is_foretold_is_what_the_two_simulators_say_of_the_same_seed():
     assert np.sign(found.grid[0]) == np.sign(rho[1] - rho[0])
 
 
-def test_a_dear_simulator_is_asked_at_the_banks_tests_alone():
+def test_a_dear_simulator_is_asked_at_a_coarse_grid_alone():
     at = bench(Cart(cost=60.0))
-    assert _places(at, 441) == bank_tests(at.spec.space)
+    assert _places(at, 441) == grid(at.spec.space)
     assert predict(at, ADDED, TESTS, 3).grid.shape == (441,)
-    assert len(_places(bench(Cart()), 441)) > len(bank_tests(at.spec.space))
+    assert len(_places(bench(Cart()), 441)) > len(grid(at.spec.space))
