@@ -34,7 +34,7 @@ def main() -> None:
         print(done.stdout)
         (patch,) = Path(folder).glob("*.json")
         record = {
-            "machine": describe("scikit-learn"),
+            "machine": describe("scipy"),
             "command": f"s2r {command}",
             "output": done.stdout.splitlines(),
             "patch": json.loads(patch.read_text()),
