@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend
-from s2r_spec.diagnose.inference.gauss_newton import Fit, Observation, Problem, fit, search
+from s2r_spec.diagnose.inference.gauss_newton import CLOSE, Fit, Observation, Problem, fit, search
 from s2r_spec.diagnose.inference.hierarchical import Likelihood
 from s2r_spec.diagnose.inference.model_search import ModelPosterior, combined, posterior
 from s2r_spec.diagnose.inference.prior import SizePrior
@@ -27,8 +27,6 @@ CORRECTIONS = 3
 SETTLED = 0.02
 """Tolerance: the simulator does not run again where the estimate moved less, in typical sizes. Twice as much saves a
 run of every experiment in some machines."""
-AGAIN = 1
-"""Budget: further searches, each from the estimate of the one before. Every one takes about 5 s of one core."""
 RIVALS = 3
 """Budget: sets that are fitted beside the most probable one. Twice as many take about twice the time of all fits."""
 SIMULATED = 2
@@ -37,11 +35,12 @@ SIMULATED = 2
 
 @dataclass(frozen=True)
 class Estimate:
-    """The joint estimate and the posterior of a machine."""
+    """The joint estimate and the posterior of a machine, and the problem that was fitted."""
 
     library: ResponseLibrary
     fit: Fit
     posterior: ModelPosterior
+    problem: Problem
 
 
 def size_prior(library: ResponseLibrary) -> SizePrior:
@@ -92,14 +91,11 @@ def estimate(
     simulator = _Simulator(backend, library, [list(of.values()) for of in sources.values()], executor)
     prior = size_prior(library)
     problem = Problem(tuple(observations), prior)
-    joint = fit(problem)
-    for _ in range(AGAIN):
-        joint = fit(problem, search(problem, joint.theta))
-    joint = fit(problem, joint.theta, sizes=np.abs(joint.theta))
+    joint = _joint(library, problem)
     for _ in range(corrections):
         problem = simulator.corrected(problem, joint.theta)
         before, joint = joint.theta, fit(problem, joint.theta, sizes=np.abs(joint.theta))
-        if np.abs(joint.theta - before).max(initial=0.0) < SETTLED:
+        if np.abs(joint.theta - before)[prior.causes].max(initial=0.0) < SETTLED:
             break
     first = posterior(joint.likelihood, joint.theta, prior)
     starts = [Mode(problem, first.mean[0], first.sets[0])]
@@ -209,6 +205,25 @@ class Mode:
     active: tuple[int, ...]
 
 
+def _joint(library: ResponseLibrary, problem: Problem) -> Fit:
+    """Return the joint estimate: of two, the second searched from the first, that of the more probable set."""
+    first = fit(problem)
+    found = [first, fit(problem, search(problem, first.theta))]
+    found = [fit(problem, one.theta, sizes=np.abs(one.theta)) for one in found]
+    if np.abs(found[0].theta - found[1].theta)[problem.prior.causes].max(initial=0.0) < CLOSE:
+        return found[1]
+    sets = [posterior(one.likelihood, one.theta, problem.prior) for one in found]
+    variances = [
+        np.max(same, axis=0) for same in zip(*(problem.errors(one.theta) for one in found), strict=True)
+    ]
+    errors = Errors(variances, np.max([np.abs(one.theta) for one in found], axis=0))
+    evidence = [
+        fitted(library, [Mode(problem, one.mean[0], one.sets[0])], errors)[0].posterior.log_evidence
+        for one in sets
+    ]
+    return found[int(np.argmax(evidence))]
+
+
 @dataclass(frozen=True)
 class Errors:
     """Errors of the model, the same for all modes, so that their evidence can be compared.
@@ -244,7 +259,8 @@ def fitted(library: ResponseLibrary, modes: Sequence[Mode], errors: Errors) -> l
     for mode in modes:
         prior = mode.problem.prior
         last = fit(mode.problem, mode.theta, prior.deviation(mode.active), errors.variances, errors.sizes)
-        found.append(Estimate(library, last, posterior(last.likelihood, last.theta, prior)))
+        sets = posterior(last.likelihood, last.theta, prior)
+        found.append(Estimate(library, last, sets, mode.problem))
     return sorted(found, key=lambda mode: -mode.posterior.log_evidence)
 
 

@@ -47,6 +47,7 @@ from s2r_spec.diagnose.inference.estimates import (
     mean_sizes,
     with_status,
 )
+from s2r_spec.diagnose.inference.goodness_of_fit import goodness_of_fit
 from s2r_spec.diagnose.notes import Used, notes
 from s2r_spec.diagnose.quality import findings
 from s2r_spec.diagnose.remainder import remainders
@@ -138,6 +139,7 @@ class _Work:
     cache: Cache
 
     def library(self, experiments: Sequence[Experiment]) -> ResponseLibrary:
+        self.tell("trying each effect", 0, 0)
         return library(self.bench.backend, experiments, self.pool, self.tell, self.cache)
 
     def progress(self, stage: str) -> Callable[[int, int], None]:
@@ -249,6 +251,7 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
     tuned = data.responses.values(mean_sizes(found.posterior))
     patch = {one.effect: one.values for one in with_status(sizes, Status.NAMED)}
     candidates = data.candidates(bench, parts.train)
+    columns = {channel.name: channel.columns for channel in bench.backend.channels}
     tell("gap before and after", 0, 0)
     evidence = Evidence(
         sizes,
@@ -258,6 +261,7 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
         compared_at_all_tests(bench, tests, seed, pool, work.progress("simulating all tests"))
         if tests
         else None,
+        goodness=goodness_of_fit(found.problem, found.fit, columns=columns),
         left=remainders(bench, lines, used, tuned, seed, pool, work.progress("unexplained motion"), patch),
         findings=odd,
     )

@@ -6,9 +6,9 @@ import pytest
 from s2r_cart import NAMES, SPEC, Cart, real
 
 from s2r_spec import parse_spec
-from s2r_spec.diagnose.diagnosis import Diagnosis, Which
 from s2r_spec.diagnose.cache import Cache
 from s2r_spec.diagnose.decision import Evidence, Rule
+from s2r_spec.diagnose.diagnosis import Diagnosis, Which
 from s2r_spec.diagnose.estimation import estimate
 from s2r_spec.diagnose.experiment_design.identifiability import Candidate, separations
 from s2r_spec.diagnose.experiment_design.next_test import next_test
@@ -22,10 +22,11 @@ from s2r_spec.diagnose.inference.estimates import (
     mean_sizes,
     with_status,
 )
+from s2r_spec.diagnose.inference.goodness_of_fit import goodness_of_fit
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import library
-from s2r_spec.report import diagnosed
+from s2r_spec.report import diagnosed as report
 from s2r_spec.rollouts.compatibility import check_compatibility
 
 TESTS = [{"vd": vd, "acc": acc} for vd, acc in ((0.3, 3.5), (0.9, 1.5), (0.9, 3.5))]
@@ -57,6 +58,7 @@ def diagnosed(tmp_path_factory):
             separations(found, possible, candidates),
             held_out_gap(bench, held, seen, patch, tuned, seed),
             compared_at_all_tests(bench, [*held, *seen], seed),
+            goodness_of_fit(found.problem, found.fit),
         )
         return Diagnosis(
             Which(evidence, by_effects(found.posterior, responses.parameters), next_test(found, candidates)),
@@ -81,6 +83,7 @@ def diagnosed(tmp_path_factory):
 def test_a_cart_with_causes_gets_their_names_sizes_and_a_patch_that_closes_its_gap(diagnosed, effects):
     found = diagnosed(effects)
     assert found.rule is Rule.EFFECT
+    assert not found.evidence.goodness.alarm
     assert set(found.which.answer) == set(effects) == set(found.patch)
     for one in found.evidence.effects:
         if one.effect in effects:
@@ -88,7 +91,7 @@ def test_a_cart_with_causes_gets_their_names_sizes_and_a_patch_that_closes_its_g
             assert size.low <= effects[one.effect] <= size.high
     assert found.how_far.share[0] > 0.8
     assert "next" not in replace(found, spec=None).to_json()
-    said = diagnosed.text(found, found.spec)
+    said = report.text(found, found.spec)
     assert all(
         f"{one.effect}.{one.largest.parameter}" in said
         for one in found.evidence.effects
@@ -98,5 +101,13 @@ def test_a_cart_with_causes_gets_their_names_sizes_and_a_patch_that_closes_its_g
 
 def test_a_cause_outside_the_catalogue_is_none_of_these(diagnosed):
     found = diagnosed({}, extra="gust")
-    assert found.rule is Rule.STAYS
+    assert found.rule is Rule.MISFIT
+    goodness = found.evidence.goodness
+    assert goodness.alarm
+    assert f"p = {goodness.p:.2g}" in report.text(found, found.spec)
     assert found.patch == found.improved(tuned=True) == {}
+
+
+def test_healthy_carts_of_another_author_are_no_misfit(diagnosed):
+    """Of 40 carts none alarms; the level allows 5 %."""
+    assert sum(diagnosed({}, seed=seed).evidence.goodness.alarm for seed in range(20, 25)) <= 1
