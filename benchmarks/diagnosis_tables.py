@@ -1,109 +1,19 @@
-"""The tables of docs/explanation/diagnosis.md that are not of sealed sets, from committed results.
+"""Tables of the diagnoses of the A1's twins and of recordings of real machines, from committed results.
 
-    python -m benchmarks.diagnosis_tables            # prints them
-    python -m benchmarks.diagnosis_tables --write    # puts them in the page; a test compares both
-
-`benchmarks/blind/table.py` makes those of sealed sets.
+`python -m benchmarks.diagnosis_tables` prints them.
 """
 
 from __future__ import annotations
 
 import json
 import re
-import sys
 from pathlib import Path
 from typing import Any
 
-from benchmarks.blind.table import LATEST, PAGE, first, markdown, put
-from s2r_spec.blind.score import truth
+from benchmarks.blind.table import markdown
 from s2r_spec.quantity import measured, quantity
 
 FOLDER = Path(__file__).parent
-SURE = 0.9
-"""Level: probability from which an answer counts as confident."""
-
-
-def sure_and_wrong() -> str:
-    """Return the confident answers of the newest sets that were wrong."""
-    rows = [["wrong answer with probability 0.9 or more", "true cause", "of its kind"]]
-    for name in LATEST:
-        for case in _result(f"blind/results/{name}_scores.json")["cases"].values():
-            answer, probability = first(case)
-            if probability >= SURE and answer != truth(case["label"]):
-                label = case["label"]
-                rows.append(
-                    [" + ".join(sorted(answer)), " + ".join(sorted(label["effects"])), KINDS[label["kind"]]]
-                )
-    return markdown(rows)
-
-
-KINDS = {"single": "in the catalogue", "pair": "a pair", "unknown": "not in the catalogue"}
-"""Kind of a case → words."""
-
-
-def could_close() -> str:
-    """Return how much of a gap the true effects close, beside the named ones."""
-    rows = [
-        [
-            "median closed part of a material gap",
-            "cases",
-            "true effects",
-            "named effects",
-            "tuned",
-            "named ≈ true",
-        ]
-    ]
-    near = "answer closes nearly as much as the true cause"
-    for machine, name in (("axis, set 13", "emps13"), ("A1, set 9", "a1ninth")):
-        kept = _result(f"blind/results/{name}_reach.json")
-        for words, key in (("one effect", "single effects"), ("several effects", "several")):
-            one = kept[f"of a material gap, {key}"]
-            parts = [f"{100 * one[part]:.0f} %" for part in ("true cause", "answer", "tuned")]
-            rows.append([f"{machine}, {words}", str(one["cases"]), *parts, f"{one[near]} of {one['cases']}"])
-    return markdown(rows)
-
-
-def several() -> str:
-    """Return the answers for machines with four and five effects."""
-    rows = [["effects in a machine", "largest set", "machines", "effects found", "absent effects named"]]
-    rows[0] += ["median closed part of the gap", "answers ≥ 0.9, right", "exactly right"]
-    kept = _result("blind/results/several.json")
-    for effects in (4, 5):
-        for size in (3, 6):
-            one = kept[f"{effects} effects, sets up to {size}"]
-            rows.append(
-                [
-                    str(effects),
-                    str(size),
-                    str(one["machines"]),
-                    f"{one['of these fitted']} of {one['effects']}",
-                    str(one["fitted and not there"]),
-                    f"{100 * one['closed, median']:.0f} %",
-                    f"{one['of these right']} of {one['answers of 0.9 and more']}",
-                    str(one["all and no other"]),
-                ]
-            )
-    return markdown(rows)
-
-
-def worst_test() -> str:
-    """Return how often the stated worst test is the true one."""
-    rows = [
-        [
-            "worst test from 30 rollouts, axis",
-            "effects",
-            "within a tenth",
-            "nine tenths of the gap",
-            "in the box",
-        ]
-    ]
-    kept = _result("results/where_worst.json")
-    for words, key in (("the simulator's own code", "emps"), ("the generator's code", "emps_twin")):
-        one = kept[key]["summary"]
-        ours, alone = one["diagnosis"], one["process"]
-        pairs = [f"{ours[what]} ({alone[what]})" for what in ("near", "enough")]
-        rows.append([words, str(one["effects"]), *pairs, str(one["inside"])])
-    return markdown(rows)
 
 
 def twins() -> str:
@@ -184,7 +94,7 @@ def go2() -> str:
     )
 
 
-TABLES = (sure_and_wrong, could_close, several, worst_test, twins, axis, go2)
+TABLES = (twins, axis, go2)
 
 
 def _values(one: dict[str, Any]) -> list[str]:
@@ -203,11 +113,9 @@ def _result(name: str) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Print the tables, and write them if asked."""
+    """Print the tables."""
     for table in TABLES:
         print(table(), end="\n\n")
-        if "--write" in sys.argv:
-            put(PAGE, table())
 
 
 if __name__ == "__main__":

