@@ -23,7 +23,7 @@ from s2r_spec.trace import Trace
 FloatArray = NDArray[np.float64]
 
 CORRECTIONS = 3
-"""Budget: times that the simulator runs at the joint estimate. Twice as many take up to twice the runs."""
+"""Budget: times that the simulator runs at the posterior mean. Twice as many take up to twice the runs."""
 SETTLED = 0.02
 """Tolerance: the simulator does not run again where the estimate moved less, in typical sizes. Twice as much saves a
 run of every experiment in some machines."""
@@ -65,7 +65,7 @@ def estimate(
         library: its responses to every protocol of the traces, and to some tests of the specification.
         traces: experiment → real runs. Runs of a test that the library does not have count for the nearest one that
             it has, less the difference that the nominal simulator makes between the two.
-        corrections: largest number of times that the simulator runs at the joint estimate; 0 for no run at all.
+        corrections: largest number of times that the simulator runs at the posterior mean; 0 for no run at all.
         executor: makes a pool for these runs; None runs them here.
 
     Raises:
@@ -92,12 +92,14 @@ def estimate(
     prior = size_prior(library)
     problem = Problem(tuple(observations), prior)
     joint = _joint(library, problem)
-    for _ in range(corrections):
-        problem = simulator.corrected(problem, joint.theta)
-        before, joint = joint.theta, fit(problem, joint.theta, sizes=np.abs(joint.theta))
-        if np.abs(joint.theta - before)[prior.causes].max(initial=0.0) < SETTLED:
-            break
     first = posterior(joint.likelihood, joint.theta, prior)
+    for _ in range(corrections):
+        before = first.probability @ first.mean
+        problem = simulator.corrected(problem, before)
+        joint = fit(problem, joint.theta, sizes=np.abs(joint.theta))
+        first = posterior(joint.likelihood, joint.theta, prior)
+        if np.abs(first.probability @ first.mean - before)[prior.causes].max(initial=0.0) < SETTLED:
+            break
     starts = [Mode(problem, first.mean[0], first.sets[0])]
     starts += [Mode(problem, *one) for one in rivals(joint.likelihood, first)]
     errors = Errors(problem.errors(joint.theta), np.abs(joint.theta))

@@ -118,7 +118,10 @@ class Observation:
             usable &= np.isfinite(curves[-1].values).all(axis=0)
         moved = np.max([np.abs(curve.values).max(axis=0) for curve in curves], axis=0) > 1e-9
         parts, kept, start = [], [], 0
+        repeats = _repeats(response, moved & usable)
         for group in response.groups_of(np.isfinite(mean)):
+            if group.quantity in repeats:
+                continue
             places = np.arange(group.start, group.stop)[usable[group.start : group.stop]]
             if places.size and moved[places].any():  # a group that nothing moves says nothing
                 parts.append(((group.quantity, group.statistic), np.arange(start, start + places.size)))
@@ -229,6 +232,19 @@ class Observation:
         """Begin and size of every group."""
         places = [each for _, each in self.parts]
         return np.array([each[0] for each in places]), np.array([each.size for each in places])
+
+
+def _repeats(response: Response, moved: NDArray[np.bool_]) -> set[str]:
+    """Return the differences of two channels of which no effect moves one: they repeat the other, and say nothing new.
+
+    Such a channel is a reference that is the same in every run of the experiment.
+    """
+    moving = {g.quantity for g in response.groups if moved[g.start : g.stop].any()}
+    return {
+        one.name
+        for one in response.observables.quantities
+        if one.minus and not {one.channel, one.minus} <= moving
+    }
 
 
 @dataclass(frozen=True)
