@@ -185,6 +185,8 @@ class Observation:
 
     def unit(self, errors: FloatArray) -> FloatArray:
         """Return (n,) u from (n,) the variances of responses; half of these is spread evenly over a group."""
+        if not self.parts:
+            return np.zeros(0)
         errors = errors + self._background
         starts, count = self._layout
         level = np.repeat(np.add.reduceat(errors, starts) / count, count)

@@ -17,7 +17,7 @@ import hashlib
 import json
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, as_completed
+from concurrent.futures import BrokenExecutor, Executor, as_completed
 from dataclasses import asdict, dataclass
 from functools import cached_property, partial
 from pathlib import Path
@@ -282,9 +282,18 @@ def _make(
     runs: dict[_Job, NDArray[np.float32]] = {}
     with (executor or in_this_process)() as pool:
         pending = {pool.submit(vectors, backend, job, observables[job.experiment]): job for job in jobs}
-        for done, future in enumerate(as_completed(pending), 1):
-            runs[pending[future]] = future.result()
-            progress("simulating every effect", done, len(jobs))
+        try:
+            for done, future in enumerate(as_completed(pending), 1):
+                runs[pending[future]] = future.result()
+                progress("simulating every effect", done, len(jobs))
+        except BrokenExecutor:
+            raise BackendError(
+                f"a worker died while it simulated effects on backend {backend.name!r}; run it again with --workers 1 "
+                f"to see the experiment that kills it"
+            ) from None
+        finally:
+            for future in pending:
+                future.cancel()
     return {e: _response(backend, e, observables[e], parameters, machines, runs) for e in experiments}
 
 
@@ -417,19 +426,27 @@ def _response(
     practice = Practice(
         np.array([machine.theta for machine in machines]),
         np.array([[float(machine.variant == name) for name in names] for machine in machines]),
-        np.array([runs[_practice_job(experiment, parameters, m, n)][0] for n, m in enumerate(machines)]),
+        np.array(
+            [runs[_practice_job(experiment, parameters, m, n)][0] for n, m in enumerate(machines)],
+            dtype=float,
+        ),
     )
     return Response(
         experiment,
         observables,
         nominal.mean(axis=0),
-        nominal.std(axis=0, ddof=1),
+        _single(nominal.std(axis=0, ddof=1)),
         reference,
-        tuple(curves),
-        spread,
-        np.array(variants).reshape(len(names), reference.size),
+        tuple(Curve(curve.coordinates, _single(curve.values)) for curve in curves),
+        _single(spread),
+        _single(np.array(variants).reshape(len(names), reference.size)),
         practice,
     )
+
+
+def _single(values: FloatArray) -> FloatArray:
+    """Return values in single precision, as the cache keeps them: so the first answer is the same as later ones."""
+    return values.astype(np.float32).astype(float)
 
 
 def _scatter(moved: FloatArray, groups: Sequence[Group]) -> FloatArray:
@@ -583,6 +600,13 @@ def _load(path: Path) -> Response:
             arrays["variants"].astype(float),
             Practice(arrays["theta"], arrays["variant"], arrays["practice"].astype(float)),
         )
-    if response.nominal.size != observables.groups[-1].stop:
+    size, parameters = observables.groups[-1].stop, len(response.curves)
+    rows = (response.nominal, response.scatter, response.reference, *response.spread, *response.variants)
+    practice = response.practice
+    whole = all(row.shape == (size,) for row in (*rows, *practice.values))
+    whole &= all(c.values.shape == (c.coordinates.size, size) for c in response.curves)
+    whole &= len(response.spread) == practice.theta.shape[1] == parameters
+    whole &= len(practice.theta) == len(practice.variant) == len(practice.values)
+    if not (whole and practice.variant.shape[1] == len(response.variants)):
         raise ValueError("the arrays do not fit the observables")
     return response
