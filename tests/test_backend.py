@@ -24,7 +24,9 @@ def test_a_backend_gets_what_follows_the_colon():
 
 
 def test_an_unknown_backend_lists_those_installed():
-    with pytest.raises(UnknownBackendError, match=naming("'tuy'", "did you mean 'toy'", "sim, swing, toy")) as info:
+    with pytest.raises(
+        UnknownBackendError, match=naming("'tuy'", "did you mean 'toy'", "sim, swing, toy")
+    ) as info:
         load_backend("tuy")
     assert info.value.exit_code == 2
 
