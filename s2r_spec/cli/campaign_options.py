@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from s2r_spec.cli.output import writable
 from s2r_spec.errors import UsageError
 
 Protocols = Annotated[
@@ -30,6 +31,19 @@ Next = Annotated[
         show_default=False,
     ),
 ]
+
+
+def playable(path: Path | None) -> None:
+    """Check, before anything runs, that a protocol's references can be written to a file.
+
+    Raises:
+        UsageError: its name does not end in .csv, or it cannot be written.
+    """
+    if path is None:
+        return
+    if path.suffix.lower() != ".csv":
+        raise UsageError(f"--next {path}: the file of a protocol must end in .csv")
+    writable(path)
 
 
 def protocol_names(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from s2r_spec.cli.campaign_options import Next, NoProtocols, Passive, Protocols, protocol_names
+from s2r_spec.cli.campaign_options import Next, NoProtocols, Passive, Protocols, playable, protocol_names
 from s2r_spec.cli.common import begun, interrupted, sentences
 from s2r_spec.cli.log_options import LogReading, reads_logs
 from s2r_spec.cli.options import (
@@ -22,7 +22,7 @@ from s2r_spec.cli.options import (
     SpecFile,
     Workers,
 )
-from s2r_spec.cli.output import AsJson, Output, Page, pageable, settle
+from s2r_spec.cli.output import AsJson, Output, Page, pageable, settle, writable
 from s2r_spec.cli.terminal import console, print_json
 from s2r_spec.errors import UsageError
 from s2r_spec.files import save
@@ -97,9 +97,11 @@ def diagnose(
         forms = {"text": diagnosed.text, "json": diagnosed.as_json, "markdown": markdown}
         form = settle(form, as_json, output, forms)
         pageable(page)
+        writable(apply)
         if tuned and apply is None:
             raise UsageError("--tuned changes what --apply writes; give --apply FILE with it")
         names = protocol_names(protocols, no_protocols, passive)
+        playable(following)
         parsed = load_spec(spec)
         name = f"diagnose-{spec.stem}-{sim}-{Path(real).name}"
         compared = [requirement] if requirement else list(parsed.requirements)

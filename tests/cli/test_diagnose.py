@@ -103,6 +103,9 @@ def test_formats_and_places_that_cannot_be_are_said_before_anything_runs(cart):
         (("--report", "nowhere/gap.html"), ("nowhere",)),
         (("--json", "--format", "markdown"), ("--json", "--format markdown")),
         (("--tuned",), ("--tuned", "--apply")),
+        (("--apply", "nowhere/better.json"), ("nowhere",)),
+        (("--next", "next.txt"), ("next.txt", ".csv")),
+        (("--next", "nowhere/next.csv"), ("nowhere",)),
         (("--budget", 5), ("--budget", "6")),
     ):
         assert states(cart(*words, *more, code=2).stderr, *facts)
