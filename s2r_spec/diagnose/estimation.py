@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor
+from concurrent.futures import BrokenExecutor, Executor
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend
+from s2r_spec.diagnose.axes import Values
 from s2r_spec.diagnose.inference.gauss_newton import CLOSE, Fit, Observation, Problem, fit, search
 from s2r_spec.diagnose.inference.hierarchical import Likelihood
 from s2r_spec.diagnose.inference.model_search import ModelPosterior, combined, posterior
 from s2r_spec.diagnose.inference.prior import SizePrior
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import Response, ResponseLibrary, simulated
-from s2r_spec.errors import UsageError, one_of
+from s2r_spec.errors import BackendError, UsageError, one_of
 from s2r_spec.rollouts.pools import in_this_process
 from s2r_spec.trace import Trace
 
@@ -173,6 +174,21 @@ class _Simulator:
         """Return the problem with runs at (K,) θ in place of sums of responses there."""
         theta = np.clip(theta, problem.prior.low, problem.prior.high)
         values = self.library.values(theta)
+        try:
+            runs = self._runs(problem, values)
+        except BrokenExecutor:
+            raise BackendError(
+                f"a worker died while it ran backend {self.backend.name!r} with {values}; "
+                f"run it again with --workers 1 to see the experiment that kills it"
+            ) from None
+        corrections = [
+            self._correction(one, sources, own, theta)
+            for one, sources, own in zip(problem.observations, self.sources, runs, strict=True)
+        ]
+        return problem.corrected(corrections, theta)
+
+    def _runs(self, problem: Problem, values: Values) -> list[list[FloatArray]]:
+        """Return (m,) the mean of every source of each observation, simulated with these effects."""
         with (self.executor or in_this_process)() as pool:
             runs = [
                 [
@@ -181,11 +197,7 @@ class _Simulator:
                 ]
                 for one, sources in zip(problem.observations, self.sources, strict=True)
             ]
-            corrections = [
-                self._correction(one, sources, [run.result() for run in own], theta)
-                for one, sources, own in zip(problem.observations, self.sources, runs, strict=True)
-            ]
-        return problem.corrected(corrections, theta)
+            return [[run.result() for run in own] for own in runs]
 
     def _correction(
         self, one: Observation, sources: Sequence[_Source], runs: Sequence[FloatArray], theta: FloatArray

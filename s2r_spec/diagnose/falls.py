@@ -24,7 +24,7 @@ SPARED = 1 / 3
 HALVINGS = 6
 """Of the way from nominal to the end of a range, to find the least of an effect that does it."""
 SHOWN = 3
-"""Effects that are told, at most."""
+"""Definition: effects that a sentence names; it counts the others."""
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ CUT = "cut at"
 READ_AT = "read at samples apart"
 """In the metadata of a recording between whose samples the spec's times fall: how far apart they are now [s]."""
 SHOWN = 6
-"""Channels that are named in a note; of more the number is told."""
+"""Definition: channels that a note names; it counts the others."""
 
 
 @dataclass(frozen=True)

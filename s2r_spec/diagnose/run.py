@@ -267,8 +267,8 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
     )
     nothing = with_status(sizes, Status.POSSIBLE) == ()
     upcoming: NextTest | None = None if nothing else next_test(found, candidates)
-    told = Used(tests, len(parts.train.tests), len(parts.held_out), ENOUGH)
-    lacking = notes(bench, told, _idle(data.responses), why, odd, alone)
+    in_use = Used(tests, len(parts.train.tests), len(parts.held_out), ENOUGH)
+    lacking = notes(bench, in_use, _idle(data.responses), why, odd, alone)
     return Diagnosis(
         Which(evidence, by_effects(found.posterior, lines), upcoming),
         _where(work, used, tuned) if want_where and used else None,

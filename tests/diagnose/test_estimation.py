@@ -1,5 +1,6 @@
 """The estimate of a cart by another author: sizes of all effects, from traces alone."""
 
+from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from s2r_spec.diagnose.cache import Cache
 from s2r_spec.diagnose.estimation import estimate
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import library
-from s2r_spec.errors import UsageError
+from s2r_spec.errors import BackendError, UsageError
 from s2r_spec.trace import Trace
 
 TESTS = [Experiment.test({"vd": vd, "acc": acc}) for vd, acc in ((0.3, 3.5), (0.9, 1.5), (0.9, 3.5))]
@@ -87,3 +88,17 @@ def test_a_trace_that_ends_early_is_used_as_far_as_it_goes(responses):
     found = estimate(Cart(), responses, {**data, test: cut})
     assert "coulomb" in named(responses, found)
     assert np.isfinite(found.fit.theta).all()
+
+
+class Dying(ThreadPoolExecutor):
+    """A pool whose workers die."""
+
+    def submit(self, function, /, *arguments, **named):
+        died = Future()
+        died.set_exception(BrokenExecutor())
+        return died
+
+
+def test_a_worker_that_dies_at_the_estimate_is_a_sentence(responses):
+    with pytest.raises(BackendError, match="--workers 1"):
+        estimate(Cart(), responses, traces(5000, {"coulomb": 1.2}), executor=Dying)

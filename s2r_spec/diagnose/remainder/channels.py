@@ -1,7 +1,7 @@
 """What a machine does that the improved simulator does not, in its channels and in the residuals of its equations.
 
 A residual shows where a cause acts. In a closed loop what acts in one window goes on in the next, and all that the
-machine does otherwise is in its channels, so less of these is strange.
+machine does otherwise is in its channels, so a difference there says less.
 
 The cells lie where another rollout of the improved simulator at the same test was at the time: where it had this
 speed, or that force. Cells by what each rollout itself did would differ wherever the channel that bounds them does.
@@ -127,7 +127,7 @@ def left_over(
         return np.sum(found, axis=0) if found else np.zeros(len(column))
 
     usual, little, other = squared([explained]), squared(typical), squared(numerics)
-    # How much a channel varies is told by its windows alone: of other cells there are many where it does not.
+    # Windows alone show how much a channel varies: of other cells there are many where it does not.
     windows = np.array([not along for _, _, along, *_ in cells.places()])
     mean = over_column(np.where(windows, np.nanmean(nominal, axis=0), np.nan), column)
     varies = over_column(np.where(windows, np.nanmean((nominal - mean) ** 2, axis=0), np.nan), column)

@@ -52,7 +52,7 @@ def remainders(
         improved: effects with which the simulator should be nearest to it: the likeliest, and a little of all others.
         seed: of the simulated rollouts.
         executor: makes a pool for these; None runs them here.
-        progress: is told (done, of).
+        progress: called with (done, of).
         named: the likeliest alone, with which it may be nearer: what is left of channels is what both leave.
     """
     whole = [(test, trace) for test, trace in rollouts if trace.failure is None]
@@ -249,21 +249,23 @@ def _units(traces: Sequence[Trace]) -> dict[str, str]:
 def parts(trace: Trace, widths: Mapping[str, int]) -> dict[tuple[str, int], str]:
     """Return what each column of residuals belongs to, or its number; "" where there is but one."""
     of = {name: named(trace, name, width) for name, width in widths.items()}
-    return _told({name: told if told[0] != name else () for name, told in of.items()}, widths)
+    return _column_names({name: parts if parts[0] != name else () for name, parts in of.items()}, widths)
 
 
 def columns(channels: Sequence[Channel], widths: Mapping[str, int]) -> dict[tuple[str, int], str]:
     """Return the name of each column of what is recorded, or its number; "" where there is but one."""
-    return _told({channel.name: channel.columns for channel in channels}, widths)
+    return _column_names({channel.name: channel.columns for channel in channels}, widths)
 
 
-def _told(names: Mapping[str, Sequence[str]], widths: Mapping[str, int]) -> dict[tuple[str, int], str]:
+def _column_names(
+    names: Mapping[str, Sequence[str]], widths: Mapping[str, int]
+) -> dict[tuple[str, int], str]:
     out = {}
     for name, width in widths.items():
         of = names.get(name, ())
         for column in range(width):
-            told = of[column] if len(of) == width else f"column {column}"
-            out[name, column] = "" if width == 1 else told
+            label = of[column] if len(of) == width else f"column {column}"
+            out[name, column] = "" if width == 1 else label
     return out
 
 
