@@ -149,11 +149,13 @@ def row(
 
 def misfit(found: Estimate) -> dict[str, float]:
     """Return experiment → mean logarithm of the energy that the fit leaves in each group."""
-    return {
-        str(e): float(np.mean(np.log(energy + 1e-9)))
-        for e, energy in zip(EXPERIMENTS, found.fit.misfit, strict=False)
-        if energy.size
+    theta, problem = found.fit.theta, found.problem
+    energies = {
+        str(one.response.experiment): one.groups(theta, errors).energy
+        for one, errors in zip(problem.observations, problem.errors(theta), strict=True)
+        if one.parts
     }
+    return {name: float(np.mean(np.log(energy + 1e-9))) for name, energy in energies.items()}
 
 
 def errors(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, float]]:

@@ -6,7 +6,7 @@ that with the named effects, and that with the posterior mean of all. Rules, the
 
 | rule | condition | verdict |
 | --- | --- | --- |
-| REMAINDER | the gap shows, and motion is left that no effect explains | none of these |
+| REMAINDER | the gap shows, some motion no effect explains, and named effects close less than 80 % | none of these |
 | MISFIT | the misfit is an alarm; a gap is not closed, or was not measured and something is named | none of these |
 | STAYS | surely not all is closed, and less than half with an effect named, else less than 80 % | none of these |
 | END | a named value is at the end of its range, and surely less than 80 % is closed | none of these |
@@ -23,8 +23,8 @@ the machine, and may matter for another requirement. The reason then says first 
 effect does not count if its patch makes a material gap where there is none.
 
 These rules keep two promises. *No material gap* is never said of a gap that shows. No cause is named that surely leaves
-the gap. A misfit alone is no verdict where no gap is left: every machine differs from its simulator in ways that no
-requirement asks about.
+the gap. A misfit or a rest of the motion is no verdict where no gap is left: every machine differs from its simulator
+in ways that no requirement asks about.
 """
 
 from __future__ import annotations
@@ -162,7 +162,7 @@ class Evidence:
         far, shows = self.held_out, self.shows
         named = bool(self.named) and not (far is not None and far.harmful)
         alarm = self.goodness is not None and self.goodness.alarm
-        if shows and any(one.material for one in self.left):
+        if shows and any(one.material for one in self.left) and not (far and far.explained):
             return Rule.REMAINDER
         if alarm and ((shows and not (far and far.closed)) or (named and far is None)):
             return Rule.MISFIT

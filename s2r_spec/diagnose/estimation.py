@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend
 from s2r_spec.diagnose.axes import Values
-from s2r_spec.diagnose.inference.gauss_newton import CLOSE, Fit, Observation, Problem, fit, search
-from s2r_spec.diagnose.inference.hierarchical import Likelihood
+from s2r_spec.diagnose.inference.gauss_newton import CLOSE, Errors, Fit, Observation, Problem, fit, search
+from s2r_spec.diagnose.inference.hierarchical import Likelihood, disagreement, dispersion
 from s2r_spec.diagnose.inference.model_search import ModelPosterior, combined, posterior
 from s2r_spec.diagnose.inference.prior import SizePrior
 from s2r_spec.diagnose.simulator.experiments import Experiment
@@ -97,14 +97,14 @@ def estimate(
     for _ in range(corrections):
         before = first.probability @ first.mean
         problem = simulator.corrected(problem, before)
-        joint = fit(problem, joint.theta, sizes=np.abs(joint.theta))
+        joint = fit(problem, joint.theta, errors=Errors.at(problem, joint.theta))
         first = posterior(joint.likelihood, joint.theta, prior)
         if np.abs(first.probability @ first.mean - before)[prior.causes].max(initial=0.0) < SETTLED:
             break
     starts = [Mode(problem, first.mean[0], first.sets[0])]
     starts += [Mode(problem, *one) for one in rivals(joint.likelihood, first)]
-    errors = Errors(problem.errors(joint.theta), np.abs(joint.theta))
-    errors = Errors.expected(problem, fitted(library, starts, errors))
+    errors = Errors(problem.errors(joint.theta), np.abs(joint.theta), joint.dispersion, joint.disagreement)
+    errors = _expected(problem, fitted(library, starts, errors))
     modes = fitted(library, starts, errors)
     if corrections:
         different = {mode.posterior.sets[0]: mode for mode in reversed(modes)}
@@ -223,14 +223,17 @@ def _joint(library: ResponseLibrary, problem: Problem) -> Fit:
     """Return the joint estimate: of two, the second searched from the first, that of the more probable set."""
     first = fit(problem)
     found = [first, fit(problem, search(problem, first.theta))]
-    found = [fit(problem, one.theta, sizes=np.abs(one.theta)) for one in found]
+    found = [fit(problem, one.theta, errors=Errors.at(problem, one.theta)) for one in found]
     if np.abs(found[0].theta - found[1].theta)[problem.prior.causes].max(initial=0.0) < CLOSE:
         return found[1]
     sets = [posterior(one.likelihood, one.theta, problem.prior) for one in found]
-    variances = [
-        np.max(same, axis=0) for same in zip(*(problem.errors(one.theta) for one in found), strict=True)
-    ]
-    errors = Errors(variances, np.max([np.abs(one.theta) for one in found], axis=0))
+    each = [problem.errors(one.theta) for one in found]
+    errors = Errors(
+        [np.max(same, axis=0) for same in zip(*each, strict=True)],
+        np.max([np.abs(one.theta) for one in found], axis=0),
+        max(one.dispersion for one in found),
+        np.max([one.disagreement for one in found], axis=0),
+    )
     evidence = [
         fitted(library, [Mode(problem, one.mean[0], one.sets[0])], errors)[0].posterior.log_evidence
         for one in sets
@@ -238,30 +241,22 @@ def _joint(library: ResponseLibrary, problem: Problem) -> Fit:
     return found[int(np.argmax(evidence))]
 
 
-@dataclass(frozen=True)
-class Errors:
-    """Errors of the model, the same for all modes, so that their evidence can be compared.
+def _expected(problem: Problem, modes: Sequence[Estimate]) -> Errors:
+    """Return the posterior means over modes of the errors of the model.
 
-    They grow with the sizes. First they are those at the joint estimate, in which every parameter may be a cause; then
-    their posterior means over the modes that this gives.
-
-    Attributes:
-        variances: (n_p,) of the responses, for every experiment.
-        sizes: (K,) at which the law errors are.
+    Those at the joint estimate, in which every parameter may be a cause, are too large.
     """
-
-    variances: Sequence[FloatArray]
-    sizes: FloatArray
-
-    @classmethod
-    def expected(cls, problem: Problem, modes: Sequence[Estimate]) -> Errors:
-        """Return the posterior means over modes."""
-        evidence = np.array([mode.posterior.log_evidence for mode in modes])
-        weight = np.exp(evidence - evidence.max())
-        weight /= weight.sum()
-        theta = np.array([mode.fit.theta for mode in modes])
-        each = [problem.errors(one) for one in theta]
-        return cls([weight @ np.array(same) for same in zip(*each, strict=True)], np.sqrt(weight @ theta**2))
+    evidence = np.array([mode.posterior.log_evidence for mode in modes])
+    weight = np.exp(evidence - evidence.max())
+    weight /= weight.sum()
+    theta = np.array([mode.fit.theta for mode in modes])
+    each = [problem.errors(one) for one in theta]
+    variances = [weight @ np.array(same) for same in zip(*each, strict=True)]
+    sizes = np.sqrt(weight @ theta**2)
+    fits = [mode.fit for mode in modes]
+    wide = weight @ [dispersion(sizes, one.groupwise.information) for one in fits]
+    scale = weight @ np.array([disagreement(one.groups, sizes, one.variances) for one in fits])
+    return Errors(variances, sizes, float(wide), scale)
 
 
 def fitted(library: ResponseLibrary, modes: Sequence[Mode], errors: Errors) -> list[Estimate]:
@@ -272,7 +267,7 @@ def fitted(library: ResponseLibrary, modes: Sequence[Mode], errors: Errors) -> l
     found = []
     for mode in modes:
         prior = mode.problem.prior
-        last = fit(mode.problem, mode.theta, prior.deviation(mode.active), errors.variances, errors.sizes)
+        last = fit(mode.problem, mode.theta, prior.deviation(mode.active), errors)
         sets = posterior(last.likelihood, last.theta, prior)
         found.append(Estimate(library, last, sets, mode.problem))
     return sorted(found, key=lambda mode: -mode.posterior.log_evidence)

@@ -17,7 +17,7 @@ def reason(found: Diagnosis) -> str:
     match found.rule:
         case Rule.EFFECT | Rule.OPEN:
             closes = _closes(found) if found.evidence.shows else []
-            return _joined(material, _cause(found), *closes, *_open(found), *_odd(found))
+            return _joined(material, _cause(found), *closes, *_open(found), *_left(found), *_odd(found))
         case Rule.EITHER:
             rivals = listed([one.effect for one in found.which.possible], "or")
             return _joined(
@@ -123,11 +123,16 @@ def _odd(found: Diagnosis) -> list[str]:
     return [f"No set of effects fits the traces (p = {goodness.p:.2g}), {least}.", *also]
 
 
+def _left(found: Diagnosis) -> list[str]:
+    """Return the motion that no effect explains, if it is more than what is allowed for."""
+    return [f"No effect explains {each}." for each in found.left[:1] if each.material]
+
+
 def _differ(found: Diagnosis) -> list[str]:
     """Return by which causes the traces differ although none is named, and what no effect explains."""
     first = found.which.sets[0][0] if found.which.sets else ()
     seen = [f"The traces do differ, most as with {listed(first)}."] if first else []
-    return [*seen, *(f"No effect explains {each}." for each in found.left[:1] if each.material)]
+    return [*seen, *_left(found)]
 
 
 def _mistake(found: Diagnosis) -> list[str]:

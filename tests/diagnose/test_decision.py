@@ -88,8 +88,10 @@ def evidence(effects=(A,), any_cause=0.99, **more):
         (evidence(goodness=FITS), Rule.EFFECT),
         (evidence((), 0.0, materiality=MATTERS, goodness=ALARM), Rule.MISFIT),
         (evidence((), 0.0, materiality=NOWHERE, goodness=ALARM), Rule.NONE),
-        # Motion that no effect explains, however well a patch closes the gap.
-        (evidence(held_out=far(1.0, 0.95), left=(PUSH,)), Rule.REMAINDER),
+        # Motion that no effect explains counts until named effects close the gap.
+        (evidence(held_out=far(1.0, 0.7), left=(PUSH,)), Rule.REMAINDER),
+        (evidence((MAYBE,), 0.4, held_out=far(1.0), left=(PUSH,)), Rule.REMAINDER),
+        (evidence(held_out=far(1.0, 0.95), left=(PUSH,)), Rule.EFFECT),
         (evidence(held_out=far(1.0, 0.95, size=0.05), left=(PUSH,)), Rule.EFFECT),
         (evidence(held_out=far(1.0, 0.95), left=(replace(PUSH, surplus=0.9),)), Rule.EFFECT),
         # Mistakes of the recordings.

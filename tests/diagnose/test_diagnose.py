@@ -295,13 +295,15 @@ def test_a_catalogue_of_one_effect_is_enough_if_its_range_is(find):
         find(of, 24, Deaf(), TOY, protocols=("split",))
 
 
-@pytest.mark.parametrize(("surplus", "rule"), [(1.4, Rule.REMAINDER), (0.9, Rule.EFFECT)])
-def test_what_no_effect_leaves_of_a_material_gap_is_none_of_these(find, monkeypatch, surplus, rule):
+@pytest.mark.parametrize("surplus", [1.4, 0.9])
+def test_motion_that_no_effect_explains_is_told_beside_a_cause_that_closes_the_gap(
+    find, monkeypatch, surplus
+):
     push = Remainder("force", 0, "", "v", 0.3, 0.4, 2.5, "N", "m/s", surplus)
     monkeypatch.setattr(sys.modules["s2r_spec.diagnose.run"], "remainders", lambda *rest, **more: (push,))
     found = find(replace(Toy(), added=(("a", 2.0),)), 24, Toy(), TOY)
-    assert (found.left, found.rule) == ((push,), rule)
-    assert ("+2.5 N of force where v is between 0.3 and 0.4 m/s" in found.reason) is (rule is Rule.REMAINDER)
+    assert (found.left, found.rule) == ((push,), Rule.EFFECT)
+    assert ("+2.5 N of force where v is between 0.3 and 0.4 m/s" in found.reason) is (surplus > 1.0)
 
 
 def test_what_cannot_be_diagnosed_gets_one_sentence(find):

@@ -195,11 +195,18 @@ SPIKE = Finding("spike", "u", "u is off")
         ),
         (NONE, Rule.SPREAD, 3, "No cause stands out", "--apply FILE --tuned"),
         (
-            SURE | {"left": (PUSH,)},
+            SURE | {"left": (PUSH,), "held_out": far_of(0, 0.7)},
             Rule.REMAINDER,
             3,
             "Unexplained: −3.25 N·m",
             "explains −3.25",
+        ),
+        (
+            SURE | {"left": (PUSH,)},
+            Rule.EFFECT,
+            0,
+            "No effect explains −3.25 N·m",
+            "--apply FILE, then --sim patched",
         ),
         (
             {"held_out": far_of(0, 0.2)},

@@ -35,7 +35,7 @@ from s2r_spec.diagnose.axes import Line
 from s2r_spec.diagnose.estimation import Estimate
 from s2r_spec.diagnose.inference.estimates import COVER
 from s2r_spec.diagnose.inference.gauss_newton import Fit, Observation
-from s2r_spec.diagnose.inference.hierarchical import Groups, Variances, likelihood, marginal, shared_error
+from s2r_spec.diagnose.inference.hierarchical import Groups, Variances, likelihood, without_variants
 from s2r_spec.diagnose.inference.prior import NAMED, UNNAMED
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import Dependence, Response
@@ -146,7 +146,7 @@ class Forecast:
     def of(cls, found: Estimate) -> Forecast:
         """Return the forecast of an estimate."""
         theta, seen = found.fit.theta, found.fit.likelihood
-        shared, one = shared_error(found.fit.sizes), np.eye(theta.size)
+        shared, one = found.fit.shared, np.eye(theta.size)
         inner = one - seen.information * shared
         information = np.linalg.solve(inner, seen.information)
         information = (information + information.T) / 2.0
@@ -219,8 +219,8 @@ def information(
     groups = Groups.of(
         np.zeros(columns.shape[1]), columns, one.unit(one.errors(fit.theta)), places, one.coherent
     )
-    found = likelihood(groups, fit.sizes, Variances.prior(len(one.parts)))
-    return marginal(found, np.zeros(sizes.size)).information
+    found = likelihood(groups, fit.errors.sizes, Variances.prior(len(one.parts)))
+    return without_variants(found, sizes.size).information / fit.dispersion
 
 
 def separations(

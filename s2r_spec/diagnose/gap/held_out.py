@@ -149,6 +149,11 @@ class HeldOutGap:
         """Whether a material gap is nearly gone, and surely smaller."""
         return self.material and self.best is not None and self.best[0] >= GONE and self.best[1] > 0.0
 
+    @property
+    def explained(self) -> bool:
+        """Whether the named effects alone close nearly all of a material gap, and surely some of it."""
+        return self.material and self.share is not None and self.share[0] >= GONE and self.share[1] > 0.0
+
     def stays(self, least: float) -> bool:
         """Whether less than this part of a material gap is closed, and surely not all of it.
 

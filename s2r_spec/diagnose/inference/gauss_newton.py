@@ -43,10 +43,13 @@ from s2r_spec.diagnose.inference.hierarchical import (
     Groups,
     Likelihood,
     Variances,
+    disagreement,
+    dispersion,
     likelihood,
-    marginal,
     shared_error,
     variances,
+    with_shared_error,
+    without_variants,
 )
 from s2r_spec.diagnose.inference.prior import BACKGROUND, SLAB, SizePrior
 from s2r_spec.diagnose.simulator.curve import Curve
@@ -272,78 +275,109 @@ class Problem:
 
 
 @dataclass(frozen=True)
+class Errors:
+    """Errors of the model in a fit. They grow with the sizes of effects, and are fixed within a fit.
+
+    An estimate that lowered its own error by being small would be drawn to 0. Fits whose evidence is compared have the
+    same errors.
+
+    Attributes:
+        variances: (n_p,) of the responses in u, for every experiment.
+        sizes: (K,) at which the law errors are.
+        dispersion: ψ; None for that at the estimate.
+        disagreement: (K,) λ; None for that at the estimate.
+    """
+
+    variances: Sequence[FloatArray]
+    sizes: FloatArray
+    dispersion: float | None = None
+    disagreement: FloatArray | None = None
+
+    @classmethod
+    def at(cls, problem: Problem, theta: FloatArray) -> Errors:
+        """Return the errors at (K,) sizes."""
+        return cls(problem.errors(theta), np.abs(theta))
+
+
+@dataclass(frozen=True)
 class Fit:
     """The joint estimate.
 
     Attributes:
         theta: (K,) estimate of every parameter.
-        sizes: (K,) at which the law errors are.
-        likelihood: of θ around the estimate, by secants, with the shared error; the prior is not in it.
-        misfit: of every experiment, (G,) energy of each group that the fit leaves, in units of u².
-        groups: of every experiment, (quantity, statistic) of each group.
-        variances: of every experiment.
+        errors: of the model.
+        groupwise: likelihood of θ around the estimate, by secants, with the errors of each group alone.
+        groups: of all experiments, in their order, at the estimate.
+        variances: of these groups.
     """
 
     theta: FloatArray
-    sizes: FloatArray
-    likelihood: Likelihood
-    misfit: tuple[FloatArray, ...]
-    groups: tuple[tuple[tuple[str, str], ...], ...]
-    variances: tuple[Variances, ...]
+    errors: Errors
+    groupwise: Likelihood
+    groups: Groups
+    variances: Variances
+
+    @cached_property
+    def likelihood(self) -> Likelihood:
+        """The likelihood of θ around the estimate, with all errors; the prior is not in it."""
+        return with_shared_error(self.groupwise / self.dispersion, self.shared)
+
+    @property
+    def dispersion(self) -> float:
+        """ψ, by which errors of form widen the likelihood."""
+        given = self.errors.dispersion
+        return dispersion(self.errors.sizes, self.groupwise.information) if given is None else given
+
+    @cached_property
+    def disagreement(self) -> FloatArray:
+        """(K,) λ, by which groups disagree more about each parameter than by their own law errors."""
+        given = self.errors.disagreement
+        return disagreement(self.groups, self.errors.sizes, self.variances) if given is None else given
+
+    @property
+    def shared(self) -> FloatArray:
+        """(K,) variance of the error of size that all groups share."""
+        return shared_error(self.errors.sizes, self.disagreement)
 
 
 def fit(
     problem: Problem,
     start: FloatArray | None = None,
     deviation: FloatArray | None = None,
-    errors: Sequence[FloatArray] | None = None,
-    sizes: FloatArray | None = None,
+    errors: Errors | None = None,
 ) -> Fit:
     """Return the joint estimate.
-
-    Errors of the model grow with the sizes. They are fixed within a fit: an estimate that lowered its own error by
-    being small would be drawn to 0.
 
     Args:
         problem: data and prior.
         start: (K,) first estimate; the search finds one without it.
         deviation: (K,) prior standard deviation of every size in the fit; without it, that of a cause.
-        errors: (n_p,) variances of the responses in u, for every experiment; without them, those at the start.
-        sizes: (K,) at which the law errors are; without them, the larger of the start and the prior's deviation.
+        errors: of the model; without them, those at the start, of law at the larger of the start and ``deviation``.
     """
     observations, prior = problem.observations, problem.prior
     effects = prior.low.size
     deviation = np.full(effects, SLAB) if deviation is None else deviation
     theta = search(problem) if start is None else np.clip(start, prior.low, prior.high)
-    errors = problem.errors(theta) if errors is None else errors
-    sizes = np.maximum(np.abs(theta), deviation) if sizes is None else sizes
-    found = [Variances.prior(len(one.parts)) for one in observations]
-    total, misfit = (
-        Likelihood(np.zeros((effects, effects)), np.zeros(effects)),
-        [np.zeros(0)] * len(observations),
-    )
-    for step in range(STEPS + 1):
-        likelihoods, found, misfit = [], list(found), []
-        for number, one in enumerate(observations):
-            groups = one.groups(theta, errors[number])
-            found[number] = variances(groups, sizes, found[number], 2 if step == 0 else 1)
-            likelihoods.append(likelihood(groups, sizes, found[number]))
-            misfit.append(groups.energy)
-        total = sum(likelihoods[1:], likelihoods[0])
-        if step == STEPS:
-            break
+    errors = errors or Errors(problem.errors(theta), np.maximum(np.abs(theta), deviation))
+    found = Variances.prior(sum(len(one.parts) for one in observations))
+    groups = _grouped(problem, theta, errors)
+    for step in range(STEPS):
+        found = variances(groups, errors.sizes, found, 2 if step == 0 else 1)
+        total = likelihood(groups, errors.sizes, found)
         moved = _step(total, theta, deviation) * (FIRST if step < 2 else 1.0)
         new = np.clip(theta + moved, prior.low, prior.high)
         if np.abs(new - theta).max(initial=0.0) < CLOSE:
             break
         theta = new
-    names = tuple(tuple(name for name, _ in one.parts) for one in observations)
-    secants = [
-        likelihood(one.groups(theta, own, secants=True), sizes, each)
-        for one, own, each in zip(observations, errors, found, strict=True)
-    ]
-    seen = sum(secants[1:], secants[0])
-    return Fit(theta, sizes, marginal(seen, shared_error(sizes)), tuple(misfit), names, tuple(found))
+        groups = _grouped(problem, theta, errors)
+    seen = likelihood(_grouped(problem, theta, errors, secants=True), errors.sizes, found)
+    return Fit(theta, errors, without_variants(seen, effects), groups, found)
+
+
+def _grouped(problem: Problem, theta: FloatArray, errors: Errors, secants: bool = False) -> Groups:
+    """Return the groups of all experiments at θ."""
+    pairs = zip(problem.observations, errors.variances, strict=True)
+    return Groups.joined([one.groups(theta, own, secants) for one, own in pairs])
 
 
 def _step(total: Likelihood, theta: FloatArray, deviation: FloatArray) -> FloatArray:

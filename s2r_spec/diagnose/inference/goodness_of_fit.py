@@ -40,7 +40,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.inference.gauss_newton import Fit, Observation, Problem
-from s2r_spec.diagnose.inference.hierarchical import DEGREES, EFFECTIVE, LARGEST, LAW_ERROR, law_prior
+from s2r_spec.diagnose.inference.hierarchical import (
+    DEGREES,
+    EFFECTIVE,
+    LARGEST,
+    LAW_ERROR,
+    Variances,
+    law_prior,
+)
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.observables import BINS, WINDOWS
 
@@ -188,7 +195,8 @@ def _drawn(stream: int, responses: FloatArray, theta: FloatArray, coherent: floa
     number = int(min(size, EFFECTIVE))
     noise, law = DEGREES / random.chisquare(DEGREES, (2, DRAWS))
     scatter = random.normal(size=(DRAWS, number))[:, np.arange(size) * number // size]
-    variance = law_prior(LAW_ERROR**2 * law, np.full(DRAWS, coherent), theta, len(responses))
+    drawn = Variances(noise, LAW_ERROR**2 * law)
+    variance = law_prior(drawn, np.full(DRAWS, coherent), theta, len(responses))
     order = np.argsort((responses**2).sum(axis=1))
     errors = np.sqrt(variance[:, order]) * random.normal(size=(DRAWS, len(responses)))
     return np.asarray(np.sqrt(noise)[:, None] * scatter + errors @ responses[order])

@@ -4,10 +4,10 @@ Data: for every group g of observables (one quantity and one statistic in one ex
 real runs. Unknown: θ (K,), the parameters of the catalogue in typical sizes; φ (V,), amounts of the simulator's
 variants. Model:
 
-    y_g = F_g(θ + b_g, φ + c_g) + ε_g          F_g: the simulator's mean, linear around the present θ
-    b_g ~ N(0, τ_g² I_K + ρ_g² diag(θ²))         law error: the machine's laws are not the simulator's, so that
-    c_g ~ N(0, 4 τ_g² I_V)                       each group sees the size of an effect with an error of its own
-    ε_g ~ N(0, s_g² diag(u_g²) n_g/N_g)          scatter and form error, of N_g independent numbers
+    y_g = F_g(θ + b_g, φ + c_g) + ε_g           F_g: the simulator's mean, linear around the present θ
+    b_g ~ N(0, τ_g² I_K + ρ_g² diag(θ²))          law error: the machine's laws are not the simulator's, so that
+    c_g ~ N(0, 4 τ_g² I_V)                        each group sees the size of an effect with an error of its own
+    ε_g ~ N(0, s_g² diag(u_g²) n_g/N_g)           scatter and form error, of N_g independent numbers
     φ ~ N(0, I_V),   τ_g² ~ Inv-χ²(ν, τ0²),   s_g² ~ Inv-χ²(ν, 1)
 
 u_g (n_g,) is the known shape of the error (:mod:`.gauss_newton`), ρ_g the relative error of a sum of responses
@@ -20,11 +20,24 @@ says about (θ, φ), with its information I_g = N_g/(n_g s_g²) M_gᵀ M_g and s
 
     information (I_g⁻¹ + T_g)⁻¹,   score (1 + I_g T_g)⁻¹ h_g,   T_g = diag(τ_g² I_K + ρ_g² diag(θ²), 4 τ_g² I_V)
 
-and the likelihood of θ is the sum of these over g. The error that all groups share has the variance
-σ_c² + ρ² θ_k² (:func:`shared_error`): an effect's size in the laws of another author is not defined any better.
+The sum of these over g, with φ integrated out, is the *groupwise* likelihood, of information A. Two errors are common
+to all groups, so that they do not average out:
+
+    form    all groups see an effect in another shape: the groupwise log likelihood is divided by the dispersion
+            ψ = 1 + ρ² Σ_k θ_k² A_kk / H
+    size    an effect's size in the laws of another author is not defined any better: the covariance grows by
+            σ_c² + ρ² θ_k² + τ0² (λ_k − 1)
+
+ψ follows from the energy of the signal, θ_k² A_kk in units of the error. A law that differs by the part ρ changes the
+signal by ρ² of this energy, which is spread over H independent shapes. So each of these has a variance of ψ. Two
+effects that differ only in a fine detail of their shape are then not told apart by it. λ_k ≥ 1 says how much more than
+by T_g the groups disagree about parameter k: the mode of λ_k ~ Inv-χ²(ν, 1), if T_g is multiplied by diag(λ). It does
+not change the weights of groups. If it did, groups that all ask for the same θ_k could count as large law errors of
+θ_k = 0.
 
 Units: θ, τ in typical sizes; s dimensionless. Shapes: G groups, D = K + V columns.
-Source: Gelman et al., *Bayesian Data Analysis*, 3rd ed., §5.4 and §5.5; MacKay, *Neural Computation* 4 (1992), §4.
+Source: Gelman et al., *Bayesian Data Analysis*, 3rd ed., §5.4 and §5.5; MacKay, *Neural Computation* 4 (1992), §4;
+McCullagh & Nelder, *Generalized Linear Models*, §9.2 (ψ); Birge, *Physical Review* 40 (1932) 207 (λ).
 """
 
 from __future__ import annotations
@@ -53,10 +66,16 @@ Twice as many count scatter less and law errors more. Chosen like τ0, among 20,
 LARGEST = 60.0
 """Tolerance: a residual beyond so many units counts as that many; a diverged run then stays finite.
 Twice as much lets one such observable raise s_g² of its group up to four times as far."""
-SHARED = 0.05
+SHARED = 0.03
 """Prior: standard deviation σ_c of the error that all groups share at nominal, in typical sizes: two healthy machines
-of different authors differ by so much. Chosen among 0.03 and 0.05 by the coverage on 20 of the twins of
-`benchmarks/protocol_fit.py`. Twice as much makes intervals of small effects up to twice as wide."""
+of different authors differ by so much. Chosen among 0.02 to 0.05 like H. Twice as much makes intervals of small effects
+up to twice as wide."""
+SHAPES = 3.0
+"""Prior: independent shapes H that an error of form can have. Twice as many halve the dispersion of large effects.
+Chosen among 1, 3, 5, 10 and 30 by the density of the true sizes in 17 cases each of two machines of `benchmarks/blind`,
+a quadrotor and a car, and in 15 twins of `benchmarks/protocol_fit.py`. These are therefore validation."""
+ROUNDS = 20
+"""Budget: rounds of the fixed point of λ. Twice as many change no λ by more than a few percent."""
 VARIANT = 2.0
 """Prior: error of a variant's amount in a group, in units of τ_g; a variant is known less well than an effect. No
 source: a judgement. Twice as much lets each group use the variants more freely."""
@@ -100,10 +119,21 @@ class Groups:
             size.append(min(len(part), EFFECTIVE))
         return cls(np.array(gram), np.array(moment), np.array(energy), np.array(size), coherent)
 
+    @classmethod
+    def joined(cls, groups: Sequence[Groups]) -> Groups:
+        """Return the groups of several experiments as one."""
+        rows = [(g.gram, g.moment, g.energy, g.size, g.coherent) for g in groups if g.size.size]
+        return cls(*(np.concatenate(each) for each in zip(*rows, strict=True)))
+
 
 @dataclass(frozen=True)
 class Variances:
-    """Variances of every group: s_g² and τ_g², each (G,)."""
+    """Variances of every group.
+
+    Attributes:
+        noise: (G,) s_g².
+        law: (G,) τ_g².
+    """
 
     noise: FloatArray
     law: FloatArray
@@ -128,32 +158,40 @@ class Likelihood:
     score: FloatArray
     value: float = 0.0
 
-    def __add__(self, other: Likelihood) -> Likelihood:
-        """Return the likelihood of both data."""
-        return Likelihood(
-            self.information + other.information, self.score + other.score, self.value + other.value
-        )
+    def __truediv__(self, dispersion: float) -> Likelihood:
+        """Return the quasi-likelihood of this dispersion."""
+        return Likelihood(self.information / dispersion, self.score / dispersion, self.value / dispersion)
 
 
-def law_prior(variance: FloatArray, coherent: FloatArray, theta: FloatArray, columns: int) -> FloatArray:
-    """Return (G, D) the diagonal of T_g for (G,) τ_g², (G,) ρ_g and (K,) θ."""
-    scale = np.where(np.arange(columns) < theta.size, 1.0, VARIANT**2)
+def law_prior(found: Variances, coherent: FloatArray, theta: FloatArray, columns: int) -> FloatArray:
+    """Return (G, D) the diagonal of T_g for (G,) ρ_g and (K,) θ."""
     sizes = np.concatenate([theta**2, np.zeros(columns - theta.size)])
-    return np.asarray(variance[:, None] * scale + coherent[:, None] ** 2 * sizes)
+    amounts = _amounts(columns, theta.size)
+    return np.asarray(found.law[:, None] * amounts + coherent[:, None] ** 2 * sizes)
+
+
+def _amounts(columns: int, effects: int) -> FloatArray:
+    """Return (D,) 1 for an effect, and the square of :data:`VARIANT` for a variant."""
+    return np.where(np.arange(columns) < effects, 1.0, VARIANT**2)
+
+
+def _law_errors(groups: Groups, prior: FloatArray, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return posterior mean (G, D) and covariance (G, D, D) of the law errors, for (G, D) T_g and (G,) s_g²."""
+    columns = prior.shape[1]
+    weight = groups.size / noise
+    precision = weight[:, None, None] * groups.gram
+    precision[:, range(columns), range(columns)] += 1.0 / prior
+    covariance = np.linalg.inv(precision)
+    return np.einsum("gij,gj->gi", covariance, weight[:, None] * groups.moment), covariance
 
 
 def variances(groups: Groups, theta: FloatArray, start: Variances, rounds: int = 3) -> Variances:
     """Return s_g² and τ_g² at the mode of their marginal posterior, after so many rounds of the fixed point."""
-    noise, law = start.noise, start.law
-    columns = groups.gram.shape[1]
-    scale = np.where(np.arange(columns) < theta.size, 1.0, VARIANT**2)
+    found, columns = start, groups.gram.shape[1]
+    amounts = _amounts(columns, theta.size)
     for _ in range(rounds):
-        prior = law_prior(law, groups.coherent, theta, columns)
-        weight = (groups.size / noise)[:, None, None]
-        precision = weight * groups.gram
-        precision[:, range(columns), range(columns)] += 1.0 / prior
-        covariance = np.linalg.inv(precision)
-        mean = np.einsum("gij,gj->gi", covariance, weight[..., 0] * groups.moment)
+        prior = law_prior(found, groups.coherent, theta, columns)
+        mean, covariance = _law_errors(groups, prior, found.noise)
         determined = 1.0 - np.einsum("gii->gi", covariance) / prior
         left = (
             groups.energy
@@ -162,10 +200,24 @@ def variances(groups: Groups, theta: FloatArray, start: Variances, rounds: int =
             + np.einsum("gij,gji->g", covariance, groups.gram)
         )
         noise = (DEGREES + groups.size * left) / (DEGREES + groups.size)
-        own = law[:, None] * scale / prior  # the part of a law error that does not grow with the size
-        energy = ((own * mean) ** 2 / scale).sum(axis=1)
+        own = found.law[:, None] * amounts / prior  # the part of a law error that does not grow with the size
+        energy = ((own * mean) ** 2 / amounts).sum(axis=1)
         law = (DEGREES * LAW_ERROR**2 + energy) / (DEGREES + (own * determined).sum(axis=1))
-    return Variances(noise, law)
+        found = Variances(noise, law)
+    return found
+
+
+def disagreement(groups: Groups, theta: FloatArray, found: Variances) -> FloatArray:
+    """Return (K,) λ, by which groups disagree more about each parameter than by their own law errors; at least 1."""
+    columns = groups.gram.shape[1]
+    shape = law_prior(found, groups.coherent, theta, columns)
+    scale = np.ones(columns)
+    for _ in range(ROUNDS):
+        prior = shape * scale
+        mean, covariance = _law_errors(groups, prior, found.noise)
+        determined = 1.0 - np.einsum("gii->gi", covariance) / prior
+        scale = (DEGREES + (mean**2 / shape).sum(axis=0)) / (DEGREES + determined.sum(axis=0))
+    return np.maximum(scale[: theta.size], 1.0)
 
 
 def likelihood(groups: Groups, theta: FloatArray, found: Variances) -> Likelihood:
@@ -174,27 +226,32 @@ def likelihood(groups: Groups, theta: FloatArray, found: Variances) -> Likelihoo
     weight = groups.size / found.noise
     information = weight[:, None, None] * groups.gram
     score = weight[:, None] * groups.moment
-    prior = law_prior(found.law, groups.coherent, theta, columns)
+    prior = law_prior(found, groups.coherent, theta, columns)
     damping = np.eye(columns) + information * prior[:, None, :]
     solved = np.linalg.solve(damping, np.concatenate([information, score[..., None]], axis=2))
     total = solved[..., :-1].sum(axis=0)
     # log N(r_g; 0, S_g + M_g T_g M_gᵀ), of N_g numbers; then the priors of both variances.
     explained = np.einsum("gi,gi->g", score, prior * solved[..., -1])
-    fitted = -0.5 * (groups.size * np.log(found.noise) + np.linalg.slogdet(damping)[1])
-    fitted -= 0.5 * (groups.size * groups.energy / found.noise - explained)
+    fitted = groups.size * np.log(found.noise) + np.linalg.slogdet(damping)[1]
+    fitted += groups.size * groups.energy / found.noise - explained
+    value = -0.5 * float(fitted.sum())
     for variance, scale in ((found.noise, 1.0), (found.law, LAW_ERROR**2)):
-        fitted -= 0.5 * DEGREES * (np.log(variance / scale) + scale / variance)
-    return Likelihood((total + total.T) / 2.0, np.asarray(solved[..., -1].sum(axis=0)), float(fitted.sum()))
+        value -= 0.5 * DEGREES * float((np.log(variance / scale) + scale / variance).sum())
+    return Likelihood((total + total.T) / 2.0, np.asarray(solved[..., -1].sum(axis=0)), value)
 
 
-def shared_error(theta: FloatArray) -> FloatArray:
-    """Return (K,) the variance of the error that all groups share: σ_c² + ρ² θ²."""
-    return np.asarray(SHARED**2 + (LAW_SHARE * theta) ** 2)
+def shared_error(theta: FloatArray, scale: FloatArray) -> FloatArray:
+    """Return (K,) the variance of the error of size that all groups share, with (K,) λ."""
+    return np.asarray(SHARED**2 + (LAW_SHARE * theta) ** 2 + LAW_ERROR**2 * (scale - 1.0))
 
 
-def marginal(found: Likelihood, shared: FloatArray) -> Likelihood:
-    """Return the likelihood of θ alone: φ is integrated out, and (K,) the shared error is added to the covariance."""
-    effects = shared.size
+def dispersion(theta: FloatArray, information: FloatArray) -> float:
+    """Return ψ, by which errors of form widen a likelihood of (K, K) information, for effects of (K,) sizes."""
+    return 1.0 + LAW_SHARE**2 * float(theta**2 @ np.diag(information)) / SHAPES
+
+
+def without_variants(found: Likelihood, effects: int) -> Likelihood:
+    """Return the likelihood of θ alone: φ is integrated out."""
     information, score, value = found.information, found.score, found.value
     a, b, c = (
         information[:effects, :effects],
@@ -206,8 +263,14 @@ def marginal(found: Likelihood, shared: FloatArray) -> Likelihood:
         solved = np.linalg.solve(precision, np.column_stack([b.T, score[effects:]]))
         value += 0.5 * float(score[effects:] @ solved[:, -1]) - 0.5 * float(np.linalg.slogdet(precision)[1])
         a, score = a - b @ solved[:, :-1], score[:effects] - b @ solved[:, -1]
+    return Likelihood(a, score, value)
+
+
+def with_shared_error(found: Likelihood, shared: FloatArray) -> Likelihood:
+    """Return the likelihood of θ with (K,) the shared error added to its covariance."""
     # (A⁻¹ + diag(shared))⁻¹ without an inverse of A, which need not exist.
-    damping = np.eye(effects) + a * shared
+    a, score, value = found.information, found.score, found.value
+    damping = np.eye(shared.size) + a * shared
     solved = np.linalg.solve(damping, np.column_stack([a, score]))
     value += 0.5 * float(score @ (shared * solved[:, -1])) - 0.5 * float(np.linalg.slogdet(damping)[1])
     return Likelihood(np.asarray((solved[:, :-1] + solved[:, :-1].T) / 2.0), np.asarray(solved[:, -1]), value)

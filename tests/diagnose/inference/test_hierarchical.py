@@ -9,8 +9,9 @@ from s2r_spec.diagnose.inference.hierarchical import (
     Likelihood,
     Variances,
     likelihood,
-    marginal,
     variances,
+    with_shared_error,
+    without_variants,
 )
 
 EFFECTS, OBSERVABLES = 4, 40
@@ -33,7 +34,7 @@ def estimated(residual, design, where, rounds=12):
     """Return estimate and deviation of θ, whose prior is so wide that it does not count."""
     groups = grouped(residual, design, where)
     found = variances(groups, np.zeros(EFFECTS), Variances.prior(len(where)), rounds)
-    total = marginal(likelihood(groups, np.zeros(EFFECTS), found), np.zeros(EFFECTS))
+    total = likelihood(groups, np.zeros(EFFECTS), found)
     covariance = np.linalg.inv(total.information)
     return covariance @ total.score, np.sqrt(np.diag(covariance))
 
@@ -96,7 +97,7 @@ def test_an_effect_without_a_response_keeps_its_prior():
 
 def test_the_shared_error_is_added_to_the_covariance():
     information = np.diag([400.0, 100.0])
-    found = marginal(Likelihood(information, np.array([1.0, 2.0])), np.full(2, 0.01))
+    found = with_shared_error(Likelihood(information, np.array([1.0, 2.0])), np.full(2, 0.01))
     assert np.diag(np.linalg.inv(found.information)) == pytest.approx([0.0025 + 0.01, 0.01 + 0.01])
     mean = np.linalg.solve(found.information, found.score)
     assert mean == pytest.approx([1.0 / 400.0, 2.0 / 100.0])
@@ -109,9 +110,8 @@ def test_a_variant_takes_the_part_of_the_residual_that_it_explains():
     variant = design[0] + 0.3 * rng.normal(size=design.shape[1])
     residual = 1.0 * variant
     groups = grouped(residual, np.vstack([design, variant]), parts(8))
-    found = marginal(
-        likelihood(groups, np.zeros(EFFECTS), variances(groups, np.zeros(EFFECTS), Variances.prior(8), 12)),
-        np.full(EFFECTS, 9e-4),
-    )
+    found = variances(groups, np.zeros(EFFECTS), Variances.prior(8), 12)
+    found = without_variants(likelihood(groups, np.zeros(EFFECTS), found), EFFECTS)
+    found = with_shared_error(found, np.full(EFFECTS, 9e-4))
     estimate = np.linalg.solve(found.information + np.eye(EFFECTS) / 0.36, found.score)
     assert abs(estimate[0]) < 0.3
