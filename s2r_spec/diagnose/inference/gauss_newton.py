@@ -14,7 +14,7 @@ disorder says little about this effect. Half of the last three terms is spread e
 Since u depends on θ, it is fixed within a Gauss–Newton step (a quasi-likelihood; McCullagh & Nelder, *Generalized
 Linear Models*, ch. 9). Estimates are compared under a common u, the larger of theirs.
 
-The first estimate is a search: from θ = 0, one parameter at a time moves to the point of the library that lowers
+The first estimate is a search: from θ = 0, one effect at a time moves to the point of the library that lowers
 
     Σ_g ½ (ν + N_g) log(1 + N_g |r_g|²/(n_g ν)) + ½ |θ|²/σ_slab²      (Student's t for each group)
 
@@ -391,18 +391,17 @@ def _step(total: Likelihood, theta: FloatArray, deviation: FloatArray) -> FloatA
 
 
 def search(problem: Problem, start: FloatArray | None = None) -> FloatArray:
-    """Return (K,) a first estimate: from a start, one parameter at a time moves to a point of the library.
+    """Return (K,) a first estimate: from a start, one effect at a time moves to a point of the library.
 
-    A move is compared with the present estimate under the larger of both errors u. Most moves do not change their gain
-    much: those that gained most are tried first, and all others only when none of these gains any more.
+    A parameter moves together with those that depend on it, such as the phase of a ripple: they show nothing while it is
+    nominal. A move is compared with the present estimate under the larger of both errors u. Most moves do not change
+    their gain much: those that gained most are tried first, and all others only when none of these gains any more.
     """
-    observations, prior = problem.observations, problem.prior
-    theta = np.zeros(prior.low.size) if start is None else start.copy()
-    tables = [
-        _Table.of(observations, k, _points(observations, k, prior, float(x))) for k, x in enumerate(theta)
-    ]
+    observations = problem.observations
+    theta = np.zeros(problem.prior.low.size) if start is None else start.copy()
+    tables = [_Table.of(problem, members, theta) for members in _together(problem)]
     moves = [(k, j) for k, table in enumerate(tables) for j in range(len(table.points))]
-    place = [table.points.index(float(x)) for table, x in zip(tables, theta, strict=True)]
+    place = [table.points.index(tuple(theta[table.members].tolist())) for table in tables]
     residuals = [one.residual(theta) for one in observations]
     errors = problem.errors(theta)
     few = moves
@@ -425,22 +424,40 @@ def search(problem: Problem, start: FloatArray | None = None) -> FloatArray:
             errors[e] = errors[e] + tables[k].errors[e][j] - tables[k].errors[e][place[k]]
         few = [move for move in few if move[0] != k] + [(k, j) for j in range(len(tables[k].points))]
         place[k] = j
-    return np.array([table.points[j] for table, j in zip(tables, place, strict=True)])
+    for table, j in zip(tables, place, strict=True):
+        theta[table.members] = table.points[j]
+    return theta
+
+
+def _together(problem: Problem) -> list[list[int]]:
+    """Return the parameters that move together: each that stands alone, and those that depend on it."""
+    dependence = problem.observations[0].dependence
+    return [[k, *np.flatnonzero(dependence.base == k).tolist()] for k in np.flatnonzero(dependence.base < 0)]
 
 
 @dataclass(frozen=True)
 class _Table:
-    """Responses of one parameter at its points and their variances, for every experiment."""
+    """Responses of a parameter and its dependents at some points and their variances, for every experiment."""
 
-    points: list[float]
+    members: list[int]
+    points: list[tuple[float, ...]]
     values: list[FloatArray]
     errors: list[FloatArray]
 
     @classmethod
-    def of(cls, observations: Sequence[Observation], parameter: int, points: list[float]) -> _Table:
-        values = [np.array([one.curves[parameter].at(x) for x in points]) for one in observations]
-        errors = [np.array([one.error(parameter, x) for x in points]) for one in observations]
-        return cls(points, values, errors)
+    def of(cls, problem: Problem, members: list[int], theta: FloatArray) -> _Table:
+        points = sorted({tuple(theta[members].tolist()), *_points(problem, members)})
+        values, errors = [], []
+        for one in problem.observations:
+            row, own = [], []
+            for point in points:
+                factors = [1.0, *(point[0] / one.dependence.at[k] for k in members[1:])]
+                each = list(zip(members, point, factors, strict=True))
+                row.append(sum((f * one.curves[k].at(x) for k, x, f in each), np.zeros(len(one.observed))))
+                own.append(sum((one.error(k, x, f) for k, x, f in each), np.zeros(len(one.observed))))
+            values.append(np.array(row))
+            errors.append(np.array(own))
+        return cls(members, points, values, errors)
 
     def gain(
         self,
@@ -451,21 +468,42 @@ class _Table:
         then: int,
     ) -> float:
         """Return how much a move from one point to another lowers loss and prior."""
-        gain = 0.5 * (self.points[now] ** 2 - self.points[then] ** 2) / SLAB**2
+        before, after = (float(np.sum(np.square(self.points[place]))) for place in (now, then))
+        gain = 0.5 * (before - after) / SLAB**2
         for one, r, e, v, own in zip(observations, residuals, errors, self.values, self.errors, strict=True):
             unit = one.unit(e + np.maximum(own[then] - own[now], 0.0))
             gain += one.loss(r, unit) - one.loss(r + v[now] - v[then], unit)
         return gain
 
 
-def _points(
-    observations: Sequence[Observation], parameter: int, prior: SizePrior, present: float
-) -> list[float]:
-    """Return the points of the library, the middle between two, a quarter of the first, and the present one."""
-    found = np.unique(np.concatenate([[0.0], *(one.curves[parameter].coordinates for one in observations)]))
-    if found.size < 2 or any(k == parameter for one in observations for k, _ in one.dependence.pairs):
-        return [present]  # a dependent parameter has no response while the other one is nominal
+def _points(problem: Problem, members: list[int]) -> list[tuple[float, ...]]:
+    """Return the points of a parameter with all its dependents nominal, then with one of them at a time.
+
+    The first has those of the library, the middle between two, and a quarter of the first. Beside a dependent it has
+    those of the library alone.
+    """
+    base, rest = members[0], members[1:]
+    found = _simulated(problem, base)
+    if found.size < 2:
+        return []
     first = np.array([found[found > 0].min(initial=np.inf), found[found < 0].max(initial=-np.inf)])
-    points = [found, (found[1:] + found[:-1]) / 2.0, 0.25 * first[np.isfinite(first)]]
-    inside = np.clip(np.concatenate(points), prior.low[parameter], prior.high[parameter])
-    return [float(x) for x in np.unique(np.append(inside, present))]
+    alone = np.concatenate([found, (found[1:] + found[:-1]) / 2.0, 0.25 * first[np.isfinite(first)]])
+    nominal = (0.0,) * len(rest)
+    points = [(x, *nominal) for x in _inside(problem, base, alone)]
+    for place, k in enumerate(rest):
+        for d in _inside(problem, k, _simulated(problem, k)):
+            beside = (*nominal[:place], d, *nominal[place + 1 :])
+            points += [(x, *beside) for x in _inside(problem, base, found) if x and d]
+    return points
+
+
+def _simulated(problem: Problem, parameter: int) -> FloatArray:
+    """Return the coordinates at which the library has some response to a parameter, and 0."""
+    return np.unique(
+        np.concatenate([[0.0], *(one.curves[parameter].coordinates for one in problem.observations)])
+    )
+
+
+def _inside(problem: Problem, parameter: int, coordinates: FloatArray) -> list[float]:
+    low, high = problem.prior.low[parameter], problem.prior.high[parameter]
+    return [float(x) for x in np.clip(coordinates, low, high)]
