@@ -16,7 +16,7 @@ from s2r_spec.diagnose.inference.hierarchical import Likelihood, disagreement, d
 from s2r_spec.diagnose.inference.model_search import ModelPosterior, combined, posterior
 from s2r_spec.diagnose.inference.prior import SizePrior
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.diagnose.simulator.library import Response, ResponseLibrary, simulated
+from s2r_spec.diagnose.simulator.library import ResponseLibrary, simulated
 from s2r_spec.errors import BackendError, UsageError, one_of
 from s2r_spec.rollouts.pools import in_this_process
 from s2r_spec.trace import Trace
@@ -63,33 +63,29 @@ def estimate(
 
     Args:
         backend: the nominal simulator.
-        library: its responses to every protocol of the traces, and to some tests of the specification.
-        traces: experiment → real runs. Runs of a test that the library does not have count for the nearest one that
-            it has, less the difference that the nominal simulator makes between the two.
+        library: its responses to every experiment of the traces.
+        traces: experiment → real runs.
         corrections: largest number of times that the simulator runs at the posterior mean; 0 for no run at all.
         executor: makes a pool for these runs; None runs them here.
 
     Raises:
-        UsageError: there is no run, a run's protocol is not in the library, or no run has a channel of the simulator.
+        UsageError: there is no run, an experiment is not in the library, or no run has a channel of the simulator.
     """
-    vectors: dict[Experiment, list[FloatArray]] = {}
-    sources: dict[Experiment, dict[Experiment, _Source]] = {}
+    responses = {each.experiment: each for each in library.responses}
+    for experiment in traces:
+        if experiment not in responses:
+            have = one_of(sorted({one.protocol or "other tests" for one in responses}))
+            raise UsageError(f"the response library has no {experiment}; it has {have}")
+    observations = []
     for experiment, runs in traces.items():
-        response = nearest(library, experiment)
-        own = response.reference
-        if response.experiment != experiment:
-            own = simulated(backend, response.observables, experiment, {})
-        found = [response.observables.vector(experiment.with_residuals(run, backend)) for run in runs]
-        vectors.setdefault(response.experiment, []).extend(each - own + response.reference for each in found)
-        sources.setdefault(response.experiment, {})[experiment] = _Source(experiment, len(runs), own)
-    observations = [
-        Observation.of(library.response(e), each, library.dependence) for e, each in vectors.items()
-    ]
+        own = responses[experiment]
+        vectors = [own.observables.vector(experiment.with_residuals(run, backend)) for run in runs]
+        observations.append(Observation.of(own, vectors, library.dependence))
     if not any(one.parts for one in observations):
         raise UsageError(
             "no run has a channel that the simulator has, too, so no size can be estimated; add such runs"
         )
-    simulator = _Simulator(backend, library, [list(of.values()) for of in sources.values()], executor)
+    simulator = _Simulator(backend, library, executor)
     prior = size_prior(library)
     problem = Problem(tuple(observations), prior)
     joint = _joint(library, problem)
@@ -117,61 +113,22 @@ def estimate(
     return replace(modes[0], posterior=combined([mode.posterior for mode in modes]))
 
 
-def nearest(library: ResponseLibrary, experiment: Experiment) -> Response:
-    """Return the response of an experiment, or of the nearest test in units of the tests' spread.
-
-    Raises:
-        UsageError: the library lacks the protocol, or has no test of these parameters.
-    """
-    responses = {each.experiment: each for each in library.responses}
-    if experiment in responses:
-        return responses[experiment]
-    names = [name for name, _ in experiment.params]
-    tests = [
-        e for e in responses if not (e.protocol or experiment.protocol) and [n for n, _ in e.params] == names
-    ]
-    if not tests:
-        have = one_of(sorted({e.protocol or "tests" for e in responses}))
-        raise UsageError(f"the response library has no {experiment}; it has {have}")
-    places = np.array([[value for _, value in e.params] for e in (*tests, experiment)])
-    spread = np.ptp(places, axis=0)
-    distance = np.abs((places[:-1] - places[-1]) / np.where(spread > 0.0, spread, 1.0)).sum(axis=1)
-    return responses[tests[int(np.argmin(distance))]]
-
-
-@dataclass(frozen=True)
-class _Source:
-    """Real runs of one experiment, which count for a response of the library.
-
-    Attributes:
-        experiment: see there.
-        runs: number of them.
-        nominal: (m,) mean of the nominal simulator.
-    """
-
-    experiment: Experiment
-    runs: int
-    nominal: FloatArray
-
-
 @dataclass(frozen=True)
 class _Simulator:
-    """Runs the simulator at an estimate, in the experiments of the real runs themselves.
+    """Runs the simulator at an estimate.
 
     Attributes:
         backend: the nominal simulator.
         library: its responses.
-        sources: of every observation.
         executor: makes a pool; None runs all here.
     """
 
     backend: Backend
     library: ResponseLibrary
-    sources: Sequence[Sequence[_Source]]
     executor: Callable[[], Executor] | None
 
     def corrected(self, problem: Problem, theta: FloatArray) -> Problem:
-        """Return the problem with runs at (K,) θ in place of sums of responses there."""
+        """Return the problem with runs at (K,) θ in place of sums of responses there; 0 where a run ended early."""
         theta = np.clip(theta, problem.prior.low, problem.prior.high)
         values = self.library.values(theta)
         try:
@@ -181,33 +138,21 @@ class _Simulator:
                 f"a worker died while it ran backend {self.backend.name!r} with {values}; "
                 f"run it again with --workers 1 to see the experiment that kills it"
             ) from None
-        corrections = [
-            self._correction(one, sources, own, theta)
-            for one, sources, own in zip(problem.observations, self.sources, runs, strict=True)
-        ]
+        corrections = []
+        for one, run in zip(problem.observations, runs, strict=True):
+            beyond = run - one.response.reference
+            beyond[one.kept] -= one.moved(theta)
+            corrections.append(np.where(np.isfinite(beyond), beyond, 0.0))
         return problem.corrected(corrections, theta)
 
-    def _runs(self, problem: Problem, values: Values) -> list[list[FloatArray]]:
-        """Return (m,) the mean of every source of each observation, simulated with these effects."""
+    def _runs(self, problem: Problem, values: Values) -> list[FloatArray]:
+        """Return (m,) the mean of every experiment, simulated with these effects."""
         with (self.executor or in_this_process)() as pool:
             runs = [
-                [
-                    pool.submit(simulated, self.backend, one.response.observables, source.experiment, values)
-                    for source in sources
-                ]
-                for one, sources in zip(problem.observations, self.sources, strict=True)
+                pool.submit(simulated, self.backend, own.observables, own.experiment, values)
+                for own in (one.response for one in problem.observations)
             ]
-            return [[run.result() for run in own] for own in runs]
-
-    def _correction(
-        self, one: Observation, sources: Sequence[_Source], runs: Sequence[FloatArray], theta: FloatArray
-    ) -> FloatArray:
-        """Return (m,) what the simulator's mean at θ is beyond the sum of responses; 0 where a run ended early."""
-        weights = np.array([source.runs for source in sources], dtype=float)
-        moved = np.array([run - source.nominal for run, source in zip(runs, sources, strict=True)])
-        beyond = np.asarray(weights @ moved / weights.sum())
-        beyond[one.kept] -= one.moved(theta)
-        return np.where(np.isfinite(beyond), beyond, 0.0)
+            return [run.result() for run in runs]
 
 
 @dataclass(frozen=True)

@@ -61,6 +61,7 @@ from s2r_spec.effects import catalogue_of
 from s2r_spec.protocols import HasProtocols, protocol_of
 from s2r_spec.rollouts.pools import kept_open
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
+from s2r_spec.space import key_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
@@ -162,6 +163,12 @@ class _Data:
     responses: ResponseLibrary
     allowed: frozenset[Experiment]
 
+    def train(self, bench: Bench) -> dict[Experiment, list[Trace]]:
+        """Return the train runs of each experiment that the library has."""
+        have = {response.experiment for response in self.responses.responses}
+        runs = self.parts.train.by_experiment(bench)
+        return {experiment: own for experiment, own in runs.items() if experiment in have}
+
     def candidates(
         self, bench: Bench, train: RealRollouts, dropped: frozenset[str] = frozenset()
     ) -> list[Candidate]:
@@ -213,16 +220,21 @@ def _campaign(
 def _recordings(
     work: _Work, real: Rollouts | Backend, budget: int | None, protocols: Sequence[str] | None, passive: bool
 ) -> _Data:
-    """Read recorded rollouts; the library has their tests or tests near these, and all protocols."""
+    """Read recorded rollouts; the library has train tests that fill the space, and all protocols."""
     bench = work.bench
     rollouts = recorded(bench, real, budget, passive)
-    tests = representative([test for test, _ in rollouts.tests] or star(bench.spec.space), bench.spec.space)
+    parts = split(rollouts, work.seed)
+    recorded_tests = [test for test, _ in parts.train.tests]
+    tests = representative(recorded_tests or star(bench.spec.space), bench.spec.space)
     experiments = [as_experiment(bench, test) for test in tests]
     run = list(dict.fromkeys(experiment for experiment, _ in rollouts.protocols))
     runnable, _ = allowed(bench.backend, bench.backend, () if passive else protocols)
     others = () if passive else _protocols(bench, [*run, *runnable])
     responses = work.library(list(dict.fromkeys([*experiments, *run, *others])))
-    parts = split(rollouts, work.seed)
+    different = len({key_of(test) for test in recorded_tests})
+    if different > len(tests):
+        note = f"sizes come from the runs at {len(tests)} of the {different} recorded tests, which fill the space"
+        rollouts = replace(rollouts, notes=(*rollouts.notes, note))
     return _Data(rollouts, parts, responses, frozenset([*experiments, *run, *runnable]))
 
 
@@ -246,7 +258,7 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
     tell("where the simulator falls", 0, 0)
     why, alone = falls(bench, lines, tests, seed, pool), falls_alone(bench, tests, seed, pool)
     tell("estimating sizes", 0, 0)
-    found = estimate(bench.backend, data.responses, parts.train.by_experiment(bench), executor=pool)
+    found = estimate(bench.backend, data.responses, data.train(bench), executor=pool)
     sizes = _sizes(work, found)
     tuned = data.responses.values(mean_sizes(found.posterior))
     patch = {one.effect: one.values for one in with_status(sizes, Status.NAMED)}

@@ -61,17 +61,11 @@ def test_the_order_of_channels_and_of_the_catalogue_changes_nothing(responses, m
     assert again.posterior.beyond()[::-1] == pytest.approx(first.posterior.beyond(), abs=1e-3)
 
 
-def test_logs_at_other_tests_than_the_library_s_are_used(responses):
-    rng = np.random.default_rng(8)
-    tests = [
-        Experiment.test({"vd": vd, "acc": acc})
-        for vd, acc in zip(rng.uniform(0.2, 1.0, 12), rng.uniform(1, 4, 12), strict=True)
-    ]
-    data = {test: [real(dict(test.params), 8000 + k, {"tilt": -1.6})] for k, test in enumerate(tests)}
-    found = estimate(Cart(), responses, data)
-    assert named(responses, found) == {"tilt"}
-    with pytest.raises(UsageError, match="has no chirp"):
-        estimate(Cart(), responses, {Experiment("chirp"): data[tests[0]]})
+def test_an_experiment_that_the_library_does_not_have_is_refused(responses):
+    data = traces(5000, {})
+    for other in (Experiment("chirp"), Experiment.test({"vd": 0.31, "acc": 2.0})):
+        with pytest.raises(UsageError, match=f"has no {other}"):
+            estimate(Cart(), responses, {other: data[TESTS[0]]})
 
 
 def test_runs_that_show_nothing_are_refused(responses):

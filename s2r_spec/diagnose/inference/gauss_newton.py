@@ -393,8 +393,8 @@ def _step(total: Likelihood, theta: FloatArray, deviation: FloatArray) -> FloatA
 def search(problem: Problem, start: FloatArray | None = None) -> FloatArray:
     """Return (K,) a first estimate: from a start, one effect at a time moves to a point of the library.
 
-    A parameter moves together with those that depend on it, such as the phase of a ripple: they show nothing while it is
-    nominal. A move is compared with the present estimate under the larger of both errors u. Most moves do not change
+    A parameter moves together with those that depend on it, such as the phase of a ripple: they show nothing while it
+    is nominal. A move is compared with the present estimate under the larger of both errors u. Most moves do not change
     their gain much: those that gained most are tried first, and all others only when none of these gains any more.
     """
     observations = problem.observations
@@ -432,7 +432,10 @@ def search(problem: Problem, start: FloatArray | None = None) -> FloatArray:
 def _together(problem: Problem) -> list[list[int]]:
     """Return the parameters that move together: each that stands alone, and those that depend on it."""
     dependence = problem.observations[0].dependence
-    return [[k, *np.flatnonzero(dependence.base == k).tolist()] for k in np.flatnonzero(dependence.base < 0)]
+    return [
+        [k, *np.flatnonzero(dependence.base == k).tolist()]
+        for k in np.flatnonzero(dependence.base < 0).tolist()
+    ]
 
 
 @dataclass(frozen=True)

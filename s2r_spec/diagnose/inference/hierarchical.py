@@ -183,7 +183,7 @@ def _law_errors(groups: Groups, prior: FloatArray, noise: FloatArray) -> tuple[F
     precision = weight[:, None, None] * groups.gram
     precision[:, range(columns), range(columns)] += 1.0 / prior
     covariance = np.linalg.inv(precision)
-    return np.einsum("gij,gj->gi", covariance, weight[:, None] * groups.moment), covariance
+    return np.einsum("gij,gj->gi", covariance, weight[:, None] * groups.moment), np.asarray(covariance)
 
 
 def variances(groups: Groups, theta: FloatArray, start: Variances, rounds: int = 3) -> Variances:

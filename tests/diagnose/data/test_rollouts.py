@@ -175,12 +175,12 @@ def test_what_a_campaign_set_apart_is_held_out():
 def test_representative_tests_do_not_depend_on_the_order():
     space = Space.of({"a": (0.0, 1.0), "b": (0.0, 100.0)})
     tests = spread(space, 40, 3)
-    first = representative(tests, space)
+    first = representative(tests, space, 5)
     assert len(first) == 5
     assert all(test in tests for test in first)
     rng = np.random.default_rng(1)
     for _ in range(5):
-        assert representative([tests[i] for i in rng.permutation(40)], space) == first
+        assert representative([tests[i] for i in rng.permutation(40)], space, 5) == first
     unit = np.array([[t["a"], t["b"] / 100.0] for t in tests])
     chosen = np.array([[t["a"], t["b"] / 100.0] for t in first])
     assert np.linalg.norm(unit[:, None] - chosen, axis=2).min(axis=1).max() < 0.45

@@ -8,6 +8,8 @@ from s2r_spec.diagnose.inference.hierarchical import (
     Groups,
     Likelihood,
     Variances,
+    disagreement,
+    dispersion,
     likelihood,
     variances,
     with_shared_error,
@@ -115,3 +117,38 @@ def test_a_variant_takes_the_part_of_the_residual_that_it_explains():
     found = with_shared_error(found, np.full(EFFECTS, 9e-4))
     estimate = np.linalg.solve(found.information + np.eye(EFFECTS) / 0.36, found.score)
     assert abs(estimate[0]) < 0.3
+
+
+def test_disagreement_is_counted_for_the_parameter_about_which_groups_disagree():
+    rng = np.random.default_rng(7)
+    design, where = columns(rng, 40), parts(40)
+    off = np.concatenate(
+        [[0.0, 0.15, 0.0, 0.0] * rng.normal(size=EFFECTS) @ design[:, part] for part in where]
+    )
+    groups = grouped(off + 0.3 * rng.normal(size=off.size), design, where)
+    found = disagreement(
+        groups, np.zeros(EFFECTS), variances(groups, np.zeros(EFFECTS), Variances.prior(40), 12)
+    )
+    # 0.15 typical is 7.5 of the usual 0.02.
+    assert 20.0 < found[1] < 80.0
+    assert (found[[0, 2, 3]] < 3.0).all()
+
+
+def test_an_error_of_form_that_all_groups_share_is_covered():
+    """A law that differs by 10 % in a shape of its own looks like a little of a similar effect, in every group."""
+    rng, inside, narrow = np.random.default_rng(8), [], []
+    where, truth = parts(60), np.array([1.0, 0.0, 0.0, 0.0])
+    for _ in range(60):
+        shapes = 10.0 * rng.normal(size=(EFFECTS, OBSERVABLES))
+        shapes[1] = shapes[0] + 2.0 * rng.normal(size=OBSERVABLES)
+        design = np.tile(shapes, 60)
+        form = np.tile(rng.normal(size=OBSERVABLES), 60)
+        groups = grouped(truth @ design + form + rng.normal(size=form.size), design, where)
+        found = likelihood(groups, truth, variances(groups, truth, Variances.prior(60), 6))
+        covariance = np.linalg.inv(found.information)
+        error = np.abs(covariance @ found.score - truth)
+        deviation = 1.645 * np.sqrt(np.diag(covariance))
+        inside.append(error < np.sqrt(dispersion(truth, found.information)) * deviation)
+        narrow.append(error < deviation)
+    assert np.mean(inside, axis=0)[1] > 0.8
+    assert np.mean(narrow, axis=0)[1] < 0.6

@@ -1,0 +1,79 @@
+"""The joint estimate: a search over the points of the library, then Gauss–Newton."""
+
+import numpy as np
+import pytest
+
+from s2r_spec.diagnose.inference.gauss_newton import Observation, Problem, fit, search
+from s2r_spec.diagnose.inference.prior import SizePrior
+from s2r_spec.diagnose.simulator.curve import Curve
+from s2r_spec.diagnose.simulator.experiments import Experiment
+from s2r_spec.diagnose.simulator.library import Dependence, Practice, Response
+from s2r_spec.diagnose.simulator.observables import Observables, Quantity
+
+POSITION = np.linspace(0.0, 6.0 * np.pi, 50)
+SCATTER, HALF_TURN = 0.05, 1.5
+PRIOR = SizePrior.of(
+    ["ripple", "ripple", "offset"],
+    np.array([0.0, -HALF_TURN, -2.0]),
+    np.array([2.0, HALF_TURN, 2.0]),
+    np.array([False, True, False]),
+)
+DEPENDENCE = Dependence(np.array([-1, 0, -1]), np.ones(3))
+
+
+def force(amplitude, phase, offset):
+    """Force along a track; phase 1.5 is half a turn."""
+    return amplitude * np.sin(POSITION + np.pi * phase / HALF_TURN) + offset
+
+
+def curve(points, of):
+    return Curve(np.array(points), np.array([of(x) for x in points]))
+
+
+def problem(amplitude, phase, offset):
+    """A machine with a ripple, and the library of a simulator with the same laws."""
+    rng = np.random.default_rng(1)
+    observables = Observables(5.0, (Quantity("force", "force", "", np.ones(1)),), ())
+    size = observables.groups[-1].stop
+    places = slice(observables.groups[0].start, observables.groups[0].stop)
+
+    def whole(values):
+        row = np.zeros(size)
+        row[places] = values
+        return row
+
+    theta = np.clip(0.5 * rng.normal(size=(24, 3)), PRIOR.low, PRIOR.high)
+    curves = (
+        curve([0.0, 0.3, 1.0, 2.0], lambda a: whole(force(a, 0.0, 0.0))),
+        curve(
+            [-1.5, -1.0, -0.3, 0.0, 0.3, 1.0, 1.5], lambda p: whole(force(1.0, p, 0.0) - force(1.0, 0.0, 0.0))
+        ),
+        curve([-2.0, 0.0, 2.0], lambda x: whole(force(0.0, 0.0, x))),
+    )
+    practice = np.array([whole(force(*each)) for each in theta]) + SCATTER * rng.normal(size=(24, size))
+    zeros = np.zeros(size)
+    response = Response(
+        Experiment("track"),
+        observables,
+        zeros,
+        np.full(size, SCATTER),
+        zeros,
+        curves,
+        np.zeros((3, size)),
+        np.zeros((0, size)),
+        Practice(theta, np.zeros((24, 0)), practice),
+    )
+    runs = [whole(force(amplitude, phase, offset)) + SCATTER * rng.normal(size=size) for _ in range(2)]
+    return Problem((Observation.of(response, runs, DEPENDENCE),), PRIOR)
+
+
+@pytest.mark.parametrize("phase", [-1.35, -0.6, 0.0, 0.4, 1.1])
+def test_a_ripple_is_found_at_any_phase(phase):
+    """At a quarter of a turn the ripple has no response along that of phase 0, and beyond the opposite one."""
+    of = problem(0.9, phase, 0.4)
+    assert search(of)[0] > 0.25
+    assert fit(of).theta == pytest.approx([0.9, phase, 0.4], abs=0.12)
+
+
+def test_a_machine_without_a_ripple_gets_none():
+    assert abs(fit(problem(0.0, 0.0, 0.4)).theta[0]) < 0.05
