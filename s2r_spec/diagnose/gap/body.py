@@ -24,7 +24,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.attribution.place import Place, Range, cause_first
-from s2r_spec.diagnose.gap.false_discovery import adjusted
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
@@ -193,6 +192,8 @@ def shifts(
         duration: of a rollout [s].
         level: false-discovery rate.
     """
+    from scipy.stats import false_discovery_control
+
     columns = _columns([*real, *(one for several in simulated for one in several)])
     own = np.array([_cells(one, columns, duration) for one in real])
     other = np.array([[_cells(one, columns, duration) for one in several] for several in simulated])
@@ -209,7 +210,7 @@ def shifts(
     mean, size, scatter, f, p = (np.array([row[k] for row in rows]) for k in range(5))  # (windows, columns)
     asked = np.isfinite(p)
     q = np.ones(p.shape)
-    q[asked] = adjusted(p[asked])
+    q[asked] = false_discovery_control(p[asked], method="by")
     found: dict[tuple[str, str], tuple[float, Shift]] = {}
     step = duration / CELLS
     # Averaging makes the longest window the most significant one, so the energy decides.

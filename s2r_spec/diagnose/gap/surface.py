@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from s2r_spec.diagnose.gap import observed
 from s2r_spec.diagnose.gap.gaussian_process import Data, functions
-from s2r_spec.diagnose.gap.observed import GapAt
+from s2r_spec.diagnose.gap.materiality import RolloutsAtTest
+from s2r_spec.diagnose.gap.test_space import grid_of, in_cube, vectors
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space
 
@@ -33,9 +34,6 @@ FUNCTIONS = 2000
 MOST_PREDICTED = 0.75
 """Prior: largest weight of the improved simulator, because it was fitted to the same rollouts. At 1, it may be
 alone."""
-_COUNTS = {1: (101,), 2: (21, 21), 3: (7, 7, 7), 4: (5, 5, 5, 5)}
-MOST_AXES = max(_COUNTS)
-"""Definition: the most parameters of a test space with a surface; a grid over five would have too few places."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +87,7 @@ class GapSurface:
 
     space: Space
     unit: str
-    tests: tuple[GapAt, ...]
+    tests: tuple[RolloutsAtTest, ...]
     grid: FloatArray
     absolute: Band
     signed: Band
@@ -153,22 +151,9 @@ def _share_and_box(space: Space, grid: FloatArray, beyond: NDArray[np.bool_]) ->
     }
 
 
-def grid_of(space: Space) -> FloatArray:
-    """Return the grid (m, dim) over the test space.
-
-    Raises:
-        UsageError: the space has no or more than four parameters.
-    """
-    if space.dim not in _COUNTS:
-        raise UsageError(
-            f"s2r locates the gap in a test space of one to four parameters, and the spec has {space.dim}"
-        )
-    return space.grid(_COUNTS[space.dim])
-
-
 def gap_surface(
     space: Space,
-    tests: tuple[GapAt, ...],
+    tests: tuple[RolloutsAtTest, ...],
     unit: str = "",
     seed: int = 0,
     predicted: Predicted | None = None,
@@ -190,13 +175,11 @@ def gap_surface(
             "s2r needs at least one real rollout to locate the gap in the test space, and there is none"
         )
     grid = grid_of(space)
-    at = np.array([space.vector(test.params) for test in tests])
+    at = in_cube(space, vectors(space, [test.params for test in tests]))
     generator = np.random.default_rng(seed)
-    data = observed.measured(tests)
-    sign = _sampled(
-        Data(_unit(space, at), data.mean, data.deviation), _unit(space, grid), predicted, generator
-    )
-    size = observed.folded(sign, data.scatter)
+    mean, deviation, scatter = observed.measured(tests)
+    sign = _sampled(Data(at, mean, deviation), in_cube(space, grid), predicted, generator)
+    size = observed.folded(sign, scatter)
     largest = size.max(axis=1)
     places = grid[size.argmax(axis=1)]
     worst = _mode(space, places)
@@ -237,11 +220,6 @@ def _sampled(
     return np.concatenate([predicted.grid + left[picked[:count]], plain[picked[count:]]])
 
 
-def _unit(space: Space, points: FloatArray) -> FloatArray:
-    scaled: FloatArray = (points - space.lower) / (space.upper - space.lower)
-    return scaled
-
-
 def _band(sampled: FloatArray, positive: bool = False) -> Band:
     """Return the band around the mean that contains :data:`LEVEL` of the functions at all places."""
     mean, deviation = sampled.mean(axis=0), sampled.std(axis=0)
@@ -252,14 +230,14 @@ def _band(sampled: FloatArray, positive: bool = False) -> Band:
 
 def _mode(space: Space, places: FloatArray) -> FloatArray:
     """Return the place with the highest density, from a triangular kernel over a tenth of every axis."""
-    distinct, counts = np.unique(_unit(space, places), axis=0, return_counts=True)
+    distinct, counts = np.unique(in_cube(space, places), axis=0, return_counts=True)
     near = np.clip(1.0 - 10.0 * np.abs(distinct[:, None] - distinct), 0.0, None).prod(axis=2) @ counts
     return space.at(distinct[near.argmax()])
 
 
-def _notes(space: Space, tests: tuple[GapAt, ...]) -> tuple[str, ...]:
+def _notes(space: Space, tests: tuple[RolloutsAtTest, ...]) -> tuple[str, ...]:
     notes = []
-    replicated = observed.replicated(tests)
+    replicated = sum(test.real.size >= 3 for test in tests)
     if 3 * replicated < len(tests):
         notes.append(
             f"{replicated} of {len(tests)} tests have three or more real rollouts; repeat a third of the tests to "
