@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.diagnose.axes import Values, lines
 from s2r_spec.diagnose.inference.prior import BACKGROUND
-from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
+from s2r_spec.diagnose.simulate import Bench, Job, Test, places_of, run_jobs
 from s2r_spec.effects import catalogue_of
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.space import key_of
@@ -245,8 +245,8 @@ def held_out_gap(
 
 def _distinct(runs: Runs) -> tuple[list[Test], NDArray[np.intp]]:
     """Return the different tests, and the place of each run's test among them."""
-    place = {key: n for n, key in enumerate(dict.fromkeys(key_of(test) for test, _ in runs))}
-    return [dict(key) for key in place], np.array([place[key_of(test)] for test, _ in runs], dtype=np.intp)
+    tests: list[Test] = [dict(key) for key in places_of([test for test, _ in runs])]
+    return tests, np.array([tests.index(dict(test)) for test, _ in runs], dtype=np.intp)
 
 
 def _simulated(
@@ -289,10 +289,8 @@ def scatter(runs: Sequence[tuple[Test, float]], simulated: float) -> float:
         runs: (test, ρ) of the machine, without rollouts that ended early.
         simulated: standard deviation of the simulator's ρ.
     """
-    of_test: dict[tuple[tuple[str, float], ...], list[float]] = {}
-    for test, rho in runs:
-        of_test.setdefault(key_of(test), []).append(rho)
-    several = [np.array(own) for own in of_test.values() if len(own) > 1]
+    places = places_of([test for test, _ in runs]).values()
+    several = [np.array([runs[place][1] for place in own]) for own in places if len(own) > 1]
     free = sum(len(own) - 1 for own in several)
     if free < REPLICATED:
         return simulated
@@ -329,8 +327,7 @@ def compared(
         unit: of ρ.
         seen: see :class:`HeldOutGap`.
     """
-    keys = [key_of(test) for test in tests]
-    groups = np.array([keys.index(key) for key in keys], dtype=np.intp)
+    groups = np.array([tests.index(test) for test in tests], dtype=np.intp)
     left = [real - each for each in simulated]
     floor = deviation * float(np.sqrt(2.0 / np.pi * (1.0 + 1.0 / SHOTS)))
     before = gap(left[0], groups)
