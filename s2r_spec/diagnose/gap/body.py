@@ -24,14 +24,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.attribution.place import Place, Range, cause_first
+from s2r_spec.diagnose.gap import LEVEL
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
 
 CELLS = 32
 """Definition: number of the shortest windows in a rollout, a power of two. Doubled, times are twice as fine."""
-LEVEL = 0.05
-"""Level: false-discovery rate over all columns and windows. Doubled, twice as many of the found shifts may be false."""
 FEWEST = 4
 """Definition: least number of rollouts in a window that is tested. Doubled, late windows that few
 rollouts reach are not tested."""

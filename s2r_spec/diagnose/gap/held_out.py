@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.axes import Values, lines
+from s2r_spec.diagnose.gap import DRAWS, LEVEL
 from s2r_spec.diagnose.inference.prior import BACKGROUND
 from s2r_spec.diagnose.simulate import Bench, Job, Test, places_of, run_jobs
 from s2r_spec.effects import catalogue_of
@@ -41,10 +42,6 @@ SHOTS = 3
 """Budget: simulated rollouts of a held-out test. Doubled, the floor gets 7 % lower."""
 MACHINES = 20
 """Budget: machines behind the background. Doubled, its quantile is steadier."""
-RESAMPLES = 2000
-"""Budget: resamples of the bootstrap. Doubled, the ends of intervals are steadier."""
-LEVEL = 0.95
-"""Level: of the intervals, and of the machines with background alone whose gap is not material."""
 SURELY = 1.645 * float(np.sqrt(np.pi / 2.0 - 1.0))
 """Definition: the mean of n |normal| numbers exceeds 1 + SURELY/√n times its expectation in 1 of 20 cases."""
 REPLICATED = 5
@@ -237,7 +234,7 @@ def held_out_gap(
         [each.mean(axis=1)[at] for each in rho],
         [test for test, _ in held],
         scatter([(test, value) for (test, trace), value in rows if trace.failure is None], simulated),
-        float(np.quantile(np.ma.filled(change.mean(axis=1), 0.0), LEVEL)),
+        float(np.quantile(np.ma.filled(change.mean(axis=1), 0.0), 1.0 - LEVEL)),
         bench.spec.unit(bench.requirement),
         elsewhere,
     )
@@ -352,7 +349,7 @@ def compared(
         background=background,
         share=None if patched is None else share(patched),
         tuned_share=share(left[1]),
-        beyond=float(1.0 - (1.0 - LEVEL) ** (1.0 / len(distinct))),
+        beyond=float(1.0 - LEVEL ** (1.0 / len(distinct))),
         tests=tuple(
             HeldOut(
                 dict(tests[g]),
@@ -367,14 +364,14 @@ def compared(
 
 
 def _resampled(values: FloatArray, groups: NDArray[np.intp]) -> FloatArray:
-    """Return (q, RESAMPLES) means of (q, n) values over whole tests; over rollouts if all are of one test."""
+    """Return (q, DRAWS) means of (q, n) values over whole tests; over rollouts if all are of one test."""
     rng = np.random.default_rng(np.random.SeedSequence(0))
     tests = np.unique(groups, return_inverse=True)[1] if np.ptp(groups) else np.arange(groups.size)
     member = tests == np.arange(tests.max() + 1)[:, None]
-    picks = rng.integers(len(member), size=(RESAMPLES, len(member)))
+    picks = rng.integers(len(member), size=(DRAWS, len(member)))
     return np.asarray((values @ member.T)[:, picks].sum(axis=2) / member.sum(axis=1)[picks].sum(axis=1))
 
 
 def _interval(draws: FloatArray) -> tuple[float, float]:
-    low, high = np.quantile(draws, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+    low, high = np.quantile(draws, [LEVEL / 2, 1.0 - LEVEL / 2])
     return float(low), float(high)

@@ -43,13 +43,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.diagnose.gap import LEVEL
 from s2r_spec.errors import UsageError
 
 FloatArray = NDArray[np.float64]
 
-LEVEL = 0.05
-"""Level: probability of a material gap where there is none, over all tests together. Doubled, intervals get 14 %
-shorter if there are 20 tests."""
 HALF = 0.5
 """Definition: part of the simulated margin that a gap may take without mattering. Doubled, a gap matters only if it may
 change the sign of ρ, or double ρ."""

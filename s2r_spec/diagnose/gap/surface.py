@@ -6,7 +6,7 @@ improved simulator plus such a process. Both models have a weight in proportion 
 that are sampled from the posterior. The expected size E|Δρ| follows from g and the scatter, as the mean of a folded
 normal distribution. The worst test, the band and the tests above the tolerance are statistics of the sampled functions.
 
-Units: those of ρ. Shapes: n tests, m places of a grid over the space, FUNCTIONS functions.
+Units: those of ρ. Shapes: n tests, m places of a grid over the space, DRAWS functions.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.gap import observed
+from s2r_spec.diagnose.gap import DRAWS, LEVEL, observed
 from s2r_spec.diagnose.gap.gaussian_process import Data, functions
 from s2r_spec.diagnose.gap.materiality import RolloutsAtTest
 from s2r_spec.diagnose.gap.test_space import grid_of, in_cube, vectors
@@ -27,10 +27,6 @@ from s2r_spec.space import Space
 
 FloatArray = NDArray[np.float64]
 
-LEVEL = 0.95
-"""Level: probability of the band as a whole, and of a gap above the tolerance. Nearer to 1, both need more rollouts."""
-FUNCTIONS = 2000
-"""Budget: sampled functions. Doubled, the sampling error of every probability is smaller by a factor √2."""
 MOST_PREDICTED = 0.75
 """Prior: largest weight of the improved simulator, because it was fitted to the same rollouts. At 1, it may be
 alone."""
@@ -103,7 +99,7 @@ class GapSurface:
     @property
     def beyond(self) -> NDArray[np.bool_] | None:
         """(m,) places where the gap exceeds the tolerance with probability 0.95 or more; None without a tolerance."""
-        return None if self.exceeds is None else self.exceeds >= LEVEL
+        return None if self.exceeds is None else self.exceeds >= 1.0 - LEVEL
 
     def to_json(self) -> dict[str, Any]:
         """Return plain data for JSON: of the band, a line along each axis through the worst test."""
@@ -207,23 +203,23 @@ def gap_surface(
 def _sampled(
     data: Data, grid: FloatArray, predicted: Predicted | None, generator: np.random.Generator
 ) -> FloatArray:
-    """Return (FUNCTIONS, m) samples of the signed gap, from both models in proportion to their evidence."""
-    plain, evidence = functions(data, grid, FUNCTIONS, generator)
+    """Return (DRAWS, m) samples of the signed gap, from both models in proportion to their evidence."""
+    plain, evidence = functions(data, grid, DRAWS, generator)
     if predicted is None:
         return plain
     rest = replace(data, values=data.values - predicted.tests)
-    left, other = functions(rest, grid, FUNCTIONS, generator)
+    left, other = functions(rest, grid, DRAWS, generator)
     share = 1.0 / (1.0 + np.exp(np.clip(evidence - other, -50.0, 50.0)))
-    count = round(FUNCTIONS * min(float(share), MOST_PREDICTED))
+    count = round(DRAWS * min(float(share), MOST_PREDICTED))
     # Functions with one size and length scale are neighbours, so a random order takes from all of them.
-    picked = generator.permutation(FUNCTIONS)
+    picked = generator.permutation(DRAWS)
     return np.concatenate([predicted.grid + left[picked[:count]], plain[picked[count:]]])
 
 
 def _band(sampled: FloatArray, positive: bool = False) -> Band:
-    """Return the band around the mean that contains :data:`LEVEL` of the functions at all places."""
+    """Return the band around the mean that contains 95 % of the functions at all places."""
     mean, deviation = sampled.mean(axis=0), sampled.std(axis=0)
-    width = np.quantile((np.abs(sampled - mean) / np.maximum(deviation, 1e-300)).max(axis=1), LEVEL)
+    width = np.quantile((np.abs(sampled - mean) / np.maximum(deviation, 1e-300)).max(axis=1), 1.0 - LEVEL)
     lower = mean - width * deviation
     return Band(mean, np.maximum(lower, 0.0) if positive else lower, mean + width * deviation)
 

@@ -30,10 +30,8 @@ MOST = 0.75
 """Level: part of what the best machine leaves beyond the usual that undoing a mistake must remove. At twice the
 distance from 1 it finds mistakes beside larger unknown effects, and takes more unknown effects for mistakes."""
 CLEAR = 0.15
-"""Level: of the usual misfit, by which a discrepancy is there at all. Twice as much misses mistakes that are 1.4 times
-as large; a third as much takes scatter for one."""
-SAME = 0.1
-"""Tolerance: of the usual misfit, within which two explanations are the same."""
+"""Level: of the usual misfit, by which a discrepancy is there at all, and two explanations are not the same. Twice as
+much misses mistakes that are 1.4 times as large; a third as much takes scatter for one."""
 NEARLY = 0.95
 """Level: part of what the best mistake removes from which on another one is a finding beside it. At twice the distance
 from 1 poorer ones are said, too."""
@@ -87,9 +85,7 @@ class _Judged:
     def alike(self, best: float) -> bool:
         """Whether it alone explains clearly more than nothing does, and as much as a machine that leaves ``best``."""
         clear = CLEAR * self.usual
-        return self.bare - self.alone >= clear and self.alone <= min(
-            best + SAME * self.usual, self.usual + clear
-        )
+        return self.bare - self.alone >= clear and self.alone <= min(best, self.usual) + clear
 
 
 def findings(

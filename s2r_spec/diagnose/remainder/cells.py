@@ -9,7 +9,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.gap.body import averaged
+from s2r_spec.diagnose.gap import LEVEL
+from s2r_spec.diagnose.gap.body import CELLS, averaged
 from s2r_spec.diagnose.simulator.experiments import RESIDUAL
 from s2r_spec.trace import Trace
 
@@ -17,14 +18,8 @@ FloatArray = NDArray[np.float64]
 Places = Mapping[tuple[str, int], NDArray[np.intp]]
 """(channel, column) → (n,) in which of the cells along it each sample is."""
 
-WINDOWS = 32
-"""Definition: equal parts of a rollout. Twice as many find shorter causes, and miss weaker ones."""
-PARTS = WINDOWS // 2
-"""Definition: parts of what a channel did, with as many samples each."""
 FEWEST_ROLLOUTS = 5
 """Definition: rollouts that reach into a cell at least. Twice as many say nothing of cells that few tests reach."""
-LEVEL = 0.05
-"""Level: of a false alarm by scatter alone, over all cells. Doubled, twice as many alarms are false."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +38,10 @@ class Cells:
 
     @classmethod
     def of(cls, duration: float, widths: Mapping[str, int], traces: Sequence[Trace]) -> Cells:
-        """Choose the edges along recorded channels, with as many samples of these traces between each two."""
+        """Choose the edges along recorded channels, with as many samples of these traces between each two.
+
+        They are half as many as windows of time.
+        """
         edges = {}
         for name, width in widths.items():
             if name.startswith(RESIDUAL):
@@ -53,14 +51,14 @@ class Cells:
                 values = np.concatenate([each[:, column] for each in known]) if known else np.zeros(0)
                 values = values[np.isfinite(values)]
                 if values.size:
-                    parts = np.quantile(values, np.linspace(0.0, 1.0, PARTS + 1)[1:-1])
+                    parts = np.quantile(values, np.linspace(0.0, 1.0, CELLS // 2 + 1)[1:-1])
                     edges[name, column] = np.unique(parts)
         return cls(duration, dict(widths), edges)
 
     def places(self) -> list[tuple[str, int, str, float, float]]:
         """Return quantity, column, channel ("" for time), and the two ends of every cell, as :meth:`means` has them."""
         out = []
-        windows = np.linspace(0.0, self.duration, WINDOWS + 1)
+        windows = np.linspace(0.0, self.duration, CELLS + 1)
         for name, width in self.widths.items():
             for column in range(width):
                 out += [(name, column, "", float(a), float(b)) for a, b in pairwise(windows)]
@@ -93,11 +91,11 @@ class Cells:
             times: (n,) from the begin of the rollout [s].
             along: (n,) the cell of each sample along every channel; one that is missing has none.
         """
-        window = np.clip((times / self.duration * WINDOWS).astype(int), 0, WINDOWS - 1)
+        window = np.clip((times / self.duration * CELLS).astype(int), 0, CELLS - 1)
         out = []
         for width, rows in zip(self.widths.values(), values, strict=True):
             for column, each in enumerate(rows.T):
-                out.append(averaged(each, window, WINDOWS))
+                out.append(averaged(each, window, CELLS))
                 for key, edges in self._beside(width, column):
                     nothing = np.full(len(edges) + 1, np.nan)
                     out.append(averaged(each, along[key], len(nothing)) if key in along else nothing)
