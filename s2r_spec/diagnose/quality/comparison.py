@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from s2r_spec.diagnose.axes import Line, Values
 from s2r_spec.diagnose.quality.recordings import Rollout
 from s2r_spec.diagnose.simulate import Bench, Job, Test, evenly, places_of, run_jobs
+from s2r_spec.diagnose.simulator.library import POINTS
 from s2r_spec.trace import Trace, between
 
 FloatArray = NDArray[np.float64]
@@ -239,7 +240,7 @@ def compare(
     ran = [(test, trace) for test, trace in rollouts if trace.failure is None and len(trace) > 1]
     ran = [ran[places[0]] for places in places_of([test for test, _ in ran]).values()]
     cost = max(float(bench.backend.cost), 1e-4)
-    sizes = [(line, value) for line in lines for value in line.values]
+    sizes = [(line, line.value(x)) for line in lines for x in line.coordinates(POINTS)]
     most = int(np.clip(BUDGET / (cost * (OWN + len(sizes))), TESTS // 2, TESTS))
     chosen = [ran[place] for place in dict.fromkeys(evenly(len(ran), most))]
     columns = columns_of(bench, [trace for _, trace in chosen], without)
