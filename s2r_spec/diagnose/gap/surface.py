@@ -125,16 +125,11 @@ class GapSurface:
 
     def _line(self, axis: int) -> dict[str, list[float] | None]:
         on = self.along(axis)
-        return {
-            "at": self.grid[on, axis].tolist(),
-            "absolute": self.absolute.mean[on].tolist(),
-            "absolute_low": self.absolute.lower[on].tolist(),
-            "absolute_high": self.absolute.upper[on].tolist(),
-            "signed": self.signed.mean[on].tolist(),
-            "signed_low": self.signed.lower[on].tolist(),
-            "signed_high": self.signed.upper[on].tolist(),
-            "exceeds": None if self.exceeds is None else self.exceeds[on].tolist(),
-        }
+        found = {"at": self.grid[on, axis].tolist()}
+        for name, band in (("absolute", self.absolute), ("signed", self.signed)):
+            for ending, values in (("", band.mean), ("_low", band.lower), ("_high", band.upper)):
+                found[name + ending] = values[on].tolist()
+        return found | {"exceeds": None if self.exceeds is None else self.exceeds[on].tolist()}
 
 
 def _share_and_box(space: Space, grid: FloatArray, beyond: NDArray[np.bool_]) -> dict[str, Any]:

@@ -16,8 +16,8 @@ from s2r_spec.diagnose.quality.suspects import (
     PER_RADIAN,
     Group,
     Suspect,
+    alone,
     best_group,
-    by_unit,
     channels,
     listed,
     mask,
@@ -36,7 +36,7 @@ twice the time."""
 def turned(c: Comparison) -> list[Suspect]:
     """Return the pair of columns and the angle by which its frame is turned that explain most."""
     begin = c.read(stretch=0.0)
-    angles = frozenset(k for unit, group in by_unit(c).items() if unit in PER_RADIAN for k in group)
+    angles = frozenset(column.channel for column in c.columns if column.unit in PER_RADIAN)
     per = np.array([PER_RADIAN.get(column.unit, 0.0) for column in c.columns])
     units = [column.unit for column in c.columns]
     pairs = [
@@ -54,7 +54,7 @@ def turned(c: Comparison) -> list[Suspect]:
         return np.asarray(values)
 
     step = np.pi / 18.0
-    offsets = list(dict.fromkeys([frozenset(), angles, *(frozenset([k]) for k in angles)]))
+    offsets = list(dict.fromkeys([Group(), angles, *alone(c, angles)]))
     tried = [
         (c.misfit(undone(n * step, pair, offset)), n * step, pair, offset)
         for pair in pairs
@@ -66,7 +66,7 @@ def turned(c: Comparison) -> list[Suspect]:
         return []
     _, a, pair, offset = min(tried, key=lambda one: one[0])
     a = refined(lambda x: c.misfit(undone(x, pair, offset)), a, a - step, a + step)
-    words = listed([*(c.columns[k].name for k in pair), *(channels(c)[k] for k in sorted(offset))])
+    words = listed([*(c.columns[k].name for k in pair), *(name for name in channels(c) if name in offset)])
     more = f". {named(c, offset)} is off by the same angle from the first sample on" if offset else ""
     text = (
         f"{c.columns[pair[0]].name} and {c.columns[pair[1]].name} of the real rollouts are rotated by {a:.2g} rad "
@@ -81,11 +81,11 @@ def offset(c: Comparison) -> list[Suspect]:
     by = np.median(first, axis=0)
     off = np.abs(by) > 2.0 * np.abs(first - by).max(axis=0)
     off &= np.abs(by) > c.floor
-    among = frozenset(k for k in range(len(channels(c))) if off[mask(c, [k])].any())
+    among = frozenset(column.channel for column, one in zip(c.columns, off, strict=True) if one)
     if not among:
         return []
     undone = c.recorded - np.where(off, by, 0.0)
-    options = [best_group(c, undone, begin, among) for begin in (among, *(frozenset([k]) for k in among))]
+    options = [best_group(c, undone, begin, among) for begin in (among, *alone(c, among))]
     group, _ = min(options, key=lambda one: one[1])
     each = ", ".join(
         f"{c.columns[k].name} by {by[k]:.2g} {c.columns[k].unit}".rstrip()

@@ -22,7 +22,7 @@ def late(c: Comparison) -> list[Suspect]:
     sizes = [*(-later[::-1]).tolist(), *later.tolist()]
     by, group, _ = search(c, sizes, lambda size: c.read(late=size))
     values = undo(c, c.read(late=by), group)
-    rest = frozenset(range(len(channels(c)))) - group
+    rest = frozenset(channels(c)) - group
     much, when = f"{abs(by):.2g} s", "late" if by > 0.0 else "early"
     if not rest:
         text = (

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +20,8 @@ from s2r_spec.diagnose.quality.comparison import BUDGET, LEAST, Comparison, nois
 from s2r_spec.diagnose.simulate import Bench
 
 FloatArray = NDArray[np.float64]
-Chosen = Mapping[int, float]
-"""Number of a line → coordinate."""
+Chosen = Mapping[int, int]
+"""Number of a line → place on its grid."""
 
 EFFECTS = 3
 """Definition: effects that a machine has at most, lines that are tried by simulation, and machines of several effects
@@ -40,36 +39,34 @@ WORTH = 0.02
 
 @dataclass(frozen=True, eq=False)
 class _Curve:
-    """A line: from coordinates to weights of the simulated changes.
+    """A line: from places on a grid to weights of the simulated changes.
 
     Attributes:
         line: see there.
-        places: which of the simulated changes are of it.
-        at: their coordinates, and 0.
-        count: number of all changes.
+        grid: (PLACES,) coordinates over the range that was simulated.
+        table: (PLACES, k) weights of the changes that are those of the line there, straight between values.
     """
 
     line: Line
-    places: Sequence[int]
-    at: FloatArray
-    count: int
+    grid: FloatArray
+    table: FloatArray
 
-    def weights(self, x: float | FloatArray) -> FloatArray:
-        """Return (…, count) weights of the changes that are those of the line at ``x``, straight between values."""
-        order, out = np.argsort(self.at), np.zeros((*np.shape(x), self.count))
-        for node, place in enumerate(self.places):
-            out[..., place] = np.interp(x, self.at[order], (order == node).astype(float))
-        return out
+    @classmethod
+    def of(cls, line: Line, sizes: Sequence[tuple[Line, float]]) -> _Curve:
+        """Return the curve of a line from all k simulated changes."""
+        mine = {
+            line.coordinate(value): k for k, (other, value) in enumerate(sizes) if other.name == line.name
+        }
+        nodes = sorted([*mine, 0.0])
+        grid = np.linspace(nodes[0], nodes[-1], PLACES)
+        table = np.zeros((PLACES, len(sizes)))
+        for x, k in mine.items():
+            table[:, k] = np.interp(grid, nodes, np.equal(nodes, x).astype(float))
+        return cls(line, grid, table)
 
-    @cached_property
-    def grid(self) -> FloatArray:
-        """Return (PLACES,) coordinates over the range that was simulated."""
-        return np.linspace(self.at.min(), self.at.max(), PLACES)
-
-    @cached_property
-    def table(self) -> FloatArray:
-        """Return (PLACES, count) weights on the grid."""
-        return self.weights(self.grid)
+    def at(self, place: int) -> Values:
+        """Return the machine with the line at a place."""
+        return self.line.at(self.line.value(float(self.grid[place])))
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,18 +89,7 @@ def nearest(
 
     The nominal one itself where no machine does better, or a rollout costs too much to try.
     """
-    at: dict[str, list[int]] = {}
-    for k, (line, _) in enumerate(c.sizes):
-        at.setdefault(line.name, []).append(k)
-    curves = [
-        _Curve(
-            c.sizes[places[0]][0],
-            places,
-            np.array([*(c.sizes[k][0].coordinate(c.sizes[k][1]) for k in places), 0.0]),
-            len(c.sizes),
-        )
-        for places in at.values()
-    ]
+    curves = [_Curve.of(line, c.sizes) for line in {line.name: line for line, _ in c.sizes}.values()]
     looks = int(BUDGET / (c.cost * SEEDS * len(c.tests)))
     if not curves or looks < EFFECTS:
         return c
@@ -159,26 +145,25 @@ def _exact(
     least, tried = c.misfit(values), 0
     for n in sorted(range(len(curves)), key=lambda n: float(left[n].min()))[:EFFECTS]:
         grid = curves[n].grid
-        x, step, mine = float(grid[left[n].argmin()]), float(np.ptp(grid)) / 8, np.inf
-        for _ in range(3):
-            for at in np.clip([x - step, x, x + step], grid[0], grid[-1]).tolist():
-                if not at or tried >= looks:
+        place, mine = int(left[n].argmin()), np.inf
+        for step in (5, 2, 1):
+            for at in np.clip([place - step, place, place + step], 0, PLACES - 1).tolist():
+                if not grid[at] or tried >= looks:
                     continue
                 tried += 1
                 there = beside({n: at})
                 found = np.inf if there is None else there.misfit(values)
                 if found < mine:
-                    mine, x = found, at
+                    mine, place = found, at
                 if found < least:
                     least, best = found, {n: at}
-            step /= 2
     return best, least
 
 
 def _further(curves: Sequence[_Curve], now: Comparison, values: FloatArray, chosen: Chosen) -> Chosen:
     """Return line → coordinate of the few lines that explain most, its own included, near a machine."""
     q, toward, gram = now.moments(values)
-    w = np.sum([curves[n].weights(x) for n, x in chosen.items()], axis=0)
+    w = np.sum([curves[n].table[place] for n, place in chosen.items()], axis=0)
     # The machine that was simulated stands for its own weights; others are tried in their place.
     fit = _Fit(q + float(2.0 * toward @ w + w @ gram @ w), toward + gram @ w, gram)
     found: dict[int, int] = {}
@@ -198,12 +183,12 @@ def _further(curves: Sequence[_Curve], now: Comparison, values: FloatArray, chos
         for _ in range(3 if len(found) > 1 else 0):
             for n in found:
                 least, found[n] = best(n)
-    return {n: x for n, place in found.items() if (x := float(curves[n].grid[place]))}
+    return {n: place for n, place in found.items() if curves[n].grid[place]}
 
 
 def _machine(curves: Sequence[_Curve], chosen: Chosen) -> Values:
     out: dict[str, dict[str, float]] = {}
-    for n, x in chosen.items():
-        line = curves[n].line
-        out.setdefault(line.effect, {}).update(line.at(line.value(x))[line.effect])
+    for n, place in chosen.items():
+        for effect, values in curves[n].at(place).items():
+            out.setdefault(effect, {}).update(values)
     return out

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -13,8 +13,8 @@ from s2r_spec.diagnose.quality.comparison import Comparison
 from s2r_spec.diagnose.quality.finding import Finding
 
 FloatArray = NDArray[np.float64]
-Group = frozenset[int]
-"""Places of channels in :func:`channels`."""
+Group = frozenset[str]
+"""Channels that share a mistake."""
 
 SHOWN = 6
 """Definition: channels that a sentence names; of more the number is said. Doubled, sentences get longer."""
@@ -46,16 +46,19 @@ def channels(c: Comparison) -> tuple[str, ...]:
     return tuple(dict.fromkeys(column.channel for column in c.columns))
 
 
-def mask(c: Comparison, group: Iterable[int]) -> NDArray[np.bool_]:
+def mask(c: Comparison, group: Group) -> NDArray[np.bool_]:
     """Return (c,) which columns are of these channels."""
-    names = channels(c)
-    chosen = {names[k] for k in group}
-    return np.array([column.channel in chosen for column in c.columns])
+    return np.array([column.channel in group for column in c.columns])
 
 
-def named(c: Comparison, group: Iterable[int]) -> str:
+def alone(c: Comparison, group: Group) -> list[Group]:
+    """Return groups of one channel each."""
+    return [frozenset([name]) for name in channels(c) if name in group]
+
+
+def named(c: Comparison, group: Group) -> str:
     """Return the channels of a group in words."""
-    return listed([channels(c)[k] for k in sorted(group)])
+    return listed([name for name in channels(c) if name in group])
 
 
 def listed(names: Sequence[str]) -> str:
@@ -67,11 +70,8 @@ def listed(names: Sequence[str]) -> str:
 
 def by_unit(c: Comparison) -> dict[str, Group]:
     """Return unit → the channels that have it."""
-    units = {column.channel: column.unit for column in c.columns}
-    return {
-        unit: frozenset(k for k, name in enumerate(channels(c)) if units[name] == unit)
-        for unit in dict.fromkeys(units.values())
-    }
+    units = dict.fromkeys(column.unit for column in c.columns)
+    return {unit: frozenset(one.channel for one in c.columns if one.unit == unit) for unit in units}
 
 
 def undo(c: Comparison, undone: FloatArray, group: Group) -> FloatArray:
@@ -101,7 +101,7 @@ def best_group(
     """Return the channels, and Q with its price, where adding or dropping one of them lowers it no more."""
     group, best = begin, c.misfit(undo(c, undone, begin)) + price(begin)
     while True:
-        others = [changed for k in sorted(among) if (changed := group ^ {k})]
+        others = [changed for one in alone(c, among) if (changed := group ^ one)]
         tried = [(c.misfit(undo(c, undone, other)) + price(other), other) for other in others]
         if not tried or (least := min(tried, key=lambda one: one[0]))[0] >= best:
             return group, best
@@ -124,7 +124,7 @@ def search(
         among: the channels that can have it; all if not given.
         price: that is added to Q; see :class:`Suspect`.
     """
-    among = frozenset(range(len(channels(c)))) if among is None else among
+    among = frozenset(channels(c)) if among is None else among
 
     def loss(values: FloatArray, size: float, group: Group) -> float:
         return c.misfit(undo(c, values, group)) + price(size, group)
@@ -146,7 +146,7 @@ def search(
 def _starts(c: Comparison, undone: FloatArray, among: Group) -> list[Group]:
     """Return groups to begin a search with: all, each unit's, each alone, those that look nearer by themselves."""
     nearer = ((c.rest(undone) ** 2) - (c.rest(c.recorded) ** 2)).mean(axis=(0, 1)) < 0.0
-    alone = [frozenset([k]) for k in sorted(among)]
-    some = frozenset(k for k in among if nearer[mask(c, [k])].mean() > 0.5)
+    some = [one for one in alone(c, among) if nearer[mask(c, one)].mean() > 0.5]
     units = [group & among for group in by_unit(c).values()]
-    return [group for group in dict.fromkeys([among, some, *units, *alone]) if group]
+    every = [among, frozenset().union(*some), *units, *alone(c, among)]
+    return [group for group in dict.fromkeys(every) if group]
