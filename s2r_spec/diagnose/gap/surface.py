@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from s2r_spec.diagnose.gap import DRAWS, LEVEL, observed
 from s2r_spec.diagnose.gap.gaussian_process import Data, functions
 from s2r_spec.diagnose.gap.materiality import RolloutsAtTest
-from s2r_spec.diagnose.gap.test_space import grid_of, in_cube, vectors
+from s2r_spec.diagnose.gap.test_space import grid_of, in_cube
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space
 
@@ -166,7 +166,7 @@ def gap_surface(
             "s2r needs at least one real rollout to locate the gap in the test space, and there is none"
         )
     grid = grid_of(space)
-    at = in_cube(space, vectors(space, [test.params for test in tests]))
+    at = in_cube(space, np.array([space.vector(test.params) for test in tests]))
     generator = np.random.default_rng(seed)
     mean, deviation, scatter = observed.measured(tests)
     sign = _sampled(Data(at, mean, deviation), in_cube(space, grid), predicted, generator)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,11 +26,6 @@ def grid_of(space: Space) -> FloatArray:
             f"s2r locates the gap in a test space of one to four parameters, and the spec has {space.dim}"
         )
     return space.grid((COUNTS[space.dim],) * space.dim)
-
-
-def vectors(space: Space, tests: Sequence[Mapping[str, float]]) -> FloatArray:
-    """Return (n, dim) values of tests."""
-    return np.array([[test[name] for name in space.names] for test in tests], dtype=float)
 
 
 def in_cube(space: Space, points: FloatArray) -> FloatArray:

@@ -15,7 +15,7 @@ from s2r_spec.diagnose.gap.body import FEWEST, Body, Residuals, shifts
 from s2r_spec.diagnose.gap.materiality import RolloutsAtTest
 from s2r_spec.diagnose.gap.predicted import predict
 from s2r_spec.diagnose.gap.surface import GapSurface, gap_surface
-from s2r_spec.diagnose.gap.test_space import COUNTS, in_cube, vectors
+from s2r_spec.diagnose.gap.test_space import COUNTS, in_cube
 from s2r_spec.diagnose.simulate import Bench, places_of
 from s2r_spec.documentation import page
 from s2r_spec.errors import TraceError
@@ -145,9 +145,9 @@ def body_of(bench: Bench, pairs: Pairs, seed: int) -> tuple[Body | None, str]:
     if len(real) < FEWEST:
         few = f"residuals exist for only {len(real)} real rollouts, and at least {FEWEST} are needed"
         return None, f"{few}: {refused}" if refused else few
-    body = shifts(
-        in_cube(bench.spec.space, vectors(bench.spec.space, tests)), real, simulated, bench.backend.duration
-    )
+    space = bench.spec.space
+    places = np.array([[test[name] for name in space.names] for test in tests])
+    body = shifts(in_cube(space, places), real, simulated, bench.backend.duration)
     if not body.asked:
         return None, f"no window of time has residuals of {FEWEST} real rollouts"
     return body, ""
