@@ -319,7 +319,7 @@ def _window(cells: FloatArray, begin: int, end: int) -> FloatArray:
 
 
 def _shift(tests: FloatArray, own: FloatArray, other: FloatArray, rough: FloatArray) -> FloatArray:
-    """Return (5, columns) mean, size, scatter of one rollout, F and p in a window; NaN where too few rollouts are.
+    """Return (5, columns) mean, size, scatter of one rollout, F and p in a window; NaN with too few rollouts.
 
     Args:
         tests: (n, dim).

@@ -135,7 +135,7 @@ def _exact(
     beside: Callable[[Chosen], Comparison | None],
     looks: int,
 ) -> tuple[Chosen, float]:
-    """Return the line and its coordinate that explain most by themselves, by simulation, and Q.
+    """Return the line and its place that explain most by themselves, by simulation, and Q.
 
     The lines that look best along their curves are tried, at values around the best of these.
     """
@@ -161,7 +161,7 @@ def _exact(
 
 
 def _further(curves: Sequence[_Curve], now: Comparison, values: FloatArray, chosen: Chosen) -> Chosen:
-    """Return line → coordinate of the few lines that explain most, its own included, near a machine."""
+    """Return line → place of the few lines that explain most, its own included, near a machine."""
     q, toward, gram = now.moments(values)
     w = np.sum([curves[n].table[place] for n, place in chosen.items()], axis=0)
     # The machine that was simulated stands for its own weights; others are tried in their place.

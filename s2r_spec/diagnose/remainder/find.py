@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,10 +84,11 @@ def remainders(
     step = float(np.median([np.median(np.diff(trace.times)) for _, trace in whole]))
     cells = channels.Beside.of(bench.backend.duration, widths, tests, list(paths))
     read = _Read(cells, step)
-    rows = run_jobs(bench, jobs, executor, partial(tell, len(tests)), read)
-    usual, *variants = rows[: len(rows) - len(lines) - len(machines) * len(tests)]
-    typical = rows[1 + len(variants) : len(rows) - len(machines) * len(tests)]
-    simulated = np.concatenate(rows[1 + len(variants) + len(lines) :]).reshape(len(machines), len(tests), -1)
+    rows = iter(run_jobs(bench, jobs, executor, partial(tell, len(tests)), read))
+    usual = next(rows)
+    variants = list(islice(rows, len(_variants(bench))))
+    typical = list(islice(rows, len(lines)))
+    simulated = np.concatenate(list(rows)).reshape(len(machines), len(tests), -1)
     machine = np.array([read(bench, trace, test) for test, trace in whole])
     at = [tests.index(dict(test)) for test, _ in whole]
     names = _Names.of(bench, whole, nominal[0], widths)
