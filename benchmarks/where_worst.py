@@ -37,7 +37,7 @@ import s2r_spec as s2r  # noqa: E402
 from benchmarks.machine import describe  # noqa: E402
 from s2r_spec.backend import load_backend  # noqa: E402
 from s2r_spec.diagnose.axes import lines  # noqa: E402
-from s2r_spec.diagnose.gap.observed import GapAt  # noqa: E402
+from s2r_spec.diagnose.gap.materiality import RolloutsAtTest  # noqa: E402
 from s2r_spec.diagnose.gap.surface import gap_surface  # noqa: E402
 from s2r_spec.diagnose.simulate import Bench  # noqa: E402
 from s2r_spec.trace import Trace  # noqa: E402
@@ -176,7 +176,7 @@ def alone(sim: str, rollouts: Rollouts, case: int) -> Test:
     places: dict[tuple[tuple[str, float], ...], list[int]] = {}
     for k, test in enumerate(tests):
         places.setdefault(tuple(sorted(test.items())), []).append(k)
-    gaps = tuple(GapAt(dict(key), real[mine], own[mine]) for key, mine in places.items())
+    gaps = tuple(RolloutsAtTest(dict(key), real[mine], own[mine]) for key, mine in places.items())
     return dict(gap_surface(bench(sim).spec.space, gaps, seed=case).worst)
 
 

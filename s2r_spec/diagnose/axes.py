@@ -9,9 +9,6 @@ from dataclasses import dataclass, field
 from s2r_spec.backend import Effect, EffectParameter
 from s2r_spec.effects import prior_scale
 
-STEPS = (0.25, 0.5, 1.0)
-"""Values of a line, as parts of its typical high value; the last is the end of the range, if that is further."""
-
 Values = Mapping[str, Mapping[str, float]]
 
 
@@ -24,7 +21,6 @@ class Line:
         parameter: its name.
         unit: of the parameter.
         nominal: the value that does nothing.
-        values: what is simulated, without the nominal one, rising.
         typical: a distance from nominal that is large, but not rare, in the coordinate that is stepped.
         low: end of the parameter's range.
         high: the other end.
@@ -36,7 +32,6 @@ class Line:
     parameter: str
     unit: str
     nominal: float
-    values: tuple[float, ...]
     typical: float
     low: float
     high: float
@@ -61,7 +56,13 @@ class Line:
 
     def at_typical(self) -> float:
         """Return the value that is typically high, on the upper side if there is one."""
-        return self.value(1.0 if self.values[-1] > self.nominal else -1.0)
+        return self.value(1.0 if self.high > self.nominal else -1.0)
+
+    def coordinates(self, points: Iterable[float]) -> list[float]:
+        """Return coordinates, rising: of the ends of the range, and these on either side, as far as it reaches."""
+        low, high = self.coordinate(self.low), self.coordinate(self.high)
+        inside = {sign * point for sign in (-1.0, 1.0) for point in points if low < sign * point < high}
+        return sorted((inside | {low, high}) - {0.0})
 
     def at(self, value: float) -> dict[str, dict[str, float]]:
         """Return what :meth:`HasEffects.with_effects` takes."""
@@ -91,30 +92,16 @@ def scale_of(parameter: EffectParameter) -> float:
 
 
 def line(effect: Effect, parameter: EffectParameter, base: Mapping[str, float] | None = None) -> Line:
-    """Return the line of one parameter, with values on both sides of nominal where the range has two."""
-    to, back = coordinate(parameter)
+    """Return the line of one parameter."""
+    to, _ = coordinate(parameter)
     middle = to(parameter.nominal)
-    values: list[float] = []
-    typical = 0.0
-    for end in (parameter.low, parameter.high):
-        side = to(end) - middle
-        if side == 0.0:
-            continue
-        reach = min(2.0 * scale_of(parameter), abs(side))
-        typical = max(typical, reach)
-        # The range bounds the search: its end is simulated, however far beyond the prior's scale.
-        beyond = abs(side) / reach
-        further = [] if beyond <= 1.05 else [beyond] if beyond <= 2.6 else [2.0, beyond]
-        parts = [*STEPS, *further]
-        steps = [back(middle + math.copysign(part * reach, side)) for part in parts]
-        values += [min(max(value, parameter.low), parameter.high) for value in steps]
+    reach = max(abs(to(end) - middle) for end in (parameter.low, parameter.high))
     return Line(
         effect.name,
         parameter.name,
         parameter.unit,
         parameter.nominal,
-        tuple(sorted(values)),
-        typical,
+        min(2.0 * scale_of(parameter), reach),
         parameter.low,
         parameter.high,
         to is math.log,

@@ -10,21 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.axes import Line
-from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
+from s2r_spec.diagnose.simulate import Bench, Job, Test, evenly, places_of, run_jobs
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
-from s2r_spec.space import key_of
 from s2r_spec.trace import Trace
 
 ASKED = 3
-"""Tests at which real rollouts ended early that are asked about, at most."""
-OTHERS = 6
-"""Tests at which they did not."""
+"""Budget: tests at which real rollouts ended early that are asked about, at most; of those at which they did not, twice
+as many. Doubled, fewer effects are accused, at twice the time."""
 SPARED = 1 / 3
-"""Part of the latter at which an effect may end the simulator early, too."""
+"""Level: part of the latter at which an effect may end the simulator early, too. Doubled, more effects are accused."""
 HALVINGS = 6
-"""Of the way from nominal to the end of a range, to find the least of an effect that does it."""
+"""Budget: halvings of the way from nominal to the end of a range, to find the least of an effect that does it. Doubled,
+the least is known 64 times as finely."""
 SHOWN = 3
-"""Definition: effects that a sentence names; it counts the others."""
+"""Definition: effects that a sentence names; it counts the others. Doubled, sentences get longer."""
 
 
 @dataclass(frozen=True)
@@ -96,34 +95,24 @@ def falls(
         seed: of the simulator's rollouts.
         executor: makes a pool; None runs all here.
     """
-    early = _distinct([test for test, trace in rollouts if trace.failure is not None])
-    stood = [test for test in _distinct([test for test, _ in rollouts]) if test not in early]
+    early, stood = _outcomes(rollouts)
     if not early or not stood:
         return None
-    early, stood = _spread(early, ASKED), _spread(stood, OTHERS)
+    early, stood = (
+        [of[n] for n in evenly(len(of), most)] for of, most in ((early, ASKED), (stood, 2 * ASKED))
+    )
 
     def ended(tried: Sequence[tuple[Line, float]], tests: Sequence[Test]) -> NDArray[np.intp]:
         """Return at how many of the tests the simulator ends early, with each of these alone."""
-        runs = tuple((test, rollout_seed(seed, n, 0, Stream.CHECK)) for n, test in enumerate(tests))
-        jobs = [Job(line.at(line.value(x)), runs) for line, x in tried]
-        return np.array(
-            [int(rows.sum()) for rows in run_jobs(bench, jobs, executor, read=_ended)], dtype=np.intp
-        )
+        jobs = [Job(line.at(line.value(x)), _runs(tests, seed)) for line, x in tried]
+        rows = run_jobs(bench, jobs, executor, read=_ended)
+        return np.array([int(each.sum()) for each in rows], dtype=np.intp)
 
-    runs = tuple((test, rollout_seed(seed, n, 0, Stream.CHECK)) for n, test in enumerate(early))
-    if run_jobs(bench, [Job({}, runs)], executor, read=_ended)[0].all():
+    if run_jobs(bench, [Job({}, _runs(early, seed))], executor, read=_ended)[0].all():
         return Falls(True)
-    ends = [
-        (line, end)
-        for line in lines
-        if not line.base
-        for end in (line.coordinate(line.values[0]), line.coordinate(line.values[-1]))
-    ]
-    # A range on one side of nominal has its far end and its near one on that side.
-    farthest: dict[tuple[str, bool], tuple[Line, float]] = {}
-    for line, x in sorted(ends, key=lambda end: abs(end[1])):
-        farthest[line.name, x > 0] = (line, x)
-    asked = list(farthest.values())
+    # An end that is nominal is no effect.
+    ends = [(line, line.coordinate(end)) for line in lines if not line.base for end in (line.low, line.high)]
+    asked = sorted(((line, x) for line, x in ends if x), key=lambda one: abs(one[1]))
     enough = [one for one, count in zip(asked, ended(asked, early), strict=True) if count == len(early)]
     low, high = np.zeros(len(enough)), np.array([x for _, x in enough])
     for _ in range(HALVINGS if enough else 0):
@@ -146,30 +135,31 @@ def falls_alone(
     executor: Callable[[], Executor] | None = None,
 ) -> list[Test]:
     """Return the tests at which the simulator, with nothing added, ends early, and no real rollout does."""
-    early = _distinct([test for test, trace in rollouts if trace.failure is not None])
-    stood = [test for test in _distinct([test for test, _ in rollouts]) if test not in early]
-    jobs = [Job({}, ((test, rollout_seed(seed, n, 0, Stream.CHECK)),)) for n, test in enumerate(stood)]
+    stood = _outcomes(rollouts)[1]
+    jobs = [Job({}, (run,)) for run in _runs(stood, seed)]
     ended = run_jobs(bench, jobs, executor, read=_ended)
     return [test for test, rows in zip(stood, ended, strict=True) if rows.any()]
 
 
 def always_early(rollouts: Sequence[tuple[Test, Trace]]) -> int:
     """Return how many tests there are that were run again and ended early every time."""
-    ended: dict[tuple[tuple[str, float], ...], list[bool]] = {}
-    for test, trace in rollouts:
-        ended.setdefault(key_of(test), []).append(trace.failure is not None)
-    return sum(len(each) > 1 and all(each) for each in ended.values())
+    places = places_of([test for test, _ in rollouts]).values()
+    return sum(len(own) > 1 and all(rollouts[n][1].failure is not None for n in own) for own in places)
 
 
 def _ended(bench: Bench, trace: Trace, test: Test) -> NDArray[np.float64]:
     return np.array([float(trace.failure is not None)])
 
 
-def _distinct(tests: Sequence[Test]) -> list[Test]:
-    return [dict(key) for key in dict.fromkeys(key_of(test) for test in tests)]
+def _outcomes(rollouts: Sequence[tuple[Test, Trace]]) -> tuple[list[Test], list[Test]]:
+    """Return the different tests at which some rollout ended early, and those at which none did."""
+    early: list[Test] = []
+    stood: list[Test] = []
+    for key, own in places_of([test for test, _ in rollouts]).items():
+        fell = any(rollouts[n][1].failure is not None for n in own)
+        (early if fell else stood).append(dict(key))
+    return early, stood
 
 
-def _spread(tests: Sequence[Test], most: int) -> list[Test]:
-    """Return no more than so many of the tests, from first to last."""
-    places = np.linspace(0, len(tests) - 1, min(most, len(tests))).round().astype(int)
-    return [tests[place] for place in places]
+def _runs(tests: Sequence[Test], seed: int) -> tuple[tuple[Test, int], ...]:
+    return tuple((test, rollout_seed(seed, n, 0, Stream.CHECK)) for n, test in enumerate(tests))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from s2r_spec.backend import HasResiduals
 from s2r_spec.diagnose.falls import Falls, always_early
 from s2r_spec.diagnose.quality.finding import Finding
+from s2r_spec.diagnose.quality.suspects import SHOWN
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.errors import TraceError
 from s2r_spec.space import key_of
@@ -23,8 +24,6 @@ CUT = "cut at"
 """In the metadata of a recording of which only the begin is used: until when [s]."""
 READ_AT = "read at samples apart"
 """In the metadata of a recording between whose samples the spec's times fall: how far apart they are now [s]."""
-SHOWN = 6
-"""Definition: channels that a note names; it counts the others."""
 
 
 @dataclass(frozen=True)
@@ -117,9 +116,8 @@ def notes(
         )
     ]
     if lacking:
-        more = f" and {len(lacking) - SHOWN} more" if len(lacking) > SHOWN else ""
         found.append(
-            f"the real rollouts have no {', '.join(lacking[:SHOWN])}{more}. An effect that only these would show "
+            f"the real rollouts have no {_some(lacking)}. An effect that only these would show "
             f"cannot be found{_unread(bench, rollouts)}"
         )
     found += _gaps(bench, rollouts, lacking)
@@ -157,31 +155,33 @@ def _unread(bench: Bench, rollouts: Sequence[Rollout]) -> str:
     """Return which channels the simulator does not know, for one of them may be what is lacking."""
     known = {channel.name for channel in bench.backend.channels}
     names = sorted({name for _, trace in rollouts for name in trace.channels} - known)
+    return f". The simulator has no {_some(names)}: is a name misspelt?" if names else ""
+
+
+def _some(names: Sequence[str]) -> str:
     more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
-    return f". The simulator has no {', '.join(names[:SHOWN])}{more}: is a name misspelt?" if names else ""
+    return f"{', '.join(names[:SHOWN])}{more}"
 
 
 def _gaps(bench: Bench, rollouts: Sequence[Rollout], lacking: Sequence[str]) -> list[str]:
     """Return which channels some rollouts lack, or have gaps in, a sentence for every number of rollouts."""
     holes: dict[int, list[str]] = {}
-    for channel in bench.backend.channels:
-        name = channel.name
-        if name in lacking:
-            continue
-        count = sum(name not in trace.channels or not np.isfinite(trace[name]).all() for _, trace in rollouts)
-        if count:
+    for name in (channel.name for channel in bench.backend.channels):
+        count = sum(not _whole(trace, name) for _, trace in rollouts)
+        if count and name not in lacking:
             holes.setdefault(count, []).append(name)
-    return [_missing(names, count, len(rollouts)) for count, names in holes.items()]
+    found = []
+    for count, names in holes.items():
+        verbs = ("is missing or has", "is") if len(names) == 1 else ("are missing or have", "are")
+        found.append(
+            f"{_some(names)} {verbs[0]} gaps in {count} of {len(rollouts)} real rollouts, and {verbs[1]} not used "
+            f"{'there' if 2 * count < len(rollouts) else 'at all'}"
+        )
+    return found
 
 
-def _missing(names: Sequence[str], count: int, rollouts: int) -> str:
-    """Return that so many of the rollouts lack these channels, or have gaps in them."""
-    more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
-    verbs = ("is missing or has", "is") if len(names) == 1 else ("are missing or have", "are")
-    return (
-        f"{', '.join(names[:SHOWN])}{more} {verbs[0]} gaps in {count} of {rollouts} real rollouts, and {verbs[1]} not "
-        f"used {'there' if 2 * count < rollouts else 'at all'}"
-    )
+def _whole(trace: Trace, name: str) -> bool:
+    return name in trace.channels and bool(np.isfinite(trace[name]).all())
 
 
 def _without_residuals(bench: Bench, rollouts: Sequence[Rollout]) -> list[str]:

@@ -20,6 +20,7 @@ from s2r_spec.documentation import page
 from s2r_spec.effects import catalogue_of
 from s2r_spec.errors import BackendError, UsageError
 from s2r_spec.rollouts.compatibility import Interface, check_compatibility
+from s2r_spec.space import Key, key_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
@@ -77,8 +78,13 @@ class Bench:
         return self.backend.variants()[name]
 
     def run(self, values: Values, test: Test, seed: int) -> Trace:
-        """Run one test with these effects added."""
-        return self.with_effects(values).rollout(self.matched.to_backend(test), seed)
+        """Run one test with these effects added.
+
+        Raises:
+            BackendError: the backend raised; the sentence names the effects and the test.
+        """
+        with blamed(self, values, test, seed):
+            return self.with_effects(values).rollout(self.matched.to_backend(test), seed)
 
     def rho(self, trace: Trace, test: Test) -> float:
         """Return ρ; a trace that failed has the value that the spec declares for it."""
@@ -87,6 +93,20 @@ class Bench:
     def seen(self, trace: Trace, test: Test) -> Trace:
         """Return the trace with the residuals of the nominal model beside its channels."""
         return with_residuals(trace, self.backend, self.matched.to_backend(test))
+
+
+def places_of(tests: Sequence[Test]) -> dict[Key, list[int]]:
+    """Return the places of every different test, in the order of the first of each."""
+    places: dict[Key, list[int]] = {}
+    for place, test in enumerate(tests):
+        places.setdefault(key_of(test), []).append(place)
+    return places
+
+
+def evenly(count: int, most: int) -> list[int]:
+    """Return at most so many places of ``count``, evenly from the first to the last."""
+    places: list[int] = np.linspace(0, count - 1, min(most, count)).round().astype(int).tolist()
+    return places
 
 
 def refuse_machine(backend: object) -> None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from s2r_spec.diagnose.gap.materiality import LEVEL, Failures, GapAtTest, Materiality
+from s2r_spec.diagnose.gap import LEVEL
+from s2r_spec.diagnose.gap.materiality import Failures, GapAtTest, Materiality
 from s2r_spec.quantity import quantity
 from s2r_spec.report.checked import test_words
 

@@ -14,6 +14,7 @@ from s2r_spec.diagnose.data.rollouts import as_simulated, cut, recorded
 from s2r_spec.diagnose.data.split import ENOUGH
 from s2r_spec.diagnose.notes import Used, notes
 from s2r_spec.diagnose.quality.direct import direct
+from s2r_spec.diagnose.quality.recordings import Recordings
 from s2r_spec.diagnose.quality.wrapped import wrapped as jumping
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.effects import catalogue_of
@@ -29,7 +30,7 @@ BENCH = Bench.of(s2r.parse_spec(SPEC), "tracking", Cart())
 
 def misread(bench, runs, found=()):
     """Return channel → what is said of it."""
-    return {each.channel: each.text for each in direct(bench, runs, found)}
+    return {each.channel: each.text for each in direct(Recordings(bench, runs), found)}
 
 
 def used(runs, train=None, held_out=4):
@@ -130,7 +131,7 @@ def test_a_channel_in_a_unit_that_was_not_said_is_told(times, words):
             trace.times, dict(trace.channels) | {"v_meas": times * trace["v_meas"]}, units, trace.meta
         )
 
-    odd = direct(BENCH, many(12, 9, spoilt))
+    odd = direct(Recordings(BENCH, many(12, 9, spoilt)))
     [one] = notes(BENCH, used(many(12, 9, spoilt)), odd=odd)
     assert one.startswith(f"v_meas of the real rollouts is {words} ")
     assert " m/s" in one
@@ -276,7 +277,7 @@ def test_a_channel_that_never_moves_is_told():
     def dead(trace):
         return Trace(trace.times, dict(trace.channels) | {"v_meas": 0.0 * trace["v"]}, trace.units)
 
-    [finding] = direct(BENCH, many(8, 8, dead))
+    [finding] = direct(Recordings(BENCH, many(8, 8, dead)))
     assert (finding.code, finding.channel) == ("still", "v_meas")
     assert finding.text.startswith("v_meas ")
 
@@ -351,19 +352,29 @@ def test_an_angle_that_is_kept_within_a_turn_is_told():
     wrapped = Trace(
         plain.times, dict(plain.channels) | {"v": (turned + np.pi) % (2 * np.pi) - np.pi}, plain.units
     )
-    words = jumping(angle, [wrapped, goes_on], [(goes_on, wrapped)])
+
+    def said(channel, real, simulated):
+        class Fixed(Cart):
+            def rollout(self, params, seed):
+                return simulated
+
+        bench = Bench.of(s2r.parse_spec(SPEC), "tracking", Fixed())
+        found = jumping(channel, Recordings(bench, [(TEST, trace) for trace in real]))
+        return "" if found is None else found.text
+
+    words = said(angle, [wrapped, goes_on], goes_on)
     assert words.startswith("v jumps")
     assert "in 1 of 2 real rollouts" in words
-    assert jumping(angle, [goes_on], [(goes_on, goes_on)]) == ""
-    assert jumping(angle, [wrapped], [(wrapped, wrapped)]) == ""  # of both it does
-    assert jumping(replace(angle, unit="m/s"), [wrapped], [(goes_on, wrapped)]) == ""
+    assert said(angle, [goes_on], goes_on) == ""
+    assert said(angle, [wrapped], wrapped) == ""  # of both it does
+    assert said(replace(angle, unit="m/s"), [wrapped], goes_on) == ""
 
 
 def test_one_rollout_in_another_unit_is_told_with_its_number():
     runs = many(8, 8)
     test, trace = runs[6]
     runs[6] = (test, Trace(trace.times, dict(trace.channels) | {"u": 1e3 * trace["u"]}, trace.units))
-    [finding] = direct(BENCH, runs)
+    [finding] = direct(Recordings(BENCH, runs))
     assert (finding.code, finding.channel) == ("unit of one", "u")
     for words in ("u of real rollout 6 (vd = 0.8, acc = 2)", "1000 times", " V "):
         assert words in finding.text

@@ -197,8 +197,8 @@ def test_cells_are_as_many_as_their_means_and_lie_side_by_side(bench):
     cells = Cells.of(bench.backend.duration, quantities_of(traces), traces)
     places, trace = cells.places(), traces[0]
     times = trace.times - trace.times[0]
-    values = [trace[name].reshape(1, len(trace), -1) for name in cells.widths]
-    (means,) = cells.means(values, times, cells.within(trace, times))
+    values = [trace[name].reshape(len(trace), -1) for name in cells.widths]
+    means = cells.means(values, times, cells.within(trace, times))
     assert means.shape == (len(places),)
     of_force = [place for place in places if place[:3] == ("residual.force", 0, "q")]
     assert of_force[0][3] == -np.inf

@@ -9,7 +9,6 @@ import s2r_spec as s2r
 from s2r_spec.attribution.attribute import attribute
 from s2r_spec.diagnose.gap.body import Body, BodyPart, Shift
 from s2r_spec.diagnose.gap.materiality import RolloutsAtTest, materiality
-from s2r_spec.diagnose.gap.observed import GapAt
 from s2r_spec.diagnose.gap.surface import Band, GapSurface
 from s2r_spec.diagnose.gap.where import Pairs, Where, where
 from s2r_spec.trace import Trace
@@ -58,7 +57,9 @@ def made_up(space, tests):
     grid = space.grid({2: (21, 21), 3: (7, 7, 7)}[space.dim])
     mean = 0.1 * (grid[:, 0] - 0.5)
     band = Band(mean, mean - 0.03, mean + 0.03)
-    gaps = tuple(GapAt(test, np.array([0.1]), np.array([0.1 + 0.1 * (test["vd"] - 0.5)])) for test in tests)
+    gaps = tuple(
+        RolloutsAtTest(test, np.array([0.1]), np.array([0.1 + 0.1 * (test["vd"] - 0.5)])) for test in tests
+    )
     worst = space.point(grid[0])
     ends = {name: (value, value) for name, value in worst.items()}
     exceeds = np.ones(len(grid))

@@ -13,6 +13,7 @@ from s2r_spec.diagnose.axes import lines
 from s2r_spec.diagnose.quality.comparison import compare
 from s2r_spec.diagnose.quality.decide import suspected
 from s2r_spec.diagnose.quality.hold import hold
+from s2r_spec.diagnose.quality.recordings import Recordings
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.effects import catalogue_of
 from s2r_turtlebot.effects import TurtlebotWithEffects
@@ -54,10 +55,10 @@ def nominal():
 
 def found(nominal, runs):
     """Return what is said of recordings at the same tests as those of ``nominal``."""
-    held, straight = hold(BENCH, runs)
-    of_test = {tuple(test.values()): trace for test, trace in straight}
+    held, straight = hold(Recordings(BENCH, runs))
+    of_test = {tuple(test.values()): trace for test, trace in straight.rollouts}
     traces = tuple(of_test[tuple(test.values())] for test in nominal.tests)
-    return [*held, *suspected(BENCH, replace(nominal, traces=traces), straight)]
+    return [*held, *suspected(BENCH, replace(nominal, traces=traces), straight.rollouts)]
 
 
 def changed(trace, **channels):

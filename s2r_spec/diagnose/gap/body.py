@@ -24,15 +24,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.attribution.place import Place, Range, cause_first
-from s2r_spec.diagnose.gap.false_discovery import adjusted
+from s2r_spec.diagnose.gap import LEVEL
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
 
 CELLS = 32
 """Definition: number of the shortest windows in a rollout, a power of two. Doubled, times are twice as fine."""
-LEVEL = 0.05
-"""Level: false-discovery rate over all columns and windows. Doubled, twice as many of the found shifts may be false."""
 FEWEST = 4
 """Definition: least number of rollouts in a window that is tested. Doubled, late windows that few
 rollouts reach are not tested."""
@@ -173,16 +171,11 @@ class _Column:
     part: str
 
 
-_Ratios = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
-"""Mean, size, scatter of one rollout, F and p (columns,) each."""
-
-
 def shifts(
     tests: FloatArray,
     real: Sequence[Residuals],
     simulated: Sequence[Sequence[Residuals]],
     duration: float,
-    level: float = LEVEL,
 ) -> Body:
     """Return the shifts of all parts.
 
@@ -191,29 +184,24 @@ def shifts(
         real: n residuals.
         simulated: residuals of two or more nominal rollouts for each real one, at the same test.
         duration: of a rollout [s].
-        level: false-discovery rate.
     """
+    from scipy.stats import false_discovery_control
+
     columns = _columns([*real, *(one for several in simulated for one in several)])
     own = np.array([_cells(one, columns, duration) for one in real])
     other = np.array([[_cells(one, columns, duration) for one in several] for several in simulated])
     rough = NUMERICS * _largest(real, columns)
-    rows: list[_Ratios] = []
-    where: list[tuple[int, int]] = []
-    for begin, end in windows():
-        one = _shift(tests, _window(own, begin, end), _window(other, begin, end), rough)
-        if one is not None:
-            rows.append(one)
-            where.append((begin, end))
-    if not rows:
-        return Body(tuple(BodyPart(name, ()) for name in _parts(columns)), len(real), duration, 0, level)
-    mean, size, scatter, f, p = (np.array([row[k] for row in rows]) for k in range(5))  # (windows, columns)
+    where = windows()
+    rows = [_shift(tests, _window(own, *ends), _window(other, *ends), rough) for ends in where]
+    mean, size, scatter, f, p = np.stack(rows, axis=1)  # (windows, columns)
     asked = np.isfinite(p)
     q = np.ones(p.shape)
-    q[asked] = adjusted(p[asked])
+    if asked.any():
+        q[asked] = false_discovery_control(p[asked], method="by")
     found: dict[tuple[str, str], tuple[float, Shift]] = {}
     step = duration / CELLS
     # Averaging makes the longest window the most significant one, so the energy decides.
-    energy = np.where(q <= level, np.array([[last - first] for first, last in where]) * size**2, 0.0)
+    energy = np.where(q <= LEVEL, np.diff(where) * size**2, 0.0)
     half = len(columns) // 2
     for k in range(half):
         # A mean has a sign, which an rms lacks.
@@ -230,18 +218,17 @@ def shifts(
         key, clear = (column.part, column.channel), float(f[best, kind])
         if key not in found or clear > found[key][0]:
             found[key] = (clear, shift)
-    return Body(_ranked(columns, found), len(real), duration, int(asked.sum()), level)
+    return Body(_ranked(columns, found), len(real), duration, int(asked.sum()))
 
 
 def windows() -> list[tuple[int, int]]:
     """Return (begin, end) in cells: of one cell, two, four … up to the whole, each beginning half a length later."""
-    found: list[tuple[int, int]] = []
-    length = 1
-    while length <= CELLS:
-        step = max(length // 2, 1)
-        found += [(begin, begin + length) for begin in range(0, CELLS - length + 1, step)]
-        length *= 2
-    return found
+    lengths = [2**n for n in range(CELLS.bit_length())]
+    return [
+        (begin, begin + length)
+        for length in lengths
+        for begin in range(0, CELLS - length + 1, max(length // 2, 1))
+    ]
 
 
 def _shortest(energy: FloatArray, where: Sequence[tuple[int, int]]) -> int:
@@ -253,18 +240,11 @@ def _shortest(energy: FloatArray, where: Sequence[tuple[int, int]]) -> int:
 def _ranked(
     columns: Sequence[_Column], found: Mapping[tuple[str, str], tuple[float, Shift]]
 ) -> tuple[BodyPart, ...]:
-    of: dict[str, list[tuple[float, Shift]]] = {name: [] for name in _parts(columns)}
-    for (part, _), one in found.items():
+    of: dict[str, list[tuple[float, Shift]]] = {column.part: [] for column in columns}
+    for (part, _), one in sorted(found.items(), key=lambda item: -item[1][0]):
         of[part].append(one)
-    clearest = {name: max((f for f, _ in several), default=-np.inf) for name, several in of.items()}
-    return tuple(
-        BodyPart(name, tuple(shift for _, shift in sorted(of[name], key=lambda one: -one[0])))
-        for name in sorted(of, key=lambda name: -clearest[name])
-    )
-
-
-def _parts(columns: Sequence[_Column]) -> list[str]:
-    return list(dict.fromkeys(column.part for column in columns))
+    ranked = sorted(of, key=lambda name: -of[name][0][0] if of[name] else np.inf)
+    return tuple(BodyPart(name, tuple(shift for _, shift in of[name])) for name in ranked)
 
 
 def _columns(every: Sequence[Residuals]) -> list[_Column]:
@@ -317,11 +297,14 @@ def _cells(one: Residuals, columns: Sequence[_Column], duration: float) -> Float
     values = _values(one, columns)
     place = np.floor((one.trace.times - one.recorded.times[0]) / duration * CELLS + 1e-9).astype(int)
     inside = (place >= 0) & (place < CELLS)
-    place, values = place[inside], values[inside]
+    return np.column_stack([averaged(column[inside], place[inside], CELLS) for column in values.T])
+
+
+def averaged(values: FloatArray, place: NDArray[np.intp], count: int) -> FloatArray:
+    """Return (count,) means of (n,) values by their place; NaN where there is none."""
     there = np.isfinite(values)
-    sums, counts = np.zeros((2, CELLS, len(columns)))
-    np.add.at(sums, place, np.where(there, values, 0.0))
-    np.add.at(counts, place, there)
+    counts = np.bincount(place[there], minlength=count)
+    sums = np.bincount(place[there], values[there], minlength=count)
     return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
 
 
@@ -335,8 +318,8 @@ def _window(cells: FloatArray, begin: int, end: int) -> FloatArray:
     return np.where(2 * count >= end - begin, means, np.nan)
 
 
-def _shift(tests: FloatArray, own: FloatArray, other: FloatArray, rough: FloatArray) -> _Ratios | None:
-    """Return the ratios in one window, NaN for a column that too few rollouts have; None if no column has enough.
+def _shift(tests: FloatArray, own: FloatArray, other: FloatArray, rough: FloatArray) -> FloatArray:
+    """Return (5, columns) mean, size, scatter of one rollout, F and p in a window; NaN with too few rollouts.
 
     Args:
         tests: (n, dim).
@@ -346,22 +329,18 @@ def _shift(tests: FloatArray, own: FloatArray, other: FloatArray, rough: FloatAr
     """
     there = np.isfinite(own) & np.isfinite(other).all(axis=1)
     able = there.sum(axis=0) >= FEWEST
-    if not able.any():
-        return None
     found = np.full((5, own.shape[1]), np.nan)
     # A rollout that lacks one residual still counts for the others.
     for rollouts in np.unique(there[:, able], axis=1).T:
         mine = able & (there == rollouts[:, None]).all(axis=0)
-        found[:, mine] = _ratios(
-            tests[rollouts],
-            own[np.ix_(rollouts, mine)],
-            other[rollouts][:, :, mine],
-            rough[mine],
+        ratios = _ratios(
+            tests[rollouts], own[np.ix_(rollouts, mine)], other[rollouts][:, :, mine], rough[mine]
         )
-    return found[0], found[1], found[2], found[3], found[4]
+        found[:, mine] = ratios
+    return found
 
 
-def _ratios(tests: FloatArray, own: FloatArray, other: FloatArray, rough: FloatArray) -> _Ratios:
+def _ratios(tests: FloatArray, own: FloatArray, other: FloatArray, rough: FloatArray) -> FloatArray:
     """Return the ratios of columns that all rollouts have; arguments as in :func:`_shift`."""
     from scipy.stats import f as fisher
 
@@ -374,14 +353,11 @@ def _ratios(tests: FloatArray, own: FloatArray, other: FloatArray, rough: FloatA
     within = ((other - mean_sim[:, None]) ** 2).sum(axis=(0, 1)) / (n * (m - 1))
     left = ((y - fitted) ** 2).sum(axis=0) / (n - rank)
     scatter = np.sqrt(np.maximum(within, left / (1 + 1 / m)) + rough**2)
-    f = np.where(
-        scatter > 0,
-        (fitted**2).sum(axis=0) / rank / np.where(scatter > 0, scatter**2 * (1 + 1 / m), 1.0),
-        0.0,
-    )
-    p: FloatArray = fisher.sf(f, rank, min(n * (m - 1), n - rank))
-    size = np.sqrt((fitted**2).mean(axis=0))
-    return y.mean(axis=0), size, np.where(scatter > 0, scatter, 1.0), f, p
+    # Without any scatter nothing moves, either.
+    scatter = np.where(scatter > 0, scatter, np.inf)
+    f = (fitted**2).sum(axis=0) / rank / (scatter**2 * (1 + 1 / m))
+    p = fisher.sf(f, rank, min(n * (m - 1), n - rank))
+    return np.array([y.mean(axis=0), np.sqrt((fitted**2).mean(axis=0)), scatter, f, p])
 
 
 def _design(tests: FloatArray) -> FloatArray:

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from s2r_spec.diagnose.gap.materiality import Materiality, RolloutsAtTest, materiality
 from s2r_spec.diagnose.gap.tolerance import smallest_tolerance
-from s2r_spec.diagnose.simulate import Bench, Job, Test, rho_and_end, run_jobs
+from s2r_spec.diagnose.simulate import Bench, Job, Test, places_of, rho_and_end, run_jobs
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
-from s2r_spec.space import key_of
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
@@ -42,25 +41,18 @@ def compared_at_all_tests(
         UsageError: a ρ is infinite or not a number.
         BackendError: a simulation raised an error.
     """
-    real: dict[tuple[tuple[str, float], ...], list[tuple[float, float]]] = {}
-    for test, trace in rollouts:
-        real.setdefault(key_of(test), []).append(tuple(rho_and_end(bench, trace, test).tolist()))
+    real = np.array([rho_and_end(bench, trace, test) for test, trace in rollouts])
+    places = places_of([test for test, _ in rollouts])
     jobs = [
         Job({}, tuple((dict(key), rollout_seed(seed, n, k, Stream.MATERIALITY)) for k in range(SIMULATED)))
-        for n, key in enumerate(real)
+        for n, key in enumerate(places)
     ]
     rows = run_jobs(bench, jobs, executor, progress)
-    tests = [
-        _test(dict(key), np.array(own), simulated)
-        for (key, own), simulated in zip(real.items(), rows, strict=True)
-    ]
+    tests = []
+    for (key, own), simulated in zip(places.items(), rows, strict=True):
+        (whole, failed), (other, fell) = (
+            (each[each[:, 1] == 0.0, 0], int(each[:, 1].sum())) for each in (real[own], simulated)
+        )
+        tests.append(RolloutsAtTest(dict(key), whole, other, failed, fell))
     formula = bench.spec.formulas[bench.requirement]
     return materiality(tests, bench.spec.unit(bench.requirement), smallest_tolerance(formula))
-
-
-def _test(params: Test, real: FloatArray, simulated: FloatArray) -> RolloutsAtTest:
-    """Return the rollouts of a test, from rows (ρ, whether it ended early)."""
-    (whole, failed), (own, fell) = (
-        (rows[rows[:, 1] == 0.0, 0], int(rows[:, 1].sum())) for rows in (real, simulated)
-    )
-    return RolloutsAtTest(params, whole, own, failed, fell)

@@ -25,7 +25,7 @@ expects a smoother gap."""
 _SIZE = (1.0, 0.7)
 """Prior: the same of the standard deviation over the test space, as a part of that of the data. A doubled median gives
 wider bands far from the tests."""
-_KEPT = 32
+_KEPT = DRAWS // 8
 """Budget: draws that remain after resampling by weight. Doubled, sampling functions takes up to twice as long."""
 
 

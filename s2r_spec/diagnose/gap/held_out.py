@@ -25,8 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.axes import Values, lines
+from s2r_spec.diagnose.gap import DRAWS, LEVEL
 from s2r_spec.diagnose.inference.prior import BACKGROUND
-from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
+from s2r_spec.diagnose.simulate import Bench, Job, Test, places_of, run_jobs
 from s2r_spec.effects import catalogue_of
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.space import key_of
@@ -41,10 +42,6 @@ SHOTS = 3
 """Budget: simulated rollouts of a held-out test. Doubled, the floor gets 7 % lower."""
 MACHINES = 20
 """Budget: machines behind the background. Doubled, its quantile is steadier."""
-RESAMPLES = 2000
-"""Budget: resamples of the bootstrap. Doubled, the ends of intervals are steadier."""
-LEVEL = 0.95
-"""Level: of the intervals, and of the machines with background alone whose gap is not material."""
 SURELY = 1.645 * float(np.sqrt(np.pi / 2.0 - 1.0))
 """Definition: the mean of n |normal| numbers exceeds 1 + SURELY/√n times its expectation in 1 of 20 cases."""
 REPLICATED = 5
@@ -242,7 +239,7 @@ def held_out_gap(
         [each.mean(axis=1)[at] for each in rho],
         [test for test, _ in held],
         scatter([(test, value) for (test, trace), value in rows if trace.failure is None], simulated),
-        float(np.quantile(np.ma.filled(change.mean(axis=1), 0.0), LEVEL)),
+        float(np.quantile(np.ma.filled(change.mean(axis=1), 0.0), 1.0 - LEVEL)),
         bench.spec.unit(bench.requirement),
         elsewhere,
     )
@@ -250,8 +247,8 @@ def held_out_gap(
 
 def _distinct(runs: Runs) -> tuple[list[Test], NDArray[np.intp]]:
     """Return the different tests, and the place of each run's test among them."""
-    place = {key: n for n, key in enumerate(dict.fromkeys(key_of(test) for test, _ in runs))}
-    return [dict(key) for key in place], np.array([place[key_of(test)] for test, _ in runs], dtype=np.intp)
+    tests: list[Test] = [dict(key) for key in places_of([test for test, _ in runs])]
+    return tests, np.array([tests.index(dict(test)) for test, _ in runs], dtype=np.intp)
 
 
 def _simulated(
@@ -294,10 +291,8 @@ def scatter(runs: Sequence[tuple[Test, float]], simulated: float) -> float:
         runs: (test, ρ) of the machine, without rollouts that ended early.
         simulated: standard deviation of the simulator's ρ.
     """
-    of_test: dict[tuple[tuple[str, float], ...], list[float]] = {}
-    for test, rho in runs:
-        of_test.setdefault(key_of(test), []).append(rho)
-    several = [np.array(own) for own in of_test.values() if len(own) > 1]
+    places = places_of([test for test, _ in runs]).values()
+    several = [np.array([runs[place][1] for place in own]) for own in places if len(own) > 1]
     free = sum(len(own) - 1 for own in several)
     if free < REPLICATED:
         return simulated
@@ -334,8 +329,7 @@ def compared(
         unit: of ρ.
         seen: see :class:`HeldOutGap`.
     """
-    keys = [key_of(test) for test in tests]
-    groups = np.array([keys.index(key) for key in keys], dtype=np.intp)
+    groups = np.array([tests.index(test) for test in tests], dtype=np.intp)
     left = [real - each for each in simulated]
     floor = deviation * float(np.sqrt(2.0 / np.pi * (1.0 + 1.0 / SHOTS)))
     before = gap(left[0], groups)
@@ -360,7 +354,7 @@ def compared(
         background=background,
         share=None if patched is None else share(patched),
         tuned_share=share(left[1]),
-        beyond=float(1.0 - (1.0 - LEVEL) ** (1.0 / len(distinct))),
+        beyond=float(1.0 - LEVEL ** (1.0 / len(distinct))),
         tests=tuple(
             HeldOut(
                 dict(tests[g]),
@@ -375,14 +369,14 @@ def compared(
 
 
 def _resampled(values: FloatArray, groups: NDArray[np.intp]) -> FloatArray:
-    """Return (q, RESAMPLES) means of (q, n) values over whole tests; over rollouts if all are of one test."""
+    """Return (q, DRAWS) means of (q, n) values over whole tests; over rollouts if all are of one test."""
     rng = np.random.default_rng(np.random.SeedSequence(0))
     tests = np.unique(groups, return_inverse=True)[1] if np.ptp(groups) else np.arange(groups.size)
     member = tests == np.arange(tests.max() + 1)[:, None]
-    picks = rng.integers(len(member), size=(RESAMPLES, len(member)))
+    picks = rng.integers(len(member), size=(DRAWS, len(member)))
     return np.asarray((values @ member.T)[:, picks].sum(axis=2) / member.sum(axis=1)[picks].sum(axis=1))
 
 
 def _interval(draws: FloatArray) -> tuple[float, float]:
-    low, high = np.quantile(draws, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+    low, high = np.quantile(draws, [LEVEL / 2, 1.0 - LEVEL / 2])
     return float(low), float(high)

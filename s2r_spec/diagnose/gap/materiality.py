@@ -43,13 +43,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.diagnose.gap import LEVEL
 from s2r_spec.errors import UsageError
 
 FloatArray = NDArray[np.float64]
 
-LEVEL = 0.05
-"""Level: probability of a material gap where there is none, over all tests together. Doubled, intervals get 14 %
-shorter if there are 20 tests."""
 HALF = 0.5
 """Definition: part of the simulated margin that a gap may take without mattering. Doubled, a gap matters only if it may
 change the sign of ρ, or double ρ."""
@@ -64,8 +62,6 @@ NODES = 16
 """Budget: values of r and of W over which p-values are averaged. Doubled, intervals change by 0.1 %."""
 EDGE = 1e-7
 """Tolerance: probability of W that is cut off at either end. Doubled, no digit of an answer changes."""
-BISECTIONS = 50
-"""Budget: halvings of the range in which h lies. Doubled, no digit changes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +81,11 @@ class RolloutsAtTest:
     simulated: FloatArray
     real_failed: int = 0
     simulated_failed: int = 0
+
+    @property
+    def gap(self) -> float:
+        """Mean real ρ less mean simulated ρ."""
+        return float(self.real.mean() - self.simulated.mean())
 
 
 @dataclass(frozen=True)
@@ -220,23 +221,13 @@ def materiality(
     _refuse_not_finite(tests)
     failures = _failures(tests)
     both = [test for test in tests if test.real.size and test.simulated.size]
-    if not both:
-        return Materiality((), failures, unit, tolerance)
-    gaps = np.array([test.real.mean() - test.simulated.mean() for test in both])
-    half, p = _intervals(both, gaps, LEVEL / (len(both) * (1 if failures is None else 2)))
-    found = tuple(
-        GapAtTest(
-            dict(test.params),
-            test.real.size,
-            float(test.real.mean()),
-            float(test.simulated.mean()),
-            gap - h,
-            gap + h,
-            each,
-        )
-        for test, gap, h, each in zip(both, gaps.tolist(), half.tolist(), p.tolist(), strict=True)
-    )
-    return Materiality(found, failures, unit, tolerance)
+    half, p = _intervals(both, LEVEL / (max(len(both), 1) * (1 if failures is None else 2)))
+    found = []
+    for test, h, each in zip(both, half.tolist(), p.tolist(), strict=True):
+        means = float(test.real.mean()), float(test.simulated.mean())
+        ends = test.gap - h, test.gap + h
+        found.append(GapAtTest(dict(test.params), test.real.size, *means, *ends, each))
+    return Materiality(tuple(found), failures, unit, tolerance)
 
 
 def moderated(variances: FloatArray, freedom: FloatArray) -> tuple[FloatArray, float]:
@@ -248,6 +239,7 @@ def moderated(variances: FloatArray, freedom: FloatArray) -> tuple[FloatArray, f
 
     The prior's d₀ and s₀² match mean and variance of log s_t²; d₀ is infinite where that varies no more than f_t says.
     """
+    from scipy.optimize import brentq
     from scipy.special import digamma, polygamma
 
     logs = np.log(variances) - digamma(freedom / 2.0) + np.log(freedom / 2.0)
@@ -255,7 +247,8 @@ def moderated(variances: FloatArray, freedom: FloatArray) -> tuple[FloatArray, f
     total = float(freedom.sum())
     if excess <= 0.0:
         return np.full(variances.size, float(variances @ freedom) / total), total
-    prior = 2.0 * _inverse_trigamma(excess)
+    # The trigamma function of x lies between 1/x and 1/(x − 1/2).
+    prior = 2.0 * brentq(lambda x: float(polygamma(1, x)) - excess, 0.5 / excess, 1.0 + 2.0 / excess)
     size = math.exp(float(logs.mean()) + float(digamma(prior / 2.0)) - math.log(prior / 2.0))
     posterior = (prior * size + freedom * variances) / (prior + freedom)
     return posterior, min(prior + float(freedom.mean()), total)
@@ -273,11 +266,13 @@ def same_failures(tables: Sequence[tuple[int, int, int, int]]) -> float:
     Args:
         tables: (real failed, real rollouts, simulated failed, simulated rollouts) of each test.
     """
+    from scipy.stats import hypergeom
+
     observed = 0.0
     sums = {0.0: 1.0}
     for failed, real, other, simulated in tables:
         counts = np.arange(max(0, failed + other - simulated), min(real, failed + other) + 1)
-        masses = np.array([_hypergeometric(k, real, simulated, failed + other) for k in counts.tolist()])
+        masses = hypergeom.pmf(counts, real + simulated, failed + other, real)
         observed += math.log(masses[counts == failed].item())
         after: dict[float, float] = {}
         for log, mass in sums.items():
@@ -288,46 +283,37 @@ def same_failures(tables: Sequence[tuple[int, int, int, int]]) -> float:
     return min(1.0, sum(mass for log, mass in sums.items() if log <= observed + 1e-6))
 
 
-def _hypergeometric(failed: int, real: int, simulated: int, all_failed: int) -> float:
-    """Return the probability that so many of the failed rollouts are real ones."""
-    ways = math.comb(real, failed) * math.comb(simulated, all_failed - failed)
-    return ways / math.comb(real + simulated, all_failed)
-
-
 def _failures(tests: Sequence[RolloutsAtTest]) -> Failures | None:
     """Return the rollouts that ended early; None without any."""
     tables = [
         (
-            one.real_failed,
-            one.real_failed + one.real.size,
-            one.simulated_failed,
-            one.simulated_failed + one.simulated.size,
+            t.real_failed,
+            t.real_failed + t.real.size,
+            t.simulated_failed,
+            t.simulated_failed + t.simulated.size,
         )
-        for one in tests
+        for t in tests
     ]
-    real, of, simulated, among = (sum(column) for column in zip(*tables, strict=True)) if tables else (0,) * 4
+    real, of, simulated, among = np.sum([(0, 0, 0, 0), *tables], axis=0).tolist()
     if not real + simulated:
         return None
     return Failures(real, of, simulated, among, min(1.0, 2.0 * same_failures(tables)))
 
 
-def _intervals(
-    tests: Sequence[RolloutsAtTest], gaps: FloatArray, level: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return half-widths (T,) of intervals around the gaps (T,), and the p-values (T,) of these gaps."""
-    scale = _rounding(tests)
+def _intervals(tests: Sequence[RolloutsAtTest], level: float) -> tuple[FloatArray, FloatArray]:
+    """Return half-widths (T,) of intervals around the gaps, and the p-values (T,) of these gaps."""
+    half, p = np.empty(len(tests)), np.empty(len(tests))
+    if not tests:
+        return half, p
+    scale = ROUNDING * max(float(np.abs(one).max()) for test in tests for one in (test.real, test.simulated))
     deviation, freedom = _scatter(tests, scale)
-    replicates = [
-        (one.real, v) for one, v in zip(tests, deviation.tolist(), strict=True) if one.real.size > 1
-    ]
-    squares = sum(
-        float(((real - real.mean()) ** 2).sum()) / max(v, scale, 1e-300) ** 2 for real, v in replicates
-    )
-    ratio, of_ratio = _ratio(squares, sum(real.size - 1 for real, _ in replicates))
+    least = np.maximum(deviation, max(scale, 1e-300))
+    squares = [((one.real - one.real.mean()) ** 2).sum() / v**2 for one, v in zip(tests, least, strict=True)]
+    ratio, of_ratio = _ratio(float(np.sum(squares)), sum(one.real.size - 1 for one in tests))
     error, of_error = _variance_error(freedom)
     weights = np.outer(of_ratio, of_error).ravel()
-    half, p = np.empty(len(tests)), np.empty(len(tests))
     sizes = [(test.real.size, test.simulated.size) for test in tests]
+    gaps = np.array([test.gap for test in tests])
     for n, m in dict.fromkeys(sizes):
         alike = np.array([size == (n, m) for size in sizes])
         unit = (np.sqrt(ratio**2 / n + 1.0 / m)[:, None] / np.sqrt(error)).ravel()
@@ -362,11 +348,6 @@ def _scatter(tests: Sequence[RolloutsAtTest], scale: float) -> tuple[FloatArray,
     return np.sqrt(variance), freedom
 
 
-def _rounding(tests: Sequence[RolloutsAtTest]) -> float:
-    """Return the rounding error of ρ."""
-    return ROUNDING * max(float(np.abs(one).max()) for test in tests for one in (test.real, test.simulated))
-
-
 def _ratio(squares: float, freedom: int) -> tuple[FloatArray, FloatArray]:
     """Return values (NODES,) of r and their posterior weights.
 
@@ -396,25 +377,10 @@ def _variance_error(freedom: float) -> tuple[FloatArray, FloatArray]:
 
 def _quantile(errors: FloatArray, weights: FloatArray, level: float) -> float:
     """Return the gap of which the p-value is ``level``, for standard errors and their weights."""
-    low, high = 0.0, float(errors.max()) * (1.0 - math.log(level))
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if tail(middle / errors) @ weights > level else (low, middle)
-    return high
+    from scipy.optimize import brentq
 
-
-def _inverse_trigamma(value: float) -> float:
-    """Return x with trigamma(x) = value > 0, by Newton's method on 1/trigamma (Smyth 2004, appendix)."""
-    from scipy.special import polygamma
-
-    x = 0.5 + 1.0 / value
-    for _ in range(BISECTIONS):
-        own = float(polygamma(1, x))
-        step = own * (1.0 - own / value) / float(polygamma(2, x))
-        x += step
-        if abs(step) <= 1e-9 * x:
-            break
-    return x
+    most = float(errors.max()) * (1.0 - math.log(level))
+    return float(brentq(lambda gap: float(tail(gap / errors) @ weights) - level, 0.0, most))
 
 
 def _refuse_not_finite(tests: Sequence[RolloutsAtTest]) -> None:

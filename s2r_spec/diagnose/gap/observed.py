@@ -1,63 +1,29 @@
-"""The gap at the tests that were run: ρ of real and simulated rollouts, test by test."""
+"""Δρ at the tests that were run, with errors from replicates."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.diagnose.gap.materiality import RolloutsAtTest
+
 FloatArray = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class GapAt:
-    """ρ of all rollouts at one test.
+def measured(tests: Sequence[RolloutsAtTest]) -> tuple[FloatArray, FloatArray, float]:
+    """Return (n,) E Δρ at each test, (n,) the standard error of each, and the standard deviation of Δρ of one pair.
 
-    Args:
-        params: the test.
-        real: (r,) ρ of the real rollouts, r ≥ 1.
-        simulated: (s,) ρ of the simulated ones, s ≥ 1.
-    """
-
-    params: Mapping[str, float]
-    real: FloatArray
-    simulated: FloatArray
-
-    @property
-    def signed(self) -> float:
-        """Mean of Δρ = ρ_real − ρ_sim."""
-        return float(self.real.mean() - self.simulated.mean())
-
-
-@dataclass(frozen=True, eq=False)
-class Measured:
-    """Δρ at each test with its errors.
-
-    Args:
-        mean: (n,) E Δρ at each test.
-        deviation: (n,) standard error of each mean.
-        scatter: standard deviation of Δρ of one pair of rollouts around its mean.
-    """
-
-    mean: FloatArray
-    deviation: FloatArray
-    scatter: float
-
-
-def measured(gaps: tuple[GapAt, ...]) -> Measured:
-    """Return Δρ at each test, with errors from the scatter of replicates.
-
-    Errors follow from the variance within tests, pooled over all tests. ``scatter`` follows from
+    Errors follow from the variance within tests, pooled over all tests. The scatter of one pair follows from
     the median over tests, which a few falls hardly change.
     """
-    real, simulated = [gap.real for gap in gaps], [gap.simulated for gap in gaps]
+    real, simulated = [test.real for test in tests], [test.simulated for test in tests]
     own, other = np.array(_within(real)), np.array(_within(simulated))
     # a side without replicates has the variance of the other side; without any replicates it is 0
     own, other = (np.nan_to_num(np.where(np.isnan(a), b, a)) for a, b in ((own, other), (other, own)))
     error = own[0] / [r.size for r in real] + other[0] / [s.size for s in simulated]
-    return Measured(np.array([gap.signed for gap in gaps]), np.sqrt(error), float(np.sqrt(own[1] + other[1])))
+    return np.array([test.gap for test in tests]), np.sqrt(error), float(np.sqrt(own[1] + other[1]))
 
 
 def folded(mean: FloatArray, scatter: float) -> FloatArray:
@@ -71,22 +37,14 @@ def folded(mean: FloatArray, scatter: float) -> FloatArray:
     return value
 
 
-def floor(gaps: tuple[GapAt, ...]) -> float:
+def floor(tests: Sequence[RolloutsAtTest]) -> float:
     """Return E|ρ − ρ'| of two simulated rollouts of the same test: E|Δρ| of a perfect simulator.
 
     NaN if no test was simulated twice.
     """
-    among = [
-        float(np.abs(s[:, None] - s).sum() / (s.size * (s.size - 1)))
-        for s in (gap.simulated for gap in gaps)
-        if s.size > 1
-    ]
+    several = [test.simulated for test in tests if test.simulated.size > 1]
+    among = [float(np.abs(s[:, None] - s).sum() / (s.size * (s.size - 1))) for s in several]
     return float(np.mean(among)) if among else float("nan")
-
-
-def replicated(gaps: tuple[GapAt, ...]) -> int:
-    """Return the number of tests with three real rollouts or more."""
-    return sum(gap.real.size >= 3 for gap in gaps)
 
 
 def _within(samples: list[FloatArray]) -> tuple[float, float]:

@@ -6,7 +6,7 @@ improved simulator plus such a process. Both models have a weight in proportion 
 that are sampled from the posterior. The expected size E|Δρ| follows from g and the scatter, as the mean of a folded
 normal distribution. The worst test, the band and the tests above the tolerance are statistics of the sampled functions.
 
-Units: those of ρ. Shapes: n tests, m places of a grid over the space, FUNCTIONS functions.
+Units: those of ρ. Shapes: n tests, m places of a grid over the space, DRAWS functions.
 """
 
 from __future__ import annotations
@@ -18,24 +18,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.gap import observed
+from s2r_spec.diagnose.gap import DRAWS, LEVEL, observed
 from s2r_spec.diagnose.gap.gaussian_process import Data, functions
-from s2r_spec.diagnose.gap.observed import GapAt
+from s2r_spec.diagnose.gap.materiality import RolloutsAtTest
+from s2r_spec.diagnose.gap.test_space import grid_of, in_cube
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space
 
 FloatArray = NDArray[np.float64]
 
-LEVEL = 0.95
-"""Level: probability of the band as a whole, and of a gap above the tolerance. Nearer to 1, both need more rollouts."""
-FUNCTIONS = 2000
-"""Budget: sampled functions. Doubled, the sampling error of every probability is smaller by a factor √2."""
 MOST_PREDICTED = 0.75
 """Prior: largest weight of the improved simulator, because it was fitted to the same rollouts. At 1, it may be
 alone."""
-_COUNTS = {1: (101,), 2: (21, 21), 3: (7, 7, 7), 4: (5, 5, 5, 5)}
-MOST_AXES = max(_COUNTS)
-"""Definition: the most parameters of a test space with a surface; a grid over five would have too few places."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +83,7 @@ class GapSurface:
 
     space: Space
     unit: str
-    tests: tuple[GapAt, ...]
+    tests: tuple[RolloutsAtTest, ...]
     grid: FloatArray
     absolute: Band
     signed: Band
@@ -105,7 +99,7 @@ class GapSurface:
     @property
     def beyond(self) -> NDArray[np.bool_] | None:
         """(m,) places where the gap exceeds the tolerance with probability 0.95 or more; None without a tolerance."""
-        return None if self.exceeds is None else self.exceeds >= LEVEL
+        return None if self.exceeds is None else self.exceeds >= 1.0 - LEVEL
 
     def to_json(self) -> dict[str, Any]:
         """Return plain data for JSON: of the band, a line along each axis through the worst test."""
@@ -131,16 +125,11 @@ class GapSurface:
 
     def _line(self, axis: int) -> dict[str, list[float] | None]:
         on = self.along(axis)
-        return {
-            "at": self.grid[on, axis].tolist(),
-            "absolute": self.absolute.mean[on].tolist(),
-            "absolute_low": self.absolute.lower[on].tolist(),
-            "absolute_high": self.absolute.upper[on].tolist(),
-            "signed": self.signed.mean[on].tolist(),
-            "signed_low": self.signed.lower[on].tolist(),
-            "signed_high": self.signed.upper[on].tolist(),
-            "exceeds": None if self.exceeds is None else self.exceeds[on].tolist(),
-        }
+        found = {"at": self.grid[on, axis].tolist()}
+        for name, band in (("absolute", self.absolute), ("signed", self.signed)):
+            for ending, values in (("", band.mean), ("_low", band.lower), ("_high", band.upper)):
+                found[name + ending] = values[on].tolist()
+        return found | {"exceeds": None if self.exceeds is None else self.exceeds[on].tolist()}
 
 
 def _share_and_box(space: Space, grid: FloatArray, beyond: NDArray[np.bool_]) -> dict[str, Any]:
@@ -153,22 +142,9 @@ def _share_and_box(space: Space, grid: FloatArray, beyond: NDArray[np.bool_]) ->
     }
 
 
-def grid_of(space: Space) -> FloatArray:
-    """Return the grid (m, dim) over the test space.
-
-    Raises:
-        UsageError: the space has no or more than four parameters.
-    """
-    if space.dim not in _COUNTS:
-        raise UsageError(
-            f"s2r locates the gap in a test space of one to four parameters, and the spec has {space.dim}"
-        )
-    return space.grid(_COUNTS[space.dim])
-
-
 def gap_surface(
     space: Space,
-    tests: tuple[GapAt, ...],
+    tests: tuple[RolloutsAtTest, ...],
     unit: str = "",
     seed: int = 0,
     predicted: Predicted | None = None,
@@ -190,13 +166,11 @@ def gap_surface(
             "s2r needs at least one real rollout to locate the gap in the test space, and there is none"
         )
     grid = grid_of(space)
-    at = np.array([space.vector(test.params) for test in tests])
+    at = in_cube(space, np.array([space.vector(test.params) for test in tests]))
     generator = np.random.default_rng(seed)
-    data = observed.measured(tests)
-    sign = _sampled(
-        Data(_unit(space, at), data.mean, data.deviation), _unit(space, grid), predicted, generator
-    )
-    size = observed.folded(sign, data.scatter)
+    mean, deviation, scatter = observed.measured(tests)
+    sign = _sampled(Data(at, mean, deviation), in_cube(space, grid), predicted, generator)
+    size = observed.folded(sign, scatter)
     largest = size.max(axis=1)
     places = grid[size.argmax(axis=1)]
     worst = _mode(space, places)
@@ -224,42 +198,37 @@ def gap_surface(
 def _sampled(
     data: Data, grid: FloatArray, predicted: Predicted | None, generator: np.random.Generator
 ) -> FloatArray:
-    """Return (FUNCTIONS, m) samples of the signed gap, from both models in proportion to their evidence."""
-    plain, evidence = functions(data, grid, FUNCTIONS, generator)
+    """Return (DRAWS, m) samples of the signed gap, from both models in proportion to their evidence."""
+    plain, evidence = functions(data, grid, DRAWS, generator)
     if predicted is None:
         return plain
     rest = replace(data, values=data.values - predicted.tests)
-    left, other = functions(rest, grid, FUNCTIONS, generator)
+    left, other = functions(rest, grid, DRAWS, generator)
     share = 1.0 / (1.0 + np.exp(np.clip(evidence - other, -50.0, 50.0)))
-    count = round(FUNCTIONS * min(float(share), MOST_PREDICTED))
+    count = round(DRAWS * min(float(share), MOST_PREDICTED))
     # Functions with one size and length scale are neighbours, so a random order takes from all of them.
-    picked = generator.permutation(FUNCTIONS)
+    picked = generator.permutation(DRAWS)
     return np.concatenate([predicted.grid + left[picked[:count]], plain[picked[count:]]])
 
 
-def _unit(space: Space, points: FloatArray) -> FloatArray:
-    scaled: FloatArray = (points - space.lower) / (space.upper - space.lower)
-    return scaled
-
-
 def _band(sampled: FloatArray, positive: bool = False) -> Band:
-    """Return the band around the mean that contains :data:`LEVEL` of the functions at all places."""
+    """Return the band around the mean that contains 95 % of the functions at all places."""
     mean, deviation = sampled.mean(axis=0), sampled.std(axis=0)
-    width = np.quantile((np.abs(sampled - mean) / np.maximum(deviation, 1e-300)).max(axis=1), LEVEL)
+    width = np.quantile((np.abs(sampled - mean) / np.maximum(deviation, 1e-300)).max(axis=1), 1.0 - LEVEL)
     lower = mean - width * deviation
     return Band(mean, np.maximum(lower, 0.0) if positive else lower, mean + width * deviation)
 
 
 def _mode(space: Space, places: FloatArray) -> FloatArray:
     """Return the place with the highest density, from a triangular kernel over a tenth of every axis."""
-    distinct, counts = np.unique(_unit(space, places), axis=0, return_counts=True)
+    distinct, counts = np.unique(in_cube(space, places), axis=0, return_counts=True)
     near = np.clip(1.0 - 10.0 * np.abs(distinct[:, None] - distinct), 0.0, None).prod(axis=2) @ counts
     return space.at(distinct[near.argmax()])
 
 
-def _notes(space: Space, tests: tuple[GapAt, ...]) -> tuple[str, ...]:
+def _notes(space: Space, tests: tuple[RolloutsAtTest, ...]) -> tuple[str, ...]:
     notes = []
-    replicated = observed.replicated(tests)
+    replicated = sum(test.real.size >= 3 for test in tests)
     if 3 * replicated < len(tests):
         notes.append(
             f"{replicated} of {len(tests)} tests have three or more real rollouts; repeat a third of the tests to "

@@ -12,11 +12,11 @@ import numpy as np
 from s2r_spec.attribution.attribute import Attribution, attribute
 from s2r_spec.backend import HasResiduals
 from s2r_spec.diagnose.gap.body import FEWEST, Body, Residuals, shifts
-from s2r_spec.diagnose.gap.observed import GapAt
+from s2r_spec.diagnose.gap.materiality import RolloutsAtTest
 from s2r_spec.diagnose.gap.predicted import predict
-from s2r_spec.diagnose.gap.surface import MOST_AXES, GapSurface, gap_surface
-from s2r_spec.diagnose.gap.test_space import unit_box
-from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.diagnose.gap.surface import GapSurface, gap_surface
+from s2r_spec.diagnose.gap.test_space import COUNTS, in_cube
+from s2r_spec.diagnose.simulate import Bench, places_of
 from s2r_spec.documentation import page
 from s2r_spec.errors import TraceError
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
@@ -98,22 +98,16 @@ def where(
         improved: effects of an improved simulator, which predicts the gap between the tests that were run.
         executor: makes a pool for these simulations; None runs them here.
     """
-    same_test: dict[tuple[tuple[str, float], ...], list[int]] = {}
-    for i, test in enumerate(pairs.tests):
-        same_test.setdefault(key_of(test), []).append(i)
-    gaps = tuple(
-        GapAt(
-            dict(key), *(np.array([side[i][1] for i in rollouts]) for side in (pairs.real, pairs.simulated))
-        )
-        for key, rollouts in same_test.items()
-    )
+    places = places_of(pairs.tests)
+    real, simulated = (np.array([rho for _, rho in side]) for side in (pairs.real, pairs.simulated))
+    gaps = tuple(RolloutsAtTest(dict(key), real[at], simulated[at]) for key, at in places.items())
     space = None
-    if 1 <= spec.space.dim <= MOST_AXES:
+    if spec.space.dim in COUNTS:
         at = [gap.params for gap in gaps]
         predicted = predict(bench, improved, at, seed, executor) if bench and improved else None
         space = gap_surface(spec.space, gaps, spec.unit(requirement), seed=seed, predicted=predicted)
-    worst = max(gaps, key=lambda gap: abs(gap.signed))
-    first = same_test[key_of(worst.params)][0]
+    worst = max(gaps, key=lambda gap: abs(gap.gap))
+    first = places[key_of(worst.params)][0]
     pair = attribute(spec, requirement, pairs.real[first][0], pairs.simulated[first][0], dict(worst.params))
     body, no_body = (None, NO_SIMULATOR) if bench is None else body_of(bench, pairs, seed)
     return Where(space, dict(worst.params), pair, body, no_body)
@@ -151,7 +145,9 @@ def body_of(bench: Bench, pairs: Pairs, seed: int) -> tuple[Body | None, str]:
     if len(real) < FEWEST:
         few = f"residuals exist for only {len(real)} real rollouts, and at least {FEWEST} are needed"
         return None, f"{few}: {refused}" if refused else few
-    body = shifts(unit_box(bench.spec.space, tests), real, simulated, bench.backend.duration)
+    space = bench.spec.space
+    places = np.array([[test[name] for name in space.names] for test in tests])
+    body = shifts(in_cube(space, places), real, simulated, bench.backend.duration)
     if not body.asked:
         return None, f"no window of time has residuals of {FEWEST} real rollouts"
     return body, ""

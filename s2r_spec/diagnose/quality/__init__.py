@@ -24,9 +24,9 @@ Williams 2006, §2.7, explicit basis functions; Woodbury), generalised-likelihoo
 1993, ch. 7).
 
 One check a file. :mod:`.late`, :mod:`.clock`, :mod:`.exchanged`, :mod:`.sign`, :mod:`.scale`, :mod:`.frame` and
-:mod:`.labels` propose, and :mod:`.decide` judges all by this rule. Checks that need no model stand beside them: one
-rollout is compared with one of the simulator (:mod:`.direct`: unit, opposite, wrapped, still, copied, begin), or with
-the other rollouts (:mod:`.hold`; :mod:`.glitches`: spike, stopped). :mod:`.doubt` is what a finding does to a verdict.
+:mod:`.labels` propose, and :mod:`.decide` judges all by this rule. Checks that need no model stand beside them
+(:mod:`.direct`): a channel is compared with the simulator's (:mod:`.still`, :mod:`.wrapped`, :mod:`.factor`,
+:mod:`.begin`, :mod:`.hold`), or a rollout with the others (:mod:`.spike`, :mod:`.stopped`, :mod:`.copied`).
 """
 
 from s2r_spec.diagnose.quality.decide import findings

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.diagnose.quality.comparison import Comparison
 from s2r_spec.diagnose.quality.finding import Finding
-from s2r_spec.diagnose.quality.suspects import Suspect
+from s2r_spec.diagnose.quality.suspects import Suspect, refined
 
 FloatArray = NDArray[np.float64]
 
@@ -22,26 +22,25 @@ def clock(c: Comparison) -> list[Suspect]:
     """Return the clock that explains most, if it is a minimum; instants that are in no recording are not compared."""
     end = min(trace.duration for trace in c.traces)
 
-    def undone(stamped: float) -> tuple[float, FloatArray, FloatArray]:
-        values, there = c.read(stretch=stamped), (stamped * c.times <= end)[:, None].astype(float)
-        return c.misfit(values, there=there) - c.misfit(c.recorded, there=there), values, there
+    def there(stamped: float) -> FloatArray:
+        return (stamped * c.times <= end)[:, None].astype(float)
 
-    tried = [f for f in FACTORS if abs(f - 1.0) > STEADY]
-    best = min(tried, key=lambda f: undone(f)[0])
-    if best in (FACTORS[0], FACTORS[-1]):
+    def loss(log: float) -> float:
+        stamped = float(np.exp(log))
+        values, counts = c.read(stretch=stamped), there(stamped)
+        wrong = c.misfit(values, there=counts) - c.misfit(c.recorded, there=counts)
+        return wrong if abs(stamped - 1.0) > STEADY else np.inf
+
+    least = min(FACTORS, key=lambda stamped: loss(np.log(stamped)))
+    if least in (FACTORS[0], FACTORS[-1]):
         return []
-    ratio = FACTORS[1] / FACTORS[0]
-    for _ in range(2):
-        near = best * np.geomspace(1.0 / ratio, ratio, 9)
-        best = min(
-            (float(f) for f in near if abs(f - 1.0) > STEADY), key=lambda f: undone(f)[0], default=best
-        )
-        ratio = ratio ** (1 / 4)
-    _, values, there = undone(best)
+    log, step = np.log(least), np.log(FACTORS[1] / FACTORS[0])
+    best = float(np.exp(refined(loss, log, log - step, log + step, 2)))
     step = float(np.median([np.median(np.diff(trace.times)) for trace in c.traces]))
     rate, was = 1.0 / step, best / step
     text = (
         f"all channels of the real rollouts, commands included, run {1.0 / best:.3g} times as fast as the simulator's. "
         f"Were samples taken at {was:.3g} Hz stamped at {rate:.3g} Hz?"
     )
-    return [Suspect(Finding("clock", "the clock", text, "a wrong clock"), values, None, there)]
+    said = Finding("clock", "the clock", text, "a wrong clock")
+    return [Suspect(said, c.read(stretch=best), None, there(best))]

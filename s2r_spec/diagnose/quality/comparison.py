@@ -13,30 +13,31 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.axes import Line
-from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
-from s2r_spec.space import key_of
+from s2r_spec.diagnose.axes import Line, Values
+from s2r_spec.diagnose.quality.recordings import Rollout
+from s2r_spec.diagnose.simulate import Bench, Job, Test, evenly, places_of, run_jobs
+from s2r_spec.diagnose.simulator.library import POINTS
 from s2r_spec.trace import Trace, between
 
 FloatArray = NDArray[np.float64]
-Rollout = tuple[dict[str, float], Trace]
 
 BUDGET = 20.0
 """Budget: CPU time [s] for the rollouts that a comparison simulates. Twice as much compares more tests, with more
-sizes of every effect; a simulator that cannot run MINIMUM tests in it runs these all the same."""
-MINIMUM, TESTS = 3, 6
-"""Budget: tests that are compared, at least and at most. Twice as many cost twice the time, and find mistakes that show
-at few tests."""
-FEWEST, SEEDS = 4, 24
-"""Budget: nominal rollouts a test, for their mean and scatter, at least and at most. Twice as many halve the variance
-of the estimate of either."""
+sizes of every effect; a simulator that cannot run half of TESTS in it runs these all the same."""
+TESTS = 6
+"""Budget: tests that are compared at most; half of them at least. Twice as many cost twice the time, and find mistakes
+that show at few tests."""
+SEEDS = 24
+"""Budget: nominal rollouts a test at most, for their mean and scatter; a sixth of them at least. Twice as many halve
+the variance of the estimate of either."""
 FRESH = 3
 """Budget: further nominal rollouts a test, which say what the usual misfit is. Twice as many halve its variance."""
 OWN = 10
 """Definition: nominal rollouts of a test from which on its scatter is its own; of fewer it is that of all tests. Twice
 as many pool more simulators, whose tests may scatter unlike each other."""
-SPARSE, TIMES = 30, 90
-"""Definition: instants of a rollout that are compared, at least and at most. Twice as many see delays half as long."""
+TIMES = 90
+"""Definition: instants of a rollout that are compared at most; a third of them at least. Twice as many see delays half
+as long."""
 NUMBERS = 2000
 """Budget: numbers of a rollout that are compared, about. Twice as many take twice the time with many columns."""
 FLOOR = 0.01
@@ -45,8 +46,9 @@ mistakes that are half as large."""
 LEAST = 0.5
 """Tolerance: usual misfit at least, a number; a discrepancy of one floor throughout makes 1. Twice as much hides
 mistakes that are 1.4 times as large where the simulator hardly scatters."""
-USED = 0.9
-"""Definition: part of a rollout that is compared, so that undoing a delay or a slow clock has samples to read."""
+LATEST = 0.1
+"""Definition: part of a rollout that a delay is looked for up to; as much at its end is not compared, so that undoing
+a delay has samples to read. Twice as much compares less."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,10 @@ class Column:
     place: int
     name: str
     unit: str
+
+    def of(self, trace: Trace) -> FloatArray:
+        """Return its samples in a trace."""
+        return trace[self.channel].reshape(len(trace), -1)[:, self.place]
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +99,7 @@ class Comparison:
     scatter: FloatArray
     effects: FloatArray
     sizes: tuple[tuple[Line, float], ...]
-    cost: float = 0.0
+    cost: float
     usual: float = 1.0
 
     @cached_property
@@ -101,25 +107,17 @@ class Comparison:
         """Return (n, T, c) of the recordings as they are."""
         return self.read()
 
-    def read(self, stretch: float = 1.0, late: float | FloatArray = 0.0) -> FloatArray:
-        """Return (n, T, c) of the recordings, read at other times: t → stretch · t + late.
+    def read(self, stretch: float = 1.0, late: float = 0.0) -> FloatArray:
+        """Return (n, T, c) of the recordings, read at other times: t → stretch · t + late [s].
 
         Before the first sample a channel is what it was in the first.
-
-        Args:
-            stretch: of all columns.
-            late: [s] by which all columns are late, or (c,) each.
         """
-        shifts = np.broadcast_to(late, (len(self.columns),))
-        out = np.empty((len(self.traces), len(self.times), len(self.columns)))
-        for n, trace in enumerate(self.traces):
-            own = trace.times - trace.times[0]
-            for shift in np.unique(shifts):
-                at = stretch * self.times + shift
-                for k in np.flatnonzero(shifts == shift):
-                    values = trace[self.columns[k].channel].reshape(len(trace), -1)[:, self.columns[k].place]
-                    out[n, :, k] = np.interp(at, own, values)
-        return out
+        at = stretch * self.times + late
+        rows = [
+            [np.interp(at, trace.times - trace.times[0], column.of(trace)) for column in self.columns]
+            for trace in self.traces
+        ]
+        return np.array(rows).transpose(0, 2, 1)
 
     def rest(self, values: FloatArray) -> FloatArray:
         """Return (n, T, c) discrepancies of recordings, in floors."""
@@ -127,13 +125,24 @@ class Comparison:
 
     @cached_property
     def _whitening(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return (n, s, d) W by which C⁻¹ = 1 − WᵀW of a rollout, (k, n, d) C⁻¹J, and (k, k) the root of 1 + JᵀC⁻¹J."""
-        inner = np.eye(self.scatter.shape[1]) + np.einsum("nsd,ntd->nst", self.scatter, self.scatter)
-        w = np.linalg.solve(np.linalg.cholesky(inner), self.scatter)
-        j = self.effects
+        """Return (n, s, d) W by which C⁻¹ = 1 − WᵀW of a rollout, (k, n · d) C⁻¹J, and (k, k) JᵀC⁻¹J."""
+        w, j = np.linalg.solve(np.linalg.cholesky(_inner(self.scatter)), self.scatter), self.effects
         cj = j - np.einsum("nsd,nsk->knd", w, np.einsum("nsd,knd->nsk", w, j))
-        gram = np.eye(len(j)) + np.einsum("knd,lnd->kl", j, cj)
-        return np.asarray(w), cj, np.asarray(np.linalg.cholesky(gram))
+        return np.asarray(w), cj.reshape(len(j), -1), np.einsum("knd,lnd->kl", j, cj)
+
+    @cached_property
+    def _root(self) -> FloatArray:
+        gram = self._whitening[2]
+        return np.asarray(np.linalg.cholesky(np.eye(len(gram)) + gram))
+
+    def moments(
+        self, values: FloatArray, there: FloatArray | float = 1.0
+    ) -> tuple[float, FloatArray, FloatArray]:
+        """Return rᵀC⁻¹r of recordings, (k,) JᵀC⁻¹r and (k, k) JᵀC⁻¹J: all that a fit of effects needs."""
+        r = (self.rest(values) * there).reshape(len(self.traces), -1)
+        w, cj, gram = self._whitening
+        q = float(np.vdot(r, r) - (np.matmul(w, r[:, :, None]) ** 2).sum())
+        return q, cj @ r.ravel(), gram
 
     def misfit(self, values: FloatArray, effects: bool = True, there: FloatArray | float = 1.0) -> float:
         """Return Q of recordings (n, T, c), a number of it.
@@ -143,25 +152,15 @@ class Comparison:
             effects: whether the catalogue may explain anything.
             there: of 1 and 0, (T, 1) which instants count, or (n, 1, 1) which recordings.
         """
-        r = (self.rest(values) * there).reshape(len(self.traces), -1)
-        w, cj, root = self._whitening
-        q = float(np.vdot(r, r) - (np.matmul(w, r[:, :, None]) ** 2).sum())
-        if effects and len(root):
-            q -= float((np.linalg.solve(root, cj.reshape(len(cj), -1) @ r.ravel()) ** 2).sum())
-        return max(q, 0.0) / r.size
-
-    def moments(self, values: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-        """Return rᵀC⁻¹r of recordings, (k,) JᵀC⁻¹r and (k, k) JᵀC⁻¹J: all that a fit of effects needs."""
-        r = self.rest(values).reshape(len(self.traces), -1)
-        w, cj, root = self._whitening
-        q = float(np.vdot(r, r) - (np.matmul(w, r[:, :, None]) ** 2).sum())
-        return q, cj.reshape(len(cj), -1) @ r.ravel(), root @ root.T - np.eye(len(root))
+        q, toward, _ = self.moments(values, there)
+        if effects and len(toward):
+            q -= float((np.linalg.solve(self._root, toward) ** 2).sum())
+        return max(q, 0.0) / values.size
 
     @cached_property
     def volume(self) -> float:
         """Return log |C|, a number of a recording: what a machine that scatters more must explain better."""
-        inner = np.eye(self.scatter.shape[1]) + np.einsum("nsd,ntd->nst", self.scatter, self.scatter)
-        logs = np.linalg.slogdet(inner)[1].mean() / self.scatter.shape[2]
+        logs = np.linalg.slogdet(_inner(self.scatter))[1].mean() / self.scatter.shape[2]
         return float(logs + 2.0 * np.log(self.floor).mean())
 
     def elsewhere(self, nominal: FloatArray, scatter: FloatArray, which: NDArray[np.bool_]) -> Comparison:
@@ -173,25 +172,36 @@ class Comparison:
         mean = np.where(which[:, None, None], nominal, self.nominal)
         return replace(self, nominal=mean, scatter=np.where(which[:, None, None], other, own))
 
-    def plain(self, values: FloatArray) -> FloatArray:
-        """Return (c,) mean square of each column's discrepancy by itself."""
-        return np.asarray((self.rest(values) ** 2).mean(axis=(0, 1)))
+    def affordable(self, tests: int) -> int:
+        """Return how many rollouts of each of so many tests the budget has."""
+        return int(np.clip(BUDGET / (self.cost * tests), SEEDS // 6, SEEDS))
+
+    def simulated(
+        self,
+        bench: Bench,
+        machine: Values,
+        tests: Sequence[Test],
+        seeds: int,
+        executor: Callable[[], Executor] | None = None,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> FloatArray:
+        """Return (tests, seeds, T, c) of a machine's rollouts; NaN after one ended early."""
+        jobs = [Job(machine, tuple((test, seed) for seed in range(seeds))) for test in tests]
+        rows = run_jobs(bench, jobs, executor, progress, partial(sampled, self.columns, self.times))
+        return np.array(rows).reshape(len(tests), seeds, len(self.times), len(self.columns))
 
 
 def columns_of(bench: Bench, traces: Sequence[Trace], without: Sequence[str] = ()) -> tuple[Column, ...]:
     """Return the columns that every recording has, of numbers throughout, but for some."""
-    found = []
+    found: list[Column] = []
     for channel in bench.backend.channels:
-        shape = {trace[channel.name].shape[1:] for trace in traces if channel.name in trace.channels}
-        whole = all(
-            channel.name in trace.channels and np.isfinite(trace[channel.name]).all() for trace in traces
-        )
-        if not whole or len(shape) != 1 or channel.name in without:
+        values = [trace.channels.get(channel.name, np.full(1, np.nan)) for trace in traces]
+        alike = len({each.shape[1:] for each in values}) == 1
+        if channel.name in without or not alike or not all(np.isfinite(each).all() for each in values):
             continue
-        for place in range(channel.width):
-            word = channel.columns[place] if channel.columns else f"column {place + 1}"
-            name = channel.name if channel.width == 1 else f"{channel.name}, {word}"
-            found.append(Column(channel.name, place, name, channel.unit))
+        words = channel.columns or [f"column {place + 1}" for place in range(channel.width)]
+        names = [channel.name] if channel.width == 1 else [f"{channel.name}, {word}" for word in words]
+        found += [Column(channel.name, place, name, channel.unit) for place, name in enumerate(names)]
     return tuple(found)
 
 
@@ -204,10 +214,8 @@ def sampled(
     out = np.full((len(times), len(columns)), np.nan)
     there = times <= own[-1] + 1e-9
     for k, column in enumerate(columns):
-        if column.channel in trace.channels:
-            values = trace[column.channel].reshape(len(trace), -1)
-            if column.place < values.shape[1]:
-                out[there, k] = between(times[there], own, values[:, column.place])
+        if column.channel in trace.channels and column.place < trace[column.channel][:1].size:
+            out[there, k] = between(times[there], own, column.of(trace))
     return out.ravel()
 
 
@@ -230,20 +238,20 @@ def compare(
         without: channels that are not compared.
     """
     ran = [(test, trace) for test, trace in rollouts if trace.failure is None and len(trace) > 1]
-    if not ran:
-        return None
+    ran = [ran[places[0]] for places in places_of([test for test, _ in ran]).values()]
     cost = max(float(bench.backend.cost), 1e-4)
-    sizes = [(line, value) for line in lines for value in line.values]
-    chosen = spread(ran, int(np.clip(BUDGET / (cost * (OWN + len(sizes))), MINIMUM, TESTS)))
+    sizes = [(line, line.value(x)) for line in lines for x in line.coordinates(POINTS)]
+    most = int(np.clip(BUDGET / (cost * (OWN + len(sizes))), TESTS // 2, TESTS))
+    chosen = [ran[place] for place in dict.fromkeys(evenly(len(ran), most))]
+    columns = columns_of(bench, [trace for _, trace in chosen], without)
+    if not chosen or not columns:
+        return None
     room = BUDGET / (cost * len(chosen))
     if room < OWN + len(sizes):
         sizes = [(line, line.at_typical()) for line in lines]
-    seeds = int(np.clip(room - len(sizes), FEWEST, SEEDS))
-    columns = columns_of(bench, [trace for _, trace in chosen], without)
-    if not columns:
-        return None
-    count = int(np.clip(NUMBERS / len(columns), SPARSE, TIMES))
-    times = np.linspace(0.0, USED * min(trace.duration for _, trace in chosen), count)
+    seeds = int(np.clip(room - len(sizes), SEEDS // 6, SEEDS))
+    count = int(np.clip(NUMBERS / len(columns), TIMES // 3, TIMES))
+    times = np.linspace(0.0, (1.0 - LATEST) * min(trace.duration for _, trace in chosen), count)
     tests = [test for test, _ in chosen]
     jobs = [Job({}, tuple((test, seed) for test in tests)) for seed in range(seeds + FRESH)]
     jobs += [Job(line.at(value), tuple((test, 0) for test in tests)) for line, value in sizes]
@@ -253,11 +261,11 @@ def compare(
     if not whole.any():
         return None
     columns = tuple(column for column, there in zip(columns, whole.tolist(), strict=True) if there)
-    values = values[..., whole]
-    usual, fresh, changed = np.split(values, [seeds, seeds + FRESH])
+    usual, fresh, changed = np.split(values[..., whole], [seeds, seeds + FRESH])
     nominal, floor, scatter = noise(usual)
-    effects = ((changed - usual[0]) / floor).reshape(len(sizes), len(tests), -1)
-    effects = np.where(np.isfinite(effects), effects, 0.0)
+    effects = np.nan_to_num((changed - usual[0]) / floor, posinf=0.0, neginf=0.0).reshape(
+        len(sizes), len(tests), -1
+    )
     moved = (effects**2).mean(axis=(1, 2)) > 1e-6
     made = Comparison(
         columns,
@@ -298,6 +306,12 @@ def scatter_of(apart: FloatArray) -> FloatArray:
     return np.asarray(np.broadcast_to(pooled, (n, *pooled.shape[1:])))
 
 
+def _inner(scatter: FloatArray) -> FloatArray:
+    """Return (n, s, s) 1 + DDᵀ, which has the determinant of C."""
+    inner: FloatArray = np.eye(scatter.shape[1]) + np.einsum("nsd,ntd->nst", scatter, scatter)
+    return inner
+
+
 def _beyond(apart: FloatArray) -> FloatArray:
     """Return (c,) mean square of what the other half of the rollouts does not foretell of each, in floors.
 
@@ -307,17 +321,6 @@ def _beyond(apart: FloatArray) -> FloatArray:
     known, new = apart[:, ::2], apart[:, 1::2]
     known = scatter_of(known - known.mean(axis=1, keepdims=True))
     flat = new.reshape(n, new.shape[1], -1)
-    inner = np.eye(known.shape[1]) + np.einsum("nsd,ntd->nst", known, known)
-    taken = np.linalg.solve(inner, np.einsum("nsd,nvd->nsv", known, flat))
+    taken = np.linalg.solve(_inner(known), np.einsum("nsd,nvd->nsv", known, flat))
     left = flat - np.einsum("nsd,nsv->nvd", known, taken)
     return np.asarray((left.reshape(-1, c) ** 2).mean(axis=0) * ((s - 1) / s))
-
-
-def spread(rollouts: Sequence[Rollout], count: int) -> list[Rollout]:
-    """Return so many rollouts, of different tests where there are, evenly over their order."""
-    first: dict[object, Rollout] = {}
-    for test, trace in rollouts:
-        first.setdefault(key_of(test), (test, trace))
-    different = list(first.values())
-    places = np.unique(np.linspace(0, len(different) - 1, min(count, len(different))).round().astype(int))
-    return [different[int(k)] for k in places]

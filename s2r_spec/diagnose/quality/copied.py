@@ -2,29 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-from s2r_spec.diagnose.quality.comparison import Rollout
-from s2r_spec.diagnose.quality.pairs import called
-from s2r_spec.diagnose.simulate import Bench, blamed
+from s2r_spec.diagnose.quality.finding import Finding
+from s2r_spec.diagnose.quality.recordings import Recordings, called
 from s2r_spec.space import key_of
 from s2r_spec.trace import Trace
 
 
-def copied(bench: Bench, rollouts: Sequence[Rollout]) -> str:
-    """Say of the first recording that stands under two tests; not where these are one to the simulator, too."""
+def copied(of: Recordings) -> list[Finding]:
+    """Find the first recording that stands under two tests; not where these are one to the simulator, too."""
     seen: dict[tuple[bytes, ...], int] = {}
-    for number, (test, trace) in enumerate(rollouts):
+    for number, (test, trace) in enumerate(of.rollouts):
         first = seen.setdefault(_bytes(trace), number)
-        before = rollouts[first][0]
+        before = of.rollouts[first][0]
         if key_of(before) == key_of(test):
             continue
-        with blamed(bench, {}, test, 0):
-            alike = _bytes(bench.run({}, before, 0)) == _bytes(bench.run({}, test, 0))
-        if alike:
-            return ""
-        return f"{called(number, test)} equals {called(first, before)} in every sample. Which test was it?"
-    return ""
+        if _bytes(of.simulated(before)) == _bytes(of.simulated(test)):
+            return []
+        text = f"{called(number, test)} equals {called(first, before)} in every sample. Which test was it?"
+        return [Finding("copied", "the tests", text)]
+    return []
 
 
 def _bytes(trace: Trace) -> tuple[bytes, ...]:

@@ -9,93 +9,101 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from functools import partial
-from itertools import permutations
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.quality.comparison import (
-    BUDGET,
-    FEWEST,
-    SEEDS,
-    Comparison,
-    Rollout,
-    sampled,
-    scatter_of,
-)
+from s2r_spec.diagnose.quality.comparison import Comparison, scatter_of
 from s2r_spec.diagnose.quality.finding import Finding
+from s2r_spec.diagnose.quality.recordings import Rollout
 from s2r_spec.diagnose.quality.suspects import Suspect
-from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
+from s2r_spec.diagnose.simulate import Bench, Test
 from s2r_spec.space import key_of
 
 FloatArray = NDArray[np.float64]
+Which = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
-class Other:
+class _Other:
     """Other tests of the same recordings.
 
     Attributes:
-        kind: "row", "sign" or "exchange".
-        words: what the mistake would be.
-        nominal: (n, T, c) of the simulator there.
-        scatter: (n, s, T · c) of one rollout there; see :class:`Comparison`.
+        tests: one a recording.
+        text: what is said of them; {count} are of these, and {first} is the word on the first sample.
+        imitates: see :class:`Finding`.
         known: (n,) whether there is such a test; the row after the last one is in no table.
+        parts: which of the recordings, (n,) each, may be of these tests.
     """
 
-    kind: str
-    words: str
-    nominal: FloatArray
-    scatter: FloatArray
-    known: NDArray[np.bool_]
+    tests: Sequence[Test]
+    text: str
+    imitates: str
+    known: Which
+    parts: Sequence[Which]
 
 
-def others(
+def labels(
     bench: Bench,
     c: Comparison,
     rollouts: Sequence[Rollout],
     executor: Callable[[], Executor] | None = None,
     progress: Callable[[int, int], None] | None = None,
-) -> list[Other]:
-    """Run the simulator at the tests that the recordings may have been run at."""
-    rows = [test for test, _ in rollouts]
+) -> list[Suspect]:
+    """Run the simulator at other tests, and return what explains most of each kind of wrong label."""
+    others = [one for one in _others(bench, c, rollouts) if _able(bench, one.tests)]
+    tests = {key_of(test): test for one in others for test in one.tests}
+    if not tests:
+        return _assigned(c)
+    seeds = c.affordable(len(tests))
+    runs = c.simulated(bench, {}, list(tests.values()), seeds, executor, progress)
+    of_test, found = dict(zip(tests, runs, strict=True)), []
+    for one in others:
+        there = np.stack([of_test[key_of(test)] for test in one.tests])
+        if not np.isfinite(there).all():
+            continue
+        mean = there.mean(axis=1)
+        scatter = scatter_of((there - mean[:, None]) / c.floor)
+        options = [_of_part(c, one, part, mean, scatter) for part in one.parts]
+        found.append(min(options, key=lambda option: option[0])[1])
+    return [*found, *_assigned(c)]
+
+
+def _others(bench: Bench, c: Comparison, rollouts: Sequence[Rollout]) -> list[_Other]:
+    """Return the tests that the recordings may have been run at."""
+    rows, n = [test for test, _ in rollouts], len(c.traces)
     places = [next(k for k, (_, trace) in enumerate(rollouts) if trace is mine) for mine in c.traces]
-    wanted: list[tuple[str, str, list[Test]]] = []
-    for step, words in ((1, "the next one"), (-1, "the one before")):
-        wanted.append(("row", words, [rows[min(max(k + step, 0), len(rows) - 1)] for k in places]))
+    every = np.ones(n, dtype=bool)
+    # From some row on, or up to some row, or all of them.
+    parts = [np.arange(n) >= k for k in range(n)] + [np.arange(n) <= k for k in range(n - 1)]
+    found = []
+    for step, words, end in ((1, "the next one", len(rows) - 1), (-1, "the one before", 0)):
+        text = (
+            f"{{count}} of {n} compared recordings fit the test of {words} better than their own{{first}}. Is a line "
+            f"of the table of tests doubled or missing?"
+        )
+        tests = [rows[place if place == end else place + step] for place in places]
+        known = np.array([place != end for place in places])
+        found.append(_Other(tests, text, "a shifted table of tests", known, parts))
     for name in bench.spec.space.names:
-        mirrored: list[Test] = [{**test, name: -test[name] or 0.0} for test in c.tests]
+        text = (
+            f"the real rollouts fit tests with the opposite sign of {name} better than their own{{first}}. Has {name} "
+            f"the same sign convention in the table of tests?"
+        )
+        tests = [{**test, name: -test[name] or 0.0} for test in c.tests]
         if any(test[name] for test in c.tests):
-            wanted.append(("sign", name, mirrored))
+            found.append(_Other(tests, text, f"the opposite sign of {name}", every, [every]))
     units = bench.spec.space.units
-    for a, b in permutations(bench.spec.space.names, 2):
-        if a < b and units.get(a) == units.get(b):
-            wanted.append(
-                ("exchange", f"{a} and {b}", [{**test, a: test[b], b: test[a]} for test in c.tests])
-            )
-    wanted = [(kind, words, tests) for kind, words, tests in wanted if _able(bench, tests)]
-    keys = {key_of(test): test for _, _, tests in wanted for test in tests}
-    if not keys:
-        return []
-    seeds = int(np.clip(BUDGET / (c.cost * len(keys)), FEWEST, SEEDS))
-    jobs = [Job({}, tuple((test, seed) for seed in range(seeds))) for test in keys.values()]
-    read = partial(sampled, c.columns, c.times)
-    ran = run_jobs(bench, jobs, executor, progress, read)
-    shape = (seeds, len(c.times), len(c.columns))
-    found = {key: values.reshape(shape) for key, values in zip(keys, ran, strict=True)}
-    out = []
-    for kind, words, tests in wanted:
-        rollouts_there = np.stack([found[key_of(test)] for test in tests])
-        if np.isfinite(rollouts_there).all():
-            mean = rollouts_there.mean(axis=1)
-            scatter = scatter_of((rollouts_there - mean[:, None]) / c.floor)
-            known = np.ones(len(tests), dtype=bool)
-            if kind == "row":
-                end = 0 if words == "the one before" else len(rows) - 1
-                known = np.array([place != end for place in places])
-            out.append(Other(kind, words, mean, scatter, known))
-    return out
+    for a, b in combinations(sorted(bench.spec.space.names), 2):
+        text = (
+            f"the real rollouts fit tests with {a} and {b} exchanged better than their own{{first}}. If they are "
+            f"exchanged, correct the table of tests"
+        )
+        tests = [{**test, a: test[b], b: test[a]} for test in c.tests]
+        if units.get(a) == units.get(b):
+            found.append(_Other(tests, text, f"{a} and {b} exchanged", every, [every]))
+    return found
 
 
 def _able(bench: Bench, tests: Sequence[Mapping[str, float]]) -> bool:
@@ -108,37 +116,15 @@ def _able(bench: Bench, tests: Sequence[Mapping[str, float]]) -> bool:
     )
 
 
-def labels(c: Comparison, other: Sequence[Other]) -> list[Suspect]:
-    """Return what explains most of each kind of wrong label."""
-    found = []
-    n = len(c.traces)
-    for one in other:
-        whole = c.elsewhere(one.nominal, one.scatter, np.ones(n, dtype=bool))
-        if one.kind == "row":
-            # From some row on, or up to some row, or all of them.
-            parts = [np.arange(n) >= k for k in range(n)] + [np.arange(n) <= k for k in range(n - 1)]
-            options = [c.elsewhere(one.nominal, one.scatter, part) for part in parts]
-            counts = [(one.known | ~part).astype(float)[:, None, None] for part in parts]
-            k = min(range(len(options)), key=lambda k: _gain(c, options[k], counts[k]))
-            count = int((parts[k] & one.known).sum())
-            text = (
-                f"{count} of {n} compared recordings fit the test of {one.words} better than their own"
-                f"{begins(c, parts[k])}. Is a line of the table of tests doubled or missing?"
-            )
-            found.append(_suspect(c, options[k], text, "a shifted table of tests", counts[k]))
-        elif one.kind == "sign":
-            text = (
-                f"the real rollouts fit tests with the opposite sign of {one.words} better than their own"
-                f"{begins(c)}. Has {one.words} the same sign convention in the table of tests?"
-            )
-            found.append(_suspect(c, whole, text, f"the opposite sign of {one.words}"))
-        else:
-            text = (
-                f"the real rollouts fit tests with {one.words} exchanged better than their own{begins(c)}. If they are "
-                f"exchanged, correct the table of tests"
-            )
-            found.append(_suspect(c, whole, text, f"{one.words} exchanged"))
-    return [*found, *_assigned(c)]
+def _of_part(
+    c: Comparison, one: _Other, part: Which, mean: FloatArray, scatter: FloatArray
+) -> tuple[float, Suspect]:
+    """Return by how much ℓ is larger where a part of the recordings is of other tests, and the suspect of that."""
+    there = c.elsewhere(mean, scatter, part)
+    counts = (one.known | ~part).astype(float)[:, None, None]
+    gain = there.misfit(c.recorded, there=counts) - c.misfit(c.recorded, there=counts) + there.volume
+    text = one.text.format(count=int((part & one.known).sum()), first=_first(c, part))
+    return gain, _suspect(c, there, text, one.imitates, counts)
 
 
 def _assigned(c: Comparison) -> list[Suspect]:
@@ -146,23 +132,16 @@ def _assigned(c: Comparison) -> list[Suspect]:
     from scipy.optimize import linear_sum_assignment
 
     apart = (c.recorded[:, None] - c.nominal[None]) / c.floor
-    costs = (apart**2).mean(axis=(2, 3))
-    _, order = linear_sum_assignment(costs)
+    _, order = linear_sum_assignment((apart**2).mean(axis=(2, 3)))
     moved = order != np.arange(len(order))
     if not moved.any():
         return []
-    count = int(moved.sum())
     text = (
-        f"{count} of {len(order)} compared recordings fit the test of another recording better than their own"
-        f"{begins(c, moved)}. Are lines of the table of tests exchanged?"
+        f"{int(moved.sum())} of {len(order)} compared recordings fit the test of another recording better than their "
+        f"own{_first(c, moved)}. Are lines of the table of tests exchanged?"
     )
     there = c.elsewhere(c.nominal[order], c.scatter[order], moved)
     return [_suspect(c, there, text, "an exchange of tests")]
-
-
-def _gain(c: Comparison, there: Comparison, counts: FloatArray) -> float:
-    """Return by how much ℓ is larger with other tests; the recordings count by (n, 1, 1)."""
-    return there.misfit(c.recorded, there=counts) - c.misfit(c.recorded, there=counts) + there.volume
 
 
 def _suspect(
@@ -173,11 +152,9 @@ def _suspect(
     return Suspect(said, c.recorded, there, counts, there.volume - c.volume)
 
 
-def begins(c: Comparison, which: NDArray[np.bool_] | None = None) -> str:
-    """Return by how much a channel is off in the first sample, where one is, in words."""
-    first = np.abs(c.recorded - c.nominal)[:, 0]
-    if which is not None:
-        first = first[which]
+def _first(c: Comparison, which: Which) -> str:
+    """Return by how much a channel of some recordings is off in the first sample, where one is, in words."""
+    first = np.abs(c.recorded - c.nominal)[which, 0]
     far = (first / c.floor).max(axis=0)
     k = int(far.argmax())
     if far[k] < 3.0:

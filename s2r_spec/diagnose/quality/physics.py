@@ -11,214 +11,184 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.axes import Line, Values
-from s2r_spec.diagnose.quality.comparison import BUDGET, FEWEST, LEAST, Comparison, noise, sampled
-from s2r_spec.diagnose.quality.comparison import SEEDS as MANY
-from s2r_spec.diagnose.simulate import Bench, Job, run_jobs
+from s2r_spec.diagnose.quality.comparison import BUDGET, LEAST, Comparison, noise
+from s2r_spec.diagnose.simulate import Bench
 
 FloatArray = NDArray[np.float64]
+Chosen = Mapping[int, int]
+"""Number of a line → place on its grid."""
 
 EFFECTS = 3
-"""Definition: effects that a machine has at most."""
-LINES, MOST = 3, 18
-"""Budget: lines that are tried by simulation, and machines of one effect that are simulated for it at most. Twice as
-many find effects that are far from linear in more cases."""
-LOOKS = 3
-"""Budget: machines of several effects that are simulated; twice as many fit these nearer."""
+"""Definition: effects that a machine has at most, lines that are tried by simulation, and machines of several effects
+that are simulated. Twice as many fit recordings of several effects nearer, at twice the time."""
+MOST = 18
+"""Budget: machines of one effect that are simulated at most. Twice as many find effects that are far from linear in
+more cases."""
 SEEDS = 2
 """Budget: rollouts a test of each; twice as many halve the variance of its mean."""
 PLACES = 41
-"""Definition: coordinates of a line that are tried."""
+"""Definition: coordinates of a line that are tried. Twice as many are a finer grid."""
 WORTH = 0.02
 """Tolerance: part of the misfit that a further effect must explain; twice as much leaves small ones out."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Curve:
-    """A line: from coordinates to weights of the simulated changes."""
+    """A line: from places on a grid to weights of the simulated changes.
+
+    Attributes:
+        line: see there.
+        grid: (PLACES,) coordinates over the range that was simulated.
+        table: (PLACES, k) weights of the changes that are those of the line there, straight between values.
+    """
 
     line: Line
-    at: FloatArray
-    places: tuple[int, ...]
+    grid: FloatArray
+    table: FloatArray
 
-    def weights(self, x: float, k: int) -> FloatArray:
-        """Return (k,) weights of the changes that are those of the line at ``x``, straight between values."""
-        nodes = np.append(self.at, 0.0)
-        order = np.argsort(nodes)
-        out = np.zeros(k)
-        for place, node in zip(self.places, range(len(self.places)), strict=True):
-            unit = (order == node).astype(float)
-            out[place] = np.interp(x, nodes[order], unit)
-        return out
+    @classmethod
+    def of(cls, line: Line, sizes: Sequence[tuple[Line, float]]) -> _Curve:
+        """Return the curve of a line from all k simulated changes."""
+        mine = {
+            line.coordinate(value): k for k, (other, value) in enumerate(sizes) if other.name == line.name
+        }
+        nodes = sorted([*mine, 0.0])
+        grid = np.linspace(nodes[0], nodes[-1], PLACES)
+        table = np.zeros((PLACES, len(sizes)))
+        for x, k in mine.items():
+            table[:, k] = np.interp(grid, nodes, np.equal(nodes, x).astype(float))
+        return cls(line, grid, table)
 
-    def grid(self) -> FloatArray:
-        """Return (PLACES,) coordinates over the range that was simulated."""
-        return np.linspace(min(self.at.min(), 0.0), max(self.at.max(), 0.0), PLACES)
+    def at(self, place: int) -> Values:
+        """Return the machine with the line at a place."""
+        return self.line.at(self.line.value(float(self.grid[place])))
 
 
-def _curves(c: Comparison) -> list[_Curve]:
-    found: dict[str, list[int]] = {}
-    for k, (line, _) in enumerate(c.sizes):
-        found.setdefault(line.name, []).append(k)
-    return [
-        _Curve(
-            c.sizes[places[0]][0],
-            np.array([c.sizes[k][0].coordinate(c.sizes[k][1]) for k in places]),
-            tuple(places),
-        )
-        for places in found.values()
-    ]
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """A misfit q − 2 wᵀt + wᵀGw of weights w; see :meth:`Comparison.moments`."""
+
+    q: float
+    toward: FloatArray
+    gram: FloatArray
+
+    def left(self, w: FloatArray) -> FloatArray:
+        """Return (…,) the misfit of (…, k) weights."""
+        return np.asarray(self.q - 2.0 * w @ self.toward + ((w @ self.gram) * w).sum(axis=-1))
 
 
 def nearest(
     bench: Bench, c: Comparison, values: FloatArray, executor: Callable[[], Executor] | None = None
-) -> tuple[Comparison, Values]:
-    """Return the comparison with the machine that explains recordings best in the nominal one's place, and its effects.
+) -> Comparison:
+    """Return the comparison with the machine that explains recordings best in the nominal one's place.
 
     The nominal one itself where no machine does better, or a rollout costs too much to try.
     """
-    curves = _curves(c)
+    curves = [_Curve.of(line, c.sizes) for line in {line.name: line for line, _ in c.sizes}.values()]
     looks = int(BUDGET / (c.cost * SEEDS * len(c.tests)))
-    if not curves or looks < LOOKS:
-        return c, {}
-    chosen, least = _exact(bench, c, values, curves, executor, min(looks // 2, MOST))
+    if not curves or looks < EFFECTS:
+        return c
+
+    def beside(chosen: Chosen) -> Comparison | None:
+        mean = c.simulated(bench, _machine(curves, chosen), c.tests, SEEDS, executor).mean(axis=1)
+        return replace(c, nominal=mean) if np.isfinite(mean).all() else None
+
+    chosen, least = _exact(c, values, curves, beside, min(looks // 2, MOST))
     if not chosen:
-        return c, {}
-    for _ in range(LOOKS):
+        return c
+    for _ in range(EFFECTS):
         # What is left of the best machine is fitted with the nominal derivatives, and simulated again.
-        mean = _simulated(bench, c, _machine(curves, chosen), executor)
-        if mean is None:
+        now = beside(chosen)
+        if now is None:
             break
-        more = _further(curves, replace(c, nominal=mean), values, chosen)
-        other = _simulated(bench, c, _machine(curves, more), executor)
-        if other is None or (left := replace(c, nominal=other).misfit(values)) >= least:
+        further = _further(curves, now, values, chosen)
+        other = beside(further)
+        if other is None or (left := other.misfit(values)) >= least:
             break
-        chosen, least = more, left
-    machine = _machine(curves, chosen)
-    return rebased(bench, c, machine, executor), machine
+        chosen, least = further, left
+    return _rebased(bench, c, _machine(curves, chosen), executor)
 
 
-def rebased(
-    bench: Bench, c: Comparison, machine: Values, executor: Callable[[], Executor] | None = None
+def _rebased(
+    bench: Bench, c: Comparison, machine: Values, executor: Callable[[], Executor] | None
 ) -> Comparison:
     """Return the comparison with a machine, and its own scatter, in place of the nominal one."""
-    seeds = int(np.clip(BUDGET / (c.cost * len(c.tests)), FEWEST, MANY))
-    jobs = [Job(machine, tuple((test, seed) for test in c.tests)) for seed in range(seeds + 1)]
-    rows = run_jobs(bench, jobs, executor, None, partial(sampled, c.columns, c.times))
-    rollouts = np.array(rows).reshape(seeds + 1, *c.nominal.shape)
-    if not np.isfinite(rollouts).all():
+    runs = c.simulated(bench, machine, c.tests, c.affordable(len(c.tests)) + 1, executor).swapaxes(0, 1)
+    if not np.isfinite(runs).all():
         return c
-    mean, floor, scatter = noise(rollouts[:-1])
+    mean, floor, scatter = noise(runs[:-1])
     shape = (len(c.effects), len(c.tests), *c.nominal.shape[1:])
     effects = (c.effects.reshape(shape) * (c.floor / floor)).reshape(c.effects.shape)
     made = replace(c, nominal=mean, floor=floor, scatter=scatter, effects=effects)
-    return replace(made, usual=max(made.misfit(rollouts[-1]), LEAST))
+    return replace(made, usual=max(made.misfit(runs[-1]), LEAST))
 
 
 def _exact(
-    bench: Bench,
     c: Comparison,
     values: FloatArray,
     curves: Sequence[_Curve],
-    executor: Callable[[], Executor] | None,
+    beside: Callable[[Chosen], Comparison | None],
     looks: int,
-) -> tuple[dict[int, float], float]:
-    """Return the line and its coordinate that explain most by themselves, by simulation, and Q.
+) -> tuple[Chosen, float]:
+    """Return the line and its place that explain most by themselves, by simulation, and Q.
 
-    The LINES that look best along their curves are tried, at values around the best of these.
+    The lines that look best along their curves are tried, at values around the best of these.
     """
-    q, toward, gram = c.moments(values)
-    tables = [np.array([curve.weights(x, len(toward)) for x in curve.grid()]) for curve in curves]
-    left = [q - 2.0 * t @ toward + np.einsum("xi,ij,xj->x", t, gram, t) for t in tables]
-    order = sorted(range(len(curves)), key=lambda n: float(left[n].min()))[:LINES]
-    best: dict[int, float] = {}
+    fit = _Fit(*c.moments(values))
+    left = [fit.left(curve.table) for curve in curves]
+    best: Chosen = {}
     least, tried = c.misfit(values), 0
-    for n in order:
-        grid = curves[n].grid()
-        x, step = float(grid[left[n].argmin()]), float(np.ptp(grid)) / 8
-        mine = np.inf
-        for _ in range(3):
-            for at in (x - step, x, x + step):
-                at = float(np.clip(at, grid[0], grid[-1]))
-                if not at or tried >= looks:
+    for n in sorted(range(len(curves)), key=lambda n: float(left[n].min()))[:EFFECTS]:
+        grid = curves[n].grid
+        place, mine = int(left[n].argmin()), np.inf
+        for step in (5, 2, 1):
+            for at in np.clip([place - step, place, place + step], 0, PLACES - 1).tolist():
+                if not grid[at] or tried >= looks:
                     continue
                 tried += 1
-                mean = _simulated(bench, c, _machine(curves, {n: at}), executor)
-                if mean is None:
-                    continue
-                found = replace(c, nominal=mean).misfit(values)
+                there = beside({n: at})
+                found = np.inf if there is None else there.misfit(values)
                 if found < mine:
-                    mine, x = found, at
+                    mine, place = found, at
                 if found < least:
                     least, best = found, {n: at}
-            step /= 2
     return best, least
 
 
-def _further(
-    curves: Sequence[_Curve], now: Comparison, values: FloatArray, chosen: Mapping[int, float]
-) -> dict[int, float]:
-    """Return line → coordinate with what is left of a machine fitted along all lines, its own included."""
+def _further(curves: Sequence[_Curve], now: Comparison, values: FloatArray, chosen: Chosen) -> Chosen:
+    """Return line → place of the few lines that explain most, its own included, near a machine."""
     q, toward, gram = now.moments(values)
-    k = len(toward)
-    weights = sum((curves[n].weights(x, k) for n, x in chosen.items()), np.zeros(k))
+    w = np.sum([curves[n].table[place] for n, place in chosen.items()], axis=0)
     # The machine that was simulated stands for its own weights; others are tried in their place.
-    more = float(2.0 * toward @ weights + weights @ gram @ weights)
-    return _fit(curves, q, toward + gram @ weights, gram, more)
+    fit = _Fit(q + float(2.0 * toward @ w + w @ gram @ w), toward + gram @ w, gram)
+    found: dict[int, int] = {}
+    least = fit.q
 
+    def best(n: int) -> tuple[float, int]:
+        rest = [curves[m].table[place] for m, place in found.items() if m != n]
+        left = fit.left(curves[n].table + np.sum([np.zeros(len(toward)), *rest], axis=0))
+        return float(left.min()), int(left.argmin())
 
-def _fit(
-    curves: Sequence[_Curve], q: float, toward: FloatArray, gram: FloatArray, more: float
-) -> dict[int, float]:
-    """Return line → coordinate of the few lines that explain most of a misfit q + more."""
-    k = len(toward)
-    total = q + more
-    tables = [np.array([curve.weights(x, k) for x in curve.grid()]) for curve in curves]
-
-    def best(number: int, others: FloatArray) -> tuple[float, float, FloatArray]:
-        all_ = tables[number] + others
-        left = total - 2.0 * all_ @ toward + np.einsum("xi,ij,xj->x", all_, gram, all_)
-        place = int(left.argmin())
-        return float(left[place]), float(curves[number].grid()[place]), tables[number][place]
-
-    chosen: dict[int, tuple[float, FloatArray]] = {}
-    least = total
-    while len(chosen) < EFFECTS:
-        taken = {curves[n].line.effect for n in chosen}
-        rest = sum((w for _, w in chosen.values()), np.zeros(k))
-        tried = [(*best(n, rest), n) for n, curve in enumerate(curves) if curve.line.effect not in taken]
-        if not tried:
+    while len(found) < EFFECTS:
+        taken = {curves[n].line.effect for n in found}
+        tried = [(*best(n), n) for n, curve in enumerate(curves) if curve.line.effect not in taken]
+        if not tried or (one := min(tried))[0] > least - WORTH * fit.q:
             break
-        left, x, w, number = min(tried, key=lambda one: one[0])
-        if left > least - WORTH * total:
-            break
-        chosen[number], least = (x, w), left
-        for _ in range(3 if len(chosen) > 1 else 0):
-            for n in list(chosen):
-                rest = sum((w for m, (_, w) in chosen.items() if m != n), np.zeros(k))
-                least, x, w = best(n, rest)
-                chosen[n] = (x, w)
-    return {n: x for n, (x, _) in chosen.items() if x}
+        least, found[one[2]] = one[0], one[1]
+        for _ in range(3 if len(found) > 1 else 0):
+            for n in found:
+                least, found[n] = best(n)
+    return {n: place for n, place in found.items() if curves[n].grid[place]}
 
 
-def _machine(curves: Sequence[_Curve], chosen: Mapping[int, float]) -> dict[str, dict[str, float]]:
+def _machine(curves: Sequence[_Curve], chosen: Chosen) -> Values:
     out: dict[str, dict[str, float]] = {}
-    for n, x in chosen.items():
-        line = curves[n].line
-        out.setdefault(line.effect, {}).update(line.at(line.value(x))[line.effect])
+    for n, place in chosen.items():
+        for effect, values in curves[n].at(place).items():
+            out.setdefault(effect, {}).update(values)
     return out
-
-
-def _simulated(
-    bench: Bench, c: Comparison, machine: Values, executor: Callable[[], Executor] | None
-) -> FloatArray | None:
-    """Return (n, T, c) mean of a machine at the tests; None where it falls."""
-    jobs = [Job(machine, tuple((test, seed) for seed in range(SEEDS))) for test in c.tests]
-    rows = run_jobs(bench, jobs, executor, None, partial(sampled, c.columns, c.times))
-    mean = np.array([values.mean(axis=0).reshape(len(c.times), len(c.columns)) for values in rows])
-    return mean if np.isfinite(mean).all() else None

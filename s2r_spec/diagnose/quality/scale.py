@@ -29,12 +29,11 @@ def scale(c: Comparison) -> list[Suspect]:
             factor, group, q = search(c, FACTORS, undone, among, price)
             options.append((q, factor, group, about, undo(c, undone(factor), group)))
         _, factor, group, about, values = min(options, key=lambda one: one[0])
-        percent = 100.0 * abs(factor - 1.0)
         text = (
-            f"{named(c, group)} of the real rollouts {'is' if len(group) == 1 else 'are'} {percent:.2g} % too "
-            f"{'large' if factor > 1.0 else 'small'}, measured from {about} and judged by other channels. Check the "
-            f"scale{f', or the unit {unit},' if unit else ''} in the recordings"
+            f"{named(c, group)} of the real rollouts {'is' if len(group) == 1 else 'are'} "
+            f"{100.0 * abs(factor - 1.0):.2g} % too {'large' if factor > 1.0 else 'small'}, measured from {about} and "
+            f"judged by other channels. Check the scale{f', or the unit {unit},' if unit else ''} in the recordings"
         )
         said = Finding("scale", named(c, group), text, "a wrong scale")
-        found.append(Suspect(said, values, None, 1.0, price(factor, group)))
+        found.append(Suspect(said, values, volume=price(factor, group)))
     return found

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -13,11 +13,13 @@ from s2r_spec.diagnose.quality.comparison import Comparison
 from s2r_spec.diagnose.quality.finding import Finding
 
 FloatArray = NDArray[np.float64]
-Group = frozenset[int]
-"""Places of channels in :func:`channels`."""
+Group = frozenset[str]
+"""Channels that share a mistake."""
 
 SHOWN = 6
-"""Definition: channels that a sentence names; of more the number is said."""
+"""Definition: channels that a sentence names; of more the number is said. Doubled, sentences get longer."""
+PER_RADIAN = {"rad": 1.0, "deg": 180.0 / np.pi}
+"""Definition: units of angles, and how many of it a radian is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,46 +46,49 @@ def channels(c: Comparison) -> tuple[str, ...]:
     return tuple(dict.fromkeys(column.channel for column in c.columns))
 
 
-def mask(c: Comparison, group: Iterable[int]) -> NDArray[np.bool_]:
+def mask(c: Comparison, group: Group) -> NDArray[np.bool_]:
     """Return (c,) which columns are of these channels."""
-    names = channels(c)
-    chosen = {names[k] for k in group}
-    return np.array([column.channel in chosen for column in c.columns])
+    return np.array([column.channel in group for column in c.columns])
 
 
-def named(c: Comparison, group: Iterable[int]) -> str:
+def alone(c: Comparison, group: Group) -> list[Group]:
+    """Return groups of one channel each."""
+    return [frozenset([name]) for name in channels(c) if name in group]
+
+
+def named(c: Comparison, group: Group) -> str:
     """Return the channels of a group in words."""
-    return listed([channels(c)[k] for k in sorted(group)])
+    return listed([name for name in channels(c) if name in group])
 
 
 def listed(names: Sequence[str]) -> str:
     """Return "x, y and heading"."""
     if len(names) > SHOWN:
         return f"{', '.join(names[:SHOWN])} and {len(names) - SHOWN} more"
-    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1]))) if names else ""
+    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 
 
 def by_unit(c: Comparison) -> dict[str, Group]:
     """Return unit → the channels that have it."""
-    units = {column.channel: column.unit for column in c.columns}
-    found: dict[str, Group] = {}
-    for place, name in enumerate(channels(c)):
-        found[units[name]] = found.get(units[name], frozenset()) | {place}
-    return found
-
-
-def starts(c: Comparison, undone: FloatArray, among: Group) -> list[Group]:
-    """Return groups to begin a search with: all, each unit's, each alone, those that look nearer by themselves."""
-    nearer = c.plain(undone) < c.plain(c.recorded)
-    alone = [frozenset([k]) for k in sorted(among)]
-    some = frozenset(k for k in among if nearer[mask(c, [k])].mean() > 0.5)
-    units = [group & among for group in by_unit(c).values()]
-    return [group for group in dict.fromkeys([among, some, *units, *alone]) if group]
+    units = dict.fromkeys(column.unit for column in c.columns)
+    return {unit: frozenset(one.channel for one in c.columns if one.unit == unit) for unit in units}
 
 
 def undo(c: Comparison, undone: FloatArray, group: Group) -> FloatArray:
     """Return (n, T, c) with the columns of these channels taken from ``undone``."""
     return np.where(mask(c, group), undone, c.recorded)
+
+
+def refined(loss: Callable[[float], float], x: float, low: float, high: float, rounds: int = 3) -> float:
+    """Return the place of the least loss between two ends: the best of nine, a few times ever closer."""
+    least = loss(x)
+    for _ in range(rounds):
+        found, at = min((loss(each), each) for each in np.linspace(low, high, 9).tolist())
+        if found < least:
+            least, x = found, at
+        step = (high - low) / 8
+        low, high = x - step, x + step
+    return x
 
 
 def best_group(
@@ -96,7 +101,7 @@ def best_group(
     """Return the channels, and Q with its price, where adding or dropping one of them lowers it no more."""
     group, best = begin, c.misfit(undo(c, undone, begin)) + price(begin)
     while True:
-        others = [changed for k in sorted(among) if (changed := group ^ {k})]
+        others = [changed for one in alone(c, among) if (changed := group ^ one)]
         tried = [(c.misfit(undo(c, undone, other)) + price(other), other) for other in others]
         if not tried or (least := min(tried, key=lambda one: one[0]))[0] >= best:
             return group, best
@@ -119,26 +124,29 @@ def search(
         among: the channels that can have it; all if not given.
         price: that is added to Q; see :class:`Suspect`.
     """
-    among = frozenset(range(len(channels(c)))) if among is None else among
+    among = frozenset(channels(c)) if among is None else among
+
+    def loss(values: FloatArray, size: float, group: Group) -> float:
+        return c.misfit(undo(c, values, group)) + price(size, group)
+
     first = [
-        (c.misfit(undo(c, values, group)) + price(size, group), size, group)
+        (loss(values, size, group), size, group)
         for size in sizes
         for values in [undone(size)]
-        for group in starts(c, values, among)
+        for group in _starts(c, values, among)
     ]
     _, size, group = min(first, key=lambda one: one[0])
-    group, best = best_group(c, undone(size), group, among, partial(price, size))
+    group, _ = best_group(c, undone(size), group, among, partial(price, size))
     place = list(sizes).index(size)
     low, high = sizes[max(place - 1, 0)], sizes[min(place + 1, len(sizes) - 1)]
-    for _ in range(3):
-        tried = [
-            (c.misfit(undo(c, undone(x), group)) + price(x, group), x)
-            for x in np.linspace(low, high, 9).tolist()
-        ]
-        found, at = min(tried)
-        if found < best:
-            best, size = found, at
-        step = (high - low) / 8
-        low, high = size - step, size + step
-    group, best = best_group(c, undone(size), group, among, partial(price, size))
-    return size, group, best
+    size = refined(lambda x: loss(undone(x), x, group), size, low, high)
+    return size, *best_group(c, undone(size), group, among, partial(price, size))
+
+
+def _starts(c: Comparison, undone: FloatArray, among: Group) -> list[Group]:
+    """Return groups to begin a search with: all, each unit's, each alone, those that look nearer by themselves."""
+    nearer = ((c.rest(undone) ** 2) - (c.rest(c.recorded) ** 2)).mean(axis=(0, 1)) < 0.0
+    some = [one for one in alone(c, among) if nearer[mask(c, one)].mean() > 0.5]
+    units = [group & among for group in by_unit(c).values()]
+    every = [among, frozenset().union(*some), *units, *alone(c, among)]
+    return [group for group in dict.fromkeys(every) if group]

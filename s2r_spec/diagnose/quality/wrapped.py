@@ -2,35 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from s2r_spec.backend import Channel
-from s2r_spec.diagnose.quality.pairs import Pair
+from s2r_spec.diagnose.quality.finding import Finding
+from s2r_spec.diagnose.quality.recordings import Recordings
+from s2r_spec.diagnose.quality.suspects import PER_RADIAN
 from s2r_spec.trace import Trace
 
-TURNS, NEARLY = {"rad": 2.0 * np.pi, "deg": 360.0}, 0.1
-"""By unit, what an angle jumps by where it is kept within a turn; by this part of it more or less."""
+NEARLY = 0.1
+"""Tolerance: part of a turn by which a jump may be more or less. Twice as much takes fast motion for a jump."""
 
 
-def wrapped(channel: Channel, real: Sequence[Trace], pairs: Sequence[Pair]) -> str:
-    """Return what to say of an angle that jumps by a turn; "" for nothing."""
-    turn = TURNS.get(channel.unit)
-    if turn is None:
-        return ""
-    count = sum(_jumps(trace, channel.name, turn) for trace in real)
-    if not count or any(_jumps(simulated, channel.name, turn) for simulated, _ in pairs):
-        return ""
-    return (
-        f"{channel.name} jumps by a full turn in {count} of {len(real)} real rollouts, and the simulator's does not. "
-        f"Unwrap it in the recordings, as numpy.unwrap does"
+def wrapped(channel: Channel, of: Recordings) -> Finding | None:
+    """Find an angle that jumps by a turn."""
+    if channel.unit not in PER_RADIAN:
+        return None
+    turn = 2.0 * np.pi * PER_RADIAN[channel.unit]
+
+    def jumps(trace: Trace) -> bool:
+        steps = np.abs(np.diff(trace.channels.get(channel.name, np.zeros(0)), axis=0))
+        return bool((np.abs(steps - turn) < NEARLY * turn).any())
+
+    count = sum(jumps(trace) for _, trace in of.rollouts)
+    if not count or any(jumps(simulated) for simulated, _ in of.pairs):
+        return None
+    text = (
+        f"{channel.name} jumps by a full turn in {count} of {len(of.rollouts)} real rollouts, and the simulator's does "
+        f"not. Unwrap it in the recordings, as numpy.unwrap does"
     )
-
-
-def _jumps(trace: Trace, name: str, turn: float) -> bool:
-    """Return whether an angle jumps by a turn from one sample to the next."""
-    if name not in trace.channels:
-        return False
-    steps = np.abs(np.diff(trace[name], axis=0))
-    return bool((np.abs(steps - turn) < NEARLY * turn).any())
+    return Finding("wrapped", channel.name, text)

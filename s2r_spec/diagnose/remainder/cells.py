@@ -9,6 +9,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.diagnose.gap import LEVEL
+from s2r_spec.diagnose.gap.body import CELLS, averaged
 from s2r_spec.diagnose.simulator.experiments import RESIDUAL
 from s2r_spec.trace import Trace
 
@@ -16,14 +18,8 @@ FloatArray = NDArray[np.float64]
 Places = Mapping[tuple[str, int], NDArray[np.intp]]
 """(channel, column) → (n,) in which of the cells along it each sample is."""
 
-WINDOWS = 32
-"""Equal parts of a rollout."""
-PARTS = 16
-"""Parts of what a channel did, with as many samples each."""
 FEWEST_ROLLOUTS = 5
-"""That reach into a cell, or it says nothing."""
-LEVEL = 0.05
-"""Of a false alarm by scatter alone, over all cells."""
+"""Definition: rollouts that reach into a cell at least. Twice as many say nothing of cells that few tests reach."""
 
 
 @dataclass(frozen=True)
@@ -34,19 +30,18 @@ class Cells:
         duration: of a rollout [s].
         widths: quantity → columns.
         edges: (channel, column) → rising values between the cells.
-        fewest: samples of a rollout in a cell, or it says nothing.
     """
 
     duration: float
     widths: Mapping[str, int]
     edges: Mapping[tuple[str, int], FloatArray]
-    fewest: int
 
     @classmethod
-    def of(
-        cls, duration: float, widths: Mapping[str, int], traces: Sequence[Trace], fewest: int = 1
-    ) -> Cells:
-        """Choose the edges along recorded channels, with as many samples of these traces between each two."""
+    def of(cls, duration: float, widths: Mapping[str, int], traces: Sequence[Trace]) -> Cells:
+        """Choose the edges along recorded channels, with as many samples of these traces between each two.
+
+        They are half as many as windows of time.
+        """
         edges = {}
         for name, width in widths.items():
             if name.startswith(RESIDUAL):
@@ -56,14 +51,14 @@ class Cells:
                 values = np.concatenate([each[:, column] for each in known]) if known else np.zeros(0)
                 values = values[np.isfinite(values)]
                 if values.size:
-                    parts = np.quantile(values, np.linspace(0.0, 1.0, PARTS + 1)[1:-1])
+                    parts = np.quantile(values, np.linspace(0.0, 1.0, CELLS // 2 + 1)[1:-1])
                     edges[name, column] = np.unique(parts)
-        return cls(duration, dict(widths), edges, fewest)
+        return cls(duration, dict(widths), edges)
 
     def places(self) -> list[tuple[str, int, str, float, float]]:
         """Return quantity, column, channel ("" for time), and the two ends of every cell, as :meth:`means` has them."""
         out = []
-        windows = np.linspace(0.0, self.duration, WINDOWS + 1)
+        windows = np.linspace(0.0, self.duration, CELLS + 1)
         for name, width in self.widths.items():
             for column in range(width):
                 out += [(name, column, "", float(a), float(b)) for a, b in pairwise(windows)]
@@ -89,34 +84,28 @@ class Cells:
         }
 
     def means(self, values: Sequence[FloatArray], times: FloatArray, along: Places) -> FloatArray:
-        """Return (rows, cells) means; NaN where there are too few samples.
+        """Return (cells,) means of a rollout; NaN where there is no sample.
 
         Args:
-            values: (rows, n, columns) of each quantity, in the order of ``widths``.
+            values: (n, columns) of each quantity, in the order of ``widths``.
             times: (n,) from the begin of the rollout [s].
             along: (n,) the cell of each sample along every channel; one that is missing has none.
         """
-        window = np.clip((times / self.duration * WINDOWS).astype(int), 0, WINDOWS - 1)
+        window = np.clip((times / self.duration * CELLS).astype(int), 0, CELLS - 1)
         out = []
         for width, rows in zip(self.widths.values(), values, strict=True):
-            for column in range(width):
-                each = rows[:, :, column]
-                out.append(_averaged(each, window, WINDOWS, self.fewest))
+            for column, each in enumerate(rows.T):
+                out.append(averaged(each, window, CELLS))
                 for key, edges in self._beside(width, column):
-                    count = len(edges) + 1
-                    out.append(
-                        _averaged(each, along[key], count, self.fewest)
-                        if key in along
-                        else np.full((len(rows), count), np.nan)
-                    )
-        return np.hstack(out)
+                    nothing = np.full(len(edges) + 1, np.nan)
+                    out.append(averaged(each, along[key], len(nothing)) if key in along else nothing)
+        return np.concatenate(out)
 
     def _beside(self, width: int, column: int) -> list[tuple[tuple[str, int], FloatArray]]:
-        widths: dict[str, int] = {}
-        for channel, _ in self.edges:
-            widths[channel] = widths.get(channel, 0) + 1
         return [
-            (key, edges) for key, edges in self.edges.items() if widths[key[0]] == width and key[1] == column
+            (key, edges)
+            for key, edges in self.edges.items()
+            if self.widths[key[0]] == width and key[1] == column
         ]
 
 
@@ -155,11 +144,3 @@ def beyond(
     surely = t.ppf(1.0 - LEVEL / 2.0 / apart.shape[1], np.maximum(n - 1, 1))
     surplus = np.abs(size) / np.hypot(surely * scatter, np.sqrt(systematic))
     return size, np.where((n >= FEWEST_ROLLOUTS) & asked, np.nan_to_num(surplus), 0.0)
-
-
-def _averaged(values: FloatArray, place: NDArray[np.intp], count: int, fewest: int) -> FloatArray:
-    """Return (rows, count) means of (rows, n) values by their place."""
-    there = np.isfinite(values).all(axis=0)
-    counts = np.bincount(place[there], minlength=count)
-    sums = np.array([np.bincount(place[there], row[there], minlength=count) for row in values])
-    return np.where(counts >= fewest, sums / np.maximum(counts, 1), np.nan)

@@ -24,19 +24,21 @@ FloatArray = NDArray[np.float64]
 Key = tuple[tuple[str, float], ...]
 
 LAWS = 0.3
-"""Laws are off by this part of what the named effects do in a cell, and next to it."""
+"""Prior: laws are off by this part of what the named effects do in a cell, and next to it. Doubled, less is left of a
+machine with large effects."""
 ALLOWED = 0.1
-"""A little of everything is this part of every typical effect."""
+"""Prior: a little of everything is this part of every typical effect. Doubled, causes half as large are allowed for."""
 NOTHING = 0.03
-"""And nobody models a channel better than to this part of how much it varies."""
+"""Tolerance: nobody models a channel better than to this part of how much it varies. Doubled, smaller causes hide."""
 TAIL = 0.2
-"""The largest of many columns of a machine that is the simulator's in kind is 1 + TAIL · log(columns) times allowed."""
+"""Definition: the largest of many columns of a machine that is the simulator's in kind is 1 + TAIL · log(columns) times
+allowed. Doubled, machines of many columns show less."""
 BESIDE = 0.5
-"""By so much the surplus of a channel counts where there are residuals: they show most of it, and more sharply."""
-AS_MUCH = 0.5
-"""Of the largest surplus in a column: the first window of time with so much is where it begins."""
+"""Level: part of a surplus of a channel that counts where there are residuals, which show most of it, and more sharply;
+and part of the largest surplus in a column that the first window of time has where it begins. Doubled, channels count
+as residuals, and the begin is the largest."""
 GRID = 1000
-"""Times of a rollout at which it is known in which cell it is."""
+"""Definition: times of a rollout at which it is known in which cell it is. Doubled, cells have sharper ends."""
 
 
 @dataclass(frozen=True)
@@ -76,10 +78,10 @@ class Beside:
         rows = self.at[key_of(test)][:, place].astype(np.intp)
         missing = np.full(len(trace), np.nan)
         values = [
-            trace.channels.get(name, np.repeat(missing, width)).reshape(1, len(trace), width)
+            trace.channels.get(name, np.repeat(missing, width)).reshape(len(trace), width)
             for name, width in self.cells.widths.items()
         ]
-        return np.asarray(self.cells.means(values, times, dict(zip(self.cells.edges, rows, strict=True)))[0])
+        return self.cells.means(values, times, dict(zip(self.cells.edges, rows, strict=True)))
 
 
 @dataclass(frozen=True)
@@ -157,6 +159,6 @@ def begin(places: Sequence[tuple[str, int, str, float, float]], surplus: FloatAr
     for k, (name, column, along, *_) in enumerate(places):
         if not along and (name, column) in begun:
             out[k] = 0.0
-        elif not along and surplus[k] > max(1.0, AS_MUCH * largest[name, column]):
+        elif not along and surplus[k] > max(1.0, BESIDE * largest[name, column]):
             begun.add((name, column))
     return out

@@ -6,6 +6,8 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,18 +19,18 @@ from s2r_spec.diagnose.gap.body import named
 from s2r_spec.diagnose.remainder import channels
 from s2r_spec.diagnose.remainder.cells import FEWEST_ROLLOUTS, Cells, quantities_of
 from s2r_spec.diagnose.remainder.found import Remainder
-from s2r_spec.diagnose.simulate import Bench, Job, Test, run_jobs
+from s2r_spec.diagnose.simulate import Bench, Job, Test, evenly, places_of, run_jobs
 from s2r_spec.diagnose.simulator.experiments import RESIDUAL
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
-from s2r_spec.space import key_of
 from s2r_spec.trace import Trace, thinned
 
 FloatArray = NDArray[np.float64]
 
 TESTS = 3
-"""At which the nominal simulator and its variants run."""
+"""Budget: tests at which the nominal simulator and its variants run. Twice as many halve the variance of what effects
+and variants do."""
 REPORTED = 5
-"""Largest ones that are kept."""
+"""Definition: largest remainders that are kept. Doubled, a report may show twice as many."""
 
 
 def remainders(
@@ -58,35 +60,49 @@ def remainders(
     whole = [(test, trace) for test, trace in rollouts if trace.failure is None]
     if len(whole) < FEWEST_ROLLOUTS:
         return ()
-    traces = [trace for _, trace in whole]
-    tests = [dict(key) for key in dict.fromkeys(key_of(test) for test, _ in whole)]
-    seeds = [[rollout_seed(seed, n, again, Stream.REMAINDER) for n in range(len(tests))] for again in (0, 1)]
-    nominal = [
-        bench.seen(bench.run({}, test, seed), test) for test, seed in zip(tests, seeds[1], strict=True)
-    ]
-    widths = quantities_of([trace for trace in nominal if trace.failure is None] or nominal)
-    beside = [Job(improved, (run,)) for run in zip(tests, seeds[1], strict=True)]
-    apart = named is not None and named != improved
-    tell = _Stages(progress, len(tests) * (3 if apart else 2) + 1 + len(_variants(bench)) + len(lines))
-    paths = np.concatenate(run_jobs(bench, beside, executor, tell, channels.Path(widths)))
-    step = float(np.median([np.median(np.diff(trace.times)) for trace in traces]))
-    read = _Read(channels.Beside.of(bench.backend.duration, widths, tests, list(paths)), step)
-    runs = tuple(zip(tests, seeds[0], strict=True))
-    ran = _Ran.of(bench, read, whole, runs, improved, executor, tell)
+    tests = [dict(key) for key in places_of([test for test, _ in whole])]
+    first, again = (
+        [(test, rollout_seed(seed, n, of, Stream.REMAINDER)) for n, test in enumerate(tests)] for of in (0, 1)
+    )
+    nominal = [(test, bench.seen(bench.run({}, test, own), test)) for test, own in again]
+    nominal = [(test, trace) for test, trace in nominal if trace.failure is None] or nominal
+    widths = quantities_of([trace for _, trace in nominal])
+    few = evenly(len(tests), TESTS)
     # How much of a channel is a little of everything is an average over the rollout: one test is enough for it.
-    once = len(ran.few) // 2
-    typical = [Job(line.at(line.at_typical()), (runs[ran.few[once]],)) for line in lines]
-    changes = [rows - ran.nominal[[once]] for rows in run_jobs(bench, typical, executor, tell, read)]
-    simulated = [ran.simulated]
-    if named is not None and apart:
-        jobs = [Job(named, (run,)) for run in runs]
-        simulated.append(np.concatenate(run_jobs(bench, jobs, executor, tell, read)))
+    once = len(few) // 2
+    machines = [improved] if named is None or named == improved else [improved, named]
+    jobs = [Job({}, tuple(first[n] for n in few), name) for name in ("", *_variants(bench))]
+    jobs += [Job(line.at(line.at_typical()), (first[few[once]],)) for line in lines]
+    jobs += [Job(values, (run,)) for values in machines for run in first]
+
+    def tell(before: int, done: int, of: int) -> None:
+        if progress is not None:
+            progress(before + done, len(tests) + len(jobs))
+
+    beside = [Job(improved, (run,)) for run in again]
+    paths = np.concatenate(run_jobs(bench, beside, executor, partial(tell, 0), channels.Path(widths)))
+    step = float(np.median([np.median(np.diff(trace.times)) for _, trace in whole]))
+    cells = channels.Beside.of(bench.backend.duration, widths, tests, list(paths))
+    read = _Read(cells, step)
+    rows = iter(run_jobs(bench, jobs, executor, partial(tell, len(tests)), read))
+    usual = next(rows)
+    variants = list(islice(rows, len(_variants(bench))))
+    typical = list(islice(rows, len(lines)))
+    simulated = np.concatenate(list(rows)).reshape(len(machines), len(tests), -1)
+    machine = np.array([read(bench, trace, test) for test, trace in whole])
+    at = [tests.index(dict(test)) for test, _ in whole]
+    names = _Names.of(bench, whole, nominal[0], widths)
+    each = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of cells into which no rollout reaches
-        each = [_largest_of(bench, read, replace(ran, simulated=rows), changes, whole) for rows in simulated]
-        out = min(each, key=lambda found: max((one.surplus for one in found), default=0.0))
-    largest = sorted(out, key=lambda each: -each.surplus)[:REPORTED]
-    return ordered([_with_times(each, traces) for each in largest])
+        for own in simulated:
+            changes = [changed - usual[[once]] for changed in typical]
+            size, surplus = channels.left_over(
+                machine, own[at], usual, own[few] - usual, changes, [v - usual for v in variants], cells.cells
+            )
+            each.append(_largest(cells.cells, np.isfinite(machine).any(axis=0), size, surplus, names))
+    found = min(each, key=lambda largest: max((one.surplus for one in largest), default=0.0))
+    return ordered([_with_times(one, [trace for _, trace in whole]) for one in found])
 
 
 def ordered(found: Sequence[Remainder]) -> tuple[Remainder, ...]:
@@ -116,19 +132,6 @@ def _with_times(one: Remainder, traces: Sequence[Trace]) -> Remainder:
     )
 
 
-class _Stages:
-    """Tells of jobs that run in several stages as of one."""
-
-    def __init__(self, progress: Callable[[int, int], None] | None, of: int) -> None:
-        self._progress, self._of, self._before = progress, of, 0
-
-    def __call__(self, done: int, of: int) -> None:
-        if self._progress is not None:
-            self._progress(self._before + done, self._of)
-        if done == of:
-            self._before += of
-
-
 def _variants(bench: Bench) -> list[str]:
     return list(bench.backend.variants()) if isinstance(bench.backend, HasVariants) else []
 
@@ -149,101 +152,34 @@ class _Read:
 
 
 @dataclass(frozen=True)
-class _Ran:
-    """Rows that were read, one a rollout.
+class _Names:
+    """What quantities and their columns are called.
 
     Attributes:
-        machine: of the machine.
-        simulated: of the improved simulator, at every different test.
-        at: which of these each of the machine's is beside.
-        few: which of these the others are beside, in the same noise.
-        nominal: of the nominal simulator.
-        variants: of each of its variants.
+        units: quantity → unit.
+        parts: (quantity, column) → the part of the machine that it is of, or its number; "" where there is but one.
     """
 
-    machine: FloatArray
-    simulated: FloatArray
-    at: NDArray[np.intp]
-    few: NDArray[np.intp]
-    nominal: FloatArray
-    variants: Sequence[FloatArray]
+    units: Mapping[str, str]
+    parts: Mapping[tuple[str, int], str]
 
     @classmethod
     def of(
         cls,
         bench: Bench,
-        read: _Read,
-        machine: Sequence[tuple[Test, Trace]],
-        runs: Sequence[tuple[Test, int]],
-        improved: Values,
-        executor: Callable[[], Executor] | None,
-        progress: Callable[[int, int], None],
-    ) -> _Ran:
-        """Simulate; ``runs`` are the different tests of the machine, each with a seed."""
-        few = np.linspace(0, len(runs) - 1, min(TESTS, len(runs))).round().astype(int)
-        of_few = tuple(runs[int(n)] for n in few)
-        jobs = [Job(improved, (run,)) for run in runs]
-        jobs += [Job({}, of_few), *(Job({}, of_few, name) for name in _variants(bench))]
-        *simulated, nominal = (blocks := run_jobs(bench, jobs, executor, progress, read))[: len(runs) + 1]
-        places = {key_of(test): n for n, (test, _) in enumerate(runs)}
-        return cls(
-            np.array([read(bench, trace, test) for test, trace in machine]),
-            np.concatenate(simulated),
-            np.array([places[key_of(test)] for test, _ in machine]),
-            few,
-            nominal,
-            blocks[len(runs) + 1 :],
-        )
-
-
-def _largest_of(
-    bench: Bench,
-    read: _Read,
-    ran: _Ran,
-    effects: Sequence[FloatArray],
-    rollouts: Sequence[tuple[Test, Trace]],
-) -> list[Remainder]:
-    cells = read.channels.cells
-    size, surplus = channels.left_over(
-        ran.machine,
-        ran.simulated[ran.at],
-        ran.nominal,
-        ran.simulated[ran.few] - ran.nominal,
-        effects,
-        [block - ran.nominal for block in ran.variants],
-        cells,
-    )
-    places = cells.places()
-    residual = np.array([name.startswith(RESIDUAL) for name, *_ in places])
-    seen = residual & np.isfinite(ran.machine).any(axis=0)
-    surplus = channels.begin(places, np.where(residual | ~seen.any(), 1.0, channels.BESIDE) * surplus)
-    units, of = _units([trace for _, trace in rollouts]), columns(bench.backend.channels, cells.widths)
-    if isinstance(bench.backend, HasResiduals) and seen.any():
-        test, trace = next(
-            (test, trace)
-            for (test, trace), row in zip(rollouts, ran.machine, strict=True)
-            if np.isfinite(row[seen]).any()
-        )
-        found = bench.backend.residuals(trace, bench.matched.to_backend(test))
-        widths = {
-            name.removeprefix(RESIDUAL): width
-            for name, width in cells.widths.items()
-            if name.startswith(RESIDUAL)
-        }
-        of |= {(RESIDUAL + name, column): part for (name, column), part in parts(found, widths).items()}
-        units |= {RESIDUAL + name: unit for name, unit in found.units.items()}
-    return [
-        replace(
-            each,
-            quantity=each.quantity.removeprefix(RESIDUAL),
-            recorded=not each.quantity.startswith(RESIDUAL),
-        )
-        for each in _largest(cells, size, surplus, units, of)
-    ]
-
-
-def _units(traces: Sequence[Trace]) -> dict[str, str]:
-    return {name: unit for trace in traces for name, unit in trace.units.items()}
+        rollouts: Sequence[tuple[Test, Trace]],
+        nominal: tuple[Test, Trace],
+        widths: Mapping[str, int],
+    ) -> _Names:
+        """Read units of channels in recordings, and all of residuals in a nominal rollout, which has them."""
+        units = {name: unit for _, trace in rollouts for name, unit in trace.units.items()}
+        of = columns(bench.backend.channels, widths)
+        own = {n.removeprefix(RESIDUAL): width for n, width in widths.items() if n.startswith(RESIDUAL)}
+        if own and isinstance(bench.backend, HasResiduals):
+            found = bench.backend.residuals(nominal[1], bench.matched.to_backend(nominal[0]))
+            units |= {RESIDUAL + name: unit for name, unit in found.units.items()}
+            of |= {(RESIDUAL + name, column): part for (name, column), part in parts(found, own).items()}
+        return cls(units, of)
 
 
 def parts(trace: Trace, widths: Mapping[str, int]) -> dict[tuple[str, int], str]:
@@ -270,31 +206,39 @@ def _column_names(
 
 
 def _largest(
-    cells: Cells,
-    size: FloatArray,
-    surplus: FloatArray,
-    units: Mapping[str, str],
-    part: Mapping[tuple[str, int], str],
+    cells: Cells, known: NDArray[np.bool_], size: FloatArray, surplus: FloatArray, names: _Names
 ) -> list[Remainder]:
-    """Return the cell of the largest surplus of every column, the :data:`REPORTED` largest of these."""
-    out: dict[tuple[str, int], Remainder] = {}
+    """Return the cell of the largest surplus of every column, the :data:`REPORTED` largest of these.
+
+    Args:
+        cells: where they are.
+        known: (cells,) whether any rollout has a value there.
+        size: (cells,) what is left.
+        surplus: (cells,) that in units of what is allowed for.
+        names: of quantities and columns.
+    """
     places = cells.places()
+    residual = np.array([name.startswith(RESIDUAL) for name, *_ in places])
+    shown = (residual & known).any()
+    surplus = channels.begin(places, np.where(residual | ~shown, 1.0, channels.BESIDE) * surplus)
+    out: dict[tuple[str, int], Remainder] = {}
     for k in np.argsort(-surplus, kind="stable"):
         name, column, along, low, high = places[k]
-        if (name, column) not in out and surplus[k] > 0.0:
-            unit, along_unit = units.get(name, ""), units.get(along, "") if along else "s"
-            out[name, column] = Remainder(
-                name,
-                column,
-                part[name, column],
-                along,
-                low,
-                high,
-                float(size[k]),
-                unit,
-                along_unit,
-                float(surplus[k]),
-            )
-        if len(out) == REPORTED:
+        if len(out) == REPORTED or surplus[k] <= 0.0:
             break
+        if (name, column) in out:
+            continue
+        out[name, column] = Remainder(
+            name.removeprefix(RESIDUAL),
+            column,
+            names.parts[name, column],
+            along,
+            low,
+            high,
+            float(size[k]),
+            names.units.get(name, ""),
+            names.units.get(along, "") if along else "s",
+            float(surplus[k]),
+            recorded=not name.startswith(RESIDUAL),
+        )
     return list(out.values())

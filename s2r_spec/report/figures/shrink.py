@@ -98,7 +98,7 @@ def _curve(space: GapSurface, held: Sequence[HeldOut], name: str) -> Picture:
         axes = figure.add_subplot()
         _band(axes, space, 0)
         axes.plot(
-            [test.params[axis.name] for test in space.tests], [test.signed for test in space.tests],
+            [test.params[axis.name] for test in space.tests], [test.gap for test in space.tests],
             "o", color=INK, ms=3.5, label="mean of a test",
         )  # fmt: skip
         where = [test.params[axis.name] for test in held]
@@ -153,7 +153,7 @@ def _slices(space: GapSurface, name: str) -> Picture:
             axis = space.space.axes[k]
             _band(axes, space, k)
             where = [test.params[axis.name] for test in space.tests]
-            axes.plot(where, [test.signed for test in space.tests], "o", color=INK, ms=3, alpha=0.6)
+            axes.plot(where, [test.gap for test in space.tests], "o", color=INK, ms=3, alpha=0.6)
             axes.axvline(space.worst[axis.name], color=BAD, lw=1, ls=(0, (4, 3)))
             axes.set_xlabel(with_unit(axis.name, axis.unit))
         for row in grid:
@@ -173,7 +173,7 @@ def _maps(space: GapSurface, held: Sequence[HeldOut], name: str) -> Picture:
     across, up = space.space.axes
     side = round(len(space.grid) ** 0.5)
     values = space.signed.mean.reshape(side, side).T
-    drawn = [*values.ravel(), *(test.signed for test in space.tests)]
+    drawn = [*values.ravel(), *(test.gap for test in space.tests)]
     scale = max(map(abs, drawn)) or 1.0
     after = [(test, test.after) for test in held if test.after is not None]
 

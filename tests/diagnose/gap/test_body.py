@@ -9,7 +9,6 @@ from s2r_cart import DAMPING, GAIN, MASS, SPEC, Cart, real
 
 import s2r_spec as s2r
 from s2r_spec.diagnose.gap.body import CELLS, Residuals, shifts, windows
-from s2r_spec.diagnose.gap.false_discovery import adjusted
 from s2r_spec.diagnose.gap.where import Pairs, body_of, where
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.errors import TraceError
@@ -107,14 +106,6 @@ def test_windows_double_and_cover_everything():
         assert {cell for begin, end in found if end - begin == length for cell in range(begin, end)} == set(
             range(CELLS)
         )
-
-
-def test_adjusted_p_values_are_those_of_benjamini_and_yekutieli():
-    # c(4) = 25/12
-    assert adjusted(np.array([0.01, 0.5, 0.002, 0.04])) == pytest.approx(
-        [0.01 * 4 * 25 / 12 / 2, 1.0, 0.002 * 4 * 25 / 12, 0.04 * 4 * 25 / 12 / 3]
-    )
-    assert np.all(np.diff(adjusted(np.array([0.001, 0.0011, 0.9]))) >= 0)
 
 
 def test_a_shift_is_found_in_its_part_and_window_and_sized():

@@ -1,12 +1,13 @@
 """What an improved simulator says of the gap, at the tests that were run and over the test space."""
 
+from typing import ClassVar
+
 import numpy as np
 from s2r_cart import SPEC, Cart
 
 import s2r_spec as s2r
-from s2r_spec.diagnose.gap.predicted import _places, predict
-from s2r_spec.diagnose.gap.surface import grid_of
-from s2r_spec.diagnose.gap.test_space import grid
+from s2r_spec.diagnose.gap.predicted import predict
+from s2r_spec.diagnose.gap.test_space import grid_of
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 
@@ -32,8 +33,20 @@ def test_what_is_foretold_is_what_the_two_simulators_say_of_the_same_seed():
     assert np.sign(found.grid[0]) == np.sign(rho[1] - rho[0])
 
 
+class Counted(Cart):
+    """A cart that counts its rollouts."""
+
+    ran: ClassVar = []
+
+    def rollout(self, params, seed):
+        self.ran.append(params)
+        return super().rollout(params, seed)
+
+
 def test_a_dear_simulator_is_asked_at_a_coarse_grid_alone():
-    at = bench(Cart(cost=60.0))
-    assert _places(at, 441) == grid(at.spec.space)
-    assert predict(at, ADDED, TESTS, 3).grid.shape == (441,)
-    assert len(_places(bench(Cart()), 441)) > len(grid(at.spec.space))
+    Counted.ran.clear()
+    assert predict(bench(Counted(cost=60.0)), ADDED, TESTS, 3).grid.shape == (441,)
+    dear = len(Counted.ran)
+    assert dear <= 2 * (len(TESTS) + 14)
+    predict(bench(Counted()), ADDED, TESTS, 3)
+    assert len(Counted.ran) - dear > dear

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from s2r_spec.diagnose.gap.observed import GapAt, floor, folded
-from s2r_spec.diagnose.gap.surface import Predicted, gap_surface, grid_of
+from s2r_spec.diagnose.gap.materiality import RolloutsAtTest
+from s2r_spec.diagnose.gap.observed import floor, folded
+from s2r_spec.diagnose.gap.surface import Predicted, gap_surface
+from s2r_spec.diagnose.gap.test_space import grid_of
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space
 
@@ -20,7 +22,7 @@ NOISE = 0.004
 def seen(space, gap, places, generator, real=3, simulated=4):
     """Rollouts at places, with this gap and noise on both sides."""
     return tuple(
-        GapAt(
+        RolloutsAtTest(
             space.point(np.atleast_1d(place)),
             gap(np.atleast_1d(place)) + NOISE * generator.normal(size=real),
             NOISE * generator.normal(size=simulated),
@@ -108,7 +110,7 @@ def test_a_corner_of_a_box(dim):
 
 
 def test_one_rollout_at_one_test_says_so():
-    result = gap_surface(LINE, (GapAt({"vd": 0.1}, np.array([0.01]), np.array([0.02])),))
+    result = gap_surface(LINE, (RolloutsAtTest({"vd": 0.1}, np.array([0.01]), np.array([0.02])),))
     assert any("at 1 test of a space with 1 parameter" in note for note in result.notes)
     assert math.isnan(result.floor)
     plain = result.to_json()
@@ -122,7 +124,7 @@ def test_what_cannot_be_asked():
         gap_surface(LINE, ())
     many = Space.of({f"p{k}": (0, 1) for k in range(5)})
     with pytest.raises(UsageError, match=r"one to four .* has 5"):
-        gap_surface(many, (GapAt({}, np.zeros(1), np.zeros(1)),))
+        gap_surface(many, (RolloutsAtTest({}, np.zeros(1), np.zeros(1)),))
 
 
 CUBE = Space.of({"a": (0.0, 1.0), "b": (0.0, 1.0), "c": (0.0, 1.0)}, {"a": "m", "b": "m", "c": "m"})
