@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from s2r_spec.backend import Backend
 from s2r_spec.diagnose.axes import Values
 from s2r_spec.diagnose.inference.gauss_newton import CLOSE, Errors, Fit, Observation, Problem, fit, search
-from s2r_spec.diagnose.inference.hierarchical import Likelihood, disagreement, dispersion
+from s2r_spec.diagnose.inference.hierarchical import Likelihood, disagreement
 from s2r_spec.diagnose.inference.model_search import ModelPosterior, combined, posterior
 from s2r_spec.diagnose.inference.prior import SizePrior
 from s2r_spec.diagnose.simulator.experiments import Experiment
@@ -99,7 +99,7 @@ def estimate(
             break
     starts = [Mode(problem, first.mean[0], first.sets[0])]
     starts += [Mode(problem, *one) for one in rivals(joint.likelihood, first)]
-    errors = Errors(problem.errors(joint.theta), np.abs(joint.theta), joint.dispersion, joint.disagreement)
+    errors = Errors(problem.errors(joint.theta), np.abs(joint.theta), joint.form, joint.disagreement)
     errors = _expected(problem, fitted(library, starts, errors))
     modes = fitted(library, starts, errors)
     if corrections:
@@ -176,7 +176,7 @@ def _joint(library: ResponseLibrary, problem: Problem) -> Fit:
     errors = Errors(
         [np.max(same, axis=0) for same in zip(*each, strict=True)],
         np.max([np.abs(one.theta) for one in found], axis=0),
-        max(one.dispersion for one in found),
+        np.mean([one.form for one in found], axis=0),
         np.max([one.disagreement for one in found], axis=0),
     )
     evidence = [
@@ -199,9 +199,9 @@ def _expected(problem: Problem, modes: Sequence[Estimate]) -> Errors:
     variances = [weight @ np.array(same) for same in zip(*each, strict=True)]
     sizes = np.sqrt(weight @ theta**2)
     fits = [mode.fit for mode in modes]
-    wide = weight @ [dispersion(sizes, one.groupwise.information) for one in fits]
+    form = np.tensordot(weight, [one.form_at(sizes) for one in fits], 1)
     scale = weight @ np.array([disagreement(one.groups, sizes, one.variances) for one in fits])
-    return Errors(variances, sizes, float(wide), scale)
+    return Errors(variances, sizes, np.asarray(form), scale)
 
 
 def fitted(library: ResponseLibrary, modes: Sequence[Mode], errors: Errors) -> list[Estimate]:

@@ -198,9 +198,16 @@ def _campaign(
     tests = star(bench.spec.space)
     runnable, said = allowed(bench.backend, machine, () if passive else protocols)
     fixed = plan(bench, tests, runnable, BUDGET if budget is None else budget, work.seed)
+    others = () if passive else _protocols(bench, runnable)
     # The library comes first: a simulator that cannot be diagnosed costs no rollout of the machine.
+    if not runnable:
+        middle = representative(fixed.tests.values(), bench.spec.space, 1)
+        work.library([as_experiment(bench, test) for test in middle])
+        told = work.progress("real rollouts")
+        rollouts = campaign(bench, machine, fixed, work.seed, folder=folder, progress=told)
+        return _tested(work, replace(rollouts, notes=(*said, *rollouts.notes)), others)
     experiments = [as_experiment(bench, test) for test in tests]
-    responses = work.library([*experiments, *(() if passive else _protocols(bench, runnable))])
+    responses = work.library([*experiments, *others])
     before = _Data(
         RealRollouts(), TrainHeldOut(RealRollouts(), ()), responses, frozenset([*experiments, *runnable])
     )
@@ -220,22 +227,32 @@ def _campaign(
 def _recordings(
     work: _Work, real: Rollouts | Backend, budget: int | None, protocols: Sequence[str] | None, passive: bool
 ) -> _Data:
-    """Read recorded rollouts; the library has train tests that fill the space, and all protocols."""
-    bench = work.bench
-    rollouts = recorded(bench, real, budget, passive)
-    parts = split(rollouts, work.seed)
-    recorded_tests = [test for test, _ in parts.train.tests]
-    tests = representative(recorded_tests or star(bench.spec.space), bench.spec.space)
-    experiments = [as_experiment(bench, test) for test in tests]
+    """Read recorded rollouts; the library has all protocols beside their tests."""
+    rollouts = recorded(work.bench, real, budget, passive)
     run = list(dict.fromkeys(experiment for experiment, _ in rollouts.protocols))
-    runnable, _ = allowed(bench.backend, bench.backend, () if passive else protocols)
-    others = () if passive else _protocols(bench, [*run, *runnable])
-    responses = work.library(list(dict.fromkeys([*experiments, *run, *others])))
-    different = len({key_of(test) for test in recorded_tests})
+    runnable, _ = allowed(work.bench.backend, work.bench.backend, () if passive else protocols)
+    others = () if passive else _protocols(work.bench, [*run, *runnable])
+    return _tested(work, rollouts, [*run, *others], frozenset([*run, *runnable]))
+
+
+def _tested(
+    work: _Work,
+    rollouts: RealRollouts,
+    others: Sequence[Experiment],
+    allowed: frozenset[Experiment] = frozenset(),
+) -> _Data:
+    """Return rollouts, and the library of train tests that fill the space and of other experiments."""
+    bench = work.bench
+    parts = split(rollouts, work.seed)
+    run = [test for test, _ in parts.train.tests]
+    tests = representative(run or star(bench.spec.space), bench.spec.space)
+    experiments = [as_experiment(bench, test) for test in tests]
+    responses = work.library(list(dict.fromkeys([*experiments, *others])))
+    different = len({key_of(test) for test in run})
     if different > len(tests):
         note = f"sizes come from the runs at {len(tests)} of the {different} recorded tests, which fill the space"
         rollouts = replace(rollouts, notes=(*rollouts.notes, note))
-    return _Data(rollouts, parts, responses, frozenset([*experiments, *run, *runnable]))
+    return _Data(rollouts, parts, responses, allowed | frozenset(experiments))
 
 
 def _protocols(bench: Bench, runnable: Sequence[Experiment]) -> list[Experiment]:

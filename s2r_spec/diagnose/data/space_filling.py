@@ -45,7 +45,8 @@ def representative(tests: Iterable[Test], space: Space, most: int = TESTS) -> li
         space: the space of the tests.
         most: largest number of tests.
     """
-    keys = sorted({tuple(space.vector(test).tolist()) for test in tests})
+    places = {tuple(space.vector(test).tolist()): dict(test) for test in tests}
+    keys = sorted(places)
     points = np.array(keys).reshape(len(keys), space.dim)
     unit = (points - space.lower) / (space.upper - space.lower)
     chosen: list[int] = []
@@ -54,4 +55,4 @@ def representative(tests: Iterable[Test], space: Space, most: int = TESTS) -> li
         chosen.append(int(np.argmax(distance)))
         apart = np.linalg.norm(unit - unit[chosen[-1]], axis=1)
         distance = apart if len(chosen) == 1 else np.minimum(distance, apart)
-    return [space.point(points[place]) for place in chosen]
+    return [places[keys[place]] for place in chosen]

@@ -45,9 +45,12 @@ from s2r_spec.diagnose.inference.hierarchical import (
     Variances,
     disagreement,
     dispersion,
+    form_error,
+    information_by_group,
     likelihood,
     shared_error,
     variances,
+    with_form_error,
     with_shared_error,
     without_variants,
 )
@@ -284,13 +287,13 @@ class Errors:
     Attributes:
         variances: (n_p,) of the responses in u, for every experiment.
         sizes: (K,) at which the law errors are.
-        dispersion: ψ; None for that at the estimate.
+        form: (K, K) M; None for that at the estimate.
         disagreement: (K,) λ; None for that at the estimate.
     """
 
     variances: Sequence[FloatArray]
     sizes: FloatArray
-    dispersion: float | None = None
+    form: FloatArray | None = None
     disagreement: FloatArray | None = None
 
     @classmethod
@@ -308,6 +311,7 @@ class Fit:
         errors: of the model.
         groupwise: likelihood of θ around the estimate, by secants, with the errors of each group alone.
         groups: of all experiments, in their order, at the estimate.
+        kinds: of motion, of each of these groups: "" for a test of the specification, or the protocol.
         variances: of these groups.
     """
 
@@ -315,18 +319,28 @@ class Fit:
     errors: Errors
     groupwise: Likelihood
     groups: Groups
+    kinds: tuple[str, ...]
     variances: Variances
 
     @cached_property
     def likelihood(self) -> Likelihood:
         """The likelihood of θ around the estimate, with all errors; the prior is not in it."""
-        return with_shared_error(self.groupwise / self.dispersion, self.shared)
+        return with_shared_error(with_form_error(self.groupwise, self.form), self.shared)
+
+    @cached_property
+    def form(self) -> FloatArray:
+        """(K, K) M, the covariance of the score by errors of form."""
+        return self.form_at(self.errors.sizes) if self.errors.form is None else self.errors.form
+
+    def form_at(self, sizes: FloatArray) -> FloatArray:
+        """Return (K, K) M for effects of (K,) sizes."""
+        by_group = information_by_group(self.groups, self.errors.sizes, self.variances)
+        return form_error(sizes, by_group, self.kinds, self.groupwise.information)
 
     @property
     def dispersion(self) -> float:
-        """ψ, by which errors of form widen the likelihood."""
-        given = self.errors.dispersion
-        return dispersion(self.errors.sizes, self.groupwise.information) if given is None else given
+        """The mean factor by which errors of form widen the variance of the score."""
+        return dispersion(self.groupwise.information, self.form)
 
     @cached_property
     def disagreement(self) -> FloatArray:
@@ -371,7 +385,8 @@ def fit(
         theta = new
         groups = _grouped(problem, theta, errors)
     seen = likelihood(_grouped(problem, theta, errors, secants=True), errors.sizes, found)
-    return Fit(theta, errors, without_variants(seen, effects), groups, found)
+    kinds = tuple(one.response.experiment.protocol for one in observations for _ in one.parts)
+    return Fit(theta, errors, without_variants(seen, effects), groups, kinds, found)
 
 
 def _grouped(problem: Problem, theta: FloatArray, errors: Errors, secants: bool = False) -> Groups:

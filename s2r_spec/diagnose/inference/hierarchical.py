@@ -20,24 +20,27 @@ says about (θ, φ), with its information I_g = N_g/(n_g s_g²) M_gᵀ M_g and s
 
     information (I_g⁻¹ + T_g)⁻¹,   score (1 + I_g T_g)⁻¹ h_g,   T_g = diag(τ_g² I_K + ρ_g² diag(θ²), 4 τ_g² I_V)
 
-The sum of these over g, with φ integrated out, is the *groupwise* likelihood, of information A. Two errors are common
-to all groups, so that they do not average out:
+The sum of these over g, with φ integrated out, is the *groupwise* likelihood, of information A and score h. Two errors
+are common to all groups, so that they do not average out:
 
-    form    all groups see an effect in another shape: the groupwise log likelihood is divided by the dispersion
-            ψ = 1 + ρ² Σ_k θ_k² A_kk / H
+    form    an effect has another shape in all groups: A is (A⁻¹ + A⁻¹ M A⁻¹)⁻¹ then, and h is A (A + M)⁻¹ h,
+            M = Σ_c C_c ∘ O_c diag(ρ² θ²) O_c,   O_c,jk = Σ_{g in c} (A_g,jj A_g,kk)^½,   C_c: correlations of Σ A_g
     size    an effect's size in the laws of another author is not defined any better: the covariance grows by
             σ_c² + ρ² θ_k² + τ0² (λ_k − 1)
 
-ψ follows from the energy of the signal, θ_k² A_kk in units of the error. A law that differs by the part ρ changes the
-signal by ρ² of this energy, which is spread over H independent shapes. So each of these has a variance of ψ. Two
-effects that differ only in a fine detail of their shape are then not told apart by it. λ_k ≥ 1 says how much more than
-by T_g the groups disagree about parameter k: the mode of λ_k ~ Inv-χ²(ν, 1), if T_g is multiplied by diag(λ). It does
-not change the weights of groups. If it did, groups that all ask for the same θ_k could count as large law errors of
-θ_k = 0.
+A law that differs by the part ρ changes the signal of effect k in group g by ρ θ_k A_g,kk^½, in units of the error.
+Along effect j this is a score of up to ρ θ_k (A_g,jj A_g,kk)^½. All groups of one kind of motion c share the shape, so
+these add up to ρ θ_k O_c,jk. Kinds are the tests of the specification, and each protocol. The scores of two effects
+correlate as their signals do. So two effects that differ only in a fine detail of their shape are not told apart by it,
+and an effect that others do not touch is measured as before.
+
+λ_k ≥ 1 says how much more than by T_g the groups disagree about parameter k: the mode of λ_k ~ Inv-χ²(ν, 1), if T_g is
+multiplied by diag(λ). It does not change the weights of groups. If it did, groups that all ask for the same θ_k could
+count as large law errors of θ_k = 0.
 
 Units: θ, τ in typical sizes; s dimensionless. Shapes: G groups, D = K + V columns.
 Source: Gelman et al., *Bayesian Data Analysis*, 3rd ed., §5.4 and §5.5; MacKay, *Neural Computation* 4 (1992), §4;
-McCullagh & Nelder, *Generalized Linear Models*, §9.2 (ψ); Birge, *Physical Review* 40 (1932) 207 (λ).
+White, *Econometrica* 50 (1982) 1 (A⁻¹ M A⁻¹); Birge, *Physical Review* 40 (1932) 207 (λ).
 """
 
 from __future__ import annotations
@@ -68,13 +71,12 @@ LARGEST = 60.0
 Twice as much lets one such observable raise s_g² of its group up to four times as far."""
 SHARED = 0.03
 """Prior: standard deviation σ_c of the error that all groups share at nominal, in typical sizes: two healthy machines
-of different authors differ by so much. Chosen among 0.02 to 0.05 like H. Twice as much makes intervals of small effects
-up to twice as wide."""
-SHAPES = 2.0
-"""Prior: independent shapes H that an error of form can have. Twice as many halve the dispersion of large effects.
-Chosen among 1, 2, 3 and 5, as σ_c among 0.02 to 0.05, by density of the true sizes and coverage of the intervals. The
-data were 15 twins of `benchmarks/protocol_fit.py` and 17 cases of each of four machines of
-`benchmarks/blind/development.py`, which are therefore validation."""
+of different authors differ by so much. Chosen among 0.02 to 0.05 by density of the true sizes and coverage of the
+intervals, in 35 twins of `benchmarks/protocol_fit.py` and 17 cases of each of four machines of
+`benchmarks/blind/development.py`, which are therefore validation. Twice as much makes intervals of small effects up to
+twice as wide."""
+TINY = 1e-9
+"""Tolerance: information below this counts as none [1/typical²]. Twice as much changes nothing that shows."""
 ROUNDS = 20
 """Budget: rounds of the fixed point of λ. Twice as many change no λ by more than a few percent."""
 VARIANT = 2.0
@@ -159,10 +161,6 @@ class Likelihood:
     score: FloatArray
     value: float = 0.0
 
-    def __truediv__(self, dispersion: float) -> Likelihood:
-        """Return the quasi-likelihood of this dispersion."""
-        return Likelihood(self.information / dispersion, self.score / dispersion, self.value / dispersion)
-
 
 def law_prior(found: Variances, coherent: FloatArray, theta: FloatArray, columns: int) -> FloatArray:
     """Return (G, D) the diagonal of T_g for (G,) ρ_g and (K,) θ."""
@@ -246,9 +244,55 @@ def shared_error(theta: FloatArray, scale: FloatArray) -> FloatArray:
     return np.asarray(SHARED**2 + (LAW_SHARE * theta) ** 2 + LAW_ERROR**2 * (scale - 1.0))
 
 
-def dispersion(theta: FloatArray, information: FloatArray) -> float:
-    """Return ψ, by which errors of form widen a likelihood of (K, K) information, for effects of (K,) sizes."""
-    return 1.0 + LAW_SHARE**2 * float(theta**2 @ np.diag(information)) / SHAPES
+def information_by_group(groups: Groups, theta: FloatArray, found: Variances) -> FloatArray:
+    """Return (G, K, K) every group's information about θ."""
+    columns = groups.gram.shape[1]
+    information = (groups.size / found.noise)[:, None, None] * groups.gram
+    damping = np.eye(columns) + information * law_prior(found, groups.coherent, theta, columns)[:, None, :]
+    own = np.linalg.solve(damping, information)[:, : theta.size, : theta.size]
+    return np.asarray((own + own.transpose(0, 2, 1)) / 2.0)
+
+
+def form_error(
+    theta: FloatArray, by_group: FloatArray, kinds: Sequence[str], information: FloatArray
+) -> FloatArray:
+    """Return (K, K) M, the covariance of the score by errors of form.
+
+    Args:
+        theta: (K,) sizes of the effects.
+        by_group: (G, K, K) information of every group.
+        kinds: of motion, of every group.
+        information: (K, K) A; without the part that variants take, so it is at most the sum of ``by_group``.
+    """
+    root = np.sqrt(np.maximum(np.einsum("gkk->gk", by_group), 0.0))
+    total = np.zeros_like(information)
+    for kind in dict.fromkeys(kinds):
+        own = np.array([each == kind for each in kinds])
+        overlap = root[own].T @ root[own]
+        inside = by_group[own].sum(axis=0)
+        deviation = np.sqrt(np.maximum(np.diag(inside), TINY))
+        total += inside / np.outer(deviation, deviation) * ((overlap * (LAW_SHARE * theta) ** 2) @ overlap)
+    left = np.sqrt(np.maximum(np.diag(information), 0.0) / np.maximum((root**2).sum(axis=0), TINY))
+    return np.asarray(total * np.outer(left, left) ** 2)
+
+
+def dispersion(information: FloatArray, form: FloatArray) -> float:
+    """Return the mean factor by which errors of form widen the variance of a score."""
+    able = np.diag(information) > TINY
+    return 1.0 + float(np.mean(np.diag(form)[able] / np.diag(information)[able])) if able.any() else 1.0
+
+
+def with_form_error(found: Likelihood, form: FloatArray) -> Likelihood:
+    """Return the likelihood with (K, K) M added to the covariance of its score.
+
+    What parameters do not explain has the same errors, so the value is divided by the :func:`dispersion`.
+    """
+    a, score = found.information, found.score
+    total = a + form + TINY * np.eye(len(a))
+    solved = np.linalg.solve(total, np.column_stack([a, score]))
+    information = a @ solved[:, :-1]
+    value = found.value / dispersion(a, form)
+    return Likelihood(np.asarray((information + information.T) / 2.0), np.asarray(a @ solved[:, -1]), value)
 
 
 def without_variants(found: Likelihood, effects: int) -> Likelihood:
