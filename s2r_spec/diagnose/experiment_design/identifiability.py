@@ -35,7 +35,15 @@ from s2r_spec.diagnose.axes import Line
 from s2r_spec.diagnose.estimation import Estimate
 from s2r_spec.diagnose.inference.estimates import COVER
 from s2r_spec.diagnose.inference.gauss_newton import Fit, Observation
-from s2r_spec.diagnose.inference.hierarchical import Groups, Variances, likelihood, without_variants
+from s2r_spec.diagnose.inference.hierarchical import (
+    Groups,
+    Variances,
+    form_error,
+    information_by_group,
+    likelihood,
+    with_form_error,
+    without_variants,
+)
 from s2r_spec.diagnose.inference.prior import NAMED, UNNAMED
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import Dependence, Response
@@ -219,8 +227,11 @@ def information(
     groups = Groups.of(
         np.zeros(columns.shape[1]), columns, one.unit(one.errors(fit.theta)), places, one.coherent
     )
-    found = likelihood(groups, fit.errors.sizes, Variances.prior(len(one.parts)))
-    return without_variants(found, sizes.size).information / fit.dispersion
+    before, at = Variances.prior(len(one.parts)), fit.errors.sizes
+    found = without_variants(likelihood(groups, at, before), sizes.size)
+    kinds = len(one.parts) * [response.experiment.protocol]
+    form = form_error(at, information_by_group(groups, at, before), kinds, found.information)
+    return with_form_error(found, form).information
 
 
 def separations(

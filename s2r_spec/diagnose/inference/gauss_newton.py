@@ -44,7 +44,6 @@ from s2r_spec.diagnose.inference.hierarchical import (
     Likelihood,
     Variances,
     disagreement,
-    dispersion,
     form_error,
     information_by_group,
     likelihood,
@@ -336,11 +335,6 @@ class Fit:
         """Return (K, K) M for effects of (K,) sizes."""
         by_group = information_by_group(self.groups, self.errors.sizes, self.variances)
         return form_error(sizes, by_group, self.kinds, self.groupwise.information)
-
-    @property
-    def dispersion(self) -> float:
-        """The mean factor by which errors of form widen the variance of the score."""
-        return dispersion(self.groupwise.information, self.form)
 
     @cached_property
     def disagreement(self) -> FloatArray:

@@ -276,23 +276,18 @@ def form_error(
     return np.asarray(total * np.outer(left, left) ** 2)
 
 
-def dispersion(information: FloatArray, form: FloatArray) -> float:
-    """Return the mean factor by which errors of form widen the variance of a score."""
-    able = np.diag(information) > TINY
-    return 1.0 + float(np.mean(np.diag(form)[able] / np.diag(information)[able])) if able.any() else 1.0
-
-
 def with_form_error(found: Likelihood, form: FloatArray) -> Likelihood:
-    """Return the likelihood with (K, K) M added to the covariance of its score.
-
-    What parameters do not explain has the same errors, so the value is divided by the :func:`dispersion`.
-    """
-    a, score = found.information, found.score
-    total = a + form + TINY * np.eye(len(a))
-    solved = np.linalg.solve(total, np.column_stack([a, score]))
-    information = a @ solved[:, :-1]
-    value = found.value / dispersion(a, form)
-    return Likelihood(np.asarray((information + information.T) / 2.0), np.asarray(a @ solved[:, -1]), value)
+    """Return the likelihood with (K, K) M added to the covariance of its score."""
+    plain = found.information + TINY * np.eye(len(form))
+    total = plain + form
+    solved = np.linalg.solve(total, np.column_stack([found.information, found.score]))
+    columns = len(form)
+    information = found.information @ solved[:, :columns]
+    score = found.information @ solved[:, columns]
+    # log N(h; 0, A + M) − log N(h; 0, A)
+    value = found.value - 0.5 * float(np.linalg.slogdet(total)[1] - np.linalg.slogdet(plain)[1])
+    value += 0.5 * float(found.score @ np.linalg.solve(plain, form @ solved[:, columns]))
+    return Likelihood(np.asarray((information + information.T) / 2.0), np.asarray(score), value)
 
 
 def without_variants(found: Likelihood, effects: int) -> Likelihood:
