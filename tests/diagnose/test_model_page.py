@@ -48,7 +48,7 @@ def test_the_pages_have_the_priors_of_the_code():
     rows = re.findall(
         r"\| ([\d.]+|at most \d+)[^|]*\| `(\w+)\.(\w+)` \|", (pages / "diagnosis-model.md").read_text()
     )
-    assert len(rows) == 9
+    assert len(rows) == 8
     for value, module, name in rows:
         code = importlib.import_module(f"s2r_spec.diagnose.inference.{module}")
         assert float(value.removeprefix("at most ")) == getattr(code, name), name

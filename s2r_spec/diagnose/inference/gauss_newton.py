@@ -286,7 +286,7 @@ class Errors:
     Attributes:
         variances: (n_p,) of the responses in u, for every experiment.
         sizes: (K,) at which the law errors are.
-        form: (K, K) M; None for that at the estimate.
+        form: (K, K) Q; None for that at the estimate.
         disagreement: (K,) λ; None for that at the estimate.
     """
 
@@ -328,11 +328,11 @@ class Fit:
 
     @cached_property
     def form(self) -> FloatArray:
-        """(K, K) M, the covariance of the score by errors of form."""
+        """(K, K) Q, the covariance of the score by errors of form."""
         return self.form_at(self.errors.sizes) if self.errors.form is None else self.errors.form
 
     def form_at(self, sizes: FloatArray) -> FloatArray:
-        """Return (K, K) M for effects of (K,) sizes."""
+        """Return (K, K) Q for effects of (K,) sizes."""
         by_group = information_by_group(self.groups, self.errors.sizes, self.variances)
         return form_error(sizes, by_group, self.kinds, self.groupwise.information)
 

@@ -20,16 +20,16 @@ says about (θ, φ), with its information I_g = N_g/(n_g s_g²) M_gᵀ M_g and s
 
     information (I_g⁻¹ + T_g)⁻¹,   score (1 + I_g T_g)⁻¹ h_g,   T_g = diag(τ_g² I_K + ρ_g² diag(θ²), 4 τ_g² I_V)
 
-The sum of these over g, with φ integrated out, is the *groupwise* likelihood, of information A and score h. Two errors
+The sum of these over g, with φ integrated out, is the *groupwise* likelihood, of information J and score h. Two errors
 are common to all groups, so that they do not average out:
 
-    form    an effect has another shape in all groups: A is (A⁻¹ + A⁻¹ M A⁻¹)⁻¹ then, and h is A (A + M)⁻¹ h,
-            M = Σ_c C_c ∘ O_c diag(ρ² θ²) O_c,   O_c,jk = Σ_{g in c} (A_g,jj A_g,kk)^½,   C_c: correlations of Σ A_g
+    form    an effect has another shape in all groups: J becomes (J⁻¹ + J⁻¹ Q J⁻¹)⁻¹, and h becomes J (J + Q)⁻¹ h,
+            Q = Σ_c C_c ∘ O_c diag(ρ² θ²) O_c,   O_c,jk = Σ_{g in c} (J_g,jj J_g,kk)^½,   C_c: correlations of Σ J_g
     size    an effect's size in the laws of another author is not defined any better: the covariance grows by
             σ_c² + ρ² θ_k² + τ0² (λ_k − 1)
 
-A law that differs by the part ρ changes the signal of effect k in group g by ρ θ_k A_g,kk^½, in units of the error.
-Along effect j this is a score of up to ρ θ_k (A_g,jj A_g,kk)^½. All groups of one kind of motion c share the shape, so
+A law that differs by the part ρ changes the signal of effect k in group g by ρ θ_k J_g,kk^½, in units of the error.
+Along effect j this is a score of up to ρ θ_k (J_g,jj J_g,kk)^½. All groups of one kind of motion c share the shape, so
 these add up to ρ θ_k O_c,jk. Kinds are the tests of the specification, and each protocol. The scores of two effects
 correlate as their signals do. So two effects that differ only in a fine detail of their shape are not told apart by it,
 and an effect that others do not touch is measured as before.
@@ -40,7 +40,7 @@ count as large law errors of θ_k = 0.
 
 Units: θ, τ in typical sizes; s dimensionless. Shapes: G groups, D = K + V columns.
 Source: Gelman et al., *Bayesian Data Analysis*, 3rd ed., §5.4 and §5.5; MacKay, *Neural Computation* 4 (1992), §4;
-White, *Econometrica* 50 (1982) 1 (A⁻¹ M A⁻¹); Birge, *Physical Review* 40 (1932) 207 (λ).
+White, *Econometrica* 50 (1982) 1 (J⁻¹ Q J⁻¹); Birge, *Physical Review* 40 (1932) 207 (λ).
 """
 
 from __future__ import annotations
@@ -256,13 +256,13 @@ def information_by_group(groups: Groups, theta: FloatArray, found: Variances) ->
 def form_error(
     theta: FloatArray, by_group: FloatArray, kinds: Sequence[str], information: FloatArray
 ) -> FloatArray:
-    """Return (K, K) M, the covariance of the score by errors of form.
+    """Return (K, K) Q, the covariance of the score by errors of form.
 
     Args:
         theta: (K,) sizes of the effects.
         by_group: (G, K, K) information of every group.
         kinds: of motion, of every group.
-        information: (K, K) A; without the part that variants take, so it is at most the sum of ``by_group``.
+        information: (K, K) J; without the part that variants take, so it is at most the sum of ``by_group``.
     """
     root = np.sqrt(np.maximum(np.einsum("gkk->gk", by_group), 0.0))
     total = np.zeros_like(information)
@@ -277,14 +277,14 @@ def form_error(
 
 
 def with_form_error(found: Likelihood, form: FloatArray) -> Likelihood:
-    """Return the likelihood with (K, K) M added to the covariance of its score."""
+    """Return the likelihood with (K, K) Q added to the covariance of its score."""
     plain = found.information + TINY * np.eye(len(form))
     total = plain + form
     solved = np.linalg.solve(total, np.column_stack([found.information, found.score]))
     columns = len(form)
     information = found.information @ solved[:, :columns]
     score = found.information @ solved[:, columns]
-    # log N(h; 0, A + M) − log N(h; 0, A)
+    # log N(h; 0, J + Q) − log N(h; 0, J)
     value = found.value - 0.5 * float(np.linalg.slogdet(total)[1] - np.linalg.slogdet(plain)[1])
     value += 0.5 * float(found.score @ np.linalg.solve(plain, form @ solved[:, columns]))
     return Likelihood(np.asarray((information + information.T) / 2.0), np.asarray(score), value)
