@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from s2r_spec.backend import Backend
 from s2r_spec.diagnose.axes import Values
 from s2r_spec.diagnose.inference.gauss_newton import CLOSE, Errors, Fit, Observation, Problem, fit, search
-from s2r_spec.diagnose.inference.hierarchical import Likelihood, disagreement
+from s2r_spec.diagnose.inference.hierarchical import Likelihood
 from s2r_spec.diagnose.inference.model_search import ModelPosterior, combined, posterior
 from s2r_spec.diagnose.inference.prior import SizePrior
 from s2r_spec.diagnose.simulator.experiments import Experiment
@@ -99,15 +99,14 @@ def estimate(
             break
     starts = [Mode(problem, first.mean[0], first.sets[0])]
     starts += [Mode(problem, *one) for one in rivals(joint.likelihood, first)]
-    errors = Errors(problem.errors(joint.theta), np.abs(joint.theta), joint.form, joint.disagreement)
-    errors = _expected(problem, fitted(library, starts, errors))
+    errors = _expected(problem, fitted(library, starts, problem.errors(joint.theta)))
     modes = fitted(library, starts, errors)
     if corrections:
         different = {mode.posterior.sets[0]: mode for mode in reversed(modes)}
         best = [mode for mode in modes if different[mode.posterior.sets[0]] is mode][:SIMULATED]
         exact = [
-            Mode(simulator.corrected(problem, mean), mean, mode.posterior.sets[0])
-            for mode, mean in ((mode, mode.posterior.mean[0]) for mode in best)
+            Mode(simulator.corrected(problem, mode.fit.theta), mode.fit.theta, mode.posterior.sets[0])
+            for mode in best
         ]
         modes = fitted(library, exact, errors)
     return replace(modes[0], posterior=combined([mode.posterior for mode in modes]))
@@ -173,12 +172,7 @@ def _joint(library: ResponseLibrary, problem: Problem) -> Fit:
         return found[1]
     sets = [posterior(one.likelihood, one.theta, problem.prior) for one in found]
     each = [problem.errors(one.theta) for one in found]
-    errors = Errors(
-        [np.max(same, axis=0) for same in zip(*each, strict=True)],
-        np.max([np.abs(one.theta) for one in found], axis=0),
-        np.mean([one.form for one in found], axis=0),
-        np.max([one.disagreement for one in found], axis=0),
-    )
+    errors = [np.max(same, axis=0) for same in zip(*each, strict=True)]
     evidence = [
         fitted(library, [Mode(problem, one.mean[0], one.sets[0])], errors)[0].posterior.log_evidence
         for one in sets
@@ -186,33 +180,36 @@ def _joint(library: ResponseLibrary, problem: Problem) -> Fit:
     return found[int(np.argmax(evidence))]
 
 
-def _expected(problem: Problem, modes: Sequence[Estimate]) -> Errors:
-    """Return the posterior means over modes of the errors of the model.
+def _expected(problem: Problem, modes: Sequence[Estimate]) -> list[FloatArray]:
+    """Return (n_p,) the posterior means over modes of the variances of responses, for every experiment.
 
     Those at the joint estimate, in which every parameter may be a cause, are too large.
     """
     evidence = np.array([mode.posterior.log_evidence for mode in modes])
     weight = np.exp(evidence - evidence.max())
     weight /= weight.sum()
-    theta = np.array([mode.fit.theta for mode in modes])
-    each = [problem.errors(one) for one in theta]
-    variances = [weight @ np.array(same) for same in zip(*each, strict=True)]
-    sizes = np.sqrt(weight @ theta**2)
-    fits = [mode.fit for mode in modes]
-    form = np.tensordot(weight, [one.form_at(sizes) for one in fits], 1)
-    scale = weight @ np.array([disagreement(one.groups, sizes, one.variances) for one in fits])
-    return Errors(variances, sizes, np.asarray(form), scale)
+    each = [problem.errors(mode.fit.theta) for mode in modes]
+    return [weight @ np.array(same) for same in zip(*each, strict=True)]
 
 
-def fitted(library: ResponseLibrary, modes: Sequence[Mode], errors: Errors) -> list[Estimate]:
+def fitted(
+    library: ResponseLibrary, modes: Sequence[Mode], variances: Sequence[FloatArray]
+) -> list[Estimate]:
     """Return the estimate around each mode, the most probable first.
 
-    In the fit the causes of a mode have the prior of causes, and all other parameters that of the background.
+    In the fit the causes of a mode have the prior of causes, and all other parameters that of the background. Its law
+    errors are those of its own sizes: an effect that is not there has none.
+
+    Args:
+        library: of the simulator.
+        modes: their starts.
+        variances: (n_p,) of the responses in u, for every experiment: the same for all modes, so that their evidence
+            can be compared.
     """
     found = []
     for mode in modes:
-        prior = mode.problem.prior
-        last = fit(mode.problem, mode.theta, prior.deviation(mode.active), errors)
+        prior, own = mode.problem.prior, Errors(variances, np.abs(mode.theta))
+        last = fit(mode.problem, mode.theta, prior.deviation(mode.active), own)
         sets = posterior(last.likelihood, last.theta, prior)
         found.append(Estimate(library, last, sets, mode.problem))
     return sorted(found, key=lambda mode: -mode.posterior.log_evidence)

@@ -190,7 +190,10 @@ class Forecast:
         after = information(response, library.dependence, fit, self.sizes, candidate.runs + 1)
         if not candidate.runs:
             return after
-        return after - information(response, library.dependence, fit, self.sizes, candidate.runs)
+        more = after - information(response, library.dependence, fit, self.sizes, candidate.runs)
+        # Errors of law bound the information of an experiment, so the difference may be negative by a little.
+        values, vectors = np.linalg.eigh(more)
+        return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
 
     def apart(self, gained: FloatArray) -> FloatArray:
         """Return (S, S) the distance D of any two sets in data of this information."""

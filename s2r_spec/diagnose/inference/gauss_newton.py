@@ -40,6 +40,7 @@ from s2r_spec.diagnose.inference.hierarchical import (
     EFFECTIVE,
     LARGEST,
     LAW_SHARE,
+    ROUNDS,
     Groups,
     Likelihood,
     Variances,
@@ -280,20 +281,15 @@ class Problem:
 class Errors:
     """Errors of the model in a fit. They grow with the sizes of effects, and are fixed within a fit.
 
-    An estimate that lowered its own error by being small would be drawn to 0. Fits whose evidence is compared have the
-    same errors.
+    An estimate that lowered its own error by being small would be drawn to 0.
 
     Attributes:
-        variances: (n_p,) of the responses in u, for every experiment.
+        variances: (n_p,) of the responses in u, for every experiment. Fits whose evidence is compared have the same.
         sizes: (K,) at which the law errors are.
-        form: (K, K) Q; None for that at the estimate.
-        disagreement: (K,) λ; None for that at the estimate.
     """
 
     variances: Sequence[FloatArray]
     sizes: FloatArray
-    form: FloatArray | None = None
-    disagreement: FloatArray | None = None
 
     @classmethod
     def at(cls, problem: Problem, theta: FloatArray) -> Errors:
@@ -329,23 +325,14 @@ class Fit:
     @cached_property
     def form(self) -> FloatArray:
         """(K, K) Q, the covariance of the score by errors of form."""
-        return self.form_at(self.errors.sizes) if self.errors.form is None else self.errors.form
-
-    def form_at(self, sizes: FloatArray) -> FloatArray:
-        """Return (K, K) Q for effects of (K,) sizes."""
         by_group = information_by_group(self.groups, self.errors.sizes, self.variances)
-        return form_error(sizes, by_group, self.kinds, self.groupwise.information)
+        return form_error(self.errors.sizes, by_group, self.kinds, self.groupwise.information)
 
     @cached_property
-    def disagreement(self) -> FloatArray:
-        """(K,) λ, by which groups disagree more about each parameter than by their own law errors."""
-        given = self.errors.disagreement
-        return disagreement(self.groups, self.errors.sizes, self.variances) if given is None else given
-
-    @property
     def shared(self) -> FloatArray:
         """(K,) variance of the error of size that all groups share."""
-        return shared_error(self.errors.sizes, self.disagreement)
+        sizes = self.errors.sizes
+        return shared_error(sizes, disagreement(self.groups, sizes, self.variances))
 
 
 def fit(
@@ -378,6 +365,8 @@ def fit(
             break
         theta = new
         groups = _grouped(problem, theta, errors)
+    # The evidence of two fits can be compared only where their variances have settled.
+    found = variances(groups, errors.sizes, found, ROUNDS)
     seen = likelihood(_grouped(problem, theta, errors, secants=True), errors.sizes, found)
     kinds = tuple(one.response.experiment.protocol for one in observations for _ in one.parts)
     return Fit(theta, errors, without_variants(seen, effects), groups, kinds, found)

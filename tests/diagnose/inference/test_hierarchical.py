@@ -180,3 +180,16 @@ def test_an_error_of_form_leaves_alone_what_the_effect_does_not_touch():
     _, wide, without = formed(np.random.default_rng(9), np.array([1.0, 0.0, 0.0, 0.0]), others=True)
     assert wide[2] == pytest.approx(without[2], rel=0.01)
     assert wide[1] > 1.5 * without[1]
+
+
+def test_errors_of_form_do_not_choose_between_effects_of_the_same_response():
+    information = np.array([[400.0, 400.0, 50.0], [400.0, 400.0, 50.0], [50.0, 50.0, 90.0]])
+    found = Likelihood(information, information @ [0.01, 0.0, 0.02], -3.0)
+    wide = [
+        with_form_error(found, form_error(np.array(theta), information[None], [""], information))
+        for theta in ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+    ]
+    assert wide[0].value == pytest.approx(wide[1].value, abs=1e-9)
+    for one in wide:
+        assert one.information[0] == pytest.approx(one.information[1])
+        assert one.score[0] == pytest.approx(one.score[1])
