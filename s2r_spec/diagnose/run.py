@@ -139,9 +139,13 @@ class _Work:
     tell: Watched
     cache: Cache
 
-    def library(self, experiments: Sequence[Experiment]) -> ResponseLibrary:
+    def library(self, experiments: Sequence[Experiment], where: str = "") -> ResponseLibrary:
         self.tell("trying each effect", 0, 0)
-        return library(self.bench.backend, experiments, self.pool, self.tell, self.cache)
+
+        def progress(stage: str, done: int, of: int) -> None:
+            self.tell(stage + where, done, of)
+
+        return library(self.bench.backend, experiments, self.pool, progress, self.cache)
 
     def progress(self, stage: str) -> Callable[[int, int], None]:
         return partial(self.tell, stage)
@@ -205,7 +209,8 @@ def _campaign(
         work.library([as_experiment(bench, test) for test in middle])
         told = work.progress("real rollouts")
         rollouts = campaign(bench, machine, fixed, work.seed, folder=folder, progress=told)
-        return _tested(work, replace(rollouts, notes=(*said, *rollouts.notes)), others)
+        rollouts = replace(rollouts, notes=(*said, *rollouts.notes))
+        return _tested(work, rollouts, others, frozenset(), " at the other tests")
     experiments = [as_experiment(bench, test) for test in tests]
     responses = work.library([*experiments, *others])
     before = _Data(
@@ -239,7 +244,8 @@ def _tested(
     work: _Work,
     rollouts: RealRollouts,
     others: Sequence[Experiment],
-    allowed: frozenset[Experiment] = frozenset(),
+    allowed: frozenset[Experiment],
+    where: str = "",
 ) -> _Data:
     """Return rollouts, and the library of train tests that fill the space and of other experiments."""
     bench = work.bench
@@ -247,7 +253,7 @@ def _tested(
     run = [test for test, _ in parts.train.tests]
     tests = representative(run or star(bench.spec.space), bench.spec.space)
     experiments = [as_experiment(bench, test) for test in tests]
-    responses = work.library(list(dict.fromkeys([*experiments, *others])))
+    responses = work.library(list(dict.fromkeys([*experiments, *others])), where)
     different = len({key_of(test) for test in run})
     if different > len(tests):
         note = f"sizes come from the runs at {len(tests)} of the {different} recorded tests, which fill the space"
