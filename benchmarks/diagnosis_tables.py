@@ -41,13 +41,16 @@ def axis() -> str:
         r"\+[\d.]+ V of controller (?:between|from) [\d.]+ (?:and|to) [\d.]+ s", pulses["text"]
     )
     assert unexplained is not None
-    offset = next(pair["probability"] for pair in friction["pairs"] if "offset" in pair["effects"])
+    likely = friction["pairs"][0]
     return markdown(
         [
             ["recordings of the real axis", "answer"],
             ["friction: verdict", friction["verdict"]],
             ["friction: named, with 90 % intervals", "; ".join(_values(friction))],
-            ["friction: probability of these and the offset", f"{offset:.3f}"],
+            [
+                "friction: most probable set",
+                f"{' and '.join(likely['effects'])} ({likely['probability']:.2f})",
+            ],
             ["friction: held-out gap closed", f"{100 * share['estimate']:.0f} % ({ends})"],
             ["friction: the same, tuned", f"{100 * friction['tuned_share']['estimate']:.0f} %"],
             ["friction: voltage that the control law leaves, rms", f"{before:.4f} V"],
