@@ -92,7 +92,7 @@ def test_what_the_readme_shows_of_a_diagnosis_is_what_the_committed_run_printed(
     assert kept["spec_hash"] == load_spec(ROOT / "specs" / "a1_velocity.stl").hash
 
 
-@pytest.mark.xfail(strict=True, reason="the speed filter of the real axis comes out too short, and its cause is none of these")
+@pytest.mark.xfail(strict=True, reason="the speed filter of the real axis comes out too short")
 def test_the_diagnosis_of_the_real_axis_contains_the_documented_friction():
     kept = json.loads((ROOT / "benchmarks" / "real" / "emps_diagnose.json").read_text())
     found = kept["friction"]["parameters"]
