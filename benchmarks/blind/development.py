@@ -308,8 +308,8 @@ def _share(cases: Sequence[Scored], right: Callable[[Scored], bool]) -> str:
 
 
 def _effects(cases: Sequence[Scored], which: Callable[[float], bool], named: bool) -> str:
-    told = [(e in one.named) is named for one in cases for e, size in one.sizes.items() if which(abs(size))]
-    return f"{sum(told)} of {len(told)}"
+    right = [(e in one.named) is named for one in cases for e, size in one.sizes.items() if which(abs(size))]
+    return f"{sum(right)} of {len(right)}"
 
 
 def _mean(values: Sequence[float]) -> float | None:

@@ -16,9 +16,9 @@ from s2r_spec.trace import Trace
 
 ASKED = 3
 """Budget: tests at which real rollouts ended early that are asked about, at most; of those at which they did not, twice
-as many. Doubled, fewer effects are accused, at twice the time."""
+as many. Doubled, fewer effects are suspected, at twice the time."""
 SPARED = 1 / 3
-"""Level: part of the latter at which an effect may end the simulator early, too. Doubled, more effects are accused."""
+"""Level: part of the latter at which an effect may end the simulator early, too. Doubled, more effects count."""
 HALVINGS = 6
 """Budget: halvings of the way from nominal to the end of a range, to find the least of an effect that does it. Doubled,
 the least is known 64 times as finely."""

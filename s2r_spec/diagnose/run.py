@@ -207,8 +207,8 @@ def _campaign(
     if not runnable:
         middle = representative(fixed.tests.values(), bench.spec.space, 1)
         work.library([as_experiment(bench, test) for test in middle])
-        told = work.progress("real rollouts")
-        rollouts = campaign(bench, machine, fixed, work.seed, folder=folder, progress=told)
+        progress = work.progress("real rollouts")
+        rollouts = campaign(bench, machine, fixed, work.seed, folder=folder, progress=progress)
         rollouts = replace(rollouts, notes=(*said, *rollouts.notes))
         return _tested(work, rollouts, others, frozenset(), " at the other tests")
     experiments = [as_experiment(bench, test) for test in tests]

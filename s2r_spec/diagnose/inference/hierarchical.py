@@ -31,8 +31,8 @@ are common to all groups, so that they do not average out:
 A law that differs by the part ρ changes the signal of effect k in group g by ρ θ_k J_g,kk^½, in units of the error.
 Along effect j this is a score of up to ρ θ_k (J_g,jj J_g,kk)^½. All groups of one kind of motion c share the shape, so
 these add up to ρ θ_k O_c,jk. Kinds are the tests of the specification, and each protocol. The scores of two effects
-correlate as their signals do. So two effects that differ only in a fine detail of their shape are not told apart by it,
-and an effect that others do not touch is measured as before.
+correlate as their signals do. So a fine detail of shape does not separate two effects, and an effect that others do not
+touch is measured as before.
 
 λ_k ≥ 1 says how much more than by T_g the groups disagree about parameter k: the mode of λ_k ~ Inv-χ²(ν, 1), if T_g is
 multiplied by diag(λ). It does not change the weights of groups. If it did, groups that all ask for the same θ_k could
@@ -78,7 +78,7 @@ twice as wide."""
 TINY = 1e-9
 """Tolerance: information below this part of the largest counts as none. Twice as much changes nothing that shows."""
 ROUNDS = 20
-"""Budget: rounds of the fixed points of variances at an estimate. Twice as many change none by more than 5 %."""
+"""Budget: rounds of the fixed points of variances at an estimate. Twice as many take twice the time."""
 VARIANT = 2.0
 """Prior: error of a variant's amount in a group, in units of τ_g; a variant is known less well than an effect. No
 source: a judgement. Twice as much lets each group use the variants more freely."""

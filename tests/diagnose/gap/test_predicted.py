@@ -43,10 +43,10 @@ class Counted(Cart):
         return super().rollout(params, seed)
 
 
-def test_a_dear_simulator_is_asked_at_a_coarse_grid_alone():
+def test_a_costly_simulator_is_asked_at_a_coarse_grid_alone():
     Counted.ran.clear()
     assert predict(bench(Counted(cost=60.0)), ADDED, TESTS, 3).grid.shape == (441,)
-    dear = len(Counted.ran)
-    assert dear <= 2 * (len(TESTS) + 14)
+    costly = len(Counted.ran)
+    assert costly <= 2 * (len(TESTS) + 14)
     predict(bench(Counted()), ADDED, TESTS, 3)
-    assert len(Counted.ran) - dear > dear
+    assert len(Counted.ran) - costly > costly
