@@ -14,7 +14,7 @@ from s2r_sim.controller.gains import RATE
 from s2r_sim.controller.gait import Gait
 from s2r_sim.controller.trot import Controller, Memory
 from s2r_sim.parameters import Test
-from s2r_sim.plant.noise import Noise, draw
+from s2r_sim.plant.noise import Noise, draw, with_instruments
 from s2r_sim.plant.plant import Plant, Saved
 from s2r_sim.plant.recorder import Recorder
 from s2r_sim.plant.sensors import SensorMemory, Sensors
@@ -108,6 +108,7 @@ class Simulator:
             if fallen:
                 break
         channels = recorder.channels(sensors.estimates()[settling:], fallen)
+        channels = with_instruments(channels, noise, seed)
         return Record(len(recorder), channels, recorder.qp_failures, fallen)
 
 

@@ -14,6 +14,17 @@ from s2r_sim.settings import Settings
 
 MASS_ERROR = 0.015
 """Relative uncertainty of a link's mass (dimensionless)."""
+INSTRUMENTS = {
+    "capture_position": 2e-4,
+    "capture_speed": 1e-3,
+    "foot_position": 3e-4,
+    "foot_speed": 1e-3,
+    "foot_force": 1.0,
+    "torque": 0.05,
+}
+"""Prior: noise of a laboratory's instruments, in the units of :class:`Noise`. Data sheets give motion capture a few
+tenths of a millimetre, force plates about 1 N, and current sensors a tenth of a percent of their range. Twice as much
+lets such noise explain twice as large a difference of a mean square."""
 
 
 def variants(settings: Settings, noise: Noise) -> dict[str, tuple[Settings, Noise]]:
@@ -30,6 +41,7 @@ def variants(settings: Settings, noise: Noise) -> dict[str, tuple[Settings, Nois
     found = {name: (replace(settings, physics=changed), noise) for name, changed in physics.items()}
     found["lighter legs, heavier trunk"] = (replace(settings, robot=_shifted(settings.robot)), noise)
     found["twice the sensor noise"] = (settings, _louder(noise))
+    found["measured by instruments"] = (settings, replace(noise, **INSTRUMENTS))
     return found
 
 

@@ -124,7 +124,7 @@ def test_effects_are_in_the_meta():
             {"latncy": {}},
             ["'latncy'", "did you mean 'latency'", "armature", "viscous_friction"],
         ),
-        ({"payload": {"m": 1.0}}, ["'payload'", "'m'", "mass, x, y"]),
+        ({"payload": {"m": 1.0}}, ["'payload'", "'m'", "mass, x, y, z"]),
         ({"latency": {"delay": 1.0}}, ["latency", "delay = 1 s", "[0, 0.03] s"]),
         ({"slope": {"angle": float("nan")}}, ["slope", "angle = nan deg"]),
     ],
@@ -146,6 +146,15 @@ def test_payload_is_carried_by_the_feet():
     trace = QUIET.with_effects({"payload": {"mass": 4.0}}).rollout({}, 0)
     force = trace["foot_force"][steady(trace), 2::3].sum(axis=1).mean()
     assert force == pytest.approx((A1.mass + 4.0) * 9.81, rel=0.02)
+
+
+def test_a_payload_that_lies_higher_is_a_higher_centre_of_mass():
+    trunk = A1.trunk.mass
+    high = Physics().with_payload(2.0, z=0.18)
+    low = Physics().with_payload(2.0)
+    masses = [A1.loaded(p.payloads, p.com_shift).base for p in (high, low)]
+    assert masses[0].mass == masses[1].mass > trunk
+    assert masses[0].com[2] - masses[1].com[2] == pytest.approx(0.1 * 2.0 / masses[0].mass)
 
 
 def test_weak_motors_let_the_body_sag():

@@ -59,6 +59,17 @@ def test_strength_fades_with_time_and_not_below_nothing():
         assert plant.data.actuator_force == pytest.approx(10.0 * left)
 
 
+@pytest.mark.parametrize(("part", "idle", "usual"), [(0.0, 0.9, 0.9), (0.5, 0.95, 0.9), (1.0, 1.0, 0.9)])
+def test_strength_that_fades_with_the_load_stays_in_idle_motors(part, idle, usual):
+    """Twelve torques of 4.54 N m are the usual load."""
+    for torque, left in ((1e-6, idle), (4.54, usual)):
+        plant = hanging(fade=0.1, fade_by_load=part)
+        for elapsed in np.linspace(0.0, 1.0, 101):
+            plant._motors.act(constant(torque), elapsed)
+            mujoco.mj_forward(plant.model, plant.data)
+        assert plant.data.actuator_force / torque == pytest.approx(left, abs=0.012)
+
+
 def test_latency_delays_by_whole_steps():
     plant = hanging(latency=0.003)
     seen = [delivered(plant, constant(float(k)))[0] for k in range(6)]

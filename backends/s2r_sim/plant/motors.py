@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim.plant.physics import Physics
+from s2r_sim.plant.physics import USUAL_LOAD, Physics
 from s2r_sim.robot.figures import Robot
 from s2r_sim.robot.signals import MotorCommand
 from s2r_spec.compiled import compiled
@@ -30,11 +30,15 @@ class MotorState(NamedTuple):
     Attributes:
         pending: delayed laws that have not reached the motors, the oldest first.
         play, play_speed: (12,) angle [rad] and speed of every rotor relative to its joint.
+        worked: time at the usual load in which the motors would have done as much since the command [s].
+        since: time after the command at which ``worked`` was counted [s].
     """
 
     pending: tuple[Law, ...]
     play: FloatArray
     play_speed: FloatArray
+    worked: float = 0.0
+    since: float = 0.0
 
 
 class Motors:
@@ -88,7 +92,10 @@ class Motors:
         if self._delay:
             law = self._delayed(law)
         physics = self._physics
-        strength = physics.strength * max(0.0, 1.0 - physics.fade * max(0.0, elapsed))
+        elapsed = max(0.0, elapsed)
+        if physics.fade_by_load:
+            elapsed = self._tiring(elapsed)
+        strength = physics.strength * max(0.0, 1.0 - physics.fade * elapsed)
         strength *= physics.torque_constant
         control, kp, kd = law
         if strength != 1.0 or physics.fade:
@@ -102,6 +109,15 @@ class Motors:
             self._limit_at_speed(strength)
         if physics.backlash:
             self._cross_the_gap(law, strength)
+
+    def _tiring(self, elapsed: float) -> float:
+        """Return the time in which the motors lose as much at the usual load."""
+        reported = self.reported_torque
+        load = float(reported @ reported) / USUAL_LOAD
+        worked = self.state.worked + load * (elapsed - self.state.since)
+        self.state = self.state._replace(worked=worked, since=elapsed)
+        share = min(self._physics.fade_by_load, 1.0)
+        return (1.0 - share) * elapsed + share * worked
 
     def _delayed(self, law: Law) -> Law:
         """Return the law of ``_delay`` steps ago.
@@ -119,7 +135,7 @@ class Motors:
     def _cross_the_gap(self, law: Law, strength: float) -> None:
         """Let rotors turn freely between the flanks of their gears, and push only against a flank."""
         physics, gap = self._physics, self._physics.backlash
-        _, play, speed = self.state
+        play, speed = self.state.play, self.state.play_speed
         # The loop is closed on the rotor's side, at q + play.
         self._control -= law.kp * play + law.kd * speed
         motion, actuators = (self._q, self._dq), (self._control, self._gain, self._bias, self._range)

@@ -13,6 +13,15 @@ _DRAWN = (12, 12, 3, 3, 3)
 """Numbers drawn per tick: errors of q, q̇, gyro, attitude, velocity."""
 _FIELD = 100.0
 """[m] half the side of the field on which rollouts begin."""
+_INSTRUMENTS = {
+    **dict.fromkeys(("x", "y", "z", "height"), "capture_position"),
+    **dict.fromkeys(("vx", "vy", "vz"), "capture_speed"),
+    "foot_position": "foot_position",
+    "foot_velocity": "foot_speed",
+    "foot_force": "foot_force",
+    "tau": "torque",
+}
+"""Channel → standard deviation of its instrument."""
 _AS_STATE = [*range(27, 33), *range(24, 27), *range(24)]
 """Columns of these numbers in the order of ``State.flat``, from ``rpy`` on."""
 
@@ -41,6 +50,18 @@ class Noise:
     """[rad]"""
     gait_phase: float = 1.0
     """Fraction of the gait period in which the phase at the command is uniform."""
+    capture_position: float = 0.0
+    """[m] position and height of the base, by motion capture."""
+    capture_speed: float = 0.0
+    """[m/s] velocity of the base, likewise."""
+    foot_position: float = 0.0
+    """[m] positions of the feet, likewise."""
+    foot_speed: float = 0.0
+    """[m/s] velocities of the feet, likewise."""
+    foot_force: float = 0.0
+    """[N] forces of force plates."""
+    torque: float = 0.0
+    """[N m] torques that the drives report."""
 
     @classmethod
     def off(cls) -> Noise:
@@ -92,6 +113,17 @@ def sensor_errors(noise: Noise, rng: np.random.Generator, ticks: int) -> FloatAr
     errors = np.zeros((ticks, 36))
     errors[:, 3:] = (rng.normal(size=(ticks, sum(_DRAWN))) * np.repeat(scales, _DRAWN))[:, _AS_STATE]
     return errors
+
+
+def with_instruments(channels: dict[str, FloatArray], noise: Noise, seed: int) -> dict[str, FloatArray]:
+    """Return the channels of a rollout as the instruments of a laboratory measure them."""
+    rng = np.random.default_rng([seed, 2])
+    measured = dict(channels)
+    for name, instrument in _INSTRUMENTS.items():
+        deviation = getattr(noise, instrument)
+        if deviation:
+            measured[name] = channels[name] + deviation * rng.normal(size=channels[name].shape)
+    return measured
 
 
 def accelerometer_errors(noise: Noise, rng: np.random.Generator, ticks: int) -> FloatArray:

@@ -8,6 +8,8 @@ Vector3 = tuple[float, float, float]
 
 PAYLOAD_HEIGHT = 0.08
 """[m] height of a payload above the base origin."""
+USUAL_LOAD = 247.0
+"""[N² m²] sum of the squared torques of all motors in an unhurried trot, the mean of twenty nominal rollouts."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,8 @@ class Physics:
     """Torque that the motors deliver, as a fraction of their command."""
     fade: float = 0.0
     """[1/s] fraction of strength lost per second from the command on."""
+    fade_by_load: float = 0.0
+    """Part of this loss that grows with the squared reported torques instead of time; as fast at :data:`USUAL_LOAD`."""
     voltage: float = 1.0
     """Fraction of the supply voltage that is left; below 1 it limits torque at speed."""
     latency: float = 0.0
@@ -72,11 +76,11 @@ class Physics:
     encoder_offset: Vector3 = (0.0, 0.0, 0.0)
     """[rad] encoder errors of hip, thigh and calf, the same on all legs."""
 
-    def with_payload(self, mass: float, x: float = 0.0, y: float = 0.0) -> Physics:
-        """Return the same world with a point mass [kg] on top of the trunk, at (x, y) [m] in base axes."""
+    def with_payload(self, mass: float, x: float = 0.0, y: float = 0.0, z: float = PAYLOAD_HEIGHT) -> Physics:
+        """Return the same world with a point mass [kg] on the trunk, at (x, y, z) [m] in base axes."""
         if mass == 0.0:
             return self
-        return replace(self, payloads=tuple(sorted((*self.payloads, (mass, (x, y, PAYLOAD_HEIGHT))))))
+        return replace(self, payloads=tuple(sorted((*self.payloads, (mass, (x, y, z))))))
 
 
 @dataclass(frozen=True)

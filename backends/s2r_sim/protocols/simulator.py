@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from s2r_sim.controller.gains import RATE
 from s2r_sim.controller.trot import Tick
 from s2r_sim.plant.channels import TRUE_CHANNELS
-from s2r_sim.plant.noise import Noise, draw
+from s2r_sim.plant.noise import Noise, draw, with_instruments
 from s2r_sim.plant.physics import Physics
 from s2r_sim.plant.plant import Plant
 from s2r_sim.plant.recorder import Recorder
@@ -82,6 +82,7 @@ class ProtocolSimulator:
             if fallen:
                 break
         channels = recorder.channels(sensors.estimates()[settling:], fallen)
+        channels = with_instruments(channels, noise, seed)
         kept = (*LOGGED, *(channel.name for channel in TRUE_CHANNELS if settings.record == "truth"))
         return {name: channels[name] for name in kept}, fallen
 

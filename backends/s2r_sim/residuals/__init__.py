@@ -249,8 +249,16 @@ _SENSES = (
 )
 _JOINTS_KNOW = ("damping", "dry_friction", "drag", "drag_height", "slope", *_SENSES)
 _BASE_KNOWS = ("payloads", "com_shift", "drag", "drag_height", "slope", *_SENSES)
-_MOTOR_KNOWS = ("strength", "fade", "voltage", "latency", "timestep")
-_PREDICTION_KNOWS = ("strength", "fade", "torque_constant", "payloads", "com_shift", "attitude_bias")
+_MOTOR_KNOWS = ("strength", "fade", "fade_by_load", "voltage", "latency", "timestep")
+_PREDICTION_KNOWS = (
+    "strength",
+    "fade",
+    "fade_by_load",
+    "torque_constant",
+    "payloads",
+    "com_shift",
+    "attitude_bias",
+)
 _ESTIMATE_KNOWS = ("velocity_bias", "velocity_scale", "attitude_bias")
 _SLIP_KNOWS = ("impratio", "sink", "slope", *_SENSES)
 

@@ -12,7 +12,7 @@ from scipy.ndimage import convolve1d
 from s2r_sim.controller.estimator import BLEND
 from s2r_sim.controller.gains import RATE, Gains
 from s2r_sim.parameters import Test
-from s2r_sim.plant.physics import Physics
+from s2r_sim.plant.physics import USUAL_LOAD, Physics
 from s2r_sim.protocols.references import reference
 from s2r_sim.residuals.motion import Ground, Recorded, corrected, ground, hann
 from s2r_sim.residuals.play import crossed
@@ -146,6 +146,11 @@ class Motion:
     def strength(self) -> FloatArray:
         """(n − 1,) torque that motors deliver, as a fraction of their command."""
         elapsed = np.maximum(self.recorded.trace.times[:-1], 0.0)
+        share = min(self.world.fade_by_load, 1.0)
+        if share and "tau" in self.recorded.trace.channels:
+            load = (self.recorded.at("tau") ** 2).sum(axis=1) / USUAL_LOAD
+            worked = np.concatenate([[0.0], np.cumsum(load[:-1] * np.diff(elapsed))])
+            elapsed = (1.0 - share) * elapsed + share * worked
         left: FloatArray = self.world.strength * np.maximum(0.0, 1.0 - self.world.fade * elapsed)
         return left
 

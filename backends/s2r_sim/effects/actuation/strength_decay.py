@@ -9,8 +9,8 @@ from s2r_sim.plant.physics import Physics
 from s2r_spec.backend import EffectParameter
 
 
-def _apply(physics: Physics, rate: float) -> Physics:
-    return replace(physics, fade=physics.fade + rate)
+def _apply(physics: Physics, rate: float, by_load: float) -> Physics:
+    return replace(physics, fade=physics.fade + rate, fade_by_load=physics.fade_by_load + by_load)
 
 
 STRENGTH_DECAY = PhysicsEffect(
@@ -18,10 +18,11 @@ STRENGTH_DECAY = PhysicsEffect(
     family="actuation",
     physics=(
         "The motors lose this part of their strength in every second from the command on, as with "
-        "an emptying battery."
+        "an emptying battery. The part by_load of the loss grows with the squared torques instead of time."
     ),
     parameters=(
         EffectParameter("rate", "1/s", low=0.0, high=0.3, nominal=0.0, prior="half-normal, 0.05 1/s"),
+        EffectParameter("by_load", "", low=0.0, high=1.0, nominal=0.0, prior="uniform"),
     ),
     apply=_apply,
 )
