@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from s2r_spec.backend import Effect, EffectParameter
 from s2r_spec.effects import prior_scale
 
 Values = Mapping[str, Mapping[str, float]]
+
+TURN = {"rad": 2.0 * math.pi, "deg": 360.0}
+"""Definition: unit of an angle → a whole turn. An angle whose range is a turn has no ends."""
 
 
 @dataclass(frozen=True)
@@ -21,7 +24,8 @@ class Line:
         parameter: its name.
         unit: of the parameter.
         nominal: the value that does nothing.
-        typical: a distance from nominal that is large, but not rare, in the coordinate that is stepped.
+        typical: a distance from nominal that is large, but not rare, in the coordinate that is stepped; half a turn of
+            an angle that may be any.
         low: end of the parameter's range.
         high: the other end.
         logarithmic: whether that coordinate is the parameter's logarithm.
@@ -52,7 +56,22 @@ class Line:
         """Return the value at this coordinate."""
         far = coordinate * self.typical
         value = self.nominal * math.exp(far) if self.logarithmic else self.nominal + far
+        if self.is_turn:
+            value = self.low + (value - self.low) % (self.high - self.low)
         return min(max(value, self.low), self.high)
+
+    def interval(self, middle: float, low: float, high: float) -> tuple[float, float, float]:
+        """Return the values at three rising coordinates; of an angle, the outer two may lie beyond its range."""
+        if not self.is_turn:
+            return self.value(middle), self.value(low), self.value(high)
+        value = self.value(middle)
+        return value, value - (middle - low) * self.typical, value + (high - middle) * self.typical
+
+    @property
+    def is_turn(self) -> bool:
+        """Whether it is an angle whose range is a whole turn, so that both ends are the same place."""
+        turn = TURN.get(self.unit, math.nan)
+        return abs(self.high - self.low - turn) < 1e-3 * turn
 
     def at_typical(self) -> float:
         """Return the value that is typically high, on the upper side if there is one."""
@@ -96,7 +115,7 @@ def line(effect: Effect, parameter: EffectParameter, base: Mapping[str, float] |
     to, _ = coordinate(parameter)
     middle = to(parameter.nominal)
     reach = max(abs(to(end) - middle) for end in (parameter.low, parameter.high))
-    return Line(
+    made = Line(
         effect.name,
         parameter.name,
         parameter.unit,
@@ -107,6 +126,7 @@ def line(effect: Effect, parameter: EffectParameter, base: Mapping[str, float] |
         to is math.log,
         dict(base or {}),
     )
+    return replace(made, typical=(made.high - made.low) / 2.0) if made.is_turn else made
 
 
 def lines(effects: Iterable[Effect], acts: Mapping[str, frozenset[str]] | None = None) -> tuple[Line, ...]:

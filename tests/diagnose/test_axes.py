@@ -37,3 +37,21 @@ def test_what_only_says_how_an_effect_acts_is_tried_beside_a_typical_effect(low,
 
 def test_an_effect_that_never_acts_has_no_lines():
     assert lines([Effect("load", "inertia", "", (PLACE, MASS))], {"load": frozenset()}) == ()
+
+
+@pytest.mark.parametrize(("unit", "turn"), [("rad", 6.2832), ("deg", 360.0)])
+def test_an_angle_of_any_value_has_no_ends(unit, turn):
+    phase = EffectParameter("phase", unit, -turn / 2, turn / 2, 0.0, "uniform")
+    (found,) = lines([Effect("ripple", "actuation", "", (phase,))])
+    assert found.is_turn
+    assert found.value(1.1) == pytest.approx(-0.45 * turn)
+    assert found.value(-3.2) == pytest.approx(0.4 * turn)
+    value, low, high = found.interval(1.1, 0.9, 1.3)
+    assert (low, high) == pytest.approx((value - 0.1 * turn, value + 0.1 * turn))
+
+
+def test_an_angle_that_is_less_than_a_turn_has_ends():
+    tilt = EffectParameter("tilt", "rad", -0.5, 0.5, 0.0, "uniform")
+    (found,) = lines([Effect("mount", "sensing", "", (tilt,))])
+    assert not found.is_turn
+    assert found.value(9.0) == 0.5

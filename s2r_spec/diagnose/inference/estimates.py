@@ -139,7 +139,7 @@ def effect_estimates(
     for line, size, below, above, half, end in zip(
         parameters, *(x.tolist() for x in (middle, low, high, width, at_end)), strict=True
     ):
-        value, least, most = map(line.value, (size, below, above))
+        value, least, most = line.interval(size, below, above)
         one = ParameterEstimate(line.parameter, line.unit, value, least, most, size, below, above, half, end)
         rows.setdefault(line.effect, []).append(one)
     probabilities, presences = (found.beyond(size).tolist() for size in (NAMED, UNNAMED))

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
+HARMONICS = 3
+"""Definition: functions of the series of :class:`Turn`: cosine, sine, and the cosine of twice the angle."""
 NEAR = 1e-3
 """Tolerance: below this coordinate a secant is the derivative at nominal. Twice as much changes nothing that shows."""
 
@@ -71,3 +73,44 @@ class Curve:
     @cached_property
     def _derivative(self) -> Any:
         return self._cubic.derivative()
+
+
+@dataclass(frozen=True, eq=False)
+class Turn(Curve):
+    """The response to an angle of any value, with coordinates of half a turn: a Fourier series of period 2.
+
+    Quarter turns show the first harmonic whole. Of the second they show the cosine, and not the sine: :meth:`bend` is a
+    sine of the same amplitude.
+    """
+
+    def at(self, coordinate: float) -> FloatArray:
+        """Return (m,) the response."""
+        return np.asarray((self._basis(coordinate) - self._basis(0.0)) @ self._coefficients)
+
+    def slope(self, coordinate: float) -> FloatArray:
+        """Return (m,) the derivative."""
+        x = np.pi * coordinate
+        slopes = np.pi * np.array([-np.sin(x), np.cos(x), -2.0 * np.sin(2.0 * x)])
+        return np.asarray(slopes[: len(self._coefficients)] @ self._coefficients)
+
+    def secant(self, coordinate: float) -> FloatArray:
+        """Return (m,) the derivative: an angle has no line from nominal."""
+        return self.slope(coordinate)
+
+    def bend(self, coordinate: float) -> FloatArray:
+        """Return (m,) what the second harmonic may be beyond what the points show; 0 at the points."""
+        if len(self._coefficients) < HARMONICS:
+            return np.zeros(self.values.shape[1])
+        return np.asarray(np.sin(2.0 * np.pi * coordinate) * self._coefficients[2])
+
+    def _basis(self, coordinate: float) -> FloatArray:
+        x = np.pi * coordinate
+        return np.array([np.cos(x), np.sin(x), np.cos(2.0 * x)])[: min(self.coordinates.size - 1, HARMONICS)]
+
+    @cached_property
+    def _coefficients(self) -> FloatArray:
+        """(h, m) of the functions of the basis. A point at which the machine fell is missing."""
+        rows = np.array([self._basis(float(c)) - self._basis(0.0) for c in self.coordinates])
+        if not rows.size:
+            return np.zeros((0, self.values.shape[1]))
+        return np.asarray(np.linalg.lstsq(rows, self.values, rcond=None)[0])

@@ -18,7 +18,7 @@ import json
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, as_completed
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,7 @@ from s2r_spec.diagnose.axes import Line, lines
 from s2r_spec.diagnose.axes import line as line_of
 from s2r_spec.diagnose.cache import Cache, source_of
 from s2r_spec.diagnose.inference.prior import BACKGROUND
-from s2r_spec.diagnose.simulator.curve import Curve
+from s2r_spec.diagnose.simulator.curve import Curve, Turn
 from s2r_spec.diagnose.simulator.experiments import RESIDUAL, Experiment
 from s2r_spec.diagnose.simulator.observables import Group, Observables, Quantity
 from s2r_spec.effects import catalogue_of
@@ -60,7 +60,7 @@ REPLICATES = {"test": 2, "protocol": 1}
 """Budget: runs of a response. A test's controller has a clock of its own, so that its runs differ more."""
 SEED = 1_000
 """Definition: seed of the first run; no rollout of a certificate has it."""
-VERSION = 2
+VERSION = 3
 """Definition: of the arrays; a change makes every library again."""
 
 
@@ -335,7 +335,10 @@ def _machine(parameters: Sequence[Line], variants: Sequence[str], number: int) -
         random = stream(line.name)
         low, high = sorted((line.coordinate(line.low), line.coordinate(line.high)))
         # A dependent parameter may have any value: where a load lies is no sign of its mass.
-        theta[k] = np.clip((1.0 if line.base else BACKGROUND) * random.normal(), low, high)
+        if line.base and line.is_turn:
+            theta[k] = random.uniform(low, high)
+        else:
+            theta[k] = np.clip((1.0 if line.base else BACKGROUND) * random.normal(), low, high)
         sign = 1.0 if low > -1e-9 or (high > 1e-9 and random.uniform() < 0.5) else -1.0
         sizes[k] = np.clip(sign * random.uniform(0.25, 1.0), low, high)
         turn[k] = np.inf if line.base else random.uniform()
@@ -374,7 +377,9 @@ def _practice_job(experiment: Experiment, parameters: Sequence[Line], machine: _
 
 
 def _points(line: Line) -> list[float]:
-    """Return the coordinates of a response, rising, without 0."""
+    """Return the coordinates of a response, rising, without 0; of an angle that may be any, the quarters of a turn."""
+    if line.is_turn and line.base:
+        return [-0.5, 0.5, 1.0]
     ends = [line.coordinate(line.low), line.coordinate(line.high)]
     found = set()
     for sign in (-1.0, 1.0):
@@ -417,7 +422,8 @@ def _response(
                 if len(moved) > 1:
                     scatter.append(_scatter(moved, observables.groups) / at**2)
         order = sorted(points)
-        curves.append(Curve(np.array(order), np.array([points[c] for c in order])))
+        kind = Turn if line.is_turn and line.base else Curve
+        curves.append(kind(np.array(order), np.array([points[c] for c in order])))
         spread[k] = np.mean(scatter, axis=0) if scatter else 0.0
     names = list(backend.variants()) if isinstance(backend, HasVariants) else []
     variants = [
@@ -437,7 +443,7 @@ def _response(
         nominal.mean(axis=0),
         _single(nominal.std(axis=0, ddof=1)),
         reference,
-        tuple(Curve(curve.coordinates, _single(curve.values)) for curve in curves),
+        tuple(replace(curve, values=_single(curve.values)) for curve in curves),
         _single(spread),
         _single(np.array(variants).reshape(len(names), reference.size)),
         practice,
@@ -549,6 +555,7 @@ def _save(response: Response, path: Path) -> None:
         "duration": o.duration,
         "flags": o.flags,
         "clocked": o.clocked,
+        "turns": [isinstance(curve, Turn) for curve in response.curves],
         "quantities": [(q.name, q.channel, q.minus, q.scale.tolist()) for q in o.quantities],
     }
     sizes = [curve.coordinates.size for curve in response.curves]
@@ -589,8 +596,9 @@ def _load(path: Path) -> Response:
             arrays["scatter"].astype(float),
             arrays["reference"],
             tuple(
-                Curve(*points)
-                for points in zip(
+                (Turn if turn else Curve)(*points)
+                for turn, *points in zip(
+                    header["turns"],
                     np.split(arrays["coordinates"], edges),
                     np.split(arrays["values"].astype(float), edges),
                     strict=True,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from s2r_spec.diagnose.simulator.curve import Curve
+from s2r_spec.diagnose.simulator.curve import Curve, Turn
 
 COORDINATES = np.array([-1.0, -0.3, 0.0, 0.3, 1.0, 2.0])
 
@@ -37,3 +37,28 @@ def test_a_parameter_that_was_never_simulated_does_nothing():
     curve = Curve(np.zeros(1), np.zeros((1, 3)))
     assert curve.at(0.7) == pytest.approx(np.zeros(3))
     assert curve.slope(0.7) == pytest.approx(np.zeros(3))
+
+
+def ripple(angle):
+    """Response to the phase of a ripple, which is nominal at 0: half a turn is a coordinate of 1."""
+    x = np.pi * np.asarray(angle)[..., None]
+    return np.concatenate([np.cos(x) - 1.0, np.sin(x), 0.3 * (np.cos(2.0 * x) - 1.0)], axis=-1)
+
+
+QUARTERS = np.array([-1.0, -0.5, 0.0, 0.5])
+
+
+def test_the_phase_of_a_ripple_is_known_at_every_angle_from_its_quarters():
+    curve = Turn(QUARTERS, ripple(QUARTERS))
+    for c in (-3.1, -0.9, -0.2, 0.3, 0.99, 1.01, 1.4):
+        assert curve.at(c) == pytest.approx(ripple(c))
+        assert curve.slope(c) == pytest.approx((ripple(c + 1e-6) - ripple(c - 1e-6)) / 2e-6, abs=1e-5)
+        assert curve.bend(c)[:2] == pytest.approx([0.0, 0.0], abs=1e-12)
+    assert curve.bend(0.5) == pytest.approx(np.zeros(3), abs=1e-12)
+    assert abs(curve.bend(0.25)[2]) == pytest.approx(0.3)
+
+
+def test_an_angle_at_which_the_machine_fell_is_left_out():
+    rest = np.delete(QUARTERS, 1)
+    assert Turn(rest, ripple(rest)[:, :2]).at(-0.5) == pytest.approx(ripple(-0.5)[:2])
+    assert Turn(np.zeros(1), np.zeros((1, 2))).at(0.3) == pytest.approx(np.zeros(2))
