@@ -49,6 +49,8 @@ def size_prior(library: ResponseLibrary) -> SizePrior:
     lines = library.parameters
     low = np.array([min(line.coordinate(line.low), line.coordinate(line.high)) for line in lines])
     high = np.array([max(line.coordinate(line.low), line.coordinate(line.high)) for line in lines])
+    turns = np.array([bool(line.is_turn and line.base) for line in lines])
+    low, high = np.where(turns, -np.inf, low), np.where(turns, np.inf, high)
     return SizePrior.of([line.effect for line in lines], low, high, library.dependence.base >= 0)
 
 
@@ -91,24 +93,22 @@ def estimate(
     joint = _joint(library, problem)
     first = posterior(joint.likelihood, joint.theta, prior)
     for _ in range(corrections):
-        before = first.probability @ first.mean
+        before, deviation = moments(first)
         problem = simulator.corrected(problem, before)
-        joint = fit(problem, joint.theta, errors=Errors.at(problem, joint.theta))
+        joint = fit(problem, joint.theta, errors=Errors.at(problem, joint.theta, deviation))
         first = posterior(joint.likelihood, joint.theta, prior)
         if np.abs(first.probability @ first.mean - before)[prior.causes].max(initial=0.0) < SETTLED:
             break
     starts = [Mode(problem, first.mean[0], first.sets[0])]
     starts += [Mode(problem, *one) for one in rivals(joint.likelihood, first)]
-    errors = _expected(problem, fitted(library, starts, problem.errors(joint.theta)))
-    modes = fitted(library, starts, errors)
+    modes = fitted(library, starts, problem.errors(joint.theta, moments(first)[1]))
+    modes = fitted(library, starts, _expected(modes))
     if corrections:
         different = {mode.posterior.sets[0]: mode for mode in reversed(modes)}
         best = [mode for mode in modes if different[mode.posterior.sets[0]] is mode][:SIMULATED]
-        exact = [
-            Mode(simulator.corrected(problem, mode.fit.theta), mode.fit.theta, mode.posterior.sets[0])
-            for mode in best
-        ]
-        modes = fitted(library, exact, errors)
+        best = [replace(mode, problem=simulator.corrected(problem, mode.fit.theta)) for mode in best]
+        exact = [Mode(mode.problem, mode.fit.theta, mode.posterior.sets[0]) for mode in best]
+        modes = fitted(library, exact, _expected(best))
     return replace(modes[0], posterior=combined([mode.posterior for mode in modes]))
 
 
@@ -173,14 +173,19 @@ def _joint(library: ResponseLibrary, problem: Problem) -> Fit:
     sets = [posterior(one.likelihood, one.theta, problem.prior) for one in found]
     each = [problem.errors(one.theta) for one in found]
     errors = [np.max(same, axis=0) for same in zip(*each, strict=True)]
-    evidence = [
-        fitted(library, [Mode(problem, one.mean[0], one.sets[0])], errors)[0].posterior.log_evidence
-        for one in sets
-    ]
+    modes = [Mode(problem, one.mean[0], one.sets[0]) for one in sets]
+    evidence = [fitted(library, [mode], errors)[0].posterior.log_evidence for mode in modes]
     return found[int(np.argmax(evidence))]
 
 
-def _expected(problem: Problem, modes: Sequence[Estimate]) -> list[FloatArray]:
+def moments(found: ModelPosterior) -> tuple[FloatArray, FloatArray]:
+    """Return (K,) mean and (K,) standard deviation of every size, over all sets."""
+    mean = found.probability @ found.mean
+    square = found.probability @ (found.deviation**2 + (found.mean - mean) ** 2)
+    return mean, np.sqrt(square)
+
+
+def _expected(modes: Sequence[Estimate]) -> list[FloatArray]:
     """Return (n_p,) the posterior means over modes of the variances of responses, for every experiment.
 
     Those at the joint estimate, in which every parameter may be a cause, are too large.
@@ -188,7 +193,7 @@ def _expected(problem: Problem, modes: Sequence[Estimate]) -> list[FloatArray]:
     evidence = np.array([mode.posterior.log_evidence for mode in modes])
     weight = np.exp(evidence - evidence.max())
     weight /= weight.sum()
-    each = [problem.errors(mode.fit.theta) for mode in modes]
+    each = [mode.problem.errors(mode.fit.theta, moments(mode.posterior)[1]) for mode in modes]
     return [weight @ np.array(same) for same in zip(*each, strict=True)]
 
 

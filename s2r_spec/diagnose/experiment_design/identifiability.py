@@ -228,7 +228,12 @@ def information(
     columns = np.vstack([*slopes, one.variants])
     places = [each for _, each in one.parts]
     groups = Groups.of(
-        np.zeros(columns.shape[1]), columns, one.unit(one.errors(fit.theta)), places, one.coherent
+        np.zeros(columns.shape[1]),
+        columns,
+        one.unit(one.errors(fit.theta)),
+        places,
+        one.coherent,
+        one.effective,
     )
     before, at = Variances.prior(len(one.parts)), fit.errors.sizes
     found = without_variants(likelihood(groups, at, before), sizes.size)

@@ -5,11 +5,12 @@ likelihood: :mod:`.hierarchical`. Prior in the fit: θ_k ~ N(0, σ_slab²) withi
 
 The error of an observable i of group g has the shape
 
-    u_i² = scatter² + variants² + Σ_k (κ_g F_k,i)² + bend_k,i² + θ_k² spread_k,i²
+    u_i² = scatter² + variants² + Σ_k (ρ F_k,i)² + (κ_g ΔF_k,i)² + bend_k,i² + θ_k² spread_k,i²
 
-F_k is the response to parameter k. κ_g is the relative error of a sum of responses (:mod:`.additivity`). *bend* is the
-error of interpolation, and *spread* the scatter of a response from run to run. So a group that an effect throws into
-disorder says little about this effect. Half of the last three terms is spread evenly over the group.
+F_k is the response to parameter k, of which another author's law differs by a part ρ. ΔF_k is its change since the last
+runs of the simulator, and κ_g the relative error of a sum of responses (:mod:`.additivity`). *bend* is the error of
+interpolation, and *spread* the scatter of a response from run to run. So a group that an effect throws into
+disorder says little about this effect. Half of the terms in the sum is spread evenly over the group.
 
 Since u depends on θ, it is fixed within a Gauss–Newton step (a quasi-likelihood; McCullagh & Nelder, *Generalized
 Linear Models*, ch. 9). Estimates are compared under a common u, the larger of theirs.
@@ -37,7 +38,6 @@ from numpy.typing import NDArray
 from s2r_spec.diagnose.inference.additivity import relative_errors
 from s2r_spec.diagnose.inference.hierarchical import (
     DEGREES,
-    EFFECTIVE,
     LARGEST,
     LAW_SHARE,
     ROUNDS,
@@ -89,9 +89,11 @@ class Observation:
         spread: (K, n) variance of the difference by the scatter of the responses, for a coordinate of 1.
         variants: (V, n) responses to the variants.
         coherent: (G,) ρ_g.
+        effective: (G,) N_g.
         form: (n,) κ_g of the group of every observable.
         correction: (n,) what the simulator's mean is beyond the sum of responses, from runs at ``ran``.
         ran: (K,) coordinates at which the simulator ran; 0 before any correction.
+        law: ρ, the part by which another author's law differs.
     """
 
     response: Response
@@ -104,9 +106,11 @@ class Observation:
     spread: FloatArray
     variants: FloatArray
     coherent: FloatArray
+    effective: FloatArray
     form: FloatArray
     correction: FloatArray
     ran: FloatArray
+    law: float = LAW_SHARE
 
     @classmethod
     def of(cls, response: Response, vectors: Sequence[FloatArray], dependence: Dependence) -> Observation:
@@ -119,7 +123,7 @@ class Observation:
         curves = []
         for curve in response.curves:
             stood = np.isfinite(curve.values[:, response.bins]).all(axis=1)
-            curves.append(Curve(curve.coordinates[stood], curve.values[stood]))
+            curves.append(replace(curve, coordinates=curve.coordinates[stood], values=curve.values[stood]))
             # Some points lack an observable, such as the mean of a phase that does not occur.
             usable &= np.isfinite(curves[-1].values).all(axis=0)
         moved = np.max([np.abs(curve.values).max(axis=0) for curve in curves], axis=0) > 1e-9
@@ -141,10 +145,11 @@ class Observation:
             tuple(parts),
             (mean - response.nominal)[used],
             response.scatter[used] ** 2 / len(whole) + (response.variants[:, used] ** 2).sum(axis=0),
-            tuple(Curve(curve.coordinates, curve.values[:, used]) for curve in curves),
+            tuple(replace(curve, values=curve.values[:, used]) for curve in curves),
             response.spread[:, used] * (1.0 / len(whole) + 1.0 / response.replicates),
             response.variants[:, used],
             np.full(len(parts), LAW_SHARE),
+            np.array([float(places.size) for _, places in parts]),
             np.full(used.size, LAW_SHARE),
             np.zeros(used.size),
             np.zeros(len(curves)),
@@ -176,17 +181,30 @@ class Observation:
             slopes[base] = slopes[base] + self.curves[k].at(float(theta[k])) / self.dependence.at[k]
         return np.vstack([*slopes, self.variants])
 
-    def error(self, parameter: int, size: float, factor: float = 1.0) -> FloatArray:
-        """Return (n,) the variance of a response: form, interpolation, and scatter from run to run."""
-        curve = self.curves[parameter]
-        bend = curve.bend(size) - curve.bend(float(self.ran[parameter]))
-        relative = self.form**2 * curve.at(size) ** 2 + bend**2 + size**2 * self.spread[parameter]
-        return np.asarray(factor**2 * relative)
+    def error(self, parameter: int, size: float, deviation: float = 0.0) -> FloatArray:
+        """Return (n,) the variance of a response of this size ± deviation.
 
-    def errors(self, theta: FloatArray) -> FloatArray:
-        """Return (n,) the sum of the variances of all responses at θ."""
+        Its parts are the law, the sum of responses, the interpolation, and the scatter from run to run. Where the
+        simulator ran, the sum and the interpolation have no error.
+        """
+        curve, ran = self.curves[parameter], float(self.ran[parameter])
+        bend = curve.bend(size) - curve.bend(ran)
+        beyond = [(curve.at(each) - curve.at(ran)) ** 2 for each in {size - deviation, size + deviation}]
+        law = self.law**2 * curve.at(size) ** 2
+        return np.asarray(
+            law + self.form**2 * np.mean(beyond, axis=0) + bend**2 + size**2 * self.spread[parameter]
+        )
+
+    def errors(self, theta: FloatArray, deviation: FloatArray | None = None) -> FloatArray:
+        """Return (n,) the sum of the variances of all responses at θ ± (K,) deviations."""
         factors = self.dependence.factors(theta)
-        each = [self.error(k, float(x), float(factors[k])) for k, x in enumerate(theta)]
+        deviation = np.zeros_like(theta) if deviation is None else deviation
+        each = [
+            f**2 * self.error(k, x, d)
+            for k, (x, d, f) in enumerate(
+                zip(theta.tolist(), deviation.tolist(), factors.tolist(), strict=True)
+            )
+        ]
         return np.asarray(np.sum(each, axis=0))
 
     def unit(self, errors: FloatArray) -> FloatArray:
@@ -204,14 +222,16 @@ class Observation:
             return 0.0
         starts, count = self._layout
         energy = np.add.reduceat(np.clip(residual / unit, -LARGEST, LARGEST) ** 2, starts) / count
-        size = np.minimum(count, EFFECTIVE)
+        size = self.effective
         return float(np.sum(0.5 * (DEGREES + size) * np.log1p(size * energy / DEGREES)))
 
     def groups(self, theta: FloatArray, errors: FloatArray, secants: bool = False) -> Groups:
         """Return the groups at θ, under the error of (n,) these variances."""
         places = [each for _, each in self.parts]
         columns = self.columns(theta, secants)
-        return Groups.of(self.residual(theta), columns, self.unit(errors), places, self.coherent)
+        return Groups.of(
+            self.residual(theta), columns, self.unit(errors), places, self.coherent, self.effective
+        )
 
     def _calibrated(self) -> Observation:
         """Return the observation with the relative errors that the practice machines show."""
@@ -221,10 +241,12 @@ class Observation:
         rest = rest - practice.variant @ self.variants
         runs = self.response.scatter[self.kept] ** 2
         # The error of the sum itself: interpolation and scatter, without form.
-        plain = replace(self, form=np.zeros_like(self.form), spread=2.0 * self.response.spread[:, self.kept])
+        plain = replace(
+            self, law=0.0, form=np.zeros_like(self.form), spread=2.0 * self.response.spread[:, self.kept]
+        )
         noise = np.sqrt([runs + plain.errors(theta) + self._background + 1e-24 for theta in practice.theta])
-        coherent, other = relative_errors(sums, rest, noise, [each for _, each in self.parts])
-        return replace(self, coherent=coherent, form=np.repeat(other, self._layout[1]))
+        coherent, other, size = relative_errors(sums, rest, noise, [each for _, each in self.parts])
+        return replace(self, coherent=coherent, effective=size, form=np.repeat(other, self._layout[1]))
 
     @cached_property
     def _background(self) -> FloatArray:
@@ -272,9 +294,9 @@ class Problem:
         pairs = zip(self.observations, corrections, strict=True)
         return replace(self, observations=tuple(one.corrected(new, theta) for one, new in pairs))
 
-    def errors(self, theta: FloatArray) -> list[FloatArray]:
-        """Return (n_p,) the variances of all responses at θ, for every experiment."""
-        return [one.errors(theta) for one in self.observations]
+    def errors(self, theta: FloatArray, deviation: FloatArray | None = None) -> list[FloatArray]:
+        """Return (n_p,) the variances of all responses at θ ± (K,) deviations, for every experiment."""
+        return [one.errors(theta, deviation) for one in self.observations]
 
 
 @dataclass(frozen=True)
@@ -292,9 +314,9 @@ class Errors:
     sizes: FloatArray
 
     @classmethod
-    def at(cls, problem: Problem, theta: FloatArray) -> Errors:
-        """Return the errors at (K,) sizes."""
-        return cls(problem.errors(theta), np.abs(theta))
+    def at(cls, problem: Problem, theta: FloatArray, deviation: FloatArray | None = None) -> Errors:
+        """Return the errors at (K,) sizes ± deviations."""
+        return cls(problem.errors(theta, deviation), np.abs(theta))
 
 
 @dataclass(frozen=True)
@@ -353,7 +375,9 @@ def fit(
     effects = prior.low.size
     deviation = np.full(effects, SLAB) if deviation is None else deviation
     theta = search(problem) if start is None else np.clip(start, prior.low, prior.high)
-    errors = errors or Errors(problem.errors(theta), np.maximum(np.abs(theta), deviation))
+    if errors is None:
+        wide = np.maximum(np.abs(theta), deviation)
+        errors = Errors(problem.errors(theta), wide)
     found = Variances.prior(sum(len(one.parts) for one in observations))
     groups = _grouped(problem, theta, errors)
     for step in range(STEPS):
@@ -455,7 +479,7 @@ class _Table:
                 factors = [1.0, *(point[0] / one.dependence.at[k] for k in members[1:])]
                 each = list(zip(members, point, factors, strict=True))
                 row.append(sum((f * one.curves[k].at(x) for k, x, f in each), np.zeros(len(one.observed))))
-                own.append(sum((one.error(k, x, f) for k, x, f in each), np.zeros(len(one.observed))))
+                own.append(sum((f**2 * one.error(k, x) for k, x, f in each), np.zeros(len(one.observed))))
             values.append(np.array(row))
             errors.append(np.array(own))
         return cls(members, points, values, errors)

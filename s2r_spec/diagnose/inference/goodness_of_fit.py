@@ -42,7 +42,6 @@ from numpy.typing import NDArray
 from s2r_spec.diagnose.inference.gauss_newton import Fit, Observation, Problem
 from s2r_spec.diagnose.inference.hierarchical import (
     DEGREES,
-    EFFECTIVE,
     LARGEST,
     LAW_ERROR,
     Variances,
@@ -114,7 +113,8 @@ def goodness_of_fit(
         looks: number of times that the campaign looks at the answer, fixed before the first.
         columns: channel → name of each column; columns without a name are numbered from 1.
     """
-    tests = [_Tested.of(one, fit.theta) for one in problem.observations if one.parts]
+    pairs = zip(problem.observations, fit.errors.variances, strict=True)
+    tests = [_Tested.of(one, fit, own) for one, own in pairs if one.parts]
     quantities: dict[str, FloatArray] = {}
     for each in tests:
         for ((quantity, _), _), loss in zip(each.one.parts, each.losses, strict=True):
@@ -153,17 +153,18 @@ class _Tested:
     excess: FloatArray
 
     @classmethod
-    def of(cls, one: Observation, theta: FloatArray) -> _Tested:
-        """Draw residuals of one experiment, a group at a time."""
-        unit = one.unit(one.errors(theta))
-        data, responses = one.residual(theta) / unit, one.columns(theta) / unit
+    def of(cls, one: Observation, fit: Fit, variances: FloatArray) -> _Tested:
+        """Draw residuals of one experiment, a group at a time, with (n,) these variances of its responses."""
+        unit = one.unit(variances)
+        data, responses = one.residual(fit.theta) / unit, one.columns(fit.theta) / unit
         cells = list(_cells(one))
         losses, excess = [], []
         for number, (group, places) in enumerate(one.parts):
             stream = zlib.crc32(f"{one.response.experiment} {group}".encode())
-            drawn = _drawn(stream, responses[:, places], theta, float(one.coherent[number]))
+            size, coherent = float(one.effective[number]), float(one.coherent[number])
+            drawn = _drawn(stream, responses[:, places], fit.errors.sizes, coherent, size)
             squares = np.clip(np.vstack([data[places], drawn]), -LARGEST, LARGEST) ** 2
-            share = min(places.size, EFFECTIVE) / places.size
+            share = size / places.size
             losses.append(_loss(squares, share))
             own = [cell.places - places[0] for cell in cells if cell.group == group]
             excess += [_standard(_loss(squares[:, each], share)) for each in own]
@@ -185,18 +186,19 @@ class _Tested:
         )
 
 
-def _drawn(stream: int, responses: FloatArray, theta: FloatArray, coherent: float) -> FloatArray:
+def _drawn(
+    stream: int, responses: FloatArray, sizes: FloatArray, coherent: float, effective: float
+) -> FloatArray:
     """Return (M, n) residuals of a group in units of u, from (K + V, n) its responses.
 
     Columns are drawn in the order of their energy, so that the order of the catalogue changes nothing.
     """
     random = np.random.default_rng(np.random.SeedSequence(SEED, spawn_key=(stream,)))
-    size = responses.shape[1]
-    number = int(min(size, EFFECTIVE))
+    size, number = responses.shape[1], round(effective)
     noise, law = DEGREES / random.chisquare(DEGREES, (2, DRAWS))
     scatter = random.normal(size=(DRAWS, number))[:, np.arange(size) * number // size]
     drawn = Variances(noise, LAW_ERROR**2 * law)
-    variance = law_prior(drawn, np.full(DRAWS, coherent), theta, len(responses))
+    variance = law_prior(drawn, np.full(DRAWS, coherent), sizes, len(responses))
     order = np.argsort((responses**2).sum(axis=1))
     errors = np.sqrt(variance[:, order]) * random.normal(size=(DRAWS, len(responses)))
     return np.asarray(np.sqrt(noise)[:, None] * scatter + errors @ responses[order])

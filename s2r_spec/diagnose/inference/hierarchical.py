@@ -10,10 +10,10 @@ variants. Model:
     ε_g ~ N(0, s_g² diag(u_g²) n_g/N_g)           scatter and form error, of N_g independent numbers
     φ ~ N(0, I_V),   τ_g² ~ Inv-χ²(ν, τ0²),   s_g² ~ Inv-χ²(ν, 1)
 
-u_g (n_g,) is the known shape of the error (:mod:`.gauss_newton`), ρ_g the relative error of a sum of responses
-(:mod:`.additivity`). Errors of a law stay in the groups that the law moves: a group that the model cannot follow gets a
-large τ_g or s_g, and counts little. So no channel needs a tolerance of its own. Groups are combined as studies are in a
-random-effects meta-analysis.
+u_g (n_g,) is the known shape of the error (:mod:`.gauss_newton`). ρ_g is the relative error of a sum of responses, and
+N_g the effective number of independent errors (:mod:`.additivity`). Errors of a law stay in the groups that the law
+moves: a group that the model cannot follow gets a large τ_g or s_g, and counts little. So no channel needs a tolerance
+of its own. Groups are combined as studies are in a random-effects meta-analysis.
 
 Estimator: s_g² and τ_g² are at the mode of their marginal posterior (MacKay's fixed point), given θ. Then group g
 says about (θ, φ), with its information I_g = N_g/(n_g s_g²) M_gᵀ M_g and score h_g,
@@ -63,9 +63,6 @@ Twice as much makes intervals of large effects up to twice as wide. No source ye
 DEGREES = 4.0
 """Prior: degrees of freedom ν of both variances of a group. With twice as many, a group that does not fit keeps more
 of its weight. Chosen like τ0, among 1 and 4."""
-EFFECTIVE = 60.0
-"""Prior: most independent numbers N_g of a group, however many it has, for its errors are correlated.
-Twice as many count scatter less and law errors more. Chosen like τ0, among 20, 60, 200, whose errors hardly differ."""
 LARGEST = 60.0
 """Tolerance: a residual beyond so many units counts as that many; a diverged run then stays finite.
 Twice as much lets one such observable raise s_g² of its group up to four times as far."""
@@ -110,17 +107,17 @@ class Groups:
         unit: FloatArray,
         parts: Sequence[NDArray[np.int64]],
         coherent: FloatArray,
+        size: FloatArray,
     ) -> Groups:
         """Reduce a residual (m,) and columns (D, m), with u (m,); ``parts`` are the places of each group."""
         r, columns = np.clip(residual / unit, -LARGEST, LARGEST), columns / unit
-        gram, moment, energy, size = [], [], [], []
+        gram, moment, energy = [], [], []
         for part in parts:
             m = columns[:, part]
             gram.append(m @ m.T / len(part))
             moment.append(m @ r[part] / len(part))
             energy.append(float(r[part] @ r[part]) / len(part))
-            size.append(min(len(part), EFFECTIVE))
-        return cls(np.array(gram), np.array(moment), np.array(energy), np.array(size), coherent)
+        return cls(np.array(gram), np.array(moment), np.array(energy), size, coherent)
 
     @classmethod
     def joined(cls, groups: Sequence[Groups]) -> Groups:
@@ -249,7 +246,8 @@ def information_by_group(groups: Groups, theta: FloatArray, found: Variances) ->
     columns = groups.gram.shape[1]
     information = (groups.size / found.noise)[:, None, None] * groups.gram
     damping = np.eye(columns) + information * law_prior(found, groups.coherent, theta, columns)[:, None, :]
-    own = np.linalg.solve(damping, information)[:, : theta.size, : theta.size]
+    effects = theta.size
+    own = np.linalg.solve(damping, information)[:, :effects, :effects]
     return np.asarray((own + own.transpose(0, 2, 1)) / 2.0)
 
 

@@ -19,6 +19,7 @@ from s2r_spec.diagnose.inference.hierarchical import (
 )
 
 EFFECTS, OBSERVABLES = 4, 40
+NONE = np.zeros(EFFECTS)
 
 
 def columns(rng, groups):
@@ -31,14 +32,15 @@ def parts(groups):
 
 def grouped(residual, design, where):
     """Return the groups, with errors of unit size."""
-    return Groups.of(residual, design, np.ones(residual.size), where, np.full(len(where), LAW_SHARE))
+    shares, numbers = np.full(len(where), LAW_SHARE), np.array([float(part.size) for part in where])
+    return Groups.of(residual, design, np.ones(residual.size), where, shares, numbers)
 
 
 def estimated(residual, design, where, rounds=12):
     """Return estimate and deviation of θ, whose prior is so wide that it does not count."""
     groups = grouped(residual, design, where)
-    found = variances(groups, np.zeros(EFFECTS), Variances.prior(len(where)), rounds)
-    total = likelihood(groups, np.zeros(EFFECTS), found)
+    found = variances(groups, NONE, Variances.prior(len(where)), rounds)
+    total = likelihood(groups, NONE, found)
     covariance = np.linalg.inv(total.information)
     return covariance @ total.score, np.sqrt(np.diag(covariance))
 
@@ -94,7 +96,7 @@ def test_an_effect_without_a_response_keeps_its_prior():
     design = columns(rng, 6)
     design[2] = 0.0
     groups = grouped(rng.normal(size=design.shape[1]), design, parts(6))
-    found = likelihood(groups, np.zeros(EFFECTS), variances(groups, np.zeros(EFFECTS), Variances.prior(6)))
+    found = likelihood(groups, NONE, variances(groups, NONE, Variances.prior(6)))
     assert found.information[2] == pytest.approx(np.zeros(EFFECTS))
     assert found.score[2] == 0.0
 
@@ -114,8 +116,8 @@ def test_a_variant_takes_the_part_of_the_residual_that_it_explains():
     variant = design[0] + 0.3 * rng.normal(size=design.shape[1])
     residual = 1.0 * variant
     groups = grouped(residual, np.vstack([design, variant]), parts(8))
-    found = variances(groups, np.zeros(EFFECTS), Variances.prior(8), 12)
-    found = without_variants(likelihood(groups, np.zeros(EFFECTS), found), EFFECTS)
+    found = variances(groups, NONE, Variances.prior(8), 12)
+    found = without_variants(likelihood(groups, NONE, found), EFFECTS)
     found = with_shared_error(found, np.full(EFFECTS, 9e-4))
     estimate = np.linalg.solve(found.information + np.eye(EFFECTS) / 0.36, found.score)
     assert abs(estimate[0]) < 0.3
@@ -128,9 +130,7 @@ def test_disagreement_is_counted_for_the_parameter_about_which_groups_disagree()
         [[0.0, 0.15, 0.0, 0.0] * rng.normal(size=EFFECTS) @ design[:, part] for part in where]
     )
     groups = grouped(off + 0.3 * rng.normal(size=off.size), design, where)
-    found = disagreement(
-        groups, np.zeros(EFFECTS), variances(groups, np.zeros(EFFECTS), Variances.prior(40), 12)
-    )
+    found = disagreement(groups, NONE, variances(groups, NONE, Variances.prior(40), 12))
     # 0.15 typical is 7.5 of the usual 0.02.
     assert 20.0 < found[1] < 80.0
     assert (found[[0, 2, 3]] < 3.0).all()
