@@ -238,6 +238,17 @@ def run_jobs(
     return [results[index] for index in range(len(jobs))]
 
 
+def table(
+    bench: Bench,
+    machines: Sequence[Values],
+    runs: Sequence[tuple[Test, int]],
+    executor: Callable[[], Executor] | None = None,
+) -> FloatArray:
+    """Return (machines, runs, 2) ρ, and whether the rollout ended early, of every machine in every (test, seed)."""
+    rows = run_jobs(bench, [Job(values, (run,)) for values in machines for run in runs], executor)
+    return np.array(rows).reshape(len(machines), len(runs), 2)
+
+
 def _outcomes(
     bench: Bench, jobs: Sequence[Job], executor: Callable[[], Executor] | None, read: Read
 ) -> Iterator[tuple[int, FloatArray]]:

@@ -8,12 +8,12 @@ import pytest
 
 import s2r_spec as s2r
 from s2r_emps import EmpsBackend
-from s2r_spec.backend import Channel
 from s2r_spec.diagnose.axes import lines
-from s2r_spec.diagnose.remainder import Remainder, channels
-from s2r_spec.diagnose.remainder.cells import FEWEST_ROLLOUTS, Cells, quantities_of
-from s2r_spec.diagnose.remainder.find import columns, ordered, parts, remainders
+from s2r_spec.diagnose.gap import FEWEST
+from s2r_spec.diagnose.residuals.cells import GRID, Cell, Cells, part_names, path
+from s2r_spec.diagnose.residuals.left import Remainder, begin, column_names, ordered, remainders
 from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.space import key_of
 from s2r_spec.trace import Trace, thinned
 from tests.errors import states
 
@@ -119,7 +119,7 @@ def test_the_cause_is_told_before_the_reaction_to_it():
 
 def test_of_too_few_rollouts_nothing_is_told(bench):
     push = rollouts(bench, {}, lambda t: t["q"] > 0.1)
-    assert remainders(bench, LINES, push[: FEWEST_ROLLOUTS - 1], {}) == ()
+    assert remainders(bench, LINES, push[: FEWEST - 1], {}) == ()
 
 
 def test_without_equations_of_motion_a_push_shows_in_what_is_recorded(bare):
@@ -193,12 +193,13 @@ def test_a_fall_has_no_part_in_it(bench):
 
 
 def test_cells_are_as_many_as_their_means_and_lie_side_by_side(bench):
-    traces = [bench.seen(trace, test) for test, trace in rollouts(bench, {})]
-    cells = Cells.of(bench.backend.duration, quantities_of(traces), traces)
-    places, trace = cells.places(), traces[0]
-    times = trace.times - trace.times[0]
-    values = [trace[name].reshape(len(trace), -1) for name in cells.widths]
-    means = cells.means(values, times, cells.within(trace, times))
+    runs = rollouts(bench, {})
+    widths = {"q": 1, "v": 1, "u": 1, "residual.force": 1}
+    paths = {key_of(test): path(widths, bench, trace, test) for test, trace in runs}
+    assert all(rows.shape == (GRID, 4) for rows in paths.values())
+    cells = Cells.of(bench.backend.duration, widths, paths)
+    places, trace = cells.places(), bench.seen(runs[0][1], runs[0][0])
+    means = cells.means(trace, runs[0][0])
     assert means.shape == (len(places),)
     of_force = [place for place in places if place[:3] == ("residual.force", 0, "q")]
     assert of_force[0][3] == -np.inf
@@ -216,17 +217,11 @@ def test_a_column_of_many_is_told_by_the_part_it_is_of_or_by_its_number():
         {},
         {"parts": {"torque": ["hip", "knee"]}},
     )
-    widths = {"torque": 2, "force": 1}
-    assert parts(two, widths) == {("torque", 0): "hip", ("torque", 1): "knee", ("force", 0): ""}
+    assert column_names(part_names(two, "torque", 2), 2) == ("hip", "knee")
+    assert column_names(part_names(two, "force", 1), 1) == ("",)
     bare = Trace(two.times, dict(two.channels), {})
-    assert parts(bare, widths)["torque", 1] == "column 1"
-    recorded = (
-        Channel("torque", "N*m", "of the motors", 2, ("hip", "knee")),
-        Channel("force", "N", "of the foot"),
-    )
-    assert columns(recorded, widths) == parts(two, widths)
-    assert columns((Channel("torque", "N*m", "of the motors", 2),), widths)["torque", 1] == "column 1"
-    assert columns((), widths)["torque", 0] == "column 0"
+    assert part_names(bare, "torque", 2) == ()
+    assert column_names((), 2) == column_names(("hip",), 2) == ("column 0", "column 1")
 
 
 def test_an_end_that_is_nowhere_is_said_so_and_is_no_number_in_json():
@@ -242,8 +237,8 @@ def test_an_end_that_is_nowhere_is_said_so_and_is_no_number_in_json():
 
 
 def test_of_a_channel_the_first_window_is_told_that_is_itself_more_than_what_is_allowed_for():
-    windows = [("u", 0, "", float(k), k + 1.0) for k in range(4)]
-    assert channels.begin(windows, np.array([0.2, 1.6, 3.0, 2.0])).tolist() == [0.2, 1.6, 0.0, 0.0]
+    windows = [Cell("u", 0, "", float(k), k + 1.0) for k in range(4)]
+    assert begin(windows, np.array([0.2, 1.6, 3.0, 2.0])).tolist() == [0.2, 1.6, 0.0, 0.0]
     # One that is less hides no larger one, nor does one that is less than half as much.
-    assert channels.begin(windows, np.array([0.2, 0.8, 1.5, 0.1])).tolist() == [0.2, 0.8, 1.5, 0.0]
-    assert channels.begin(windows, np.array([0.2, 1.4, 3.0, 0.1])).tolist() == [0.2, 1.4, 3.0, 0.0]
+    assert begin(windows, np.array([0.2, 0.8, 1.5, 0.1])).tolist() == [0.2, 0.8, 1.5, 0.0]
+    assert begin(windows, np.array([0.2, 1.4, 3.0, 0.1])).tolist() == [0.2, 1.4, 3.0, 0.0]

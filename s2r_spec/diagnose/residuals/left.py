@@ -1,0 +1,366 @@
+"""What is left of a machine: what it does in some cell, and the simulator with the posterior means does not.
+
+Data: means over cells (:mod:`.cells`) of n whole rollouts of the machine, y (n, cells), and of the improved simulator
+at their tests, x (n, cells). Unknown: where an unknown cause acts. The *surplus* of a cell is its mean difference d in
+units of what needs no cause:
+
+    surplus = |d| / ((t² s²/n + LAWS² e² + ALLOWED² a² + NOTHING² v² + w²)^½ (1 + TAIL log columns))
+
+s² is the variance of y − x from rollout to rollout, and t Student's quantile for LEVEL, shared by all cells. e² is the
+mean square of what the named effects do, in this cell and over the column. a² is the sum of that of all typical effects
+over the column, v² how much the column varies over time, and w² the sum of what the simulator's variants do. A cell is
+*material* above 1.
+
+A residual of the equations of motion shows where a cause acts. A channel of a closed loop also shows the reaction. It
+goes on after the cause, which may be smaller by the part EXPLAINS. So beside residuals a channel counts by this part.
+
+Units: those of each quantity; a surplus has none.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import islice
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.attribution.place import EXPLAINS, Place, Range, cause_first, visited
+from s2r_spec.backend import HasResiduals, HasVariants
+from s2r_spec.diagnose.axes import Line, Values
+from s2r_spec.diagnose.gap import FEWEST, LEVEL, SHOTS
+from s2r_spec.diagnose.residuals.cells import Cell, Cells, part_names, path, widths_of
+from s2r_spec.diagnose.simulate import Bench, Job, Test, evenly, places_of, run_jobs
+from s2r_spec.diagnose.simulator.experiments import RESIDUAL
+from s2r_spec.printable import spelled
+from s2r_spec.rollouts.seeds import Stream, rollout_seed
+from s2r_spec.space import key_of
+from s2r_spec.trace import Trace, thinned
+
+FloatArray = NDArray[np.float64]
+
+LAWS = 0.3
+"""Prior: laws are off by this part of what the named effects do in a cell, and next to it. Doubled, less is left of a
+machine with large effects."""
+ALLOWED = 0.1
+"""Prior: a little of everything is this part of every typical effect. Doubled, causes half as large are allowed for."""
+NOTHING = 0.03
+"""Tolerance: nobody models a channel better than to this part of how much it varies. Doubled, smaller causes hide."""
+TAIL = 0.2
+"""Prior: of a machine that is the simulator's in kind, the largest of many columns is 1 + TAIL · log(columns) times
+allowed, as with an exponential tail. Doubled, machines of many columns show less."""
+REPORTED = 5
+"""Definition: largest remainders that are kept. Doubled, a report may show twice as many."""
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What is left in one cell.
+
+    Attributes:
+        quantity: of which: a residual, or a channel.
+        column: of it.
+        part: of the machine that the column is of, where the quantity is of several; else "".
+        along: channel whose values bound the cell; "" for time.
+        low: where the cell begins, in the channel's unit [or s]; -inf if nowhere.
+        high: where it ends.
+        size: mean of what is left, in the quantity's unit.
+        unit: of the quantity.
+        along_unit: of the channel, or of time.
+        surplus: size in units of what is allowed for.
+        recorded: whether the quantity is a channel, and what is left a difference from the simulator's.
+        times: from when until when the channel is in the cell [s]; None for all the time, or for a cell of time.
+        extent: lowest and highest value of the channel, in its unit; None if it is not known, or for a cell of time.
+    """
+
+    quantity: str
+    column: int
+    part: str
+    along: str
+    low: float
+    high: float
+    size: float
+    unit: str
+    along_unit: str
+    surplus: float
+    recorded: bool = False
+    times: tuple[float, float] | None = None
+    extent: tuple[float, float] | None = None
+
+    @property
+    def material(self) -> bool:
+        """Whether it is more than what is allowed for."""
+        return self.surplus > 1.0
+
+    @property
+    def place(self) -> Place:
+        """Where it is: in a window of time, or at values of a channel."""
+        if not self.along:
+            return Place(Range(self.low, self.high), self.part)
+        time = None if self.times is None else Range(*self.times)
+        extent = self.extent or (-math.inf, math.inf)
+        values = Range(self.low, self.high, self.along_unit, self.along, *extent)
+        return Place(time, self.part, values=(values,))
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        what = f"{f'{self.size:+.3g}'.replace('-', '−')} {spelled(self.unit)}".strip()
+        what = f"a difference of {what} in {self.quantity}" if self.recorded else f"{what} of {self.quantity}"
+        return f"{what} {self.place}"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the fields; None for an end that is nowhere."""
+        plain = {
+            name: list(value) if isinstance(value, tuple) else value for name, value in vars(self).items()
+        }
+        return plain | {end: None for end in ("low", "high") if not math.isfinite(getattr(self, end))}
+
+
+def remainders(
+    bench: Bench,
+    lines: Sequence[Line],
+    rollouts: Sequence[tuple[Test, Trace]],
+    improved: Values,
+    seed: int = 0,
+    executor: Callable[[], Executor] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    named: Values | None = None,
+) -> tuple[Remainder, ...]:
+    """Return where most is left beyond what is allowed for, one cell a quantity's column, the cause's place first.
+
+    Nothing where too few rollouts reached their end: no equation here is of a fall.
+
+    Args:
+        bench: the simulator.
+        lines: of its catalogue.
+        rollouts: (test, trace) of the machine.
+        improved: effects with which the simulator should be nearest to it: the likeliest, and a little of all others.
+        seed: of the simulated rollouts.
+        executor: makes a pool for these; None runs them here.
+        progress: called with (done, of).
+        named: the likeliest alone, with which it may be nearer: what is left of channels is what both leave.
+    """
+    whole = [(test, trace) for test, trace in rollouts if trace.failure is None]
+    if len(whole) < FEWEST:
+        return ()
+    tests = [dict(key) for key in places_of([test for test, _ in whole])]
+    first, again = (
+        [(test, rollout_seed(seed, n, of, Stream.REMAINDER)) for n, test in enumerate(tests)] for of in (0, 1)
+    )
+    nominal = [(test, bench.seen(bench.run({}, test, own), test)) for test, own in again]
+    nominal = [(test, trace) for test, trace in nominal if trace.failure is None] or nominal
+    widths = _quantities([trace for _, trace in nominal])
+    few = evenly(len(tests), SHOTS)
+    # How much of a channel is a little of everything is an average over the rollout: one test is enough for it.
+    once = len(few) // 2
+    machines = [improved] if named is None or named == improved else [improved, named]
+    variants = list(bench.backend.variants()) if isinstance(bench.backend, HasVariants) else []
+    jobs = [Job({}, tuple(first[n] for n in few), name) for name in ("", *variants)]
+    jobs += [Job(line.at(line.at_typical()), (first[few[once]],)) for line in lines]
+    jobs += [Job(values, (run,)) for values in machines for run in first]
+
+    def tell(before: int, done: int, of: int) -> None:
+        if progress is not None:
+            progress(before + done, len(tests) + len(jobs))
+
+    beside = [Job(improved, (run,)) for run in again]
+    paths = run_jobs(bench, beside, executor, partial(tell, 0), partial(path, widths))
+    at = {key_of(test): rows[0] for test, rows in zip(tests, paths, strict=True)}
+    cells = Cells.of(bench.backend.duration, widths, at)
+    step = float(np.median([np.median(np.diff(trace.times)) for _, trace in whole]))
+    read = partial(_means, cells, step)
+    rows = iter(run_jobs(bench, jobs, executor, partial(tell, len(tests)), read))
+    usual = next(rows)
+    other = [changed - usual for changed in islice(rows, len(variants))]
+    typical = [changed - usual[[once]] for changed in islice(rows, len(lines))]
+    simulated = np.concatenate(list(rows)).reshape(len(machines), len(tests), -1)
+    machine = np.array([read(bench, trace, test) for test, trace in whole])
+    at_test = [tests.index(dict(test)) for test, _ in whole]
+    places, names = cells.places(), _names(bench, whole, nominal[0], widths)
+    each = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of cells into which no rollout reaches
+        for own in simulated:
+            size, surplus = _left(machine - own[at_test], usual, own[few] - usual, typical, other, places)
+            each.append(_largest(places, np.isfinite(machine).any(axis=0), size, surplus, names))
+    found = min(each, key=lambda largest: max((one.surplus for one in largest), default=0.0))
+    return ordered([_with_times(one, [trace for _, trace in whole]) for one in found])
+
+
+def _quantities(traces: Sequence[Trace]) -> dict[str, int]:
+    """Return quantity → columns of the channels and residuals that are finite and no flag of 0 and 1."""
+    found = {}
+    for name, width in widths_of(traces).items():
+        values = np.concatenate([trace[name] for trace in traces])
+        if np.isfinite(values).all() and not np.isin(values, (0.0, 1.0)).all():
+            found[name] = width
+    return found
+
+
+def _means(cells: Cells, step: float, bench: Bench, trace: Trace, test: Test) -> FloatArray:
+    """Return (cells,) means of a rollout; NaN for one that ended early.
+
+    Of one with more samples than the machine's, one for each ``step`` [s], only as many are read, so that a mean is of
+    the same times.
+    """
+    row = cells.means(bench.seen(thinned(trace, step), test), test)
+    return row if trace.failure is None else np.full_like(row, np.nan)
+
+
+def _left(
+    apart: FloatArray,
+    nominal: FloatArray,
+    explained: FloatArray,
+    typical: Sequence[FloatArray],
+    variants: Sequence[FloatArray],
+    places: Sequence[Cell],
+) -> tuple[FloatArray, FloatArray]:
+    """Return (cells,) the mean difference d, and its surplus; 0 where a cell says nothing.
+
+    Args:
+        apart: (n, cells) the machine less the improved simulator at the same tests.
+        nominal: (m, cells) the nominal simulator, at few tests.
+        explained: (m, cells) what the improved one does beside it, with the same noise.
+        typical: (1, cells) of each effect, what a typical amount of it does at one test.
+        variants: (m, cells) of each variant of the simulator, what it does otherwise.
+        places: the cells.
+    """
+    from scipy.stats import t  # here: a rollout needs no scipy
+
+    numbers: dict[tuple[str, int], int] = {}
+    column = np.array([numbers.setdefault(place[:2], len(numbers)) for place in places], dtype=int)
+    windows = np.array([not place.along for place in places])
+
+    def over(values: FloatArray) -> FloatArray:
+        """Return (cells,) the mean of values over each one's column."""
+        counts = np.maximum(np.bincount(column, np.isfinite(values)), 1)
+        return np.asarray((np.bincount(column, np.nan_to_num(values)) / counts)[column])
+
+    def squared(changes: Sequence[FloatArray]) -> FloatArray:
+        squares = (np.nan_to_num(np.nanmean(change**2, axis=0)) for change in changes)
+        return sum(squares, start=np.zeros(len(places)))
+
+    effects, little = squared([explained]), over(squared(typical))
+    # Windows alone show how much a column varies: of other cells there are many where it does not.
+    mean = over(np.where(windows, np.nanmean(nominal, axis=0), np.nan))
+    varies = NOTHING**2 * over(np.where(windows, np.nanmean((nominal - mean) ** 2, axis=0), np.nan))
+    systematic = LAWS**2 * (effects + over(effects)) + ALLOWED**2 * little + varies + squared(variants)
+    # What no effect moves, as a reference, is no part of the machine.
+    moved = little > varies
+    n, size = np.isfinite(apart).sum(axis=0), np.nanmean(apart, axis=0)
+    surely = t.ppf(1.0 - LEVEL / 2.0 / len(places), np.maximum(n - 1, 1))
+    scatter = surely * np.nanstd(apart, axis=0, ddof=1) / np.sqrt(n)
+    largest = 1.0 + TAIL * np.log(max(len(np.unique(column[moved])), 1))
+    surplus = np.abs(size) / np.hypot(scatter, np.sqrt(systematic)) / largest
+    return size, np.where((n >= FEWEST) & moved, np.nan_to_num(surplus), 0.0)
+
+
+def begin(places: Sequence[Cell], surplus: FloatArray) -> FloatArray:
+    """Return (cells,) surplus, with 0 in windows of time after the first that says (nearly) as much.
+
+    In a closed loop what acts for a time goes on after it, and the answer to it may be the larger.
+    """
+    out = surplus.copy()
+    largest: dict[tuple[str, int], float] = {}
+    for place, value in zip(places, surplus.tolist(), strict=True):
+        largest[place[:2]] = max(largest.get(place[:2], 0.0), value)
+    begun: set[tuple[str, int]] = set()
+    for k, (name, column, along, *_) in enumerate(places):
+        if not along and (name, column) in begun:
+            out[k] = 0.0
+        elif not along and surplus[k] > max(1.0, EXPLAINS * largest[name, column]):
+            begun.add((name, column))
+    return out
+
+
+def _names(
+    bench: Bench,
+    rollouts: Sequence[tuple[Test, Trace]],
+    nominal: tuple[Test, Trace],
+    widths: Mapping[str, int],
+) -> tuple[dict[str, str], dict[str, tuple[str, ...]]]:
+    """Return quantity → unit, and quantity → what its columns are called.
+
+    Those of channels are of recordings and the backend, those of residuals of a nominal rollout, which has them all.
+    """
+    units = {name: unit for _, trace in rollouts for name, unit in trace.units.items()}
+    names = {channel.name: channel.columns for channel in bench.backend.channels}
+    own = [name for name in widths if name.startswith(RESIDUAL)]
+    if own and isinstance(bench.backend, HasResiduals):
+        found = bench.backend.residuals(nominal[1], bench.matched.to_backend(nominal[0]))
+        units |= {RESIDUAL + name: unit for name, unit in found.units.items()}
+        names |= {name: part_names(found, name.removeprefix(RESIDUAL), widths[name]) for name in own}
+    return units, {name: column_names(names.get(name, ()), width) for name, width in widths.items()}
+
+
+def column_names(names: Sequence[str], width: int) -> tuple[str, ...]:
+    """Return the names of columns, or their numbers where not every one has a name; "" where there is but one."""
+    if width == 1:
+        return ("",)
+    return tuple(names) if len(names) == width else tuple(f"column {k}" for k in range(width))
+
+
+def _largest(
+    places: Sequence[Cell],
+    known: NDArray[np.bool_],
+    size: FloatArray,
+    surplus: FloatArray,
+    names: tuple[Mapping[str, str], Mapping[str, tuple[str, ...]]],
+) -> list[Remainder]:
+    """Return the cell of the largest surplus of every column, the :data:`REPORTED` largest of these.
+
+    Args:
+        places: the cells.
+        known: (cells,) whether any rollout has a value there.
+        size: (cells,) what is left.
+        surplus: (cells,) that in units of what is allowed for.
+        names: of :func:`_names`.
+    """
+    units, labels = names
+    residual = np.array([place.quantity.startswith(RESIDUAL) for place in places])
+    weight = np.where(residual | ~(residual & known).any(), 1.0, EXPLAINS)
+    surplus = begin(places, weight * surplus)
+    found: dict[tuple[str, int], Remainder] = {}
+    for k in np.argsort(-surplus, kind="stable"):
+        name, column, along, low, high = places[k]
+        if len(found) == REPORTED or surplus[k] <= 0.0:
+            break
+        if (name, column) not in found:
+            found[name, column] = Remainder(
+                name.removeprefix(RESIDUAL), column, labels[name][column], along, low, high, float(size[k]),
+                units.get(name, ""), units.get(along, "") if along else "s", float(surplus[k]),
+                recorded=not residual[k],
+            )  # fmt: skip
+    return list(found.values())
+
+
+def _with_times(one: Remainder, traces: Sequence[Trace]) -> Remainder:
+    """Return a remainder along a channel with the times at which the channel is in its cell, and with its range."""
+    if not one.along:
+        return one
+    time, values = visited(traces, one.along, one.column, one.low, one.high)
+    times = None if time is None or time.everything else (time.low, time.high)
+    extent = (values.lowest, values.highest) if np.isfinite(values.extent) else None
+    return replace(one, times=times, extent=extent)
+
+
+def ordered(found: Sequence[Remainder]) -> tuple[Remainder, ...]:
+    """Return remainders with the cause's place first.
+
+    A residual of the equations of motion shows where a cause acts. A recorded channel also shows the controller's
+    reaction. So beside a material residual the time of a recorded channel does not count.
+    """
+    acts = any(each.material and not each.recorded for each in found)
+    return tuple(
+        cause_first(
+            found,
+            lambda one: Place() if acts and one.recorded else one.place,
+            lambda one: one.surplus if one.material else 0.0,
+        )
+    )
