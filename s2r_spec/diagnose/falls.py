@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from s2r_spec.diagnose.axes import Line
 from s2r_spec.diagnose.gap import SHOTS
 from s2r_spec.diagnose.simulate import Bench, Test, evenly, places_of, table
-from s2r_spec.rollouts.seeds import Stream, rollout_seed
+from s2r_spec.rollouts.seeds import Stream
 from s2r_spec.trace import Trace
 
 HALVINGS = 6
@@ -107,9 +107,9 @@ def falls(
     def ended(tried: Sequence[tuple[Line, float]], tests: Sequence[Test]) -> NDArray[np.float64]:
         """Return at how many of the tests the simulator ends early, with each of these alone."""
         machines = [line.at(line.value(x)) for line, x in tried]
-        return np.asarray(table(bench, machines, _runs(tests, seed), executor)[..., 1].sum(axis=1))
+        return np.asarray(table(bench, machines, tests, seed, Stream.CHECK, 1, executor)[1].sum(axis=(1, 2)))
 
-    if table(bench, [{}], _runs(early, seed), executor)[..., 1].all():
+    if table(bench, [{}], early, seed, Stream.CHECK, 1, executor)[1].all():
         return Falls(True)
     # An end that is nominal is no effect.
     ends = [(line, line.coordinate(end)) for line in lines if not line.base for end in (line.low, line.high)]
@@ -132,8 +132,8 @@ def falls_alone(
 ) -> list[Test]:
     """Return the tests at which the simulator, with nothing added, ends early, and no real rollout does."""
     _, stood = _by_end(rollouts)
-    [rows] = table(bench, [{}], _runs(stood, seed), executor)
-    return [test for test, fell in zip(stood, rows[:, 1], strict=True) if fell]
+    ended = table(bench, [{}], stood, seed, Stream.CHECK, 1, executor)[1, 0, :, 0]
+    return [test for test, fell in zip(stood, ended, strict=True) if fell]
 
 
 def _by_end(rollouts: Rollouts) -> tuple[list[Test], list[Test]]:
@@ -142,7 +142,3 @@ def _by_end(rollouts: Rollouts) -> tuple[list[Test], list[Test]]:
     for key, own in places_of([test for test, _ in rollouts]).items():
         ends[all(rollouts[n][1].failure is None for n in own)].append(dict(key))
     return ends
-
-
-def _runs(tests: Sequence[Test], seed: int) -> list[tuple[Test, int]]:
-    return [(test, rollout_seed(seed, n, 0, Stream.CHECK)) for n, test in enumerate(tests)]

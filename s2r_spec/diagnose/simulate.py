@@ -20,6 +20,7 @@ from s2r_spec.documentation import page
 from s2r_spec.effects import catalogue_of
 from s2r_spec.errors import BackendError, UsageError
 from s2r_spec.rollouts.compatibility import Interface, check_compatibility
+from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.space import Key, key_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
@@ -241,12 +242,16 @@ def run_jobs(
 def table(
     bench: Bench,
     machines: Sequence[Values],
-    runs: Sequence[tuple[Test, int]],
+    tests: Sequence[Test],
+    seed: int,
+    stream: Stream,
+    shots: int = 1,
     executor: Callable[[], Executor] | None = None,
 ) -> FloatArray:
-    """Return (machines, runs, 2) ρ, and whether the rollout ended early, of every machine in every (test, seed)."""
+    """Return (2, machines, tests, shots) ρ, and whether the rollout ended early; all machines with the same seeds."""
+    runs = [(test, rollout_seed(seed, n, k, stream)) for n, test in enumerate(tests) for k in range(shots)]
     rows = run_jobs(bench, [Job(values, (run,)) for values in machines for run in runs], executor)
-    return np.array(rows).reshape(len(machines), len(runs), 2)
+    return np.array(rows).reshape(len(machines), len(tests), shots, 2).transpose(3, 0, 1, 2)
 
 
 def _outcomes(

@@ -10,7 +10,7 @@ import s2r_spec as s2r
 from s2r_emps import EmpsBackend
 from s2r_spec.diagnose.axes import lines
 from s2r_spec.diagnose.gap import FEWEST
-from s2r_spec.diagnose.residuals.cells import GRID, Cell, Cells, part_names, path
+from s2r_spec.diagnose.residuals.cells import CELLS, GRID, Cells, part_names, path
 from s2r_spec.diagnose.residuals.left import Remainder, begin, column_names, ordered, remainders
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.space import key_of
@@ -200,14 +200,16 @@ def test_cells_are_as_many_as_their_means_and_lie_side_by_side(bench):
     cells = Cells.of(bench.backend.duration, widths, paths)
     places, trace = cells.places(), bench.seen(runs[0][1], runs[0][0])
     means = cells.means(trace, runs[0][0])
-    assert means.shape == (len(places),)
-    of_force = [place for place in places if place[:3] == ("residual.force", 0, "q")]
-    assert of_force[0][3] == -np.inf
-    assert of_force[-1][4] == np.inf
-    assert all(one[4] == other[3] for one, other in pairwise(of_force))
+    assert means.shape == (sum(map(len, places.values())),)
+    of_force = places["residual.force", 0]
+    of_place = [cell for cell in of_force if cell.along == "q"]
+    assert of_place[0].low == -np.inf
+    assert of_place[-1].high == np.inf
+    assert all(one.high == other.low for one, other in pairwise(of_place))
     # All samples of a rollout are in one cell along each channel: their mean is that of the cells.
-    of_time = [n for n, place in enumerate(places) if place[:3] == ("residual.force", 0, "")]
-    assert np.nanmean(means[of_time]) == pytest.approx(trace["residual.force"].mean(), abs=0.3)
+    assert [cell.along for cell in of_force[:CELLS]] == [""] * CELLS
+    of_time = means[-len(of_force) :][:CELLS]
+    assert np.nanmean(of_time) == pytest.approx(trace["residual.force"].mean(), abs=0.3)
 
 
 def test_a_column_of_many_is_told_by_the_part_it_is_of_or_by_its_number():
@@ -237,8 +239,7 @@ def test_an_end_that_is_nowhere_is_said_so_and_is_no_number_in_json():
 
 
 def test_of_a_channel_the_first_window_is_told_that_is_itself_more_than_what_is_allowed_for():
-    windows = [Cell("u", 0, "", float(k), k + 1.0) for k in range(4)]
-    assert begin(windows, np.array([0.2, 1.6, 3.0, 2.0])).tolist() == [0.2, 1.6, 0.0, 0.0]
+    assert begin(np.array([0.2, 1.6, 3.0, 2.0, 2.5]), 4).tolist() == [0.2, 1.6, 0.0, 0.0, 2.5]
     # One that is less hides no larger one, nor does one that is less than half as much.
-    assert begin(windows, np.array([0.2, 0.8, 1.5, 0.1])).tolist() == [0.2, 0.8, 1.5, 0.0]
-    assert begin(windows, np.array([0.2, 1.4, 3.0, 0.1])).tolist() == [0.2, 1.4, 3.0, 0.0]
+    assert begin(np.array([0.2, 0.8, 1.5, 0.1])).tolist() == [0.2, 0.8, 1.5, 0.0]
+    assert begin(np.array([0.2, 1.4, 3.0, 0.1])).tolist() == [0.2, 1.4, 3.0, 0.0]

@@ -28,15 +28,17 @@ from numpy.typing import NDArray
 
 from s2r_spec.diagnose.axes import Values, lines
 from s2r_spec.diagnose.gap import DRAWS, FEWEST, LEVEL, SHOTS
+from s2r_spec.diagnose.gap.materiality import mean_difference
 from s2r_spec.diagnose.inference.prior import BACKGROUND
 from s2r_spec.diagnose.simulate import Bench, Test, places_of, table
 from s2r_spec.effects import catalogue_of
-from s2r_spec.rollouts.seeds import Stream, rollout_seed
+from s2r_spec.rollouts.seeds import Stream
 from s2r_spec.space import key_of
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
 Runs = Sequence[tuple[Test, Trace]]
+
 GONE = 0.8
 """Level: part of a material gap from which on it is closed. A gap has a share if it exceeds the floor by the rest, a
 fifth of it. Higher, more laws that are off are *none of these*."""
@@ -223,14 +225,15 @@ def held_out_gap(
         return None
     real, others = (np.array([bench.rho(trace, test) for test, trace in runs]) for runs in (held, seen))
     tests, at = _distinct([test for test, _ in held])
-    rho, fell = _simulated(bench, [{}, tuned, *([patch] if patch else [])], tests, SHOTS, seed, executor)
+    rho, fell = table(
+        bench, [{}, tuned, *([patch] if patch else [])], tests, seed, Stream.GAP_SIM, SHOTS, executor
+    )
     # A fall counts for so much that neither scatter nor background could be seen beside it.
     steady = ~fell[0].any(axis=1) | fell[0].any(axis=1).all()
     # What a cause makes unsteady scatters more than the nominal simulator does.
     simulated = float(np.sqrt(np.maximum(*rho[[0, -1]].var(axis=2, ddof=1)))[steady].mean())
-    random, ended = _simulated(bench, [{}, *background_machines(bench, seed)], tests, 1, seed, executor)[
-        ..., 0
-    ]
+    machines = [{}, *background_machines(bench, seed)]
+    random, ended = table(bench, machines, tests, seed, Stream.GAP_SIM, 1, executor)[..., 0]
     early = {key_of(test) for test, trace in held if trace.failure is not None}
     # A fall of a random machine where the real one stands is no part of the real one's gap.
     ended = (ended > 0.0) & [key_of(test) not in early for test in tests]
@@ -238,7 +241,7 @@ def held_out_gap(
     elsewhere = None
     if seen:
         different, place = _distinct([test for test, _ in seen])
-        nominal = _simulated(bench, [{}], different, SHOTS, seed, executor)[0, 0]
+        nominal = table(bench, [{}], different, seed, Stream.GAP_SIM, SHOTS, executor)[0, 0]
         elsewhere = gap(others - nominal.mean(axis=1)[place], place)
     rows = zip((*held, *seen), (*real.tolist(), *others.tolist()), strict=True)
     return compared(
@@ -259,20 +262,6 @@ def _distinct(tests: Sequence[Test]) -> tuple[list[Test], NDArray[np.intp]]:
     for n, own in enumerate(places.values()):
         number[own] = n
     return [dict(key) for key in places], number
-
-
-def _simulated(
-    bench: Bench,
-    machines: Sequence[Values],
-    tests: Sequence[Test],
-    shots: int,
-    seed: int,
-    executor: Callable[[], Executor] | None,
-) -> FloatArray:
-    """Return (2, machines, tests, shots) ρ and whether the rollout ended early; all with the same random numbers."""
-    runs = [(t, rollout_seed(seed, n, k, Stream.GAP_SIM)) for n, t in enumerate(tests) for k in range(shots)]
-    rows = table(bench, machines, runs, executor)
-    return np.moveaxis(rows, -1, 0).reshape(2, len(machines), len(tests), shots)
 
 
 def background_machines(bench: Bench, seed: int) -> list[Values]:
@@ -302,12 +291,12 @@ def scatter(runs: Sequence[tuple[Test, float]], simulated: float) -> float:
     """
     places = places_of([test for test, _ in runs]).values()
     several = [np.array([runs[place][1] for place in own]) for own in places if len(own) > 1]
-    free = sum(len(own) - 1 for own in several)
-    if free < FEWEST:
+    free = [len(own) - 1 for own in several]
+    if sum(free) < FEWEST:
         return simulated
-    # The mean |difference| of two normal numbers is 2/√π of their standard deviation.
-    apart = [float(np.abs(own[:, None] - own).sum()) / len(own) for own in several]
-    return sum(apart) / free * math.sqrt(math.pi) / 2.0
+    return (
+        float(np.average([mean_difference(own) for own in several], weights=free)) * math.sqrt(math.pi) / 2.0
+    )
 
 
 def compared(

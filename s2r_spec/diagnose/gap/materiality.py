@@ -36,7 +36,7 @@ search found no log-concave density that exceeds it there by more than 4 %; only
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -256,23 +256,15 @@ def smallest_tolerance(formula: f.Formula) -> float | None:
     """
     if formula.unit == f.MIXED:
         return None
-    return min((size for size in _sizes(formula, 1.0) if size > 0.0), default=None)
-
-
-def _sizes(node: f.Formula, factor: float) -> Iterator[float]:
-    """Yield the absolute constants of all predicates; ``factor`` converts margins at this node to the unit of ρ."""
-    if isinstance(node, f.Comparison):
-        for side in (node.left, node.right):
+    sizes = []
+    for node in f.walk(formula):
+        for side in (node.left, node.right) if isinstance(node, f.Comparison) else ():
             value = constant(side)
             # A number of degrees Celsius is no difference, so no tolerance.
-            if value is not None and not (side.unit and side.unit.offset):
-                scale = side.unit.to(node.unit)[0] if side.unit and node.unit else 1.0
-                yield abs(value) * scale * factor
-        return
-    scale = node.factor if isinstance(node, f.Rescale) else 1.0
-    for part in f.children(node):
-        if isinstance(part, f.Formula):
-            yield from _sizes(part, factor * scale)
+            if value and not (side.unit and side.unit.offset):
+                scale = side.unit.to(formula.unit)[0] if side.unit and formula.unit else 1.0
+                sizes.append(abs(value) * scale)
+    return min(sizes, default=None)
 
 
 def materiality(
@@ -360,6 +352,11 @@ def moderated(variances: FloatArray, freedom: FloatArray) -> tuple[FloatArray, f
     return posterior, min(prior + float(freedom.mean()), total)
 
 
+def mean_difference(values: FloatArray) -> float:
+    """Return the mean |difference| of two of (n,) values: 2/√π of the standard deviation if these are normal."""
+    return float(np.abs(values[:, None] - values).sum()) / (values.size * (values.size - 1))
+
+
 def tail(z: FloatArray) -> FloatArray:
     """Return a bound on P(|ε| ≥ z) of every log-concave density of mean 0 and variance 1."""
     near = 4.0 / (9.0 * np.maximum(z, 1e-9) ** 2)
@@ -376,20 +373,18 @@ def _intervals(tests: Sequence[RolloutsAtTest], level: float) -> tuple[FloatArra
     scale = ROUNDING * max(float(np.abs(one).max()) for test in tests for one in (test.real, test.simulated))
     scale = max(scale, 1e-300)
     deviation, freedom = _scatter(tests, scale)
-    least = np.maximum(deviation, scale)
-    squares = [((one.real - one.real.mean()) ** 2).sum() / v**2 for one, v in zip(tests, least, strict=True)]
-    ratio, of_ratio = _ratio(float(np.sum(squares)), sum(one.real.size - 1 for one in tests))
-    error, of_error = _variance_error(freedom)
-    weights = np.outer(of_ratio, of_error).ravel()
+    squares = sum(
+        float(((t.real - t.real.mean()) ** 2).sum()) / max(d, scale) ** 2
+        for t, d in zip(tests, deviation, strict=True)
+    )
+    ratio, error, weights = _errors(squares, sum(one.real.size - 1 for one in tests), freedom)
 
     def above(gap: float, errors: FloatArray, less: float = 0.0) -> float:
         """Return the p-value of a gap for these standard errors, less a number."""
         return float(tail(gap / errors) @ weights) - less
 
     for k, test in enumerate(tests):
-        unit = (
-            np.sqrt(ratio**2 / test.real.size + 1.0 / test.simulated.size)[:, None] / np.sqrt(error)
-        ).ravel()
+        unit = np.sqrt((ratio**2 / test.real.size + 1.0 / test.simulated.size) / error)
         most = float(unit.max()) * (1.0 - math.log(level))
         half[k] = max(deviation[k] * brentq(above, 0.0, most, args=(unit, level)), scale)
         p[k] = above(abs(test.gap), np.maximum(deviation[k] * unit, scale))
@@ -420,28 +415,26 @@ def _scatter(tests: Sequence[RolloutsAtTest], scale: float) -> tuple[FloatArray,
     return np.sqrt(variance), freedom
 
 
-def _ratio(squares: float, freedom: int) -> tuple[FloatArray, FloatArray]:
-    """Return values (NODES,) of r and their posterior weights.
+def _errors(squares: float, of: int, freedom: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return pairs of r and W ~ χ²_d/d, each (NODES²,), and their posterior weights.
+
+    W by Gauss and Legendre's rule for log W.
 
     Args:
         squares: sum of squares of real rollouts around their test's mean, in units of the simulator's variances.
-        freedom: its degrees of freedom; 0 for the prior.
+        of: its degrees of freedom; 0 for the prior.
+        freedom: d.
     """
-    most = 4.0 * RATIO + (0.5 * max(math.log(max(squares, 1e-300) / freedom), 0.0) if freedom else 0.0)
-    logs = most * (np.arange(NODES) + 0.5) / NODES
-    weight = -0.5 * (logs / RATIO) ** 2 - freedom * logs - 0.5 * squares * np.exp(-2.0 * logs)
-    weight = np.exp(weight - weight.max())
-    return np.exp(logs), weight / weight.sum()
-
-
-def _variance_error(freedom: float) -> tuple[FloatArray, FloatArray]:
-    """Return values (NODES,) of W ~ χ²_d/d and their weights, by Gauss and Legendre's rule for log W."""
     from scipy.special import gammaincinv
 
+    most = 4.0 * RATIO + (0.5 * max(math.log(max(squares, 1e-300) / of), 0.0) if of else 0.0)
+    log_r = most * (np.arange(NODES) + 0.5) / NODES
+    log_p = -0.5 * (log_r / RATIO) ** 2 - of * log_r - 0.5 * squares * np.exp(-2.0 * log_r)
     shape = freedom / 2.0
     ends = np.log(gammaincinv(shape, [ROUNDING, 1.0 - ROUNDING]) / shape)
-    at, weight = np.polynomial.legendre.leggauss(NODES)
-    logs = 0.5 * (ends[1] - ends[0]) * at + ends.mean()
-    density = shape * (logs - np.exp(logs))
-    weight = weight * np.exp(density - density.max())
-    return np.exp(logs), weight / weight.sum()
+    at, rule = np.polynomial.legendre.leggauss(NODES)
+    log_w = 0.5 * (ends[1] - ends[0]) * at + ends.mean()
+    log_q = shape * (log_w - np.exp(log_w)) + np.log(rule)
+    weights = np.exp(np.add.outer(log_p - log_p.max(), log_q - log_q.max())).ravel()
+    pairs = np.exp(np.meshgrid(log_r, log_w, indexing="ij")).reshape(2, -1)
+    return pairs[0], pairs[1], weights / weights.sum()

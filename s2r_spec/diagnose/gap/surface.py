@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.diagnose.gap import DRAWS, LEVEL
 from s2r_spec.diagnose.gap.gaussian_process import functions
-from s2r_spec.diagnose.gap.materiality import RolloutsAtTest
+from s2r_spec.diagnose.gap.materiality import RolloutsAtTest, mean_difference
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space
 
@@ -256,11 +256,8 @@ def folded(mean: FloatArray, scatter: float) -> FloatArray:
     """Return E|Δ| of normal Δ with this mean and standard deviation (the folded normal distribution)."""
     from scipy.special import erf
 
-    if scatter == 0.0:
-        return np.abs(mean)
-    z = mean / scatter
-    value: FloatArray = scatter * np.sqrt(2 / np.pi) * np.exp(-np.square(z) / 2) + mean * erf(z / np.sqrt(2))
-    return value
+    z = mean / scatter if scatter else np.copysign(np.inf, mean)
+    return np.asarray(scatter * np.sqrt(2 / np.pi) * np.exp(-np.square(z) / 2) + mean * erf(z / np.sqrt(2)))
 
 
 def floor(tests: Sequence[RolloutsAtTest]) -> float:
@@ -269,8 +266,7 @@ def floor(tests: Sequence[RolloutsAtTest]) -> float:
     NaN if no test was simulated twice.
     """
     several = [test.simulated for test in tests if test.simulated.size > 1]
-    among = [float(np.abs(s[:, None] - s).sum() / (s.size * (s.size - 1))) for s in several]
-    return float(np.mean(among)) if among else float("nan")
+    return float(np.mean([mean_difference(one) for one in several])) if several else float("nan")
 
 
 def _band(sampled: FloatArray) -> Band:

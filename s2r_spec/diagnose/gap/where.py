@@ -25,10 +25,8 @@ from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
 SECONDS = 10.0
-"""Budget: time of one core [s] for both simulators over the test space. Doubled, up to twice as many tests; three
-along each axis are run all the same."""
-PLACES = 400
-"""Budget: the most tests over the space. Doubled, a cheap simulator has a finer grid."""
+"""Budget: time of one core [s] for both simulators over the test space. Doubled, up to twice as many tests, but no more
+than the grid has; three along each axis are run all the same."""
 NO_SIMULATOR = "no simulator with residuals was given, so the gap cannot be traced to parts of the machine"
 
 
@@ -137,13 +135,10 @@ def predict(
 
     space = bench.spec.space
     grid = grid_of(space)
-    able = min(SECONDS / (2.0 * max(float(bench.backend.cost), 1e-4)), PLACES, len(grid))
+    able = min(SECONDS / (2.0 * max(float(bench.backend.cost), 1e-4)), len(grid))
     places = space.grid((max(int(able ** (1.0 / space.dim) + 1e-9), 3),) * space.dim)
-    runs = [
-        (test, rollout_seed(seed, number, 0, Stream.FORETELL))
-        for number, test in enumerate((*tests, *map(space.point, places)))
-    ]
-    nominal, improved = table(bench, [{}, values], runs, executor)[..., 0]
+    every = [*tests, *map(space.point, places)]
+    nominal, improved = table(bench, [{}, values], every, seed, Stream.FORETELL, 1, executor)[0, ..., 0]
     gap = improved - nominal
     between = RBFInterpolator(in_cube(space, places), gap[len(tests) :], kernel="linear", degree=1)
     return Predicted(gap[: len(tests)], between(in_cube(space, grid)))

@@ -6,7 +6,7 @@ each rollout did itself would differ wherever the channel that bounds them does.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -29,18 +29,14 @@ GRID = 1000
 
 
 class Cell(NamedTuple):
-    """Where a column of a quantity is averaged.
+    """Where a quantity is averaged.
 
     Attributes:
-        quantity: a channel, or a residual with its prefix.
-        column: of it.
         along: channel whose values bound the cell; "" for time.
         low: where it begins, in the channel's unit [or s]; −inf if nowhere.
         high: where it ends.
     """
 
-    quantity: str
-    column: int
     along: str
     low: float
     high: float
@@ -71,41 +67,36 @@ class Cells:
             widths: quantity → columns.
             paths: test → (GRID, columns) of :func:`path`.
         """
-        keys = [(name, column) for name, width in widths.items() for column in range(width)]
         edges, numbers = {}, []
-        for number, (name, column) in enumerate(keys):
+        for number, (name, column) in enumerate(_columns(widths)):
             values = np.concatenate([rows[:, number] for rows in paths.values()])
             values = values[np.isfinite(values)]
             if values.size and not name.startswith(RESIDUAL):
                 parts = np.quantile(values, np.linspace(0.0, 1.0, CELLS // 2 + 1)[1:-1])
                 edges[name, column] = np.unique(parts)
                 numbers.append(number)
-        at = {
-            test: np.array(
-                [np.searchsorted(each, rows[:, n]) for n, each in zip(numbers, edges.values(), strict=True)],
-                dtype=np.uint8,
-            ).reshape(-1, GRID)
-            for test, rows in paths.items()
-        }
+        at = {}
+        for test, rows in paths.items():
+            along = [
+                np.searchsorted(each, rows[:, n]) for n, each in zip(numbers, edges.values(), strict=True)
+            ]
+            at[test] = np.array(along, dtype=np.uint8).reshape(-1, GRID)
         return cls(duration, widths, edges, at)
 
-    def _axes(self) -> Iterator[tuple[str, int, tuple[str, int] | None]]:
-        """Yield quantity, column, and what its cells lie along: None for time, or channels of as many columns."""
-        for name, width in self.widths.items():
-            for column in range(width):
-                yield name, column, None
-                for key in self.edges:
-                    if self.widths[key[0]] == width and key[1] == column:
-                        yield name, column, key
+    def _beside(self, name: str, column: int) -> list[tuple[str, int]]:
+        """Return the columns of channels along which a column has cells: this one of as many."""
+        return [key for key in self.edges if key[1] == column and self.widths[key[0]] == self.widths[name]]
 
-    def places(self) -> list[Cell]:
-        """Return every cell, in the order of :meth:`means`."""
-        windows = np.linspace(0.0, self.duration, CELLS + 1)
-        found = []
-        for name, column, key in self._axes():
-            ends = windows if key is None else np.concatenate([[-np.inf], self.edges[key], [np.inf]])
-            along = "" if key is None else key[0]
-            found += [Cell(name, column, along, low, high) for low, high in pairwise(ends.tolist())]
+    def places(self) -> dict[tuple[str, int], list[Cell]]:
+        """Return (quantity, column) → its cells, CELLS windows of time first, in the order of :meth:`means`."""
+        found = {}
+        for name, column in _columns(self.widths):
+            ends = [("", np.linspace(0.0, self.duration, CELLS + 1))]
+            for key in self._beside(name, column):
+                ends.append((key[0], np.concatenate([[-np.inf], self.edges[key], [np.inf]])))
+            found[name, column] = [
+                Cell(along, *two) for along, each in ends for two in pairwise(each.tolist())
+            ]
         return found
 
     def means(self, trace: Trace, test: Test) -> FloatArray:
@@ -116,13 +107,16 @@ class Cells:
         along = dict(zip(self.edges, rows.astype(np.intp), strict=True))
         missing = np.full(len(trace), np.nan)
         found = []
-        for name, column, key in self._axes():
+        for name, column in _columns(self.widths):
             values = trace[name].reshape(len(trace), -1)[:, column] if name in trace.channels else missing
-            if key is None:
-                found.append(averaged(values, window, CELLS))
-            else:
+            found.append(averaged(values, window, CELLS))
+            for key in self._beside(name, column):
                 found.append(averaged(values, along[key], len(self.edges[key]) + 1))
         return np.concatenate(found)
+
+
+def _columns(widths: Mapping[str, int]) -> list[tuple[str, int]]:
+    return [(name, column) for name, width in widths.items() for column in range(width)]
 
 
 def path(widths: Mapping[str, int], bench: Bench, trace: Trace, test: Test) -> FloatArray:

@@ -23,9 +23,9 @@ import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
-from itertools import islice
+from itertools import islice, pairwise
 from typing import Any
 
 import numpy as np
@@ -35,7 +35,7 @@ from s2r_spec.attribution.place import EXPLAINS, Place, Range, cause_first, visi
 from s2r_spec.backend import HasResiduals, HasVariants
 from s2r_spec.diagnose.axes import Line, Values
 from s2r_spec.diagnose.gap import FEWEST, LEVEL, SHOTS
-from s2r_spec.diagnose.residuals.cells import Cell, Cells, part_names, path, widths_of
+from s2r_spec.diagnose.residuals.cells import CELLS, Cell, Cells, part_names, path, widths_of
 from s2r_spec.diagnose.simulate import Bench, Job, Test, evenly, places_of, run_jobs
 from s2r_spec.diagnose.simulator.experiments import RESIDUAL
 from s2r_spec.printable import spelled
@@ -44,6 +44,7 @@ from s2r_spec.space import key_of
 from s2r_spec.trace import Trace, thinned
 
 FloatArray = NDArray[np.float64]
+Places = Mapping[tuple[str, int], Sequence[Cell]]
 
 LAWS = 0.3
 """Prior: laws are off by this part of what the named effects do in a cell, and next to it. Doubled, less is left of a
@@ -182,15 +183,30 @@ def remainders(
     simulated = np.concatenate(list(rows)).reshape(len(machines), len(tests), -1)
     machine = np.array([read(bench, trace, test) for test, trace in whole])
     at_test = [tests.index(dict(test)) for test, _ in whole]
-    places, names = cells.places(), _names(bench, whole, nominal[0], widths)
+    places, known = cells.places(), np.isfinite(machine).any(axis=0)
     each = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of cells into which no rollout reaches
         for own in simulated:
-            size, surplus = _left(machine - own[at_test], usual, own[few] - usual, typical, other, places)
-            each.append(_largest(places, np.isfinite(machine).any(axis=0), size, surplus, names))
-    found = min(each, key=lambda largest: max((one.surplus for one in largest), default=0.0))
-    return ordered([_with_times(one, [trace for _, trace in whole]) for one in found])
+            sizes = _left(machine - own[at_test], usual, own[few] - usual, typical, other, places)
+            each.append(_largest(*sizes, known, places))
+    largest = min(each, key=lambda found: max((surplus for surplus, *_ in found), default=0.0))
+    labels, units, traces = _labels(bench, nominal[0], widths), nominal[0][1].units, [one for _, one in whole]
+    found = []
+    for surplus, size, (name, column), (along, low, high) in largest:
+        times = extent = None
+        if along:
+            time, values = visited(traces, along, column, low, high)
+            times = None if time is None or time.everything else (time.low, time.high)
+            extent = (values.lowest, values.highest) if math.isfinite(values.extent) else None
+        found.append(
+            Remainder(
+                name.removeprefix(RESIDUAL), column, labels[name][column], along, low, high, size,
+                units.get(name, ""), units.get(along, "") if along else "s", surplus,
+                not name.startswith(RESIDUAL), times, extent,
+            )
+        )  # fmt: skip
+    return ordered(found)
 
 
 def _quantities(traces: Sequence[Trace]) -> dict[str, int]:
@@ -219,7 +235,7 @@ def _left(
     explained: FloatArray,
     typical: Sequence[FloatArray],
     variants: Sequence[FloatArray],
-    places: Sequence[Cell],
+    places: Places,
 ) -> tuple[FloatArray, FloatArray]:
     """Return (cells,) the mean difference d, and its surplus; 0 where a cell says nothing.
 
@@ -229,74 +245,88 @@ def _left(
         explained: (m, cells) what the improved one does beside it, with the same noise.
         typical: (1, cells) of each effect, what a typical amount of it does at one test.
         variants: (m, cells) of each variant of the simulator, what it does otherwise.
-        places: the cells.
+        places: of the cells.
     """
     from scipy.stats import t  # here: a rollout needs no scipy
 
-    numbers: dict[tuple[str, int], int] = {}
-    column = np.array([numbers.setdefault(place[:2], len(numbers)) for place in places], dtype=int)
-    windows = np.array([not place.along for place in places])
-
-    def over(values: FloatArray) -> FloatArray:
-        """Return (cells,) the mean of values over each one's column."""
-        counts = np.maximum(np.bincount(column, np.isfinite(values)), 1)
-        return np.asarray((np.bincount(column, np.nan_to_num(values)) / counts)[column])
-
     def squared(changes: Sequence[FloatArray]) -> FloatArray:
         squares = (np.nan_to_num(np.nanmean(change**2, axis=0)) for change in changes)
-        return sum(squares, start=np.zeros(len(places)))
+        return sum(squares, start=np.zeros(apart.shape[1]))
 
-    effects, little = squared([explained]), over(squared(typical))
-    # Windows alone show how much a column varies: of other cells there are many where it does not.
-    mean = over(np.where(windows, np.nanmean(nominal, axis=0), np.nan))
-    varies = NOTHING**2 * over(np.where(windows, np.nanmean((nominal - mean) ** 2, axis=0), np.nan))
-    systematic = LAWS**2 * (effects + over(effects)) + ALLOWED**2 * little + varies + squared(variants)
-    # What no effect moves, as a reference, is no part of the machine.
-    moved = little > varies
+    effects, little, systematic = squared([explained]), squared(typical), squared(variants)
+    moved = np.zeros(apart.shape[1], dtype=bool)
+    columns = 0
+    for part in _slices(places):
+        # Windows alone show how much a column varies: of other cells there are many where it does not.
+        windows = nominal[:, part][:, :CELLS]
+        spread = np.nanmean((windows - np.nanmean(np.nanmean(windows, axis=0))) ** 2, axis=0)
+        varies, usual = NOTHING**2 * np.nan_to_num(np.nanmean(spread)), little[part].mean()
+        systematic[part] += LAWS**2 * (effects[part] + effects[part].mean()) + ALLOWED**2 * usual + varies
+        # What no effect moves, as a reference, is no part of the machine.
+        moved[part] = usual > varies
+        columns += usual > varies
     n, size = np.isfinite(apart).sum(axis=0), np.nanmean(apart, axis=0)
-    surely = t.ppf(1.0 - LEVEL / 2.0 / len(places), np.maximum(n - 1, 1))
+    surely = t.ppf(1.0 - LEVEL / 2.0 / len(n), np.maximum(n - 1, 1))
     scatter = surely * np.nanstd(apart, axis=0, ddof=1) / np.sqrt(n)
-    largest = 1.0 + TAIL * np.log(max(len(np.unique(column[moved])), 1))
-    surplus = np.abs(size) / np.hypot(scatter, np.sqrt(systematic)) / largest
-    return size, np.where((n >= FEWEST) & moved, np.nan_to_num(surplus), 0.0)
+    allowed = np.hypot(scatter, np.sqrt(systematic)) * (1.0 + TAIL * np.log(max(columns, 1)))
+    return size, np.where((n >= FEWEST) & moved, np.nan_to_num(np.abs(size) / allowed), 0.0)
 
 
-def begin(places: Sequence[Cell], surplus: FloatArray) -> FloatArray:
-    """Return (cells,) surplus, with 0 in windows of time after the first that says (nearly) as much.
+def _slices(places: Places) -> list[slice]:
+    """Return the cells of each column."""
+    ends = np.cumsum([0, *map(len, places.values())]).tolist()
+    return [slice(*two) for two in pairwise(ends)]
+
+
+def _largest(
+    size: FloatArray, surplus: FloatArray, known: NDArray[np.bool_], places: Places
+) -> list[tuple[float, float, tuple[str, int], Cell]]:
+    """Return surplus, size, column and cell of the largest surplus of a column, of the REPORTED largest ones.
+
+    Args:
+        size: (cells,) what is left.
+        surplus: (cells,) that in units of what is allowed for.
+        known: (cells,) whether any rollout has a value there.
+        places: of the cells.
+    """
+    columns = [*zip(places, _slices(places), strict=True)]
+    acts = any(name.startswith(RESIDUAL) and known[part].any() for (name, _), part in columns)
+    found = []
+    for (name, column), part in columns:
+        weight = EXPLAINS if acts and not name.startswith(RESIDUAL) else 1.0
+        own = begin(weight * surplus[part])
+        k = int(own.argmax())
+        found.append((float(own[k]), float(size[part][k]), (name, column), places[name, column][k]))
+    found = sorted((one for one in found if one[0] > 0.0), key=lambda one: -one[0])
+    return found[:REPORTED]
+
+
+def begin(surplus: FloatArray, windows: int = CELLS) -> FloatArray:
+    """Return the surplus of a column, with 0 in windows of time after the first that says (nearly) as much.
 
     In a closed loop what acts for a time goes on after it, and the answer to it may be the larger.
+
+    Args:
+        surplus: (cells,) of one column.
+        windows: number of windows, which come first.
     """
     out = surplus.copy()
-    largest: dict[tuple[str, int], float] = {}
-    for place, value in zip(places, surplus.tolist(), strict=True):
-        largest[place[:2]] = max(largest.get(place[:2], 0.0), value)
-    begun: set[tuple[str, int]] = set()
-    for k, (name, column, along, *_) in enumerate(places):
-        if not along and (name, column) in begun:
-            out[k] = 0.0
-        elif not along and surplus[k] > max(1.0, EXPLAINS * largest[name, column]):
-            begun.add((name, column))
+    begun = np.flatnonzero(out[:windows] > max(1.0, EXPLAINS * out.max()))
+    if begun.size:
+        out[begun[0] + 1 : windows] = 0.0
     return out
 
 
-def _names(
-    bench: Bench,
-    rollouts: Sequence[tuple[Test, Trace]],
-    nominal: tuple[Test, Trace],
-    widths: Mapping[str, int],
-) -> tuple[dict[str, str], dict[str, tuple[str, ...]]]:
-    """Return quantity → unit, and quantity → what its columns are called.
-
-    Those of channels are of recordings and the backend, those of residuals of a nominal rollout, which has them all.
-    """
-    units = {name: unit for _, trace in rollouts for name, unit in trace.units.items()}
+def _labels(
+    bench: Bench, nominal: tuple[Test, Trace], widths: Mapping[str, int]
+) -> dict[str, tuple[str, ...]]:
+    """Return quantity → what its columns are called, in the backend and in residuals of a nominal rollout."""
     names = {channel.name: channel.columns for channel in bench.backend.channels}
     own = [name for name in widths if name.startswith(RESIDUAL)]
     if own and isinstance(bench.backend, HasResiduals):
         found = bench.backend.residuals(nominal[1], bench.matched.to_backend(nominal[0]))
-        units |= {RESIDUAL + name: unit for name, unit in found.units.items()}
         names |= {name: part_names(found, name.removeprefix(RESIDUAL), widths[name]) for name in own}
-    return units, {name: column_names(names.get(name, ()), width) for name, width in widths.items()}
+    return {name: column_names(names.get(name, ()), width) for name, width in widths.items()}
 
 
 def column_names(names: Sequence[str], width: int) -> tuple[str, ...]:
@@ -304,50 +334,6 @@ def column_names(names: Sequence[str], width: int) -> tuple[str, ...]:
     if width == 1:
         return ("",)
     return tuple(names) if len(names) == width else tuple(f"column {k}" for k in range(width))
-
-
-def _largest(
-    places: Sequence[Cell],
-    known: NDArray[np.bool_],
-    size: FloatArray,
-    surplus: FloatArray,
-    names: tuple[Mapping[str, str], Mapping[str, tuple[str, ...]]],
-) -> list[Remainder]:
-    """Return the cell of the largest surplus of every column, the :data:`REPORTED` largest of these.
-
-    Args:
-        places: the cells.
-        known: (cells,) whether any rollout has a value there.
-        size: (cells,) what is left.
-        surplus: (cells,) that in units of what is allowed for.
-        names: of :func:`_names`.
-    """
-    units, labels = names
-    residual = np.array([place.quantity.startswith(RESIDUAL) for place in places])
-    weight = np.where(residual | ~(residual & known).any(), 1.0, EXPLAINS)
-    surplus = begin(places, weight * surplus)
-    found: dict[tuple[str, int], Remainder] = {}
-    for k in np.argsort(-surplus, kind="stable"):
-        name, column, along, low, high = places[k]
-        if len(found) == REPORTED or surplus[k] <= 0.0:
-            break
-        if (name, column) not in found:
-            found[name, column] = Remainder(
-                name.removeprefix(RESIDUAL), column, labels[name][column], along, low, high, float(size[k]),
-                units.get(name, ""), units.get(along, "") if along else "s", float(surplus[k]),
-                recorded=not residual[k],
-            )  # fmt: skip
-    return list(found.values())
-
-
-def _with_times(one: Remainder, traces: Sequence[Trace]) -> Remainder:
-    """Return a remainder along a channel with the times at which the channel is in its cell, and with its range."""
-    if not one.along:
-        return one
-    time, values = visited(traces, one.along, one.column, one.low, one.high)
-    times = None if time is None or time.everything else (time.low, time.high)
-    extent = (values.lowest, values.highest) if np.isfinite(values.extent) else None
-    return replace(one, times=times, extent=extent)
 
 
 def ordered(found: Sequence[Remainder]) -> tuple[Remainder, ...]:

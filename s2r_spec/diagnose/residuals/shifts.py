@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.attribution.place import Place, Range, cause_first
+from s2r_spec.attribution.place import EXPLAINS, Place, Range, cause_first
 from s2r_spec.diagnose.gap import FEWEST, LEVEL, ROUNDING
 from s2r_spec.diagnose.residuals.cells import CELLS, averaged, part_names, widths_of
 from s2r_spec.trace import Trace
@@ -34,9 +34,6 @@ FloatArray = NDArray[np.float64]
 MOST = 0.9
 """Tolerance: the answer is the shortest window with this part of the largest energy, size² times length. At 1, it is
 the window with the largest energy."""
-MUCH = 0.4
-"""Tolerance: a shift of the mean is preferred to one of the rms if it has this part of its energy. Doubled, fewer
-are."""
 
 
 @dataclass(frozen=True)
@@ -136,13 +133,8 @@ class Residuals(NamedTuple):
     recorded: Trace
 
 
-class _Column(NamedTuple):
-    """One column of a residual, and the part that it belongs to."""
-
-    channel: str
-    number: int
-    unit: str
-    part: str
+_Column = tuple[str, int, str, str]
+"""A column of a residual: name of the residual, number, unit, and the part of the machine that it belongs to."""
 
 
 def shifts(
@@ -176,26 +168,23 @@ def shifts(
     # Averaging makes the longest window the most significant one, so the energy decides.
     energy = np.where(q <= LEVEL, lengths[:, None] * size**2, 0.0)
     most = energy.max(axis=0)
-    found: list[tuple[float, _Column, Shift]] = []
-    for k, column in enumerate(columns):
-        # A mean has a sign, which an rms lacks.
-        kind = k if most[k] > MUCH * most[k + len(columns)] else k + len(columns)
+    found: list[tuple[float, str, Shift]] = []
+    for k, (channel, number, unit, part) in enumerate(columns):
+        # A mean has a sign, which an rms lacks, so it is preferred if it has this part of the energy.
+        kind = k if most[k] > EXPLAINS * most[k + len(columns)] else k + len(columns)
         if most[kind] == 0.0:
             continue
         able = np.flatnonzero(energy[:, kind] >= MOST * most[kind])
         best = able[np.lexsort((-energy[able, kind], lengths[able]))[0]], kind
         begin, end = (duration / CELLS * cell for cell in ends[best[0]])
         numbers = (mean[best], size[best], size[best] / scatter[best], p[best], q[best])
-        shift = Shift(
-            column.channel, column.number, "mean" if kind == k else "rms", column.unit, begin, end,
-            *map(float, numbers),
-        )  # fmt: skip
-        found.append((float(f[best]), column, shift))
+        named = "mean" if kind == k else "rms"
+        found.append((f[best], part, Shift(channel, number, named, unit, begin, end, *map(float, numbers))))
     # Of several columns of one part, the one with the largest F counts.
     parts: dict[str, dict[str, Shift]] = {}
-    for _, column, shift in sorted(found, key=lambda one: -one[0]):
-        parts.setdefault(column.part, {}).setdefault(column.channel, shift)
-    names = dict.fromkeys([*parts, *(column.part for column in columns)])
+    for _, part, shift in sorted(found, key=lambda one: -one[0]):
+        parts.setdefault(part, {}).setdefault(shift.channel, shift)
+    names = dict.fromkeys([*parts, *(part for *_, part in columns)])
     body = tuple(BodyPart(name, tuple(parts.get(name, {}).values())) for name in names)
     return Body(body, len(real), duration, int(asked.sum()))
 
@@ -215,7 +204,7 @@ def _columns(traces: Sequence[Trace]) -> list[_Column]:
     first, found = traces[0], []
     for name, width in widths_of(traces).items():
         names = part_names(first, name, width) or (name,) * width
-        found += [_Column(name, k, first.units.get(name, ""), part) for k, part in enumerate(names)]
+        found += [(name, k, first.units.get(name, ""), part) for k, part in enumerate(names)]
     return found
 
 
@@ -226,12 +215,12 @@ def _largest(every: Sequence[Residuals], columns: Sequence[_Column]) -> FloatArr
         for name, values in trace.channels.items():
             unit, size = trace.units.get(name, ""), np.abs(values[np.isfinite(values)]).max(initial=0.0)
             units[unit] = max(units.get(unit, 0.0), float(size))
-    return np.array([units.get(column.unit, 0.0) for column in columns])
+    return np.array([units.get(unit, 0.0) for _, _, unit, _ in columns])
 
 
 def _cells(one: Residuals, columns: Sequence[_Column], duration: float) -> FloatArray:
     """Return (CELLS, 2c) means of values, then of squares; NaN where the trace has no sample."""
-    values = np.column_stack([one.trace[c.channel].reshape(len(one.trace), -1)[:, c.number] for c in columns])
+    values = np.column_stack([one.trace[name].reshape(len(one.trace), -1)[:, k] for name, k, *_ in columns])
     place = np.floor((one.trace.times - one.recorded.times[0]) / duration * CELLS + 1e-9).astype(int)
     inside = (place >= 0) & (place < CELLS)
     both = np.hstack([values, values**2])[inside]
