@@ -30,12 +30,9 @@ Rollouts = Sequence[tuple[Test, Trace]]
 
 
 class Culprit(NamedTuple):
-    """An effect that may be why.
+    """An effect that may be why: a parameter, and the least of it that ends the simulator early at all of the tests.
 
-    Attributes:
-        line: its parameter.
-        coordinate: the least of it that ends the simulator early at all tests that were asked about.
-        others: at how many of the other tests it does, too.
+    ``others`` is the number of other tests at which it does, too.
     """
 
     line: Line

@@ -35,25 +35,14 @@ alone."""
 
 
 class Predicted(NamedTuple):
-    """The gap that an improved simulator predicts: its ρ minus ρ of the nominal simulator.
-
-    Attributes:
-        tests: (n,) at the tests that were run.
-        grid: (m,) at the places of :func:`grid_of`.
-    """
+    """ρ of an improved simulator minus ρ of the nominal one: (n,) at the tests that were run, (m,) on the grid."""
 
     tests: FloatArray
     grid: FloatArray
 
 
 class Band(NamedTuple):
-    """A simultaneous band: with probability 0.95 a function is between its limits at all places.
-
-    Attributes:
-        mean: (m,) at the places of the grid.
-        lower: (m,) lower limit.
-        upper: (m,) upper limit.
-    """
+    """A simultaneous band, (m,) each: with probability 0.95 a function is between its limits on the whole grid."""
 
     mean: FloatArray
     lower: FloatArray

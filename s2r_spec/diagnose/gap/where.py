@@ -25,8 +25,10 @@ from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
 SECONDS = 10.0
-"""Budget: time of one core [s] for both simulators over the test space. Doubled, up to twice as many tests, but no more
-than the grid has; three along each axis are run all the same."""
+"""Budget: time of one core [s] for both simulators over the test space. Doubled, up to twice as many tests; three
+along each axis are run all the same."""
+PLACES = 400
+"""Budget: the most tests over the space. Doubled, a cheap simulator has a finer grid."""
 NO_SIMULATOR = "no simulator with residuals was given, so the gap cannot be traced to parts of the machine"
 
 
@@ -67,13 +69,7 @@ class Where:
 
 
 class Pairs(NamedTuple):
-    """n real rollouts, and a simulated one beside each.
-
-    Attributes:
-        tests: n tests; several may be equal.
-        real: n pairs of a trace and its ρ.
-        simulated: the same of the nominal simulator at the same tests.
-    """
+    """n tests, several of which may be equal, and (trace, ρ) of a real and a nominal simulated rollout of each."""
 
     tests: Sequence[Test]
     real: Sequence[tuple[Trace, float]]
@@ -135,7 +131,7 @@ def predict(
 
     space = bench.spec.space
     grid = grid_of(space)
-    able = min(SECONDS / (2.0 * max(float(bench.backend.cost), 1e-4)), len(grid))
+    able = min(SECONDS / (2.0 * max(float(bench.backend.cost), 1e-4)), PLACES, len(grid))
     places = space.grid((max(int(able ** (1.0 / space.dim) + 1e-9), 3),) * space.dim)
     every = [*tests, *map(space.point, places)]
     nominal, improved = table(bench, [{}, values], every, seed, Stream.FORETELL, 1, executor)[0, ..., 0]

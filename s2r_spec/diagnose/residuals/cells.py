@@ -29,12 +29,9 @@ GRID = 1000
 
 
 class Cell(NamedTuple):
-    """Where a quantity is averaged.
+    """Where a quantity is averaged: between two values of a channel [its unit], or of time [s] for the channel "".
 
-    Attributes:
-        along: channel whose values bound the cell; "" for time.
-        low: where it begins, in the channel's unit [or s]; −inf if nowhere.
-        high: where it ends.
+    An end that is nowhere is infinite.
     """
 
     along: str
