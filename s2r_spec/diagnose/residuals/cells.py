@@ -39,6 +39,20 @@ class Cell(NamedTuple):
     high: float
 
 
+class Column(NamedTuple):
+    """The cells of one column of a quantity: CELLS windows of time first, and their slice of all cells."""
+
+    quantity: str
+    number: int
+    cells: list[Cell]
+    part: slice
+
+    @property
+    def residual(self) -> bool:
+        """Whether the quantity is a residual of the equations of motion, not a recorded channel."""
+        return self.quantity.startswith(RESIDUAL)
+
+
 @dataclass(frozen=True)
 class Cells:
     """All cells, and where they are at every test.
@@ -84,16 +98,16 @@ class Cells:
         """Return the columns of channels along which a column has cells: this one of as many."""
         return [key for key in self.edges if key[1] == column and self.widths[key[0]] == self.widths[name]]
 
-    def places(self) -> dict[tuple[str, int], list[Cell]]:
-        """Return (quantity, column) → its cells, CELLS windows of time first, in the order of :meth:`means`."""
-        found = {}
-        for name, column in _columns(self.widths):
+    def columns(self) -> list[Column]:
+        """Return the columns of all quantities, with their cells in the order of :meth:`means`."""
+        found: list[Column] = []
+        for name, number in _columns(self.widths):
             ends = [("", np.linspace(0.0, self.duration, CELLS + 1))]
-            for key in self._beside(name, column):
+            for key in self._beside(name, number):
                 ends.append((key[0], np.concatenate([[-np.inf], self.edges[key], [np.inf]])))
-            found[name, column] = [
-                Cell(along, *two) for along, each in ends for two in pairwise(each.tolist())
-            ]
+            cells = [Cell(along, *two) for along, each in ends for two in pairwise(each.tolist())]
+            begin = found[-1].part.stop if found else 0
+            found.append(Column(name, number, cells, slice(begin, begin + len(cells))))
         return found
 
     def means(self, trace: Trace, test: Test) -> FloatArray:

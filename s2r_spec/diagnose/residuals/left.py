@@ -25,7 +25,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
-from itertools import islice, pairwise
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -35,7 +35,7 @@ from s2r_spec.attribution.place import EXPLAINS, Place, Range, cause_first, visi
 from s2r_spec.backend import HasResiduals, HasVariants
 from s2r_spec.diagnose.axes import Line, Values
 from s2r_spec.diagnose.gap import FEWEST, LEVEL, SHOTS
-from s2r_spec.diagnose.residuals.cells import CELLS, Cell, Cells, part_names, path, widths_of
+from s2r_spec.diagnose.residuals.cells import CELLS, Cell, Cells, Column, part_names, path, widths_of
 from s2r_spec.diagnose.simulate import Bench, Job, Test, evenly, places_of, run_jobs
 from s2r_spec.diagnose.simulator.experiments import RESIDUAL
 from s2r_spec.printable import spelled
@@ -44,7 +44,6 @@ from s2r_spec.space import key_of
 from s2r_spec.trace import Trace, thinned
 
 FloatArray = NDArray[np.float64]
-Places = Mapping[tuple[str, int], Sequence[Cell]]
 
 LAWS = 0.3
 """Prior: laws are off by this part of what the named effects do in a cell, and next to it. Doubled, less is left of a
@@ -183,27 +182,28 @@ def remainders(
     simulated = np.concatenate(list(rows)).reshape(len(machines), len(tests), -1)
     machine = np.array([read(bench, trace, test) for test, trace in whole])
     at_test = [tests.index(dict(test)) for test, _ in whole]
-    places, known = cells.places(), np.isfinite(machine).any(axis=0)
+    columns, known = cells.columns(), np.isfinite(machine).any(axis=0)
     each = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of cells into which no rollout reaches
         for own in simulated:
-            sizes = _left(machine - own[at_test], usual, own[few] - usual, typical, other, places)
-            each.append(_largest(*sizes, known, places))
+            sizes = _left(machine - own[at_test], usual, own[few] - usual, typical, other, columns)
+            each.append(_largest(*sizes, known, columns))
     largest = min(each, key=lambda found: max((surplus for surplus, *_ in found), default=0.0))
     labels, units, traces = _labels(bench, nominal[0], widths), nominal[0][1].units, [one for _, one in whole]
     found = []
-    for surplus, size, (name, column), (along, low, high) in largest:
+    for surplus, size, at_column, (along, low, high) in largest:
+        name, number = at_column.quantity, at_column.number
         times = extent = None
         if along:
-            time, values = visited(traces, along, column, low, high)
+            time, values = visited(traces, along, number, low, high)
             times = None if time is None or time.everything else (time.low, time.high)
             extent = (values.lowest, values.highest) if math.isfinite(values.extent) else None
         found.append(
             Remainder(
-                name.removeprefix(RESIDUAL), column, labels[name][column], along, low, high, size,
+                name.removeprefix(RESIDUAL), number, labels[name][number], along, low, high, size,
                 units.get(name, ""), units.get(along, "") if along else "s", surplus,
-                not name.startswith(RESIDUAL), times, extent,
+                not at_column.residual, times, extent,
             )
         )  # fmt: skip
     return ordered(found)
@@ -235,7 +235,7 @@ def _left(
     explained: FloatArray,
     typical: Sequence[FloatArray],
     variants: Sequence[FloatArray],
-    places: Places,
+    columns: Sequence[Column],
 ) -> tuple[FloatArray, FloatArray]:
     """Return (cells,) the mean difference d, and its surplus; 0 where a cell says nothing.
 
@@ -245,7 +245,7 @@ def _left(
         explained: (m, cells) what the improved one does beside it, with the same noise.
         typical: (1, cells) of each effect, what a typical amount of it does at one test.
         variants: (m, cells) of each variant of the simulator, what it does otherwise.
-        places: of the cells.
+        columns: the cells.
     """
     from scipy.stats import t  # here: a rollout needs no scipy
 
@@ -255,8 +255,7 @@ def _left(
 
     effects, little, systematic = squared([explained]), squared(typical), squared(variants)
     moved = np.zeros(apart.shape[1], dtype=bool)
-    columns = 0
-    for part in _slices(places):
+    for part in (column.part for column in columns):
         # Windows alone show how much a column varies: of other cells there are many where it does not.
         windows = nominal[:, part][:, :CELLS]
         spread = np.nanmean((windows - np.nanmean(np.nanmean(windows, axis=0))) ** 2, axis=0)
@@ -264,41 +263,33 @@ def _left(
         systematic[part] += LAWS**2 * (effects[part] + effects[part].mean()) + ALLOWED**2 * usual + varies
         # What no effect moves, as a reference, is no part of the machine.
         moved[part] = usual > varies
-        columns += usual > varies
     n, size = np.isfinite(apart).sum(axis=0), np.nanmean(apart, axis=0)
     surely = t.ppf(1.0 - LEVEL / 2.0 / len(n), np.maximum(n - 1, 1))
     scatter = surely * np.nanstd(apart, axis=0, ddof=1) / np.sqrt(n)
-    allowed = np.hypot(scatter, np.sqrt(systematic)) * (1.0 + TAIL * np.log(max(columns, 1)))
+    among = sum(bool(moved[column.part.start]) for column in columns)
+    allowed = np.hypot(scatter, np.sqrt(systematic)) * (1.0 + TAIL * np.log(max(among, 1)))
     return size, np.where((n >= FEWEST) & moved, np.nan_to_num(np.abs(size) / allowed), 0.0)
 
 
-def _slices(places: Places) -> list[slice]:
-    """Return the cells of each column."""
-    ends = np.cumsum([0, *map(len, places.values())]).tolist()
-    return [slice(*two) for two in pairwise(ends)]
-
-
 def _largest(
-    size: FloatArray, surplus: FloatArray, known: NDArray[np.bool_], places: Places
-) -> list[tuple[float, float, tuple[str, int], Cell]]:
+    size: FloatArray, surplus: FloatArray, known: NDArray[np.bool_], columns: Sequence[Column]
+) -> list[tuple[float, float, Column, Cell]]:
     """Return surplus, size, column and cell of the largest surplus of a column, of the REPORTED largest ones.
 
     Args:
         size: (cells,) what is left.
         surplus: (cells,) that in units of what is allowed for.
         known: (cells,) whether any rollout has a value there.
-        places: of the cells.
+        columns: the cells.
     """
-    columns = [*zip(places, _slices(places), strict=True)]
-    acts = any(name.startswith(RESIDUAL) and known[part].any() for (name, _), part in columns)
+    acts = any(column.residual and known[column.part].any() for column in columns)
     found = []
-    for (name, column), part in columns:
-        weight = EXPLAINS if acts and not name.startswith(RESIDUAL) else 1.0
-        own = begin(weight * surplus[part])
+    for column in columns:
+        own = begin(surplus[column.part] * (EXPLAINS if acts and not column.residual else 1.0))
         k = int(own.argmax())
-        found.append((float(own[k]), float(size[part][k]), (name, column), places[name, column][k]))
-    found = sorted((one for one in found if one[0] > 0.0), key=lambda one: -one[0])
-    return found[:REPORTED]
+        if own[k] > 0.0:
+            found.append((float(own[k]), float(size[column.part][k]), column, column.cells[k]))
+    return sorted(found, key=lambda one: -one[0])[:REPORTED]
 
 
 def begin(surplus: FloatArray, windows: int = CELLS) -> FloatArray:

@@ -198,17 +198,18 @@ def test_cells_are_as_many_as_their_means_and_lie_side_by_side(bench):
     paths = {key_of(test): path(widths, bench, trace, test) for test, trace in runs}
     assert all(rows.shape == (GRID, 4) for rows in paths.values())
     cells = Cells.of(bench.backend.duration, widths, paths)
-    places, trace = cells.places(), bench.seen(runs[0][1], runs[0][0])
+    columns, trace = cells.columns(), bench.seen(runs[0][1], runs[0][0])
     means = cells.means(trace, runs[0][0])
-    assert means.shape == (sum(map(len, places.values())),)
-    of_force = places["residual.force", 0]
+    assert means.shape == (columns[-1].part.stop,) == (sum(len(column.cells) for column in columns),)
+    [force] = [column for column in columns if column.residual]
+    of_force = force.cells
     of_place = [cell for cell in of_force if cell.along == "q"]
     assert of_place[0].low == -np.inf
     assert of_place[-1].high == np.inf
     assert all(one.high == other.low for one, other in pairwise(of_place))
     # All samples of a rollout are in one cell along each channel: their mean is that of the cells.
     assert [cell.along for cell in of_force[:CELLS]] == [""] * CELLS
-    of_time = means[-len(of_force) :][:CELLS]
+    of_time = means[force.part][:CELLS]
     assert np.nanmean(of_time) == pytest.approx(trace["residual.force"].mean(), abs=0.3)
 
 
