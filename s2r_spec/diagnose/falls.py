@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.axes import Line
+from s2r_spec.diagnose.axes import Line, Values
 from s2r_spec.diagnose.gap import SHOTS
-from s2r_spec.diagnose.simulate import Bench, Test, evenly, places_of, table
+from s2r_spec.diagnose.simulate import Bench, Test, evenly, places_of, seeded, table
 from s2r_spec.rollouts.seeds import Stream
 from s2r_spec.trace import Trace
 
@@ -101,12 +101,12 @@ def falls(
     if not early or not stood:
         return None
 
-    def ended(tried: Sequence[tuple[Line, float]], tests: Sequence[Test]) -> NDArray[np.float64]:
+    def ended(tried: Sequence[tuple[Line, float]], tests: Sequence[Test]) -> NDArray[np.int_]:
         """Return at how many of the tests the simulator ends early, with each of these alone."""
         machines = [line.at(line.value(x)) for line, x in tried]
-        return np.asarray(table(bench, machines, tests, seed, Stream.CHECK, 1, executor)[1].sum(axis=(1, 2)))
+        return np.asarray(_ended(bench, machines, tests, seed, executor).sum(axis=1))
 
-    if table(bench, [{}], early, seed, Stream.CHECK, 1, executor)[1].all():
+    if _ended(bench, [{}], early, seed, executor).all():
         return Falls(True)
     # An end that is nominal is no effect.
     ends = [(line, line.coordinate(end)) for line in lines if not line.base for end in (line.low, line.high)]
@@ -129,7 +129,7 @@ def falls_alone(
 ) -> list[Test]:
     """Return the tests at which the simulator, with nothing added, ends early, and no real rollout does."""
     _, stood = _by_end(rollouts)
-    ended = table(bench, [{}], stood, seed, Stream.CHECK, 1, executor)[1, 0, :, 0]
+    [ended] = _ended(bench, [{}], stood, seed, executor)
     return [test for test, fell in zip(stood, ended, strict=True) if fell]
 
 
@@ -139,3 +139,21 @@ def _by_end(rollouts: Rollouts) -> tuple[list[Test], list[Test]]:
     for key, own in places_of([test for test, _ in rollouts]).items():
         ends[all(rollouts[n][1].failure is None for n in own)].append(dict(key))
     return ends
+
+
+def _ended(
+    bench: Bench,
+    machines: Sequence[Values],
+    tests: Sequence[Test],
+    seed: int,
+    executor: Callable[[], Executor] | None,
+) -> NDArray[np.bool_]:
+    """Return (machines, tests) whether the simulator with these effects ends early."""
+    if not machines or not tests:
+        return np.zeros((len(machines), len(tests)), dtype=bool)
+    return np.asarray(table(bench, machines, seeded(tests, seed, Stream.CHECK), executor, _end)[0] > 0.0)
+
+
+def _end(bench: Bench, trace: Trace, test: Test) -> NDArray[np.float64]:
+    """Return (1,) whether a rollout ended early; the specification may declare no ρ for that."""
+    return np.array([float(trace.failure is not None)])

@@ -239,19 +239,22 @@ def run_jobs(
     return [results[index] for index in range(len(jobs))]
 
 
+def seeded(tests: Sequence[Test], seed: int, stream: Stream, shots: int = 1) -> tuple[tuple[Test, int], ...]:
+    """Return (test, seed) of so many rollouts of every test, one test after the other."""
+    every = [(n, test, shot) for n, test in enumerate(tests) for shot in range(shots)]
+    return tuple((test, rollout_seed(seed, n, shot, stream)) for n, test, shot in every)
+
+
 def table(
     bench: Bench,
     machines: Sequence[Values],
-    tests: Sequence[Test],
-    seed: int,
-    stream: Stream,
-    shots: int = 1,
+    runs: Sequence[tuple[Test, int]],
     executor: Callable[[], Executor] | None = None,
+    read: Read = rho_and_end,
 ) -> FloatArray:
-    """Return (2, machines, tests, shots) ρ, and whether the rollout ended early; all machines with the same seeds."""
-    runs = [(test, rollout_seed(seed, n, k, stream)) for n, test in enumerate(tests) for k in range(shots)]
-    rows = run_jobs(bench, [Job(values, (run,)) for values in machines for run in runs], executor)
-    return np.array(rows).reshape(len(machines), len(tests), shots, 2).transpose(3, 0, 1, 2)
+    """Return (n, machines, runs) the n numbers that are read of every machine in every run, a job each."""
+    rows = run_jobs(bench, [Job(values, (run,)) for values in machines for run in runs], executor, read=read)
+    return np.array(rows).reshape(len(machines), len(runs), -1).transpose(2, 0, 1)
 
 
 def _outcomes(

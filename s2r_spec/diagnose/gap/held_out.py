@@ -30,7 +30,7 @@ from s2r_spec.diagnose.axes import Values, lines
 from s2r_spec.diagnose.gap import DRAWS, FEWEST, LEVEL, SHOTS
 from s2r_spec.diagnose.gap.materiality import mean_difference
 from s2r_spec.diagnose.inference.prior import BACKGROUND
-from s2r_spec.diagnose.simulate import Bench, Test, places_of, table
+from s2r_spec.diagnose.simulate import Bench, Test, places_of, seeded, table
 from s2r_spec.effects import catalogue_of
 from s2r_spec.rollouts.seeds import Stream
 from s2r_spec.space import key_of
@@ -225,15 +225,15 @@ def held_out_gap(
         return None
     real, others = (np.array([bench.rho(trace, test) for test, trace in runs]) for runs in (held, seen))
     tests, at = _distinct([test for test, _ in held])
-    rho, fell = table(
-        bench, [{}, tuned, *([patch] if patch else [])], tests, seed, Stream.GAP_SIM, SHOTS, executor
-    )
+    machines = [{}, tuned, *([patch] if patch else [])]
+    shots = table(bench, machines, seeded(tests, seed, Stream.GAP_SIM, SHOTS), executor)
+    rho, fell = shots.reshape(2, len(machines), len(tests), SHOTS)
     # A fall counts for so much that neither scatter nor background could be seen beside it.
     steady = ~fell[0].any(axis=1) | fell[0].any(axis=1).all()
     # What a cause makes unsteady scatters more than the nominal simulator does.
     simulated = float(np.sqrt(np.maximum(*rho[[0, -1]].var(axis=2, ddof=1)))[steady].mean())
     machines = [{}, *background_machines(bench, seed)]
-    random, ended = table(bench, machines, tests, seed, Stream.GAP_SIM, 1, executor)[..., 0]
+    random, ended = table(bench, machines, seeded(tests, seed, Stream.GAP_SIM), executor)
     early = {key_of(test) for test, trace in held if trace.failure is not None}
     # A fall of a random machine where the real one stands is no part of the real one's gap.
     ended = (ended > 0.0) & [key_of(test) not in early for test in tests]
@@ -241,8 +241,8 @@ def held_out_gap(
     elsewhere = None
     if seen:
         different, place = _distinct([test for test, _ in seen])
-        nominal = table(bench, [{}], different, seed, Stream.GAP_SIM, SHOTS, executor)[0, 0]
-        elsewhere = gap(others - nominal.mean(axis=1)[place], place)
+        nominal = table(bench, [{}], seeded(different, seed, Stream.GAP_SIM, SHOTS), executor)[0]
+        elsewhere = gap(others - nominal.reshape(-1, SHOTS).mean(axis=1)[place], place)
     rows = zip((*held, *seen), (*real.tolist(), *others.tolist()), strict=True)
     return compared(
         real,

@@ -45,11 +45,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.gap import LEVEL, ROUNDING, SHOTS
-from s2r_spec.diagnose.simulate import Bench, Job, Test, places_of, rho_and_end, run_jobs
+from s2r_spec.diagnose.simulate import Bench, Job, Test, places_of, rho_and_end, run_jobs, seeded
 from s2r_spec.errors import UsageError
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.constants import constant
-from s2r_spec.rollouts.seeds import Stream, rollout_seed
+from s2r_spec.rollouts.seeds import Stream
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
@@ -235,10 +235,8 @@ def compared_at_all_tests(
     """
     real = np.array([rho_and_end(bench, trace, test) for test, trace in rollouts])
     places = places_of([test for test, _ in rollouts])
-    jobs = [
-        Job({}, tuple((dict(key), rollout_seed(seed, n, k, Stream.MATERIALITY)) for k in range(2 * SHOTS)))
-        for n, key in enumerate(places)
-    ]
+    runs = seeded([dict(key) for key in places], seed, Stream.MATERIALITY, 2 * SHOTS)
+    jobs = [Job({}, runs[k : k + 2 * SHOTS]) for k in range(0, len(runs), 2 * SHOTS)]
     rows = run_jobs(bench, jobs, executor, progress)
     tests = []
     for (key, own), simulated in zip(places.items(), rows, strict=True):

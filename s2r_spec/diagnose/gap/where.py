@@ -16,7 +16,7 @@ from s2r_spec.diagnose.gap import FEWEST
 from s2r_spec.diagnose.gap.materiality import RolloutsAtTest
 from s2r_spec.diagnose.gap.surface import COUNTS, GapSurface, Predicted, gap_surface, grid_of, in_cube
 from s2r_spec.diagnose.residuals.shifts import Body, Residuals, shifts
-from s2r_spec.diagnose.simulate import Bench, Test, places_of, table
+from s2r_spec.diagnose.simulate import Bench, Test, places_of, seeded, table
 from s2r_spec.documentation import page
 from s2r_spec.errors import TraceError
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
@@ -134,7 +134,7 @@ def predict(
     able = min(SECONDS / (2.0 * max(float(bench.backend.cost), 1e-4)), PLACES, len(grid))
     places = space.grid((max(int(able ** (1.0 / space.dim) + 1e-9), 3),) * space.dim)
     every = [*tests, *map(space.point, places)]
-    nominal, improved = table(bench, [{}, values], every, seed, Stream.FORETELL, 1, executor)[0, ..., 0]
+    nominal, improved = table(bench, [{}, values], seeded(every, seed, Stream.FORETELL), executor)[0]
     gap = improved - nominal
     between = RBFInterpolator(in_cube(space, places), gap[len(tests) :], kernel="linear", degree=1)
     return Predicted(gap[: len(tests)], between(in_cube(space, grid)))

@@ -36,10 +36,10 @@ from s2r_spec.backend import HasResiduals, HasVariants
 from s2r_spec.diagnose.axes import Line, Values
 from s2r_spec.diagnose.gap import FEWEST, LEVEL, SHOTS
 from s2r_spec.diagnose.residuals.cells import CELLS, Cell, Cells, Column, part_names, path, widths_of
-from s2r_spec.diagnose.simulate import Bench, Job, Test, evenly, places_of, run_jobs
+from s2r_spec.diagnose.simulate import Bench, Job, Test, evenly, places_of, run_jobs, seeded
 from s2r_spec.diagnose.simulator.experiments import RESIDUAL
 from s2r_spec.printable import spelled
-from s2r_spec.rollouts.seeds import Stream, rollout_seed
+from s2r_spec.rollouts.seeds import Stream
 from s2r_spec.space import key_of
 from s2r_spec.trace import Trace, thinned
 
@@ -150,9 +150,8 @@ def remainders(
     if len(whole) < FEWEST:
         return ()
     tests = [dict(key) for key in places_of([test for test, _ in whole])]
-    first, again = (
-        [(test, rollout_seed(seed, n, of, Stream.REMAINDER)) for n, test in enumerate(tests)] for of in (0, 1)
-    )
+    runs = seeded(tests, seed, Stream.REMAINDER, 2)
+    first, again = runs[::2], runs[1::2]
     nominal = [(test, bench.seen(bench.run({}, test, own), test)) for test, own in again]
     nominal = [(test, trace) for test, trace in nominal if trace.failure is None] or nominal
     widths = _quantities([trace for _, trace in nominal])
