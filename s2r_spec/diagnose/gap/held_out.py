@@ -283,11 +283,9 @@ def background_machines(bench: Bench, seed: int) -> list[Values]:
 
 
 def scatter(runs: Sequence[tuple[Test, float]], simulated: float) -> float:
-    """Return the standard deviation of ρ from run to run: of replicates where there are enough, else the simulator's.
+    """Return the standard deviation of ρ from run to run: of replicates among (test, ρ) of whole real rollouts.
 
-    Args:
-        runs: (test, ρ) of the machine, without rollouts that ended early.
-        simulated: standard deviation of the simulator's ρ.
+    Where these are too few, it is that of ``simulated`` ones.
     """
     places = places_of([test for test, _ in runs]).values()
     several = [np.array([runs[place][1] for place in own]) for own in places if len(own) > 1]

@@ -392,11 +392,7 @@ def _intervals(tests: Sequence[RolloutsAtTest], level: float) -> tuple[FloatArra
 def _scatter(tests: Sequence[RolloutsAtTest], scale: float) -> tuple[FloatArray, float]:
     """Return standard deviations (T,) of ρ of simulated rollouts, and their degrees of freedom.
 
-    Without scatter in the simulator, the scatter of replicated real rollouts stands for both.
-
-    Args:
-        tests: T of them.
-        scale: rounding error of ρ.
+    If a simulator scatters less than ``scale``, ρ's rounding error, replicated real rollouts stand for both.
     """
     samples = [test.simulated for test in tests]
     if all(np.ptp(one) <= scale for one in samples):
@@ -416,12 +412,8 @@ def _scatter(tests: Sequence[RolloutsAtTest], scale: float) -> tuple[FloatArray,
 def _errors(squares: float, of: int, freedom: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return pairs of r and W ~ χ²_d/d, each (NODES²,), and their posterior weights.
 
-    W by Gauss and Legendre's rule for log W.
-
-    Args:
-        squares: sum of squares of real rollouts around their test's mean, in units of the simulator's variances.
-        of: its degrees of freedom; 0 for the prior.
-        freedom: d.
+    W has nodes by Gauss and Legendre's rule for its logarithm, and d is ``freedom``. r is known by a sum of ``squares``
+    of real rollouts around their test's mean [simulator's variances] with ``of`` degrees of freedom; 0 for the prior.
     """
     from scipy.special import gammaincinv
 

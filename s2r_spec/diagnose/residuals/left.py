@@ -273,13 +273,9 @@ def _left(
 def _largest(
     size: FloatArray, surplus: FloatArray, known: NDArray[np.bool_], columns: Sequence[Column]
 ) -> list[tuple[float, float, Column, Cell]]:
-    """Return surplus, size, column and cell of the largest surplus of a column, of the REPORTED largest ones.
+    """Return the REPORTED columns with the largest surplus: this, the size and the cell; all arguments are (cells,).
 
-    Args:
-        size: (cells,) what is left.
-        surplus: (cells,) that in units of what is allowed for.
-        known: (cells,) whether any rollout has a value there.
-        columns: the cells.
+    Channels count less only beside residuals that are ``known``, which any rollout has.
     """
     acts = any(column.residual and known[column.part].any() for column in columns)
     found = []
@@ -294,11 +290,8 @@ def _largest(
 def begin(surplus: FloatArray, windows: int = CELLS) -> FloatArray:
     """Return the surplus of a column, with 0 in windows of time after the first that says (nearly) as much.
 
-    In a closed loop what acts for a time goes on after it, and the answer to it may be the larger.
-
-    Args:
-        surplus: (cells,) of one column.
-        windows: number of windows, which come first.
+    In a closed loop what acts for a time goes on after it, and the answer to it may be the larger. ``windows`` of the
+    (cells,) of a column are of time, and come first.
     """
     out = surplus.copy()
     begun = np.flatnonzero(out[:windows] > max(1.0, EXPLAINS * out.max()))
