@@ -381,10 +381,14 @@ def _intervals(tests: Sequence[RolloutsAtTest], level: float) -> tuple[FloatArra
         """Return the p-value of a gap for these standard errors, less a number."""
         return float(tail(gap / errors) @ weights) - less
 
+    at_level: dict[tuple[int, int], float] = {}
     for k, test in enumerate(tests):
-        unit = np.sqrt((ratio**2 / test.real.size + 1.0 / test.simulated.size) / error)
-        most = float(unit.max()) * (1.0 - math.log(level))
-        half[k] = max(deviation[k] * brentq(above, 0.0, most, args=(unit, level)), scale)
+        n, m = test.real.size, test.simulated.size
+        unit = np.sqrt((ratio**2 / n + 1.0 / m) / error)
+        if (n, m) not in at_level:
+            most = float(unit.max()) * (1.0 - math.log(level))
+            at_level[n, m] = brentq(above, 0.0, most, args=(unit, level))
+        half[k] = max(deviation[k] * at_level[n, m], scale)
         p[k] = above(abs(test.gap), np.maximum(deviation[k] * unit, scale))
     return half, p
 
