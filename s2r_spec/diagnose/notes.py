@@ -76,8 +76,18 @@ def notes(
             f"does ({where}). There the gap in ρ is the cost of a fall and shows few causes. Make the simulator stand "
             f"at these tests first, or use a smaller test space"
         )
-    found += _times([trace for _, trace in used.rollouts])
-    found += _channels(bench, [trace for _, trace in used.rollouts])
+    traces = [trace for _, trace in used.rollouts]
+    if longer := [trace.meta[CUT] for trace in traces if CUT in trace.meta]:
+        found.append(
+            f"{len(longer)} of {len(traces)} real rollouts are longer than the simulator's; only their first "
+            f"{longer[0]:g} s are used"
+        )
+    if apart := [trace.meta[READ_AT] for trace in traces if READ_AT in trace.meta]:
+        found.append(
+            f"a window of the spec is shorter than the sample period of {len(apart)} of {len(traces)} real rollouts. "
+            f"They are interpolated linearly at the simulator's period of {apart[0]:g} s, which may change ρ a little"
+        )
+    found += _channels(bench, traces)
     found += _without_residuals(bench, used.rollouts)
     if len(tests) == 1 and bench.spec.space.dim:
         found.append("all real rollouts repeat one test, so nothing is known about other tests")
@@ -113,20 +123,6 @@ def _early(used: Used, why: Falls | None) -> Iterator[str]:
     else:
         early += ". The cause also rests on their samples before the end, which say little"
     yield early if why is None else f"{early}. {why}"
-
-
-def _times(traces: Sequence[Trace]) -> Iterator[str]:
-    """Yield of how many recordings the times are not those of the simulator."""
-    if longer := [trace.meta[CUT] for trace in traces if CUT in trace.meta]:
-        yield (
-            f"{len(longer)} of {len(traces)} real rollouts are longer than the simulator's; only their first "
-            f"{longer[0]:g} s are used"
-        )
-    if apart := [trace.meta[READ_AT] for trace in traces if READ_AT in trace.meta]:
-        yield (
-            f"a window of the spec is shorter than the sample period of {len(apart)} of {len(traces)} real rollouts. "
-            f"They are interpolated linearly at the simulator's period of {apart[0]:g} s, which may change ρ a little"
-        )
 
 
 def _channels(bench: Bench, traces: Sequence[Trace]) -> Iterator[str]:

@@ -78,34 +78,35 @@ class Cells:
             widths: quantity → columns.
             paths: test → (GRID, columns) of :func:`path`.
         """
+        every = np.concatenate(list(paths.values()))
         edges, numbers = {}, []
         for number, (name, column) in enumerate(_columns(widths)):
-            values = np.concatenate([rows[:, number] for rows in paths.values()])
-            values = values[np.isfinite(values)]
+            values = every[np.isfinite(every[:, number]), number]
             if values.size and not name.startswith(RESIDUAL):
                 parts = np.quantile(values, np.linspace(0.0, 1.0, CELLS // 2 + 1)[1:-1])
                 edges[name, column] = np.unique(parts)
                 numbers.append(number)
+        pairs = [*zip(numbers, edges.values(), strict=True)]
         at = {}
         for test, rows in paths.items():
-            along = [
-                np.searchsorted(each, rows[:, n]) for n, each in zip(numbers, edges.values(), strict=True)
-            ]
+            along = [np.searchsorted(each, rows[:, number]) for number, each in pairs]
             at[test] = np.array(along, dtype=np.uint8).reshape(-1, GRID)
         return cls(duration, widths, edges, at)
 
-    def _beside(self, name: str, column: int) -> list[tuple[str, int]]:
-        """Return the columns of channels along which a column has cells: this one of as many."""
-        return [key for key in self.edges if key[1] == column and self.widths[key[0]] == self.widths[name]]
+    def _axes(self, name: str, column: int) -> dict[tuple[str, int], FloatArray]:
+        """Return the ends of a column's cells in time, for ("", 0), and along each channel of as many columns."""
+        ends = {("", 0): np.linspace(0.0, self.duration, CELLS + 1)}
+        for key, edges in self.edges.items():
+            if key[1] == column and self.widths[key[0]] == self.widths[name]:
+                ends[key] = np.concatenate([[-np.inf], edges, [np.inf]])
+        return ends
 
     def columns(self) -> list[Column]:
         """Return the columns of all quantities, with their cells in the order of :meth:`means`."""
         found: list[Column] = []
         for name, number in _columns(self.widths):
-            ends = [("", np.linspace(0.0, self.duration, CELLS + 1))]
-            for key in self._beside(name, number):
-                ends.append((key[0], np.concatenate([[-np.inf], self.edges[key], [np.inf]])))
-            cells = [Cell(along, *two) for along, each in ends for two in pairwise(each.tolist())]
+            ends = self._axes(name, number).items()
+            cells = [Cell(along, *two) for (along, _), each in ends for two in pairwise(each.tolist())]
             begin = found[-1].part.stop if found else 0
             found.append(Column(name, number, cells, slice(begin, begin + len(cells))))
         return found
@@ -113,16 +114,15 @@ class Cells:
     def means(self, trace: Trace, test: Test) -> FloatArray:
         """Return (cells,) means of a rollout; NaN where it has no sample, or lacks the quantity."""
         part = (trace.times - trace.times[0]) / self.duration
-        window = np.clip((part * CELLS).astype(int), 0, CELLS - 1)
         rows = self.at[key_of(test)][:, np.clip((part * GRID + 1e-6).astype(int), 0, GRID - 1)]
-        along = dict(zip(self.edges, rows.astype(np.intp), strict=True))
+        places = dict(zip(self.edges, rows.astype(np.intp), strict=True))
+        places["", 0] = np.clip((part * CELLS).astype(int), 0, CELLS - 1)
         missing = np.full(len(trace), np.nan)
         found = []
         for name, column in _columns(self.widths):
             values = trace[name].reshape(len(trace), -1)[:, column] if name in trace.channels else missing
-            found.append(averaged(values, window, CELLS))
-            for key in self._beside(name, column):
-                found.append(averaged(values, along[key], len(self.edges[key]) + 1))
+            ends = self._axes(name, column).items()
+            found += [averaged(values, places[key], len(each) - 1) for key, each in ends]
         return np.concatenate(found)
 
 

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
@@ -189,20 +189,20 @@ def remainders(
             sizes = _left(machine - own[at_test], usual, own[few] - usual, typical, other, columns)
             each.append(_largest(*sizes, known, columns))
     largest = min(each, key=lambda found: max((surplus for surplus, *_ in found), default=0.0))
-    labels, units, traces = _labels(bench, nominal[0], widths), nominal[0][1].units, [one for _, one in whole]
+    units, traces = nominal[0][1].units, [trace for _, trace in whole]
     found = []
-    for surplus, size, at_column, (along, low, high) in largest:
-        name, number = at_column.quantity, at_column.number
-        times = extent = None
+    for surplus, size, column, (along, low, high) in largest:
+        name, times, extent = column.quantity, None, None
         if along:
-            time, values = visited(traces, along, number, low, high)
+            time, values = visited(traces, along, column.number, low, high)
             times = None if time is None or time.everything else (time.low, time.high)
             extent = (values.lowest, values.highest) if math.isfinite(values.extent) else None
+        part = label(bench, nominal[0], column, widths[name])
+        unit, along_unit = units.get(name, ""), units.get(along, "") if along else "s"
         found.append(
             Remainder(
-                name.removeprefix(RESIDUAL), number, labels[name][number], along, low, high, size,
-                units.get(name, ""), units.get(along, "") if along else "s", surplus,
-                not at_column.residual, times, extent,
+                name.removeprefix(RESIDUAL), column.number, part, along, low, high, size, unit, along_unit,
+                surplus, not column.residual, times, extent,
             )
         )  # fmt: skip
     return ordered(found)
@@ -300,23 +300,17 @@ def begin(surplus: FloatArray, windows: int = CELLS) -> FloatArray:
     return out
 
 
-def _labels(
-    bench: Bench, nominal: tuple[Test, Trace], widths: Mapping[str, int]
-) -> dict[str, tuple[str, ...]]:
-    """Return quantity → what its columns are called, in the backend and in residuals of a nominal rollout."""
-    names = {channel.name: channel.columns for channel in bench.backend.channels}
-    own = [name for name in widths if name.startswith(RESIDUAL)]
-    if own and isinstance(bench.backend, HasResiduals):
-        found = bench.backend.residuals(nominal[1], bench.matched.to_backend(nominal[0]))
-        names |= {name: part_names(found, name.removeprefix(RESIDUAL), widths[name]) for name in own}
-    return {name: column_names(names.get(name, ()), width) for name, width in widths.items()}
-
-
-def column_names(names: Sequence[str], width: int) -> tuple[str, ...]:
-    """Return the names of columns, or their numbers where not every one has a name; "" where there is but one."""
+def label(bench: Bench, nominal: tuple[Test, Trace], column: Column, width: int) -> str:
+    """Return the name of a column of so many: "" of one, else what the backend calls it, or its number."""
+    if column.residual and isinstance(bench.backend, HasResiduals):
+        test, trace = nominal
+        found = bench.backend.residuals(trace, bench.matched.to_backend(test))
+        names = part_names(found, column.quantity.removeprefix(RESIDUAL), width)
+    else:
+        names = {each.name: each.columns for each in bench.backend.channels}.get(column.quantity, ())
     if width == 1:
-        return ("",)
-    return tuple(names) if len(names) == width else tuple(f"column {k}" for k in range(width))
+        return ""
+    return names[column.number] if len(names) == width else f"column {column.number}"
 
 
 def ordered(found: Sequence[Remainder]) -> tuple[Remainder, ...]:

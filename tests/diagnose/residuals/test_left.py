@@ -8,10 +8,11 @@ import pytest
 
 import s2r_spec as s2r
 from s2r_emps import EmpsBackend
+from s2r_spec.backend import Channel
 from s2r_spec.diagnose.axes import lines
 from s2r_spec.diagnose.gap import FEWEST
-from s2r_spec.diagnose.residuals.cells import CELLS, GRID, Cells, part_names, path
-from s2r_spec.diagnose.residuals.left import Remainder, begin, column_names, ordered, remainders
+from s2r_spec.diagnose.residuals.cells import CELLS, GRID, Cells, Column, path
+from s2r_spec.diagnose.residuals.left import Remainder, begin, label, ordered, remainders
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.space import key_of
 from s2r_spec.trace import Trace, thinned
@@ -213,18 +214,32 @@ def test_cells_are_as_many_as_their_means_and_lie_side_by_side(bench):
     assert np.nanmean(of_time) == pytest.approx(trace["residual.force"].mean(), abs=0.3)
 
 
-def test_a_column_of_many_is_told_by_the_part_it_is_of_or_by_its_number():
-    two = Trace(
-        np.arange(3.0),
-        {"torque": np.zeros((3, 2)), "force": np.zeros(3)},
-        {},
-        {"parts": {"torque": ["hip", "knee"]}},
-    )
-    assert column_names(part_names(two, "torque", 2), 2) == ("hip", "knee")
-    assert column_names(part_names(two, "force", 1), 1) == ("",)
-    bare = Trace(two.times, dict(two.channels), {})
-    assert part_names(bare, "torque", 2) == ()
-    assert column_names((), 2) == column_names(("hip",), 2) == ("column 0", "column 1")
+class TwoMotors:
+    """A backend of which one residual and one channel have named columns."""
+
+    channels = (Channel("current", "A", "of the motors", 2, ("hip", "knee")), Channel("speed", "m/s", "", 2))
+
+    def residuals(self, trace, params):
+        parts = {"parts": {"torque": ["left", "right"]}}
+        return replace(trace, channels={name: np.zeros((3, 2)) for name in ("torque", "force")}, meta=parts)
+
+
+@pytest.mark.parametrize(
+    ("quantity", "named"),
+    [
+        ("current", "knee"),
+        ("speed", "column 1"),
+        ("unknown", "column 1"),
+        ("residual.torque", "right"),
+        ("residual.force", "column 1"),
+    ],
+)
+def test_a_column_of_many_is_told_by_the_part_it_is_of_or_by_its_number(bench, quantity, named):
+    two = replace(bench, backend=TwoMotors())
+    nominal = TESTS[0], Trace(np.arange(3.0), {}, {})
+    column = Column(quantity, 1, [], slice(0))
+    assert label(two, nominal, column, 2) == named
+    assert label(two, nominal, column, 1) == ""
 
 
 def test_an_end_that_is_nowhere_is_said_so_and_is_no_number_in_json():
