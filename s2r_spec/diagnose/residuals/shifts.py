@@ -146,7 +146,7 @@ def shifts(
     """Return the shifts of all parts.
 
     Args:
-        tests: (n, dim), each axis from −1 to 1.
+        tests: (n, dim), in the unit cube.
         real: n residuals.
         simulated: residuals of two or more nominal rollouts for each real one, at the same test.
         duration: of a rollout [s].
