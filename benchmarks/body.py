@@ -22,8 +22,8 @@ from machine import describe
 import s2r_spec as s2r
 from s2r_spec.backend import Backend
 from s2r_spec.diagnose.axes import lines
-from s2r_spec.diagnose.gap.body import Body
 from s2r_spec.diagnose.gap.where import Pairs, body_of
+from s2r_spec.diagnose.residuals.shifts import Body
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.rollouts.compatibility import check_compatibility
 from s2r_spec.rollouts.seeds import Stream, rollout_seed

@@ -22,7 +22,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from s2r_spec import load_backend, load_spec
-from s2r_spec.diagnose.gap.by_test import SIMULATED
+from s2r_spec.diagnose.gap import SHOTS
 from s2r_spec.diagnose.gap.materiality import Materiality, RolloutsAtTest, materiality
 
 ROOT = Path(__file__).parents[1]
@@ -60,7 +60,7 @@ def drawn(
             RolloutsAtTest(
                 {"test": float(t)},
                 margin - gap * (t == TESTS - 1) + ratio * size[t] * scatter(rng, real[t]),
-                margin + size[t] * scatter(rng, SIMULATED),
+                margin + size[t] * scatter(rng, 2 * SHOTS),
             )
             for t in range(TESTS)
         ]
@@ -106,7 +106,7 @@ def a1() -> dict[str, object]:
         return float(spec.robustness(trace, {"vd": vd})["walking"])  # type: ignore[arg-type]
 
     simulated = [
-        np.array([rho(sim.rollout({"vd": vd}, 1000 * n + k), vd) for k in range(SIMULATED)])
+        np.array([rho(sim.rollout({"vd": vd}, 1000 * n + k), vd) for k in range(2 * SHOTS)])
         for n, vd in enumerate(commands)
     ]
     weak = KNOWN["motor_strength"]

@@ -22,7 +22,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 from opened import Opened, bench, held_out
 
-from s2r_spec.diagnose.gap.held_out import SHOTS
+from s2r_spec.diagnose.gap import SHOTS
 from s2r_spec.diagnose.simulate import Job, run_jobs
 from s2r_spec.effects import catalogue_of
 from s2r_spec.rollouts.seeds import Stream, rollout_seed

@@ -40,7 +40,7 @@ from s2r_spec.diagnose.gap.materiality import Materiality
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, Status
 from s2r_spec.diagnose.inference.prior import SURE
 from s2r_spec.diagnose.quality.finding import Finding
-from s2r_spec.diagnose.remainder import Remainder
+from s2r_spec.diagnose.residuals.left import Remainder
 from s2r_spec.verdict import Tone, Toned
 
 

@@ -12,7 +12,7 @@ from s2r_spec.diagnose.gap.held_out import HeldOutGap
 from s2r_spec.diagnose.gap.materiality import Materiality
 from s2r_spec.diagnose.gap.where import Where
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, Status, hidden_names, with_status
-from s2r_spec.diagnose.remainder import Remainder
+from s2r_spec.diagnose.residuals.left import Remainder
 from s2r_spec.result import Result
 from s2r_spec.spec import Spec
 from s2r_spec.upper import upper

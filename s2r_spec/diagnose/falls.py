@@ -1,39 +1,38 @@
-"""Why real rollouts ended early: which effects alone end the simulator early at these tests, and not at others."""
+"""Why real rollouts ended early: which effects alone end the simulator early at these tests, and not at others.
+
+The least of an effect that ends the simulator early at all tests that are asked about is found by halving the way from
+nominal to the end of its range, because the least does so at the fewest other tests. That more of an effect ends what
+less of it ends is taken for granted.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.axes import Line
-from s2r_spec.diagnose.simulate import Bench, Job, Test, evenly, places_of, run_jobs
-from s2r_spec.rollouts.seeds import Stream, rollout_seed
+from s2r_spec.diagnose.axes import Line, Values
+from s2r_spec.diagnose.gap import SHOTS
+from s2r_spec.diagnose.simulate import Bench, Test, evenly, places_of, seeded, table
+from s2r_spec.rollouts.seeds import Stream
 from s2r_spec.trace import Trace
 
-ASKED = 3
-"""Budget: tests at which real rollouts ended early that are asked about, at most; of those at which they did not, twice
-as many. Doubled, fewer effects are suspected, at twice the time."""
-SPARED = 1 / 3
-"""Level: part of the latter at which an effect may end the simulator early, too. Doubled, more effects count."""
 HALVINGS = 6
-"""Budget: halvings of the way from nominal to the end of a range, to find the least of an effect that does it. Doubled,
-the least is known 64 times as finely."""
+"""Budget: halvings of the way from nominal to the end of a range. Doubled, the least is known 64 times as finely."""
 SHOWN = 3
 """Definition: effects that a sentence names; it counts the others. Doubled, sentences get longer."""
 
+Rollouts = Sequence[tuple[Test, Trace]]
 
-@dataclass(frozen=True)
-class Culprit:
-    """An effect that may be why.
 
-    Attributes:
-        line: its parameter.
-        coordinate: the least of it that ends the simulator early at all tests that were asked about.
-        others: at how many of the other tests it does, too.
+class Culprit(NamedTuple):
+    """An effect that may be why: a parameter, and the least of it that ends the simulator early at all of the tests.
+
+    ``others`` is the number of other tests at which it does, too.
     """
 
     line: Line
@@ -41,8 +40,8 @@ class Culprit:
     others: int
 
     def __str__(self) -> str:
-        unit = f" {self.line.unit}" if self.line.unit else ""
-        return f"{self.line.name} beyond {self.line.value(self.coordinate):.3g}{unit}"
+        value = f"{self.line.value(self.coordinate):.3g} {self.line.unit}".rstrip()
+        return f"{self.line.name} beyond {value}"
 
 
 @dataclass(frozen=True)
@@ -79,14 +78,14 @@ class Falls:
 def falls(
     bench: Bench,
     lines: Sequence[Line],
-    rollouts: Sequence[tuple[Test, Trace]],
+    rollouts: Rollouts,
     seed: int,
     executor: Callable[[], Executor] | None = None,
 ) -> Falls | None:
     """Ask every effect of the catalogue; None where no real rollout ended early, or all did.
 
-    The least of an effect that ends the simulator early at all of these tests is looked for, for it does so at the
-    fewest others. That more of an effect ends what less of it ends is taken for granted.
+    At most :data:`~.gap.SHOTS` tests at which real rollouts ended early are asked about, and twice as many others. An
+    effect is suspected if it ends the simulator early at a third of the others at most.
 
     Args:
         bench: the simulator.
@@ -95,71 +94,66 @@ def falls(
         seed: of the simulator's rollouts.
         executor: makes a pool; None runs all here.
     """
-    early, stood = _outcomes(rollouts)
+    early, stood = (
+        [of[n] for n in evenly(len(of), most)]
+        for of, most in zip(_by_end(rollouts), (SHOTS, 2 * SHOTS), strict=True)
+    )
     if not early or not stood:
         return None
-    early, stood = (
-        [of[n] for n in evenly(len(of), most)] for of, most in ((early, ASKED), (stood, 2 * ASKED))
-    )
 
-    def ended(tried: Sequence[tuple[Line, float]], tests: Sequence[Test]) -> NDArray[np.intp]:
+    def ended(tried: Sequence[tuple[Line, float]], tests: Sequence[Test]) -> NDArray[np.int_]:
         """Return at how many of the tests the simulator ends early, with each of these alone."""
-        jobs = [Job(line.at(line.value(x)), _runs(tests, seed)) for line, x in tried]
-        rows = run_jobs(bench, jobs, executor, read=_ended)
-        return np.array([int(each.sum()) for each in rows], dtype=np.intp)
+        machines = [line.at(line.value(x)) for line, x in tried]
+        return np.asarray(_ended(bench, machines, tests, seed, executor).sum(axis=1))
 
-    if run_jobs(bench, [Job({}, _runs(early, seed))], executor, read=_ended)[0].all():
+    if _ended(bench, [{}], early, seed, executor).all():
         return Falls(True)
     # An end that is nominal is no effect.
     ends = [(line, line.coordinate(end)) for line in lines if not line.base for end in (line.low, line.high)]
     asked = sorted(((line, x) for line, x in ends if x), key=lambda one: abs(one[1]))
     enough = [one for one, count in zip(asked, ended(asked, early), strict=True) if count == len(early)]
-    low, high = np.zeros(len(enough)), np.array([x for _, x in enough])
+    effects, high = [line for line, _ in enough], np.array([x for _, x in enough])
+    low = np.zeros(len(enough))
     for _ in range(HALVINGS if enough else 0):
         middle = 0.5 * (low + high)
-        found = ended([(line, x) for (line, _), x in zip(enough, middle.tolist(), strict=True)], early)
+        found = ended([*zip(effects, middle.tolist(), strict=True)], early)
         low, high = np.where(found < len(early), middle, low), np.where(found < len(early), high, middle)
-    least = [(line, x) for (line, _), x in zip(enough, high.tolist(), strict=True)]
-    culprits = [
-        Culprit(line, x, int(count))
-        for (line, x), count in zip(least, ended(least, stood), strict=True)
-        if count <= SPARED * len(stood)
-    ]
+    least = [*zip(effects, high.tolist(), strict=True)]
+    culprits = [Culprit(*one, int(count)) for one, count in zip(least, ended(least, stood), strict=True)]
+    culprits = [each for each in culprits if 3 * each.others <= len(stood)]
     return Falls(False, tuple(sorted(culprits, key=lambda each: abs(each.coordinate))), len(stood))
 
 
 def falls_alone(
-    bench: Bench,
-    rollouts: Sequence[tuple[Test, Trace]],
-    seed: int,
-    executor: Callable[[], Executor] | None = None,
+    bench: Bench, rollouts: Rollouts, seed: int, executor: Callable[[], Executor] | None = None
 ) -> list[Test]:
     """Return the tests at which the simulator, with nothing added, ends early, and no real rollout does."""
-    stood = _outcomes(rollouts)[1]
-    jobs = [Job({}, (run,)) for run in _runs(stood, seed)]
-    ended = run_jobs(bench, jobs, executor, read=_ended)
-    return [test for test, rows in zip(stood, ended, strict=True) if rows.any()]
+    _, stood = _by_end(rollouts)
+    [ended] = _ended(bench, [{}], stood, seed, executor)
+    return [test for test, fell in zip(stood, ended, strict=True) if fell]
 
 
-def always_early(rollouts: Sequence[tuple[Test, Trace]]) -> int:
-    """Return how many tests there are that were run again and ended early every time."""
-    places = places_of([test for test, _ in rollouts]).values()
-    return sum(len(own) > 1 and all(rollouts[n][1].failure is not None for n in own) for own in places)
-
-
-def _ended(bench: Bench, trace: Trace, test: Test) -> NDArray[np.float64]:
-    return np.array([float(trace.failure is not None)])
-
-
-def _outcomes(rollouts: Sequence[tuple[Test, Trace]]) -> tuple[list[Test], list[Test]]:
+def _by_end(rollouts: Rollouts) -> tuple[list[Test], list[Test]]:
     """Return the different tests at which some rollout ended early, and those at which none did."""
-    early: list[Test] = []
-    stood: list[Test] = []
+    ends: tuple[list[Test], list[Test]] = [], []
     for key, own in places_of([test for test, _ in rollouts]).items():
-        fell = any(rollouts[n][1].failure is not None for n in own)
-        (early if fell else stood).append(dict(key))
-    return early, stood
+        ends[all(rollouts[n][1].failure is None for n in own)].append(dict(key))
+    return ends
 
 
-def _runs(tests: Sequence[Test], seed: int) -> tuple[tuple[Test, int], ...]:
-    return tuple((test, rollout_seed(seed, n, 0, Stream.CHECK)) for n, test in enumerate(tests))
+def _ended(
+    bench: Bench,
+    machines: Sequence[Values],
+    tests: Sequence[Test],
+    seed: int,
+    executor: Callable[[], Executor] | None,
+) -> NDArray[np.bool_]:
+    """Return (machines, tests) whether the simulator with these effects ends early."""
+    if not machines or not tests:
+        return np.zeros((len(machines), len(tests)), dtype=bool)
+    return np.asarray(table(bench, machines, seeded(tests, seed, Stream.CHECK), executor, _end)[0] > 0.0)
+
+
+def _end(bench: Bench, trace: Trace, test: Test) -> NDArray[np.float64]:
+    """Return (1,) whether a rollout ended early; the specification may declare no ρ for that."""
+    return np.array([float(trace.failure is not None)])

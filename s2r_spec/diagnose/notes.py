@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.backend import HasResiduals
-from s2r_spec.diagnose.falls import Falls, always_early
+from s2r_spec.diagnose.falls import Falls
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.quality.suspects import SHOWN
-from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.diagnose.simulate import Bench, Test, places_of
 from s2r_spec.errors import TraceError
-from s2r_spec.space import key_of
 from s2r_spec.trace import Trace
-
-FloatArray = NDArray[np.float64]
-Rollout = tuple[dict[str, float], Trace]
 
 CUT = "cut at"
 """In the metadata of a recording of which only the begin is used: until when [s]."""
@@ -37,15 +32,10 @@ class Used:
         least: different tests, and rollouts, from which on some are held out.
     """
 
-    rollouts: Sequence[Rollout]
+    rollouts: Sequence[tuple[Test, Trace]]
     train: int
     held_out: int
     least: tuple[int, int]
-
-    @property
-    def count(self) -> int:
-        """Number of rollouts in use; the others ended early."""
-        return self.train + self.held_out
 
 
 def notes(
@@ -54,7 +44,7 @@ def notes(
     idle: Sequence[str] = (),
     why: Falls | None = None,
     odd: Sequence[Finding] = (),
-    alone: Sequence[Mapping[str, float]] = (),
+    alone: Sequence[Test] = (),
 ) -> tuple[str, ...]:
     """Return what these rollouts lack for a diagnosis, a sentence each.
 
@@ -67,26 +57,17 @@ def notes(
         alone: tests at which the simulator ends early, and the machine does not.
     """
     found = [each.text for each in odd]
-    rollouts, count = used.rollouts, len(used.rollouts)
     if idle:
+        one = len(idle) == 1
         found.append(
-            f"in these experiments, {', '.join(idle)} {'changes' if len(idle) == 1 else 'change'} nothing in the "
-            f"simulator, so no data can show {'it' if len(idle) == 1 else 'them'}"
+            f"in these experiments, {', '.join(idle)} {'changes' if one else 'change'} nothing in the "
+            f"simulator, so no data can show {'it' if one else 'them'}"
         )
-    if not rollouts:
+    if not used.rollouts:
         return (*found, "no test of the specification was run, so the gap in ρ was not measured")
-    fell = [trace.failure for _, trace in rollouts if trace.failure is not None]
-    if fell:
-        kinds = ", ".join(sorted({str(failure) for failure in fell}))
-        early = f"{len(fell)} of {count} real rollouts ended early ({kinds}{_again(rollouts)})"
-        if used.count < count:
-            found.append(f"{early}, and {'is' if len(fell) == 1 else 'are'} left out")
-        else:
-            found.append(f"{early}. The cause also rests on their samples before the end, which say little")
-        if why is not None:
-            found[-1] += f". {why}"
+    found += _early(used, why)
+    tests = places_of([test for test, _ in used.rollouts])
     if alone:
-        tests = {key_of(test) for test, _ in rollouts}
         where = " and ".join(
             ", ".join(f"{k} = {v:.4g}" for k, v in test.items()) or "the only test" for test in alone[:SHOWN]
         )
@@ -95,67 +76,82 @@ def notes(
             f"does ({where}). There the gap in ρ is the cost of a fall and shows few causes. Make the simulator stand "
             f"at these tests first, or use a smaller test space"
         )
-    longer = [trace.meta[CUT] for _, trace in rollouts if CUT in trace.meta]
-    if longer:
+    traces = [trace for _, trace in used.rollouts]
+    if longer := [trace.meta[CUT] for trace in traces if CUT in trace.meta]:
         found.append(
-            f"{len(longer)} of {count} real rollouts are longer than the simulator's; only their first {longer[0]:g} s "
-            f"are used"
+            f"{len(longer)} of {len(traces)} real rollouts are longer than the simulator's; only their first "
+            f"{longer[0]:g} s are used"
         )
-    apart = [trace.meta[READ_AT] for _, trace in rollouts if READ_AT in trace.meta]
-    if apart:
+    if apart := [trace.meta[READ_AT] for trace in traces if READ_AT in trace.meta]:
         found.append(
-            f"a window of the spec is shorter than the sample period of {len(apart)} of {count} real rollouts. They "
-            f"are interpolated linearly at the simulator's period of {apart[0]:g} s, which may change ρ a little"
+            f"a window of the spec is shorter than the sample period of {len(apart)} of {len(traces)} real rollouts. "
+            f"They are interpolated linearly at the simulator's period of {apart[0]:g} s, which may change ρ a little"
         )
-    lacking = [
-        channel.name
-        for channel in bench.backend.channels
-        if all(
-            channel.name not in trace.channels or not np.isfinite(trace[channel.name]).any()
-            for _, trace in rollouts
-        )
-    ]
-    if lacking:
-        found.append(
-            f"the real rollouts have no {_some(lacking)}. An effect that only these would show "
-            f"cannot be found{_unread(bench, rollouts)}"
-        )
-    found += _gaps(bench, rollouts, lacking)
-    found += _without_residuals(bench, rollouts)
-    tests = {key_of(test) for test, _ in rollouts}
-    if len(tests) == 1 and rollouts[0][0]:
+    found += _channels(bench, traces)
+    found += _without_residuals(bench, used.rollouts)
+    if len(tests) == 1 and bench.spec.space.dim:
         found.append("all real rollouts repeat one test, so nothing is known about other tests")
     if not used.held_out:
-        takes, here = (
-            f"{used.least[1]} rollouts of {used.least[0]} different tests",
-            f"{count} of {len(tests)}",
-        )
+        takes, here = f"{used.least[1]} rollouts of {used.least[0]} different tests", f" of {len(tests)}"
         if not bench.spec.space.dim:
             # There is one test, and rollouts of it are all there is to hold out.
-            takes, here = f"{used.least[0]} rollouts", f"{count}"
+            takes, here = f"{used.least[0]} rollouts", ""
         found.append(
             f"no rollouts were held out, so the reduction of the gap was not measured: it takes {takes}, and there are "
-            f"{here}"
+            f"{len(used.rollouts)}{here}"
         )
     return tuple(found)
 
 
-def _again(rollouts: Sequence[Rollout]) -> str:
-    """Return at how many tests rollouts ended early every time, in words."""
-    always = always_early(rollouts)
-    tests = {key_of(test) for test, trace in rollouts if trace.failure is not None}
-    if not always:
-        return ""
-    if len(tests) == 1:
-        return ", every time at one test, so it is no accident"
-    return f", at {len(tests)} tests, and in every repetition at {always} of them, so it is no accident"
+def _early(used: Used, why: Falls | None) -> Iterator[str]:
+    """Yield how many rollouts ended early, at which tests every time, and what may be why."""
+    fell = [trace.failure is not None for _, trace in used.rollouts]
+    if not any(fell):
+        return
+    tests = [[fell[n] for n in own] for own in places_of([test for test, _ in used.rollouts]).values()]
+    always = sum(len(own) > 1 and all(own) for own in tests)
+    again = ""
+    if always and sum(map(any, tests)) == 1:
+        again = ", every time at one test, so it is no accident"
+    elif always:
+        again = f", at {sum(map(any, tests))} tests, and in every repetition at {always} of them, so it is no accident"
+    kinds = ", ".join(sorted({str(trace.failure) for _, trace in used.rollouts if trace.failure is not None}))
+    count = len(used.rollouts)
+    early = f"{sum(fell)} of {count} real rollouts ended early ({kinds}{again})"
+    if used.train + used.held_out < count:
+        early += f", and {'is' if sum(fell) == 1 else 'are'} left out"
+    else:
+        early += ". The cause also rests on their samples before the end, which say little"
+    yield early if why is None else f"{early}. {why}"
 
 
-def _unread(bench: Bench, rollouts: Sequence[Rollout]) -> str:
-    """Return which channels the simulator does not know, for one of them may be what is lacking."""
-    known = {channel.name for channel in bench.backend.channels}
-    names = sorted({name for _, trace in rollouts for name in trace.channels} - known)
-    return f". The simulator has no {_some(names)}: is a name misspelt?" if names else ""
+def _channels(bench: Bench, traces: Sequence[Trace]) -> Iterator[str]:
+    """Yield which channels all rollouts lack, and which some lack or have gaps in, by the number of rollouts."""
+    known = [channel.name for channel in bench.backend.channels]
+    finite = {
+        name: [np.isfinite(trace[name]) if name in trace.channels else np.zeros(1, bool) for trace in traces]
+        for name in known
+    }
+    lacking = [name for name in known if not any(there.any() for there in finite[name])]
+    if lacking:
+        # One of the channels that the simulator does not know may be what is lacking.
+        others = sorted({name for trace in traces for name in trace.channels} - set(known))
+        unread = f". The simulator has no {_some(others)}: is a name misspelt?" if others else ""
+        yield (
+            f"the real rollouts have no {_some(lacking)}. An effect that only these would show "
+            f"cannot be found{unread}"
+        )
+    holes: dict[int, list[str]] = {}
+    for name in known:
+        count = sum(not there.all() for there in finite[name])
+        if count and name not in lacking:
+            holes.setdefault(count, []).append(name)
+    for count, names in holes.items():
+        verbs = ("is missing or has", "is") if len(names) == 1 else ("are missing or have", "are")
+        yield (
+            f"{_some(names)} {verbs[0]} gaps in {count} of {len(traces)} real rollouts, and {verbs[1]} not used "
+            f"{'there' if 2 * count < len(traces) else 'at all'}"
+        )
 
 
 def _some(names: Sequence[str]) -> str:
@@ -163,28 +159,7 @@ def _some(names: Sequence[str]) -> str:
     return f"{', '.join(names[:SHOWN])}{more}"
 
 
-def _gaps(bench: Bench, rollouts: Sequence[Rollout], lacking: Sequence[str]) -> list[str]:
-    """Return which channels some rollouts lack, or have gaps in, a sentence for every number of rollouts."""
-    holes: dict[int, list[str]] = {}
-    for name in (channel.name for channel in bench.backend.channels):
-        count = sum(not _whole(trace, name) for _, trace in rollouts)
-        if count and name not in lacking:
-            holes.setdefault(count, []).append(name)
-    found = []
-    for count, names in holes.items():
-        verbs = ("is missing or has", "is") if len(names) == 1 else ("are missing or have", "are")
-        found.append(
-            f"{_some(names)} {verbs[0]} gaps in {count} of {len(rollouts)} real rollouts, and {verbs[1]} not used "
-            f"{'there' if 2 * count < len(rollouts) else 'at all'}"
-        )
-    return found
-
-
-def _whole(trace: Trace, name: str) -> bool:
-    return name in trace.channels and bool(np.isfinite(trace[name]).all())
-
-
-def _without_residuals(bench: Bench, rollouts: Sequence[Rollout]) -> list[str]:
+def _without_residuals(bench: Bench, rollouts: Sequence[tuple[Test, Trace]]) -> list[str]:
     """Return why no residual of the simulator's model can be computed, if none can of any rollout."""
     if not isinstance(bench.backend, HasResiduals):
         return []

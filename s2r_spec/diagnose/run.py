@@ -34,8 +34,8 @@ from s2r_spec.diagnose.estimation import Estimate, estimate
 from s2r_spec.diagnose.experiment_design.identifiability import Candidate, separations
 from s2r_spec.diagnose.experiment_design.next_test import NextTest, next_test
 from s2r_spec.diagnose.falls import falls, falls_alone
-from s2r_spec.diagnose.gap.by_test import compared_at_all_tests
 from s2r_spec.diagnose.gap.held_out import held_out_gap
+from s2r_spec.diagnose.gap.materiality import compared_at_all_tests
 from s2r_spec.diagnose.gap.where import Pairs, Where
 from s2r_spec.diagnose.gap.where import where as find_where
 from s2r_spec.diagnose.inference.estimates import (
@@ -50,7 +50,7 @@ from s2r_spec.diagnose.inference.estimates import (
 from s2r_spec.diagnose.inference.goodness_of_fit import goodness_of_fit
 from s2r_spec.diagnose.notes import Used, notes
 from s2r_spec.diagnose.quality import findings
-from s2r_spec.diagnose.remainder import remainders
+from s2r_spec.diagnose.residuals.left import remainders
 from s2r_spec.diagnose.simulate import Bench, Test, refuse_machine, travels
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import ResponseLibrary, library

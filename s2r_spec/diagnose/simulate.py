@@ -20,6 +20,7 @@ from s2r_spec.documentation import page
 from s2r_spec.effects import catalogue_of
 from s2r_spec.errors import BackendError, UsageError
 from s2r_spec.rollouts.compatibility import Interface, check_compatibility
+from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.space import Key, key_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
@@ -236,6 +237,24 @@ def run_jobs(
         else:
             WATCH.get()(len(jobs[index].runs))
     return [results[index] for index in range(len(jobs))]
+
+
+def seeded(tests: Sequence[Test], seed: int, stream: Stream, shots: int = 1) -> tuple[tuple[Test, int], ...]:
+    """Return (test, seed) of so many rollouts of every test, one test after the other."""
+    every = [(n, test, shot) for n, test in enumerate(tests) for shot in range(shots)]
+    return tuple((test, rollout_seed(seed, n, shot, stream)) for n, test, shot in every)
+
+
+def table(
+    bench: Bench,
+    machines: Sequence[Values],
+    runs: Sequence[tuple[Test, int]],
+    executor: Callable[[], Executor] | None = None,
+    read: Read = rho_and_end,
+) -> FloatArray:
+    """Return (n, machines, runs) the n numbers that are read of every machine in every run, a job each."""
+    rows = run_jobs(bench, [Job(values, (run,)) for values in machines for run in runs], executor, read=read)
+    return np.array(rows).reshape(len(machines), len(runs), -1).transpose(2, 0, 1)
 
 
 def _outcomes(

@@ -9,7 +9,7 @@ from typing_extensions import TypedDict
 
 from s2r_spec.attribution.attribute import Part
 from s2r_spec.attribution.critical import Critical
-from s2r_spec.diagnose.gap.body import Shift
+from s2r_spec.diagnose.residuals.shifts import Shift
 from s2r_spec.json_objects.parts import Count, Point, Probability
 
 Values = dict[str, dict[str, float]]

@@ -24,7 +24,7 @@ from benchmarks.blind.segway import machine as segway
 from s2r_spec import backend, load_backend, load_spec
 from s2r_spec.blind.score import score
 from s2r_spec.diagnose.axes import lines
-from s2r_spec.diagnose.remainder import remainders
+from s2r_spec.diagnose.residuals.left import remainders
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.rollouts.recorded import LogBackend
 

@@ -12,7 +12,7 @@ from s2r_spec.diagnose.gap.held_out import compared, gap
 from s2r_spec.diagnose.gap.materiality import Failures, Materiality, RolloutsAtTest, materiality
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, ParameterEstimate
 from s2r_spec.diagnose.quality.finding import Finding
-from s2r_spec.diagnose.remainder import Remainder
+from s2r_spec.diagnose.residuals.left import Remainder
 from s2r_spec.diagnose.simulator.experiments import Experiment
 
 TESTS = [{"v": k / 9} for k in range(9)]

@@ -15,7 +15,7 @@ from s2r_cart import EFFECTS, SPEC, Cart, Machine, real
 import s2r_spec as s2r
 from s2r_spec.diagnose.decision import Rule, Verdict
 from s2r_spec.diagnose.inference.estimates import Status
-from s2r_spec.diagnose.remainder import Remainder
+from s2r_spec.diagnose.residuals.left import Remainder
 from s2r_spec.errors import BackendError, UsageError
 from s2r_spec.report.advice import next_step
 from s2r_spec.rollouts.worker_process import WorkerDiedError

@@ -122,10 +122,9 @@ def test_falls_that_the_machine_does_not_have_hide_no_gap(cache):
         return s2r.diagnose(s2r.parse_spec(SPEC), sim, runs, cache=cache, where=False)
 
     stands, may_fall, falls_itself = map(asked_of, (0.35, 0.25, 0.23))
-    assert stands.notes == ()
+    assert not any("ends early" in note for note in stands.notes)
     assert may_fall.how_far.background < 1.5 * stands.how_far.background
     assert falls_itself.how_far.floor < 1.5 * stands.how_far.floor
     assert falls_itself.how_far.material
-    [note] = falls_itself.notes
-    assert "ends early at" in note
+    [note] = [note for note in falls_itself.notes if "ends early at" in note]
     assert f"of {len(tests)} tests" in note

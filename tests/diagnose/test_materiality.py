@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 import s2r_spec as s2r
-from s2r_spec.diagnose.gap.by_test import compared_at_all_tests
 from s2r_spec.diagnose.gap.materiality import (
     RolloutsAtTest,
+    compared_at_all_tests,
     materiality,
     moderated,
     same_failures,
+    smallest_tolerance,
     tail,
 )
-from s2r_spec.diagnose.gap.tolerance import smallest_tolerance
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.errors import UsageError
 from s2r_turtlebot.effects import turtlebot

@@ -7,10 +7,10 @@ import numpy as np
 
 import s2r_spec as s2r
 from s2r_spec.attribution.attribute import attribute
-from s2r_spec.diagnose.gap.body import Body, BodyPart, Shift
 from s2r_spec.diagnose.gap.materiality import RolloutsAtTest, materiality
 from s2r_spec.diagnose.gap.surface import Band, GapSurface
 from s2r_spec.diagnose.gap.where import Pairs, Where, where
+from s2r_spec.diagnose.residuals.shifts import Body, BodyPart, Shift
 from s2r_spec.trace import Trace
 from tests.report.conftest import undrawn
 from tests.report.test_html import Page

@@ -14,7 +14,7 @@ from s2r_spec.diagnose.experiment_design.next_test import NextTest
 from s2r_spec.diagnose.gap.held_out import compared
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, ParameterEstimate
 from s2r_spec.diagnose.quality.finding import Finding
-from s2r_spec.diagnose.remainder import Remainder
+from s2r_spec.diagnose.residuals.left import Remainder
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.json_objects.schema import schema
 from s2r_spec.report import diagnosed, diagnosed_page

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 import s2r_spec as s2r
-from s2r_spec.diagnose.gap.body import Body, BodyPart, Shift
 from s2r_spec.diagnose.gap.held_out import compared
 from s2r_spec.diagnose.gap.where import Pairs, where
+from s2r_spec.diagnose.residuals.shifts import Body, BodyPart, Shift
 from s2r_spec.report.gap_words import body_words, gap_title, place_words, shrink_rows, where_words
 from tests.report.made import SPACES, rollout, spec_of, where_of
 

@@ -7,3 +7,14 @@ get 14 % shorter."""
 DRAWS = 2000
 """Budget: resamples of a bootstrap, and functions sampled from a posterior. Doubled, the sampling error of every
 probability is smaller by a factor √2."""
+FEWEST = 5
+"""Tolerance: rollouts that reach a place, or degrees of freedom, from which on scatter is known to a third. Doubled,
+fewer places are tested, and fewer replicates count."""
+SHOTS = 3
+"""Budget: simulated rollouts of a held-out test, and tests at which effects and variants are tried. At every test the
+nominal simulator has twice as many rollouts, so that single real failures at two tests are more than chance if no
+simulated rollout fails. Doubled, the gap of a perfect simulator gets 7 % lower, and intervals of single real rollouts
+2 % shorter."""
+ROUNDING = 1e-7
+"""Tolerance: rounding error of ρ and of residuals, in parts of the largest value, and of probabilities. Doubled, only
+machines without scatter change."""

@@ -9,49 +9,54 @@ Unknown: the gap g = mean over the rollouts of |ρ_real − E ρ_sim|, for three
     share:      (g_before − g_after) / (g_before − floor)
 
 The gap is *material* if it exceeds floor + background, and what scatter alone makes in 1 of 20 cases. σ comes from
-replicates of the machine if these have at least REPLICATED degrees of freedom, else from the simulator.
+replicates of the machine if these have at least FEWEST degrees of freedom, else from the simulator.
 
 Units: those of ρ. Source: Efron & Tibshirani, *An Introduction to the Bootstrap* (1993), ch. 13.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
-from typing import Any
+from statistics import NormalDist
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.axes import Values, lines
-from s2r_spec.diagnose.gap import DRAWS, LEVEL
+from s2r_spec.diagnose.gap import DRAWS, FEWEST, LEVEL, SHOTS
+from s2r_spec.diagnose.gap.materiality import mean_difference
 from s2r_spec.diagnose.inference.prior import BACKGROUND
-from s2r_spec.diagnose.simulate import Bench, Job, Test, places_of, run_jobs
+from s2r_spec.diagnose.simulate import Bench, Test, places_of, seeded, table
 from s2r_spec.effects import catalogue_of
-from s2r_spec.rollouts.seeds import Stream, rollout_seed
+from s2r_spec.rollouts.seeds import Stream
 from s2r_spec.space import key_of
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
 Runs = Sequence[tuple[Test, Trace]]
-Share = tuple[float, float, float]
-"""Estimate, lower and upper end of a 95 % interval."""
 
-SHOTS = 3
-"""Budget: simulated rollouts of a held-out test. Doubled, the floor gets 7 % lower."""
-MACHINES = 20
-"""Budget: machines behind the background. Doubled, its quantile is steadier."""
-SURELY = 1.645 * float(np.sqrt(np.pi / 2.0 - 1.0))
-"""Definition: the mean of n |normal| numbers exceeds 1 + SURELY/√n times its expectation in 1 of 20 cases."""
-REPLICATED = 5
-"""Tolerance: degrees of freedom from which on replicates of the machine say how ρ scatters, to a third."""
-ABOVE = 0.2
-"""Tolerance: part of the floor by which a gap must exceed it for a share. Doubled, fewer small gaps have one."""
 GONE = 0.8
-"""Level: part of a material gap from which on it is closed. Higher, more laws that are off are *none of these*."""
+"""Level: part of a material gap from which on it is closed. A gap has a share if it exceeds the floor by the rest, a
+fifth of it. Higher, more laws that are off are *none of these*."""
 CLOSED = 0.5
 """Level: part of a material gap that a named cause closes at least. Higher, fewer causes are named."""
+
+
+class Share(NamedTuple):
+    """A mean, or a part of a gap, with the ends of its 95 % interval."""
+
+    estimate: float
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, draws: FloatArray) -> Share:
+        """Return the first number, with the interval of the others, which are resampled."""
+        return cls(float(draws[0]), *np.quantile(draws[1:], [LEVEL / 2, 1.0 - LEVEL / 2]).tolist())
 
 
 @dataclass(frozen=True)
@@ -123,8 +128,9 @@ class HeldOutGap:
     @property
     def at_most(self) -> float:
         """The mean gap of a machine with scatter and background alone, in 19 of 20 cases."""
-        surely = self.floor * (1.0 + SURELY / float(np.sqrt(len(self.tests))))
-        return max(self.floor + self.background, surely)
+        # The mean of n |normal| numbers exceeds its expectation by more than this in so many cases.
+        surely = NormalDist().inv_cdf(1.0 - LEVEL) * math.sqrt((math.pi / 2.0 - 1.0) / len(self.tests))
+        return max(self.floor + self.background, self.floor * (1.0 + surely))
 
     @property
     def material(self) -> bool:
@@ -144,12 +150,15 @@ class HeldOutGap:
     @property
     def closed(self) -> bool:
         """Whether a material gap is nearly gone, and surely smaller."""
-        return self.material and self.best is not None and self.best[0] >= GONE and self.best[1] > 0.0
+        return self._gone(self.best)
 
     @property
     def explained(self) -> bool:
         """Whether the named effects alone close nearly all of a material gap, and surely some of it."""
-        return self.material and self.share is not None and self.share[0] >= GONE and self.share[1] > 0.0
+        return self._gone(self.share)
+
+    def _gone(self, share: Share | None) -> bool:
+        return self.material and share is not None and share[0] >= GONE and share[1] > 0.0
 
     def stays(self, least: float) -> bool:
         """Whether less than this part of a material gap is closed, and surely not all of it.
@@ -170,9 +179,8 @@ class HeldOutGap:
     @property
     def harmful(self) -> bool:
         """Whether the named effects make a material gap where there was none."""
-        if self.after is None or self.material:
-            return False
-        return self.after.mean - self.before.mean > self.at_most
+        worse = 0.0 if self.after is None else self.after.mean - self.before.mean
+        return not self.material and worse > self.at_most
 
     @property
     def leaves_more(self) -> bool:
@@ -189,7 +197,7 @@ class HeldOutGap:
         own = asdict(self) | {"material": self.material, "elsewhere": self.elsewhere}
         own["tests_with_a_larger_gap_at_most"] = own.pop("beyond")
         for name in ("share", "tuned_share"):
-            own[name] = own[name] and dict(zip(("estimate", "low", "high"), own[name], strict=True))
+            own[name] = own[name] and own[name]._asdict()
         return own | {"tests": list(own["tests"])}
 
 
@@ -215,66 +223,56 @@ def held_out_gap(
     """
     if not held:
         return None
-    tests, at = _distinct(held)
-    shots = _simulated(bench, [{}, tuned, *([patch] if patch else [])], tests, SHOTS, seed, executor)
-    rho, fell = shots[..., 0], (shots[0, ..., 1] > 0.0).any(axis=1)
+    real, others = (np.array([bench.rho(trace, test) for test, trace in runs]) for runs in (held, seen))
+    tests, at = _distinct([test for test, _ in held])
+    machines = [{}, tuned, *([patch] if patch else [])]
+    shots = table(bench, machines, seeded(tests, seed, Stream.GAP_SIM, SHOTS), executor)
+    rho, fell = shots.reshape(2, len(machines), len(tests), SHOTS)
     # A fall counts for so much that neither scatter nor background could be seen beside it.
-    steady = np.logical_or(~fell, fell.all())
+    steady = ~fell[0].any(axis=1) | fell[0].any(axis=1).all()
     # What a cause makes unsteady scatters more than the nominal simulator does.
     simulated = float(np.sqrt(np.maximum(*rho[[0, -1]].var(axis=2, ddof=1)))[steady].mean())
-    machines = _simulated(bench, [{}, *background_machines(bench, seed)], tests, 1, seed, executor)[:, :, 0]
+    machines = [{}, *background_machines(bench, seed)]
+    random, ended = table(bench, machines, seeded(tests, seed, Stream.GAP_SIM), executor)
     early = {key_of(test) for test, trace in held if trace.failure is not None}
     # A fall of a random machine where the real one stands is no part of the real one's gap.
-    ended = (machines[..., 1] > 0.0) & [key_of(test) not in early for test in tests]
-    change = np.ma.masked_array(np.abs(machines[..., 0] - machines[0, :, 0]), ended | ended[0] | ~steady)[1:]
-    real, others = ([bench.rho(trace, test) for test, trace in runs] for runs in (held, seen))
+    ended = (ended > 0.0) & [key_of(test) not in early for test in tests]
+    change = np.ma.masked_array(np.abs(random - random[0]), ended | ended[0] | ~steady)[1:].mean(axis=1)
     elsewhere = None
     if seen:
-        first, place = _distinct(seen)
-        nominal = _simulated(bench, [{}], first, SHOTS, seed, executor)[0, ..., 0]
-        elsewhere = gap(np.array(others) - nominal.mean(axis=1)[place], place)
-    rows = zip((*held, *seen), (*real, *others), strict=True)
+        different, place = _distinct([test for test, _ in seen])
+        nominal = table(bench, [{}], seeded(different, seed, Stream.GAP_SIM, SHOTS), executor)[0]
+        elsewhere = gap(others - nominal.reshape(-1, SHOTS).mean(axis=1)[place], place)
+    rows = zip((*held, *seen), (*real.tolist(), *others.tolist()), strict=True)
     return compared(
-        np.array(real),
+        real,
         [each.mean(axis=1)[at] for each in rho],
         [test for test, _ in held],
         scatter([(test, value) for (test, trace), value in rows if trace.failure is None], simulated),
-        float(np.quantile(np.ma.filled(change.mean(axis=1), 0.0), 1.0 - LEVEL)),
+        float(np.quantile(np.ma.filled(change, 0.0), 1.0 - LEVEL)),
         bench.spec.unit(bench.requirement),
         elsewhere,
     )
 
 
-def _distinct(runs: Runs) -> tuple[list[Test], NDArray[np.intp]]:
-    """Return the different tests, and the place of each run's test among them."""
-    tests: list[Test] = [dict(key) for key in places_of([test for test, _ in runs])]
-    return tests, np.array([tests.index(dict(test)) for test, _ in runs], dtype=np.intp)
-
-
-def _simulated(
-    bench: Bench,
-    machines: Sequence[Values],
-    tests: Sequence[Test],
-    shots: int,
-    seed: int,
-    executor: Callable[[], Executor] | None,
-) -> FloatArray:
-    """Return (machines, tests, shots, 2) ρ and whether the rollout ended early; all with the same random numbers."""
-    runs = tuple(
-        (test, rollout_seed(seed, n, shot, Stream.GAP_SIM))
-        for n, test in enumerate(tests)
-        for shot in range(shots)
-    )
-    rows = run_jobs(bench, [Job(values, runs) for values in machines], executor)
-    return np.array(rows).reshape(len(machines), len(tests), shots, 2)
+def _distinct(tests: Sequence[Test]) -> tuple[list[Test], NDArray[np.intp]]:
+    """Return the different tests, and the number of each test among them."""
+    places = places_of(tests)
+    number = np.empty(len(tests), dtype=np.intp)
+    for n, own in enumerate(places.values()):
+        number[own] = n
+    return [dict(key) for key in places], number
 
 
 def background_machines(bench: Bench, seed: int) -> list[Values]:
-    """Return random machines with θ_k ~ N(0, σ_bg²), half-normal where the range has one side."""
+    """Return random machines with θ_k ~ N(0, σ_bg²), half-normal where the range has one side.
+
+    They are so many that on average one exceeds the quantile.
+    """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(int(Stream.GAP_SIM),)))
     machines: list[Values] = []
     parameters = lines(catalogue_of(bench.backend))
-    for draws in BACKGROUND * rng.normal(size=(MACHINES, len(parameters))):
+    for draws in BACKGROUND * rng.normal(size=(round(1.0 / LEVEL), len(parameters))):
         values: dict[str, dict[str, float]] = {}
         for line, size in zip(parameters, draws.tolist(), strict=True):
             low, high = sorted((line.coordinate(line.low), line.coordinate(line.high)))
@@ -285,27 +283,18 @@ def background_machines(bench: Bench, seed: int) -> list[Values]:
 
 
 def scatter(runs: Sequence[tuple[Test, float]], simulated: float) -> float:
-    """Return the standard deviation of ρ from run to run: of replicates where there are enough, else the simulator's.
+    """Return the standard deviation of ρ from run to run: of replicates among (test, ρ) of whole real rollouts.
 
-    Args:
-        runs: (test, ρ) of the machine, without rollouts that ended early.
-        simulated: standard deviation of the simulator's ρ.
+    Where these are too few, it is that of ``simulated`` ones.
     """
     places = places_of([test for test, _ in runs]).values()
     several = [np.array([runs[place][1] for place in own]) for own in places if len(own) > 1]
-    free = sum(len(own) - 1 for own in several)
-    if free < REPLICATED:
+    free = [len(own) - 1 for own in several]
+    if sum(free) < FEWEST:
         return simulated
-    # The mean |difference| of two normal numbers is 2/√π of their standard deviation.
-    apart = [float(np.abs(own[:, None] - own).sum()) / len(own) for own in several]
-    return sum(apart) / free * float(np.sqrt(np.pi)) / 2.0
-
-
-def gap(differences: FloatArray, groups: NDArray[np.intp]) -> Gap:
-    """Return the mean of |differences| (n,) with an interval; ``groups`` (n,) says which share a test."""
-    size = np.abs(differences)
-    worst = max(abs(float(differences[groups == g].mean())) for g in np.unique(groups))
-    return Gap(float(size.mean()), *_interval(_resampled(size[None], groups)[0]), worst)
+    return (
+        float(np.average([mean_difference(own) for own in several], weights=free)) * math.sqrt(math.pi) / 2.0
+    )
 
 
 def compared(
@@ -329,54 +318,46 @@ def compared(
         unit: of ρ.
         seen: see :class:`HeldOutGap`.
     """
-    groups = np.array([tests.index(test) for test in tests], dtype=np.intp)
-    left = [real - each for each in simulated]
-    floor = deviation * float(np.sqrt(2.0 / np.pi * (1.0 + 1.0 / SHOTS)))
-    before = gap(left[0], groups)
+    distinct, groups = _distinct(tests)
+    nominal, tuned, *patched = (real - each for each in simulated)
+    floor = deviation * math.sqrt(2.0 / math.pi * (1.0 + 1.0 / SHOTS))
+    before, least = gap(nominal, groups), (1.0 - GONE) * floor
 
     def share(after: FloatArray) -> Share | None:
-        if before.mean <= (1.0 + ABOVE) * floor:
-            return None
-        sizes = np.abs([left[0], after])
-        b, a = np.column_stack([sizes.mean(axis=1), _resampled(sizes, groups)])
-        closed = (b - a) / np.maximum(b - floor, ABOVE * floor + 1e-12)
-        return (float(closed[0]), *_interval(closed[1:]))
+        b, a = _resampled(np.abs([nominal, after]), groups)
+        closed = Share.of((b - a) / np.maximum(b - floor, least + 1e-12))
+        return closed if before.mean > floor + least else None
 
-    patched = left[2] if len(left) > 2 else None
-    distinct = np.unique(groups)
+    counts = np.bincount(groups).tolist()
+    signed = [(np.bincount(groups, each) / counts).tolist() for each in (nominal, *patched)]
+    after = signed[1] if patched else [None] * len(distinct)
     return HeldOutGap(
         rollouts=len(real),
         unit=unit,
         before=before,
-        after=None if patched is None else gap(patched, groups),
-        tuned=gap(left[1], groups),
+        after=gap(patched[0], groups) if patched else None,
+        tuned=gap(tuned, groups),
         floor=floor,
         background=background,
-        share=None if patched is None else share(patched),
-        tuned_share=share(left[1]),
-        beyond=float(1.0 - LEVEL ** (1.0 / len(distinct))),
-        tests=tuple(
-            HeldOut(
-                dict(tests[g]),
-                int((groups == g).sum()),
-                float(left[0][groups == g].mean()),
-                None if patched is None else float(patched[groups == g].mean()),
-            )
-            for g in distinct
-        ),
+        share=share(patched[0]) if patched else None,
+        tuned_share=share(tuned),
+        beyond=1.0 - LEVEL ** (1.0 / len(distinct)),
+        tests=tuple(HeldOut(*each) for each in zip(distinct, counts, signed[0], after, strict=True)),
         seen=seen,
     )
 
 
+def gap(differences: FloatArray, groups: NDArray[np.intp]) -> Gap:
+    """Return the mean of |differences| (n,) with an interval; ``groups`` (n,) has the number of each one's test."""
+    worst = np.abs(np.bincount(groups, differences) / np.bincount(groups)).max()
+    return Gap(*Share.of(_resampled(np.abs(differences)[None], groups)[0]), float(worst))
+
+
 def _resampled(values: FloatArray, groups: NDArray[np.intp]) -> FloatArray:
-    """Return (q, DRAWS) means of (q, n) values over whole tests; over rollouts if all are of one test."""
+    """Return (q, 1 + DRAWS) the means of (q, n) values, and those of resampled tests; of rollouts for a single test."""
     rng = np.random.default_rng(np.random.SeedSequence(0))
-    tests = np.unique(groups, return_inverse=True)[1] if np.ptp(groups) else np.arange(groups.size)
-    member = tests == np.arange(tests.max() + 1)[:, None]
+    units = groups if groups.any() else np.arange(groups.size)
+    member = units == np.arange(units.max() + 1)[:, None]
     picks = rng.integers(len(member), size=(DRAWS, len(member)))
-    return np.asarray((values @ member.T)[:, picks].sum(axis=2) / member.sum(axis=1)[picks].sum(axis=1))
-
-
-def _interval(draws: FloatArray) -> tuple[float, float]:
-    low, high = np.quantile(draws, [LEVEL / 2, 1.0 - LEVEL / 2])
-    return float(low), float(high)
+    draws = (values @ member.T)[:, picks].sum(axis=2) / member.sum(axis=1)[picks].sum(axis=1)
+    return np.column_stack([values.mean(axis=1), draws])

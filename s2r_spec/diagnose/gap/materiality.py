@@ -36,15 +36,21 @@ search found no log-concave density that exceeds it there by more than 4 %; only
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.gap import LEVEL
+from s2r_spec.diagnose.gap import LEVEL, ROUNDING, SHOTS
+from s2r_spec.diagnose.simulate import Bench, Job, Test, places_of, rho_and_end, run_jobs, seeded
 from s2r_spec.errors import UsageError
+from s2r_spec.lang import formula as f
+from s2r_spec.lang.constants import constant
+from s2r_spec.rollouts.seeds import Stream
+from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
 
@@ -56,12 +62,8 @@ RATIO = 0.4
 machines scatter at most 1.3 times as much as their simulator, 19 of 20 at most 2.2 times. `python
 benchmarks/materiality.py --a1` prints this ratio for a twin of other code. Doubled, intervals of single real
 rollouts get 2.3 times as long; halved, 24 % shorter."""
-ROUNDING = 1e-9
-"""Tolerance: rounding error of ρ, in parts of the largest |ρ|. Doubled, nothing changes where ρ scatters."""
 NODES = 16
 """Budget: values of r and of W over which p-values are averaged. Doubled, intervals change by 0.1 %."""
-EDGE = 1e-7
-"""Tolerance: probability of W that is cut off at either end. Doubled, no digit of an answer changes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +88,12 @@ class RolloutsAtTest:
     def gap(self) -> float:
         """Mean real ρ less mean simulated ρ."""
         return float(self.real.mean() - self.simulated.mean())
+
+    @property
+    def table(self) -> tuple[int, int, int, int]:
+        """Real rollouts that ended early, all real ones, and the same of simulated ones."""
+        a, b = self.real_failed, self.simulated_failed
+        return a, a + self.real.size, b, b + self.simulated.size
 
 
 @dataclass(frozen=True)
@@ -205,6 +213,58 @@ class Materiality:
         }
 
 
+def compared_at_all_tests(
+    bench: Bench,
+    rollouts: Sequence[tuple[Test, Trace]],
+    seed: int,
+    executor: Callable[[], Executor] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Materiality:
+    """Return whether the gap matters at any test of the real rollouts.
+
+    Args:
+        bench: the simulator without effects, and the spec.
+        rollouts: (test, trace) of every real rollout, also of those that ended early.
+        seed: of the simulations.
+        executor: makes a pool for them; None runs them here.
+        progress: called with the numbers of done and of all tests.
+
+    Raises:
+        UsageError: a ρ is infinite or not a number.
+        BackendError: a simulation raised an error.
+    """
+    real = np.array([rho_and_end(bench, trace, test) for test, trace in rollouts])
+    places = places_of([test for test, _ in rollouts])
+    runs = seeded([dict(key) for key in places], seed, Stream.MATERIALITY, 2 * SHOTS)
+    jobs = [Job({}, runs[k : k + 2 * SHOTS]) for k in range(0, len(runs), 2 * SHOTS)]
+    rows = run_jobs(bench, jobs, executor, progress)
+    tests = []
+    for (key, own), simulated in zip(places.items(), rows, strict=True):
+        whole = [side[side[:, 1] == 0.0, 0] for side in (real[own], simulated)]
+        failed = [int(side[:, 1].sum()) for side in (real[own], simulated)]
+        tests.append(RolloutsAtTest(dict(key), *whole, *failed))
+    formula = bench.spec.formulas[bench.requirement]
+    return materiality(tests, bench.spec.unit(bench.requirement), smallest_tolerance(formula))
+
+
+def smallest_tolerance(formula: f.Formula) -> float | None:
+    """Return the smallest positive constant that a predicate compares a signal with, in the unit of ρ.
+
+    None where no predicate has one, or where ρ is a minimum of different dimensions.
+    """
+    if formula.unit == f.MIXED:
+        return None
+    sizes = []
+    for node in f.walk(formula):
+        for side in (node.left, node.right) if isinstance(node, f.Comparison) else ():
+            value = constant(side)
+            # A number of degrees Celsius is no difference, so no tolerance.
+            if value and not (side.unit and side.unit.offset):
+                scale = side.unit.to(formula.unit)[0] if side.unit and formula.unit else 1.0
+                sizes.append(abs(value) * scale)
+    return min(sizes, default=None)
+
+
 def materiality(
     tests: Sequence[RolloutsAtTest], unit: str = "", tolerance: float | None = None
 ) -> Materiality:
@@ -218,16 +278,52 @@ def materiality(
     Raises:
         UsageError: a ρ is infinite or not a number.
     """
-    _refuse_not_finite(tests)
-    failures = _failures(tests)
+    for test in tests:
+        for whose, values in (("real", test.real), ("simulated", test.simulated)):
+            for value in values[~np.isfinite(values)].tolist():
+                at = ", ".join(f"{name} = {number:g}" for name, number in test.params.items()) or "the test"
+                raise UsageError(
+                    f"ρ of a {whose} rollout at {at} is {value}; remove 'true', flags and empty windows from the "
+                    f"requirement, so that ρ is finite"
+                )
+    tables = np.array([test.table for test in tests]).reshape(-1, 4)
+    failures = None
+    if tables[:, [0, 2]].any():
+        real, of, simulated, among = tables.sum(axis=0).tolist()
+        failures = Failures(real, of, simulated, among, min(1.0, 2.0 * same_failures(tables.tolist())))
     both = [test for test in tests if test.real.size and test.simulated.size]
-    half, p = _intervals(both, LEVEL / (max(len(both), 1) * (1 if failures is None else 2)))
-    found = []
-    for test, h, each in zip(both, half.tolist(), p.tolist(), strict=True):
-        means = float(test.real.mean()), float(test.simulated.mean())
-        ends = test.gap - h, test.gap + h
-        found.append(GapAtTest(dict(test.params), test.real.size, *means, *ends, each))
-    return Materiality(tuple(found), failures, unit, tolerance)
+    half, p_values = _intervals(both, LEVEL / (max(len(both), 1) * (1 if failures is None else 2)))
+    gaps = tuple(
+        GapAtTest(
+            dict(test.params), test.real.size, float(test.real.mean()), float(test.simulated.mean()),
+            test.gap - h, test.gap + h, p,
+        )
+        for test, h, p in zip(both, half.tolist(), p_values.tolist(), strict=True)
+    )  # fmt: skip
+    return Materiality(gaps, failures, unit, tolerance)
+
+
+def same_failures(tables: Sequence[Sequence[int]]) -> float:
+    """Return the p-value of real and simulated rollouts failing alike.
+
+    Args:
+        tables: (real failed, real rollouts, simulated failed, simulated rollouts) of each test.
+    """
+    from scipy.stats import hypergeom
+
+    observed = 0.0
+    sums = {0.0: 1.0}
+    for failed, real, other, simulated in tables:
+        counts = np.arange(max(0, failed + other - simulated), min(real, failed + other) + 1)
+        masses = hypergeom.pmf(counts, real + simulated, failed + other, real)
+        observed += math.log(masses[counts == failed].item())
+        after: dict[float, float] = {}
+        for log, mass in sums.items():
+            for own in masses.tolist():
+                key = round(log + math.log(own), 9)
+                after[key] = after.get(key, 0.0) + mass * own
+        sums = after
+    return min(1.0, sum(mass for log, mass in sums.items() if log <= observed + 1e-6))
 
 
 def moderated(variances: FloatArray, freedom: FloatArray) -> tuple[FloatArray, float]:
@@ -254,142 +350,85 @@ def moderated(variances: FloatArray, freedom: FloatArray) -> tuple[FloatArray, f
     return posterior, min(prior + float(freedom.mean()), total)
 
 
+def mean_difference(values: FloatArray) -> float:
+    """Return the mean |difference| of two of (n,) values: 2/√π of the standard deviation if these are normal."""
+    return float(np.abs(values[:, None] - values).sum()) / (values.size * (values.size - 1))
+
+
 def tail(z: FloatArray) -> FloatArray:
     """Return a bound on P(|ε| ≥ z) of every log-concave density of mean 0 and variance 1."""
     near = 4.0 / (9.0 * np.maximum(z, 1e-9) ** 2)
     return np.where(z < 3.0, np.minimum(1.0, near), np.exp(-1.0 - np.maximum(z, 3.0)))
 
 
-def same_failures(tables: Sequence[tuple[int, int, int, int]]) -> float:
-    """Return the p-value of real and simulated rollouts failing alike.
-
-    Args:
-        tables: (real failed, real rollouts, simulated failed, simulated rollouts) of each test.
-    """
-    from scipy.stats import hypergeom
-
-    observed = 0.0
-    sums = {0.0: 1.0}
-    for failed, real, other, simulated in tables:
-        counts = np.arange(max(0, failed + other - simulated), min(real, failed + other) + 1)
-        masses = hypergeom.pmf(counts, real + simulated, failed + other, real)
-        observed += math.log(masses[counts == failed].item())
-        after: dict[float, float] = {}
-        for log, mass in sums.items():
-            for own in masses.tolist():
-                key = round(log + math.log(own), 9)
-                after[key] = after.get(key, 0.0) + mass * own
-        sums = after
-    return min(1.0, sum(mass for log, mass in sums.items() if log <= observed + 1e-6))
-
-
-def _failures(tests: Sequence[RolloutsAtTest]) -> Failures | None:
-    """Return the rollouts that ended early; None without any."""
-    tables = [
-        (
-            t.real_failed,
-            t.real_failed + t.real.size,
-            t.simulated_failed,
-            t.simulated_failed + t.simulated.size,
-        )
-        for t in tests
-    ]
-    real, of, simulated, among = np.sum([(0, 0, 0, 0), *tables], axis=0).tolist()
-    if not real + simulated:
-        return None
-    return Failures(real, of, simulated, among, min(1.0, 2.0 * same_failures(tables)))
-
-
 def _intervals(tests: Sequence[RolloutsAtTest], level: float) -> tuple[FloatArray, FloatArray]:
     """Return half-widths (T,) of intervals around the gaps, and the p-values (T,) of these gaps."""
+    from scipy.optimize import brentq
+
     half, p = np.empty(len(tests)), np.empty(len(tests))
     if not tests:
         return half, p
     scale = ROUNDING * max(float(np.abs(one).max()) for test in tests for one in (test.real, test.simulated))
+    scale = max(scale, 1e-300)
     deviation, freedom = _scatter(tests, scale)
-    least = np.maximum(deviation, max(scale, 1e-300))
-    squares = [((one.real - one.real.mean()) ** 2).sum() / v**2 for one, v in zip(tests, least, strict=True)]
-    ratio, of_ratio = _ratio(float(np.sum(squares)), sum(one.real.size - 1 for one in tests))
-    error, of_error = _variance_error(freedom)
-    weights = np.outer(of_ratio, of_error).ravel()
-    sizes = [(test.real.size, test.simulated.size) for test in tests]
-    gaps = np.array([test.gap for test in tests])
-    for n, m in dict.fromkeys(sizes):
-        alike = np.array([size == (n, m) for size in sizes])
-        unit = (np.sqrt(ratio**2 / n + 1.0 / m)[:, None] / np.sqrt(error)).ravel()
-        half[alike] = np.maximum(deviation[alike] * _quantile(unit, weights, level), scale)
-        z = np.abs(gaps[alike, None]) / np.maximum(deviation[alike, None] * unit, max(scale, 1e-300))
-        p[alike] = tail(z) @ weights
+    squares = sum(
+        float(((t.real - t.real.mean()) ** 2).sum()) / max(d, scale) ** 2
+        for t, d in zip(tests, deviation, strict=True)
+    )
+    ratio, error, weights = _errors(squares, sum(one.real.size - 1 for one in tests), freedom)
+
+    def above(gap: float, errors: FloatArray, less: float = 0.0) -> float:
+        """Return the p-value of a gap for these standard errors, less a number."""
+        return float(tail(gap / errors) @ weights) - less
+
+    at_level: dict[tuple[int, int], float] = {}
+    for k, test in enumerate(tests):
+        n, m = test.real.size, test.simulated.size
+        unit = np.sqrt((ratio**2 / n + 1.0 / m) / error)
+        if (n, m) not in at_level:
+            most = float(unit.max()) * (1.0 - math.log(level))
+            at_level[n, m] = brentq(above, 0.0, most, args=(unit, level))
+        half[k] = max(deviation[k] * at_level[n, m], scale)
+        p[k] = above(abs(test.gap), np.maximum(deviation[k] * unit, scale))
     return half, p
 
 
 def _scatter(tests: Sequence[RolloutsAtTest], scale: float) -> tuple[FloatArray, float]:
     """Return standard deviations (T,) of ρ of simulated rollouts, and their degrees of freedom.
 
-    Without scatter in the simulator, the scatter of replicated real rollouts stands for both.
-
-    Args:
-        tests: T of them.
-        scale: rounding error of ρ.
+    If a simulator scatters less than ``scale``, ρ's rounding error, replicated real rollouts stand for both.
     """
-    base = [test.simulated for test in tests]
-    if all(one.size < 2 or np.ptp(one) <= scale for one in base):
-        base = [test.real for test in tests]
-    repeated = np.array([one.size > 1 for one in base])
+    samples = [test.simulated for test in tests]
+    if all(np.ptp(one) <= scale for one in samples):
+        samples = [test.real for test in tests]
+    repeated = np.array([one.size > 1 for one in samples])
     if not repeated.any():
         return np.zeros(len(tests)), 1.0
-    samples = [one for one in base if one.size > 1]
     own, freedom = moderated(
-        np.array([max(float(one.var(ddof=1)), scale**2, 1e-300) for one in samples]),
-        np.array([one.size - 1.0 for one in samples]),
+        np.array([max(float(one.var(ddof=1)), scale**2, 1e-300) for one in samples if one.size > 1]),
+        np.array([one.size - 1.0 for one in samples if one.size > 1]),
     )
     variance = np.full(len(tests), float(own.mean()))
     variance[repeated] = own
     return np.sqrt(variance), freedom
 
 
-def _ratio(squares: float, freedom: int) -> tuple[FloatArray, FloatArray]:
-    """Return values (NODES,) of r and their posterior weights.
+def _errors(squares: float, of: int, freedom: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return pairs of r and W ~ χ²_d/d, each (NODES²,), and their posterior weights.
 
-    Args:
-        squares: sum of squares of real rollouts around their test's mean, in units of the simulator's variances.
-        freedom: its degrees of freedom; 0 for the prior.
+    W has nodes by Gauss and Legendre's rule for its logarithm, and d is ``freedom``. r is known by a sum of ``squares``
+    of real rollouts around their test's mean [simulator's variances] with ``of`` degrees of freedom; 0 for the prior.
     """
-    most = 4.0 * RATIO + (0.5 * max(math.log(max(squares, 1e-300) / freedom), 0.0) if freedom else 0.0)
-    logs = most * (np.arange(NODES) + 0.5) / NODES
-    weight = -0.5 * (logs / RATIO) ** 2 - freedom * logs - 0.5 * squares * np.exp(-2.0 * logs)
-    weight = np.exp(weight - weight.max())
-    return np.exp(logs), weight / weight.sum()
-
-
-def _variance_error(freedom: float) -> tuple[FloatArray, FloatArray]:
-    """Return values (NODES,) of W ~ χ²_d/d and their weights, by Gauss and Legendre's rule for log W."""
     from scipy.special import gammaincinv
 
+    most = 4.0 * RATIO + (0.5 * max(math.log(max(squares, 1e-300) / of), 0.0) if of else 0.0)
+    log_r = most * (np.arange(NODES) + 0.5) / NODES
+    log_p = -0.5 * (log_r / RATIO) ** 2 - of * log_r - 0.5 * squares * np.exp(-2.0 * log_r)
     shape = freedom / 2.0
-    ends = np.log(gammaincinv(shape, [EDGE, 1.0 - EDGE]) / shape)
-    at, weight = np.polynomial.legendre.leggauss(NODES)
-    logs = 0.5 * (ends[1] - ends[0]) * at + ends.mean()
-    density = shape * (logs - np.exp(logs))
-    weight = weight * np.exp(density - density.max())
-    return np.exp(logs), weight / weight.sum()
-
-
-def _quantile(errors: FloatArray, weights: FloatArray, level: float) -> float:
-    """Return the gap of which the p-value is ``level``, for standard errors and their weights."""
-    from scipy.optimize import brentq
-
-    most = float(errors.max()) * (1.0 - math.log(level))
-    return float(brentq(lambda gap: float(tail(gap / errors) @ weights) - level, 0.0, most))
-
-
-def _refuse_not_finite(tests: Sequence[RolloutsAtTest]) -> None:
-    """Raise an error where a ρ is infinite or not a number."""
-    for test in tests:
-        for whose, values in (("real", test.real), ("simulated", test.simulated)):
-            for value in values[~np.isfinite(values)].tolist():
-                at = ", ".join(f"{name} = {number:g}" for name, number in test.params.items()) or "the test"
-                raise UsageError(
-                    f"ρ of a {whose} rollout at {at} is {value}; remove 'true', flags and empty windows from the "
-                    f"requirement, so that ρ is finite"
-                )
+    ends = np.log(gammaincinv(shape, [ROUNDING, 1.0 - ROUNDING]) / shape)
+    at, rule = np.polynomial.legendre.leggauss(NODES)
+    log_w = 0.5 * (ends[1] - ends[0]) * at + ends.mean()
+    log_q = shape * (log_w - np.exp(log_w)) + np.log(rule)
+    weights = np.exp(np.add.outer(log_p - log_p.max(), log_q - log_q.max())).ravel()
+    pairs = np.exp(np.meshgrid(log_r, log_w, indexing="ij")).reshape(2, -1)
+    return pairs[0], pairs[1], weights / weights.sum()

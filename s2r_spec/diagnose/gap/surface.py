@@ -1,59 +1,57 @@
 """The gap over the test space, from a Gaussian process.
 
 Data: Δρ (n,) at the tests that were run, with standard errors from replicates. Unknown: the signed gap g(x) = E Δρ at
-every test x. Model: g is a Gaussian process (:mod:`~s2r_spec.diagnose.gap.gaussian_process`), or the prediction of an
-improved simulator plus such a process. Both models have a weight in proportion to their evidence. Estimator: functions
-that are sampled from the posterior. The expected size E|Δρ| follows from g and the scatter, as the mean of a folded
-normal distribution. The worst test, the band and the tests above the tolerance are statistics of the sampled functions.
+every test x. Model: g is a constant plus a process with a Matérn-5/2 covariance, whose size and length scales have
+log-normal priors; or the prediction of an improved simulator plus such a process. Both models have a weight in
+proportion to their evidence. Estimator: functions that are sampled from the posterior, for draws of size and length
+scales that are weighted with the marginal likelihood. With ten tests, one best length scale would give too narrow a
+band. The expected size E|Δρ| follows from g and the scatter, as the mean of a folded normal distribution. The worst
+test, the band and the tests above the tolerance are statistics of the sampled functions.
 
-Units: those of ρ. Shapes: n tests, m places of a grid over the space, DRAWS functions.
+Units: those of ρ; places in the unit cube. Shapes: n tests, m places of a grid over the space, DRAWS functions. Source:
+Rasmussen and Williams, *Gaussian Processes for Machine Learning*, 2006, eqs 2.25, 2.26, 2.30 and §5.2.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.gap import DRAWS, LEVEL, observed
-from s2r_spec.diagnose.gap.gaussian_process import Data, functions
-from s2r_spec.diagnose.gap.materiality import RolloutsAtTest
-from s2r_spec.diagnose.gap.test_space import grid_of, in_cube
+from s2r_spec.diagnose.gap import DRAWS, LEVEL
+from s2r_spec.diagnose.gap.materiality import RolloutsAtTest, mean_difference
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space
 
 FloatArray = NDArray[np.float64]
 
+COUNTS = {1: 101, 2: 21, 3: 7, 4: 5}
+"""Definition: places along each axis of a space of so many parameters; over five, a grid would have too few. Doubled,
+the worst test is known twice as finely."""
 MOST_PREDICTED = 0.75
 """Prior: largest weight of the improved simulator, because it was fitted to the same rollouts. At 1, it may be
 alone."""
+KEPT = 32
+"""Budget: pairs of size and length scales that remain, of eight times as many draws from their prior, after resampling
+by weight. Doubled, their average is more exact, and sampling functions takes up to twice as long."""
+PRIOR = ((1.0, 0.7), (0.4, 0.8))
+"""Prior: median and standard deviation of the logarithm, of the size over the test space in parts of the data's
+standard deviation, and of a length scale in parts of an axis. A doubled median of the size gives wider bands far from
+the tests; one of the length scale expects a smoother gap."""
 
 
-@dataclass(frozen=True, eq=False)
-class Predicted:
-    """The gap that an improved simulator predicts: its ρ minus ρ of the nominal simulator.
-
-    Attributes:
-        tests: (n,) at the tests that were run.
-        grid: (m,) at the places of :func:`grid_of`.
-    """
+class Predicted(NamedTuple):
+    """ρ of an improved simulator minus ρ of the nominal one: (n,) at the tests that were run, (m,) on the grid."""
 
     tests: FloatArray
     grid: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class Band:
-    """A simultaneous band: with probability 0.95 a function is between its limits at all places.
-
-    Attributes:
-        mean: (m,) at the places of the grid.
-        lower: (m,) lower limit.
-        upper: (m,) upper limit.
-    """
+class Band(NamedTuple):
+    """A simultaneous band, (m,) each: with probability 0.95 a function is between its limits on the whole grid."""
 
     mean: FloatArray
     lower: FloatArray
@@ -101,45 +99,58 @@ class GapSurface:
         """(m,) places where the gap exceeds the tolerance with probability 0.95 or more; None without a tolerance."""
         return None if self.exceeds is None else self.exceeds >= 1.0 - LEVEL
 
+    def along(self, axis: int) -> NDArray[np.intp]:
+        """Return the places of the grid on the line along an axis through the worst test."""
+        same = np.isclose(self.grid, self.space.vector(self.worst))
+        return np.flatnonzero(np.delete(same, axis, axis=1).all(axis=1))
+
     def to_json(self) -> dict[str, Any]:
         """Return plain data for JSON: of the band, a line along each axis through the worst test."""
-        estimate, low, high = self.largest
         return {
             "worst": dict(self.worst),
             "worst_probability": self.near,
             "worst_within": {name: list(ends) for name, ends in self.worst_in.items()},
-            "largest": {"estimate": estimate, "low": low, "high": high, "unit": self.unit},
+            "largest": dict(zip(("estimate", "low", "high"), self.largest, strict=True))
+            | {"unit": self.unit},
             "floor": None if np.isnan(self.floor) else self.floor,
             "tolerance": self.tolerance,
-            "beyond": None if self.beyond is None else _share_and_box(self.space, self.grid, self.beyond),
+            "beyond": None if self.beyond is None else self._share_and_box(self.beyond),
             "along": {name: self._line(place) for place, name in enumerate(self.space.names)},
             "notes": list(self.notes),
         }
 
-    def along(self, axis: int) -> NDArray[np.intp]:
-        """Return the places of the grid on the line along an axis through the worst test."""
-        worst = self.space.vector(self.worst)
-        others = [k for k in range(self.space.dim) if k != axis]
-        on = np.isclose(self.grid[:, others], worst[others]).all(axis=1)
-        return np.flatnonzero(on)
+    def _share_and_box(self, beyond: NDArray[np.bool_]) -> dict[str, Any]:
+        """Return the part of the grid beyond the tolerance, and the smallest box around it."""
+        there = self.grid[beyond]
+        ends = np.array([there.min(axis=0), there.max(axis=0)]).T.tolist() if there.size else ()
+        return {"share": float(beyond.mean()), "within": dict(zip(self.space.names, ends, strict=False))}
 
     def _line(self, axis: int) -> dict[str, list[float] | None]:
         on = self.along(axis)
-        found = {"at": self.grid[on, axis].tolist()}
+        found: dict[str, list[float] | None] = {"at": self.grid[on, axis].tolist()}
         for name, band in (("absolute", self.absolute), ("signed", self.signed)):
-            for ending, values in (("", band.mean), ("_low", band.lower), ("_high", band.upper)):
+            for ending, values in zip(("", "_low", "_high"), band, strict=True):
                 found[name + ending] = values[on].tolist()
         return found | {"exceeds": None if self.exceeds is None else self.exceeds[on].tolist()}
 
 
-def _share_and_box(space: Space, grid: FloatArray, beyond: NDArray[np.bool_]) -> dict[str, Any]:
-    """Return the part of the grid beyond the tolerance, and the smallest box around it."""
-    there = grid[beyond]
-    ends = zip(there.min(axis=0).tolist(), there.max(axis=0).tolist(), strict=True) if there.size else ()
-    return {
-        "share": float(beyond.mean()),
-        "within": {name: list(end) for name, end in zip(space.names, ends, strict=False)},
-    }
+def grid_of(space: Space) -> FloatArray:
+    """Return the grid (m, dim) over the test space.
+
+    Raises:
+        UsageError: the space has no or more than four parameters.
+    """
+    if space.dim not in COUNTS:
+        raise UsageError(
+            f"s2r locates the gap in a test space of one to four parameters, and the spec has {space.dim}"
+        )
+    return space.grid((COUNTS[space.dim],) * space.dim)
+
+
+def in_cube(space: Space, points: FloatArray) -> FloatArray:
+    """Return (n, dim) coordinates of points in the unit cube."""
+    scaled: FloatArray = (points - space.lower) / (space.upper - space.lower)
+    return scaled
 
 
 def gap_surface(
@@ -166,29 +177,30 @@ def gap_surface(
             "s2r needs at least one real rollout to locate the gap in the test space, and there is none"
         )
     grid = grid_of(space)
-    at = in_cube(space, np.array([space.vector(test.params) for test in tests]))
-    generator = np.random.default_rng(seed)
-    mean, deviation, scatter = observed.measured(tests)
-    sign = _sampled(Data(at, mean, deviation), in_cube(space, grid), predicted, generator)
-    size = observed.folded(sign, scatter)
+    signed, scatter = _sampled(space, tests, predicted, np.random.default_rng(seed))
+    size = folded(signed, scatter)
     largest = size.max(axis=1)
+    # The worst test is where most functions are largest, seen through a triangular kernel over a tenth of every axis.
     places = grid[size.argmax(axis=1)]
-    worst = _mode(space, places)
-    low, high = np.quantile(places, [0.05, 0.95], axis=0)
-    floor = observed.floor(tests)
-    tolerance = 2.0 * floor if np.isfinite(floor) else None
+    distinct, counts = np.unique(in_cube(space, places), axis=0, return_counts=True)
+    near = np.clip(1.0 - 10.0 * np.abs(distinct[:, None] - distinct), 0.0, None).prod(axis=2) @ counts
+    worst = space.at(distinct[near.argmax()])
+    low, high = np.quantile(places, [0.05, 0.95], axis=0).tolist()
+    perfect = floor(tests)
+    tolerance = 2.0 * perfect if np.isfinite(perfect) else None
+    absolute = _band(size)
     return GapSurface(
         space,
         unit,
         tests,
         grid,
-        _band(size, positive=True),
-        _band(sign),
-        floor,
+        absolute._replace(lower=np.maximum(absolute.lower, 0.0)),
+        _band(signed),
+        perfect,
         space.point(worst),
         float((np.abs(places - worst) <= 0.1 * (space.upper - space.lower) + 1e-12).all(axis=1).mean()),
-        {n: (float(a), float(b)) for n, a, b in zip(space.names, low, high, strict=True)},
-        (float(np.median(largest)), *np.quantile(largest, [0.025, 0.975]).tolist()),
+        dict(zip(space.names, zip(low, high, strict=True), strict=True)),
+        (float(np.median(largest)), *np.quantile(largest, [LEVEL / 2, 1.0 - LEVEL / 2]).tolist()),
         tolerance,
         None if tolerance is None else (size > tolerance).mean(axis=0),
         _notes(space, tests),
@@ -196,37 +208,128 @@ def gap_surface(
 
 
 def _sampled(
-    data: Data, grid: FloatArray, predicted: Predicted | None, generator: np.random.Generator
-) -> FloatArray:
-    """Return (DRAWS, m) samples of the signed gap, from both models in proportion to their evidence."""
-    plain, evidence = functions(data, grid, DRAWS, generator)
+    space: Space,
+    tests: Sequence[RolloutsAtTest],
+    predicted: Predicted | None,
+    generator: np.random.Generator,
+) -> tuple[FloatArray, float]:
+    """Return (DRAWS, m) samples of the signed gap, of both models by their evidence, and the scatter of Δρ of a pair.
+
+    Errors follow from the variance within tests, pooled over all tests. The scatter of one pair follows from
+    the median over tests, which a few falls hardly change.
+    """
+    own, other = _within([test.real for test in tests]), _within([test.simulated for test in tests])
+    # A side without replicates has the variance of the other side; without any replicates it is 0.
+    own, other = (np.nan_to_num(np.where(np.isnan(a), b, a)) for a, b in ((own, other), (other, own)))
+    counts = np.array([(test.real.size, test.simulated.size) for test in tests])
+    error = np.sqrt(own[0] / counts[:, 0] + other[0] / counts[:, 1])
+    gap, scatter = np.array([test.gap for test in tests]), float(np.sqrt(own[1] + other[1]))
+    at = in_cube(space, np.array([space.vector(test.params) for test in tests]))
+    grid = in_cube(space, grid_of(space))
+    plain, evidence = _functions(at, gap, error, grid, DRAWS, generator)
     if predicted is None:
-        return plain
-    rest = replace(data, values=data.values - predicted.tests)
-    left, other = functions(rest, grid, DRAWS, generator)
-    share = 1.0 / (1.0 + np.exp(np.clip(evidence - other, -50.0, 50.0)))
+        return plain, scatter
+    left, of_left = _functions(at, gap - predicted.tests, error, grid, DRAWS, generator)
+    share = 1.0 / (1.0 + np.exp(np.clip(evidence - of_left, -50.0, 50.0)))
     count = round(DRAWS * min(float(share), MOST_PREDICTED))
     # Functions with one size and length scale are neighbours, so a random order takes from all of them.
     picked = generator.permutation(DRAWS)
-    return np.concatenate([predicted.grid + left[picked[:count]], plain[picked[count:]]])
+    return np.concatenate([predicted.grid + left[picked[:count]], plain[picked[count:]]]), scatter
 
 
-def _band(sampled: FloatArray, positive: bool = False) -> Band:
+def _functions(
+    at: FloatArray,
+    values: FloatArray,
+    errors: FloatArray,
+    grid: FloatArray,
+    count: int,
+    generator: np.random.Generator,
+) -> tuple[FloatArray, float]:
+    """Return (count, m) functions from the posterior, and the log evidence of the process.
+
+    Args:
+        at: (n, dim) places of the data.
+        values: (n,).
+        errors: (n,) standard errors.
+        grid: (m, dim) places of the functions.
+        count: number of functions.
+        generator: of random numbers.
+    """
+    from scipy.stats import norm, qmc
+
+    level = float(values.mean())
+    # Without any spread in the data, their errors give the scale.
+    scale = float(values.std()) or float(errors.max()) or 1.0
+    scaled, noise = (values - level) / scale, np.diag(np.maximum(np.square(errors / scale), 1e-6))
+    # Draws are spread evenly over the prior.
+    even = qmc.Sobol(1 + at.shape[1], rng=np.random.default_rng(0)).random(8 * KEPT)
+    medians, spreads = np.array([PRIOR[0]] + [PRIOR[1]] * at.shape[1]).T
+    drawn: FloatArray = medians * np.exp(spreads * norm.ppf(np.clip(even, 1e-6, 1 - 1e-6)))
+    sizes, lengths = drawn[:, 0], drawn[:, 1:]
+    roots = np.linalg.cholesky(
+        [_covariance(*one, at, at) + noise for one in zip(sizes, lengths, strict=True)]
+    )
+    white = np.linalg.solve(roots, scaled[:, None])[..., 0]
+    log = -np.square(white).sum(axis=1) / 2 - np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
+    weights = np.exp(log - log.max())
+    sums = np.cumsum(weights)
+    picked = np.searchsorted(sums / sums[-1], (np.arange(KEPT) + generator.uniform()) / KEPT)
+    sampled = []
+    for k, times in zip(*np.unique(picked[np.arange(count) % KEPT], return_counts=True), strict=True):
+        across = np.linalg.solve(roots[k], _covariance(sizes[k], lengths[k], at, grid))
+        left = _covariance(sizes[k], lengths[k], grid, grid) - across.T @ across
+        left[np.diag_indices_from(left)] += 1e-6 * (1.0 + sizes[k] ** 2)
+        normal = generator.standard_normal((times, len(grid)))
+        sampled.append(white[k] @ across + normal @ np.linalg.cholesky(left).T)
+    evidence = float(np.log(weights.mean()) + log.max()) - len(values) * float(np.log(scale))
+    return level + scale * np.concatenate(sampled), evidence
+
+
+def _covariance(size: float, lengths: FloatArray, left: FloatArray, right: FloatArray) -> FloatArray:
+    """Return (n, m) covariance of (n, dim) and (m, dim) places: Matérn-5/2, plus 1 for the constant."""
+    far = np.sqrt(5.0 * np.square((left[:, None] - right) / lengths).sum(axis=-1))
+    shape: FloatArray = 1.0 + size**2 * (1.0 + far + np.square(far) / 3.0) * np.exp(-far)
+    return shape
+
+
+def _within(samples: Sequence[FloatArray]) -> FloatArray:
+    """Return (2,) the variance within tests, pooled and from the median over tests; NaN without replicates."""
+    from scipy.stats import chi2
+
+    repeated = [one for one in samples if one.size > 1]
+    if not repeated:
+        return np.full(2, np.nan)
+    freedom = np.array([one.size - 1 for one in repeated])
+    variances = np.array([one.var(ddof=1) for one in repeated])
+    medians = variances / (chi2.median(freedom) / freedom)
+    return np.array([np.average(variances, weights=freedom), np.median(medians)])
+
+
+def folded(mean: FloatArray, scatter: float) -> FloatArray:
+    """Return E|Δ| of normal Δ with this mean and standard deviation (the folded normal distribution)."""
+    from scipy.special import erf
+
+    z = mean / scatter if scatter else np.copysign(np.inf, mean)
+    return np.asarray(scatter * np.sqrt(2 / np.pi) * np.exp(-np.square(z) / 2) + mean * erf(z / np.sqrt(2)))
+
+
+def floor(tests: Sequence[RolloutsAtTest]) -> float:
+    """Return E|ρ − ρ'| of two simulated rollouts of the same test: E|Δρ| of a perfect simulator.
+
+    NaN if no test was simulated twice.
+    """
+    several = [test.simulated for test in tests if test.simulated.size > 1]
+    return float(np.mean([mean_difference(one) for one in several])) if several else float("nan")
+
+
+def _band(sampled: FloatArray) -> Band:
     """Return the band around the mean that contains 95 % of the functions at all places."""
     mean, deviation = sampled.mean(axis=0), sampled.std(axis=0)
     width = np.quantile((np.abs(sampled - mean) / np.maximum(deviation, 1e-300)).max(axis=1), 1.0 - LEVEL)
-    lower = mean - width * deviation
-    return Band(mean, np.maximum(lower, 0.0) if positive else lower, mean + width * deviation)
+    return Band(mean, mean - width * deviation, mean + width * deviation)
 
 
-def _mode(space: Space, places: FloatArray) -> FloatArray:
-    """Return the place with the highest density, from a triangular kernel over a tenth of every axis."""
-    distinct, counts = np.unique(in_cube(space, places), axis=0, return_counts=True)
-    near = np.clip(1.0 - 10.0 * np.abs(distinct[:, None] - distinct), 0.0, None).prod(axis=2) @ counts
-    return space.at(distinct[near.argmax()])
-
-
-def _notes(space: Space, tests: tuple[RolloutsAtTest, ...]) -> tuple[str, ...]:
+def _notes(space: Space, tests: Sequence[RolloutsAtTest]) -> tuple[str, ...]:
     notes = []
     replicated = sum(test.real.size >= 3 for test in tests)
     if 3 * replicated < len(tests):

@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from s2r_spec.attribution.attribute import Attribution, attribute
 from s2r_spec.backend import HasResiduals
-from s2r_spec.diagnose.gap.body import FEWEST, Body, Residuals, shifts
+from s2r_spec.diagnose.axes import Values
+from s2r_spec.diagnose.gap import FEWEST
 from s2r_spec.diagnose.gap.materiality import RolloutsAtTest
-from s2r_spec.diagnose.gap.predicted import predict
-from s2r_spec.diagnose.gap.surface import GapSurface, gap_surface
-from s2r_spec.diagnose.gap.test_space import COUNTS, in_cube
-from s2r_spec.diagnose.simulate import Bench, places_of
+from s2r_spec.diagnose.gap.surface import COUNTS, GapSurface, Predicted, gap_surface, grid_of, in_cube
+from s2r_spec.diagnose.residuals.shifts import Body, Residuals, shifts
+from s2r_spec.diagnose.simulate import Bench, Test, places_of, seeded, table
 from s2r_spec.documentation import page
 from s2r_spec.errors import TraceError
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
@@ -24,6 +24,11 @@ from s2r_spec.space import key_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
+SECONDS = 10.0
+"""Budget: time of one core [s] for both simulators over the test space. Doubled, up to twice as many tests; three
+along each axis are run all the same."""
+PLACES = 400
+"""Budget: the most tests over the space. Doubled, a cheap simulator has a finer grid."""
 NO_SIMULATOR = "no simulator with residuals was given, so the gap cannot be traced to parts of the machine"
 
 
@@ -63,17 +68,10 @@ class Where:
         }
 
 
-@dataclass(frozen=True)
-class Pairs:
-    """n real rollouts, and a simulated one beside each.
+class Pairs(NamedTuple):
+    """n tests, several of which may be equal, and (trace, ρ) of a real and a nominal simulated rollout of each."""
 
-    Attributes:
-        tests: n tests; several may be equal.
-        real: n pairs of a trace and its ρ.
-        simulated: the same of the nominal simulator at the same tests.
-    """
-
-    tests: Sequence[Mapping[str, float]]
+    tests: Sequence[Test]
     real: Sequence[tuple[Trace, float]]
     simulated: Sequence[tuple[Trace, float]]
 
@@ -84,7 +82,7 @@ def where(
     pairs: Pairs,
     seed: int = 0,
     bench: Bench | None = None,
-    improved: Mapping[str, Mapping[str, float]] | None = None,
+    improved: Values | None = None,
     executor: Callable[[], Executor] | None = None,
 ) -> Where:
     """Return where the gap lies.
@@ -113,41 +111,60 @@ def where(
     return Where(space, dict(worst.params), pair, body, no_body)
 
 
+def predict(
+    bench: Bench,
+    values: Values,
+    tests: Sequence[Test],
+    seed: int,
+    executor: Callable[[], Executor] | None = None,
+) -> Predicted:
+    """Simulate ρ with and without effects, at the tests that were run and over the test space.
+
+    Args:
+        bench: the simulator.
+        values: effects of the improved simulator.
+        tests: the tests that were run.
+        seed: of the rollouts; both simulators use the same.
+        executor: makes a pool; None runs all here.
+    """
+    from scipy.interpolate import RBFInterpolator
+
+    space = bench.spec.space
+    grid = grid_of(space)
+    able = min(SECONDS / (2.0 * max(float(bench.backend.cost), 1e-4)), PLACES, len(grid))
+    places = space.grid((max(int(able ** (1.0 / space.dim) + 1e-9), 3),) * space.dim)
+    every = [*tests, *map(space.point, places)]
+    nominal, improved = table(bench, [{}, values], seeded(every, seed, Stream.FORETELL), executor)[0]
+    gap = improved - nominal
+    between = RBFInterpolator(in_cube(space, places), gap[len(tests) :], kernel="linear", degree=1)
+    return Predicted(gap[: len(tests)], between(in_cube(space, grid)))
+
+
 def body_of(bench: Bench, pairs: Pairs, seed: int) -> tuple[Body | None, str]:
     """Return the parts of the machine with motion that their model does not explain, or None and the reason in words.
 
     Each test is simulated once more, with a seed that follows from ``seed``.
     """
-    backend = bench.backend
+    backend, space = bench.backend, bench.spec.space
     if not isinstance(backend, HasResiduals):
         return None, (
             f"the backend {backend.name!r} computes no residuals, so the gap cannot be traced to parts of the "
             f"machine; see {page('how-to/effects')}"
         )
-
-    def unexplained(trace: Trace, test: Mapping[str, float]) -> Residuals:
-        return Residuals(backend.residuals(trace, bench.matched.to_backend(test)), trace)
-
-    real, simulated, tests = [], [], []
-    refused = ""
-    for number, (test, (own, _), (first, _)) in enumerate(
-        zip(pairs.tests, pairs.real, pairs.simulated, strict=True)
-    ):
-        again = bench.run({}, test, rollout_seed(seed, number, 1, Stream.CHECK))
+    tests, found, refused = [], [], ""
+    for number, (test, (own, _), (first, _)) in enumerate(zip(*pairs, strict=True)):
+        again, params = (
+            bench.run({}, test, rollout_seed(seed, number, 1, Stream.CHECK)),
+            bench.matched.to_backend(test),
+        )
         try:
-            residuals = [unexplained(trace, test) for trace in (own, first, again)]
+            found.append([Residuals(backend.residuals(one, params), one) for one in (own, first, again)])
+            tests.append([test[name] for name in space.names])
         except TraceError as error:
-            refused = str(error)
-            continue
-        real.append(residuals[0])
-        simulated.append(residuals[1:])
-        tests.append(test)
-    if len(real) < FEWEST:
-        few = f"residuals exist for only {len(real)} real rollouts, and at least {FEWEST} are needed"
-        return None, f"{few}: {refused}" if refused else few
-    space = bench.spec.space
-    places = np.array([[test[name] for name in space.names] for test in tests])
-    body = shifts(in_cube(space, places), real, simulated, bench.backend.duration)
-    if not body.asked:
-        return None, f"no window of time has residuals of {FEWEST} real rollouts"
-    return body, ""
+            refused = f": {error}"
+    if len(found) < FEWEST:
+        few = f"residuals exist for only {len(found)} real rollouts, and at least {FEWEST} are needed"
+        return None, few + refused
+    at = in_cube(space, np.array(tests))
+    body = shifts(at, [own for own, *_ in found], [other for _, *other in found], backend.duration)
+    return (body, "") if body.asked else (None, f"no window of time has residuals of {FEWEST} real rollouts")

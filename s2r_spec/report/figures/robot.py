@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from s2r_spec.diagnose.gap.body import Body, BodyPart, Shift
+from s2r_spec.diagnose.residuals.shifts import Body, BodyPart, Shift
 from s2r_spec.printable import spelled
 from s2r_spec.report.figures.canvas import BAND, INK, MUTED, RULE, Picture, draw, shorten
 

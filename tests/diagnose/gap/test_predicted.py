@@ -6,8 +6,8 @@ import numpy as np
 from s2r_cart import SPEC, Cart
 
 import s2r_spec as s2r
-from s2r_spec.diagnose.gap.predicted import predict
-from s2r_spec.diagnose.gap.test_space import grid_of
+from s2r_spec.diagnose.gap.surface import grid_of
+from s2r_spec.diagnose.gap.where import predict
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 

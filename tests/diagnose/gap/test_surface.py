@@ -9,9 +9,7 @@ import pytest
 from scipy.stats import norm
 
 from s2r_spec.diagnose.gap.materiality import RolloutsAtTest
-from s2r_spec.diagnose.gap.observed import floor, folded
-from s2r_spec.diagnose.gap.surface import Predicted, gap_surface
-from s2r_spec.diagnose.gap.test_space import grid_of
+from s2r_spec.diagnose.gap.surface import Predicted, floor, folded, gap_surface, grid_of
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space
 

@@ -10,10 +10,11 @@ import s2r_spec as s2r
 from s2r_emps import EmpsBackend
 from s2r_spec.backend import Channel
 from s2r_spec.diagnose.axes import lines
-from s2r_spec.diagnose.remainder import Remainder, channels
-from s2r_spec.diagnose.remainder.cells import FEWEST_ROLLOUTS, Cells, quantities_of
-from s2r_spec.diagnose.remainder.find import columns, ordered, parts, remainders
+from s2r_spec.diagnose.gap import FEWEST
+from s2r_spec.diagnose.residuals.cells import CELLS, GRID, Cells, Column, path
+from s2r_spec.diagnose.residuals.left import Remainder, begin, label, ordered, remainders
 from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.space import key_of
 from s2r_spec.trace import Trace, thinned
 from tests.errors import states
 
@@ -119,7 +120,7 @@ def test_the_cause_is_told_before_the_reaction_to_it():
 
 def test_of_too_few_rollouts_nothing_is_told(bench):
     push = rollouts(bench, {}, lambda t: t["q"] > 0.1)
-    assert remainders(bench, LINES, push[: FEWEST_ROLLOUTS - 1], {}) == ()
+    assert remainders(bench, LINES, push[: FEWEST - 1], {}) == ()
 
 
 def test_without_equations_of_motion_a_push_shows_in_what_is_recorded(bare):
@@ -193,40 +194,52 @@ def test_a_fall_has_no_part_in_it(bench):
 
 
 def test_cells_are_as_many_as_their_means_and_lie_side_by_side(bench):
-    traces = [bench.seen(trace, test) for test, trace in rollouts(bench, {})]
-    cells = Cells.of(bench.backend.duration, quantities_of(traces), traces)
-    places, trace = cells.places(), traces[0]
-    times = trace.times - trace.times[0]
-    values = [trace[name].reshape(len(trace), -1) for name in cells.widths]
-    means = cells.means(values, times, cells.within(trace, times))
-    assert means.shape == (len(places),)
-    of_force = [place for place in places if place[:3] == ("residual.force", 0, "q")]
-    assert of_force[0][3] == -np.inf
-    assert of_force[-1][4] == np.inf
-    assert all(one[4] == other[3] for one, other in pairwise(of_force))
+    runs = rollouts(bench, {})
+    widths = {"q": 1, "v": 1, "u": 1, "residual.force": 1}
+    paths = {key_of(test): path(widths, bench, trace, test) for test, trace in runs}
+    assert all(rows.shape == (GRID, 4) for rows in paths.values())
+    cells = Cells.of(bench.backend.duration, widths, paths)
+    columns, trace = cells.columns(), bench.seen(runs[0][1], runs[0][0])
+    means = cells.means(trace, runs[0][0])
+    assert means.shape == (columns[-1].part.stop,) == (sum(len(column.cells) for column in columns),)
+    [force] = [column for column in columns if column.residual]
+    of_force = force.cells
+    of_place = [cell for cell in of_force if cell.along == "q"]
+    assert of_place[0].low == -np.inf
+    assert of_place[-1].high == np.inf
+    assert all(one.high == other.low for one, other in pairwise(of_place))
     # All samples of a rollout are in one cell along each channel: their mean is that of the cells.
-    of_time = [n for n, place in enumerate(places) if place[:3] == ("residual.force", 0, "")]
-    assert np.nanmean(means[of_time]) == pytest.approx(trace["residual.force"].mean(), abs=0.3)
+    assert [cell.along for cell in of_force[:CELLS]] == [""] * CELLS
+    of_time = means[force.part][:CELLS]
+    assert np.nanmean(of_time) == pytest.approx(trace["residual.force"].mean(), abs=0.3)
 
 
-def test_a_column_of_many_is_told_by_the_part_it_is_of_or_by_its_number():
-    two = Trace(
-        np.arange(3.0),
-        {"torque": np.zeros((3, 2)), "force": np.zeros(3)},
-        {},
-        {"parts": {"torque": ["hip", "knee"]}},
-    )
-    widths = {"torque": 2, "force": 1}
-    assert parts(two, widths) == {("torque", 0): "hip", ("torque", 1): "knee", ("force", 0): ""}
-    bare = Trace(two.times, dict(two.channels), {})
-    assert parts(bare, widths)["torque", 1] == "column 1"
-    recorded = (
-        Channel("torque", "N*m", "of the motors", 2, ("hip", "knee")),
-        Channel("force", "N", "of the foot"),
-    )
-    assert columns(recorded, widths) == parts(two, widths)
-    assert columns((Channel("torque", "N*m", "of the motors", 2),), widths)["torque", 1] == "column 1"
-    assert columns((), widths)["torque", 0] == "column 0"
+class TwoMotors:
+    """A backend of which one residual and one channel have named columns."""
+
+    channels = (Channel("current", "A", "of the motors", 2, ("hip", "knee")), Channel("speed", "m/s", "", 2))
+
+    def residuals(self, trace, params):
+        parts = {"parts": {"torque": ["left", "right"]}}
+        return replace(trace, channels={name: np.zeros((3, 2)) for name in ("torque", "force")}, meta=parts)
+
+
+@pytest.mark.parametrize(
+    ("quantity", "named"),
+    [
+        ("current", "knee"),
+        ("speed", "column 1"),
+        ("unknown", "column 1"),
+        ("residual.torque", "right"),
+        ("residual.force", "column 1"),
+    ],
+)
+def test_a_column_of_many_is_told_by_the_part_it_is_of_or_by_its_number(bench, quantity, named):
+    two = replace(bench, backend=TwoMotors())
+    nominal = TESTS[0], Trace(np.arange(3.0), {}, {})
+    column = Column(quantity, 1, [], slice(0))
+    assert label(two, nominal, column, 2) == named
+    assert label(two, nominal, column, 1) == ""
 
 
 def test_an_end_that_is_nowhere_is_said_so_and_is_no_number_in_json():
@@ -242,8 +255,7 @@ def test_an_end_that_is_nowhere_is_said_so_and_is_no_number_in_json():
 
 
 def test_of_a_channel_the_first_window_is_told_that_is_itself_more_than_what_is_allowed_for():
-    windows = [("u", 0, "", float(k), k + 1.0) for k in range(4)]
-    assert channels.begin(windows, np.array([0.2, 1.6, 3.0, 2.0])).tolist() == [0.2, 1.6, 0.0, 0.0]
+    assert begin(np.array([0.2, 1.6, 3.0, 2.0, 2.5]), 4).tolist() == [0.2, 1.6, 0.0, 0.0, 2.5]
     # One that is less hides no larger one, nor does one that is less than half as much.
-    assert channels.begin(windows, np.array([0.2, 0.8, 1.5, 0.1])).tolist() == [0.2, 0.8, 1.5, 0.0]
-    assert channels.begin(windows, np.array([0.2, 1.4, 3.0, 0.1])).tolist() == [0.2, 1.4, 3.0, 0.0]
+    assert begin(np.array([0.2, 0.8, 1.5, 0.1])).tolist() == [0.2, 0.8, 1.5, 0.0]
+    assert begin(np.array([0.2, 1.4, 3.0, 0.1])).tolist() == [0.2, 1.4, 3.0, 0.0]

@@ -8,8 +8,9 @@ import pytest
 from s2r_cart import DAMPING, GAIN, MASS, SPEC, Cart, real
 
 import s2r_spec as s2r
-from s2r_spec.diagnose.gap.body import CELLS, Residuals, shifts, windows
 from s2r_spec.diagnose.gap.where import Pairs, body_of, where
+from s2r_spec.diagnose.residuals.cells import CELLS
+from s2r_spec.diagnose.residuals.shifts import Residuals, shifts, windows
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.errors import TraceError
 from s2r_spec.rollouts.compatibility import check_compatibility
@@ -170,7 +171,7 @@ def test_a_residual_that_rollouts_lack_takes_no_other_along():
     def lacking(one, columns):
         torque = one.trace["torque"].copy()
         torque[:, columns] = np.nan
-        return replace(one, trace=replace(one.trace, channels={**one.trace.channels, "torque": torque}))
+        return one._replace(trace=replace(one.trace, channels={**one.trace.channels, "torque": torque}))
 
     whole = [made_up(rng, lambda t: 1.5 * ((t >= 0.5) & (t < 0.75))) for _ in range(12)]
     own = [lacking(one, [2] if number else [0, 2]) for number, one in enumerate(whole)]

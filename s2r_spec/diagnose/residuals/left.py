@@ -1,0 +1,329 @@
+"""What is left of a machine: what it does in some cell, and the simulator with the posterior means does not.
+
+Data: means over cells (:mod:`.cells`) of n whole rollouts of the machine, y (n, cells), and of the improved simulator
+at their tests, x (n, cells). Unknown: where an unknown cause acts. The *surplus* of a cell is its mean difference d in
+units of what needs no cause:
+
+    surplus = |d| / ((t² s²/n + LAWS² e² + ALLOWED² a² + NOTHING² v² + w²)^½ (1 + TAIL log columns))
+
+s² is the variance of y − x from rollout to rollout, and t Student's quantile for LEVEL, shared by all cells. e² is the
+mean square of what the named effects do, in this cell and over the column. a² is the sum of that of all typical effects
+over the column, v² how much the column varies over time, and w² the sum of what the simulator's variants do. A cell is
+*material* above 1.
+
+A residual of the equations of motion shows where a cause acts. A channel of a closed loop also shows the reaction. It
+goes on after the cause, which may be smaller by the part EXPLAINS. So beside residuals a channel counts by this part.
+
+Units: those of each quantity; a surplus has none.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import partial
+from itertools import islice
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.attribution.place import EXPLAINS, Place, Range, cause_first, visited
+from s2r_spec.backend import HasResiduals, HasVariants
+from s2r_spec.diagnose.axes import Line, Values
+from s2r_spec.diagnose.gap import FEWEST, LEVEL, SHOTS
+from s2r_spec.diagnose.residuals.cells import CELLS, Cell, Cells, Column, part_names, path, widths_of
+from s2r_spec.diagnose.simulate import Bench, Job, Test, evenly, places_of, run_jobs, seeded
+from s2r_spec.diagnose.simulator.experiments import RESIDUAL
+from s2r_spec.printable import spelled
+from s2r_spec.rollouts.seeds import Stream
+from s2r_spec.space import key_of
+from s2r_spec.trace import Trace, thinned
+
+FloatArray = NDArray[np.float64]
+
+LAWS = 0.3
+"""Prior: laws are off by this part of what the named effects do in a cell, and next to it. Doubled, less is left of a
+machine with large effects."""
+ALLOWED = 0.1
+"""Prior: a little of everything is this part of every typical effect. Doubled, causes half as large are allowed for."""
+NOTHING = 0.03
+"""Tolerance: nobody models a channel better than to this part of how much it varies. Doubled, smaller causes hide."""
+TAIL = 0.2
+"""Prior: of a machine that is the simulator's in kind, the largest of many columns is 1 + TAIL · log(columns) times
+allowed, as with an exponential tail. Doubled, machines of many columns show less."""
+REPORTED = 5
+"""Definition: largest remainders that are kept. Doubled, a report may show twice as many."""
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What is left in one cell.
+
+    Attributes:
+        quantity: of which: a residual, or a channel.
+        column: of it.
+        part: of the machine that the column is of, where the quantity is of several; else "".
+        along: channel whose values bound the cell; "" for time.
+        low: where the cell begins, in the channel's unit [or s]; -inf if nowhere.
+        high: where it ends.
+        size: mean of what is left, in the quantity's unit.
+        unit: of the quantity.
+        along_unit: of the channel, or of time.
+        surplus: size in units of what is allowed for.
+        recorded: whether the quantity is a channel, and what is left a difference from the simulator's.
+        times: from when until when the channel is in the cell [s]; None for all the time, or for a cell of time.
+        extent: lowest and highest value of the channel, in its unit; None if it is not known, or for a cell of time.
+    """
+
+    quantity: str
+    column: int
+    part: str
+    along: str
+    low: float
+    high: float
+    size: float
+    unit: str
+    along_unit: str
+    surplus: float
+    recorded: bool = False
+    times: tuple[float, float] | None = None
+    extent: tuple[float, float] | None = None
+
+    @property
+    def material(self) -> bool:
+        """Whether it is more than what is allowed for."""
+        return self.surplus > 1.0
+
+    @property
+    def place(self) -> Place:
+        """Where it is: in a window of time, or at values of a channel."""
+        if not self.along:
+            return Place(Range(self.low, self.high), self.part)
+        time = None if self.times is None else Range(*self.times)
+        extent = self.extent or (-math.inf, math.inf)
+        values = Range(self.low, self.high, self.along_unit, self.along, *extent)
+        return Place(time, self.part, values=(values,))
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        what = f"{f'{self.size:+.3g}'.replace('-', '−')} {spelled(self.unit)}".strip()
+        what = f"a difference of {what} in {self.quantity}" if self.recorded else f"{what} of {self.quantity}"
+        return f"{what} {self.place}"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the fields; None for an end that is nowhere."""
+        plain = {
+            name: list(value) if isinstance(value, tuple) else value for name, value in vars(self).items()
+        }
+        return plain | {end: None for end in ("low", "high") if not math.isfinite(getattr(self, end))}
+
+
+def remainders(
+    bench: Bench,
+    lines: Sequence[Line],
+    rollouts: Sequence[tuple[Test, Trace]],
+    improved: Values,
+    seed: int = 0,
+    executor: Callable[[], Executor] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    named: Values | None = None,
+) -> tuple[Remainder, ...]:
+    """Return where most is left beyond what is allowed for, one cell a quantity's column, the cause's place first.
+
+    Nothing where too few rollouts reached their end: no equation here is of a fall.
+
+    Args:
+        bench: the simulator.
+        lines: of its catalogue.
+        rollouts: (test, trace) of the machine.
+        improved: effects with which the simulator should be nearest to it: the likeliest, and a little of all others.
+        seed: of the simulated rollouts.
+        executor: makes a pool for these; None runs them here.
+        progress: called with (done, of).
+        named: the likeliest alone, with which it may be nearer: what is left of channels is what both leave.
+    """
+    whole = [(test, trace) for test, trace in rollouts if trace.failure is None]
+    if len(whole) < FEWEST:
+        return ()
+    tests = [dict(key) for key in places_of([test for test, _ in whole])]
+    runs = seeded(tests, seed, Stream.REMAINDER, 2)
+    first, again = runs[::2], runs[1::2]
+    nominal = [(test, bench.seen(bench.run({}, test, own), test)) for test, own in again]
+    nominal = [(test, trace) for test, trace in nominal if trace.failure is None] or nominal
+    widths = _quantities([trace for _, trace in nominal])
+    few = evenly(len(tests), SHOTS)
+    # How much of a channel is a little of everything is an average over the rollout: one test is enough for it.
+    once = len(few) // 2
+    machines = [improved] if named is None or named == improved else [improved, named]
+    variants = list(bench.backend.variants()) if isinstance(bench.backend, HasVariants) else []
+    jobs = [Job({}, tuple(first[n] for n in few), name) for name in ("", *variants)]
+    jobs += [Job(line.at(line.at_typical()), (first[few[once]],)) for line in lines]
+    jobs += [Job(values, (run,)) for values in machines for run in first]
+
+    def tell(before: int, done: int, of: int) -> None:
+        if progress is not None:
+            progress(before + done, len(tests) + len(jobs))
+
+    beside = [Job(improved, (run,)) for run in again]
+    paths = run_jobs(bench, beside, executor, partial(tell, 0), partial(path, widths))
+    at = {key_of(test): rows[0] for test, rows in zip(tests, paths, strict=True)}
+    cells = Cells.of(bench.backend.duration, widths, at)
+    step = float(np.median([np.median(np.diff(trace.times)) for _, trace in whole]))
+    read = partial(_means, cells, step)
+    rows = iter(run_jobs(bench, jobs, executor, partial(tell, len(tests)), read))
+    usual = next(rows)
+    other = [changed - usual for changed in islice(rows, len(variants))]
+    typical = [changed - usual[[once]] for changed in islice(rows, len(lines))]
+    simulated = np.concatenate(list(rows)).reshape(len(machines), len(tests), -1)
+    machine = np.array([read(bench, trace, test) for test, trace in whole])
+    at_test = [tests.index(dict(test)) for test, _ in whole]
+    columns, known = cells.columns(), np.isfinite(machine).any(axis=0)
+    each = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of cells into which no rollout reaches
+        for own in simulated:
+            sizes = _left(machine - own[at_test], usual, own[few] - usual, typical, other, columns)
+            each.append(_largest(*sizes, known, columns))
+    largest = min(each, key=lambda found: max((surplus for surplus, *_ in found), default=0.0))
+    units, traces = nominal[0][1].units, [trace for _, trace in whole]
+    found = []
+    for surplus, size, column, (along, low, high) in largest:
+        name, times, extent = column.quantity, None, None
+        if along:
+            time, values = visited(traces, along, column.number, low, high)
+            times = None if time is None or time.everything else (time.low, time.high)
+            extent = (values.lowest, values.highest) if math.isfinite(values.extent) else None
+        part = label(bench, nominal[0], column, widths[name])
+        unit, along_unit = units.get(name, ""), units.get(along, "") if along else "s"
+        found.append(
+            Remainder(
+                name.removeprefix(RESIDUAL), column.number, part, along, low, high, size, unit, along_unit,
+                surplus, not column.residual, times, extent,
+            )
+        )  # fmt: skip
+    return ordered(found)
+
+
+def _quantities(traces: Sequence[Trace]) -> dict[str, int]:
+    """Return quantity → columns of the channels and residuals that are finite and no flag of 0 and 1."""
+    found = {}
+    for name, width in widths_of(traces).items():
+        values = np.concatenate([trace[name] for trace in traces])
+        if np.isfinite(values).all() and not np.isin(values, (0.0, 1.0)).all():
+            found[name] = width
+    return found
+
+
+def _means(cells: Cells, step: float, bench: Bench, trace: Trace, test: Test) -> FloatArray:
+    """Return (cells,) means of a rollout; NaN for one that ended early.
+
+    Of one with more samples than the machine's, one for each ``step`` [s], only as many are read, so that a mean is of
+    the same times.
+    """
+    row = cells.means(bench.seen(thinned(trace, step), test), test)
+    return row if trace.failure is None else np.full_like(row, np.nan)
+
+
+def _left(
+    apart: FloatArray,
+    nominal: FloatArray,
+    explained: FloatArray,
+    typical: Sequence[FloatArray],
+    variants: Sequence[FloatArray],
+    columns: Sequence[Column],
+) -> tuple[FloatArray, FloatArray]:
+    """Return (cells,) the mean difference d, and its surplus; 0 where a cell says nothing.
+
+    Args:
+        apart: (n, cells) the machine less the improved simulator at the same tests.
+        nominal: (m, cells) the nominal simulator, at few tests.
+        explained: (m, cells) what the improved one does beside it, with the same noise.
+        typical: (1, cells) of each effect, what a typical amount of it does at one test.
+        variants: (m, cells) of each variant of the simulator, what it does otherwise.
+        columns: the cells.
+    """
+    from scipy.stats import t  # here: a rollout needs no scipy
+
+    def squared(changes: Sequence[FloatArray]) -> FloatArray:
+        squares = (np.nan_to_num(np.nanmean(change**2, axis=0)) for change in changes)
+        return sum(squares, start=np.zeros(apart.shape[1]))
+
+    effects, little, systematic = squared([explained]), squared(typical), squared(variants)
+    moved = np.zeros(apart.shape[1], dtype=bool)
+    for part in (column.part for column in columns):
+        # Windows alone show how much a column varies: of other cells there are many where it does not.
+        windows = nominal[:, part][:, :CELLS]
+        spread = np.nanmean((windows - np.nanmean(np.nanmean(windows, axis=0))) ** 2, axis=0)
+        varies, usual = NOTHING**2 * np.nan_to_num(np.nanmean(spread)), little[part].mean()
+        systematic[part] += LAWS**2 * (effects[part] + effects[part].mean()) + ALLOWED**2 * usual + varies
+        # What no effect moves, as a reference, is no part of the machine.
+        moved[part] = usual > varies
+    n, size = np.isfinite(apart).sum(axis=0), np.nanmean(apart, axis=0)
+    surely = t.ppf(1.0 - LEVEL / 2.0 / len(n), np.maximum(n - 1, 1))
+    scatter = surely * np.nanstd(apart, axis=0, ddof=1) / np.sqrt(n)
+    among = sum(bool(moved[column.part.start]) for column in columns)
+    allowed = np.hypot(scatter, np.sqrt(systematic)) * (1.0 + TAIL * np.log(max(among, 1)))
+    return size, np.where((n >= FEWEST) & moved, np.nan_to_num(np.abs(size) / allowed), 0.0)
+
+
+def _largest(
+    size: FloatArray, surplus: FloatArray, known: NDArray[np.bool_], columns: Sequence[Column]
+) -> list[tuple[float, float, Column, Cell]]:
+    """Return the REPORTED columns with the largest surplus: this, the size and the cell; all arguments are (cells,).
+
+    Channels count less only beside residuals that are ``known``, which any rollout has.
+    """
+    acts = any(column.residual and known[column.part].any() for column in columns)
+    found = []
+    for column in columns:
+        own = begin(surplus[column.part] * (EXPLAINS if acts and not column.residual else 1.0))
+        k = int(own.argmax())
+        if own[k] > 0.0:
+            found.append((float(own[k]), float(size[column.part][k]), column, column.cells[k]))
+    return sorted(found, key=lambda one: -one[0])[:REPORTED]
+
+
+def begin(surplus: FloatArray, windows: int = CELLS) -> FloatArray:
+    """Return the surplus of a column, with 0 in windows of time after the first that says (nearly) as much.
+
+    In a closed loop what acts for a time goes on after it, and the answer to it may be the larger. ``windows`` of the
+    (cells,) of a column are of time, and come first.
+    """
+    out = surplus.copy()
+    begun = np.flatnonzero(out[:windows] > max(1.0, EXPLAINS * out.max()))
+    if begun.size:
+        out[begun[0] + 1 : windows] = 0.0
+    return out
+
+
+def label(bench: Bench, nominal: tuple[Test, Trace], column: Column, width: int) -> str:
+    """Return the name of a column of so many: "" of one, else what the backend calls it, or its number."""
+    if column.residual and isinstance(bench.backend, HasResiduals):
+        test, trace = nominal
+        found = bench.backend.residuals(trace, bench.matched.to_backend(test))
+        names = part_names(found, column.quantity.removeprefix(RESIDUAL), width)
+    else:
+        names = {each.name: each.columns for each in bench.backend.channels}.get(column.quantity, ())
+    if width == 1:
+        return ""
+    return names[column.number] if len(names) == width else f"column {column.number}"
+
+
+def ordered(found: Sequence[Remainder]) -> tuple[Remainder, ...]:
+    """Return remainders with the cause's place first.
+
+    A residual of the equations of motion shows where a cause acts. A recorded channel also shows the controller's
+    reaction. So beside a material residual the time of a recorded channel does not count.
+    """
+    acts = any(each.material and not each.recorded for each in found)
+    return tuple(
+        cause_first(
+            found,
+            lambda one: Place() if acts and one.recorded else one.place,
+            lambda one: one.surplus if one.material else 0.0,
+        )
+    )
