@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from s2r_spec import distribution
 from s2r_spec.printable import one_line
@@ -57,6 +57,16 @@ class S2RError(Exception):
 
     def __str__(self) -> str:
         return one_line(super().__str__().strip())
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle by message and attributes: a worker process may raise an error with a constructor of its own."""
+        return _unpickled, (type(self), self.args, vars(self))
+
+
+def _unpickled(kind: type[S2RError], args: tuple[Any, ...], attributes: dict[str, Any]) -> S2RError:
+    error = kind.__new__(kind, *args)
+    vars(error).update(attributes)
+    return error
 
 
 class UsageError(S2RError):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 from s2r_spec.errors import UsageError, did_you_mean
 from s2r_spec.lang.source import Span
@@ -99,7 +98,3 @@ class SpecError(UsageError):
 
     def __str__(self) -> str:
         return lines(Exception.__str__(self))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle by the diagnostics, since a worker process may raise the error."""
-        return SpecError, (self.diagnostics,)
