@@ -8,8 +8,8 @@ the estimator are those of ``s2r_spec.diagnose``: `inference/hierarchical.py` an
 effects every one can be a cause of a twin, and a little of each is in all of them.
 
 It prints, over all twins and background included, the error of each parameter's estimate: rms, bias, slope of estimate
-on truth, and the share of truths in the 90 % intervals. A payload's place is left out, since it does nothing without
-its mass.
+on truth, and the share of truths in the 90 % intervals. Parameters that only say how an effect acts are left out, such
+as a payload's place.
 
 Then it prints named effects against the truth by size, and the misfit of twins beyond the 95 % quantile of practice
 machines. Those are the simulator itself with the same mix of effects. More than 15 % of such alarms would mean that
@@ -55,7 +55,6 @@ TROTS = tuple(as_experiment(BENCH, test) for test in star(SPEC.space))
 """Definition: trots at the middle command and at both ends, the tests that `s2r diagnose` has in its library."""
 PROTOCOLS = tuple(Experiment(protocol.name) for protocol in SIM.protocols())
 EXPERIMENTS = (*TROTS, *PROTOCOLS)
-NEED_A_MASS = ("payload.x", "payload.y")
 COUNTS = (1, 2, 1, 0)
 """Definition: number of causes of the machines in turn."""
 
@@ -109,7 +108,7 @@ def of_practice(job: tuple[int, int]) -> dict[str, Any]:
     parameters = responses().parameters
     low, high = responses_range()
     theta = np.clip(0.05 * rng.normal(size=len(parameters)), low, high)
-    theta[[p.name in NEED_A_MASS for p in parameters]] = 0.0
+    theta[[bool(p.base) for p in parameters]] = 0.0
     chosen = rng.choice(len(parameters), COUNTS[number % len(COUNTS)], replace=False)
     for k in chosen:
         size = rng.uniform(NAMED, 1.0)
@@ -166,7 +165,7 @@ def errors(rows: Sequence[dict[str, Any]]) -> dict[str, dict[str, float]]:
     table = {}
     for k, parameter in enumerate(responses().parameters):
         t, e = truth[:, k], found[:, k]
-        if parameter.name in NEED_A_MASS:
+        if parameter.base:
             continue
         table[parameter.name] = {
             "rms": float(np.sqrt(np.mean((e - t) ** 2))),
@@ -188,7 +187,7 @@ def verdicts(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
             effect: max(
                 abs(t)
                 for p, t in zip(parameters, one["truth"], strict=True)
-                if p.effect == effect and p.name not in NEED_A_MASS
+                if p.effect == effect and not p.base
             )
             for effect in effects
         }

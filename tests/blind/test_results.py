@@ -43,12 +43,18 @@ def test_the_page_has_the_scores_of_development_cases():
     error, inside = "size error, rms, median over effects", "in the 90 % interval"
     assert rows["rms error of a size, median over effects"] == [f"{one[error]:.3f}" for one in scores]
     assert rows["true sizes in the 90 % intervals"] == [f"{100 * one[inside]:.0f} %" for one in scores]
-    kept = [json.loads((RESULTS / f"development_{name}.json").read_text()) for name in ("arm", "car", "quad")]
-    right = [one["against"]["right by size, known and healthy"].split()[0] for one in kept]
-    errors = [f"{one['against'][error]:.3f}" for one in kept]
-    said = " ".join(page.split())
-    assert f"has {right[0]}, {right[1]} and {right[2]} of 17 right by size" in said
-    assert f"errors are {errors[0]}, {errors[1]} and {errors[2]}" in said
+    first = [
+        json.loads((RESULTS / f"development_{name}.json").read_text())["against"]
+        for name in ("arm", "car", "quad", "segway")
+    ]
+    assert rows["first design: machines whose named effects are right by size"] == [
+        one["right by size, known and healthy"] for one in first
+    ]
+    assert rows["first design: rms error of a size"] == [f"{one[error]:.3f}" for one in first]
+    key = "log score, known and healthy"
+    assert rows["log score (first design)"] == [
+        f"{new[key]:.2f} ({old[key]:.2f})" for new, old in zip(scores, first, strict=True)
+    ]
 
 
 def test_every_set_was_frozen_before_it_was_opened():
