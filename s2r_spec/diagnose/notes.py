@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from s2r_spec.backend import HasResiduals
 from s2r_spec.diagnose.falls import Falls, always_early
 from s2r_spec.diagnose.quality.finding import Finding
-from s2r_spec.diagnose.quality.suspects import SHOWN
+from s2r_spec.trace import SHOWN
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.errors import TraceError
 from s2r_spec.space import key_of
