@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,7 +14,6 @@ from s2r_spec.diagnose.axes import Line, Values
 from s2r_spec.diagnose.data.space_filling import TESTS
 from s2r_spec.diagnose.quality.recordings import Rollout
 from s2r_spec.diagnose.simulate import Bench, Job, Test, evenly, places_of, run_jobs
-from s2r_spec.diagnose.simulator.library import POINTS
 from s2r_spec.samples import period_of
 from s2r_spec.trace import Trace, between
 
@@ -94,19 +93,17 @@ class Comparison:
         view: columns and times.
         tests: of each recording.
         traces: recordings.
-        first: (n, T, c) nominal rollouts with seed 0, from which changes are measured.
         nominal: (n, T, c) mean of the nominal simulator.
         floor: (c,) what is no discrepancy, in the units of the columns: the unit of all that follows.
         scatter: (n, s, d) deviations of single nominal rollouts, whose squares sum to their covariance.
         effects: (k, n, d) changes that the catalogue makes.
         sizes: (k,) the line and its value of each.
-        usual: Q of a nominal rollout that had no part in mean and scatter, and is off by a least floor.
+        usual: Q of a nominal rollout that had no part in mean and scatter; at least that of one floor throughout.
     """
 
     view: View
     tests: tuple[Test, ...]
     traces: tuple[Trace, ...]
-    first: FloatArray
     nominal: FloatArray
     floor: FloatArray
     scatter: FloatArray
@@ -165,6 +162,25 @@ class Comparison:
             found -= explained.T @ explained
         return np.asarray(found / flat.shape[1])
 
+    @cached_property
+    def volume(self) -> float:
+        """log |C|, a number of a recording: what a machine that scatters more must explain better."""
+        logs = np.linalg.slogdet(_inner(self.scatter))[1].mean() / self.scatter.shape[2]
+        return float(logs + 2.0 * np.log(self.floor).mean())
+
+    def beside(self, rollouts: FloatArray) -> Comparison:
+        """Return the comparison with the machine of (s, n, T, c) rollouts in the nominal one's place."""
+        nominal, floor, scatter, usual = noise(rollouts)
+        effects = self.effects.reshape(len(self.effects), *nominal.shape) * (self.floor / floor)
+        effects = effects.reshape(self.effects.shape)
+        return replace(
+            self, nominal=nominal, floor=floor, scatter=scatter, effects=effects, usual=usual
+        )
+
+    def loss(self, values: FloatArray, there: FloatArray | float = 1.0) -> float:
+        """Return ℓ of recordings (n, T, c); see :meth:`misfit`."""
+        return self.misfit(values, there=there) + self.volume
+
     def misfit(self, values: FloatArray, effects: bool = True, there: FloatArray | float = 1.0) -> float:
         """Return Q of recordings (n, T, c).
 
@@ -215,16 +231,14 @@ def compare(
     """
     ran = [(test, trace) for test, trace in rollouts if trace.failure is None and len(trace) > 1]
     ran = [ran[places[0]] for places in places_of([test for test, _ in ran]).values()]
-    sizes = [(line, line.value(x)) for line in lines for x in line.coordinates(POINTS)]
+    ends = [(line, [line.value(sign) for sign in (-1.0, 1.0)]) for line in lines]
+    sizes = [(line, value) for line, values in ends for value in values if value != line.nominal]
     most = affordable(bench, SEEDS // 2 + len(sizes), TESTS // 3, TESTS)
     chosen = [ran[place] for place in dict.fromkeys(evenly(len(ran), most))]
     columns = columns_of(bench, [trace for _, trace in chosen], without)
     if not chosen or not columns:
         return None
-    room = affordable(bench, len(chosen), 0, SEEDS + len(sizes))
-    if room < SEEDS // 2 + len(sizes):
-        sizes = [(line, line.at_typical()) for line in lines]
-    seeds = int(np.clip(room - len(sizes), SEEDS // 6, SEEDS))
+    seeds = affordable(bench, len(chosen), SEEDS // 2 + len(sizes), SEEDS + len(sizes)) - len(sizes)
     tests = tuple(test for test, _ in chosen)
     times = np.linspace(0.0, min(trace.duration for _, trace in chosen), TIMES)
     machines = [({}, seed) for seed in range(seeds)] + [(line.at(value), 0) for line, value in sizes]
@@ -241,7 +255,7 @@ def compare(
     kept = tuple(size for size, there in zip(sizes, moved, strict=True) if there)
     traces = tuple(trace for _, trace in chosen)
     return Comparison(
-        view, tests, traces, usual[0], nominal, floor, scatter, effects[moved], kept, misfit
+        view, tests, traces, nominal, floor, scatter, effects[moved], kept, misfit
     )
 
 
@@ -252,7 +266,7 @@ def noise(rollouts: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, flo
     others do not foretell of a rollout is floor, too.
 
     Returns:
-        (n, T, c) mean, (c,) floor, (n, s, T · c) scatter in floors, and Q of a rollout that is off by the least floor.
+        (n, T, c) mean, (c,) floor, (n, s, T · c) scatter in floors, and Q of a further rollout, at least of one floor.
     """
     mean = rollouts.mean(axis=0)
     reach = np.ptp(mean, axis=(0, 1))
@@ -261,7 +275,7 @@ def noise(rollouts: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, flo
     _, new = _beside_others(apart / least)
     floor = least * np.sqrt(1.0 + (new**2).mean(axis=(0, 1, 2)))
     own, new = _beside_others(apart / floor)
-    return mean, floor, _scatter(apart / floor), float((own * new).mean() + ((least / floor) ** 2).mean())
+    return mean, floor, _scatter(apart / floor), float(max((own * new).mean(), ((least / floor) ** 2).mean()))
 
 
 def _beside_others(apart: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -107,13 +107,13 @@ def suspected(
         # Each may stand beside an effect that is far from nominal.
         beside = [nearest(bench, c, one.fault.values, executor) for one in judged]
         left = [
-            m.misfit(one.fault.values, there=one.fault.there) + one.fault.price
+            m.loss(one.fault.values, one.fault.there) - c.volume + one.fault.price
             for m, one in zip(beside, judged, strict=True)
         ]
         judged = [replace(one, after=min(one.after, q)) for one, q in zip(judged, left, strict=True)]
     out: dict[str, tuple[float, Finding]] = {}
     for one in sorted(judged, key=lambda one: one.after):
-        best = min(one.before, machine.misfit(c.recorded, there=one.fault.there))
+        best = min(one.before, machine.loss(c.recorded, one.fault.there) - c.volume)
         finding = one.fault.finding
         if one.removes(MOST, best):
             out.setdefault(finding.code, (one.after, finding))
