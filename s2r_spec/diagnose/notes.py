@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from s2r_spec.backend import HasResiduals
 from s2r_spec.diagnose.falls import Falls, always_early
 from s2r_spec.diagnose.quality.finding import Finding
-from s2r_spec.trace import SHOWN
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.errors import TraceError
 from s2r_spec.space import key_of
-from s2r_spec.trace import Trace
+from s2r_spec.trace import SHOWN, Trace
 
 FloatArray = NDArray[np.float64]
 Rollout = tuple[dict[str, float], Trace]

@@ -140,7 +140,7 @@ class Comparison:
         """W (n, s, d) by which C⁻¹ = 1 − WᵀW of a rollout, C⁻¹J (k, n · d), and JᵀC⁻¹J (k, k)."""
         w, j = np.linalg.solve(np.linalg.cholesky(_inner(self.scatter)), self.scatter), self.effects
         cj = j - np.einsum("nsd,nsk->knd", w, np.einsum("nsd,knd->nsk", w, j))
-        return np.asarray(w), cj.reshape(len(j), -1), np.einsum("knd,lnd->kl", j, cj)
+        return np.asarray(w), cj.reshape(len(j), w[:, 0].size), np.einsum("knd,lnd->kl", j, cj)
 
     @cached_property
     def _root(self) -> FloatArray:
@@ -155,16 +155,16 @@ class Comparison:
         w, cj, _ = self.whitening
         flat = rests.reshape(len(rests), len(self.traces), -1)
         white = np.einsum("nsd,mnd->mns", w, flat).reshape(len(flat), -1)
-        flat = flat.reshape(len(flat), -1)
-        found = flat @ flat.T - white @ white.T
+        whole = flat.reshape(len(flat), -1)
+        found = whole @ whole.T - white @ white.T
         if effects and len(cj):
-            explained = np.linalg.solve(self._root, cj @ flat.T)
+            explained = np.linalg.solve(self._root, cj @ whole.T)
             found -= explained.T @ explained
-        return np.asarray(found / flat.shape[1])
+        return np.asarray(found / whole.shape[1])
 
     @cached_property
     def volume(self) -> float:
-        """log |C|, a number of a recording: what a machine that scatters more must explain better."""
+        """The log |C|, a number of a recording: what a machine that scatters more must explain better."""
         logs = np.linalg.slogdet(_inner(self.scatter))[1].mean() / self.scatter.shape[2]
         return float(logs + 2.0 * np.log(self.floor).mean())
 
@@ -173,9 +173,7 @@ class Comparison:
         nominal, floor, scatter, usual = noise(rollouts)
         effects = self.effects.reshape(len(self.effects), *nominal.shape) * (self.floor / floor)
         effects = effects.reshape(self.effects.shape)
-        return replace(
-            self, nominal=nominal, floor=floor, scatter=scatter, effects=effects, usual=usual
-        )
+        return replace(self, nominal=nominal, floor=floor, scatter=scatter, effects=effects, usual=usual)
 
     def loss(self, values: FloatArray, there: FloatArray | float = 1.0) -> float:
         """Return ℓ of recordings (n, T, c); see :meth:`misfit`."""
@@ -231,8 +229,8 @@ def compare(
     """
     ran = [(test, trace) for test, trace in rollouts if trace.failure is None and len(trace) > 1]
     ran = [ran[places[0]] for places in places_of([test for test, _ in ran]).values()]
-    ends = [(line, [line.value(sign) for sign in (-1.0, 1.0)]) for line in lines]
-    sizes = [(line, value) for line, values in ends for value in values if value != line.nominal]
+    values = [(line, line.value(sign)) for line in lines for sign in (-1.0, 1.0)]
+    sizes = [(line, value) for line, value in values if value != line.nominal]
     most = affordable(bench, SEEDS // 2 + len(sizes), TESTS // 3, TESTS)
     chosen = [ran[place] for place in dict.fromkeys(evenly(len(ran), most))]
     columns = columns_of(bench, [trace for _, trace in chosen], without)
@@ -241,22 +239,21 @@ def compare(
     seeds = affordable(bench, len(chosen), SEEDS // 2 + len(sizes), SEEDS + len(sizes)) - len(sizes)
     tests = tuple(test for test, _ in chosen)
     times = np.linspace(0.0, min(trace.duration for _, trace in chosen), TIMES)
-    machines = [({}, seed) for seed in range(seeds)] + [(line.at(value), 0) for line, value in sizes]
-    values = View(columns, times).simulate(bench, machines, tests, executor, progress)
-    whole = np.asarray(np.isfinite(values[:seeds]).all(axis=(0, 1, 2)))
+    machines: list[tuple[Values, int]] = [({}, seed) for seed in range(seeds)]
+    machines += [(line.at(value), 0) for line, value in sizes]
+    ran_there = View(columns, times).simulate(bench, machines, tests, executor, progress)
+    whole = np.asarray(np.isfinite(ran_there[:seeds]).all(axis=(0, 1, 2)))
     if not whole.any():
         return None
     view = View(tuple(column for column, there in zip(columns, whole.tolist(), strict=True) if there), times)
-    usual, changed = np.split(values[..., whole], [seeds])
+    usual, changed = np.split(ran_there[..., whole], [seeds])
     nominal, floor, scatter, misfit = noise(usual)
     effects = np.nan_to_num((changed - usual[0]) / floor, posinf=0.0, neginf=0.0)
-    effects = effects.reshape(len(sizes), len(tests), -1)
+    effects = effects.reshape(len(sizes), len(tests), nominal[0].size)
     moved = (effects**2).mean(axis=(1, 2)) > 1e-6
     kept = tuple(size for size, there in zip(sizes, moved, strict=True) if there)
     traces = tuple(trace for _, trace in chosen)
-    return Comparison(
-        view, tests, traces, nominal, floor, scatter, effects[moved], kept, misfit
-    )
+    return Comparison(view, tests, traces, nominal, floor, scatter, effects[moved], kept, misfit)
 
 
 def noise(rollouts: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, float]:

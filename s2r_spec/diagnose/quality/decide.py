@@ -15,27 +15,26 @@ from s2r_spec.diagnose.quality.labels import labels
 from s2r_spec.diagnose.quality.machine import nearest
 from s2r_spec.diagnose.quality.recordings import Recordings, Rollout
 from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.diagnose.simulator.library import CAUSES
 
 MOST = 0.75
 """Level: part of what the best machine leaves beyond the usual that undoing a mistake must remove; the rest is what a
 candidate must remove to be tried beside effects. At twice the distance from 1 it finds mistakes beside larger unknown
 effects, and takes more unknown effects for mistakes."""
 CLEAR = 0.15
-"""Level: of the usual misfit, by which a discrepancy is there at all, and two explanations are not the same. Twice as
-much misses mistakes that are 1.4 times as large; a third as much takes scatter for one."""
+"""Level: part of the usual misfit by which a discrepancy is there at all, and part of what the best mistake removes by
+which another is worse. Twice as much misses mistakes that are 1.4 times as large, and says more beside the best."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Judged:
-    """A candidate.
+    """A mistake, and what is left with it and without; ``usual`` is Q of a fresh nominal rollout.
 
     Attributes:
-        fault: it.
-        usual: Q of a fresh nominal rollout.
-        before: Q of the recordings as they are, beside effects.
-        after: with it undone.
-        bare: as ``before``, beside no effect.
-        alone: as ``after``, beside no effect.
+        fault: the mistake.
+        usual: see :class:`Comparison`.
+        before, after: ℓ of the recordings as they are and with it undone, beside effects.
+        bare, alone: the same beside no effect.
     """
 
     fault: Fault
@@ -49,18 +48,26 @@ class _Judged:
     def of(cls, c: Comparison, fault: Fault) -> _Judged:
         """Undo a mistake."""
         before, bare = (c.misfit(c.recorded, effects, fault.there) for effects in (True, False))
-        after, alone = (c.misfit(fault.values, effects, fault.there) + fault.price for effects in (True, False))
+        after, alone = (
+            c.misfit(fault.values, effects, fault.there) + fault.price for effects in (True, False)
+        )
         return cls(fault, c.usual, before, after, bare, alone)
 
-    def removes(self, least: float, before: float) -> bool:
+    def removes(self, part: float, before: float) -> bool:
         """Whether it clearly removes this part of what is beyond the usual, or beyond what is left if less."""
         removed, beyond = before - self.after, before - min(self.usual, self.after)
-        return removed >= CLEAR * self.usual and removed >= least * beyond
+        return removed >= CLEAR * self.usual and removed >= part * beyond
 
-    def alike(self, best: float) -> bool:
-        """Whether it alone explains clearly more than nothing does, and as much as a machine that leaves ``best``."""
+    @property
+    def alike(self) -> bool:
+        """Whether it alone explains clearly more than nothing does, and all that is to be explained."""
         clear = CLEAR * self.usual
-        return self.bare - self.alone >= clear and self.alone <= min(best, self.usual) + clear
+        return self.bare - self.alone >= clear and self.alone <= self.usual + clear
+
+    def beside(self, machine: Comparison, c: Comparison) -> _Judged:
+        """Undo it beside a machine that is far from nominal."""
+        left = machine.loss(self.fault.values, self.fault.there) - c.volume + self.fault.price
+        return replace(self, after=min(self.after, left))
 
 
 def findings(
@@ -98,26 +105,22 @@ def suspected(
     if c.misfit(c.recorded, effects=False) < c.usual:
         return []  # as the nominal simulator's: there is nothing to explain
     candidates = [*faults(c), *labels(bench, c, rollouts, executor, progress)]
-    judged = [_Judged.of(c, fault) for fault in candidates]
-    judged = [one for one in judged if one.removes(1.0 - MOST, one.before) or one.alike(one.before)]
+    judged = sorted((_Judged.of(c, fault) for fault in candidates), key=lambda one: one.after)
+    judged = [one for one in judged if one.removes(1.0 - MOST, one.before) or one.alike]
     if not judged:
         return []
     machine = nearest(bench, c, c.recorded, executor)
     if not any(one.removes(MOST, one.before) for one in judged):
-        # Each may stand beside an effect that is far from nominal.
-        beside = [nearest(bench, c, one.fault.values, executor) for one in judged]
-        left = [
-            m.loss(one.fault.values, one.fault.there) - c.volume + one.fault.price
-            for m, one in zip(beside, judged, strict=True)
-        ]
-        judged = [replace(one, after=min(one.after, q)) for one, q in zip(judged, left, strict=True)]
+        judged = [one.beside(nearest(bench, c, one.fault.values, executor), c) for one in judged[:CAUSES]]
     out: dict[str, tuple[float, Finding]] = {}
     for one in sorted(judged, key=lambda one: one.after):
-        best = min(one.before, machine.loss(c.recorded, one.fault.there) - c.volume)
-        finding = one.fault.finding
+        best, finding = (
+            min(one.before, machine.loss(c.recorded, one.fault.there) - c.volume),
+            one.fault.finding,
+        )
         if one.removes(MOST, best):
-            out.setdefault(finding.code, (one.after, finding))
-        elif one.alike(best):
-            out.setdefault(finding.code, (one.after, replace(finding, same=True)))
-    least = min((after for after, _ in out.values()), default=0.0)
-    return [finding for after, finding in out.values() if after <= least + CLEAR * c.usual]
+            out.setdefault(finding.code, (best - one.after, finding))
+        elif one.alike:
+            out.setdefault(finding.code, (one.bare - one.alone, replace(finding, same=True)))
+    most = max((removed for removed, _ in out.values()), default=0.0)
+    return [finding for removed, finding in out.values() if removed >= (1.0 - CLEAR) * most]

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +28,8 @@ PER_RADIAN = {"rad": 1.0, "deg": 180.0 / np.pi}
 LATEST = 0.25
 """Definition: part of a rollout that a delay is looked for up to. Twice as much looks for longer ones."""
 FACTORS = tuple(np.geomspace(0.4, 2.5, 59).tolist())
-"""Definition: factors of scales and clocks that are tried, before the best is refined. A rate that was set twice as high
-as it was lies well inside; a best at either end is no minimum. Twice as many see clocks of longer rollouts."""
+"""Definition: factors of scales and clocks that are tried, before the best is refined. A rate that was set twice as
+high as it was lies well inside; a best at either end is no minimum. Twice as many see clocks of longer rollouts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,11 +61,12 @@ def late(c: Comparison) -> Iterable[Fault]:
     All channels together mean that the recordings begin at another time than their tests.
     """
     names, duration = channels(c), float(c.view.times[-1])
-    delays = np.geomspace(max(period_of(trace.times) for trace in c.traces), LATEST * duration, 9)
-    found = _search(_read(c, names, lambda by: c.read(late=by)), [*-delays[::-1], *delays], names, _units(c))
+    period = max(period_of(trace.times) for trace in c.traces)
+    delays = np.geomspace(period, LATEST * duration, 9)
+    found = search(_read(c, names, lambda by: c.read(late=by)), [*-delays[::-1], *delays], names, _units(c))
     if found is None:
         return
-    by, group = found
+    by, group = round(found[0] / period) * period, found[1]  # nobody reads two clocks better than to a sample
     values, there = c.read(late=by)
     values = np.where(mask(c, group), values, c.recorded)
     rest = [name for name in names if name not in group]
@@ -93,7 +93,7 @@ def late(c: Comparison) -> Iterable[Fault]:
 
 def clock(c: Comparison) -> Iterable[Fault]:
     """Read all channels at stretched times: by the real seconds that a stamped second was."""
-    found = _search(_read(c, None, lambda stretch: c.read(stretch=stretch)), FACTORS, ["all"])
+    found = search(_read(c, None, lambda stretch: c.read(stretch=stretch)), FACTORS, ["all"])
     if found is None:
         return
     stretch, _ = found
@@ -127,7 +127,7 @@ def exchanged(c: Comparison) -> Iterable[Fault]:
 def sign(c: Comparison) -> Iterable[Fault]:
     """Change the sign of channels, as between two conventions of axes."""
     names = channels(c)
-    found = _search(_scaled(c, names, 0.0 * c.recorded), [-1.0], names, _units(c))
+    found = search(_scaled(c, names, 0.0 * c.recorded), [-1.0], names, _units(c))
     if found is None:
         return
     words = named(c, found[1])
@@ -147,7 +147,7 @@ def scale(c: Comparison) -> Iterable[Fault]:
         among = list(dict.fromkeys(column.channel for column in c.columns if column.unit == unit))
         options = []
         for begin, about in ((first, "its first sample"), (0.0 * first, "zero")):
-            found = _search(_scaled(c, among, begin), FACTORS, among)
+            found = search(_scaled(c, among, begin), FACTORS, among)
             if found is None:
                 continue
             factor, group = found
@@ -185,10 +185,12 @@ def turned(c: Comparison) -> Iterable[Fault]:
         def form(a: float, products: FloatArray = products) -> FloatArray:
             return np.asarray(weights(a) @ products @ weights(a).T)
 
-        found = _search(form, np.linspace(-np.pi, np.pi, 37), angles, starts)
+        found = search(form, np.linspace(-np.pi, np.pi, 37).tolist(), angles, starts)
         if found is not None:
             a, group = found
-            rest = np.array([name in group for name in angles]) @ weights(a)[1:, 3:] if angles else np.zeros(0)
+            rest = (
+                np.array([name in group for name in angles]) @ weights(a)[1:, 3:] if angles else np.zeros(0)
+            )
             each = [1.0, *weights(a)[0, 1:3], *rest]
             values = c.nominal + c.floor * np.einsum("m,mntc->ntc", each, [now, along, aside, *back])
             tried.append((c.misfit(values), a, i, j, group, values))
@@ -213,7 +215,7 @@ def offset(c: Comparison) -> Iterable[Fault]:
     if not names:
         return
     form = _form(c, names, -by / c.floor * np.ones_like(c.recorded))
-    found = _search(lambda _: form, [1.0], names)
+    found = search(lambda _: form, [1.0], names)
     if found is None:
         return
     by = np.where(mask(c, found[1]), by, 0.0)
@@ -291,12 +293,12 @@ def _scaled(c: Comparison, names: Sequence[str], begin: FloatArray) -> Form:
     def form(factor: float) -> FloatArray:
         weights = np.array([1.0, *[1.0 / factor - 1.0] * len(names)])
         prices = [0.0, *(_price(c, factor, Group([name])) for name in names)]
-        return products * weights * weights[:, None] + np.diag(prices)
+        return np.asarray(products * np.outer(weights, weights) + np.diag(prices))
 
     return form
 
 
-def _search(
+def search(
     form: Form, sizes: Sequence[float], names: Sequence[str], more: Sequence[Group] = ()
 ) -> tuple[float, Group] | None:
     """Return the size and the channels that leave least; None where that is at an end of several sizes.
@@ -326,10 +328,7 @@ def _search(
     begin = np.unique([[1.0, *(float(name in group) for name in names)] for group in starts], axis=0)
     begin = begin[begin.sum(axis=1) > (0.0 if empty else 1.0)]
     tried = [
-        (*grown(products, on), k)
-        for k, size in enumerate(sizes)
-        for products in [form(size)]
-        for on in begin
+        (*grown(products, on), k) for k, size in enumerate(sizes) for products in [form(size)] for on in begin
     ]
     _, on, k = min(tried, key=lambda one: one[0])
     size = float(sizes[k])

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.quality.comparison import SEEDS, Comparison, affordable
-from s2r_spec.diagnose.quality.faults import Fault
+from s2r_spec.diagnose.quality.faults import Fault, Group, search
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.quality.recordings import Rollout
 from s2r_spec.diagnose.simulate import Bench, Test
@@ -27,21 +27,13 @@ Which = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class _Other:
-    """Other tests of the same n recordings.
-
-    Attributes:
-        tests: one a recording.
-        text: what is said of them; {count} are of these, and {first} is the word on the first sample.
-        imitates: see :class:`Finding`.
-        known: (n,) whether there is such a test; the row after the last one is in no table.
-        parts: which of the recordings, (n,) each, may be of these tests.
-    """
+    """Other tests of the n recordings, one each, and what is said of some of them; {count} of them, from {first} on."""
 
     tests: Sequence[Test]
     text: str
     imitates: str
     known: Which
-    parts: Sequence[Which]
+    """(n,) whether there is such a test; the row after the last one is in no table."""
 
 
 def labels(
@@ -61,24 +53,29 @@ def labels(
     runs = c.view.simulate(bench, [({}, k) for k in range(seeds)], list(tests.values()), executor, progress)
     means = dict(zip(tests, runs.mean(axis=0), strict=True))
     for one in others:
-        moved = np.array([means[key_of(test)] for test in one.tests]) - c.nominal
-        if np.isfinite(moved).all():
-            tried = [_of_part(c, one, part, moved) for part in one.parts]
-            found.append(min(tried, key=lambda fault: _gain(c, fault)))
+        moved = c.nominal - np.array([means[key_of(test)] for test in one.tests])
+        if np.isfinite(moved).all() and one.known.any():
+            found.append(_moved(c, one, moved))
     return found
 
 
-def _gain(c: Comparison, fault: Fault) -> float:
-    return c.misfit(fault.values, there=fault.there) - c.misfit(c.recorded, there=fault.there)
+def _moved(c: Comparison, one: _Other, moved: FloatArray) -> Fault:
+    """Return the mistake that those recordings are of other tests that leave least so, with means (n, T, c) less."""
+    there = one.known.astype(float)[:, None, None]
+    each = [moved * (np.arange(len(moved)) == k)[:, None, None] for k in np.flatnonzero(one.known)]
+    products = c.products(np.array([c.rest(c.recorded), *(part / c.floor for part in each)]) * there)
+    names = [str(k) for k in np.flatnonzero(one.known)]
+    _, group = search(lambda _: products, [1.0], names) or (1.0, Group())
+    which = np.array([str(k) in group for k in range(len(moved))])
+    text = one.text.format(count=len(group), first=_first(c, which))
+    values = c.recorded + np.where(which[:, None, None], moved, 0.0)
+    return Fault(Finding("labels", "the tests", text, one.imitates), values, there)
 
 
 def _others(bench: Bench, c: Comparison, rollouts: Sequence[Rollout]) -> Iterable[_Other]:
     """Return the tests that the recordings may have been run at."""
     rows, n = [test for test, _ in rollouts], len(c.traces)
     places = [next(k for k, (_, trace) in enumerate(rollouts) if trace is mine) for mine in c.traces]
-    every = np.ones(n, dtype=bool)
-    # From some row on, or up to some row, or all of them.
-    parts = [np.arange(n) >= k for k in range(n)] + [np.arange(n) <= k for k in range(n - 1)]
     for step, words, end in ((1, "the next one", len(rows) - 1), (-1, "the one before", 0)):
         text = (
             f"{{count}} of {n} compared recordings fit the test of {words} better than their own{{first}}. Is a line "
@@ -86,7 +83,8 @@ def _others(bench: Bench, c: Comparison, rollouts: Sequence[Rollout]) -> Iterabl
         )
         tests: list[Test] = [rows[place if place == end else place + step] for place in places]
         known = np.array([place != end for place in places])
-        yield _Other(tests, text, "a shifted table of tests", known, parts)
+        yield _Other(tests, text, "a shifted table of tests", known)
+    every = np.ones(n, dtype=bool)
     for name in bench.spec.space.names:
         text = (
             f"the real rollouts fit tests with the opposite sign of {name} better than their own{{first}}. Has {name} "
@@ -94,7 +92,7 @@ def _others(bench: Bench, c: Comparison, rollouts: Sequence[Rollout]) -> Iterabl
         )
         if any(test[name] for test in c.tests):
             tests = [{**test, name: -test[name] or 0.0} for test in c.tests]
-            yield _Other(tests, text, f"the opposite sign of {name}", every, [every])
+            yield _Other(tests, text, f"the opposite sign of {name}", every)
     units = bench.spec.space.units
     for a, b in combinations(sorted(bench.spec.space.names), 2):
         text = (
@@ -103,7 +101,7 @@ def _others(bench: Bench, c: Comparison, rollouts: Sequence[Rollout]) -> Iterabl
         )
         if units.get(a) == units.get(b):
             tests = [{**test, a: test[b], b: test[a]} for test in c.tests]
-            yield _Other(tests, text, f"{a} and {b} exchanged", every, [every])
+            yield _Other(tests, text, f"{a} and {b} exchanged", every)
 
 
 def _able(bench: Bench, tests: Sequence[Mapping[str, float]]) -> bool:
@@ -114,14 +112,6 @@ def _able(bench: Bench, tests: Sequence[Mapping[str, float]]) -> bool:
         for test in tests
         for name, value in bench.matched.to_backend(test).items()
     )
-
-
-def _of_part(c: Comparison, one: _Other, part: Which, moved: FloatArray) -> Fault:
-    """Return the mistake that a part of the recordings is of other tests, whose means (n, T, c) are so far away."""
-    text = one.text.format(count=int((part & one.known).sum()), first=_first(c, part))
-    values = c.recorded - np.where(part[:, None, None], moved, 0.0)
-    counts = (one.known | ~part).astype(float)[:, None, None]
-    return Fault(Finding("labels", "the tests", text, one.imitates), values, counts)
 
 
 def _assigned(c: Comparison) -> Iterable[Fault]:

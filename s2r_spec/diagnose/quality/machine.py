@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Executor
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,14 +26,14 @@ def nearest(
 ) -> Comparison:
     """Return the comparison with the machine that explains recordings best in the nominal one's place.
 
-    The nominal one itself where no machine does better.
+    The nominal one itself where no machine does better. A machine far from nominal has a scatter of its own.
     """
+    _, cj, gram = c.whitening
     effects = np.array([line.effect for line, _ in c.sizes])
-    seeds = range(affordable(bench, CAUSES * len(c.tests), SEEDS // 6, SEEDS))
-    best, theta, chosen = c, np.zeros(len(effects)), np.zeros(0, dtype=int)
+    best, nominal, theta, chosen = c.misfit(values), c.nominal, np.zeros(len(gram)), np.zeros(0, dtype=int)
+    found: Values = {}
     for _ in range(CAUSES if c.sizes else 0):
-        _, cj, gram = best.whitening
-        toward = cj @ best.rest(values).ravel()
+        toward = cj @ ((values - nominal) / c.floor).ravel()
         if not len(chosen):
             explained = toward * np.linalg.solve(np.eye(len(gram)) + gram, toward)
             most = sorted(set(effects.tolist()), key=lambda name: -float(explained[effects == name].sum()))
@@ -40,11 +41,20 @@ def nearest(
         inner = np.eye(len(chosen)) + gram[np.ix_(chosen, chosen)]
         theta[chosen] += np.linalg.solve(inner, toward[chosen])
         machine = _machine(c, theta)
-        runs = c.view.simulate(bench, [(machine, seed) for seed in seeds], c.tests, executor)
-        if not np.isfinite(runs).all() or (other := c.beside(runs)).loss(values) >= best.loss(values):
+        runs = c.view.simulate(bench, _seeds(machine, SEEDS // 6), c.tests, executor)
+        left = replace(c, nominal=runs.mean(axis=0)).misfit(values) if np.isfinite(runs).all() else np.inf
+        if left >= best:
             break
-        best = other
-    return best
+        best, nominal, found = left, runs.mean(axis=0), machine
+    if not found:
+        return c
+    seeds = affordable(bench, len(c.tests), SEEDS // 6, SEEDS)
+    runs = c.view.simulate(bench, _seeds(found, seeds), c.tests, executor)
+    return c.beside(runs) if np.isfinite(runs).all() else c
+
+
+def _seeds(machine: Values, count: int) -> list[tuple[Values, int]]:
+    return [(machine, seed) for seed in range(count)]
 
 
 def _machine(c: Comparison, theta: FloatArray) -> Values:
