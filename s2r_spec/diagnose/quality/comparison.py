@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from s2r_spec.diagnose.axes import Line, Values
 from s2r_spec.diagnose.data.space_filling import TESTS
-from s2r_spec.diagnose.quality.recordings import Rollout
+from s2r_spec.diagnose.quality.recordings import Rollout, wide
 from s2r_spec.diagnose.simulate import Bench, Job, Test, evenly, places_of, run_jobs
 from s2r_spec.samples import period_of
-from s2r_spec.trace import Trace, between
+from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
 
@@ -34,23 +34,12 @@ mistakes that are half as large."""
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a channel, as it is compared.
-
-    Attributes:
-        channel: that it is of.
-        place: among the channel's columns.
-        name: for people ("q, FR hip").
-        unit: of the channel.
-    """
+    """One column of a channel: its place among them, its name for people ("q, FR hip"), and the channel's unit."""
 
     channel: str
     place: int
     name: str
     unit: str
-
-    def of(self, trace: Trace) -> FloatArray:
-        """Return (samples,) of a trace."""
-        return trace[self.channel].reshape(len(trace), -1)[:, self.place]
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,16 +49,21 @@ class View:
     columns: tuple[Column, ...]
     times: FloatArray
 
-    def read(self, bench: Bench, trace: Trace, test: Test) -> FloatArray:
-        """Return (T · c,) of a simulated rollout; NaN after it ended."""
-        del bench, test
+    def of(self, trace: Trace, at: FloatArray) -> FloatArray:
+        """Return (T, c) of a trace at times [s] from its begin; NaN before it, and a sample after its end."""
         own = trace.times - trace.times[0]
-        out = np.full((len(self.times), len(self.columns)), np.nan)
-        there = self.times < own[-1] + period_of(own)
+        out = np.full((len(at), len(self.columns)), np.nan)
+        there = (at >= 0.0) & (at < own[-1] + period_of(own))
         for k, column in enumerate(self.columns):
-            if column.channel in trace.channels and column.place < trace[column.channel][:1].size:
-                out[there, k] = between(self.times[there], own, column.of(trace))
-        return out.ravel()
+            values = wide(trace, column.channel)
+            if column.place < values.shape[1]:
+                out[there, k] = np.interp(at[there], own, values[:, column.place])
+        return out
+
+    def read(self, bench: Bench, trace: Trace, test: Test) -> FloatArray:
+        """Return (T · c,) of a simulated rollout."""
+        del bench, test
+        return self.of(trace, self.times).ravel()
 
     def simulate(
         self,
@@ -123,13 +117,9 @@ class Comparison:
 
     def read(self, stretch: float = 1.0, late: float = 0.0) -> tuple[FloatArray, FloatArray]:
         """Return (n, T, c) of the recordings at times stretch · t + late [s], and (T, 1) whether all have samples."""
-        at = stretch * self.view.times + late
-        rows = [
-            [np.interp(at, trace.times - trace.times[0], column.of(trace)) for column in self.columns]
-            for trace in self.traces
-        ]
-        there = (at >= -1e-9) & (at <= self.view.times[-1] + 1e-9)
-        return np.array(rows).transpose(0, 2, 1), there[:, None].astype(float)
+        values = np.array([self.view.of(trace, stretch * self.view.times + late) for trace in self.traces])
+        there = np.isfinite(values).all(axis=(0, 2))[:, None]
+        return np.where(there, values, self.nominal), there.astype(float)
 
     def rest(self, values: FloatArray) -> FloatArray:
         """Return (n, T, c) discrepancies of recordings, in floors."""
@@ -174,10 +164,6 @@ class Comparison:
         effects = self.effects.reshape(len(self.effects), *nominal.shape) * (self.floor / floor)
         effects = effects.reshape(self.effects.shape)
         return replace(self, nominal=nominal, floor=floor, scatter=scatter, effects=effects, usual=usual)
-
-    def loss(self, values: FloatArray, there: FloatArray | float = 1.0) -> float:
-        """Return ℓ of recordings (n, T, c); see :meth:`misfit`."""
-        return self.misfit(values, there=there) + self.volume
 
     def misfit(self, values: FloatArray, effects: bool = True, there: FloatArray | float = 1.0) -> float:
         """Return Q of recordings (n, T, c).

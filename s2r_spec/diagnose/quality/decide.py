@@ -6,6 +6,9 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from s2r_spec.diagnose.axes import Line
 from s2r_spec.diagnose.quality.channels import by_channel, hold
 from s2r_spec.diagnose.quality.comparison import Comparison, compare
@@ -16,6 +19,8 @@ from s2r_spec.diagnose.quality.machine import nearest
 from s2r_spec.diagnose.quality.recordings import Recordings, Rollout
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.diagnose.simulator.library import CAUSES
+
+FloatArray = NDArray[np.float64]
 
 MOST = 0.75
 """Level: part of what the best machine leaves beyond the usual that undoing a mistake must remove; the rest is what a
@@ -28,14 +33,7 @@ which another is worse. Twice as much misses mistakes that are 1.4 times as larg
 
 @dataclass(frozen=True, eq=False)
 class _Judged:
-    """A mistake, and what is left with it and without; ``usual`` is Q of a fresh nominal rollout.
-
-    Attributes:
-        fault: the mistake.
-        usual: see :class:`Comparison`.
-        before, after: ℓ of the recordings as they are and with it undone, beside effects.
-        bare, alone: the same beside no effect.
-    """
+    """A mistake, and ℓ without and with it undone: beside effects, and beside none."""
 
     fault: Fault
     usual: float
@@ -63,11 +61,6 @@ class _Judged:
         """Whether it alone explains clearly more than nothing does, and all that is to be explained."""
         clear = CLEAR * self.usual
         return self.bare - self.alone >= clear and self.alone <= self.usual + clear
-
-    def beside(self, machine: Comparison, c: Comparison) -> _Judged:
-        """Undo it beside a machine that is far from nominal."""
-        left = machine.loss(self.fault.values, self.fault.there) - c.volume + self.fault.price
-        return replace(self, after=min(self.after, left))
 
 
 def findings(
@@ -109,15 +102,20 @@ def suspected(
     judged = [one for one in judged if one.removes(1.0 - MOST, one.before) or one.alike]
     if not judged:
         return []
+
+    def left(machine: Comparison, values: FloatArray, fault: Fault) -> float:
+        return machine.misfit(values, there=fault.there) + machine.volume - c.volume
+
     machine = nearest(bench, c, c.recorded, executor)
     if not any(one.removes(MOST, one.before) for one in judged):
-        judged = [one.beside(nearest(bench, c, one.fault.values, executor), c) for one in judged[:CAUSES]]
+        # A mistake may stand beside an effect that is far from nominal.
+        for k, one in enumerate(judged[:CAUSES]):
+            values, price = one.fault.values, one.fault.price
+            after = left(nearest(bench, c, values, executor), values, one.fault) + price
+            judged[k] = replace(one, after=min(one.after, after))
     out: dict[str, tuple[float, Finding]] = {}
     for one in sorted(judged, key=lambda one: one.after):
-        best, finding = (
-            min(one.before, machine.loss(c.recorded, one.fault.there) - c.volume),
-            one.fault.finding,
-        )
+        best, finding = min(one.before, left(machine, c.recorded, one.fault)), one.fault.finding
         if one.removes(MOST, best):
             out.setdefault(finding.code, (best - one.after, finding))
         elif one.alike:

@@ -127,7 +127,7 @@ def exchanged(c: Comparison) -> Iterable[Fault]:
 def sign(c: Comparison) -> Iterable[Fault]:
     """Change the sign of channels, as between two conventions of axes."""
     names = channels(c)
-    found = search(_scaled(c, names, 0.0 * c.recorded), [-1.0], names, _units(c))
+    found = search(_scaled(c, names, np.zeros(1)), [-1.0], names, _units(c))
     if found is None:
         return
     words = named(c, found[1])
@@ -142,11 +142,10 @@ def sign(c: Comparison) -> Iterable[Fault]:
 
 def scale(c: Comparison) -> Iterable[Fault]:
     """Divide channels of one unit by one factor, measured from zero or from their first sample."""
-    first = c.read(stretch=0.0)[0]
     for unit in dict.fromkeys(column.unit for column in c.columns):
         among = list(dict.fromkeys(column.channel for column in c.columns if column.unit == unit))
         options = []
-        for begin, about in ((first, "its first sample"), (0.0 * first, "zero")):
+        for begin, about in ((c.recorded[:, :1], "its first sample"), (np.zeros(1), "zero")):
             found = search(_scaled(c, among, begin), FACTORS, among)
             if found is None:
                 continue
@@ -165,7 +164,7 @@ def scale(c: Comparison) -> Iterable[Fault]:
 
 def turned(c: Comparison) -> Iterable[Fault]:
     """Turn two neighbouring columns of one unit back about their first sample, and angles by the same angle."""
-    now, moved = c.rest(c.recorded), c.recorded - c.read(stretch=0.0)[0]
+    now, moved = c.rest(c.recorded), c.recorded - c.recorded[:, :1]
     per = np.array([PER_RADIAN.get(column.unit, 0.0) for column in c.columns])
     angles = [name for name in channels(c) if per[mask(c, Group([name]))].any()]
     back = [-per / c.floor * mask(c, Group([name])) * np.ones_like(moved) for name in angles]
