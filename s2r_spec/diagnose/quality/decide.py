@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from s2r_spec.diagnose.axes import Line
 from s2r_spec.diagnose.quality.channels import by_channel, hold
 from s2r_spec.diagnose.quality.comparison import Comparison, compare
-from s2r_spec.diagnose.quality.faults import Fault, faults
+from s2r_spec.diagnose.quality.faults import Fault, Undone, faults
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.quality.labels import labels
 from s2r_spec.diagnose.quality.machine import nearest
@@ -35,7 +35,8 @@ which another is worse. Twice as much misses mistakes that are 1.4 times as larg
 class _Judged:
     """A mistake, and ℓ without and with it undone: beside effects, and beside none."""
 
-    fault: Fault
+    finding: Finding
+    undone: Undone
     usual: float
     before: float
     after: float
@@ -45,11 +46,10 @@ class _Judged:
     @classmethod
     def of(cls, c: Comparison, fault: Fault) -> _Judged:
         """Undo a mistake."""
-        before, bare = (c.misfit(c.recorded, effects, fault.there) for effects in (True, False))
-        after, alone = (
-            c.misfit(fault.values, effects, fault.there) + fault.price for effects in (True, False)
-        )
-        return cls(fault, c.usual, before, after, bare, alone)
+        finding, one = fault
+        before, bare = (c.misfit(c.recorded, effects, one.there) for effects in (True, False))
+        after, alone = (c.misfit(one.values, effects, one.there) + one.price for effects in (True, False))
+        return cls(finding, one, c.usual, before, after, bare, alone)
 
     def removes(self, part: float, before: float) -> bool:
         """Whether it clearly removes this part of what is beyond the usual, or beyond what is left if less."""
@@ -103,19 +103,19 @@ def suspected(
     if not judged:
         return []
 
-    def left(machine: Comparison, values: FloatArray, fault: Fault) -> float:
-        return machine.misfit(values, there=fault.there) + machine.volume - c.volume
+    def left(machine: Comparison, values: FloatArray, undone: Undone) -> float:
+        return machine.misfit(values, there=undone.there) + machine.volume - c.volume
 
     machine = nearest(bench, c, c.recorded, executor)
     if not any(one.removes(MOST, one.before) for one in judged):
         # A mistake may stand beside an effect that is far from nominal.
         for k, one in enumerate(judged[:CAUSES]):
-            values, price = one.fault.values, one.fault.price
-            after = left(nearest(bench, c, values, executor), values, one.fault) + price
+            values = one.undone.values
+            after = left(nearest(bench, c, values, executor), values, one.undone) + one.undone.price
             judged[k] = replace(one, after=min(one.after, after))
     out: dict[str, tuple[float, Finding]] = {}
     for one in sorted(judged, key=lambda one: one.after):
-        best, finding = min(one.before, left(machine, c.recorded, one.fault)), one.fault.finding
+        best, finding = min(one.before, left(machine, c.recorded, one.undone)), one.finding
         if one.removes(MOST, best):
             out.setdefault(finding.code, (best - one.after, finding))
         elif one.alike:

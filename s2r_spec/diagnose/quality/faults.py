@@ -1,12 +1,16 @@
 """The family of mistakes that all channels together tell: transformations of the recordings, each undone.
 
-A mistake has a size x and a group G of channels that share it. Undone, the discrepancy is r(x, G) = r₀ + Σ_G v_j(x), so
-that Q of every group follows from the products of r₀ and the v_j: a search over groups costs a search over sizes.
+A mistake has a size x and a group G of m channels, or of recordings, that share it. Undone, the discrepancy is a sum of
+parts with weights W (1 + m, parts):
+
+    r(x, G) = Σ_p (W_0p(x) + Σ_G W_jp(x)) r_p
+
+so that Q of every group, and of every size where the parts are fixed, follows from the products of the parts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,10 +22,9 @@ from s2r_spec.samples import period_of
 
 FloatArray = NDArray[np.float64]
 Group = frozenset[str]
-"""Channels that share a mistake."""
-Form = Callable[[float], FloatArray]
-"""From a size to (1 + m, 1 + m) products of r₀ and v_j of m channels; [0, 0] is relative to the recordings as they
-are."""
+"""Channels, or recordings, that share a mistake."""
+Parts = Callable[[float], tuple[FloatArray, FloatArray]]
+"""From a size to (1 + m, n, T, c) r₀ and changes of each channel, and (T, 1) of 1 and 0, which instants can be read."""
 
 PER_RADIAN = {"rad": 1.0, "deg": 180.0 / np.pi}
 """Definition: units of angles, and how many of it a radian is."""
@@ -33,20 +36,26 @@ high as it was lies well inside; a best at either end is no minimum. Twice as ma
 
 
 @dataclass(frozen=True, eq=False)
-class Fault:
-    """A mistake of a certain size in certain channels, and the recordings without it.
+class Undone:
+    """The recordings without a mistake.
 
     Attributes:
-        finding: what is said of it.
-        values: (n, T, c) recordings after undoing it.
-        there: of 1 and 0, (T, 1) which instants can be read when it is undone, or (n, 1, 1) which recordings count.
+        size: of the mistake.
+        group: that has it.
+        values: (n, T, c) recordings.
+        there: of 1 and 0, (T, 1) which instants can be read, or (n, 1, 1) which recordings count.
         price: 2 log |∂ recorded / ∂ undone|, a number of a recording: what shrinks everything must explain better.
     """
 
-    finding: Finding
+    size: float
+    group: Group
     values: FloatArray
     there: FloatArray | float = 1.0
     price: float = 0.0
+
+
+Fault = tuple[Finding, Undone]
+"""A mistake: what is said of it, and the recordings without it."""
 
 
 def faults(c: Comparison) -> list[Fault]:
@@ -60,49 +69,42 @@ def late(c: Comparison) -> Iterable[Fault]:
 
     All channels together mean that the recordings begin at another time than their tests.
     """
-    names, duration = channels(c), float(c.view.times[-1])
-    period = max(period_of(trace.times) for trace in c.traces)
-    delays = np.geomspace(period, LATEST * duration, 9)
-    found = search(_read(c, names, lambda by: c.read(late=by)), [*-delays[::-1], *delays], names, _units(c))
-    if found is None:
-        return
-    by, group = round(found[0] / period) * period, found[1]  # nobody reads two clocks better than to a sample
-    values, there = c.read(late=by)
-    values = np.where(mask(c, group), values, c.recorded)
-    rest = [name for name in names if name not in group]
-    much, when = f"{abs(by):.2g} s", "late" if by > 0.0 else "early"
-    if not rest:
+    names, period = channels(c), max(period_of(trace.times) for trace in c.traces)
+    delays = np.geomspace(period, LATEST * c.view.times[-1], 9).tolist()
+    sizes = [*(-by for by in delays[::-1]), *delays]
+    for one in search(c, names, sizes, _read(c, names, lambda by: c.read(late=by)), starts=_units(c)):
+        rest = [name for name in names if name not in one.group]
+        # Nobody reads two clocks better than to a sample.
+        much = f"{abs(round(one.size / period) * period):.2g} s"
+        early = one.size < 0.0
+        if not rest:
+            text = (
+                f"all channels of the real rollouts are {much} {'earlier' if early else 'later'} than the simulator's. "
+                f"Do the recordings begin {much} too {'late' if early else 'early'}? If so, shift the times so that "
+                f"each recording begins with its test"
+            )
+            yield Finding("begin", "the clock", text, "a recording that begins at another time"), one
+            continue
+        # It is the few that are said to be wrong; late poses are early commands.
+        many = len(one.group) > len(rest)
         text = (
-            f"all channels of the real rollouts are {much} {'later' if by > 0.0 else 'earlier'} than the simulator's. "
-            f"Do the recordings begin {much} too {'early' if by > 0.0 else 'late'}? If so, shift the times so that "
-            f"each recording begins with its test"
+            f"{named(c, one.group)} {'is' if len(one.group) == 1 and not many else 'are'} {much} "
+            f"{'early' if early else 'late'} against {listed(rest) if many else 'the other channels'} from the first "
+            f"sample on. Do all channels get their timestamps from the same clock? If not, shift their times by this "
+            f"delay"
         )
-        yield Fault(
-            Finding("begin", "the clock", text, "a recording that begins at another time"), values, there
-        )
-        return
-    # It is the few that are said to be wrong; late poses are early commands.
-    many = len(group) > len(rest)
-    text = (
-        f"{named(c, group)} {'is' if len(group) == 1 and not many else 'are'} {much} {when} against "
-        f"{listed(rest) if many else 'the other channels'} from the first sample on. Do all channels get their "
-        f"timestamps from the same clock? If not, shift their times by this delay"
-    )
-    yield Fault(Finding("late", named(c, group), text, "a wrong clock"), values, there)
+        yield Finding("late", named(c, one.group), text, "a wrong clock"), one
 
 
 def clock(c: Comparison) -> Iterable[Fault]:
     """Read all channels at stretched times: by the real seconds that a stamped second was."""
-    found = search(_read(c, None, lambda stretch: c.read(stretch=stretch)), FACTORS, ["all"])
-    if found is None:
-        return
-    stretch, _ = found
     period = float(np.median([period_of(trace.times) for trace in c.traces]))
-    text = (
-        f"all channels of the real rollouts, commands included, run {1.0 / stretch:.3g} times as fast as the "
-        f"simulator's. Were samples taken at {stretch / period:.3g} Hz stamped at {1.0 / period:.3g} Hz?"
-    )
-    yield Fault(Finding("clock", "the clock", text, "a wrong clock"), *c.read(stretch=stretch))
+    for one in search(c, ["all"], FACTORS, _read(c, None, lambda stretch: c.read(stretch=stretch))):
+        text = (
+            f"all channels of the real rollouts, commands included, run {1.0 / one.size:.3g} times as fast as the "
+            f"simulator's. Were samples taken at {one.size / period:.3g} Hz stamped at {1.0 / period:.3g} Hz?"
+        )
+        yield Finding("clock", "the clock", text, "a wrong clock"), one
 
 
 def exchanged(c: Comparison) -> Iterable[Fault]:
@@ -116,93 +118,76 @@ def exchanged(c: Comparison) -> Iterable[Fault]:
         rows, names = linear_sum_assignment((apart**2).mean(axis=(0, 1)))
         order[mine[names]] = mine[rows]
     moved = [k for k in range(len(order)) if order[k] != k]
-    if not moved:
-        return
-    words = listed([c.columns[k].name for k in moved])
-    under = ", ".join(f"{c.columns[k].name} is named {c.columns[order[k]].name}" for k in moved[:4])
-    text = f"{words} of the real rollouts seem exchanged: {under}. If so, correct the names in the recordings"
-    yield Fault(Finding("exchanged", words, text, "an exchange of channels"), c.recorded[..., order])
+    if moved:
+        words = listed([c.columns[k].name for k in moved])
+        under = ", ".join(f"{c.columns[k].name} is named {c.columns[order[k]].name}" for k in moved[:4])
+        text = f"{words} of the real rollouts seem exchanged: {under}. If so, correct the names in the recordings"
+        said = Finding("exchanged", words, text, "an exchange of channels")
+        yield said, Undone(1.0, Group(words), c.recorded[..., order])
 
 
 def sign(c: Comparison) -> Iterable[Fault]:
     """Change the sign of channels, as between two conventions of axes."""
-    names = channels(c)
-    found = search(_scaled(c, names, np.zeros(1)), [-1.0], names, _units(c))
-    if found is None:
-        return
-    words = named(c, found[1])
-    has, it = ("has", "it") if len(found[1]) == 1 else ("have", "them")
-    text = (
-        f"{words} of the real rollouts {has} the opposite sign of the simulator's. Do both use one sign convention? If "
-        f"not, change the sign of {it} in the recordings"
-    )
-    said = Finding("sign", words, text, "the opposite sign")
-    yield Fault(said, np.where(mask(c, found[1]), -c.recorded, c.recorded))
+    for one in _scaled(c, channels(c), [-1.0], 0.0):
+        words = named(c, one.group)
+        has, it = ("has", "it") if len(one.group) == 1 else ("have", "them")
+        text = (
+            f"{words} of the real rollouts {has} the opposite sign of the simulator's. Do both use one sign "
+            f"convention? If not, change the sign of {it} in the recordings"
+        )
+        yield Finding("sign", words, text, "the opposite sign"), one
 
 
 def scale(c: Comparison) -> Iterable[Fault]:
     """Divide channels of one unit by one factor, measured from zero or from their first sample."""
-    for unit in dict.fromkeys(column.unit for column in c.columns):
-        among = list(dict.fromkeys(column.channel for column in c.columns if column.unit == unit))
-        options = []
-        for begin, about in ((c.recorded[:, :1], "its first sample"), (np.zeros(1), "zero")):
-            found = search(_scaled(c, among, begin), FACTORS, among)
-            if found is None:
-                continue
-            factor, group = found
+    for unit, group in zip(dict.fromkeys(column.unit for column in c.columns), _units(c), strict=True):
+        among = [name for name in channels(c) if name in group]
+        options = [
+            (c.misfit(one.values) + one.price, about, one)
+            for begin, about in ((c.recorded[:, :1], "its first sample"), (0.0, "zero"))
+            for one in _scaled(c, among, FACTORS, begin)
+        ]
+        for _, about, one in sorted(options, key=lambda option: option[0])[:1]:
             text = (
-                f"{named(c, group)} of the real rollouts {'is' if len(group) == 1 else 'are'} "
-                f"{100.0 * abs(factor - 1.0):.2g} % too {'large' if factor > 1.0 else 'small'}, measured from {about} "
-                f"and judged by other channels. Check the scale{f', or the unit {unit},' if unit else ''} in the "
-                f"recordings"
+                f"{named(c, one.group)} of the real rollouts {'is' if len(one.group) == 1 else 'are'} "
+                f"{100.0 * abs(one.size - 1.0):.2g} % too {'large' if one.size > 1.0 else 'small'}, measured from "
+                f"{about} and judged by other channels. Check the scale{f', or the unit {unit},' if unit else ''} in "
+                f"the recordings"
             )
-            values = np.where(mask(c, group), begin + (c.recorded - begin) / factor, c.recorded)
-            said = Finding("scale", named(c, group), text, "a wrong scale")
-            options.append(Fault(said, values, price=_price(c, factor, group)))
-        yield from sorted(options, key=lambda one: c.misfit(one.values) + one.price)[:1]
+            yield Finding("scale", named(c, one.group), text, "a wrong scale"), one
 
 
 def turned(c: Comparison) -> Iterable[Fault]:
     """Turn two neighbouring columns of one unit back about their first sample, and angles by the same angle."""
-    now, moved = c.rest(c.recorded), c.recorded - c.recorded[:, :1]
+    moved = c.recorded - c.recorded[:, :1]
     per = np.array([PER_RADIAN.get(column.unit, 0.0) for column in c.columns])
-    angles = [name for name in channels(c) if per[mask(c, Group([name]))].any()]
-    back = [-per / c.floor * mask(c, Group([name])) * np.ones_like(moved) for name in angles]
-    starts = [Group(), Group(angles), *(Group([name]) for name in angles)]
+    angles = [name for name in channels(c) if per[mask(c, [name])].any()]
+    back = [-per / c.floor * mask(c, [name]) * np.ones_like(moved) for name in angles]
+
+    def weights(a: float) -> FloatArray:
+        rows = np.eye(1 + len(angles), 3 + len(angles), 2) * a
+        rows[0, :3] = 1.0, np.cos(a) - 1.0, np.sin(a)
+        return rows
+
     tried = []
     for i, j in _neighbours(c):
         along, aside = np.zeros_like(moved), np.zeros_like(moved)
         along[..., [i, j]] = moved[..., [i, j]] / c.floor[[i, j]]
         aside[..., i], aside[..., j] = moved[..., j] / c.floor[i], -moved[..., i] / c.floor[j]
-        products = c.products(np.array([now, along, aside, *back]))
-
-        def weights(a: float) -> FloatArray:
-            rows = np.eye(1 + len(angles), 3 + len(angles), 2) * a
-            rows[0, :3] = 1.0, np.cos(a) - 1.0, np.sin(a)
-            return rows
-
-        def form(a: float, products: FloatArray = products) -> FloatArray:
-            return np.asarray(weights(a) @ products @ weights(a).T)
-
-        found = search(form, np.linspace(-np.pi, np.pi, 37).tolist(), angles, starts)
-        if found is not None:
-            a, group = found
-            rest = (
-                np.array([name in group for name in angles]) @ weights(a)[1:, 3:] if angles else np.zeros(0)
-            )
-            each = [1.0, *weights(a)[0, 1:3], *rest]
-            values = c.nominal + c.floor * np.einsum("m,mntc->ntc", each, [now, along, aside, *back])
-            tried.append((c.misfit(values), a, i, j, group, values))
-    if not tried:
-        return
-    _, a, i, j, group, values = min(tried, key=lambda one: one[0])
-    words = listed([c.columns[i].name, c.columns[j].name, *(name for name in angles if name in group)])
-    more = f". {named(c, group)} is off by the same angle from the first sample on" if group else ""
-    text = (
-        f"{c.columns[i].name} and {c.columns[j].name} of the real rollouts are rotated by {a:.2g} rad against the "
-        f"simulator's{more}. Are they in the same frame? If not, rotate them back in the recordings"
-    )
-    yield Fault(Finding("frame", words, text, "a rotated frame"), values)
+        parts = np.array([c.rest(c.recorded), along, aside, *back])
+        starts = [Group(), *(Group([name]) for name in angles)]
+        for one in search(c, angles, np.linspace(-np.pi, np.pi, 37).tolist(), parts, weights, starts):
+            tried.append((c.misfit(one.values), [c.columns[i].name, c.columns[j].name], one))
+    for _, pair, one in sorted(tried, key=lambda option: option[0])[:1]:
+        words = listed([*pair, *(name for name in angles if name in one.group)])
+        more = (
+            f". {named(c, one.group)} is off by the same angle from the first sample on" if one.group else ""
+        )
+        text = (
+            f"{pair[0]} and {pair[1]} of the real rollouts are rotated by {one.size:.2g} rad against the "
+            f"simulator's{more}. Are they in the same frame? If not, rotate them back in the recordings"
+        )
+        yield Finding("frame", words, text, "a rotated frame"), one
 
 
 def offset(c: Comparison) -> Iterable[Fault]:
@@ -210,24 +195,17 @@ def offset(c: Comparison) -> Iterable[Fault]:
     first = (c.recorded - c.nominal)[:, 0]
     by = np.median(first, axis=0)
     by = np.where((np.abs(by) > 2.0 * np.abs(first - by).max(axis=0)) & (np.abs(by) > c.floor), by, 0.0)
-    names = list(dict.fromkeys(column.channel for column, one in zip(c.columns, by, strict=True) if one))
-    if not names:
-        return
-    form = _form(c, names, -by / c.floor * np.ones_like(c.recorded))
-    found = search(lambda _: form, [1.0], names)
-    if found is None:
-        return
-    by = np.where(mask(c, found[1]), by, 0.0)
-    each = ", ".join(
-        f"{c.columns[k].name} by {by[k]:.2g} {c.columns[k].unit}".rstrip() for k in np.flatnonzero(by)[:4]
-    )
-    text = (
-        f"the real rollouts have a constant offset against the simulator from the first sample on ({each}). Do both "
-        f"use the same zero? If not, subtract the offset in the recordings"
-    )
-    yield Fault(
-        Finding("offset", named(c, found[1]), text, "a constant offset of the recording"), c.recorded - by
-    )
+    names = [name for name in channels(c) if by[mask(c, [name])].any()]
+    for one in search(c, names, [1.0], _split(c, names, -by / c.floor * np.ones_like(c.recorded))):
+        each = ", ".join(
+            f"{c.columns[k].name} by {by[k]:.2g} {c.columns[k].unit}".rstrip()
+            for k in np.flatnonzero(by * mask(c, one.group))[:4]
+        )
+        text = (
+            f"the real rollouts have a constant offset against the simulator from the first sample on ({each}). Do "
+            f"both use the same zero? If not, subtract the offset in the recordings"
+        )
+        yield Finding("offset", named(c, one.group), text, "a constant offset of the recording"), one
 
 
 def channels(c: Comparison) -> list[str]:
@@ -235,9 +213,9 @@ def channels(c: Comparison) -> list[str]:
     return list(dict.fromkeys(column.channel for column in c.columns))
 
 
-def mask(c: Comparison, group: Group) -> NDArray[np.bool_]:
+def mask(c: Comparison, group: Iterable[str]) -> NDArray[np.bool_]:
     """Return (c,) which columns are of these channels."""
-    return np.array([column.channel in group for column in c.columns])
+    return np.isin([column.channel for column in c.columns], list(group))
 
 
 def named(c: Comparison, group: Group) -> str:
@@ -258,58 +236,75 @@ def _neighbours(c: Comparison) -> list[tuple[int, int]]:
     return [(i, j) for i, j in pairs if units[i] == units[j] and units[i] and units[i] not in PER_RADIAN]
 
 
-def _price(c: Comparison, factor: float, group: Group) -> float:
-    """Return the price of dividing channels by a factor; see :class:`Fault`."""
-    return max(2.0 * float(np.log(abs(factor)) * mask(c, group).mean()), 0.0)
-
-
-def _form(
-    c: Comparison, names: Sequence[str] | None, v: FloatArray, there: FloatArray | float = 1.0
-) -> FloatArray:
-    """Return the products of r₀ and the parts of a change v (n, T, c) of each channel, or of all at once."""
-    parts = [v * mask(c, Group([name])) for name in names] if names else [v]
-    products = c.products(np.array([c.rest(c.recorded), *parts]) * there)
-    products[0, 0] = 0.0
-    return products
+def _split(c: Comparison, names: Sequence[str] | None, change: FloatArray) -> FloatArray:
+    """Return (1 + m, n, T, c) r₀ and the change (n, T, c) of each channel, in floors, or of all at once."""
+    return np.array([c.rest(c.recorded), *([change * mask(c, [n]) for n in names] if names else [change])])
 
 
 def _read(
     c: Comparison, names: Sequence[str] | None, read: Callable[[float], tuple[FloatArray, FloatArray]]
-) -> Form:
-    """Return the form of channels that are read at other times."""
+) -> Parts:
+    """Return the parts of channels that are read at other times."""
 
-    def form(size: float) -> FloatArray:
+    def parts(size: float) -> tuple[FloatArray, FloatArray]:
         values, there = read(size)
-        return _form(c, names, (values - c.recorded) / c.floor, there)
+        return _split(c, names, (values - c.recorded) / c.floor), there
 
-    return form
+    return parts
 
 
-def _scaled(c: Comparison, names: Sequence[str], begin: FloatArray) -> Form:
-    """Return the form of channels that are divided by a factor, measured from ``begin``."""
-    products = _form(c, names, (c.recorded - begin) / c.floor)
+def _scaled(
+    c: Comparison, names: Sequence[str], factors: Sequence[float], begin: FloatArray | float
+) -> Iterator[Undone]:
+    """Divide channels by a factor, measured from ``begin``."""
+    shares = np.array([mask(c, [name]).mean() for name in names])
 
-    def form(factor: float) -> FloatArray:
-        weights = np.array([1.0, *[1.0 / factor - 1.0] * len(names)])
-        prices = [0.0, *(_price(c, factor, Group([name])) for name in names)]
-        return np.asarray(products * np.outer(weights, weights) + np.diag(prices))
+    def weights(factor: float) -> FloatArray:
+        return np.diag([1.0, *[1.0 / factor - 1.0] * len(names)])
 
-    return form
+    def prices(factor: float) -> FloatArray:
+        return np.asarray(max(2.0 * np.log(abs(factor)), 0.0) * shares)
+
+    parts = _split(c, names, (c.recorded - begin) / c.floor)
+    return search(c, names, factors, parts, weights, _units(c), prices)
 
 
 def search(
-    form: Form, sizes: Sequence[float], names: Sequence[str], more: Sequence[Group] = ()
-) -> tuple[float, Group] | None:
-    """Return the size and the channels that leave least; None where that is at an end of several sizes.
+    c: Comparison,
+    names: Sequence[str],
+    sizes: Sequence[float],
+    parts: Parts | FloatArray,
+    weights: Callable[[float], FloatArray] | None = None,
+    starts: Sequence[Group] = (),
+    prices: Callable[[float], FloatArray] | None = None,
+    there: FloatArray | float = 1.0,
+) -> Iterator[Undone]:
+    """Find the size and the group that leave least; none where that is at an end of several sizes.
 
     Args:
-        form: of the kind of mistake.
+        c: the recordings.
+        names: of the m channels, or recordings.
         sizes: that are tried, rising; the best is refined between its neighbours.
-        names: of the m channels.
-        more: groups to begin with, beside all and each alone. An empty one among them may be the best.
+        parts: of the discrepancy, fixed or for each size; see the module.
+        weights: of them for a size; the identity if not given.
+        starts: groups to begin with, beside all and each alone. An empty one among them may be the best.
+        prices: (m,) of a size for each channel; see :class:`Undone`.
+        there: see :class:`Undone`, for fixed parts.
     """
-    starts = [Group(names), *(Group([name]) for name in names), *more]
+    fixed = None if callable(parts) else c.products(parts * there)
     empty = Group() in starts
+
+    def form(size: float) -> FloatArray:
+        """Return (1 + m, 1 + m) products of r₀ and the change of each channel, relative to those of r₀."""
+        products = fixed
+        if products is None:
+            assert callable(parts)
+            rests, seen = parts(size)
+            products = c.products(rests * seen)
+            products[0, 0] = 0.0
+        rows = np.eye(len(products)) if weights is None else weights(size)
+        price = np.zeros(len(names)) if prices is None else prices(size)
+        return np.asarray(rows @ products @ rows.T + np.diag([0.0, *price]))
 
     def grown(products: FloatArray, on: FloatArray) -> tuple[float, FloatArray]:
         """Add or drop the channel that lowers Q most while any does."""
@@ -324,19 +319,27 @@ def search(
             k = int(change.argmin())
             on[k] = 1.0 - on[k]
 
-    begin = np.unique([[1.0, *(float(name in group) for name in names)] for group in starts], axis=0)
+    groups = [Group(names), *(Group([name]) for name in names), *starts]
+    begin = np.unique([[1.0, *(float(name in group) for name in names)] for group in groups], axis=0)
     begin = begin[begin.sum(axis=1) > (0.0 if empty else 1.0)]
-    tried = [
-        (*grown(products, on), k) for k, size in enumerate(sizes) for products in [form(size)] for on in begin
-    ]
+    forms = ((k, form(size)) for k, size in enumerate(sizes))
+    tried = [(*grown(products, on), k) for k, products in forms for on in begin]
+    if not tried:
+        return
     _, on, k = min(tried, key=lambda one: one[0])
-    size = float(sizes[k])
+    size = sizes[k]
     if len(sizes) > 1:
         if k in (0, len(sizes) - 1):
-            return None
-        low, high = float(sizes[k - 1]), float(sizes[k + 1])
+            return
+        low, high = sizes[k - 1], sizes[k + 1]
         for _ in range(3):
             size = min(np.linspace(low, high, 9).tolist(), key=lambda x: float(on @ form(x) @ on))
             low, high = size - (high - low) / 8.0, size + (high - low) / 8.0
         _, on = grown(form(size), on)
-    return size, Group(name for name, one in zip(names, on[1:], strict=True) if one)
+    rests, seen = parts(size) if callable(parts) else (parts, there)
+    rows = np.eye(len(rests)) if weights is None else weights(size)
+    values = c.nominal + c.floor * np.einsum("p,pntc->ntc", on @ rows, rests)
+    price = 0.0 if prices is None else float(prices(size) @ on[1:])
+    yield Undone(
+        size, Group(name for name, one in zip(names, on[1:], strict=True) if one), values, seen, price
+    )

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.quality.comparison import SEEDS, Comparison, affordable
-from s2r_spec.diagnose.quality.faults import Fault, Group, search
+from s2r_spec.diagnose.quality.faults import Fault, Group, Undone, search
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.quality.recordings import Rollout
 from s2r_spec.diagnose.simulate import Bench, Test
@@ -54,22 +54,20 @@ def labels(
     means = dict(zip(tests, runs.mean(axis=0), strict=True))
     for one in others:
         moved = c.nominal - np.array([means[key_of(test)] for test in one.tests])
-        if np.isfinite(moved).all() and one.known.any():
-            found.append(_moved(c, one, moved))
+        if np.isfinite(moved).all():
+            found += _moved(c, one, moved)
     return found
 
 
-def _moved(c: Comparison, one: _Other, moved: FloatArray) -> Fault:
+def _moved(c: Comparison, one: _Other, moved: FloatArray) -> Iterable[Fault]:
     """Return the mistake that those recordings are of other tests that leave least so, with means (n, T, c) less."""
     there = one.known.astype(float)[:, None, None]
-    each = [moved * (np.arange(len(moved)) == k)[:, None, None] for k in np.flatnonzero(one.known)]
-    products = c.products(np.array([c.rest(c.recorded), *(part / c.floor for part in each)]) * there)
     names = [str(k) for k in np.flatnonzero(one.known)]
-    _, group = search(lambda _: products, [1.0], names) or (1.0, Group())
-    which = np.array([str(k) in group for k in range(len(moved))])
-    text = one.text.format(count=len(group), first=_first(c, which))
-    values = c.recorded + np.where(which[:, None, None], moved, 0.0)
-    return Fault(Finding("labels", "the tests", text, one.imitates), values, there)
+    each = [moved / c.floor * (np.arange(len(moved)) == int(name))[:, None, None] for name in names]
+    for undone in search(c, names, [1.0], np.array([c.rest(c.recorded), *each]), there=there):
+        which = np.isin(np.arange(len(moved)).astype(str), list(undone.group))
+        text = one.text.format(count=len(undone.group), first=_first(c, which))
+        yield Finding("labels", "the tests", text, one.imitates), undone
 
 
 def _others(bench: Bench, c: Comparison, rollouts: Sequence[Rollout]) -> Iterable[_Other]:
@@ -127,7 +125,7 @@ def _assigned(c: Comparison) -> Iterable[Fault]:
             f"their own{_first(c, moved)}. Are lines of the table of tests exchanged?"
         )
         said = Finding("labels", "the tests", text, "an exchange of tests")
-        yield Fault(said, c.recorded - c.nominal[order] + c.nominal)
+        yield said, Undone(1.0, Group(), c.recorded - c.nominal[order] + c.nominal)
 
 
 def _first(c: Comparison, which: Which) -> str:
