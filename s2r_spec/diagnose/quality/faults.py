@@ -23,8 +23,9 @@ from s2r_spec.samples import period_of
 FloatArray = NDArray[np.float64]
 Group = frozenset[str]
 """Channels, or recordings, that share a mistake."""
-Parts = Callable[[float], tuple[FloatArray, FloatArray]]
-"""From a size to (1 + m, n, T, c) r₀ and changes of each channel, and (T, 1) of 1 and 0, which instants can be read."""
+Parts = tuple[FloatArray, FloatArray | float]
+"""(parts, n, T, c) parts of a discrepancy, r₀ first, and what of it counts: (T, 1) instants or (n, 1, 1) recordings, of
+1 and 0."""
 
 PER_RADIAN = {"rad": 1.0, "deg": 180.0 / np.pi}
 """Definition: units of angles, and how many of it a radian is."""
@@ -174,7 +175,7 @@ def turned(c: Comparison) -> Iterable[Fault]:
         along, aside = np.zeros_like(moved), np.zeros_like(moved)
         along[..., [i, j]] = moved[..., [i, j]] / c.floor[[i, j]]
         aside[..., i], aside[..., j] = moved[..., j] / c.floor[i], -moved[..., i] / c.floor[j]
-        parts = np.array([c.rest(c.recorded), along, aside, *back])
+        parts = np.array([c.rest(c.recorded), along, aside, *back]), 1.0
         starts = [Group(), *(Group([name]) for name in angles)]
         for one in search(c, angles, np.linspace(-np.pi, np.pi, 37).tolist(), parts, weights, starts):
             tried.append((c.misfit(one.values), [c.columns[i].name, c.columns[j].name], one))
@@ -196,7 +197,7 @@ def offset(c: Comparison) -> Iterable[Fault]:
     by = np.median(first, axis=0)
     by = np.where((np.abs(by) > 2.0 * np.abs(first - by).max(axis=0)) & (np.abs(by) > c.floor), by, 0.0)
     names = [name for name in channels(c) if by[mask(c, [name])].any()]
-    for one in search(c, names, [1.0], _split(c, names, -by / c.floor * np.ones_like(c.recorded))):
+    for one in search(c, names, [1.0], (_split(c, names, -by / c.floor * np.ones_like(c.recorded)), 1.0)):
         each = ", ".join(
             f"{c.columns[k].name} by {by[k]:.2g} {c.columns[k].unit}".rstrip()
             for k in np.flatnonzero(by * mask(c, one.group))[:4]
@@ -243,10 +244,10 @@ def _split(c: Comparison, names: Sequence[str] | None, change: FloatArray) -> Fl
 
 def _read(
     c: Comparison, names: Sequence[str] | None, read: Callable[[float], tuple[FloatArray, FloatArray]]
-) -> Parts:
+) -> Callable[[float], Parts]:
     """Return the parts of channels that are read at other times."""
 
-    def parts(size: float) -> tuple[FloatArray, FloatArray]:
+    def parts(size: float) -> Parts:
         values, there = read(size)
         return _split(c, names, (values - c.recorded) / c.floor), there
 
@@ -265,7 +266,7 @@ def _scaled(
     def prices(factor: float) -> FloatArray:
         return np.asarray(max(2.0 * np.log(abs(factor)), 0.0) * shares)
 
-    parts = _split(c, names, (c.recorded - begin) / c.floor)
+    parts = _split(c, names, (c.recorded - begin) / c.floor), 1.0
     return search(c, names, factors, parts, weights, _units(c), prices)
 
 
@@ -273,11 +274,10 @@ def search(
     c: Comparison,
     names: Sequence[str],
     sizes: Sequence[float],
-    parts: Parts | FloatArray,
+    parts: Parts | Callable[[float], Parts],
     weights: Callable[[float], FloatArray] | None = None,
     starts: Sequence[Group] = (),
     prices: Callable[[float], FloatArray] | None = None,
-    there: FloatArray | float = 1.0,
 ) -> Iterator[Undone]:
     """Find the size and the group that leave least; none where that is at an end of several sizes.
 
@@ -289,22 +289,17 @@ def search(
         weights: of them for a size; the identity if not given.
         starts: groups to begin with, beside all and each alone. An empty one among them may be the best.
         prices: (m,) of a size for each channel; see :class:`Undone`.
-        there: see :class:`Undone`, for fixed parts.
     """
-    fixed = None if callable(parts) else c.products(parts * there)
+    fixed = np.zeros(0) if callable(parts) else c.products(parts[0] * parts[1])
     empty = Group() in starts
 
     def form(size: float) -> FloatArray:
-        """Return (1 + m, 1 + m) products of r₀ and the change of each channel, relative to those of r₀."""
-        products = fixed
-        if products is None:
-            assert callable(parts)
-            rests, seen = parts(size)
-            products = c.products(rests * seen)
-            products[0, 0] = 0.0
+        """Return (1 + m, 1 + m) products of the weighted parts, relative to those of r₀."""
+        products = c.products(np.multiply(*parts(size))) if callable(parts) else fixed
         rows = np.eye(len(products)) if weights is None else weights(size)
-        price = np.zeros(len(names)) if prices is None else prices(size)
-        return np.asarray(rows @ products @ rows.T + np.diag([0.0, *price]))
+        found = rows @ products @ rows.T
+        found[0, 0] -= products[0, 0]
+        return np.asarray(found if prices is None else found + np.diag([0.0, *prices(size)]))
 
     def grown(products: FloatArray, on: FloatArray) -> tuple[float, FloatArray]:
         """Add or drop the channel that lowers Q most while any does."""
@@ -336,7 +331,7 @@ def search(
             size = min(np.linspace(low, high, 9).tolist(), key=lambda x: float(on @ form(x) @ on))
             low, high = size - (high - low) / 8.0, size + (high - low) / 8.0
         _, on = grown(form(size), on)
-    rests, seen = parts(size) if callable(parts) else (parts, there)
+    rests, seen = parts(size) if callable(parts) else parts
     rows = np.eye(len(rests)) if weights is None else weights(size)
     values = c.nominal + c.floor * np.einsum("p,pntc->ntc", on @ rows, rests)
     price = 0.0 if prices is None else float(prices(size) @ on[1:])

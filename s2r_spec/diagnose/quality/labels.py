@@ -64,7 +64,7 @@ def _moved(c: Comparison, one: _Other, moved: FloatArray) -> Iterable[Fault]:
     there = one.known.astype(float)[:, None, None]
     names = [str(k) for k in np.flatnonzero(one.known)]
     each = [moved / c.floor * (np.arange(len(moved)) == int(name))[:, None, None] for name in names]
-    for undone in search(c, names, [1.0], np.array([c.rest(c.recorded), *each]), there=there):
+    for undone in search(c, names, [1.0], (np.array([c.rest(c.recorded), *each]), there)):
         which = np.isin(np.arange(len(moved)).astype(str), list(undone.group))
         text = one.text.format(count=len(undone.group), first=_first(c, which))
         yield Finding("labels", "the tests", text, one.imitates), undone
