@@ -5,7 +5,7 @@ Each check reads every sample, so that it sees what is too short, or in too few 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,12 +22,8 @@ from s2r_spec.trace import Trace
 FloatArray = NDArray[np.float64]
 
 UNITS = {
-    "1000 times": 1e3,
-    "a thousandth of": 1e-3,
-    "100 times": 1e2,
-    "a hundredth of": 1e-2,
-    "57 times": 180.0 / np.pi,
-    "a 57th of": np.pi / 180.0,
+    **{"1000 times": 1e3, "100 times": 1e2, "57 times": 180.0 / np.pi},
+    **{"a thousandth of": 1e-3, "a hundredth of": 1e-2, "a 57th of": np.pi / 180.0},
 }
 """Definition: factors by which a channel is off whose unit was forgotten: milli and kilo, centi, degrees."""
 NEAR = 1.5
@@ -127,28 +123,19 @@ def _times(much: float) -> str:
 
 def spike(channel: Channel, of: Recordings) -> Finding | None:
     """Find the single sample that is farthest off its neighbours."""
-    name, having = channel.name, of.measured(channel.name)
-    if len(having) < 2:
+    name = channel.name
+    one = _odd(
+        of, name, lambda trace: _alone(wide(trace, name)).max(axis=0) / np.ptp(wide(trace, name), axis=0)
+    )
+    if one is None:
         return None
-    alone = [_alone(wide(trace, name)) for _, _, trace in having]
-    usual = np.median([each.max(axis=0) for each in alone], axis=0)
-    moves = np.median([np.ptp(wide(trace, name), axis=0) for _, _, trace in having], axis=0)
-    odd = [
-        np.where((each > ODD * usual) & (each > PART * moves) & (moves > 0.0), each, 0.0).max(axis=1)
-        for each in alone
-    ]
-    k = int(np.argmax([each.max() for each in odd]))
-    sample = int(odd[k].argmax())
-    if not odd[k][sample]:
-        return None
-    number, test, trace = having[k]
-    here = _alone(wide(of.simulated(test), name))
-    if here.size and ODD * here.max() > odd[k][sample]:
-        return None
+    number, column = one
+    test, trace = of.rollouts[number]
+    far = _alone(wide(trace, name))[:, column]
     text = (
-        f"{name} of {called(number, test)} is off by {odd[k][sample]:.3g}"
-        f"{f' {channel.unit}' if channel.unit else ''} for one sample at {trace.times[sample]:.4g} s, and in no other "
-        f"rollout. Is it an error of the recording? If so, correct the sample, or leave the rollout out"
+        f"{name} of {called(number, test)} is off by {f'{far.max():.3g} {channel.unit}'.rstrip()} for one sample at "
+        f"{trace.times[far.argmax()]:.4g} s, and in no other rollout. Is it an error of the recording? If so, correct "
+        f"the sample, or leave the rollout out"
     )
     return Finding("spike", name, text)
 
@@ -161,47 +148,64 @@ def _alone(values: FloatArray) -> FloatArray:
 
 
 def stopped(channel: Channel, of: Recordings) -> Finding | None:
-    """Find a channel that keeps one value for long in one rollout, where the simulator's moves."""
-    name, having = channel.name, of.measured(channel.name)
-    if len(having) < 2:
+    """Find a channel that keeps one value for long in one rollout, but for one at which it saturates."""
+    name = channel.name
+    one = _odd(of, name, lambda trace: np.diff(_longest(trace, name), axis=0)[0] / trace.duration)
+    if one is None:
         return None
-    held = [_longest(trace, name) for _, _, trace in having]
-    lasts = [until - since for since, until, _ in held]
-    k = int(np.argmax(lasts))
-    number, test, trace = having[k]
-    since, until, column = held[k]
-    if lasts[k] < max(PART * trace.duration, ODD * float(np.median(lasts))):
+    number, column = one
+    test, trace = of.rollouts[number]
+    since, until = _longest(trace, name)[:, column]
+    every = [wide(each, name)[:, column] for _, each in of.rollouts if name in each.channels]
+    ends = [end(values) for values in every for end in (np.min, np.max)]
+    if wide(trace, name)[trace.times >= since, column][0] in (min(ends), max(ends)):
         return None
-    every = np.concatenate([wide(each, name)[:, column] for _, _, each in having])
-    if wide(trace, name)[trace.times - trace.times[0] >= since, column][0] in (every.min(), every.max()):
-        return None  # as what saturates does
-    simulated = of.simulated(test)
-    own, times = wide(simulated, name)[:, column : column + 1], simulated.times - simulated.times[0]
-    there = own[(times >= since) & (times <= until)]
-    if not there.size or np.ptp(there) <= PART * np.ptp(own):
-        return None
-    begin = float(trace.times[0])
     text = (
-        f"{name} of {called(number, test)} keeps one value from {begin + since:.4g} to {begin + until:.4g} s, while "
-        f"the simulator's changes. Was it recorded all the time? If not, leave the rollout out"
+        f"{name} of {called(number, test)} keeps one value from {since:.4g} to {until:.4g} s, while the simulator's "
+        f"changes. Was it recorded all the time? If not, leave the rollout out"
     )
     return Finding("stopped", name, text)
 
 
-def _longest(trace: Trace, name: str) -> tuple[float, float, int]:
-    """Return from when until when [s from the begin] a column of a channel keeps its value the longest, and which."""
-    times, best = trace.times - trace.times[0], (0.0, 0.0, 0)
-    for column, values in enumerate(wide(trace, name).T):
+def _longest(trace: Trace, name: str) -> FloatArray:
+    """Return (2, columns) from when until when [s] each column of a channel keeps its value the longest."""
+    found = []
+    for values in wide(trace, name).T:
         at = _changes(values[:, None])
-        first, last = times[at], times[np.append(at[1:] - 1, len(values) - 1)]
+        first, last = trace.times[at], trace.times[np.append(at[1:] - 1, len(values) - 1)]
         k = int(np.argmax(last - first))
-        best = max(best, (float(first[k]), float(last[k]), column), key=lambda one: one[1] - one[0])
-    return best
+        found.append((first[k], last[k]))
+    return np.array(found).reshape(-1, 2).T
 
 
 def _changes(values: FloatArray) -> NDArray[np.int64]:
     """Return the samples at which (samples, columns) values are others than before, the first included."""
     return np.append(0, 1 + np.flatnonzero((np.diff(values, axis=0) != 0.0).any(axis=1)))
+
+
+def _odd(of: Recordings, name: str, part: Callable[[Trace], FloatArray]) -> tuple[int, int] | None:
+    """Return number and column of the rollout that has most of something that others, and the simulator, have not.
+
+    Args:
+        of: the recordings.
+        name: of a channel of measured numbers, no flag or count.
+        part: from a trace to (columns,) how much of it there is, a part of a range or of a rollout.
+    """
+    having = [
+        (number, trace)
+        for number, (_, trace) in enumerate(of.rollouts)
+        for values in [wide(trace, name)]
+        if len(values) > 2 and np.isfinite(values).all() and not (values == np.round(values)).all()
+    ]
+    if len(having) < 2:
+        return None
+    with np.errstate(divide="ignore", invalid="ignore"):
+        parts = np.nan_to_num([part(trace) for _, trace in having])
+        odd = np.where(parts >= np.maximum(PART, ODD * np.median(parts, axis=0)), parts, 0.0)
+        k, column = (int(place) for place in np.unravel_index(odd.argmax(), odd.shape))
+        number = having[k][0]
+        here = np.nan_to_num(part(of.simulated(of.rollouts[number][0]))) if odd[k, column] else np.zeros(0)
+    return (number, column) if len(here) and ODD * here[column] <= odd[k, column] else None
 
 
 def copied(of: Recordings) -> list[Finding]:

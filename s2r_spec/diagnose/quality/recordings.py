@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.data.space_filling import TESTS
-from s2r_spec.diagnose.simulate import Bench, Test
+from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.space import Key, key_of
 from s2r_spec.trace import Trace
 
@@ -49,15 +49,6 @@ class Recordings:
     def paired(self, name: str) -> Sequence[Pair]:
         """Return the pairs; none where one of their traces lacks a channel."""
         return self.pairs if all(name in trace.channels for pair in self.pairs for trace in pair) else ()
-
-    def measured(self, name: str) -> list[tuple[int, Test, Trace]]:
-        """Return number, test and trace of the rollouts in which a channel is of measured numbers, no flag or count."""
-        found: list[tuple[int, Test, Trace]] = []
-        for number, (test, trace) in enumerate(self.rollouts):
-            values = trace.channels.get(name, np.zeros(0))
-            if len(values) > 2 and np.isfinite(values).all() and not (values == np.round(values)).all():
-                found.append((number, test, trace))
-        return found
 
 
 def wide(trace: Trace, name: str) -> FloatArray:
