@@ -30,6 +30,9 @@ TIMES = 90
 FLOOR = 0.007
 """Tolerance: part of a column's range that is no discrepancy, whatever the simulator's scatter. Twice as much hides
 mistakes that are half as large."""
+CLEAR = 0.15
+"""Level: part of the usual misfit by which a discrepancy is there at all, and part of what the best mistake removes by
+which another is worse. Twice as much misses mistakes that are 1.4 times as large, and says more beside the best."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +112,11 @@ class Comparison:
     def columns(self) -> tuple[Column, ...]:
         """The c columns, in order."""
         return self.view.columns
+
+    @property
+    def clear(self) -> float:
+        """A difference of Q that is clear."""
+        return CLEAR * self.usual
 
     @cached_property
     def recorded(self) -> FloatArray:

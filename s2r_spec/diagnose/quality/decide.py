@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.diagnose.axes import Line
 from s2r_spec.diagnose.quality.channels import by_channel, hold
-from s2r_spec.diagnose.quality.comparison import Comparison, compare
+from s2r_spec.diagnose.quality.comparison import CLEAR, Comparison, compare
 from s2r_spec.diagnose.quality.faults import Fault, Undone, faults
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.quality.labels import labels
@@ -26,9 +26,6 @@ MOST = 0.75
 """Level: part of what the best machine leaves beyond the usual that undoing a mistake must remove; the rest is what a
 candidate must remove to be tried beside effects. At twice the distance from 1 it finds mistakes beside larger unknown
 effects, and takes more unknown effects for mistakes."""
-CLEAR = 0.15
-"""Level: part of the usual misfit by which a discrepancy is there at all, and part of what the best mistake removes by
-which another is worse. Twice as much misses mistakes that are 1.4 times as large, and says more beside the best."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +35,7 @@ class _Judged:
     finding: Finding
     undone: Undone
     usual: float
+    clear: float
     before: float
     after: float
     bare: float
@@ -49,18 +47,17 @@ class _Judged:
         finding, one = fault
         before, bare = (c.misfit(c.recorded, effects, one.there) for effects in (True, False))
         after, alone = (c.misfit(one.values, effects, one.there) + one.price for effects in (True, False))
-        return cls(finding, one, c.usual, before, after, bare, alone)
+        return cls(finding, one, c.usual, c.clear, before, after, bare, alone)
 
     def removes(self, part: float, before: float) -> bool:
         """Whether it clearly removes this part of what is beyond the usual, or beyond what is left if less."""
         removed, beyond = before - self.after, before - min(self.usual, self.after)
-        return removed >= CLEAR * self.usual and removed >= part * beyond
+        return removed >= self.clear and removed >= part * beyond
 
     @property
     def alike(self) -> bool:
         """Whether it alone explains clearly more than nothing does, and all that is to be explained."""
-        clear = CLEAR * self.usual
-        return self.bare - self.alone >= clear and self.alone <= self.usual + clear
+        return self.bare - self.alone >= self.clear and self.alone <= self.usual + self.clear
 
 
 def findings(

@@ -11,7 +11,7 @@ so that Q of every group, and of every size where the parts are fixed, follows f
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,13 +118,30 @@ def exchanged(c: Comparison) -> Iterable[Fault]:
         apart = (c.recorded[..., mine, None] - c.nominal[..., None, mine]) / c.floor[mine]
         rows, names = linear_sum_assignment((apart**2).mean(axis=(0, 1)))
         order[mine[names]] = mine[rows]
-    moved = [k for k in range(len(order)) if order[k] != k]
-    if moved:
+    cycles = _cycles(order)
+    swapped = np.array(
+        [(c.recorded[..., order] - c.recorded) / c.floor * np.isin(order, cycle) for cycle in cycles]
+    )
+    names = [str(cycle[0]) for cycle in cycles]
+    parts = np.concatenate([c.rest(c.recorded)[None], swapped.reshape(-1, *c.nominal.shape)]), 1.0
+    for one in search(c, names, [1.0], parts, prices=lambda _: np.full(len(names), c.clear)):
+        moved = sorted(k for cycle in cycles for k in cycle if str(cycle[0]) in one.group)
         words = listed([c.columns[k].name for k in moved])
         under = ", ".join(f"{c.columns[k].name} is named {c.columns[order[k]].name}" for k in moved[:4])
         text = f"{words} of the real rollouts seem exchanged: {under}. If so, correct the names in the recordings"
-        said = Finding("exchanged", words, text, "an exchange of channels")
-        yield said, Undone(1.0, Group(words), c.recorded[..., order])
+        yield Finding("exchanged", words, text, "an exchange of channels"), replace(one, price=0.0)
+
+
+def _cycles(order: NDArray[np.int64]) -> list[list[int]]:
+    """Return the cycles of a permutation that move anything."""
+    found, left = list[list[int]](), {k for k, other in enumerate(order.tolist()) if other != k}
+    while left:
+        cycle = [left.pop()]
+        while (after := int(order[cycle[-1]])) in left:
+            left.remove(after)
+            cycle.append(after)
+        found.append(cycle)
+    return found
 
 
 def sign(c: Comparison) -> Iterable[Fault]:
