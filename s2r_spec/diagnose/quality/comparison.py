@@ -20,8 +20,8 @@ from s2r_spec.trace import Trace
 FloatArray = NDArray[np.float64]
 
 BUDGET = 20.0
-"""Budget: CPU time [s] for the rollouts of a comparison. Twice as much compares more tests, with more sizes of every
-effect. A simulator that cannot run three tests in it runs these all the same."""
+"""Budget: CPU time [s] for the rollouts of a comparison. Twice as much compares more tests, with effects on both sides of
+nominal. A simulator that cannot run three tests in it runs these all the same."""
 SEEDS = 24
 """Budget: nominal rollouts a test at most, for their mean and scatter; a sixth of them at least. Twice as many halve
 the variance of the estimate of either."""
@@ -230,7 +230,10 @@ def compare(
     columns = columns_of(bench, [trace for _, trace in chosen], without)
     if not chosen or not columns:
         return None
-    seeds = affordable(bench, len(chosen), SEEDS // 2 + len(sizes), SEEDS + len(sizes)) - len(sizes)
+    room = affordable(bench, len(chosen), 0, SEEDS + len(sizes))
+    if room < SEEDS // 2 + len(sizes):
+        sizes = [(line, line.at_typical()) for line in lines]
+    seeds = int(np.clip(room - len(sizes), SEEDS // 6, SEEDS))
     tests = tuple(test for test, _ in chosen)
     times = np.linspace(0.0, min(trace.duration for _, trace in chosen), TIMES)
     machines: list[tuple[Values, int]] = [({}, seed) for seed in range(seeds)]
