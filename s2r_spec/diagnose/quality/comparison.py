@@ -20,8 +20,8 @@ from s2r_spec.trace import Trace
 FloatArray = NDArray[np.float64]
 
 BUDGET = 20.0
-"""Budget: CPU time [s] for the rollouts of a comparison. Twice as much compares more tests, with effects on both sides of
-nominal. A simulator that cannot run three tests in it runs these all the same."""
+"""Budget: CPU time [s] for the rollouts of a comparison. Twice as much compares more tests, and effects on both sides
+of nominal. A simulator that cannot run three tests in it runs these all the same."""
 SEEDS = 24
 """Budget: nominal rollouts a test at most, for their mean and scatter; a sixth of them at least. Twice as many halve
 the variance of the estimate of either."""
