@@ -17,7 +17,7 @@ from s2r_spec.diagnose.quality.finding import Finding, called, listed
 from s2r_spec.diagnose.quality.recordings import Recordings, rms, wide
 from s2r_spec.samples import period_of
 from s2r_spec.space import key_of
-from s2r_spec.trace import Trace
+from s2r_spec.trace import Trace, between
 
 FloatArray = NDArray[np.float64]
 
@@ -105,14 +105,21 @@ def unit_of_one(channel: Channel, of: Recordings) -> Finding | None:
     number = int(np.abs(far).argmax())
     if abs(far[number]) < np.log(ODD):
         return None
-    test = of.rollouts[number][0]
-    size = rms(wide(of.simulated(test), name))
+    test, trace = of.rollouts[number]
+    simulated = of.simulated(test)
+    size = rms(wide(simulated, name))
     words = _times(float(sizes[number]) / size) if size else ""
+    if not words:
+        return None
+    # Another channel of that size is not this one in another unit.
+    there = between(simulated.times - simulated.times[0], trace.times - trace.times[0], wide(trace, name))
+    if rms(there / UNITS[words] - wide(simulated, name)) > (NEAR - 1.0) * size:
+        return None
     text = (
         f"{name} of {called(number, test)} is about {words} the simulator's, and in no other rollout. Is it in "
         f"{channel.unit} there? If not, convert it, or leave the rollout out"
     )
-    return Finding("unit of one", name, text) if words else None
+    return Finding("unit of one", name, text)
 
 
 def _times(much: float) -> str:
