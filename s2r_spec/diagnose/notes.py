@@ -10,10 +10,9 @@ import numpy as np
 from s2r_spec.backend import HasResiduals
 from s2r_spec.diagnose.falls import Falls
 from s2r_spec.diagnose.quality.finding import Finding
-from s2r_spec.diagnose.quality.suspects import SHOWN
 from s2r_spec.diagnose.simulate import Bench, Test, places_of
 from s2r_spec.errors import TraceError
-from s2r_spec.trace import Trace
+from s2r_spec.trace import SHOWN, Trace
 
 CUT = "cut at"
 """In the metadata of a recording of which only the begin is used: until when [s]."""

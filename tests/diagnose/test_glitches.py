@@ -5,7 +5,7 @@ import pytest
 from s2r_cart import SPEC, Cart, real
 
 import s2r_spec as s2r
-from s2r_spec.diagnose.quality.direct import glitches
+from s2r_spec.diagnose.quality.channels import by_channel
 from s2r_spec.diagnose.quality.recordings import Recordings
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.report.advice import next_step
@@ -20,6 +20,11 @@ def changed(trace, name, at, value):
     return Trace(trace.times, dict(trace.channels) | {name: values}, trace.units)
 
 
+def glitches(runs):
+    """Return what is said of samples that one rollout has and most have not."""
+    return [each for each in by_channel(Recordings(BENCH, runs)) if each.code in ("spike", "stopped")]
+
+
 def many(effects, spoil=None, which=3):
     tests = [{"vd": 0.2 + 0.1 * k, "acc": 2.0} for k in range(8)]
     runs = [(test, real(test, i, effects)) for i, test in enumerate(tests)]
@@ -32,7 +37,7 @@ def test_a_single_sample_far_off_is_told_with_its_rollout_its_time_and_its_size(
     def spike(trace):
         return changed(trace, "v_meas", 40, trace["v_meas"][40] + 30.0)
 
-    [glitch] = [each.text for each in glitches(Recordings(BENCH, many({}, spike)))]
+    [glitch] = [each.text for each in glitches(many({}, spike))]
     when = many({})[3][1].times[40]
     assert glitch.startswith("v_meas of real rollout 3 (vd = 0.5, acc = 2) is off by")
     assert f" {when:.4g} s" in glitch
@@ -44,7 +49,7 @@ def test_a_channel_that_stops_in_the_middle_is_told_with_when():
         return changed(trace, "v_meas", slice(8, 60), trace["v_meas"][8])
 
     runs = many({}, stuck)
-    [glitch] = [each.text for each in glitches(Recordings(BENCH, runs))]
+    [glitch] = [each.text for each in glitches(runs)]
     times = runs[3][1].times
     assert f" from {times[8]:.4g} to {times[59]:.4g} s" in glitch
 
@@ -64,7 +69,7 @@ def test_a_step_noise_a_lost_channel_and_what_saturates_are_not():
         return changed(trace, "v_meas", slice(40, 50), np.nan)
 
     for spoil in (None, step, noisy, saturated, lost):
-        assert glitches(Recordings(BENCH, many({}, spoil))) == []
+        assert glitches(many({}, spoil)) == []
 
 
 def test_a_count_that_is_one_more_for_once_is_no_glitch():
@@ -73,7 +78,7 @@ def test_a_count_that_is_one_more_for_once_is_no_glitch():
 
     runs = [(test, counted(trace)) for test, trace in many({})]
     runs[3] = (runs[3][0], changed(runs[3][1], "v_meas", 40, 6.0))
-    assert glitches(Recordings(BENCH, runs)) == []
+    assert glitches(runs) == []
 
 
 def test_a_glitch_is_a_note_and_what_to_see_to_first(cache):

@@ -13,9 +13,9 @@ from s2r_spec.diagnose.axes import line, lines
 from s2r_spec.diagnose.data.rollouts import as_simulated, cut, recorded
 from s2r_spec.diagnose.data.split import ENOUGH
 from s2r_spec.diagnose.notes import Used, notes
-from s2r_spec.diagnose.quality.direct import direct
+from s2r_spec.diagnose.quality import findings
+from s2r_spec.diagnose.quality.channels import wrapped as jumping
 from s2r_spec.diagnose.quality.recordings import Recordings
-from s2r_spec.diagnose.quality.wrapped import wrapped as jumping
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.effects import catalogue_of
 from s2r_spec.errors import BackendError, TraceError, UsageError
@@ -30,7 +30,7 @@ BENCH = Bench.of(s2r.parse_spec(SPEC), "tracking", Cart())
 
 def misread(bench, runs, found=()):
     """Return channel → what is said of it."""
-    return {each.channel: each.text for each in direct(Recordings(bench, runs), found)}
+    return {each.channel: each.text for each in findings(bench, runs, found)}
 
 
 def used(runs, train=None, held_out=4):
@@ -131,7 +131,7 @@ def test_a_channel_in_a_unit_that_was_not_said_is_told(times, words):
             trace.times, dict(trace.channels) | {"v_meas": times * trace["v_meas"]}, units, trace.meta
         )
 
-    odd = direct(Recordings(BENCH, many(12, 9, spoilt)))
+    odd = findings(BENCH, many(12, 9, spoilt))
     [one] = notes(BENCH, used(many(12, 9, spoilt)), odd=odd)
     assert one.startswith(f"v_meas of the real rollouts is {words} ")
     assert " m/s" in one
@@ -277,7 +277,7 @@ def test_a_channel_that_never_moves_is_told():
     def dead(trace):
         return Trace(trace.times, dict(trace.channels) | {"v_meas": 0.0 * trace["v"]}, trace.units)
 
-    [finding] = direct(Recordings(BENCH, many(8, 8, dead)))
+    [finding] = findings(BENCH, many(8, 8, dead))
     assert (finding.code, finding.channel) == ("still", "v_meas")
     assert finding.text.startswith("v_meas ")
 
@@ -324,8 +324,8 @@ def test_a_recording_that_begins_at_another_time_is_known_by_a_command(seconds, 
         return Trace(trace.times, moved, trace.units)
 
     suspects = misread(BENCH, [(test, shifted(trace)) for test, trace in delayed], found)
-    assert list(suspects) == ["v_ref"]
-    assert words in suspects["v_ref"]
+    assert list(suspects) == ["the clock"]
+    assert words in suspects["the clock"]
 
 
 def test_times_that_are_no_seconds_get_one_sentence():
@@ -374,7 +374,7 @@ def test_one_rollout_in_another_unit_is_told_with_its_number():
     runs = many(8, 8)
     test, trace = runs[6]
     runs[6] = (test, Trace(trace.times, dict(trace.channels) | {"u": 1e3 * trace["u"]}, trace.units))
-    [finding] = direct(Recordings(BENCH, runs))
+    [finding] = findings(BENCH, runs)
     assert (finding.code, finding.channel) == ("unit of one", "u")
     for words in ("u of real rollout 6 (vd = 0.8, acc = 2)", "1000 times", " V "):
         assert words in finding.text

@@ -10,9 +10,9 @@ import pytest
 
 import s2r_spec as s2r
 from s2r_spec.diagnose.axes import lines
+from s2r_spec.diagnose.quality.channels import hold
 from s2r_spec.diagnose.quality.comparison import compare
 from s2r_spec.diagnose.quality.decide import suspected
-from s2r_spec.diagnose.quality.hold import hold
 from s2r_spec.diagnose.quality.recordings import Recordings
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.effects import catalogue_of

@@ -36,8 +36,8 @@ from s2r_spec.rollouts.seeds import Stream, rollout_seed
 
 BUDGET = 30
 """Budget: real rollouts of a machine when the user gives no number. Twice as many halve the variance of an estimate."""
-HELD_OUT = 6
-"""Budget: tests that a campaign holds out. Twice as many take six experiments from the choice."""
+HELD_OUT = 2 * LEAST
+"""Definition: tests that a campaign holds out, if its budget is large enough."""
 DISTINCT = 0.6
 """Budget: share of different tests in a plan without protocols; the rest are second and third runs. With twice as much,
 no test runs again."""

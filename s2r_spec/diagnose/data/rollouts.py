@@ -30,11 +30,8 @@ from s2r_spec.trace import Trace
 Rollouts = Iterable[tuple[Mapping[str, float], Trace]]
 TestRun = tuple[dict[str, float], Trace]
 
-TIMES = {1e3: "ms", 1e6: "us", 1e9: "ns"}
+TIMES = {1.0: "s", 1e3: "ms", 1e6: "us", 1e9: "ns"}
 """Definition: units of time, by their number in a second."""
-LONG, APART = 100.0, 30.0
-"""Tolerance: times are not in seconds if a recording is so many times as long as the simulator's, and its samples so
-many times as far apart. Twice as much accepts more recordings in ms."""
 FEWEST = 6
 """Budget: real rollouts that a diagnosis needs. With twice as many, small recordings are refused."""
 
@@ -190,11 +187,10 @@ def converted(bench: Bench, run: Recording) -> Trace:
         UsageError: times are not in seconds, a channel's unit does not convert, or ρ of a test cannot be evaluated.
     """
     of = protocol_of(bench.backend, run.protocol) if run.protocol else bench.backend
-    times = run.trace.duration / of.duration
-    if times >= LONG and period_of(run.trace.times) >= APART * _period(bench, run):
-        unit = TIMES[min(TIMES, key=lambda known: abs(math.log(times / known)))]
+    longer = run.trace.duration / of.duration
+    if (unit := _unit(longer)) != "s" and _unit(period_of(run.trace.times) / _period(bench, run)) != "s":
         raise UsageError(
-            f"{run.source} lasts {run.trace.duration:.4g} s, {times:.3g} times as long as a rollout of the simulator. "
+            f"{run.source} lasts {run.trace.duration:.4g} s, {longer:.3g} times as long as a rollout of the simulator. "
             f"Its times seem to be in {unit}; convert them to s"
         )
     trace = cut(as_simulated(run.trace, bench.backend), of.duration)
@@ -215,6 +211,11 @@ def converted(bench: Bench, run: Recording) -> Trace:
         elif run.trace.duration < horizon < math.inf:
             what = f"{why}; leave it out, or, if the machine fell, set 'failure' in the trace's metadata"
         raise UsageError(f"{run.source}: {what}") from None
+
+
+def _unit(times: float) -> str:
+    """Return the unit of time in which a number of so many times the seconds is nearest to these."""
+    return TIMES[min(TIMES, key=lambda known: abs(math.log(max(times, 1e-9) / known)))]
 
 
 def _period(bench: Bench, run: Recording) -> float:

@@ -1,198 +1,196 @@
-"""Recordings beside the simulator at the same tests: the discrepancy that effects leave, before and after undoing.
-
-See the package for the model. Everything here is in units of σ, the simulator's scatter with its floor.
-"""
+"""Recordings beside the simulator at the same tests: the model of the package, and its misfit."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.axes import Line, Values
-from s2r_spec.diagnose.quality.recordings import Rollout
+from s2r_spec.diagnose.data.space_filling import TESTS
+from s2r_spec.diagnose.quality.recordings import Rollout, wide
 from s2r_spec.diagnose.simulate import Bench, Job, Test, evenly, places_of, run_jobs
-from s2r_spec.diagnose.simulator.library import POINTS
-from s2r_spec.trace import Trace, between
+from s2r_spec.samples import period_of
+from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
 
 BUDGET = 20.0
-"""Budget: CPU time [s] for the rollouts that a comparison simulates. Twice as much compares more tests, with more
-sizes of every effect; a simulator that cannot run half of TESTS in it runs these all the same."""
-TESTS = 6
-"""Budget: tests that are compared at most; half of them at least. Twice as many cost twice the time, and find mistakes
-that show at few tests."""
+"""Budget: CPU time [s] for the rollouts of a comparison. Twice as much compares more tests, and effects on both sides
+of nominal. A simulator that cannot run three tests in it runs these all the same."""
 SEEDS = 24
 """Budget: nominal rollouts a test at most, for their mean and scatter; a sixth of them at least. Twice as many halve
 the variance of the estimate of either."""
-FRESH = 3
-"""Budget: further nominal rollouts a test, which say what the usual misfit is. Twice as many halve its variance."""
-OWN = 10
-"""Definition: nominal rollouts of a test from which on its scatter is its own; of fewer it is that of all tests. Twice
-as many pool more simulators, whose tests may scatter unlike each other."""
 TIMES = 90
-"""Definition: instants of a rollout that are compared at most; a third of them at least. Twice as many see delays half
-as long."""
-NUMBERS = 2000
-"""Budget: numbers of a rollout that are compared, about. Twice as many take twice the time with many columns."""
-FLOOR = 0.01
-"""Tolerance: part of a channel's range that is no discrepancy, whatever the simulator's scatter. Twice as much hides
+"""Definition: instants of a rollout that are compared. Twice as many see delays half as long, in twice the time."""
+FLOOR = 0.007
+"""Tolerance: part of a column's range that is no discrepancy, whatever the simulator's scatter. Twice as much hides
 mistakes that are half as large."""
-LEAST = 0.5
-"""Tolerance: usual misfit at least, a number; a discrepancy of one floor throughout makes 1. Twice as much hides
-mistakes that are 1.4 times as large where the simulator hardly scatters."""
-LATEST = 0.1
-"""Definition: part of a rollout that a delay is looked for up to; as much at its end is not compared, so that undoing
-a delay has samples to read. Twice as much compares less."""
+CLEAR = 0.15
+"""Level: part of the usual misfit by which a discrepancy is there at all, and part of what the best mistake removes by
+which another is worse. Twice as much misses mistakes that are 1.4 times as large, and says more beside the best."""
 
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a channel, as it is compared.
-
-    Attributes:
-        channel: that it is of.
-        place: among the channel's columns.
-        name: for people ("q, FR hip").
-        unit: of the channel.
-    """
+    """One column of a channel: its place among them, its name for people ("q, FR hip"), and the channel's unit."""
 
     channel: str
     place: int
     name: str
     unit: str
 
-    def of(self, trace: Trace) -> FloatArray:
-        """Return its samples in a trace."""
-        return trace[self.channel].reshape(len(trace), -1)[:, self.place]
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What is compared of a rollout: c columns at T times [s] from its begin."""
+
+    columns: tuple[Column, ...]
+    times: FloatArray
+
+    def of(self, trace: Trace, at: FloatArray) -> FloatArray:
+        """Return (T, c) of a trace at times [s] from its begin; NaN before it, and a sample after its end."""
+        own = trace.times - trace.times[0]
+        out = np.full((len(at), len(self.columns)), np.nan)
+        there = (at >= 0.0) & (at < own[-1] + period_of(own))
+        for k, column in enumerate(self.columns):
+            values = wide(trace, column.channel)
+            if column.place < values.shape[1]:
+                out[there, k] = np.interp(at[there], own, values[:, column.place])
+        return out
+
+    def read(self, bench: Bench, trace: Trace, test: Test) -> FloatArray:
+        """Return (T · c,) of a simulated rollout."""
+        del bench, test
+        return self.of(trace, self.times).ravel()
+
+    def simulate(
+        self,
+        bench: Bench,
+        machines: Sequence[tuple[Values, int]],
+        tests: Sequence[Test],
+        executor: Callable[[], Executor] | None = None,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> FloatArray:
+        """Return (machines, tests, T, c) of rollouts of machines, each with its seed."""
+        jobs = [Job(values, tuple((test, seed) for test in tests)) for values, seed in machines]
+        rows = run_jobs(bench, jobs, executor, progress, self.read)
+        return np.array(rows).reshape(len(jobs), len(tests), len(self.times), len(self.columns))
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """n recordings at their tests, and the nominal simulator and its effects there.
+    """n recordings at their tests, and the nominal simulator and its effects there; d = T · c.
 
     Attributes:
-        columns: c of them, that both have.
+        view: columns and times.
         tests: of each recording.
         traces: recordings.
-        times: (T,) from a recording's begin [s].
-        nominal: (n, T, c) mean of the simulator at each test.
+        nominal: (n, T, c) mean of the nominal simulator.
         floor: (c,) what is no discrepancy, in the units of the columns: the unit of all that follows.
-        scatter: (n, s, d) deviations of single nominal rollouts, whose squares sum to their covariance; d = T · c.
+        scatter: (n, s, d) deviations of single nominal rollouts, whose squares sum to their covariance.
         effects: (k, n, d) changes that the catalogue makes.
         sizes: (k,) the line and its value of each.
-        cost: time [s] of one core that a rollout takes, about.
-        usual: mean Q of nominal rollouts that had no part in all this.
+        usual: Q of a nominal rollout that had no part in mean and scatter; at least that of one floor throughout.
     """
 
-    columns: tuple[Column, ...]
+    view: View
     tests: tuple[Test, ...]
     traces: tuple[Trace, ...]
-    times: FloatArray
     nominal: FloatArray
     floor: FloatArray
     scatter: FloatArray
     effects: FloatArray
     sizes: tuple[tuple[Line, float], ...]
-    cost: float
-    usual: float = 1.0
+    usual: float
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """The c columns, in order."""
+        return self.view.columns
+
+    @property
+    def clear(self) -> float:
+        """A difference of Q that is clear."""
+        return CLEAR * self.usual
 
     @cached_property
     def recorded(self) -> FloatArray:
-        """Return (n, T, c) of the recordings as they are."""
-        return self.read()
+        """The recordings (n, T, c) as they are."""
+        return self.read()[0]
 
-    def read(self, stretch: float = 1.0, late: float = 0.0) -> FloatArray:
-        """Return (n, T, c) of the recordings, read at other times: t → stretch · t + late [s].
-
-        Before the first sample a channel is what it was in the first.
-        """
-        at = stretch * self.times + late
-        rows = [
-            [np.interp(at, trace.times - trace.times[0], column.of(trace)) for column in self.columns]
-            for trace in self.traces
-        ]
-        return np.array(rows).transpose(0, 2, 1)
+    def read(self, stretch: float = 1.0, late: float = 0.0) -> tuple[FloatArray, FloatArray]:
+        """Return (n, T, c) of the recordings at times stretch · t + late [s], and (T, 1) whether all have samples."""
+        values = np.array([self.view.of(trace, stretch * self.view.times + late) for trace in self.traces])
+        there = np.isfinite(values).all(axis=(0, 2))[:, None]
+        return np.where(there, values, self.nominal), there.astype(float)
 
     def rest(self, values: FloatArray) -> FloatArray:
         """Return (n, T, c) discrepancies of recordings, in floors."""
         return np.asarray((values - self.nominal) / self.floor)
 
     @cached_property
-    def _whitening(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return (n, s, d) W by which C⁻¹ = 1 − WᵀW of a rollout, (k, n · d) C⁻¹J, and (k, k) JᵀC⁻¹J."""
+    def whitening(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """W (n, s, d) by which C⁻¹ = 1 − WᵀW of a rollout, C⁻¹J (k, n · d), and JᵀC⁻¹J (k, k)."""
         w, j = np.linalg.solve(np.linalg.cholesky(_inner(self.scatter)), self.scatter), self.effects
         cj = j - np.einsum("nsd,nsk->knd", w, np.einsum("nsd,knd->nsk", w, j))
-        return np.asarray(w), cj.reshape(len(j), -1), np.einsum("knd,lnd->kl", j, cj)
+        return np.asarray(w), cj.reshape(len(j), w[:, 0].size), np.einsum("knd,lnd->kl", j, cj)
 
     @cached_property
     def _root(self) -> FloatArray:
-        gram = self._whitening[2]
+        gram = self.whitening[2]
         return np.asarray(np.linalg.cholesky(np.eye(len(gram)) + gram))
 
-    def moments(
-        self, values: FloatArray, there: FloatArray | float = 1.0
-    ) -> tuple[float, FloatArray, FloatArray]:
-        """Return rᵀC⁻¹r of recordings, (k,) JᵀC⁻¹r and (k, k) JᵀC⁻¹J: all that a fit of effects needs."""
-        r = (self.rest(values) * there).reshape(len(self.traces), -1)
-        w, cj, gram = self._whitening
-        q = float(np.vdot(r, r) - (np.matmul(w, r[:, :, None]) ** 2).sum())
-        return q, cj @ r.ravel(), gram
+    def products(self, rests: FloatArray, effects: bool = True) -> FloatArray:
+        """Return (m, m) products aᵀ(C + JJᵀ)⁻¹b / (n d) of (m, n, T, c) discrepancies; without J if not ``effects``.
+
+        Q of any sum of the discrepancies follows from these.
+        """
+        w, cj, _ = self.whitening
+        flat = rests.reshape(len(rests), len(self.traces), -1)
+        white = np.einsum("nsd,mnd->mns", w, flat).reshape(len(flat), -1)
+        whole = flat.reshape(len(flat), -1)
+        found = whole @ whole.T - white @ white.T
+        if effects and len(cj):
+            explained = np.linalg.solve(self._root, cj @ whole.T)
+            found -= explained.T @ explained
+        return np.asarray(found / whole.shape[1])
+
+    @cached_property
+    def volume(self) -> float:
+        """The log |C|, a number of a recording: what a machine that scatters more must explain better."""
+        logs = np.linalg.slogdet(_inner(self.scatter))[1].mean() / self.scatter.shape[2]
+        return float(logs + 2.0 * np.log(self.floor).mean())
+
+    def beside(self, rollouts: FloatArray) -> Comparison:
+        """Return the comparison with the machine of (s, n, T, c) rollouts in the nominal one's place."""
+        nominal, floor, scatter, usual = noise(rollouts)
+        effects = self.effects.reshape(len(self.effects), *nominal.shape) * (self.floor / floor)
+        effects = effects.reshape(self.effects.shape)
+        return replace(self, nominal=nominal, floor=floor, scatter=scatter, effects=effects, usual=usual)
 
     def misfit(self, values: FloatArray, effects: bool = True, there: FloatArray | float = 1.0) -> float:
-        """Return Q of recordings (n, T, c), a number of it.
+        """Return Q of recordings (n, T, c).
 
         Args:
             values: recordings.
             effects: whether the catalogue may explain anything.
             there: of 1 and 0, (T, 1) which instants count, or (n, 1, 1) which recordings.
         """
-        q, toward, _ = self.moments(values, there)
-        if effects and len(toward):
-            q -= float((np.linalg.solve(self._root, toward) ** 2).sum())
-        return max(q, 0.0) / values.size
+        return max(float(self.products((self.rest(values) * there)[None], effects)[0, 0]), 0.0)
 
-    @cached_property
-    def volume(self) -> float:
-        """Return log |C|, a number of a recording: what a machine that scatters more must explain better."""
-        logs = np.linalg.slogdet(_inner(self.scatter))[1].mean() / self.scatter.shape[2]
-        return float(logs + 2.0 * np.log(self.floor).mean())
 
-    def elsewhere(self, nominal: FloatArray, scatter: FloatArray, which: NDArray[np.bool_]) -> Comparison:
-        """Return the comparison of some recordings (n,) with other means (n, T, c) and scatters (n, s, T · c)."""
-        more = max(self.scatter.shape[1], scatter.shape[1])
-        own, other = (
-            np.pad(each, ((0, 0), (0, more - each.shape[1]), (0, 0))) for each in (self.scatter, scatter)
-        )
-        mean = np.where(which[:, None, None], nominal, self.nominal)
-        return replace(self, nominal=mean, scatter=np.where(which[:, None, None], other, own))
-
-    def affordable(self, tests: int) -> int:
-        """Return how many rollouts of each of so many tests the budget has."""
-        return int(np.clip(BUDGET / (self.cost * tests), SEEDS // 6, SEEDS))
-
-    def simulated(
-        self,
-        bench: Bench,
-        machine: Values,
-        tests: Sequence[Test],
-        seeds: int,
-        executor: Callable[[], Executor] | None = None,
-        progress: Callable[[int, int], None] | None = None,
-    ) -> FloatArray:
-        """Return (tests, seeds, T, c) of a machine's rollouts; NaN after one ended early."""
-        jobs = [Job(machine, tuple((test, seed) for seed in range(seeds))) for test in tests]
-        rows = run_jobs(bench, jobs, executor, progress, partial(sampled, self.columns, self.times))
-        return np.array(rows).reshape(len(tests), seeds, len(self.times), len(self.columns))
+def affordable(bench: Bench, rollouts: int, least: int, most: int) -> int:
+    """Return how many times the budget has so many rollouts, from ``least`` to ``most``."""
+    return int(np.clip(BUDGET / (max(float(bench.backend.cost), 1e-4) * rollouts), least, most))
 
 
 def columns_of(bench: Bench, traces: Sequence[Trace], without: Sequence[str] = ()) -> tuple[Column, ...]:
-    """Return the columns that every recording has, of numbers throughout, but for some."""
+    """Return the columns that every recording has, of numbers throughout, but for some channels'."""
     found: list[Column] = []
     for channel in bench.backend.channels:
         values = [trace.channels.get(channel.name, np.full(1, np.nan)) for trace in traces]
@@ -203,20 +201,6 @@ def columns_of(bench: Bench, traces: Sequence[Trace], without: Sequence[str] = (
         names = [channel.name] if channel.width == 1 else [f"{channel.name}, {word}" for word in words]
         found += [Column(channel.name, place, name, channel.unit) for place, name in enumerate(names)]
     return tuple(found)
-
-
-def sampled(
-    columns: Sequence[Column], times: FloatArray, bench: Bench, trace: Trace, test: Test
-) -> FloatArray:
-    """Return (T · c,) of a rollout; NaN after it ended."""
-    del bench, test
-    own = trace.times - trace.times[0]
-    out = np.full((len(times), len(columns)), np.nan)
-    there = times <= own[-1] + 1e-9
-    for k, column in enumerate(columns):
-        if column.channel in trace.channels and column.place < trace[column.channel][:1].size:
-            out[there, k] = between(times[there], own, column.of(trace))
-    return out.ravel()
 
 
 def compare(
@@ -239,88 +223,79 @@ def compare(
     """
     ran = [(test, trace) for test, trace in rollouts if trace.failure is None and len(trace) > 1]
     ran = [ran[places[0]] for places in places_of([test for test, _ in ran]).values()]
-    cost = max(float(bench.backend.cost), 1e-4)
-    sizes = [(line, line.value(x)) for line in lines for x in line.coordinates(POINTS)]
-    most = int(np.clip(BUDGET / (cost * (OWN + len(sizes))), TESTS // 2, TESTS))
+    values = [(line, line.value(sign)) for line in lines for sign in (-1.0, 1.0)]
+    sizes = [(line, value) for line, value in values if value != line.nominal]
+    most = affordable(bench, SEEDS // 2 + len(sizes), TESTS // 3, TESTS)
     chosen = [ran[place] for place in dict.fromkeys(evenly(len(ran), most))]
     columns = columns_of(bench, [trace for _, trace in chosen], without)
     if not chosen or not columns:
         return None
-    room = BUDGET / (cost * len(chosen))
-    if room < OWN + len(sizes):
+    room = affordable(bench, len(chosen), 0, SEEDS + len(sizes))
+    if room < SEEDS // 2 + len(sizes):
         sizes = [(line, line.at_typical()) for line in lines]
     seeds = int(np.clip(room - len(sizes), SEEDS // 6, SEEDS))
-    count = int(np.clip(NUMBERS / len(columns), TIMES // 3, TIMES))
-    times = np.linspace(0.0, (1.0 - LATEST) * min(trace.duration for _, trace in chosen), count)
-    tests = [test for test, _ in chosen]
-    jobs = [Job({}, tuple((test, seed) for test in tests)) for seed in range(seeds + FRESH)]
-    jobs += [Job(line.at(value), tuple((test, 0) for test in tests)) for line, value in sizes]
-    rows = run_jobs(bench, jobs, executor, progress, partial(sampled, columns, times))
-    values = np.array(rows).reshape(len(jobs), len(tests), len(times), len(columns))
-    whole = np.asarray(np.isfinite(values[: seeds + FRESH]).all(axis=(0, 1, 2)))
+    tests = tuple(test for test, _ in chosen)
+    times = np.linspace(0.0, min(trace.duration for _, trace in chosen), TIMES)
+    machines: list[tuple[Values, int]] = [({}, seed) for seed in range(seeds)]
+    machines += [(line.at(value), 0) for line, value in sizes]
+    ran_there = View(columns, times).simulate(bench, machines, tests, executor, progress)
+    whole = np.asarray(np.isfinite(ran_there[:seeds]).all(axis=(0, 1, 2)))
     if not whole.any():
         return None
-    columns = tuple(column for column, there in zip(columns, whole.tolist(), strict=True) if there)
-    usual, fresh, changed = np.split(values[..., whole], [seeds, seeds + FRESH])
-    nominal, floor, scatter = noise(usual)
-    effects = np.nan_to_num((changed - usual[0]) / floor, posinf=0.0, neginf=0.0).reshape(
-        len(sizes), len(tests), -1
-    )
+    view = View(tuple(column for column, there in zip(columns, whole.tolist(), strict=True) if there), times)
+    usual, changed = np.split(ran_there[..., whole], [seeds])
+    nominal, floor, scatter, misfit = noise(usual)
+    effects = np.nan_to_num((changed - usual[0]) / floor, posinf=0.0, neginf=0.0)
+    effects = effects.reshape(len(sizes), len(tests), nominal[0].size)
     moved = (effects**2).mean(axis=(1, 2)) > 1e-6
-    made = Comparison(
-        columns,
-        tuple(tests),
-        tuple(trace for _, trace in chosen),
-        times,
-        nominal,
-        floor,
-        scatter,
-        effects[moved],
-        tuple(size for size, there in zip(sizes, moved, strict=True) if there),
-        cost,
-    )
-    return replace(made, usual=max(float(np.mean([made.misfit(each) for each in fresh])), LEAST))
+    kept = tuple(size for size, there in zip(sizes, moved, strict=True) if there)
+    traces = tuple(trace for _, trace in chosen)
+    return Comparison(view, tests, traces, nominal, floor, scatter, effects[moved], kept, misfit)
 
 
-def noise(rollouts: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return (n, T, c) mean, (c,) floor and (n, s, T · c) scatter of (s, n, T, c) rollouts of one machine."""
+def noise(rollouts: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    """Return what (s, n, T, c) nominal rollouts say of a further one.
+
+    A scatter that is as rough as its samples has more directions than there are rollouts to learn them from. What the
+    others do not foretell of a rollout is floor, too.
+
+    Returns:
+        (n, T, c) mean, (c,) floor, (n, s, T · c) scatter in floors, and Q of a further rollout, at least of one floor.
+    """
     mean = rollouts.mean(axis=0)
     reach = np.ptp(mean, axis=(0, 1))
-    floor = FLOOR * np.where(reach > 0.0, reach, np.maximum(np.abs(mean).max(axis=(0, 1)), 1.0))
-    apart = (rollouts - mean).transpose(1, 0, 2, 3)
-    floor = floor * np.sqrt(1.0 + _beyond(apart / floor))
-    return mean, floor, scatter_of(apart / floor)
+    least = FLOOR * np.where(reach > 0.0, reach, np.maximum(np.abs(mean).max(axis=(0, 1)), 1.0))
+    apart = (rollouts - mean).swapaxes(0, 1)
+    _, new = _beside_others(apart / least)
+    floor = least * np.sqrt(1.0 + (new**2).mean(axis=(0, 1, 2)))
+    own, new = _beside_others(apart / floor)
+    return mean, floor, _scatter(apart / floor), float(max((own * new).mean(), ((least / floor) ** 2).mean()))
 
 
-def scatter_of(apart: FloatArray) -> FloatArray:
-    """Return (n, s', T · c) deviations whose squares sum to the covariance of a rollout around the mean of s others.
+def _beside_others(apart: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return (s, n, T, c) deviations r of each nominal rollout from the mean of the others, and their C⁻¹ r.
 
     Args:
-        apart: (n, s, T, c) of s nominal rollouts a test from their mean.
+        apart: (n, s, T, c) deviations from the mean of all, in floors.
     """
+    s = apart.shape[1]
+    own = apart * (s / (s - 1.0))
+    left = np.empty_like(own)
+    for k in range(s):
+        others = np.delete(apart, k, axis=1)
+        known, r = _scatter(others - others.mean(axis=1, keepdims=True)), own[:, k].reshape(len(own), -1)
+        taken = np.linalg.solve(_inner(known), np.einsum("nsd,nd->ns", known, r)[..., None])
+        left[:, k] = (r - np.einsum("nsd,ns->nd", known, taken[..., 0])).reshape(own[:, k].shape)
+    return own.swapaxes(0, 1), left.swapaxes(0, 1)
+
+
+def _scatter(apart: FloatArray) -> FloatArray:
+    """Return (n, s, d) deviations whose squares sum to the covariance of a rollout around the mean of s others."""
     n, s = apart.shape[:2]
-    scatter = apart.reshape(n, s, -1) * np.sqrt((1.0 + 1.0 / s) / (s - 1))
-    if s >= OWN:
-        return np.asarray(scatter)
-    pooled = scatter.reshape(1, n * s, -1) / np.sqrt(n)
-    return np.asarray(np.broadcast_to(pooled, (n, *pooled.shape[1:])))
+    return np.asarray(apart.reshape(n, s, -1) * np.sqrt((1.0 + 1.0 / s) / (s - 1)))
 
 
 def _inner(scatter: FloatArray) -> FloatArray:
-    """Return (n, s, s) 1 + DDᵀ, which has the determinant of C."""
+    """Return (n, s, s) 1 + DDᵀ."""
     inner: FloatArray = np.eye(scatter.shape[1]) + np.einsum("nsd,ntd->nst", scatter, scatter)
     return inner
-
-
-def _beyond(apart: FloatArray) -> FloatArray:
-    """Return (c,) mean square of what the other half of the rollouts does not foretell of each, in floors.
-
-    A scatter that is as rough as its samples has more directions than there are rollouts to learn them from.
-    """
-    n, s, _, c = apart.shape
-    known, new = apart[:, ::2], apart[:, 1::2]
-    known = scatter_of(known - known.mean(axis=1, keepdims=True))
-    flat = new.reshape(n, new.shape[1], -1)
-    taken = np.linalg.solve(_inner(known), np.einsum("nsd,nvd->nsv", known, flat))
-    left = flat - np.einsum("nsd,nsv->nvd", known, taken)
-    return np.asarray((left.reshape(-1, c) ** 2).mean(axis=0) * ((s - 1) / s))

@@ -1,8 +1,11 @@
-"""What a check says of the recordings."""
+"""What a check says of the recordings, and the words that it says it in."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+
+from s2r_spec.trace import SHOWN
 
 
 @dataclass(frozen=True)
@@ -10,7 +13,7 @@ class Finding:
     """One mistake that the recordings seem to have.
 
     Attributes:
-        code: of the check, and of the mistake ("late", "exchanged").
+        code: of the mistake ("late", "exchanged").
         channel: that it is in ("x and y"); "the tests" or "the clock" where it is in no channel.
         text: the sentence.
         imitates: what would do the same as an effect, in a few words ("a wrong clock"); "" where the mistake is no
@@ -27,3 +30,16 @@ class Finding:
     def to_json(self) -> dict[str, str]:
         """Return code, channel and text."""
         return {"code": self.code, "channel": self.channel, "text": self.text}
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return "x, y and heading"."""
+    if len(names) > SHOWN:
+        return f"{', '.join(names[:SHOWN])} and {len(names) - SHOWN} more"
+    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
+
+
+def called(number: int, test: Mapping[str, float]) -> str:
+    """Return which real rollout it is, in words."""
+    values = ", ".join(f"{name} = {value:.4g}" for name, value in test.items())
+    return f"real rollout {number}" + (f" ({values})" if values else "")

@@ -1,12 +1,12 @@
-"""Recordings that stand under another test than they were run at: undone by comparing with the simulator there.
+"""Recordings that stand under another test than they were run at: the simulator's mean moves to that test.
 
-Each comparison has the nominal rollouts at its tests. At the tests of the row before and after, at those with one
-parameter's other sign, and with two parameters of one unit exchanged, the simulator is run a few times more.
+The simulator is run at the tests of the row before and after, at those with one parameter's other sign, and with two
+parameters of one unit exchanged.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from itertools import combinations
@@ -14,10 +14,10 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.quality.comparison import Comparison, scatter_of
+from s2r_spec.diagnose.quality.comparison import SEEDS, Comparison, affordable
+from s2r_spec.diagnose.quality.faults import Fault, Group, Undone, search
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.quality.recordings import Rollout
-from s2r_spec.diagnose.quality.suspects import Suspect
 from s2r_spec.diagnose.simulate import Bench, Test
 from s2r_spec.space import key_of
 
@@ -27,21 +27,13 @@ Which = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class _Other:
-    """Other tests of the same recordings.
-
-    Attributes:
-        tests: one a recording.
-        text: what is said of them; {count} are of these, and {first} is the word on the first sample.
-        imitates: see :class:`Finding`.
-        known: (n,) whether there is such a test; the row after the last one is in no table.
-        parts: which of the recordings, (n,) each, may be of these tests.
-    """
+    """Other tests of the n recordings, one each, and what is said of some of them; {count} of them, from {first} on."""
 
     tests: Sequence[Test]
     text: str
     imitates: str
     known: Which
-    parts: Sequence[Which]
+    """(n,) whether there is such a test; the row after the last one is in no table."""
 
 
 def labels(
@@ -50,60 +42,64 @@ def labels(
     rollouts: Sequence[Rollout],
     executor: Callable[[], Executor] | None = None,
     progress: Callable[[int, int], None] | None = None,
-) -> list[Suspect]:
+) -> list[Fault]:
     """Run the simulator at other tests, and return what explains most of each kind of wrong label."""
     others = [one for one in _others(bench, c, rollouts) if _able(bench, one.tests)]
     tests = {key_of(test): test for one in others for test in one.tests}
+    found = list(_assigned(c))
     if not tests:
-        return _assigned(c)
-    seeds = c.affordable(len(tests))
-    runs = c.simulated(bench, {}, list(tests.values()), seeds, executor, progress)
-    of_test, found = dict(zip(tests, runs, strict=True)), []
+        return found
+    seeds = affordable(bench, len(tests), SEEDS // 6, SEEDS)
+    runs = c.view.simulate(bench, [({}, k) for k in range(seeds)], list(tests.values()), executor, progress)
+    means = dict(zip(tests, runs.mean(axis=0), strict=True))
     for one in others:
-        there = np.stack([of_test[key_of(test)] for test in one.tests])
-        if not np.isfinite(there).all():
-            continue
-        mean = there.mean(axis=1)
-        scatter = scatter_of((there - mean[:, None]) / c.floor)
-        options = [_of_part(c, one, part, mean, scatter) for part in one.parts]
-        found.append(min(options, key=lambda option: option[0])[1])
-    return [*found, *_assigned(c)]
+        moved = c.nominal - np.array([means[key_of(test)] for test in one.tests])
+        if np.isfinite(moved).all():
+            found += _moved(c, one, moved)
+    return found
 
 
-def _others(bench: Bench, c: Comparison, rollouts: Sequence[Rollout]) -> list[_Other]:
+def _moved(c: Comparison, one: _Other, moved: FloatArray) -> Iterable[Fault]:
+    """Return the mistake that those recordings are of other tests that leave least so, with means (n, T, c) less."""
+    there = one.known.astype(float)[:, None, None]
+    names = [str(k) for k in np.flatnonzero(one.known)]
+    each = [moved / c.floor * (np.arange(len(moved)) == int(name))[:, None, None] for name in names]
+    for undone in search(c, names, [1.0], (np.array([c.rest(c.recorded), *each]), there)):
+        which = np.isin(np.arange(len(moved)).astype(str), list(undone.group))
+        text = one.text.format(count=len(undone.group), first=_first(c, which))
+        yield Finding("labels", "the tests", text, one.imitates), undone
+
+
+def _others(bench: Bench, c: Comparison, rollouts: Sequence[Rollout]) -> Iterable[_Other]:
     """Return the tests that the recordings may have been run at."""
     rows, n = [test for test, _ in rollouts], len(c.traces)
     places = [next(k for k, (_, trace) in enumerate(rollouts) if trace is mine) for mine in c.traces]
-    every = np.ones(n, dtype=bool)
-    # From some row on, or up to some row, or all of them.
-    parts = [np.arange(n) >= k for k in range(n)] + [np.arange(n) <= k for k in range(n - 1)]
-    found = []
     for step, words, end in ((1, "the next one", len(rows) - 1), (-1, "the one before", 0)):
         text = (
             f"{{count}} of {n} compared recordings fit the test of {words} better than their own{{first}}. Is a line "
             f"of the table of tests doubled or missing?"
         )
-        tests = [rows[place if place == end else place + step] for place in places]
+        tests: list[Test] = [rows[place if place == end else place + step] for place in places]
         known = np.array([place != end for place in places])
-        found.append(_Other(tests, text, "a shifted table of tests", known, parts))
+        yield _Other(tests, text, "a shifted table of tests", known)
+    every = np.ones(n, dtype=bool)
     for name in bench.spec.space.names:
         text = (
             f"the real rollouts fit tests with the opposite sign of {name} better than their own{{first}}. Has {name} "
             f"the same sign convention in the table of tests?"
         )
-        tests = [{**test, name: -test[name] or 0.0} for test in c.tests]
         if any(test[name] for test in c.tests):
-            found.append(_Other(tests, text, f"the opposite sign of {name}", every, [every]))
+            tests = [{**test, name: -test[name] or 0.0} for test in c.tests]
+            yield _Other(tests, text, f"the opposite sign of {name}", every)
     units = bench.spec.space.units
     for a, b in combinations(sorted(bench.spec.space.names), 2):
         text = (
             f"the real rollouts fit tests with {a} and {b} exchanged better than their own{{first}}. If they are "
             f"exchanged, correct the table of tests"
         )
-        tests = [{**test, a: test[b], b: test[a]} for test in c.tests]
         if units.get(a) == units.get(b):
-            found.append(_Other(tests, text, f"{a} and {b} exchanged", every, [every]))
-    return found
+            tests = [{**test, a: test[b], b: test[a]} for test in c.tests]
+            yield _Other(tests, text, f"{a} and {b} exchanged", every)
 
 
 def _able(bench: Bench, tests: Sequence[Mapping[str, float]]) -> bool:
@@ -116,40 +112,20 @@ def _able(bench: Bench, tests: Sequence[Mapping[str, float]]) -> bool:
     )
 
 
-def _of_part(
-    c: Comparison, one: _Other, part: Which, mean: FloatArray, scatter: FloatArray
-) -> tuple[float, Suspect]:
-    """Return by how much ℓ is larger where a part of the recordings is of other tests, and the suspect of that."""
-    there = c.elsewhere(mean, scatter, part)
-    counts = (one.known | ~part).astype(float)[:, None, None]
-    gain = there.misfit(c.recorded, there=counts) - c.misfit(c.recorded, there=counts) + there.volume
-    text = one.text.format(count=int((part & one.known).sum()), first=_first(c, part))
-    return gain, _suspect(c, there, text, one.imitates, counts)
-
-
-def _assigned(c: Comparison) -> list[Suspect]:
+def _assigned(c: Comparison) -> Iterable[Fault]:
     """Return the assignment of recordings to the tests that were compared, if it is not the identity."""
     from scipy.optimize import linear_sum_assignment
 
     apart = (c.recorded[:, None] - c.nominal[None]) / c.floor
     _, order = linear_sum_assignment((apart**2).mean(axis=(2, 3)))
     moved = order != np.arange(len(order))
-    if not moved.any():
-        return []
-    text = (
-        f"{int(moved.sum())} of {len(order)} compared recordings fit the test of another recording better than their "
-        f"own{_first(c, moved)}. Are lines of the table of tests exchanged?"
-    )
-    there = c.elsewhere(c.nominal[order], c.scatter[order], moved)
-    return [_suspect(c, there, text, "an exchange of tests")]
-
-
-def _suspect(
-    c: Comparison, there: Comparison, text: str, imitates: str, counts: FloatArray | float = 1.0
-) -> Suspect:
-    """Return the suspect that the recordings are of the tests of another comparison."""
-    said = Finding("labels", "the tests", text, imitates)
-    return Suspect(said, c.recorded, there, counts, there.volume - c.volume)
+    if moved.any():
+        text = (
+            f"{int(moved.sum())} of {len(order)} compared recordings fit the test of another recording better than "
+            f"their own{_first(c, moved)}. Are lines of the table of tests exchanged?"
+        )
+        said = Finding("labels", "the tests", text, "an exchange of tests")
+        yield said, Undone(1.0, Group(), c.recorded - c.nominal[order] + c.nominal)
 
 
 def _first(c: Comparison, which: Which) -> str:

@@ -1,0 +1,71 @@
+"""Which machine of the catalogue the recordings could be of: a fit of a few effects, simulated exactly.
+
+Model: r = J θ + ε, with θ ~ N(0, 1) in the sizes that were simulated, and ε ~ N(0, C). Estimator: the posterior mean of
+the few effects that explain most, simulated, and the same again of what is left (Gauss–Newton, nominal derivatives).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.diagnose.axes import Values
+from s2r_spec.diagnose.quality.comparison import SEEDS, Comparison, affordable
+from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.diagnose.simulator.library import CAUSES
+
+FloatArray = NDArray[np.float64]
+
+
+def nearest(
+    bench: Bench, c: Comparison, values: FloatArray, executor: Callable[[], Executor] | None = None
+) -> Comparison:
+    """Return the comparison with the machine that explains recordings best in the nominal one's place.
+
+    The nominal one itself where no machine does better. A machine far from nominal has a scatter of its own.
+    """
+    _, cj, gram = c.whitening
+    effects = np.array([line.effect for line, _ in c.sizes])
+    best, nominal, theta, chosen = c.misfit(values), c.nominal, np.zeros(len(gram)), np.zeros(0, dtype=int)
+    found: Values = {}
+    for _ in range(CAUSES if c.sizes else 0):
+        toward = cj @ ((values - nominal) / c.floor).ravel()
+        if not len(chosen):
+            explained = toward * np.linalg.solve(np.eye(len(gram)) + gram, toward)
+            most = sorted(set(effects.tolist()), key=lambda name: -float(explained[effects == name].sum()))
+            chosen = np.flatnonzero(np.isin(effects, most[:CAUSES]))
+        inner = np.eye(len(chosen)) + gram[np.ix_(chosen, chosen)]
+        theta[chosen] += np.linalg.solve(inner, toward[chosen])
+        machine = _machine(c, theta)
+        runs = c.view.simulate(bench, _seeds(machine, SEEDS // 6), c.tests, executor)
+        left = replace(c, nominal=runs.mean(axis=0)).misfit(values) if np.isfinite(runs).all() else np.inf
+        if left >= best:
+            break
+        best, nominal, found = left, runs.mean(axis=0), machine
+    if not found:
+        return c
+    seeds = affordable(bench, len(c.tests), SEEDS // 6, SEEDS)
+    runs = c.view.simulate(bench, _seeds(found, seeds), c.tests, executor)
+    return c.beside(runs) if np.isfinite(runs).all() else c
+
+
+def _seeds(machine: Values, count: int) -> list[tuple[Values, int]]:
+    return [(machine, seed) for seed in range(count)]
+
+
+def _machine(c: Comparison, theta: FloatArray) -> Values:
+    """Return the machine of (k,) sizes; what lies on both sides of nominal is summed."""
+    places = dict[str, float]()
+    for (line, value), size in zip(c.sizes, theta.tolist(), strict=True):
+        places[line.name] = places.get(line.name, 0.0) + size * line.coordinate(value)
+    moved = {line.name: line for line, _ in c.sizes if places[line.name]}.values()
+    out: dict[str, dict[str, float]] = {}
+    for line in moved:
+        out.setdefault(line.effect, {}).update(line.base)
+    for line in moved:
+        out[line.effect][line.parameter] = line.value(places[line.name])
+    return out
