@@ -8,6 +8,7 @@ from dataclasses import replace
 from importlib import import_module
 from multiprocessing import get_context
 
+import jsonschema
 import pytest
 
 from s2r_spec import errors
@@ -182,8 +183,10 @@ def test_one_child_after_another_thing():
         assert pool.submit(print, "again, and not between the answers").result() is None
         with pytest.raises(BackendError, match=naming("ModuleNotFoundError", "'a_package_that_nobody_has'")):
             pool.submit(print, Lost()).result()
-        with pytest.raises(BackendError, match=naming("UnknownBackendError", "'tay'", "toy")):
+        with pytest.raises(errors.UnknownBackendError, match=naming("'tay'", "toy")):
             pool.submit(load_backend, "tay").result()
+        with pytest.raises(BackendError, match=naming("ValidationError", "'string'")):
+            pool.submit(jsonschema.validate, 1, {"type": "string"}).result()  # its error cannot be unpickled
         with pytest.raises(worker_process.WorkerDiedError):
             pool.submit(os._exit, 1).result()
         assert pool.submit(abs, -1).result() == 1
