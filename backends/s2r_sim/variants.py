@@ -22,8 +22,8 @@ INSTRUMENTS = {
     "foot_force": 1.0,
     "torque": 0.05,
 }
-"""Prior: noise of a laboratory's instruments, in the units of :class:`Noise`. Data sheets give motion capture a few
-tenths of a millimetre, force plates about 1 N, and current sensors a tenth of a percent of their range. Twice as much
+"""Prior: noise of a laboratory's instruments, in the units of :class:`Noise`. A judgement, of the order of data sheets:
+a few tenths of a millimetre for motion capture, 1 N for force plates, 0.15 % of the largest torque. Twice as much
 lets such noise explain twice as large a difference of a mean square."""
 
 

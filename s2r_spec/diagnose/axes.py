@@ -73,6 +73,11 @@ class Line:
         turn = TURN.get(self.unit, math.nan)
         return abs(self.high - self.low - turn) < 1e-3 * turn
 
+    @property
+    def is_phase(self) -> bool:
+        """Whether it is an angle that may be any and only says how the effect acts, as the phase of a ripple does."""
+        return self.is_turn and bool(self.base)
+
     def at_typical(self) -> float:
         """Return the value that is typically high, on the upper side if there is one."""
         return self.value(1.0 if self.high > self.nominal else -1.0)

@@ -49,7 +49,7 @@ def size_prior(library: ResponseLibrary) -> SizePrior:
     lines = library.parameters
     low = np.array([min(line.coordinate(line.low), line.coordinate(line.high)) for line in lines])
     high = np.array([max(line.coordinate(line.low), line.coordinate(line.high)) for line in lines])
-    turns = np.array([bool(line.is_turn and line.base) for line in lines])
+    turns = np.array([line.is_phase for line in lines])
     low, high = np.where(turns, -np.inf, low), np.where(turns, np.inf, high)
     return SizePrior.of([line.effect for line in lines], low, high, library.dependence.base >= 0)
 

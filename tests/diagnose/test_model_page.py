@@ -46,9 +46,7 @@ def test_the_page_has_the_counts_of_the_plants():
 
 def test_the_pages_have_the_priors_of_the_code():
     pages = ROOT / "docs" / "explanation"
-    rows = re.findall(
-        r"\| ([\d.]+)[^|]*\| `(\w+)\.(\w+)` \|", (pages / "diagnosis-model.md").read_text()
-    )
+    rows = re.findall(r"\| ([\d.]+)[^|]*\| `(\w+)\.(\w+)` \|", (pages / "diagnosis-model.md").read_text())
     assert len(rows) == 7
     for value, module, name in rows:
         code = importlib.import_module(f"s2r_spec.diagnose.inference.{module}")

@@ -9,7 +9,7 @@ import pytest
 from s2r_sim import SimBackend
 from s2r_sim.effects import CATALOGUE, with_effects
 from s2r_sim.plant.noise import Noise
-from s2r_sim.plant.physics import Physics
+from s2r_sim.plant.physics import USUAL_LOAD, Physics
 from s2r_sim.robot.figures import A1
 from s2r_sim.settings import Settings
 from s2r_spec.backend import HasEffects
@@ -169,6 +169,11 @@ def test_a_wrong_torque_constant_does_not_show_in_the_reported_torque():
     wrong = QUIET.with_effects({"torque_constant": {"factor": 0.8}}).rollout({"vd": 0.3}, 0)
     np.testing.assert_allclose(wrong["q"], weak["q"], atol=1e-9)
     np.testing.assert_allclose(0.8 * wrong["tau"], weak["tau"], atol=1e-9)
+
+
+def test_the_usual_load_is_that_of_an_unhurried_trot():
+    trace = unchanged(0.0)
+    assert (trace["tau"][steady(trace)] ** 2).sum(axis=1).mean() == pytest.approx(USUAL_LOAD, rel=0.1)
 
 
 def test_strength_decays_from_the_command_on():

@@ -335,7 +335,7 @@ def _machine(parameters: Sequence[Line], variants: Sequence[str], number: int) -
         random = stream(line.name)
         low, high = sorted((line.coordinate(line.low), line.coordinate(line.high)))
         # A dependent parameter may have any value: where a load lies is no sign of its mass.
-        if line.base and line.is_turn:
+        if line.is_phase:
             theta[k] = random.uniform(low, high)
         else:
             theta[k] = np.clip((1.0 if line.base else BACKGROUND) * random.normal(), low, high)
@@ -378,7 +378,7 @@ def _practice_job(experiment: Experiment, parameters: Sequence[Line], machine: _
 
 def _points(line: Line) -> list[float]:
     """Return the coordinates of a response, rising, without 0; of an angle that may be any, the quarters of a turn."""
-    if line.is_turn and line.base:
+    if line.is_phase:
         return [-0.5, 0.5, 1.0]
     ends = [line.coordinate(line.low), line.coordinate(line.high)]
     found = set()
@@ -422,7 +422,7 @@ def _response(
                 if len(moved) > 1:
                     scatter.append(_scatter(moved, observables.groups) / at**2)
         order = sorted(points)
-        kind = Turn if line.is_turn and line.base else Curve
+        kind = Turn if line.is_phase else Curve
         curves.append(kind(np.array(order), np.array([points[c] for c in order])))
         spread[k] = np.mean(scatter, axis=0) if scatter else 0.0
     names = list(backend.variants()) if isinstance(backend, HasVariants) else []
