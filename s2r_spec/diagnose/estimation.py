@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from s2r_spec.backend import Backend
 from s2r_spec.diagnose.axes import Values
 from s2r_spec.diagnose.inference.gauss_newton import CLOSE, Errors, Fit, Observation, Problem, fit, search
-from s2r_spec.diagnose.inference.hierarchical import Likelihood
+from s2r_spec.diagnose.inference.hierarchical import LAW_SHARE, Likelihood
 from s2r_spec.diagnose.inference.model_search import ModelPosterior, combined, posterior
 from s2r_spec.diagnose.inference.prior import SizePrior
 from s2r_spec.diagnose.simulator.experiments import Experiment
@@ -24,7 +24,8 @@ from s2r_spec.trace import Trace
 FloatArray = NDArray[np.float64]
 
 CORRECTIONS = 3
-"""Budget: times that the simulator runs at the posterior mean. Twice as many take up to twice the runs."""
+"""Budget: times that the simulator runs at the posterior mean, and then at that of each mode. Twice as many take up to
+twice the runs."""
 SETTLED = 0.02
 """Tolerance: the simulator does not run again where the estimate moved less, in typical sizes. Twice as much saves a
 run of every experiment in some machines."""
@@ -99,16 +100,22 @@ def estimate(
         first = posterior(joint.likelihood, joint.theta, prior)
         if np.abs(first.probability @ first.mean - before)[prior.causes].max(initial=0.0) < SETTLED:
             break
+    problem = with_likely_law(problem, joint.theta, moments(first)[1])
+    joint = fit(problem, joint.theta, errors=Errors.at(problem, joint.theta, moments(first)[1]))
+    first = posterior(joint.likelihood, joint.theta, prior)
     starts = [Mode(problem, first.mean[0], first.sets[0])]
     starts += [Mode(problem, *one) for one in rivals(joint.likelihood, first)]
     modes = fitted(library, starts, problem.errors(joint.theta, moments(first)[1]))
     modes = fitted(library, starts, _expected(modes))
-    if corrections:
+    for _ in range(corrections):
         different = {mode.posterior.sets[0]: mode for mode in reversed(modes)}
         best = [mode for mode in modes if different[mode.posterior.sets[0]] is mode][:SIMULATED]
-        best = [replace(mode, problem=simulator.corrected(problem, mode.fit.theta)) for mode in best]
-        exact = [Mode(mode.problem, mode.fit.theta, mode.posterior.sets[0]) for mode in best]
-        modes = fitted(library, exact, _expected(best))
+        exact = [replace(mode, problem=simulator.corrected(mode.problem, mode.fit.theta)) for mode in best]
+        again = [Mode(mode.problem, mode.fit.theta, mode.posterior.sets[0]) for mode in exact]
+        modes = fitted(library, again, _expected(exact))
+        moved = [np.abs(mode.fit.theta - mode.problem.ran)[prior.causes] for mode in modes]
+        if np.max(moved, initial=0.0) < SETTLED:
+            break
     return replace(modes[0], posterior=combined([mode.posterior for mode in modes]))
 
 
@@ -178,6 +185,18 @@ def _joint(library: ResponseLibrary, problem: Problem) -> Fit:
     return found[int(np.argmax(evidence))]
 
 
+def with_likely_law(problem: Problem, theta: FloatArray, deviation: FloatArray) -> Problem:
+    """Return the problem with ρ² at its posterior mean, by the evidence around θ ± (K,) deviations."""
+    laws, evidence = (0.5 * LAW_SHARE, LAW_SHARE), []
+    for law in laws:
+        own = problem.with_law(law)
+        found = fit(own, theta, errors=Errors.at(own, theta, deviation))
+        sets = posterior(found.likelihood, found.theta, problem.prior)
+        evidence.append(sets.log_evidence - np.log(sets.probability[0]))
+    weight = np.exp(np.array(evidence) - max(evidence))
+    return problem.with_law(float(np.sqrt(weight @ np.square(laws) / weight.sum())))
+
+
 def moments(found: ModelPosterior) -> tuple[FloatArray, FloatArray]:
     """Return (K,) mean and (K,) standard deviation of every size, over all sets."""
     mean = found.probability @ found.mean
@@ -213,7 +232,7 @@ def fitted(
     """
     found = []
     for mode in modes:
-        prior, own = mode.problem.prior, Errors(variances, np.abs(mode.theta))
+        prior, own = mode.problem.prior, Errors(variances, np.abs(mode.theta), mode.problem.law)
         last = fit(mode.problem, mode.theta, prior.deviation(mode.active), own)
         sets = posterior(last.likelihood, last.theta, prior)
         found.append(Estimate(library, last, sets, mode.problem))

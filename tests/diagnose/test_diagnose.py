@@ -186,7 +186,8 @@ def test_protocols_tell_apart_what_the_test_does_not(find):
         assert without.how_far.tuned_share[0] > 0.9
     passive = find(of, 24, Toy(), TOY, passive=True)
     assert (passive.verdict, passive.passive) == (Verdict.CONFOUNDED, True)
-    assert set(passive.which.hidden) == {"a", "b", "c", "d"}
+    status = {one.effect: one.status for one in passive.which.effects}
+    assert status == {"a": Status.POSSIBLE, "b": Status.POSSIBLE, "c": Status.HIDDEN, "d": Status.HIDDEN}
 
 
 def test_a_budget_below_the_screen_and_a_wrong_protocol_get_one_sentence(find):

@@ -24,7 +24,7 @@ Source: Atkinson, Donev & Tobias, *Optimum Experimental Designs* (2007), ch. 20.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -218,7 +218,7 @@ def information(
     response: Response, dependence: Dependence, fit: Fit, sizes: FloatArray, runs: int
 ) -> FloatArray:
     """Return (K, K) the information about ψ of the mean of so many runs, with slopes from nominal to (K,) sizes."""
-    one = Observation.of(response, [response.nominal] * runs, dependence)
+    one = replace(Observation.of(response, [response.nominal] * runs, dependence), law=fit.errors.law)
     if not one.parts:
         return np.zeros((sizes.size, sizes.size))
     slopes = [
@@ -238,7 +238,7 @@ def information(
     before, at = Variances.prior(len(one.parts)), fit.errors.sizes
     found = without_variants(likelihood(groups, at, before), sizes.size)
     kinds = len(one.parts) * [response.experiment.protocol]
-    form = form_error(at, information_by_group(groups, at, before), kinds, found.information)
+    form = form_error(one.law * at, information_by_group(groups, at, before), kinds, found.information)
     return with_form_error(found, form).information
 
 

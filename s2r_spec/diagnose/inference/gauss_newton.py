@@ -187,9 +187,9 @@ class Observation:
         Its parts are the law, the sum of responses, the interpolation, and the scatter from run to run. Where the
         simulator ran, the sum and the interpolation have no error.
         """
-        curve, ran = self.curves[parameter], float(self.ran[parameter])
-        bend = curve.bend(size) - curve.bend(ran)
-        beyond = [(curve.at(each) - curve.at(ran)) ** 2 for each in {size - deviation, size + deviation}]
+        curve, (moved, bent) = self.curves[parameter], self._where_ran[parameter]
+        bend = curve.bend(size) - bent
+        beyond = [(curve.at(each) - moved) ** 2 for each in {size - deviation, size + deviation}]
         law = self.law**2 * curve.at(size) ** 2
         return np.asarray(
             law + self.form**2 * np.mean(beyond, axis=0) + bend**2 + size**2 * self.spread[parameter]
@@ -249,6 +249,11 @@ class Observation:
         return replace(self, coherent=coherent, effective=size, form=np.repeat(other, self._layout[1]))
 
     @cached_property
+    def _where_ran(self) -> list[tuple[FloatArray, FloatArray]]:
+        """Response (n,) to each parameter where the simulator ran, and its bend."""
+        return [(c.at(x), c.bend(x)) for c, x in zip(self.curves, self.ran.tolist(), strict=True)]
+
+    @cached_property
     def _background(self) -> FloatArray:
         """(n,) variance of the responses to small amounts of every effect."""
         each = [
@@ -294,6 +299,20 @@ class Problem:
         pairs = zip(self.observations, corrections, strict=True)
         return replace(self, observations=tuple(one.corrected(new, theta) for one, new in pairs))
 
+    def with_law(self, law: float) -> Problem:
+        """Return the problem with another ρ."""
+        return replace(self, observations=tuple(replace(one, law=law) for one in self.observations))
+
+    @property
+    def law(self) -> float:
+        """The ρ of all experiments."""
+        return self.observations[0].law
+
+    @property
+    def ran(self) -> FloatArray:
+        """(K,) coordinates at which the simulator ran."""
+        return self.observations[0].ran
+
     def errors(self, theta: FloatArray, deviation: FloatArray | None = None) -> list[FloatArray]:
         """Return (n_p,) the variances of all responses at θ ± (K,) deviations, for every experiment."""
         return [one.errors(theta, deviation) for one in self.observations]
@@ -308,15 +327,17 @@ class Errors:
     Attributes:
         variances: (n_p,) of the responses in u, for every experiment. Fits whose evidence is compared have the same.
         sizes: (K,) at which the law errors are.
+        law: ρ.
     """
 
     variances: Sequence[FloatArray]
     sizes: FloatArray
+    law: float
 
     @classmethod
     def at(cls, problem: Problem, theta: FloatArray, deviation: FloatArray | None = None) -> Errors:
         """Return the errors at (K,) sizes ± deviations."""
-        return cls(problem.errors(theta, deviation), np.abs(theta))
+        return cls(problem.errors(theta, deviation), np.abs(theta), problem.law)
 
 
 @dataclass(frozen=True)
@@ -348,13 +369,14 @@ class Fit:
     def form(self) -> FloatArray:
         """(K, K) Q, the covariance of the score by errors of form."""
         by_group = information_by_group(self.groups, self.errors.sizes, self.variances)
-        return form_error(self.errors.sizes, by_group, self.kinds, self.groupwise.information)
+        errors = self.errors.law * self.errors.sizes
+        return form_error(errors, by_group, self.kinds, self.groupwise.information)
 
     @cached_property
     def shared(self) -> FloatArray:
         """(K,) variance of the error of size that all groups share."""
         sizes = self.errors.sizes
-        return shared_error(sizes, disagreement(self.groups, sizes, self.variances))
+        return shared_error(sizes, disagreement(self.groups, sizes, self.variances), self.errors.law)
 
 
 def fit(
@@ -377,7 +399,7 @@ def fit(
     theta = search(problem) if start is None else np.clip(start, prior.low, prior.high)
     if errors is None:
         wide = np.maximum(np.abs(theta), deviation)
-        errors = Errors(problem.errors(theta), wide)
+        errors = Errors(problem.errors(theta), wide, problem.law)
     found = Variances.prior(sum(len(one.parts) for one in observations))
     groups = _grouped(problem, theta, errors)
     for step in range(STEPS):

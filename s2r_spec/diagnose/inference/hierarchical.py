@@ -8,7 +8,7 @@ variants. Model:
     b_g ~ N(0, τ_g² I_K + ρ_g² diag(θ²))          law error: the machine's laws are not the simulator's, so that
     c_g ~ N(0, 4 τ_g² I_V)                        each group sees the size of an effect with an error of its own
     ε_g ~ N(0, s_g² diag(u_g²) n_g/N_g)           scatter and form error, of N_g independent numbers
-    φ ~ N(0, I_V),   τ_g² ~ Inv-χ²(ν, τ0²),   s_g² ~ Inv-χ²(ν, 1)
+    φ ~ N(0, I_V),   τ_g² ~ Inv-χ²(ν, τ0²),   s_g² ~ Inv-χ²(ν, 1),   ρ: ρ0 or ρ0/2, equally probable
 
 u_g (n_g,) is the known shape of the error (:mod:`.gauss_newton`). ρ_g is the relative error of a sum of responses, and
 N_g the effective number of independent errors (:mod:`.additivity`). Errors of a law stay in the groups that the law
@@ -27,6 +27,9 @@ are common to all groups, so that they do not average out:
             Q = Σ_c C_c ∘ O_c diag(ρ² θ²) O_c,   O_c,jk = Σ_{g in c} (J_g,jj J_g,kk)^½,   C_c: correlations of Σ J_g
     size    an effect's size in the laws of another author is not defined any better: the covariance grows by
             σ_c² + ρ² θ_k² + τ0² (λ_k − 1)
+
+ρ is one number of the machine: how far its author's laws are from the simulator's. Its square is at its posterior mean
+(:func:`..estimation.with_likely_law`).
 
 A law that differs by the part ρ changes the signal of effect k in group g by ρ θ_k J_g,kk^½, in units of the error.
 Along effect j this is a score of up to ρ θ_k (J_g,jj J_g,kk)^½. All groups of one kind of motion c share the shape, so
@@ -58,8 +61,10 @@ LAW_ERROR = 0.02
 follows every law count for more, and the few precise ones for less. Chosen among 0.01, 0.02, 0.05 by the errors on 20
 of the twins of `benchmarks/protocol_fit.py`, which are therefore validation."""
 LAW_SHARE = 0.1
-"""Prior: part ρ of an effect's size by which its law is wrong in all groups, and the scale of ρ_g and κ_g in each.
-Twice as much makes intervals of large effects up to twice as wide. No source yet: a judgement."""
+"""Prior: part ρ of an effect's size by which its law is wrong in all groups, or half as much, which is equally
+probable. It is also the scale of ρ_g and κ_g in each group. Twice as much makes intervals of large effects up to twice
+as wide. A quarter was tried, too: intervals then hold fewer than 85 % of the truths of two machines of
+`benchmarks/blind/development.py`, which are therefore validation."""
 DEGREES = 4.0
 """Prior: degrees of freedom ν of both variances of a group. With twice as many, a group that does not fit keeps more
 of its weight. Chosen like τ0, among 1 and 4."""
@@ -75,7 +80,10 @@ twice as wide."""
 TINY = 1e-9
 """Tolerance: information below this part of the largest counts as none. Twice as much changes nothing that shows."""
 ROUNDS = 20
-"""Budget: rounds of the fixed points of variances at an estimate. Twice as many take twice the time."""
+"""Budget: most rounds of the fixed points of variances at an estimate. They end before where nothing changes."""
+CONSTANT = 1e-3
+"""Tolerance: a fixed point ends where no variance changes by more than this part. Evidence is flat there, so twice as
+much changes it by less than 1e-4."""
 VARIANT = 2.0
 """Prior: error of a variant's amount in a group, in units of τ_g; a variant is known less well than an effect. No
 source: a judgement. Twice as much lets each group use the variants more freely."""
@@ -89,6 +97,7 @@ class Groups:
         gram: (G, D, D) M_gᵀ M_g / n_g, of columns in units of u_g.
         moment: (G, D) M_gᵀ r_g / n_g, with the residual r_g in units of u_g.
         energy: (G,) r_gᵀ r_g / n_g.
+        volume: (G,) mean of log u_g².
         size: (G,) N_g.
         coherent: (G,) ρ_g.
     """
@@ -96,6 +105,7 @@ class Groups:
     gram: FloatArray
     moment: FloatArray
     energy: FloatArray
+    volume: FloatArray
     size: FloatArray
     coherent: FloatArray
 
@@ -111,18 +121,19 @@ class Groups:
     ) -> Groups:
         """Reduce a residual (m,) and columns (D, m), with u (m,); ``parts`` are the places of each group."""
         r, columns = np.clip(residual / unit, -LARGEST, LARGEST), columns / unit
-        gram, moment, energy = [], [], []
+        gram, moment, energy, volume = [], [], [], []
         for part in parts:
             m = columns[:, part]
             gram.append(m @ m.T / len(part))
             moment.append(m @ r[part] / len(part))
             energy.append(float(r[part] @ r[part]) / len(part))
-        return cls(np.array(gram), np.array(moment), np.array(energy), size, coherent)
+            volume.append(2.0 * float(np.log(unit[part]).mean()))
+        return cls(np.array(gram), np.array(moment), np.array(energy), np.array(volume), size, coherent)
 
     @classmethod
     def joined(cls, groups: Sequence[Groups]) -> Groups:
         """Return the groups of several experiments as one."""
-        rows = [(g.gram, g.moment, g.energy, g.size, g.coherent) for g in groups if g.size.size]
+        rows = [(g.gram, g.moment, g.energy, g.volume, g.size, g.coherent) for g in groups if g.size.size]
         return cls(*(np.concatenate(each) for each in zip(*rows, strict=True)))
 
 
@@ -199,8 +210,15 @@ def variances(groups: Groups, theta: FloatArray, start: Variances, rounds: int =
         own = found.law[:, None] * amounts / prior  # the part of a law error that does not grow with the size
         energy = ((own * mean) ** 2 / amounts).sum(axis=1)
         law = (DEGREES * LAW_ERROR**2 + energy) / (DEGREES + (own * determined).sum(axis=1))
-        found = Variances(noise, law)
+        last, found = found, Variances(noise, law)
+        if _constant(last.noise, noise) and _constant(last.law, law):
+            break
     return found
+
+
+def _constant(before: FloatArray, after: FloatArray) -> bool:
+    """Return whether no variance changed by more than :data:`CONSTANT` of it."""
+    return bool((np.abs(after - before) <= CONSTANT * before).all())
 
 
 def disagreement(groups: Groups, theta: FloatArray, found: Variances) -> FloatArray:
@@ -212,7 +230,10 @@ def disagreement(groups: Groups, theta: FloatArray, found: Variances) -> FloatAr
         prior = shape * scale
         mean, covariance = _law_errors(groups, prior, found.noise)
         determined = 1.0 - np.einsum("gii->gi", covariance) / prior
+        last = scale
         scale = (DEGREES + (mean**2 / shape).sum(axis=0)) / (DEGREES + determined.sum(axis=0))
+        if _constant(last, scale):
+            break
     return np.maximum(scale[: theta.size], 1.0)
 
 
@@ -228,7 +249,7 @@ def likelihood(groups: Groups, theta: FloatArray, found: Variances) -> Likelihoo
     total = solved[..., :-1].sum(axis=0)
     # log N(r_g; 0, S_g + M_g T_g M_gᵀ), of N_g numbers; then the priors of both variances.
     explained = np.einsum("gi,gi->g", score, prior * solved[..., -1])
-    fitted = groups.size * np.log(found.noise) + np.linalg.slogdet(damping)[1]
+    fitted = groups.size * (groups.volume + np.log(found.noise)) + np.linalg.slogdet(damping)[1]
     fitted += groups.size * groups.energy / found.noise - explained
     value = -0.5 * float(fitted.sum())
     for variance, scale in ((found.noise, 1.0), (found.law, LAW_ERROR**2)):
@@ -236,9 +257,9 @@ def likelihood(groups: Groups, theta: FloatArray, found: Variances) -> Likelihoo
     return Likelihood((total + total.T) / 2.0, np.asarray(solved[..., -1].sum(axis=0)), value)
 
 
-def shared_error(theta: FloatArray, scale: FloatArray) -> FloatArray:
-    """Return (K,) the variance of the error of size that all groups share, with (K,) λ."""
-    return np.asarray(SHARED**2 + (LAW_SHARE * theta) ** 2 + LAW_ERROR**2 * (scale - 1.0))
+def shared_error(theta: FloatArray, scale: FloatArray, law: float) -> FloatArray:
+    """Return (K,) the variance of the error of size that all groups share, with (K,) λ and ρ."""
+    return np.asarray(SHARED**2 + (law * theta) ** 2 + LAW_ERROR**2 * (scale - 1.0))
 
 
 def information_by_group(groups: Groups, theta: FloatArray, found: Variances) -> FloatArray:
@@ -252,12 +273,12 @@ def information_by_group(groups: Groups, theta: FloatArray, found: Variances) ->
 
 
 def form_error(
-    theta: FloatArray, by_group: FloatArray, kinds: Sequence[str], information: FloatArray
+    errors: FloatArray, by_group: FloatArray, kinds: Sequence[str], information: FloatArray
 ) -> FloatArray:
     """Return (K, K) Q, the covariance of the score by errors of form.
 
     Args:
-        theta: (K,) sizes of the effects.
+        errors: (K,) ρ θ, by which the laws of the effects differ.
         by_group: (G, K, K) information of every group.
         kinds: of motion, of every group.
         information: (K, K) J; without the part that variants take, so it is at most the sum of ``by_group``.
@@ -269,7 +290,7 @@ def form_error(
         overlap = root[own].T @ root[own]
         inside = by_group[own].sum(axis=0)
         deviation = np.sqrt(np.maximum(np.diag(inside), TINY))
-        total += inside / np.outer(deviation, deviation) * ((overlap * (LAW_SHARE * theta) ** 2) @ overlap)
+        total += inside / np.outer(deviation, deviation) * ((overlap * errors**2) @ overlap)
     left = np.sqrt(np.maximum(np.diag(information), 0.0) / np.maximum((root**2).sum(axis=0), TINY))
     return np.asarray(total * np.outer(left, left) ** 2)
 

@@ -159,7 +159,7 @@ def formed(rng, truth, others):
     spread = variances(groups, truth, Variances.prior(60), 6)
     found = likelihood(groups, truth, spread)
     wide = with_form_error(
-        found, form_error(truth, information_by_group(groups, truth, spread), 60 * [""], found.information)
+        found, form_error(0.1 * truth, information_by_group(groups, truth, spread), 60 * [""], found.information)
     )
     error = np.linalg.solve(found.information, found.score)  # the fit is around the truth
     return error, *(np.sqrt(np.diag(np.linalg.inv(one.information))) for one in (wide, found))
@@ -186,7 +186,7 @@ def test_errors_of_form_do_not_choose_between_effects_of_the_same_response():
     information = np.array([[400.0, 400.0, 50.0], [400.0, 400.0, 50.0], [50.0, 50.0, 90.0]])
     found = Likelihood(information, information @ [0.01, 0.0, 0.02], -3.0)
     wide = [
-        with_form_error(found, form_error(np.array(theta), information[None], [""], information))
+        with_form_error(found, form_error(0.1 * np.array(theta), information[None], [""], information))
         for theta in ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
     ]
     assert wide[0].value == pytest.approx(wide[1].value, abs=1e-9)
