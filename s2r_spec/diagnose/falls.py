@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from s2r_spec.diagnose.axes import Line, Values
 from s2r_spec.diagnose.gap import SHOTS
-from s2r_spec.diagnose.simulate import Bench, Test, evenly, places_of, seeded, table
-from s2r_spec.rollouts.seeds import Stream
+from s2r_spec.diagnose.gap.nominal import Nominal
+from s2r_spec.diagnose.simulate import Bench, Test, evenly, places_of, table
 from s2r_spec.trace import Trace
 
 HALVINGS = 6
@@ -79,7 +79,7 @@ def falls(
     bench: Bench,
     lines: Sequence[Line],
     rollouts: Rollouts,
-    seed: int,
+    nominal: Nominal,
     executor: Callable[[], Executor] | None = None,
 ) -> Falls | None:
     """Ask every effect of the catalogue; None where no real rollout ended early, or all did.
@@ -91,7 +91,7 @@ def falls(
         bench: the simulator.
         lines: parameters of its effects.
         rollouts: (test, trace) of each real one.
-        seed: of the simulator's rollouts.
+        nominal: the simulator at their tests.
         executor: makes a pool; None runs all here.
     """
     early, stood = (
@@ -104,9 +104,9 @@ def falls(
     def ended(tried: Sequence[tuple[Line, float]], tests: Sequence[Test]) -> NDArray[np.int_]:
         """Return at how many of the tests the simulator ends early, with each of these alone."""
         machines = [line.at(line.value(x)) for line, x in tried]
-        return np.asarray(_ended(bench, machines, tests, seed, executor).sum(axis=1))
+        return np.asarray(_ended(bench, machines, nominal.first(tests), executor).sum(axis=1))
 
-    if _ended(bench, [{}], early, seed, executor).all():
+    if all(map(nominal.ends, early)):
         return Falls(True)
     # An end that is nominal is no effect.
     ends = [(line, line.coordinate(end)) for line in lines if not line.base for end in (line.low, line.high)]
@@ -124,13 +124,9 @@ def falls(
     return Falls(False, tuple(sorted(culprits, key=lambda each: abs(each.coordinate))), len(stood))
 
 
-def falls_alone(
-    bench: Bench, rollouts: Rollouts, seed: int, executor: Callable[[], Executor] | None = None
-) -> list[Test]:
+def falls_alone(rollouts: Rollouts, nominal: Nominal) -> list[Test]:
     """Return the tests at which the simulator, with nothing added, ends early, and no real rollout does."""
-    _, stood = _by_end(rollouts)
-    [ended] = _ended(bench, [{}], stood, seed, executor)
-    return [test for test, fell in zip(stood, ended, strict=True) if fell]
+    return [test for test in _by_end(rollouts)[1] if nominal.ends(test)]
 
 
 def _by_end(rollouts: Rollouts) -> tuple[list[Test], list[Test]]:
@@ -144,14 +140,13 @@ def _by_end(rollouts: Rollouts) -> tuple[list[Test], list[Test]]:
 def _ended(
     bench: Bench,
     machines: Sequence[Values],
-    tests: Sequence[Test],
-    seed: int,
+    runs: Sequence[tuple[Test, int]],
     executor: Callable[[], Executor] | None,
 ) -> NDArray[np.bool_]:
-    """Return (machines, tests) whether the simulator with these effects ends early."""
-    if not machines or not tests:
-        return np.zeros((len(machines), len(tests)), dtype=bool)
-    return np.asarray(table(bench, machines, seeded(tests, seed, Stream.CHECK), executor, _end)[0] > 0.0)
+    """Return (machines, runs) whether the simulator with these effects ends early."""
+    if not machines or not runs:
+        return np.zeros((len(machines), len(runs)), dtype=bool)
+    return np.asarray(table(bench, machines, runs, executor, _end)[0] > 0.0)
 
 
 def _end(bench: Bench, trace: Trace, test: Test) -> NDArray[np.float64]:

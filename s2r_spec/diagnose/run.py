@@ -36,6 +36,7 @@ from s2r_spec.diagnose.experiment_design.next_test import NextTest, next_test
 from s2r_spec.diagnose.falls import falls, falls_alone
 from s2r_spec.diagnose.gap.held_out import held_out_gap
 from s2r_spec.diagnose.gap.materiality import compared_at_all_tests
+from s2r_spec.diagnose.gap.nominal import Nominal
 from s2r_spec.diagnose.gap.where import Pairs, Where
 from s2r_spec.diagnose.gap.where import where as find_where
 from s2r_spec.diagnose.inference.estimates import (
@@ -278,8 +279,11 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
     tests, parts, lines = data.rollouts.tests, data.parts, data.responses.parameters
     used = [*parts.train.tests, *parts.held_out]
     odd = findings(bench, tests, lines, pool, work.progress("checking the recordings"))
+    nominal = Nominal.of(
+        bench, [test for test, _ in tests], seed, pool, work.progress("simulating all tests")
+    )
     tell("where the simulator falls", 0, 0)
-    why, alone = falls(bench, lines, tests, seed, pool), falls_alone(bench, tests, seed, pool)
+    why, alone = falls(bench, lines, tests, nominal, pool), falls_alone(tests, nominal)
     tell("estimating sizes", 0, 0)
     found = estimate(bench.backend, data.responses, data.train(bench), executor=pool)
     sizes = _sizes(work, found)
@@ -292,10 +296,8 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
         sizes,
         any_cause(found.posterior),
         separations(found, [one.effect for one in with_status(sizes, Status.POSSIBLE)], candidates),
-        held_out_gap(bench, parts.held_out, parts.train.tests, patch, tuned, seed, pool),
-        compared_at_all_tests(bench, tests, seed, pool, work.progress("simulating all tests"))
-        if tests
-        else None,
+        held_out_gap(bench, parts.held_out, parts.train.tests, patch, tuned, nominal, pool),
+        compared_at_all_tests(bench, tests, nominal) if tests else None,
         goodness=goodness_of_fit(found.problem, found.fit, columns=columns),
         left=remainders(bench, lines, used, tuned, seed, pool, work.progress("unexplained motion"), patch),
         findings=odd,

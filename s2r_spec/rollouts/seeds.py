@@ -15,7 +15,7 @@ class Stream(IntEnum):
     GAP_REAL = 2
     FORETELL = 3
     REMAINDER = 4
-    MATERIALITY = 5
+    NOMINAL = 5
 
 
 def rollout_seed(seed: int, query: int, replicate: int, stream: Stream = Stream.CHECK) -> int:

@@ -9,6 +9,7 @@ from s2r_cart import SPEC, Cart
 import s2r_spec as s2r
 from s2r_spec.diagnose.axes import lines
 from s2r_spec.diagnose.falls import falls, falls_alone
+from s2r_spec.diagnose.gap.nominal import Nominal
 from s2r_spec.diagnose.simulate import Bench
 
 TRIPS = 0.35
@@ -41,7 +42,8 @@ TESTS = [{"vd": 0.2 + 0.1 * n, "acc": 2.0} for n in range(9)]
 def asked(real, sim=None):
     bench = Bench.of(s2r.parse_spec(SPEC), s2r.parse_spec(SPEC).requirements[0], sim or Tripping())
     runs = [(test, real.rollout(test, 7 + n)) for n, test in enumerate(TESTS)]
-    return falls(bench, lines(Cart().effects()), runs, 0), [t.failure is not None for _, t in runs]
+    nominal = Nominal.of(bench, TESTS, 0)
+    return falls(bench, lines(Cart().effects()), runs, nominal), [t.failure is not None for _, t in runs]
 
 
 def test_what_ends_the_simulator_early_at_the_same_tests_and_not_at_others_is_told_with_its_size():
@@ -86,8 +88,8 @@ def test_a_simulator_that_ends_early_there_by_itself_is_no_gap():
 def test_a_fall_that_no_effect_makes_has_no_culprit():
     runs = [(test, Cart().rollout(test, n)) for n, test in enumerate(TESTS)]
     runs[0] = (runs[0][0], replace(runs[0][1], meta={"failure": "emergency stop"}))
-    spec = s2r.parse_spec(SPEC)
-    found = falls(Bench.of(spec, spec.requirements[0], Cart()), lines(Cart().effects()), runs, 0)
+    bench = Bench.of(s2r.parse_spec(SPEC), "tracking", Cart())
+    found = falls(bench, lines(Cart().effects()), runs, Nominal.of(bench, TESTS, 0))
     assert found.culprits == ()
 
 
@@ -96,8 +98,8 @@ def test_nothing_is_asked_where_nothing_fell_or_everything_did():
     assert not any(ended)
     assert found is None
     runs = [(test, replace(Cart().rollout(test, 1), meta={"failure": "fall"})) for test in TESTS]
-    spec = s2r.parse_spec(SPEC)
-    assert falls(Bench.of(spec, spec.requirements[0], Cart()), lines(Cart().effects()), runs, 0) is None
+    bench = Bench.of(s2r.parse_spec(SPEC), "tracking", Cart())
+    assert falls(bench, lines(Cart().effects()), runs, Nominal.of(bench, TESTS, 0)) is None
 
 
 def test_where_the_simulator_ends_early_by_itself_and_no_real_rollout_does_is_found():
@@ -106,8 +108,9 @@ def test_where_the_simulator_ends_early_by_itself_and_no_real_rollout_does_is_fo
     assert 0 < len(ended) < len(TESTS)
     bench = Bench.of(s2r.parse_spec(SPEC), "tracking", weak)
     strong = [(test, Cart().rollout(test, 7 + n)) for n, test in enumerate(TESTS)]
-    assert falls_alone(bench, strong, 0) == ended
-    assert falls_alone(bench, [(test, weak.rollout(test, 1)) for test in TESTS], 0) == []
+    nominal = Nominal.of(bench, TESTS, 0)
+    assert falls_alone(strong, nominal) == ended
+    assert falls_alone([(test, weak.rollout(test, 1)) for test in TESTS], nominal) == []
 
 
 @pytest.mark.slow

@@ -16,6 +16,7 @@ from s2r_spec.diagnose.gap.materiality import (
     smallest_tolerance,
     tail,
 )
+from s2r_spec.diagnose.gap.nominal import Nominal
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.errors import UsageError
 from s2r_turtlebot.effects import turtlebot
@@ -217,7 +218,7 @@ def diagnosed_turtlebot(machine, frozen=()):
         (test, replace(trace, meta={"failure": "lost"}) if n in frozen else trace)
         for n, (test, trace) in enumerate(rollouts)
     ]
-    return compared_at_all_tests(bench, rollouts, 0)
+    return compared_at_all_tests(bench, rollouts, Nominal.of(bench, tests, 0))
 
 
 def test_a_turtlebot_is_compared_at_all_of_its_tests():

@@ -29,8 +29,9 @@ from numpy.typing import NDArray
 from s2r_spec.diagnose.axes import Values, lines
 from s2r_spec.diagnose.gap import DRAWS, FEWEST, LEVEL, SHOTS
 from s2r_spec.diagnose.gap.materiality import mean_difference
+from s2r_spec.diagnose.gap.nominal import Nominal
 from s2r_spec.diagnose.inference.prior import BACKGROUND
-from s2r_spec.diagnose.simulate import Bench, Test, places_of, seeded, table
+from s2r_spec.diagnose.simulate import Bench, Test, places_of, table
 from s2r_spec.effects import catalogue_of
 from s2r_spec.rollouts.seeds import Stream
 from s2r_spec.space import key_of
@@ -207,7 +208,7 @@ def held_out_gap(
     seen: Runs,
     patch: Values,
     tuned: Values,
-    seed: int,
+    nominal: Nominal,
     executor: Callable[[], Executor] | None = None,
 ) -> HeldOutGap | None:
     """Measure the gap at the held-out tests before and after; None where none was held out.
@@ -218,31 +219,32 @@ def held_out_gap(
         seen: the real rollouts of tests from which the effects were estimated.
         patch: effect → parameter → value of the named effects; empty where nothing is named.
         tuned: the posterior mean of every effect.
-        seed: of the simulations.
-        executor: makes a pool for them; None runs them here.
+        nominal: the simulator at the tests of both.
+        executor: makes a pool for the simulations; None runs them here.
     """
     if not held:
         return None
     real, others = (np.array([bench.rho(trace, test) for test, trace in runs]) for runs in (held, seen))
     tests, at = _distinct([test for test, _ in held])
-    machines = [{}, tuned, *([patch] if patch else [])]
-    shots = table(bench, machines, seeded(tests, seed, Stream.GAP_SIM, SHOTS), executor)
-    rho, fell = shots.reshape(2, len(machines), len(tests), SHOTS)
+    machines = [tuned, *([patch] if patch else [])]
+    own = table(bench, machines, nominal.first(tests, SHOTS), executor)[0].reshape(-1, len(tests), SHOTS)
+    first = np.array([nominal.rho[key_of(test)][:SHOTS] for test in tests])
+    rho = np.concatenate([first[None], own])
+    fell = np.array([nominal.ended[key_of(test)][:SHOTS] for test in tests])
     # A fall counts for so much that neither scatter nor background could be seen beside it.
-    steady = ~fell[0].any(axis=1) | fell[0].any(axis=1).all()
+    steady = ~fell.any(axis=1) | fell.any(axis=1).all()
     # What a cause makes unsteady scatters more than the nominal simulator does.
     simulated = float(np.sqrt(np.maximum(*rho[[0, -1]].var(axis=2, ddof=1)))[steady].mean())
-    machines = [{}, *background_machines(bench, seed)]
-    random, ended = table(bench, machines, seeded(tests, seed, Stream.GAP_SIM), executor)
+    random, ended = table(bench, background_machines(bench, nominal.seed), nominal.first(tests), executor)
     early = {key_of(test) for test, trace in held if trace.failure is not None}
     # A fall of a random machine where the real one stands is no part of the real one's gap.
     ended = (ended > 0.0) & [key_of(test) not in early for test in tests]
-    change = np.ma.masked_array(np.abs(random - random[0]), ended | ended[0] | ~steady)[1:].mean(axis=1)
+    change = np.ma.masked_array(np.abs(random - first[:, 0]), ended | fell[:, 0] | ~steady).mean(axis=1)
     elsewhere = None
     if seen:
-        different, place = _distinct([test for test, _ in seen])
-        nominal = table(bench, [{}], seeded(different, seed, Stream.GAP_SIM, SHOTS), executor)[0]
-        elsewhere = gap(others - nominal.reshape(-1, SHOTS).mean(axis=1)[place], place)
+        _, place = _distinct([test for test, _ in seen])
+        means = [nominal.rho[key_of(test)].mean() for test, _ in seen]
+        elsewhere = gap(others - means, place)
     rows = zip((*held, *seen), (*real.tolist(), *others.tolist()), strict=True)
     return compared(
         real,

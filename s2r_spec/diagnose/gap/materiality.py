@@ -36,20 +36,19 @@ search found no log-concave density that exceeds it there by more than 4 %; only
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.gap import LEVEL, ROUNDING, SHOTS
-from s2r_spec.diagnose.simulate import Bench, Job, Test, places_of, rho_and_end, run_jobs, seeded
+from s2r_spec.diagnose.gap import LEVEL, ROUNDING
+from s2r_spec.diagnose.gap.nominal import Nominal
+from s2r_spec.diagnose.simulate import Bench, Test, places_of, rho_and_end
 from s2r_spec.errors import UsageError
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.constants import constant
-from s2r_spec.rollouts.seeds import Stream
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
@@ -214,35 +213,24 @@ class Materiality:
 
 
 def compared_at_all_tests(
-    bench: Bench,
-    rollouts: Sequence[tuple[Test, Trace]],
-    seed: int,
-    executor: Callable[[], Executor] | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    bench: Bench, rollouts: Sequence[tuple[Test, Trace]], nominal: Nominal
 ) -> Materiality:
     """Return whether the gap matters at any test of the real rollouts.
 
     Args:
         bench: the simulator without effects, and the spec.
         rollouts: (test, trace) of every real rollout, also of those that ended early.
-        seed: of the simulations.
-        executor: makes a pool for them; None runs them here.
-        progress: called with the numbers of done and of all tests.
+        nominal: the simulator at their tests.
 
     Raises:
         UsageError: a ρ is infinite or not a number.
-        BackendError: a simulation raised an error.
     """
     real = np.array([rho_and_end(bench, trace, test) for test, trace in rollouts])
-    places = places_of([test for test, _ in rollouts])
-    runs = seeded([dict(key) for key in places], seed, Stream.MATERIALITY, 2 * SHOTS)
-    jobs = [Job({}, runs[k : k + 2 * SHOTS]) for k in range(0, len(runs), 2 * SHOTS)]
-    rows = run_jobs(bench, jobs, executor, progress)
     tests = []
-    for (key, own), simulated in zip(places.items(), rows, strict=True):
-        whole = [side[side[:, 1] == 0.0, 0] for side in (real[own], simulated)]
-        failed = [int(side[:, 1].sum()) for side in (real[own], simulated)]
-        tests.append(RolloutsAtTest(dict(key), *whole, *failed))
+    for key, own in places_of([test for test, _ in rollouts]).items():
+        sides = [(real[own, 0], real[own, 1] > 0.0), (nominal.rho[key], nominal.ended[key])]
+        whole = [rho[~ended] for rho, ended in sides]
+        tests.append(RolloutsAtTest(dict(key), *whole, *(int(ended.sum()) for _, ended in sides)))
     formula = bench.spec.formulas[bench.requirement]
     return materiality(tests, bench.spec.unit(bench.requirement), smallest_tolerance(formula))
 

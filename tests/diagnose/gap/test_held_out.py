@@ -8,6 +8,7 @@ from s2r_cart import SPEC, Cart, real
 
 from s2r_spec import parse_spec
 from s2r_spec.diagnose.gap.held_out import background_machines, compared, gap, held_out_gap, scatter
+from s2r_spec.diagnose.gap.nominal import Nominal
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.rollouts.compatibility import check_compatibility
 
@@ -80,6 +81,10 @@ def bench():
     return Bench(Cart(), spec, "tracking", check_compatibility(spec, "tracking", Cart()))
 
 
+def nominal(bench, *parts):
+    return Nominal.of(bench, [test for part in parts for test, _ in part], 0)
+
+
 def runs(tests, effects, first):
     return [(test, real(test, first + k, effects)) for k, test in enumerate(tests)]
 
@@ -91,21 +96,23 @@ SEEN, HELD = CART_TESTS[:3] * 2, CART_TESTS[3:] * 2
 def test_the_right_patch_closes_the_gap_and_a_wrong_one_does_not(bench):
     held, seen = runs(HELD, {"tilt": -2.5}, 4000), runs(SEEN, {"tilt": -2.5}, 4050)
     tuned = {"tilt": {"force": -2.4}, "viscous": {"coefficient": 0.05}}
-    found = held_out_gap(bench, held, seen, {"tilt": {"force": -2.5}}, tuned, 0)
+    sim = nominal(bench, held, seen)
+    found = held_out_gap(bench, held, seen, {"tilt": {"force": -2.5}}, tuned, sim)
     assert found.closed
     assert not found.stays(0.5)
     assert found.seen.mean > found.at_most
     assert 0.0 < found.floor < found.background < found.before.mean
     assert (found.rollouts, found.unit, len(found.tests)) == (6, "m/s", 3)
-    wrong = held_out_gap(bench, held, seen, {"motor": {"factor": 0.95}}, {"motor": {"factor": 0.94}}, 0)
+    wrong = held_out_gap(bench, held, seen, {"motor": {"factor": 0.95}}, {"motor": {"factor": 0.94}}, sim)
     assert wrong.stays(0.5)
     assert wrong.before == found.before
-    assert held_out_gap(bench, [], seen, {}, tuned, 0) is None
+    assert held_out_gap(bench, [], seen, {}, tuned, sim) is None
 
 
 def test_a_healthy_machine_has_no_material_gap_and_one_test_is_enough_to_measure_it(bench):
     for tests in (HELD, HELD[:1] * 4):
-        found = held_out_gap(bench, runs(tests, {}, 9000), [], {}, {}, 0)
+        held = runs(tests, {}, 9000)
+        found = held_out_gap(bench, held, [], {}, {}, nominal(bench, held))
         assert not found.material
         assert (found.after, found.seen) == (None, None)
 

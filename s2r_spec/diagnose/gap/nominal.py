@@ -1,0 +1,75 @@
+"""Rollouts of the simulator without effects at every test of the real ones, made once for all comparisons."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.diagnose.gap import SHOTS
+from s2r_spec.diagnose.simulate import Bench, Job, Test, places_of, run_jobs, seeded
+from s2r_spec.rollouts.seeds import Stream
+from s2r_spec.space import Key, key_of
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Nominal:
+    """What the simulator does without effects.
+
+    Attributes:
+        seed: of the simulations.
+        runs: test → test and seed of each of its 2 SHOTS rollouts. A simulator with effects has the same seeds.
+        rho: test → (2 SHOTS,) ρ of each.
+        ended: test → (2 SHOTS,) whether each ended early.
+    """
+
+    seed: int
+    runs: Mapping[Key, Sequence[tuple[Test, int]]]
+    rho: Mapping[Key, FloatArray]
+    ended: Mapping[Key, NDArray[np.bool_]]
+
+    @classmethod
+    def of(
+        cls,
+        bench: Bench,
+        tests: Sequence[Test],
+        seed: int,
+        executor: Callable[[], Executor] | None = None,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> Nominal:
+        """Simulate at every different test.
+
+        Args:
+            bench: the simulator and the spec.
+            tests: of the real rollouts.
+            seed: of the simulations.
+            executor: makes a pool for them; None runs them here.
+            progress: called with the numbers of done and of all tests.
+
+        Raises:
+            BackendError: a simulation raised an error.
+        """
+        keys, shots = list(places_of(tests)), 2 * SHOTS
+        every = seeded([dict(key) for key in keys], seed, Stream.NOMINAL, shots)
+        runs = {key: every[n * shots : (n + 1) * shots] for n, key in enumerate(keys)}
+        rows = run_jobs(bench, [Job({}, own) for own in runs.values()], executor, progress)
+        pairs = dict(zip(keys, rows, strict=True))
+        return cls(
+            seed,
+            runs,
+            {key: row[:, 0] for key, row in pairs.items()},
+            {key: row[:, 1] > 0.0 for key, row in pairs.items()},
+        )
+
+    def first(self, tests: Iterable[Test], shots: int = 1) -> list[tuple[Test, int]]:
+        """Return test and seed of the first rollouts at each of some tests, one test after the other."""
+        return [run for test in tests for run in self.runs[key_of(test)][:shots]]
+
+    def ends(self, test: Test) -> bool:
+        """Return whether the first rollout at a test ended early."""
+        return bool(self.ended[key_of(test)][0])
