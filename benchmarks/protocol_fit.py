@@ -36,6 +36,7 @@ from benchmarks.blind.a1.effects import KNOWN
 from benchmarks.blind.a1.model import made
 from benchmarks.blind.a1.protocols import Bench
 from benchmarks.blind.a1.rollout import Runner
+from benchmarks.rows import resumed
 from s2r_spec.diagnose.data.rollouts import as_experiment
 from s2r_spec.diagnose.data.space_filling import star
 from s2r_spec.diagnose.estimation import Estimate, estimate
@@ -220,12 +221,18 @@ def show(title: str, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
+def jobs(kind: str, count: int, seed: int) -> dict[str, tuple[int, int]]:
+    """Return name of the row → number and seed of each machine."""
+    return {f"{kind}-{seed}-{number:02d}": (number, seed) for number in range(count)}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--twins", type=int, default=40)
     parser.add_argument("--practice", type=int, default=40)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--seed", type=int, default=46)
+    parser.add_argument("--rows", type=Path, help="folder for the row of each machine; a second call resumes")
     parser.add_argument("--write", action="store_true")
     given = parser.parse_args()
     os.environ["OMP_NUM_THREADS"] = "1"
@@ -234,11 +241,11 @@ def main() -> None:
     print(f"library: {time.time() - began:.0f} s on {given.workers} cores", flush=True)
     with ProcessPoolExecutor(given.workers) as pool:
         twins = []
-        for one in pool.map(of_twin, [(k, given.seed) for k in range(given.twins)]):
+        for one in resumed(of_twin, jobs("twin", given.twins, given.seed), pool, given.rows):
             twins.append(one)
             print(one["number"], one["causes"], f"{one['seconds']:.0f} s", flush=True)
         result: dict[str, Any] = {"twins": show("twins of the generator", twins)}
-        practice = list(pool.map(of_practice, [(k, given.seed) for k in range(given.practice)]))
+        practice = list(resumed(of_practice, jobs("practice", given.practice, given.seed), pool, given.rows))
     if practice:
         result["practice"] = show("practice machines", practice)
         for experiment in map(str, EXPERIMENTS):

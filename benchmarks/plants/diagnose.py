@@ -1,6 +1,6 @@
 """Does the joint estimate name nothing in healthy machines by other authors, and one large effect in ill ones?
 
-python -m benchmarks.plants.diagnose [--seeds 20] [--workers 2] [--write]
+python -m benchmarks.plants.diagnose [--seeds 20] [--workers 2] [--rows FOLDER] [--write]
 
 Every machine runs two trots at three commands and every protocol twice. The estimate is `s2r_spec.diagnose.estimation`.
 It prints, for each plant, how many healthy machines get no name, in how many machines with one effect this effect is
@@ -23,6 +23,7 @@ import numpy as np
 from benchmarks.plants import PLANTS
 from benchmarks.plants.cases import KINDS, Kind, plant
 from benchmarks.protocol_fit import EXPERIMENTS, SIM, responses
+from benchmarks.rows import resumed
 from s2r_spec.diagnose.estimation import estimate
 from s2r_spec.diagnose.inference.estimates import named
 from s2r_spec.diagnose.simulator.library import library
@@ -84,15 +85,21 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--rows", type=Path, help="folder for the row of each machine; a second call resumes")
     parser.add_argument("--write", action="store_true")
     given = parser.parse_args()
     os.environ["OMP_NUM_THREADS"] = "1"
     library(SIM, EXPERIMENTS, partial(ProcessPoolExecutor, given.workers))
-    jobs = [(name, kind, seed) for seed in range(given.seeds) for name in PLANTS for kind in KINDS]
-    rows = []
+    jobs = {
+        f"{name}-{kind}-{seed:02d}": (name, kind, seed)
+        for seed in range(given.seeds)
+        for name in PLANTS
+        for kind in KINDS
+    }
+    found = []
     with ProcessPoolExecutor(given.workers) as pool:
-        for row in pool.map(answer, jobs):
-            rows.append(row)
+        for row in resumed(answer, jobs, pool, given.rows):
+            found.append(row)
             truth = (
                 f"{row['truth']} {row['size']:+.2f}, estimate {row['sizes'][row['truth']]}"
                 if row["truth"]
@@ -111,10 +118,10 @@ def main() -> None:
     scores = {}
     for name in PLANTS:
         for kind in KINDS:
-            scores[f"{name}, {kind}"] = score([r for r in rows if r["plant"] == name and r["kind"] == kind])
+            scores[f"{name}, {kind}"] = score([r for r in found if r["plant"] == name and r["kind"] == kind])
             print(f"{name}, {kind}:", scores[f"{name}, {kind}"])
     if given.write:
-        RESULT.write_text(json.dumps({"scores": scores, "machines": rows}, indent=1) + "\n")
+        RESULT.write_text(json.dumps({"scores": scores, "machines": found}, indent=1) + "\n")
 
 
 if __name__ == "__main__":
