@@ -46,7 +46,6 @@ from s2r_spec.diagnose.inference.hierarchical import (
 )
 from s2r_spec.diagnose.inference.prior import NAMED, UNNAMED
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.diagnose.simulator.library import Dependence, Response
 
 FloatArray = NDArray[np.float64]
 
@@ -185,12 +184,12 @@ class Forecast:
 
     def gained(self, candidate: Candidate) -> FloatArray:
         """Return (K, K) the information of one more run about ψ."""
-        library, fit = self.estimate.library, self.estimate.fit
-        response = library.response(candidate.experiment)
-        after = information(response, library.dependence, fit, self.sizes, candidate.runs + 1)
+        response = self.estimate.library.response(candidate.experiment)
+        one = Observation.of(response, [response.nominal], self.estimate.library.dependence)
+        after = information(one.of_runs(candidate.runs + 1), self.estimate.fit, self.sizes)
         if not candidate.runs:
             return after
-        more = after - information(response, library.dependence, fit, self.sizes, candidate.runs)
+        more = after - information(one.of_runs(candidate.runs), self.estimate.fit, self.sizes)
         # Errors of law bound the information of an experiment, so the difference may be negative by a little.
         values, vectors = np.linalg.eigh(more)
         return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
@@ -214,11 +213,9 @@ class Forecast:
         return np.asarray(np.sqrt(np.diag(np.linalg.inv(seen + np.diag(1.0 / self.variance[row])))))
 
 
-def information(
-    response: Response, dependence: Dependence, fit: Fit, sizes: FloatArray, runs: int
-) -> FloatArray:
-    """Return (K, K) the information about ψ of the mean of so many runs, with slopes from nominal to (K,) sizes."""
-    one = replace(Observation.of(response, [response.nominal] * runs, dependence), law=fit.errors.law)
+def information(one: Observation, fit: Fit, sizes: FloatArray) -> FloatArray:
+    """Return (K, K) the information of an observation about ψ, with slopes from nominal to (K,) sizes."""
+    one = replace(one, law=fit.errors.law)
     if not one.parts:
         return np.zeros((sizes.size, sizes.size))
     slopes = [
@@ -237,7 +234,7 @@ def information(
     )
     before, at = Variances.prior(len(one.parts)), fit.errors.sizes
     found = without_variants(likelihood(groups, at, before), sizes.size)
-    kinds = len(one.parts) * [response.experiment.protocol]
+    kinds = len(one.parts) * [one.response.experiment.protocol]
     form = form_error(one.law * at, information_by_group(groups, at, before), kinds, found.information)
     return with_form_error(found, form).information
 
@@ -252,11 +249,14 @@ def separations(
         possible: names of effects.
         candidates: allowed or not; an experiment that the library does not have is left out.
     """
+    names = list(possible)
+    if not names:
+        return ()
     forecast = Forecast.of(found)
     known = {each.experiment for each in found.library.responses}
     gains = [(one, forecast.gained(one)) for one in candidates if one.experiment in known]
     distances = [forecast.apart(gained) for _, gained in gains]
-    return tuple(_separation(forecast, name, gains, distances) for name in possible)
+    return tuple(_separation(forecast, name, gains, distances) for name in names)
 
 
 def _separation(

@@ -144,9 +144,9 @@ class Observation:
             used,
             tuple(parts),
             (mean - response.nominal)[used],
-            response.scatter[used] ** 2 / len(whole) + (response.variants[:, used] ** 2).sum(axis=0),
+            np.zeros(used.size),
             tuple(replace(curve, values=curve.values[:, used]) for curve in curves),
-            response.spread[:, used] * (1.0 / len(whole) + 1.0 / response.replicates),
+            np.zeros((len(curves), used.size)),
             response.variants[:, used],
             np.full(len(parts), LAW_SHARE),
             np.array([float(places.size) for _, places in parts]),
@@ -154,7 +154,15 @@ class Observation:
             np.zeros(used.size),
             np.zeros(len(curves)),
         )
-        return bare._calibrated() if parts else bare
+        found = bare.of_runs(len(whole))
+        return found._calibrated() if parts else found
+
+    def of_runs(self, runs: int) -> Observation:
+        """Return the observation with the scatter of the mean of so many real runs."""
+        response, used = self.response, self.kept
+        noise = response.scatter[used] ** 2 / runs + (self.variants**2).sum(axis=0)
+        spread = response.spread[:, used] * (1.0 / runs + 1.0 / response.replicates)
+        return replace(self, noise=noise, spread=spread)
 
     def corrected(self, correction: FloatArray, theta: FloatArray) -> Observation:
         """Return the observation with (m,) another correction of the simulator's mean, from runs at θ."""
