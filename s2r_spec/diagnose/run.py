@@ -68,8 +68,7 @@ from s2r_spec.trace import Trace
 
 ASSUMPTIONS = (
     "the real rollouts were run at the recorded tests, and only those named in a note were left out",
-    "the real machine's laws differ from the simulator's by about a tenth of each effect, in its size and in the shape "
-    "of its signal",
+    "the real machine's laws differ from the simulator's by at most about a tenth of each effect, in size and shape",
     "if an effect outside the catalogue looks like one in it, the diagnosis names the one in the catalogue",
 )
 
