@@ -159,7 +159,8 @@ def formed(rng, truth, others):
     spread = variances(groups, truth, Variances.prior(60), 6)
     found = likelihood(groups, truth, spread)
     wide = with_form_error(
-        found, form_error(0.1 * truth, information_by_group(groups, truth, spread), 60 * [""], found.information)
+        found,
+        form_error(0.1 * truth, information_by_group(groups, truth, spread), 60 * [""], found.information),
     )
     error = np.linalg.solve(found.information, found.score)  # the fit is around the truth
     return error, *(np.sqrt(np.diag(np.linalg.inv(one.information))) for one in (wide, found))
