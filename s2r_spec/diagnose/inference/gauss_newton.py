@@ -384,7 +384,7 @@ class Fit:
     def shared(self) -> FloatArray:
         """(K,) variance of the error of size that all groups share."""
         sizes = self.errors.sizes
-        return shared_error(sizes, disagreement(self.groups, sizes, self.variances), self.errors.law)
+        return shared_error(sizes, disagreement(self.groups, sizes, self.variances))
 
 
 def fit(

@@ -26,10 +26,10 @@ are common to all groups, so that they do not average out:
     form    an effect has another shape in all groups: J becomes (J⁻¹ + J⁻¹ Q J⁻¹)⁻¹, and h becomes J (J + Q)⁻¹ h,
             Q = Σ_c C_c ∘ O_c diag(ρ² θ²) O_c,   O_c,jk = Σ_{g in c} (J_g,jj J_g,kk)^½,   C_c: correlations of Σ J_g
     size    an effect's size in the laws of another author is not defined any better: the covariance grows by
-            σ_c² + ρ² θ_k² + τ0² (λ_k − 1)
+            σ_c² + ρ0² θ_k² + τ0² (λ_k − 1)
 
-ρ is one number of the machine: how far its author's laws are from the simulator's. Its square is at its posterior mean
-(:func:`..estimation.with_likely_law`).
+ρ is one number of the machine: how far the shapes of its author's laws are from the simulator's. Its square is at its
+posterior mean (:func:`..estimation.with_likely_law`). An error of size leaves no residual, so it stays ρ0.
 
 A law that differs by the part ρ changes the signal of effect k in group g by ρ θ_k J_g,kk^½, in units of the error.
 Along effect j this is a score of up to ρ θ_k (J_g,jj J_g,kk)^½. All groups of one kind of motion c share the shape, so
@@ -257,9 +257,9 @@ def likelihood(groups: Groups, theta: FloatArray, found: Variances) -> Likelihoo
     return Likelihood((total + total.T) / 2.0, np.asarray(solved[..., -1].sum(axis=0)), value)
 
 
-def shared_error(theta: FloatArray, scale: FloatArray, law: float) -> FloatArray:
-    """Return (K,) the variance of the error of size that all groups share, with (K,) λ and ρ."""
-    return np.asarray(SHARED**2 + (law * theta) ** 2 + LAW_ERROR**2 * (scale - 1.0))
+def shared_error(theta: FloatArray, scale: FloatArray) -> FloatArray:
+    """Return (K,) the variance of the error of size that all groups share, with (K,) λ."""
+    return np.asarray(SHARED**2 + (LAW_SHARE * theta) ** 2 + LAW_ERROR**2 * (scale - 1.0))
 
 
 def information_by_group(groups: Groups, theta: FloatArray, found: Variances) -> FloatArray:
