@@ -278,8 +278,10 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
     tests, parts, lines = data.rollouts.tests, data.parts, data.responses.parameters
     used = [*parts.train.tests, *parts.held_out]
     odd = findings(bench, tests, lines, pool, work.progress("checking the recordings"))
+    # Tests at which a rollout ended early come last, so that an accident changes no seed of another test.
+    ordered = sorted(tests, key=lambda run: run[1].failure is not None)
     nominal = Nominal.of(
-        bench, [test for test, _ in tests], seed, pool, work.progress("simulating all tests")
+        bench, [test for test, _ in ordered], seed, pool, work.progress("simulating all tests")
     )
     tell("where the simulator falls", 0, 0)
     why, alone = falls(bench, lines, tests, nominal, pool), falls_alone(tests, nominal)
