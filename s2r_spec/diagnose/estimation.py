@@ -108,11 +108,7 @@ def estimate(
     modes = fitted(library, starts, problem.errors(joint.theta, moments(first)[1]))
     modes = fitted(library, starts, _expected(modes))
     for _ in range(corrections):
-        different = {mode.posterior.sets[0]: mode for mode in reversed(modes)}
-        best = [mode for mode in modes if different[mode.posterior.sets[0]] is mode][:SIMULATED]
-        exact = [replace(mode, problem=simulator.corrected(mode.problem, mode.fit.theta)) for mode in best]
-        again = [Mode(mode.problem, mode.fit.theta, mode.posterior.sets[0]) for mode in exact]
-        modes = fitted(library, again, _expected(exact))
+        modes = simulator.exact(modes)
         moved = [np.abs(mode.fit.theta - mode.problem.ran)[prior.causes] for mode in modes]
         if np.max(moved, initial=0.0) < SETTLED:
             break
@@ -150,6 +146,14 @@ class _Simulator:
             beyond[one.kept] -= one.moved(theta)
             corrections.append(np.where(np.isfinite(beyond), beyond, 0.0))
         return problem.corrected(corrections, theta)
+
+    def exact(self, modes: Sequence[Estimate]) -> list[Estimate]:
+        """Return the modes of the most probable sets, fitted again with runs at their estimates."""
+        different = {mode.posterior.sets[0]: mode for mode in reversed(modes)}
+        best = [mode for mode in modes if different[mode.posterior.sets[0]] is mode][:SIMULATED]
+        ran = [replace(mode, problem=self.corrected(mode.problem, mode.fit.theta)) for mode in best]
+        starts = [Mode(mode.problem, mode.fit.theta, mode.posterior.sets[0]) for mode in ran]
+        return fitted(self.library, starts, _expected(ran))
 
     def _runs(self, problem: Problem, values: Values) -> list[FloatArray]:
         """Return (m,) the mean of every experiment, simulated with these effects."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from s2r_spec.diagnose.estimation import with_likely_law
-from s2r_spec.diagnose.inference.gauss_newton import Observation, Problem, fit, search
+from s2r_spec.diagnose.inference.gauss_newton import Errors, Observation, Problem, fit, search
 from s2r_spec.diagnose.inference.hierarchical import LAW_SHARE
 from s2r_spec.diagnose.inference.prior import SizePrior
 from s2r_spec.diagnose.simulator.curve import Curve, Turn
@@ -90,3 +90,13 @@ def test_the_law_error_of_a_machine_is_estimated():
     same, other = (with_likely_law(of, fit(of).theta, np.full(3, 0.05)).law for of in (same, other))
     assert 0.5 * LAW_SHARE <= same < 0.6 * LAW_SHARE
     assert 0.85 * LAW_SHARE < other <= LAW_SHARE
+
+
+def test_an_error_of_size_stays_where_the_laws_seem_the_same():
+    """It leaves no residual, so no data can lower it."""
+    of = problem(1.0, 0.25, 0.4)
+    theta = fit(of).theta
+    for law in (0.5 * LAW_SHARE, LAW_SHARE):
+        own = of.with_law(law)
+        shared = fit(own, theta, errors=Errors.at(own, theta)).shared
+        assert (shared >= (LAW_SHARE * theta) ** 2).all()
