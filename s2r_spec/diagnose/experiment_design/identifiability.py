@@ -235,7 +235,7 @@ def information(one: Observation, fit: Fit, sizes: FloatArray) -> FloatArray:
     before, at = Variances.prior(len(one.parts)), fit.errors.sizes
     found = without_variants(likelihood(groups, at, before), sizes.size)
     kinds = len(one.parts) * [one.response.experiment.protocol]
-    form = form_error(one.law * at, information_by_group(groups, at, before), kinds, found.information)
+    form = form_error(one.law, at, information_by_group(groups, at, before), kinds, found.information)
     return with_form_error(found, form).information
 
 

@@ -377,8 +377,8 @@ class Fit:
     def form(self) -> FloatArray:
         """(K, K) Q, the covariance of the score by errors of form."""
         by_group = information_by_group(self.groups, self.errors.sizes, self.variances)
-        errors = self.errors.law * self.errors.sizes
-        return form_error(errors, by_group, self.kinds, self.groupwise.information)
+        errors = self.errors
+        return form_error(errors.law, errors.sizes, by_group, self.kinds, self.groupwise.information)
 
     @cached_property
     def shared(self) -> FloatArray:

@@ -273,24 +273,30 @@ def information_by_group(groups: Groups, theta: FloatArray, found: Variances) ->
 
 
 def form_error(
-    errors: FloatArray, by_group: FloatArray, kinds: Sequence[str], information: FloatArray
+    law: float, theta: FloatArray, by_group: FloatArray, kinds: Sequence[str], information: FloatArray
 ) -> FloatArray:
     """Return (K, K) Q, the covariance of the score by errors of form.
 
+    The size that one kind of motion sees has an error, too. No residual shows it, so it grows the error along the
+    effect itself to ρ0 in every machine.
+
     Args:
-        errors: (K,) ρ θ, by which the laws of the effects differ.
+        law: ρ, along other effects.
+        theta: (K,) sizes of the effects whose laws differ.
         by_group: (G, K, K) information of every group.
         kinds: of motion, of every group.
         information: (K, K) J; without the part that variants take, so it is at most the sum of ``by_group``.
     """
     root = np.sqrt(np.maximum(np.einsum("gkk->gk", by_group), 0.0))
-    total = np.zeros_like(information)
+    total, form = np.zeros_like(information), (law * theta) ** 2
+    size = np.maximum((LAW_SHARE * theta) ** 2 - form, 0.0)
     for kind in dict.fromkeys(kinds):
         own = np.array([each == kind for each in kinds])
         overlap = root[own].T @ root[own]
         inside = by_group[own].sum(axis=0)
         deviation = np.sqrt(np.maximum(np.diag(inside), TINY))
-        total += inside / np.outer(deviation, deviation) * ((overlap * errors**2) @ overlap)
+        total += inside / np.outer(deviation, deviation) * ((overlap * form) @ overlap)
+        total += (inside * size) @ inside
     left = np.sqrt(np.maximum(np.diag(information), 0.0) / np.maximum((root**2).sum(axis=0), TINY))
     return np.asarray(total * np.outer(left, left) ** 2)
 

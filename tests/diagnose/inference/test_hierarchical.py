@@ -160,7 +160,7 @@ def formed(rng, truth, others):
     found = likelihood(groups, truth, spread)
     wide = with_form_error(
         found,
-        form_error(0.1 * truth, information_by_group(groups, truth, spread), 60 * [""], found.information),
+        form_error(0.1, truth, information_by_group(groups, truth, spread), 60 * [""], found.information),
     )
     error = np.linalg.solve(found.information, found.score)  # the fit is around the truth
     return error, *(np.sqrt(np.diag(np.linalg.inv(one.information))) for one in (wide, found))
@@ -183,11 +183,24 @@ def test_an_error_of_form_leaves_alone_what_the_effect_does_not_touch():
     assert wide[1] > 1.5 * without[1]
 
 
+def test_the_size_in_one_kind_of_motion_has_the_error_of_every_machine():
+    """The data of a machine say nothing of it, so ρ of this machine is not in it."""
+    root = np.random.default_rng(10).normal(size=(2, 3, 3))
+    by_group, theta = root @ root.transpose(0, 2, 1), np.array([0.7, 0.0, 0.0])
+    near, far = (
+        form_error(law, theta, by_group, ["", "air_sine"], by_group.sum(axis=0)) for law in (0.0, 0.1)
+    )
+    moved = by_group[:, :, 0] * 0.1 * theta[0]  # the score of such an error, in either kind
+    assert near == pytest.approx(moved.T @ moved)
+    assert near[0, 0] == pytest.approx(far[0, 0])
+    assert near[1, 1] < far[1, 1]
+
+
 def test_errors_of_form_do_not_choose_between_effects_of_the_same_response():
     information = np.array([[400.0, 400.0, 50.0], [400.0, 400.0, 50.0], [50.0, 50.0, 90.0]])
     found = Likelihood(information, information @ [0.01, 0.0, 0.02], -3.0)
     wide = [
-        with_form_error(found, form_error(0.1 * np.array(theta), information[None], [""], information))
+        with_form_error(found, form_error(0.1, np.array(theta), information[None], [""], information))
         for theta in ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
     ]
     assert wide[0].value == pytest.approx(wide[1].value, abs=1e-9)
