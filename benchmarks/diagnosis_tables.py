@@ -66,14 +66,21 @@ def go2() -> str:
     kept, fit = _result("real/go2_diagnose.json"), _result("real/go2_fit.json")
     given, far = kept["given_by_its_model_file"], kept["how_far"]
     rows = [["real Go2 in the air", "`s2r diagnose`", "least-squares fit", "its model file"]]
-    for effect, unit in (("dry_friction", "N*m"), ("armature", "kg*m^2"), ("viscous_friction", "N*m*s/rad")):
+    for fitted, unit in (("dry_friction", "N*m"), ("armature", "kg*m^2"), ("viscous_friction", "N*m*s/rad")):
         for joint in ("hip", "thigh", "calf"):
-            one = kept["parameters"].get(effect, {}).get(joint)
-            named = "not named"
-            if one is not None and effect in kept["answer"]:
-                named = measured(one["estimate"], one["low"], one["high"], unit)
-            fitted = quantity(fit["of_kinds"][f"{effect} [{unit}]"][joint], unit)
-            rows.append([f"{effect} of a {joint}", named, fitted, quantity(given[effect][joint], unit)])
+            effect, name = (f"{joint}_friction", "torque") if fitted == "dry_friction" else (fitted, joint)
+            one = kept["parameters"][effect][name]
+            answer = "not named"
+            if kept["status"][effect] == "named":
+                answer = measured(one["estimate"], one["low"], one["high"], unit)
+            value = fit["of_kinds"][f"{fitted} [{unit}]"][joint]
+            row = [
+                f"{fitted} of a {joint}",
+                answer,
+                quantity(value, unit),
+                quantity(given[effect][name], unit),
+            ]
+            rows.append(row)
     closed, tuned = (f"{100 * far[key]['estimate']:.0f} %" for key in ("share", "tuned_share"))
     calves = [x for name, x in fit["of_each_joint"]["dry_friction [N*m]"].items() if "calf" in name]
     return markdown(

@@ -42,14 +42,28 @@ def test_nominal_effects_change_no_bit_and_others_change_the_trace():
         assert np.abs(worn.rollout({"start": 3.0}, 0)["q"] - plain["q"]).max() > 0.001
 
 
-@pytest.mark.parametrize("name", ["armature", "viscous_friction", "dry_friction"])
+@pytest.mark.parametrize("name", ["armature", "viscous_friction", "friction"])
 @pytest.mark.parametrize("joint", ["hip", "thigh", "calf"])
 def test_what_one_kind_of_joint_has_shows_most_at_that_kind(name, joint):
+    name, parameter = (f"{joint}_friction", "torque") if name == "friction" else (name, joint)
     effect = next(effect for effect in CATALOGUE if effect.name == name)
-    worn = ROBOT.with_effects({name: {joint: some(effect)[joint]}})
+    worn = ROBOT.with_effects({name: {parameter: some(effect)[parameter]}})
     moved = np.abs(worn.rollout({"start": 3.0}, 0)["q"] - ROBOT.rollout({"start": 3.0}, 0)["q"]).mean(axis=0)
     by_kind = dict(zip(("hip", "thigh", "calf"), moved.reshape(4, 3).sum(axis=0), strict=True))
     assert max(by_kind, key=by_kind.get) == joint
+
+
+def test_friction_differs_from_leg_to_leg_by_its_spread():
+    def moved(legs):
+        worn = ROBOT.with_effects({"calf_friction": {"torque": 0.8, **legs}})
+        return np.abs(worn.rollout({"start": 3.0}, 0)["q"] - plain)[:, 2::3].mean(axis=0)
+
+    plain = ROBOT.rollout({"start": 3.0}, 0)["q"]
+    alike, more = moved({}), moved({"RL": 0.5})
+    assert more[2] > 1.2 * alike[2]
+    assert more[[0, 1, 3]] == pytest.approx(alike[[0, 1, 3]], rel=0.01)
+    unmoved = ROBOT.with_effects({"calf_friction": {"torque": 0.0, "RL": 0.5}})
+    assert np.array_equal(unmoved.rollout({"start": 3.0}, 0)["q"], plain)
 
 
 @pytest.mark.parametrize(

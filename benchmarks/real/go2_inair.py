@@ -49,7 +49,8 @@ LEAD_IN = 0.5
 """[s] of the record that run before the wanted part; the motor law forgets in 75 ms."""
 NOISE = 3e-4
 """[rad] of an encoder, white; assumed."""
-JOINTS = [f"{leg} {joint}" for leg in ("FL", "FR", "RL", "RR") for joint in ("hip", "thigh", "calf")]
+LEGS = ("FL", "FR", "RL", "RR")
+JOINTS = [f"{leg} {joint}" for leg in LEGS for joint in ("hip", "thigh", "calf")]
 LIMITS = np.tile([23.7, 23.7, 45.43], 4)
 """[N*m]"""
 _MIRROR = np.tile([1.0, 1.0, 1.0, -1.0, 1.0, 1.0], 2)
@@ -94,6 +95,26 @@ def _plus(now: Twelve, hip: float, thigh: float, calf: float) -> Twelve:
     return tuple(x + more for x, more in zip(now, (hip, thigh, calf) * 4, strict=True))
 
 
+def _dry_friction(kind: str) -> JointEffect:
+    """Return dry friction of one kind of joint, with the spread over the legs."""
+
+    def apply(j: Joints, torque: float, **legs: float) -> Joints:
+        own = [
+            torque * (1.0 + legs[leg]) if joint == kind else 0.0
+            for leg in LEGS
+            for joint in ("hip", "thigh", "calf")
+        ]
+        return replace(j, friction=tuple(x + more for x, more in zip(j.friction, own, strict=True)))
+
+    spread = [
+        EffectParameter(leg, "", -0.8, 0.8, 0.0, "normal around 0, standard deviation 0.3") for leg in LEGS
+    ]
+    return JointEffect(
+        f"{kind}_friction", "friction", f"Coulomb friction acts at the {kind} joints, and differs from leg to leg.",
+        (*_one("torque", "N*m", 0.0, 2.0, 0.0, "half-normal, 0.4 N*m"), *spread), apply,
+    )  # fmt: skip
+
+
 CATALOGUE = (
     JointEffect(
         "armature", "inertia", "Rotor inertia is felt at the joints.",
@@ -105,11 +126,7 @@ CATALOGUE = (
         _each("N*m*s/rad", 0.0, 2.0, "half-normal, 0.4 N*m*s/rad"),
         lambda j, hip, thigh, calf: replace(j, damping=_plus(j.damping, hip, thigh, calf)),
     ),
-    JointEffect(
-        "dry_friction", "friction", "Coulomb friction acts at the joints.",
-        _each("N*m", 0.0, 2.0, "half-normal, 0.4 N*m"),
-        lambda j, hip, thigh, calf: replace(j, friction=_plus(j.friction, hip, thigh, calf)),
-    ),
+    *(_dry_friction(joint) for joint in ("hip", "thigh", "calf")),
     JointEffect(
         "delay", "timing", "The commanded angles reach the motors this much later.",
         _one("time", "s", 0.0, 0.06, 0.0, "half-normal, 0.01 s"),
@@ -152,7 +169,7 @@ CHANNELS = (
 GIVEN = {
     "armature": {"hip": 0.01, "thigh": 0.01, "calf": 0.01},
     "viscous_friction": {"hip": 0.6, "thigh": 0.6, "calf": 0.6},
-    "dry_friction": {"hip": 0.2, "thigh": 0.2, "calf": 0.2},
+    **{f"{kind}_friction": {"torque": 0.2} for kind in ("hip", "thigh", "calf")},
 }
 """Joint figures in the recording's model file."""
 

@@ -36,6 +36,7 @@ class EstimateObject(TypedDict):
         size_high: the upper end in typical sizes.
         half_width: half-width of the interval by the data alone, with all other sizes free, in typical sizes.
         at_end: whether the data ask for an end of the range, beyond which nothing was simulated.
+        dependent: whether it acts only beside another parameter, and only says how the effect acts.
     """
 
     estimate: float
@@ -47,6 +48,7 @@ class EstimateObject(TypedDict):
     size_high: float
     half_width: float
     at_end: bool
+    dependent: bool
 
 
 class PowerObject(TypedDict):

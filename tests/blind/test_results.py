@@ -73,10 +73,20 @@ def test_the_diagnosis_of_the_real_go2_agrees_with_a_least_squares_fit():
     kept = json.loads((ROOT / "benchmarks" / "real" / "go2_diagnose.json").read_text())
     fit = json.loads((ROOT / "benchmarks" / "real" / "go2_fit.json").read_text())
     dry, _, armature = fit["of_kinds"].values()
-    for name, values in (("dry_friction", dry), ("armature", armature)):
-        for joint, value in values.items():
-            assert kept["parameters"][name][joint]["low"] < value < kept["parameters"][name][joint]["high"]
+    pairs = [(kept["parameters"][f"{joint}_friction"]["torque"], value) for joint, value in dry.items()]
+    pairs += [(kept["parameters"]["armature"][joint], value) for joint, value in armature.items()]
+    assert all(one["low"] < value < one["high"] for one, value in pairs)
     assert kept["verdict"] == "confounded"
+
+
+def test_the_diagnosis_of_the_real_go2_names_the_friction_of_the_calves():
+    kept = json.loads((ROOT / "benchmarks" / "real" / "go2_diagnose.json").read_text())
+    fit = json.loads((ROOT / "benchmarks" / "real" / "go2_fit.json").read_text())
+    calf = kept["parameters"]["calf_friction"]
+    assert [name for name, status in kept["status"].items() if status == "named"] == ["calf_friction"]
+    legs = {name: x for name, x in fit["of_each_joint"]["dry_friction [N*m]"].items() if "calf" in name}
+    most = max(legs, key=legs.__getitem__).split()[0]
+    assert max(("FL", "FR", "RL", "RR"), key=lambda leg: calf[leg]["estimate"]) == most
 
 
 @pytest.mark.xfail(strict=True, reason="beside soft ground, the lower friction of the ground is not found")

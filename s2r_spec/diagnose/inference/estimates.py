@@ -62,6 +62,7 @@ class ParameterEstimate:
         size_high: upper end.
         half_width: of the interval by the data alone, with all other sizes free, in typical sizes.
         at_end: whether the data ask for an end of the range, beyond which nothing was simulated.
+        dependent: whether it acts only beside another one, and only says how the effect acts.
     """
 
     parameter: str
@@ -74,6 +75,7 @@ class ParameterEstimate:
     size_high: float
     half_width: float
     at_end: bool = False
+    dependent: bool = False
 
     @property
     def hidden(self) -> bool:
@@ -106,12 +108,17 @@ class EffectEstimate:
             return Status.NAMED
         if self.probability >= POSSIBLE:
             return Status.POSSIBLE
-        return Status.HIDDEN if all(one.hidden for one in self.parameters) else Status.RULED_OUT
+        return Status.HIDDEN if all(one.hidden for one in self.causes) else Status.RULED_OUT
+
+    @property
+    def causes(self) -> tuple[ParameterEstimate, ...]:
+        """The parameters that act alone."""
+        return tuple(one for one in self.parameters if not one.dependent)
 
     @property
     def largest(self) -> ParameterEstimate:
-        """The parameter with the largest size."""
-        return max(self.parameters, key=lambda one: abs(one.size))
+        """The parameter with the largest size, of those that act alone."""
+        return max(self.causes, key=lambda one: abs(one.size))
 
     @property
     def values(self) -> dict[str, float]:
@@ -140,7 +147,9 @@ def effect_estimates(
         parameters, *(x.tolist() for x in (middle, low, high, width, at_end)), strict=True
     ):
         value, least, most = line.interval(size, below, above)
-        one = ParameterEstimate(line.parameter, line.unit, value, least, most, size, below, above, half, end)
+        one = ParameterEstimate(
+            line.parameter, line.unit, value, least, most, size, below, above, half, end, bool(line.base)
+        )
         rows.setdefault(line.effect, []).append(one)
     probabilities, presences = (found.beyond(size).tolist() for size in (NAMED, UNNAMED))
     return tuple(
@@ -194,7 +203,7 @@ def hidden_names(effects: Iterable[EffectEstimate]) -> tuple[str, ...]:
         for one in effects
         for name in (
             [one.effect]
-            if all(each.hidden for each in one.parameters)
+            if all(each.hidden for each in one.causes)
             else [f"{one.effect}.{each.parameter}" for each in one.parameters if each.hidden]
         )
     )

@@ -104,6 +104,24 @@ def test_what_the_data_alone_do_not_measure_is_hidden():
     assert hidden_names(found) == ("motor", "payload.x")
 
 
+def test_a_parameter_that_says_how_an_effect_acts_does_not_stand_for_it():
+    acting = lines(EFFECTS, {"payload": frozenset({"mass"})})
+    made = posterior([()], [1.0], [[0.0, 0.0, 0.1, 0.9]], [[0.04, 0.04, 0.04, 0.4]])
+    probability = np.where([line.base != {} for line in acting], 0.0, made.prior.probability)
+    made = replace(made, prior=replace(made.prior, probability=probability))
+    weak = Likelihood(np.diag([1e3, 1e3, 1e3, 1.0]), np.zeros(4))
+    payload = effect_estimates(made, weak, acting, FAMILIES)[2]
+    assert payload.largest.parameter == "mass"
+    assert [one.dependent for one in payload.parameters] == [False, True]
+    assert [one.hidden for one in payload.parameters] == [False, True]
+    assert payload.status is Status.RULED_OUT
+    assert hidden_names([payload]) == ("payload.x",)
+    weak = Likelihood(np.diag([1e3, 1e3, 1.0, 1e3]), np.zeros(4))
+    payload = effect_estimates(made, weak, acting, FAMILIES)[2]
+    assert payload.status is Status.HIDDEN
+    assert hidden_names([payload]) == ("payload",)
+
+
 def test_a_value_is_at_the_end_of_its_range_where_the_data_ask_for_more():
     def at_end(size):
         return estimated([(1,)], [1.0], [[-0.3, size, 0, 0]], [[0.1] * 4])
