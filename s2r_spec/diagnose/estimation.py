@@ -13,7 +13,7 @@ from s2r_spec.backend import Backend
 from s2r_spec.diagnose.axes import Values
 from s2r_spec.diagnose.inference.gauss_newton import CLOSE, Errors, Fit, Observation, Problem, fit, search
 from s2r_spec.diagnose.inference.hierarchical import LAW_SHARE, Likelihood
-from s2r_spec.diagnose.inference.model_search import ModelPosterior, combined, posterior
+from s2r_spec.diagnose.inference.model_search import ModelPosterior, Set, combined, nearest, posterior
 from s2r_spec.diagnose.inference.prior import SizePrior
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import ResponseLibrary, simulated
@@ -24,15 +24,15 @@ from s2r_spec.trace import Trace
 FloatArray = NDArray[np.float64]
 
 CORRECTIONS = 3
-"""Budget: times that the simulator runs at the posterior mean, and then at that of each mode. Twice as many take up to
-twice the runs."""
+"""Budget: times that the simulator runs at the posterior mean, and then at the estimate of each of the most probable
+sets. Twice as many take up to twice the runs."""
 SETTLED = 0.02
 """Tolerance: the simulator does not run again where the estimate moved less, in typical sizes. Twice as much saves a
 run of every experiment in some machines."""
 RIVALS = 3
 """Budget: sets that are fitted beside the most probable one. Twice as many take about twice the time of all fits."""
 SIMULATED = 2
-"""Budget: most probable sets at whose own estimate the simulator runs. Twice as many take twice the runs."""
+"""Budget: most probable sets at whose own estimates the simulator runs. Twice as many take twice the runs."""
 
 
 @dataclass(frozen=True)
@@ -104,15 +104,30 @@ def estimate(
     joint = fit(problem, joint.theta, errors=Errors.at(problem, joint.theta, moments(first)[1]))
     first = posterior(joint.likelihood, joint.theta, prior)
     starts = [Mode(problem, first.mean[0], first.sets[0])]
-    starts += [Mode(problem, *one) for one in rivals(joint.likelihood, first)]
-    modes = fitted(library, starts, problem.errors(joint.theta, moments(first)[1]))
-    modes = fitted(library, starts, _expected(modes))
-    for _ in range(corrections):
-        modes = simulator.exact(modes)
-        moved = [np.abs(mode.fit.theta - mode.problem.ran)[prior.causes] for mode in modes]
-        if np.max(moved, initial=0.0) < SETTLED:
+    for theta, members in rivals(joint.likelihood, first):
+        # Beside a large effect a sum of responses may be wrong, so each rival has runs of its own.
+        starts.append(Mode(simulator.corrected(problem, theta) if corrections else problem, theta, members))
+    errors = _expected(fitted(library, starts, problem.errors(joint.theta, moments(first)[1])))
+    modes = fitted(library, starts, errors)
+    found = over_modes(modes)
+    for _ in range(SIMULATED * corrections):
+        row = next((n for n, own in enumerate(found.sets[:SIMULATED]) if not _settled(modes, own)), None)
+        if row is None:
             break
-    return replace(modes[0], posterior=combined([mode.posterior for mode in modes]))
+        members = found.sets[row]
+        theta = modes[members].fit.theta if members in modes else found.mean[row]
+        theta = np.clip(theta, prior.low, prior.high)
+        modes |= fitted(library, [Mode(simulator.corrected(problem, theta), theta, members)], errors)
+        found = over_modes(modes)
+    return replace(modes[nearest(modes, found.sets[0])], posterior=found)
+
+
+def _settled(modes: Mapping[Set, Estimate], members: Set) -> bool:
+    """Return whether a set has a mode of its own, and the simulator ran at its estimate."""
+    if members not in modes:
+        return False
+    problem, theta = modes[members].problem, modes[members].fit.theta
+    return bool(np.abs(theta - problem.ran)[problem.prior.causes].max(initial=0.0) < SETTLED)
 
 
 @dataclass(frozen=True)
@@ -147,14 +162,6 @@ class _Simulator:
             corrections.append(np.where(np.isfinite(beyond), beyond, 0.0))
         return problem.corrected(corrections, theta)
 
-    def exact(self, modes: Sequence[Estimate]) -> list[Estimate]:
-        """Return the modes of the most probable sets, fitted again with runs at their estimates."""
-        different = {mode.posterior.sets[0]: mode for mode in reversed(modes)}
-        best = [mode for mode in modes if different[mode.posterior.sets[0]] is mode][:SIMULATED]
-        ran = [replace(mode, problem=self.corrected(mode.problem, mode.fit.theta)) for mode in best]
-        starts = [Mode(mode.problem, mode.fit.theta, mode.posterior.sets[0]) for mode in ran]
-        return fitted(self.library, starts, _expected(ran))
-
     def _runs(self, problem: Problem, values: Values) -> list[FloatArray]:
         """Return (m,) the mean of every experiment, simulated with these effects."""
         with (self.executor or in_this_process)() as pool:
@@ -171,7 +178,7 @@ class Mode:
 
     problem: Problem
     theta: FloatArray
-    active: tuple[int, ...]
+    active: Set
 
 
 def _joint(library: ResponseLibrary, problem: Problem) -> Fit:
@@ -185,7 +192,7 @@ def _joint(library: ResponseLibrary, problem: Problem) -> Fit:
     each = [problem.errors(one.theta) for one in found]
     errors = [np.max(same, axis=0) for same in zip(*each, strict=True)]
     modes = [Mode(problem, one.mean[0], one.sets[0]) for one in sets]
-    evidence = [fitted(library, [mode], errors)[0].posterior.log_evidence for mode in modes]
+    evidence = [fitted(library, [mode], errors)[mode.active].posterior.log_evidence for mode in modes]
     return found[int(np.argmax(evidence))]
 
 
@@ -208,22 +215,22 @@ def moments(found: ModelPosterior) -> tuple[FloatArray, FloatArray]:
     return mean, np.sqrt(square)
 
 
-def _expected(modes: Sequence[Estimate]) -> list[FloatArray]:
+def _expected(modes: Mapping[Set, Estimate]) -> list[FloatArray]:
     """Return (n_p,) the posterior means over modes of the variances of responses, for every experiment.
 
     Those at the joint estimate, in which every parameter may be a cause, are too large.
     """
-    evidence = np.array([mode.posterior.log_evidence for mode in modes])
+    evidence = np.array([mode.posterior.log_evidence for mode in modes.values()])
     weight = np.exp(evidence - evidence.max())
     weight /= weight.sum()
-    each = [mode.problem.errors(mode.fit.theta, moments(mode.posterior)[1]) for mode in modes]
+    each = [mode.problem.errors(mode.fit.theta, moments(mode.posterior)[1]) for mode in modes.values()]
     return [weight @ np.array(same) for same in zip(*each, strict=True)]
 
 
 def fitted(
     library: ResponseLibrary, modes: Sequence[Mode], variances: Sequence[FloatArray]
-) -> list[Estimate]:
-    """Return the estimate around each mode, the most probable first.
+) -> dict[Set, Estimate]:
+    """Return the estimate around each mode, by its causes.
 
     In the fit the causes of a mode have the prior of causes, and all other parameters that of the background. Its law
     errors are those of its own sizes: an effect that is not there has none.
@@ -234,16 +241,41 @@ def fitted(
         variances: (n_p,) of the responses in u, for every experiment: the same for all modes, so that their evidence
             can be compared.
     """
-    found = []
+    found = {}
     for mode in modes:
         prior, own = mode.problem.prior, Errors(variances, np.abs(mode.theta), mode.problem.law)
         last = fit(mode.problem, mode.theta, prior.deviation(mode.active), own)
         sets = posterior(last.likelihood, last.theta, prior)
-        found.append(Estimate(library, last, sets, mode.problem))
-    return sorted(found, key=lambda mode: -mode.posterior.log_evidence)
+        found[mode.active] = Estimate(library, last, sets, mode.problem)
+    return found
 
 
-def rivals(found: Likelihood, sets: ModelPosterior) -> list[tuple[FloatArray, tuple[int, ...]]]:
+def over_modes(modes: Mapping[Set, Estimate]) -> ModelPosterior:
+    """Return the posterior over all modes.
+
+    The evidence of a mode falls short of that of the best by what errors of form leave of the difference.
+    """
+    best = max(modes.values(), key=lambda mode: mode.posterior.log_evidence)
+    most = best.posterior.log_evidence
+    softened = {}
+    for members, mode in modes.items():
+        short = most - mode.posterior.log_evidence
+        left = best.fit.information_left(squared_difference(best, mode)) if short > 0.0 else 1.0
+        softened[members] = replace(mode.posterior, log_evidence=most - left * short)
+    return combined(softened)
+
+
+def squared_difference(one: Estimate, other: Estimate) -> FloatArray:
+    """Return (G,) the mean squared difference of two predictions in each group, in u of the first."""
+    found = []
+    pairs = zip(one.problem.observations, other.problem.observations, one.fit.errors.variances, strict=True)
+    for first, second, errors in pairs:
+        difference = first.residual(one.fit.theta) - second.residual(other.fit.theta)
+        found += [float(((difference / first.unit(errors))[own] ** 2).mean()) for _, own in first.parts]
+    return np.array(found)
+
+
+def rivals(found: Likelihood, sets: ModelPosterior) -> list[tuple[FloatArray, Set]]:
     """Return a start and a set for each rival: one effect of the most probable set, exchanged for a similar one.
 
     Effects are similar if the cosine of their signatures is large in the metric of the likelihood.

@@ -47,6 +47,7 @@ from s2r_spec.diagnose.inference.hierarchical import (
     disagreement,
     form_error,
     information_by_group,
+    information_left,
     likelihood,
     shared_error,
     variances,
@@ -372,6 +373,16 @@ class Fit:
     def likelihood(self) -> Likelihood:
         """The likelihood of θ around the estimate, with all errors; the prior is not in it."""
         return with_shared_error(with_form_error(self.groupwise, self.form), self.shared)
+
+    def information_left(self, difference: FloatArray) -> float:
+        """Return the part of a difference of log evidence that errors of form leave; see :func:`information_left`.
+
+        Args:
+            difference: (G,) mean squared difference of two predictions in each group, in u.
+        """
+        apart = self.groups.size / self.variances.noise * difference
+        by_group = information_by_group(self.groups, self.errors.sizes, self.variances)
+        return information_left(apart, self.errors.law * self.errors.sizes, by_group, self.kinds)
 
     @cached_property
     def form(self) -> FloatArray:

@@ -301,6 +301,29 @@ def form_error(
     return np.asarray(total * np.outer(left, left) ** 2)
 
 
+def information_left(
+    apart: FloatArray, errors: FloatArray, by_group: FloatArray, kinds: Sequence[str]
+) -> float:
+    """Return J_D/(J_D + Q_D), the part of the difference of two log likelihoods that errors of form leave.
+
+    The difference is h − ½ J_D, with the score h along D, from one prediction to the other one. With errors of form, h
+    has the variance J_D + Q_D.
+
+    Args:
+        apart: (G,) J_D,g of every group, the squared difference of two predictions in units of the error.
+        errors: (K,) ρ θ, by which the laws of the effects differ.
+        by_group: (G, K, K) information of every group.
+        kinds: of motion, of every group.
+    """
+    root = np.sqrt(np.maximum(apart[:, None] * np.einsum("gkk->gk", by_group), 0.0))
+    form = 0.0
+    for kind in dict.fromkeys(kinds):
+        overlap = root[np.array([each == kind for each in kinds])].sum(axis=0)
+        form += float(((errors * overlap) ** 2).sum())
+    total = float(apart.sum())
+    return total / (total + form) if total > 0.0 else 1.0
+
+
 def with_form_error(found: Likelihood, form: FloatArray) -> Likelihood:
     """Return the likelihood with (K, K) Q added to the covariance of its score.
 

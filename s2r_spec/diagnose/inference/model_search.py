@@ -17,7 +17,7 @@ Source: Mitchell & Beauchamp, *JASA* 83 (1988) 1023; Rasmussen & Williams, *Gaus
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -132,29 +132,40 @@ def posterior(found: Likelihood, theta: FloatArray, prior: SizePrior) -> ModelPo
     )
 
 
-def combined(posteriors: Sequence[ModelPosterior]) -> ModelPosterior:
+def nearest(modes: Iterable[Set], members: Set) -> Set:
+    """Return the mode with the fewest causes that differ from those of a set; the first of several."""
+    return min(modes, key=lambda active: len({*active} ^ {*members}))
+
+
+def combined(posteriors: Mapping[Set, ModelPosterior]) -> ModelPosterior:
     """Return the posterior over the sets of several modes of the likelihood, for the same data and prior.
 
-    Each mode has a likelihood of its own. A set counts in the mode in which its evidence is the largest: its sizes are
-    near that mode.
+    Each mode has a likelihood of its own, which holds near it. So a set counts in the mode whose causes are most like
+    its own. Where several are alike, it is the one in which its evidence is the largest.
+
+    Args:
+        posteriors: causes of a mode → its posterior.
     """
-    best: dict[Set, tuple[float, int, int]] = {}
-    for number, one in enumerate(posteriors):
+    found: dict[Set, tuple[float, ModelPosterior, int]] = {}
+    for active, one in posteriors.items():
         evidence = one.log_evidence + np.log(one.probability / one.probability[0])
         for row, members in enumerate(one.sets):
-            if members not in best or evidence[row] > best[members][0]:
-                best[members] = float(evidence[row]), number, row
-    sets = sorted(best, key=lambda members: -best[members][0])
-    most = best[sets[0]][0]
-    sets = [members for members in sets if best[members][0] - most > np.log(KEPT)]
-    weight = np.exp(np.array([best[members][0] for members in sets]) - most)
-    rows = [best[members][1:] for members in sets]
+            apart = len({*active} ^ {*members})
+            if apart > len({*nearest(posteriors, members)} ^ {*members}):
+                continue
+            if members not in found or evidence[row] > found[members][0]:
+                found[members] = float(evidence[row]), one, row
+    sets = sorted(found, key=lambda members: -found[members][0])
+    most = found[sets[0]][0]
+    sets = [members for members in sets if found[members][0] - most > np.log(KEPT)]
+    weight = np.exp(np.array([found[members][0] for members in sets]) - most)
+    places = [found[members][1:] for members in sets]
     return ModelPosterior(
         tuple(sets),
         weight / weight.sum(),
-        np.array([posteriors[number].mean[row] for number, row in rows]),
-        np.array([posteriors[number].deviation[row] for number, row in rows]),
-        posteriors[0].prior,
+        np.array([one.mean[row] for one, row in places]),
+        np.array([one.deviation[row] for one, row in places]),
+        places[0][0].prior,
         most,
     )
 
