@@ -11,6 +11,7 @@ from s2r_spec.diagnose.inference.hierarchical import (
     disagreement,
     form_error,
     information_by_group,
+    information_left,
     likelihood,
     variances,
     with_form_error,
@@ -194,6 +195,36 @@ def test_the_size_in_one_kind_of_motion_has_the_error_of_every_machine():
     assert near == pytest.approx(moved.T @ moved)
     assert near[0, 0] == pytest.approx(far[0, 0])
     assert near[1, 1] < far[1, 1]
+
+
+def test_two_predictions_are_told_apart_by_no_more_than_errors_of_form_leave():
+    """An error of form along the difference of both, the same in every group, looks like the wrong one."""
+    rng, repeats, wrong, right = np.random.default_rng(11), 60, [], []
+    for _ in range(300):
+        effect = rng.normal(size=OBSERVABLES)
+        apart = rng.normal(size=OBSERVABLES)
+        apart *= 0.15 * np.linalg.norm(effect) / np.linalg.norm(apart)
+        form = 0.1 * np.linalg.norm(effect) * rng.normal() * apart / np.linalg.norm(apart)
+        left = (form + rng.normal(size=(repeats, OBSERVABLES))).sum(axis=0)
+        favour = float(left @ apart - 0.5 * repeats * apart @ apart)  # of the wrong one
+        by_group = np.full((repeats, 1, 1), effect @ effect)
+        part = information_left(
+            np.full(repeats, apart @ apart), np.array([0.1]), by_group, repeats * ["air_sine"]
+        )
+        wrong.append([favour > np.log(20.0), part * favour > np.log(20.0)])
+        right.append(part)
+    plain, softened = np.mean(wrong, axis=0)
+    assert plain > 0.15
+    assert softened < 0.05
+    assert np.mean(right) > 0.01
+
+
+def test_predictions_that_differ_where_no_effect_acts_are_told_apart_as_before():
+    by_group = np.array([[[0.0]], [[50.0]]])
+    assert information_left(np.array([9.0, 0.0]), np.array([0.1]), by_group, ["", ""]) == 1.0
+    assert information_left(np.zeros(2), np.array([0.1]), by_group, ["", ""]) == 1.0
+    one_kind = information_left(np.full(2, 9.0), np.array([0.1]), by_group, ["", ""])
+    assert one_kind == pytest.approx(18.0 / (18.0 + 0.01 * 9.0 * 50.0))
 
 
 def test_errors_of_form_do_not_choose_between_effects_of_the_same_response():

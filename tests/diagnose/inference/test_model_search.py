@@ -131,12 +131,30 @@ def test_an_effect_of_several_parameters_is_named_by_any_of_them():
 def test_two_modes_that_the_data_do_not_separate_share_the_probability():
     """In the mode of one effect the law error of this effect is large, so that its mode alone would prefer it."""
     estimate = np.zeros(PARAMETERS)
-    modes = []
+    modes = {}
     for active, other in ((0, 1), (1, 0)):
         information = np.zeros((PARAMETERS, PARAMETERS))
         information[np.ix_([active, other], [active, other])] = [[60.0, 45.0], [45.0, 65.0]]
         theta = np.where(np.arange(PARAMETERS) == active, 1.0, estimate)
-        modes.append(posterior(Likelihood(information, np.zeros(PARAMETERS)), theta, prior()))
-    alone, both = modes[0].beyond(), combined(modes).beyond()
+        modes[active,] = posterior(Likelihood(information, np.zeros(PARAMETERS)), theta, prior())
+    alone, both = modes[0,].beyond(), combined(modes).beyond()
     assert alone[0] > 0.8 > 0.2 > alone[1]
     assert both[:2] == pytest.approx([0.5, 0.5], abs=0.1)
+
+
+def test_a_set_counts_in_the_mode_whose_causes_are_most_like_its_own():
+    """Far from its own causes a likelihood does not hold, however large it says that the evidence of a set is."""
+
+    def mode(second, value):
+        theta, information = np.zeros(PARAMETERS), np.eye(PARAMETERS) / 0.05**2
+        theta[:2] = 0.6, second
+        return posterior(Likelihood(information, np.zeros(PARAMETERS), value), theta, prior())
+
+    without, beside = mode(0.34, 0.0), mode(0.34, -12.0)
+    assert without.sets[:2] == ((0, 1), (0,))
+    found = combined({(0,): without, (0, 1): beside})
+    assert found.sets[0] == (0,)
+    assert found.log_evidence == pytest.approx(
+        without.log_evidence + np.log(without.probability[1] / without.probability[0])
+    )
+    assert combined({(0,): without, (0, 1): mode(0.34, 0.0)}).sets[0] == (0, 1)
