@@ -1,7 +1,7 @@
 """Recordings that stand under another test than they were run at: the simulator's mean moves to that test.
 
 The simulator is run at the tests of the row before and after, at those with one parameter's other sign, and with two
-parameters of one unit exchanged.
+parameters of one unit exchanged; where a comparison has its mean at such a test, this counts.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.diagnose.axes import Values
 from s2r_spec.diagnose.quality.comparison import SEEDS, Comparison, affordable
 from s2r_spec.diagnose.quality.faults import Fault, Group, Undone, search
 from s2r_spec.diagnose.quality.finding import Finding
@@ -45,13 +46,14 @@ def labels(
 ) -> list[Fault]:
     """Run the simulator at other tests, and return what explains most of each kind of wrong label."""
     others = [one for one in _others(bench, c, rollouts) if _able(bench, one.tests)]
-    tests = {key_of(test): test for one in others for test in one.tests}
+    means = {key_of(test): mean for test, mean in zip(c.tests, c.nominal, strict=True)}
+    tests = {key_of(test): test for one in others for test in one.tests if key_of(test) not in means}
     found = list(_assigned(c))
-    if not tests:
-        return found
-    seeds = affordable(bench, len(tests), SEEDS // 6, SEEDS)
-    runs = c.view.simulate(bench, [({}, k) for k in range(seeds)], list(tests.values()), executor, progress)
-    means = dict(zip(tests, runs.mean(axis=0), strict=True))
+    if tests:
+        seeds = affordable(bench, len(tests), SEEDS // 6, SEEDS)
+        machines: list[tuple[Values, int]] = [({}, seed) for seed in range(seeds)]
+        runs = c.view.simulate(bench, machines, list(tests.values()), executor, progress)
+        means |= dict(zip(tests, runs.mean(axis=0), strict=True))
     for one in others:
         moved = c.nominal - np.array([means[key_of(test)] for test in one.tests])
         if np.isfinite(moved).all():
