@@ -35,7 +35,6 @@ def test_the_page_has_the_counts_of_the_plants():
     page = (ROOT / "docs" / "explanation" / "diagnosis-model.md").read_text()
     for words, kind, key in (
         ("healthy machines without a name", "null", "nothing named"),
-        ("large effects that are named", "single", "effect named"),
         ("large effects that are named alone", "single", "named alone"),
         ("large effects in their 90 % intervals", "single", "in the interval"),
     ):

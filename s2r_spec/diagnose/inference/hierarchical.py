@@ -24,7 +24,8 @@ The sum of these over g, with φ integrated out, is the *groupwise* likelihood, 
 are common to all groups, so that they do not average out:
 
     form    an effect has another shape in all groups: J becomes (J⁻¹ + J⁻¹ Q J⁻¹)⁻¹, and h becomes J (J + Q)⁻¹ h,
-            Q = Σ_c C_c ∘ O_c diag(ρ² θ²) O_c,   O_c,jk = Σ_{g in c} (J_g,jj J_g,kk)^½,   C_c: correlations of Σ J_g
+            Q = Σ_c [C_c ∘ O_c diag(ρ² θ²) O_c + Σ_k (ρ0² − ρ²) θ_k² J_c,k J_c,kᵀ],   J_c = Σ_{g in c} J_g,
+            O_c,jk = Σ_{g in c} (J_g,jj J_g,kk)^½,   C_c: correlations of J_c,   J_c,k: its column k
     size    an effect's size in the laws of another author is not defined any better: the covariance grows by
             σ_c² + ρ0² θ_k² + τ0² (λ_k − 1)
 
@@ -35,7 +36,11 @@ A law that differs by the part ρ changes the signal of effect k in group g by �
 Along effect j this is a score of up to ρ θ_k (J_g,jj J_g,kk)^½. All groups of one kind of motion c share the shape, so
 these add up to ρ θ_k O_c,jk. Kinds are the tests of the specification, and each protocol. The scores of two effects
 correlate as their signals do. So a fine detail of shape does not separate two effects, and an effect that others do not
-touch is measured as before.
+touch is measured as before. The second term is the error of the size that one kind of motion sees.
+
+The log likelihoods of two modes differ by h − ½ J_D, with the score h along D, the difference of their predictions. J_D
+sums J_D,g = N_g/(n_g s_g²) |D_g|² over the groups. Errors of form grow the variance of h from J_D to J_D + Q_D, with
+Q_D = Σ_c Σ_k ρ² θ_k² (Σ_{g in c} (J_D,g J_g,kk)^½)². So the part J_D/(J_D + Q_D) of the difference counts.
 
 λ_k ≥ 1 says how much more than by T_g the groups disagree about parameter k: the mode of λ_k ~ Inv-χ²(ν, 1), if T_g is
 multiplied by diag(λ). It does not change the weights of groups. If it did, groups that all ask for the same θ_k could
