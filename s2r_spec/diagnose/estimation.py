@@ -1,4 +1,15 @@
-"""The estimate of a machine: from its traces and a library to sizes of all effects and the posterior over sets."""
+"""The estimate of a machine: from its traces and a library to sizes of all effects and the posterior over sets.
+
+Data: observables of the real runs of each experiment, and of runs of the simulator at estimates. Unknown: θ (K,), and
+the set A of parameters that are causes. Model: :mod:`.inference.hierarchical`; prior: :mod:`.inference.prior`.
+
+Estimator: a joint fit (:mod:`.inference.gauss_newton`), corrected by runs at its posterior mean. Its Gaussian
+likelihood holds near its point alone. So the best set, its rivals and the most probable sets get fits of their own, the
+*modes*, each by its causes. Errors of form leave a part of the difference of the evidence of two modes
+(:func:`.hierarchical.information_left`).
+
+Units: θ in typical sizes. Shapes: K parameters, G groups, n_p observables of experiment p.
+"""
 
 from __future__ import annotations
 
@@ -80,7 +91,7 @@ def estimate(
             have = one_of(sorted({one.protocol or "other tests" for one in responses}))
             raise UsageError(f"the response library has no {experiment}; it has {have}")
     observations = []
-    for experiment, runs in traces.items():
+    for experiment, runs in ((each, runs) for each, runs in traces.items() if runs):
         own = responses[experiment]
         vectors = [own.observables.vector(experiment.with_residuals(run, backend)) for run in runs]
         observations.append(Observation.of(own, vectors, library.dependence))
@@ -145,7 +156,7 @@ class _Simulator:
     executor: Callable[[], Executor] | None
 
     def corrected(self, problem: Problem, theta: FloatArray) -> Problem:
-        """Return the problem with runs at (K,) θ in place of sums of responses there; 0 where a run ended early."""
+        """Return the problem with runs at (K,) θ in place of sums of responses there, as far as the runs reach."""
         theta = np.clip(theta, problem.prior.low, problem.prior.high)
         values = self.library.values(theta)
         try:
@@ -159,7 +170,7 @@ class _Simulator:
         for one, run in zip(problem.observations, runs, strict=True):
             beyond = run - one.response.reference
             beyond[one.kept] -= one.moved(theta)
-            corrections.append(np.where(np.isfinite(beyond), beyond, 0.0))
+            corrections.append(beyond)
         return problem.corrected(corrections, theta)
 
     def _runs(self, problem: Problem, values: Values) -> list[FloatArray]:
@@ -243,8 +254,10 @@ def fitted(
     """
     found = {}
     for mode in modes:
-        prior, own = mode.problem.prior, Errors(variances, np.abs(mode.theta), mode.problem.law)
-        last = fit(mode.problem, mode.theta, prior.deviation(mode.active), own)
+        prior = mode.problem.prior
+        start = np.clip(mode.theta, prior.low, prior.high)
+        own = Errors(variances, np.abs(start), mode.problem.law)
+        last = fit(mode.problem, start, prior.deviation(mode.active), own)
         sets = posterior(last.likelihood, last.theta, prior)
         found[mode.active] = Estimate(library, last, sets, mode.problem)
     return found
@@ -253,15 +266,15 @@ def fitted(
 def over_modes(modes: Mapping[Set, Estimate]) -> ModelPosterior:
     """Return the posterior over all modes.
 
-    The evidence of a mode falls short of that of the best by what errors of form leave of the difference.
+    The evidence of a mode is that of its best set. Errors of form leave a part of the difference of two modes. Within
+    one mode the likelihood has these errors already.
     """
     best = max(modes.values(), key=lambda mode: mode.posterior.log_evidence)
-    most = best.posterior.log_evidence
-    softened = {}
-    for members, mode in modes.items():
-        short = most - mode.posterior.log_evidence
-        left = best.fit.information_left(squared_difference(best, mode)) if short > 0.0 else 1.0
-        softened[members] = replace(mode.posterior, log_evidence=most - left * short)
+    most, softened = best.posterior.log_evidence, {}
+    for active, mode in modes.items():
+        deficit = most - mode.posterior.log_evidence
+        part = best.fit.information_left(squared_difference(best, mode)) if deficit > 0.0 else 1.0
+        softened[active] = replace(mode.posterior, log_evidence=most - part * deficit)
     return combined(softened)
 
 
@@ -283,12 +296,12 @@ def rivals(found: Likelihood, sets: ModelPosterior) -> list[tuple[FloatArray, Se
     active, information = sets.sets[0], found.information
     scale = np.sqrt(np.maximum(np.diag(information), 1e-12))
     cosine = np.abs(information / np.outer(scale, scale))
-    others = [k for k in range(len(scale)) if k not in active]
+    others = [k for k in sets.prior.causes.tolist() if k not in active]
     pairs = [(float(cosine[j, k]), j, k) for j in active for k in others if cosine[j, k] > 0.0]
     starts = []
     for _, lost, gained in sorted(pairs, reverse=True)[:RIVALS]:
         theta = sets.mean[0].copy()
-        theta[gained] = theta[lost] * information[lost, gained] / information[gained, gained]
+        theta[gained] = theta[lost] * information[lost, gained] / scale[gained] ** 2
         theta[lost] = 0.0
         starts.append((theta, tuple(sorted({*active, gained} - {lost}))))
     return starts

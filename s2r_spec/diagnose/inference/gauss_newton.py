@@ -94,6 +94,7 @@ class Observation:
         form: (n,) κ_g of the group of every observable.
         correction: (n,) what the simulator's mean is beyond the sum of responses, from runs at ``ran``.
         ran: (K,) coordinates at which the simulator ran; 0 before any correction.
+        exact: (n,) whether that run has the observable; one that ended early lacks the rest.
         law: ρ, the part by which another author's law differs.
     """
 
@@ -111,6 +112,7 @@ class Observation:
     form: FloatArray
     correction: FloatArray
     ran: FloatArray
+    exact: NDArray[np.bool_]
     law: float = LAW_SHARE
 
     @classmethod
@@ -154,6 +156,7 @@ class Observation:
             np.full(used.size, LAW_SHARE),
             np.zeros(used.size),
             np.zeros(len(curves)),
+            np.ones(used.size, dtype=bool),
         )
         found = bare.of_runs(len(whole))
         return found._calibrated() if parts else found
@@ -166,8 +169,13 @@ class Observation:
         return replace(self, noise=noise, spread=spread)
 
     def corrected(self, correction: FloatArray, theta: FloatArray) -> Observation:
-        """Return the observation with (m,) another correction of the simulator's mean, from runs at θ."""
-        return replace(self, correction=correction[self.kept], ran=theta)
+        """Return the observation with (m,) another correction of the simulator's mean, from runs at θ.
+
+        It is NaN where a run has no value; there the sum of responses counts.
+        """
+        exact = np.isfinite(correction[self.kept])
+        new = np.where(exact, correction[self.kept], 0.0)
+        return replace(self, correction=new, ran=theta, exact=exact)
 
     def moved(self, theta: FloatArray) -> FloatArray:
         """Return (n,) the sum of the responses at θ."""
@@ -259,8 +267,9 @@ class Observation:
 
     @cached_property
     def _where_ran(self) -> list[tuple[FloatArray, FloatArray]]:
-        """Response (n,) to each parameter where the simulator ran, and its bend."""
-        return [(c.at(x), c.bend(x)) for c, x in zip(self.curves, self.ran.tolist(), strict=True)]
+        """Response (n,) to each parameter where the simulator ran, and its bend; 0 where that run has no value."""
+        places = zip(self.curves, self.ran.tolist(), strict=True)
+        return [(self.exact * c.at(x), self.exact * c.bend(x)) for c, x in places]
 
     @cached_property
     def _background(self) -> FloatArray:
@@ -381,15 +390,18 @@ class Fit:
             difference: (G,) mean squared difference of two predictions in each group, in u.
         """
         apart = self.groups.size / self.variances.noise * difference
-        by_group = information_by_group(self.groups, self.errors.sizes, self.variances)
-        return information_left(apart, self.errors.law * self.errors.sizes, by_group, self.kinds)
+        return information_left(apart, self.errors.law * self.errors.sizes, self.by_group, self.kinds)
+
+    @cached_property
+    def by_group(self) -> FloatArray:
+        """(G, K, K) information of every group, with its own law error."""
+        return information_by_group(self.groups, self.errors.sizes, self.variances)
 
     @cached_property
     def form(self) -> FloatArray:
         """(K, K) Q, the covariance of the score by errors of form."""
-        by_group = information_by_group(self.groups, self.errors.sizes, self.variances)
         errors = self.errors
-        return form_error(errors.law, errors.sizes, by_group, self.kinds, self.groupwise.information)
+        return form_error(errors.law, errors.sizes, self.by_group, self.kinds, self.groupwise.information)
 
     @cached_property
     def shared(self) -> FloatArray:

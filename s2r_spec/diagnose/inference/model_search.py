@@ -7,9 +7,13 @@ of parameters that are causes, and θ. Model:
 
     log p(y | A) = ½ mᵀ Σ_A m + ½ log |Σ_A| − ½ log |P_A⁻¹|,   Σ_A = (L + P_A)⁻¹,   θ | y, A ~ N(Σ_A m, Σ_A)
 
-P_A is the prior precision. A parameter whose range has one side has a half-normal prior: its evidence is multiplied
-by 2 Φ(mean/deviation) under the posterior of A, one parameter at a time, and its posterior is a truncated normal.
+P_A is the prior precision. A parameter whose range has one side has a half-normal prior, and its posterior is a
+truncated normal. For each such parameter of A, the evidence against the empty set is multiplied by Φ(mean/deviation)
+under A, and divided by that under the empty set.
 Sets of up to three parameters are all scored, by low-rank updates of Σ_∅; the best ones grow while the evidence does.
+
+A Gaussian likelihood holds near one point, so there are several, the *modes*, each for a set of causes. A set has
+evidence and sizes of the mode whose causes are most like its own.
 
 Units: θ in typical sizes. Shapes: K parameters, S sets.
 Source: Mitchell & Beauchamp, *JASA* 83 (1988) 1023; Rasmussen & Williams, *Gaussian Processes*, §A.3.
@@ -134,14 +138,20 @@ def posterior(found: Likelihood, theta: FloatArray, prior: SizePrior) -> ModelPo
 
 def nearest(modes: Iterable[Set], members: Set) -> Set:
     """Return the mode with the fewest causes that differ from those of a set; the first of several."""
-    return min(modes, key=lambda active: len({*active} ^ {*members}))
+    return min(modes, key=lambda active: _apart(active, members))
+
+
+def _apart(active: Set, members: Set) -> int:
+    """Return the number of causes that only one of two sets has."""
+    return len({*active} ^ {*members})
 
 
 def combined(posteriors: Mapping[Set, ModelPosterior]) -> ModelPosterior:
     """Return the posterior over the sets of several modes of the likelihood, for the same data and prior.
 
     Each mode has a likelihood of its own, which holds near it. So a set counts in the mode whose causes are most like
-    its own. Where several are alike, it is the one in which its evidence is the largest.
+    its own. Where several are alike, it is the one in which its evidence is the largest. A set that its own mode finds
+    improbable counts nowhere.
 
     Args:
         posteriors: causes of a mode → its posterior.
@@ -150,11 +160,12 @@ def combined(posteriors: Mapping[Set, ModelPosterior]) -> ModelPosterior:
     for active, one in posteriors.items():
         evidence = one.log_evidence + np.log(one.probability / one.probability[0])
         for row, members in enumerate(one.sets):
-            apart = len({*active} ^ {*members})
-            if apart > len({*nearest(posteriors, members)} ^ {*members}):
+            if _apart(active, members) > _apart(nearest(posteriors, members), members):
                 continue
             if members not in found or evidence[row] > found[members][0]:
                 found[members] = float(evidence[row]), one, row
+    if not found:  # every set is nearer to a mode that finds it improbable
+        return max(posteriors.values(), key=lambda one: one.log_evidence)
     sets = sorted(found, key=lambda members: -found[members][0])
     most = found[sets[0]][0]
     sets = [members for members in sets if found[members][0] - most > np.log(KEPT)]

@@ -100,3 +100,19 @@ def test_an_error_of_size_stays_where_the_laws_seem_the_same():
         own = of.with_law(law)
         shared = fit(own, theta, errors=Errors.at(own, theta)).shared
         assert (shared >= (LAW_SHARE * theta) ** 2).all()
+
+
+def test_a_run_at_the_estimate_is_exact_only_as_far_as_it_reaches():
+    given = problem(0.8, 0.5, 0.0)
+    (one,) = given.observations
+    theta = np.array([0.8, 0.5, 0.0])
+    whole = np.zeros(one.response.nominal.size)
+    cut = np.where(np.arange(whole.size) < one.kept[len(one.kept) // 2], whole, np.nan)
+    bare, full, part = (
+        each.errors(theta) for each in (one, one.corrected(whole, theta), one.corrected(cut, theta))
+    )
+    half = len(one.kept) // 2
+    assert (full < bare).all()
+    assert part[:half] == pytest.approx(full[:half])
+    assert part[half:] == pytest.approx(bare[half:])
+    assert np.isfinite(one.corrected(cut, theta).residual(theta)).all()

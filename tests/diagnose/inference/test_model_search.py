@@ -158,3 +158,16 @@ def test_a_set_counts_in_the_mode_whose_causes_are_most_like_its_own():
         without.log_evidence + np.log(without.probability[1] / without.probability[0])
     )
     assert combined({(0,): without, (0, 1): mode(0.34, 0.0)}).sets[0] == (0, 1)
+
+
+def test_a_set_that_its_own_mode_finds_improbable_counts_nowhere():
+    information, alone, both = np.eye(PARAMETERS) / 0.05**2, np.zeros(PARAMETERS), np.zeros(PARAMETERS)
+    alone[0], both[:2] = 0.6, (0.6, 0.6)
+    modes = {
+        (0,): posterior(Likelihood(information, np.zeros(PARAMETERS)), both, prior()),
+        (0, 1): posterior(Likelihood(information, np.zeros(PARAMETERS)), alone, prior()),
+    }
+    assert (0,) not in modes[0,].sets
+    found = combined(modes)
+    assert found.probability.sum() == pytest.approx(1.0)
+    assert (0,) not in found.sets
