@@ -1,10 +1,10 @@
-"""Are sizes and sets calibrated? Simulation-based calibration of the diagnosis.
+"""Are sizes and probabilities of effects calibrated? Simulation-based calibration of the diagnosis.
 
 python -m benchmarks.diagnosis_calibration [--machines arm car quad segway] [--count 60] [--rows FOLDER] [--write]
 
-Data: two runs of each test of a star and of each protocol, of machines that are drawn from the prior of the model
-(`docs/explanation/diagnosis-model.md`). Unknown: θ (K,), their sizes. In each kind of motion the simulator runs at
-θ + b. b is the error of size of this kind, with the part that all kinds share:
+Data: two runs of each protocol and of some tests, in the middle of the space and at both ends of each parameter. The
+machines are drawn from the prior of the model (`docs/explanation/diagnosis-model.md`). Unknown: θ (K,), their sizes. In
+each kind of motion the simulator runs at θ + b. b is the error of size of this kind, with the part that all share:
 
     b_k ~ N(0, σ_c² + ρ0² θ_k²), in common,  + N(0, ρ0² θ_k²), of each kind
 
@@ -48,7 +48,9 @@ FloatArray = NDArray[np.float64]
 
 RESULT = Path(__file__).parent / "results" / "diagnosis_calibration.json"
 RUNS = 2
+"""Definition: of every experiment."""
 INTERVALS = {"50 %": (0.25, 0.75), "90 %": (0.05, 0.95)}
+"""Definition: name of an interval → its quantiles."""
 BINS = (0.0, 0.05, 0.5, 0.95, 1.0)
 """Definition: ends of the bins of a probability: ruled out, two of *possible*, and nearly sure."""
 FIRST_SEED = 10_000

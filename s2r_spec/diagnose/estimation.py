@@ -35,20 +35,21 @@ from s2r_spec.trace import Trace
 FloatArray = NDArray[np.float64]
 
 CORRECTIONS = 3
-"""Budget: times that the simulator runs at the posterior mean, and then at the estimate of each of the most probable
-sets. Twice as many take up to twice the runs."""
+"""Budget: most runs of the simulator at the posterior mean. The most probable sets share :data:`SIMULATED` times as
+many. Twice as many take up to twice the runs."""
 SETTLED = 0.02
 """Tolerance: the simulator does not run again where the estimate moved less, in typical sizes. Twice as much saves a
 run of every experiment in some machines."""
 RIVALS = 3
-"""Budget: sets that are fitted beside the most probable one. Twice as many take about twice the time of all fits."""
+"""Budget: sets that are fitted beside the most probable one, each with a run of every experiment. Twice as many take
+about twice the time of all fits."""
 SIMULATED = 2
-"""Budget: most probable sets at whose own estimates the simulator runs. Twice as many take twice the runs."""
+"""Budget: most probable sets at whose own estimates the simulator runs. Twice as many take up to twice the runs."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """The joint estimate and the posterior of a machine, and the problem that was fitted."""
+    """The fit of the mode nearest to the most probable set, its problem, and the posterior over all modes."""
 
     library: ResponseLibrary
     fit: Fit
@@ -193,7 +194,7 @@ class Mode:
 
 
 def _joint(library: ResponseLibrary, problem: Problem) -> Fit:
-    """Return the joint estimate: of two, the second searched from the first, that of the more probable set."""
+    """Return the more probable of two joint estimates; the second search starts from the first."""
     first = fit(problem)
     found = [first, fit(problem, search(problem, first.theta))]
     found = [fit(problem, one.theta, errors=Errors.at(problem, one.theta)) for one in found]
@@ -220,7 +221,7 @@ def with_likely_law(problem: Problem, theta: FloatArray, deviation: FloatArray) 
 
 
 def moments(found: ModelPosterior) -> tuple[FloatArray, FloatArray]:
-    """Return (K,) mean and (K,) standard deviation of every size, over all sets."""
+    """Return (K,) mean and (K,) standard deviation of every size over all sets, before truncation to the ranges."""
     mean = found.probability @ found.mean
     square = found.probability @ (found.deviation**2 + (found.mean - mean) ** 2)
     return mean, np.sqrt(square)

@@ -4,14 +4,14 @@ Data: the likelihood of θ (K,) with information L, and the posterior over sets 
 (:mod:`.model_search`). Estimators, over all sets with their probabilities:
 
     value and interval: the 5 %, 50 % and 95 % quantiles of θ_k
-    probability of an effect: P(any of its parameters has |θ_k| ≥ 0.25 typical); presence: the same with 0.125
+    probability of an effect: P(one of its parameters that act alone has |θ_k| ≥ 0.25); presence: the same with 0.125
     half-width: 1.645 √ diag (L + 1/σ_slab²)⁻¹, what the data alone say of θ_k, with all other sizes free
     tuned: E θ, the posterior mean of every parameter
 
 An effect of at least 0.25 is to be named, one below 0.125 must not be. So an effect is *named* if its presence is at
 least 0.95 and its probability at least 0.5. It is *possible* from a probability of 0.05 on, else *ruled out*. It is
-*hidden* instead of ruled out if every half-width of it is above a quarter of typical: then the prior alone speaks
-against it. Every effect gets an entry.
+*hidden* instead of ruled out if each of its parameters that act alone has a half-width above a quarter of typical: then
+the prior alone speaks against it. Every effect gets an entry.
 
 Units: sizes in typical sizes, values in the parameter's unit. Shapes: K parameters, S sets.
 """

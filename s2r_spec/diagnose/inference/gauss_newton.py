@@ -1,21 +1,25 @@
 """Joint estimate of all effects: a search over the points of the library, then Gauss–Newton steps.
 
 Data: y_p (m_p,), the mean observables of real runs of each experiment p. Unknown: θ (K,) in typical sizes. Model and
-likelihood: :mod:`.hierarchical`. Prior in the fit: θ_k ~ N(0, σ_slab²) within its range, for every parameter.
+likelihood: :mod:`.hierarchical`. Prior in the fit: θ_k ~ N(0, σ_slab²) within its range. Around a mode it is
+N(0, σ_bg²) for parameters that are not its causes.
 
 The error of an observable i of group g has the shape
 
-    u_i² = scatter² + variants² + Σ_k (ρ F_k,i)² + (κ_g ΔF_k,i)² + bend_k,i² + θ_k² spread_k,i²
+    u_i² = scatter² + variants² + background² + Σ_k [(ρ F_k,i)² + (κ_g ΔF_k,i)² + bend_k,i² + θ_k² spread_k,i²]
 
 F_k is the response to parameter k, of which another author's law differs by a part ρ. ΔF_k is its change since the last
 runs of the simulator, and κ_g the relative error of a sum of responses (:mod:`.additivity`). *bend* is the error of
 interpolation, and *spread* the scatter of a response from run to run. So a group that an effect throws into
-disorder says little about this effect. Half of the terms in the sum is spread evenly over the group.
+disorder says little about this effect. *background* is the error of sum and scatter at σ_bg of every parameter. Half of
+the sum and of the background is spread evenly over the group.
 
 Since u depends on θ, it is fixed within a Gauss–Newton step (a quasi-likelihood; McCullagh & Nelder, *Generalized
-Linear Models*, ch. 9). Estimates are compared under a common u, the larger of theirs.
+Linear Models*, ch. 9). Two first estimates are compared under the larger of their u, and modes under its posterior
+mean.
 
-The first estimate is a search: from θ = 0, one effect at a time moves to the point of the library that lowers
+The first estimate is a search: from θ = 0, one parameter at a time, with its dependents, moves to the point of the
+library that lowers
 
     Σ_g ½ (ν + N_g) log(1 + N_g |r_g|²/(n_g ν)) + ½ |θ|²/σ_slab²      (Student's t for each group)
 
@@ -360,7 +364,7 @@ class Errors:
 
 @dataclass(frozen=True)
 class Fit:
-    """The joint estimate.
+    """The estimate under one prior.
 
     Attributes:
         theta: (K,) estimate of every parameter.
@@ -466,7 +470,7 @@ def _step(total: Likelihood, theta: FloatArray, deviation: FloatArray) -> FloatA
 
 
 def search(problem: Problem, start: FloatArray | None = None) -> FloatArray:
-    """Return (K,) a first estimate: from a start, one effect at a time moves to a point of the library.
+    """Return (K,) a first estimate: from a start, one parameter at a time moves to a point of the library.
 
     A parameter moves together with those that depend on it, such as the phase of a ripple: they show nothing while it
     is nominal. A move is compared with the present estimate under the larger of both errors u. Most moves do not change

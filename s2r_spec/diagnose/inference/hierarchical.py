@@ -21,9 +21,10 @@ says about (θ, φ), with its information I_g = N_g/(n_g s_g²) M_gᵀ M_g and s
     information (I_g⁻¹ + T_g)⁻¹,   score (1 + I_g T_g)⁻¹ h_g,   T_g = diag(τ_g² I_K + ρ_g² diag(θ²), 4 τ_g² I_V)
 
 The sum of these over g, with φ integrated out, is the *groupwise* likelihood, of information J and score h. Two errors
-are common to all groups, so that they do not average out:
+are common to several groups, so they do not average out:
 
-    form    an effect has another shape in all groups: J becomes (J⁻¹ + J⁻¹ Q J⁻¹)⁻¹, and h becomes J (J + Q)⁻¹ h,
+    form    an effect has another shape, in all groups of one kind of motion c:
+            J becomes (J⁻¹ + J⁻¹ Q J⁻¹)⁻¹, and h becomes J (J + Q)⁻¹ h,
             Q = Σ_c [C_c ∘ O_c diag(ρ² θ²) O_c + Σ_k (ρ0² − ρ²) θ_k² J_c,k J_c,kᵀ],   J_c = Σ_{g in c} J_g,
             O_c,jk = Σ_{g in c} (J_g,jj J_g,kk)^½,   C_c: correlations of J_c,   J_c,k: its column k
     size    an effect's size in the laws of another author is not defined any better: the covariance grows by
@@ -38,9 +39,10 @@ these add up to ρ θ_k O_c,jk. Kinds are the tests of the specification, and ea
 correlate as their signals do. So a fine detail of shape does not separate two effects, and an effect that others do not
 touch is measured as before. The second term is the error of the size that one kind of motion sees.
 
-The log likelihoods of two modes differ by h − ½ J_D, with the score h along D, the difference of their predictions. J_D
-sums J_D,g = N_g/(n_g s_g²) |D_g|² over the groups. Errors of form grow the variance of h from J_D to J_D + Q_D, with
-Q_D = Σ_c Σ_k ρ² θ_k² (Σ_{g in c} (J_D,g J_g,kk)^½)². So the part J_D/(J_D + Q_D) of the difference counts.
+Two modes differ in log likelihood by h_D − ½ J_D, with the score h_D along D, the difference of their predictions. J_D
+sums J_D,g = N_g/(n_g s_g²) |D_g/u_g|² over the groups. Errors of form grow the variance of h_D from J_D to J_D + Q_D,
+with Q_D = Σ_c Σ_k ρ² θ_k² (Σ_{g in c} (J_D,g J_g,kk)^½)². So the part J_D/(J_D + Q_D) of the difference counts. θ, s_g
+and J_g are those of the more probable mode.
 
 λ_k ≥ 1 says how much more than by T_g the groups disagree about parameter k: the mode of λ_k ~ Inv-χ²(ν, 1), if T_g is
 multiplied by diag(λ). It does not change the weights of groups. If it did, groups that all ask for the same θ_k could
@@ -66,9 +68,9 @@ LAW_ERROR = 0.02
 follows every law count for more, and the few precise ones for less. Chosen among 0.01, 0.02, 0.05 by the errors on 20
 of the twins of `benchmarks/protocol_fit.py`, which are therefore validation."""
 LAW_SHARE = 0.1
-"""Prior: part ρ of an effect's size by which its law is wrong in all groups, or half as much, which is equally
-probable. It is also the scale of ρ_g and κ_g in each group. Twice as much makes intervals of large effects up to twice
-as wide. A quarter was tried, too: intervals then hold fewer than 85 % of the truths of two machines of
+"""Prior: part ρ0 of an effect's size by which its law is wrong in one kind of motion; ρ is ρ0 or half as much, which is
+equally probable. It is also the scale of ρ_g and κ_g. Twice as much makes intervals of large effects up to twice as
+wide. A quarter was tried, too: intervals then hold fewer than 85 % of the truths of two machines of
 `benchmarks/blind/development.py`, which are therefore validation."""
 DEGREES = 4.0
 """Prior: degrees of freedom ν of both variances of a group. With twice as many, a group that does not fit keeps more
@@ -311,8 +313,8 @@ def information_left(
 ) -> float:
     """Return J_D/(J_D + Q_D), the part of the difference of two log likelihoods that errors of form leave.
 
-    The difference is h − ½ J_D, with the score h along D, from one prediction to the other one. With errors of form, h
-    has the variance J_D + Q_D.
+    The difference is h_D − ½ J_D, with the score h_D along D, from one prediction to the other one. With errors of
+    form, h_D has the variance J_D + Q_D.
 
     Args:
         apart: (G,) J_D,g of every group, the squared difference of two predictions in units of the error.
