@@ -57,6 +57,24 @@ def test_the_page_has_the_scores_of_development_cases():
     ]
 
 
+def test_the_page_has_the_figures_of_the_calibration():
+    score = json.loads((ROOT / "benchmarks" / "results" / "diagnosis_calibration.json").read_text())["all"]
+    page = (ROOT / "docs" / "explanation" / "diagnosis.md").read_text()
+    for words, group, count in (
+        ("sizes of at least 0.25 in their 90 % intervals", "large", score["large sizes"]),
+        ("other sizes in their 90 % intervals", "others", score["other sizes"]),
+    ):
+        share = 100 * score[f"{group}, in the interval"]["90 %"]
+        assert f"| {words} | {share:.0f} % of {count} |" in page
+    for place, one in zip(
+        ("below 0.05", "of 0.05 to 0.5", "of 0.5 to 0.95", "above 0.95"),
+        score["effects by probability"],
+        strict=True,
+    ):
+        cell = f"{round(one['are large'] * one['effects'])} of {one['effects']}"
+        assert f"| effects with a probability {place} that are large | {cell} |" in page
+
+
 def test_every_set_was_frozen_before_it_was_opened():
     found = sorted(RESULTS.glob("*_scores.json"))
     assert found
