@@ -9,7 +9,10 @@ import s2r_cart
 from s2r_cart import EFFECTS, Cart, real
 
 from s2r_spec.diagnose.cache import Cache
-from s2r_spec.diagnose.estimation import estimate
+from s2r_spec.diagnose.estimation import estimate, rivals
+from s2r_spec.diagnose.inference.hierarchical import Likelihood
+from s2r_spec.diagnose.inference.model_search import posterior
+from s2r_spec.diagnose.inference.prior import SizePrior
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import library
 from s2r_spec.errors import BackendError, UsageError
@@ -82,6 +85,22 @@ def test_a_trace_that_ends_early_is_used_as_far_as_it_goes(responses):
     found = estimate(Cart(), responses, {**data, test: cut})
     assert "coulomb" in named(responses, found)
     assert np.isfinite(found.fit.theta).all()
+
+
+def test_a_rival_of_a_cause_is_one_that_acts_alone():
+    """The place of a payload looks like a tilt, but is no cause without the payload."""
+    prior = SizePrior.of(
+        ["tilt", "offset", "payload", "payload"],
+        np.full(4, -2.0),
+        np.full(4, 2.0),
+        np.array([False, False, False, True]),
+    )
+    signatures = np.array([[1.0, 0.3, 0.0], [0.8, 0.9, 0.0], [0.2, 0.0, 1.0], [0.05, 0.015, 0.0]])
+    found = Likelihood(4e3 * signatures @ signatures.T, np.zeros(4))
+    sets = posterior(found, np.array([0.8, 0.0, 0.0, 0.0]), prior)
+    assert sets.sets[0] == (0,)
+    others = [members for _, members in rivals(found, sets)]
+    assert others == [(1,), (2,)]
 
 
 class Dying(ThreadPoolExecutor):
