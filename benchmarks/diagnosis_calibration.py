@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from benchmarks.blind.development import MUST, simulator
 from benchmarks.blind.outsiders.generate import MACHINES as OUTSIDERS
-from benchmarks.rows import resumed
+from benchmarks.rows import add_arguments, resumed
 from s2r_spec.diagnose.data.rollouts import as_experiment
 from s2r_spec.diagnose.data.space_filling import star
 from s2r_spec.diagnose.estimation import estimate, size_prior
@@ -89,11 +89,8 @@ def drawn(prior: SizePrior, rng: np.random.Generator) -> FloatArray:
 def row(job: tuple[str, int, int]) -> dict[str, Any]:
     """Return truths and answers of one machine."""
     machine, number, seed = job
-    (bench, experiments), found, rng = (
-        setup(machine),
-        responses(machine),
-        np.random.default_rng([seed, number]),
-    )
+    bench, experiments = setup(machine)
+    found, rng = responses(machine), np.random.default_rng([seed, number])
     prior = size_prior(found)
     theta = drawn(prior, rng)
     scale = LAW_SHARE * np.abs(theta)
@@ -175,10 +172,8 @@ def main() -> None:
     )
     parser.add_argument("--machines", nargs="+", choices=list(OUTSIDERS), default=list(OUTSIDERS))
     parser.add_argument("--count", type=int, default=60)
-    parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--seed", type=int, default=47)
-    parser.add_argument("--rows", type=Path, help="folder for the row of each machine; a second call resumes")
-    parser.add_argument("--write", action="store_true")
+    add_arguments(parser)
     given = parser.parse_args()
     rows: list[dict[str, Any]] = []
     result: dict[str, Any] = {"seed": given.seed}

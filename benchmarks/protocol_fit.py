@@ -36,7 +36,7 @@ from benchmarks.blind.a1.effects import KNOWN
 from benchmarks.blind.a1.model import made
 from benchmarks.blind.a1.protocols import Bench
 from benchmarks.blind.a1.rollout import Runner
-from benchmarks.rows import resumed
+from benchmarks.rows import add_arguments, resumed
 from s2r_spec.diagnose.data.rollouts import as_experiment
 from s2r_spec.diagnose.data.space_filling import star
 from s2r_spec.diagnose.estimation import Estimate, estimate
@@ -230,10 +230,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--twins", type=int, default=40)
     parser.add_argument("--practice", type=int, default=40)
-    parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--seed", type=int, default=46)
-    parser.add_argument("--rows", type=Path, help="folder for the row of each machine; a second call resumes")
-    parser.add_argument("--write", action="store_true")
+    add_arguments(parser)
     given = parser.parse_args()
     os.environ["OMP_NUM_THREADS"] = "1"
     began = time.time()

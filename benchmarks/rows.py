@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import json
+from argparse import ArgumentParser
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any, TypeVar
 
 Job = TypeVar("Job")
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Add the arguments of a benchmark with rows."""
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--rows", type=Path, help="folder for the row of each machine; a second call resumes")
+    parser.add_argument("--write", action="store_true", help="keep the result in the folder of results")
 
 
 def resumed(

@@ -23,7 +23,7 @@ import numpy as np
 from benchmarks.plants import PLANTS
 from benchmarks.plants.cases import KINDS, Kind, plant
 from benchmarks.protocol_fit import EXPERIMENTS, SIM, responses
-from benchmarks.rows import resumed
+from benchmarks.rows import add_arguments, resumed
 from s2r_spec.diagnose.estimation import estimate
 from s2r_spec.diagnose.inference.estimates import named
 from s2r_spec.diagnose.simulator.library import library
@@ -84,9 +84,7 @@ def score(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--rows", type=Path, help="folder for the row of each machine; a second call resumes")
-    parser.add_argument("--write", action="store_true")
+    add_arguments(parser)
     given = parser.parse_args()
     os.environ["OMP_NUM_THREADS"] = "1"
     library(SIM, EXPERIMENTS, partial(ProcessPoolExecutor, given.workers))

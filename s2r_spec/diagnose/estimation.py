@@ -128,7 +128,6 @@ def estimate(
             break
         members = found.sets[row]
         theta = modes[members].fit.theta if members in modes else found.mean[row]
-        theta = np.clip(theta, prior.low, prior.high)
         modes |= fitted(library, [Mode(simulator.corrected(problem, theta), theta, members)], errors)
         found = over_modes(modes)
     return replace(modes[nearest(modes, found.sets[0])], posterior=found)

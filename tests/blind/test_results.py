@@ -86,7 +86,9 @@ def test_every_set_was_frozen_before_it_was_opened():
         assert re.fullmatch(r"[0-9a-f]{64}", manifest["code"])
 
 
-@pytest.mark.xfail(strict=True, reason="the diagnosis does not find the friction of the real Go2 yet")
+@pytest.mark.xfail(
+    strict=True, reason="friction of hips and thighs, and the armature, of the real Go2 are not found"
+)
 def test_the_diagnosis_of_the_real_go2_agrees_with_a_least_squares_fit():
     kept = json.loads((ROOT / "benchmarks" / "real" / "go2_diagnose.json").read_text())
     fit = json.loads((ROOT / "benchmarks" / "real" / "go2_fit.json").read_text())

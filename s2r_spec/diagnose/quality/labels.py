@@ -1,7 +1,7 @@
 """Recordings that stand under another test than they were run at: the simulator's mean moves to that test.
 
 The simulator is run at the tests of the row before and after, at those with one parameter's other sign, and with two
-parameters of one unit exchanged; where a comparison has its mean at such a test, this counts.
+parameters of one unit exchanged. Where the comparison has the mean at such a test, it is not run again.
 """
 
 from __future__ import annotations
