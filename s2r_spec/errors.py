@@ -100,6 +100,10 @@ class SamplingError(TraceError):
     """A time window of the spec is shorter than the time between two samples of a trace."""
 
 
+class UndecidedError(TraceError):
+    """A trace does not decide a requirement: a signal that it depends on was silent, or was sent with two values."""
+
+
 class BackendError(S2RError):
     """A backend failed while it ran, or broke its declared contract."""
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from math import isfinite, isnan
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -14,12 +16,14 @@ from numpy.typing import ArrayLike, NDArray
 from s2r_spec import stamps
 from s2r_spec.errors import TraceError, TraceNote, one_of, suggest
 from s2r_spec.instants import instant
+from s2r_spec.messages import Messages, union
 from s2r_spec.printable import html_table, one_line
 from s2r_spec.samples import Rule, finite_seconds, inside, regular, sampling, seconds_of
 from s2r_spec.samples import between as between
 from s2r_spec.upper import upper
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 SHOWN = 8
 """Definition: signals that the one line of a trace names."""
@@ -27,16 +31,25 @@ SHOWN = 8
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Trace:
-    """Channels over common time stamps. Frozen: arrays are read-only copies.
+    """Channels over time. Frozen: arrays are read-only copies.
+
+    The channels have common samples, or each has messages of its own (:class:`~s2r_spec.messages.Messages`), as the
+    topics of a log have. Then the times are all stamps of all channels, and ``trace[name]`` has the value that is held
+    at each of them; :attr:`own` tells which are the channel's own.
 
     Args:
         times: (n,) time stamps [s], strictly increasing, n ≥ 1. Durations (``timedelta64``) become
-            seconds; dates (``datetime64``, ``datetime``) seconds since the first of them.
+            seconds; dates (``datetime64``, ``datetime``) seconds since the first of them. None for messages.
         channels: name → (n,) or (n, k) samples, read as float64. Masked samples become NaN, and durations seconds. A
-            pint Quantity keeps its unit.
+            pint Quantity keeps its unit. Or name → messages.
         units: name → unit as a text ("m/s"); a channel without an entry has no unit.
         meta: values that can be written as JSON. ``meta["failure"]`` is reserved for a short word ("fall") if the
             rollout ended early; see :attr:`failure`.
+        since: begin of the trace [s]; None for that of the first message. Only for messages.
+        until: end of the trace [s]; None for as long as the last message is valid. Only for messages.
+        origin: the messages from which these samples were taken at the stamps of one topic; None for others.
+        masks: name → (n,) whether a sample is the channel's own, and not held or interpolated, in a trace that was
+            resampled; all are, if there is no entry.
 
     Raises:
         TraceError: times do not increase or are not finite, a channel has another length or no numbers, a unit is no
@@ -47,9 +60,42 @@ class Trace:
     channels: Mapping[str, FloatArray]
     units: Mapping[str, str] = field(default_factory=dict)
     meta: Mapping[str, Any] = field(default_factory=dict)
+    since: float | None = None
+    until: float | None = None
+    masks: Mapping[str, BoolArray] = field(default_factory=dict)
+    origin: Trace | None = None
 
     def __post_init__(self) -> None:
         """Copy, check and freeze."""
+        if not isinstance(self.meta, Mapping):
+            raise TraceError(f"meta is {self.meta!r}; it must map names to values")
+        _failure(self.meta)
+        object.__setattr__(self, "meta", MappingProxyType(dict(self.meta)))
+        messages = messages_of(self.channels)
+        if messages:
+            self._of_messages(messages)
+        else:
+            self._of_samples()
+
+    def _of_messages(self, messages: Mapping[str, Messages]) -> None:
+        if len(messages) < len(self.channels):
+            raise TraceError("some channels are messages and some are samples; all must be of one kind")
+        object.__setattr__(self, "channels", _Held(messages, self.since, self.until))
+        object.__setattr__(self, "units", MappingProxyType(_fitting(_texts(self.units), messages)))
+        object.__setattr__(self, "masks", MappingProxyType({}))
+        if self.until is None:
+            last = max(one.end if isfinite(one.end) else float(one.times[-1]) for one in messages.values())
+            object.__setattr__(self, "until", last)
+        # All stamps of all channels take more memory than the messages, and often nobody needs them.
+        object.__delattr__(self, "times")
+
+    def __getattr__(self, name: str) -> Any:
+        """Make the times of messages when they are first needed."""
+        if name != "times" or not isinstance(self.__dict__.get("channels"), _Held):
+            raise AttributeError(name)
+        return self.channels.times  # type: ignore[attr-defined]
+
+    def _of_samples(self) -> None:
         times, _ = _frozen(self.times, "t", dates=True)
         if times.ndim != 1 or times.size == 0:
             raise TraceError(f"a trace needs times of shape (n,) with n >= 1, not {times.shape}")
@@ -74,18 +120,25 @@ class Trace:
                     f"channel {name!r} has shape {values.shape}, but there are {times.size} time stamps; "
                     f"it must be ({times.size},) or ({times.size}, k)"
                 )
-        unknown = set(units) - set(channels)
-        if unknown:
-            raise TraceError(
-                f"units are given for {one_of(unknown)}, which the trace does not have: {one_of(channels)}"
-            )
+        masks = {name: _mask(mask, times.size, name) for name, mask in self.masks.items() if name in channels}
         object.__setattr__(self, "times", times)
         object.__setattr__(self, "channels", MappingProxyType(channels))
-        if not isinstance(self.meta, Mapping):
-            raise TraceError(f"meta is {self.meta!r}; it must map names to values")
-        _failure(self.meta)
-        object.__setattr__(self, "units", MappingProxyType(units))
-        object.__setattr__(self, "meta", MappingProxyType(dict(self.meta)))
+        object.__setattr__(self, "units", MappingProxyType(_fitting(units, channels)))
+        object.__setattr__(self, "masks", MappingProxyType(masks))
+        object.__setattr__(self, "since", None)
+        object.__setattr__(self, "until", None)
+
+    @classmethod
+    def of_messages(
+        cls,
+        channels: Mapping[str, Messages],
+        units: Mapping[str, str] = MappingProxyType({}),
+        meta: Mapping[str, Any] = MappingProxyType({}),
+        since: float | None = None,
+        until: float | None = None,
+    ) -> Trace:
+        """Return the trace of channels that have messages of their own; see :class:`Trace`."""
+        return cls(None, channels, units, meta, since, until)  # type: ignore[arg-type]
 
     def __len__(self) -> int:
         return int(self.times.size)
@@ -112,7 +165,77 @@ class Trace:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle through the constructor, because read-only mappings cannot be pickled."""
-        return Trace, (self.times, dict(self.channels), dict(self.units), dict(self.meta))
+        if self.messages:
+            fields = dict(self.messages), dict(self.units), dict(self.meta), self.since, self.until
+            return Trace.of_messages, fields
+        channels, masks = dict(self.channels), dict(self.masks)
+        return Trace, (
+            self.times,
+            channels,
+            dict(self.units),
+            dict(self.meta),
+            None,
+            None,
+            masks,
+            self.origin,
+        )
+
+    @property
+    def messages(self) -> Mapping[str, Messages]:
+        """Channel → its messages; empty if the channels have common samples."""
+        return messages_of(self.channels)
+
+    def own(self, name: str) -> BoolArray:
+        """Return (n,): whether the sample of a channel at each time is its own, and not held or interpolated.
+
+        Raises:
+            TraceError: there is no such channel.
+        """
+        self[name]
+        if name in self.messages:
+            return self.messages[name].own(self.times)
+        return self.masks.get(name, np.ones(len(self), dtype=bool))
+
+    def common(self) -> Trace:
+        """Return this trace with common samples, if the messages of all channels have the same stamps.
+
+        Else return it unchanged, and so one that begins between two messages, or has two with one stamp.
+        """
+        if not self.messages:
+            return self
+        first, *others = self.messages.values()
+        times = first.times
+        if any(one.times is not times and not np.array_equal(one.times, times) for one in others):
+            return self
+        assert self.until is not None
+        since = times[0] if self.since is None else self.since
+        begin, stop = np.searchsorted(times, since), np.searchsorted(times, self.until, side="right")
+        inner = times[begin:stop]
+        stated = any(not isnan(one.longest) for one in self.messages.values())
+        if stated or not inner.size or inner[0] != since or (np.diff(inner) <= 0).any():
+            return self
+        channels = {name: one.values[begin:stop] for name, one in self.messages.items()}
+        return Trace(inner, channels, self.units, self.meta)
+
+    def begun(self) -> Trace:
+        """Return this trace from the first sample on at which every channel has had a message."""
+        if self.origin is None:
+            return self
+        known = np.logical_and.reduce(
+            [~np.isnan(values.reshape(len(self), -1)).any(axis=1) for values in self.channels.values()]
+        )
+        return (
+            self if known[0] else self._at(slice(int(np.argmax(known)), None), self.times[np.argmax(known) :])
+        )
+
+    def with_channels(self, change: Callable[[str, FloatArray], FloatArray]) -> Trace:
+        """Return this trace with other values: ``change(name, values)`` of every channel's own samples."""
+        if self.messages:
+            changed = {n: replace(one, values=change(n, one.values)) for n, one in self.messages.items()}
+            return self._with_messages(changed)
+        channels = {name: change(name, values) for name, values in self.channels.items()}
+        origin = None if self.origin is None else self.origin.with_channels(change)
+        return replace(self, channels=channels, origin=origin)
 
     @property
     def duration(self) -> float:
@@ -125,10 +248,16 @@ class Trace:
         return _failure(self.meta)
 
     def only(self, names: Iterable[str]) -> Trace:
-        """Return this trace with only these channels."""
-        kept = {name: self[name] for name in names}
-        units = {name: unit for name, unit in self.units.items() if name in kept}
-        return Trace(self.times, kept, units, self.meta)
+        """Return this trace with only these channels; of messages, without the stamps of the others."""
+        names = list(names)
+        units = {name: unit for name, unit in self.units.items() if name in names}
+        if self.messages:
+            for name in names:
+                if name not in self:
+                    self[name]  # raises
+            return self._with_messages({name: self.messages[name] for name in names}, units=units)
+        origin = None if self.origin is None else self.origin.only(names)
+        return replace(self, channels={name: self[name] for name in names}, units=units, origin=origin)
 
     # -- other times and names -----------------------------------------------------------------------------------
 
@@ -144,8 +273,24 @@ class Trace:
         Raises:
             TraceError: an argument is no time, the end is before the start, or no sample lies between the two.
         """
-        chosen = inside(self.times, seconds_of(start, "start"), seconds_of(end, "end"))
-        return self._at(chosen, self.times[chosen])
+        low, high = seconds_of(start, "start"), seconds_of(end, "end")
+        if self.messages:
+            return self._messages_between(low, high)
+        chosen = inside(self.times, low, high)
+        origin = None if self.origin is None else self.origin.between(low, high)
+        return replace(self._at(chosen, self.times[chosen]), origin=origin)
+
+    def _messages_between(self, low: float, high: float) -> Trace:
+        assert self.until is not None
+        if high < low:
+            raise TraceError(f"the end, {high:g} s, is before the start, {low:g} s")
+        parts = {name: one.between(low, high) for name, one in self.messages.items()}
+        kept = {name: one for name, one in parts.items() if one is not None}
+        if len(kept) < len(parts):
+            lacking = min(set(parts) - set(kept))
+            raise TraceError(f"the channel {lacking!r} has no value from {low:g} s to {high:g} s")
+        since = low if self.since is None else max(self.since, low)
+        return self._with_messages(kept, since=since, until=min(self.until, high))
 
     def shift(self, by: Any) -> Trace:
         """Return this trace with all times later by so many seconds (or a ``timedelta``); earlier if negative.
@@ -155,7 +300,14 @@ class Trace:
         Raises:
             TraceError: the argument is not a finite duration.
         """
-        return self._at(slice(None), self.times + finite_seconds(by, "the shift"))
+        later = finite_seconds(by, "the shift")
+        if self.messages:
+            assert self.until is not None
+            moved = {name: one.shifted(later) for name, one in self.messages.items()}
+            since = None if self.since is None else self.since + later
+            return self._with_messages(moved, since=since, until=self.until + later)
+        origin = None if self.origin is None else self.origin.shift(later)
+        return replace(self._at(slice(None), self.times + later), origin=origin)
 
     def resample(self, period: Any, rule: Rule | Mapping[str, Rule] = "hold") -> Trace:
         """Return this trace at regular times, from its first time on.
@@ -178,11 +330,32 @@ class Trace:
         """
         rules = self._rules(rule)
         times, at = regular(self.times, finite_seconds(period, "the period"))
+        if self.messages:
+            return self.sampled_at(times, rules)
         channels = {
             name: values[at] if rules[name] == "hold" else between(times, self.times, values)
             for name, values in self.channels.items()
         }
-        return Trace(times, channels, self.units, self.meta)
+        fresh = self.times[at] == times
+        masks = {
+            name: self.own(name)[at] & fresh for name in channels if name in self.masks or not fresh.all()
+        }
+        return Trace(times, channels, self.units, self.meta, masks=masks)
+
+    def sampled_at(self, times: FloatArray, rules: Mapping[str, str] | None = None) -> Trace:
+        """Return channels with messages at common times: a trace whose requirements are evaluated at these samples.
+
+        Messages between two of the times are left out, and :attr:`masks` tell which samples are a channel's own.
+
+        Args:
+            times: (n,) increasing times [s].
+            rules: channel → "hold" or "linear"; None for its own rule.
+        """
+        channels, masks = {}, {}
+        for name, one in self.messages.items():
+            one = one if rules is None else replace(one, linear=rules[name] == "linear")
+            channels[name], masks[name] = one.read(times), one.own(times)
+        return Trace(times, channels, self.units, self.meta, masks=masks)
 
     def rename(self, names: Mapping[str, str]) -> Trace:
         """Return this trace with other names of channels: old name → new name; units go with them.
@@ -195,17 +368,28 @@ class Trace:
             if not isinstance(new, str) or not new:
                 raise TraceError(f"the new name of channel {old!r} is {new!r}; it must be a text")
         kept = [names.get(name, name) for name in self.channels]
+        units = {names.get(name, name): unit for name, unit in self.units.items()}
         if twice := [name for name in kept if kept.count(name) > 1]:
             raise TraceError(f"two channels would be called {twice[0]!r}; give them different names")
+        if self.messages:
+            return self._with_messages(dict(zip(kept, self.messages.values(), strict=True)), units=units)
         channels = dict(zip(kept, self.channels.values(), strict=True))
-        return Trace(
-            self.times, channels, {names.get(n, n): unit for n, unit in self.units.items()}, self.meta
+        masks = {names.get(name, name): mask for name, mask in self.masks.items()}
+        origin = None if self.origin is None else self.origin.rename(names)
+        return replace(self, channels=channels, units=units, masks=masks, origin=origin)
+
+    def _with_messages(self, channels: Mapping[str, Messages], **changes: Any) -> Trace:
+        """Return this trace with other messages, and other fields."""
+        return Trace.of_messages(
+            channels,
+            **{"units": self.units, "meta": self.meta, "since": self.since, "until": self.until} | changes,
         )
 
     def _at(self, chosen: slice, times: FloatArray) -> Trace:
         """Return chosen samples, at these times."""
         channels = {name: values[chosen] for name, values in self.channels.items()}
-        return Trace(times, channels, self.units, self.meta)
+        masks = {name: mask[chosen] for name, mask in self.masks.items()}
+        return replace(self, times=times, channels=channels, masks=masks)
 
     def _rules(self, rule: Rule | Mapping[str, Rule]) -> dict[str, str]:
         """Return channel → its rule.
@@ -306,6 +490,72 @@ class Trace:
         return one_line(
             f"{name}{width} [{self.units[name]}]" if unit and name in self.units else f"{name}{width}"
         )
+
+
+class _Held(Mapping[str, FloatArray]):
+    """Channels with messages, as their values at all stamps of the trace; each is made when it is read."""
+
+    def __init__(self, messages: Mapping[str, Messages], since: float | None, until: float | None) -> None:
+        self.messages = MappingProxyType(dict(messages))
+        self._since, self._until = since, until
+
+    def __getitem__(self, name: str) -> FloatArray:
+        values = self.messages[name].read(self.times)
+        values.setflags(write=False)
+        return values
+
+    @cached_property
+    def times(self) -> FloatArray:
+        """(n,) the begin of the trace, and all stamps of all channels in it [s]."""
+        times = union(self.messages.values())
+        if self._since is not None:
+            times = np.union1d(times[times > self._since], self._since)
+        if self._until is not None:
+            times = times[times <= self._until]
+        times.setflags(write=False)
+        return times
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.messages)
+
+    def __len__(self) -> int:
+        return len(self.messages)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.messages
+
+
+def messages_of(channels: Mapping[str, Any]) -> Mapping[str, Messages]:
+    """Return the channels that are messages."""
+    if isinstance(channels, _Held):
+        return channels.messages
+    return {name: one for name, one in channels.items() if isinstance(one, Messages)}
+
+
+def _mask(mask: ArrayLike, count: int, name: str) -> BoolArray:
+    """Return a read-only copy of a mask.
+
+    Raises:
+        TraceError: it has another length.
+    """
+    array = np.array(mask, dtype=bool)
+    if array.shape != (count,):
+        raise TraceError(f"the mask of {name!r} has shape {array.shape}, but there are {count} time stamps")
+    array.setflags(write=False)
+    return array
+
+
+def _fitting(units: dict[str, str], channels: Mapping[str, Any]) -> dict[str, str]:
+    """Return the units.
+
+    Raises:
+        TraceError: a unit is for no channel.
+    """
+    if unknown := set(units) - set(channels):
+        raise TraceError(
+            f"units are given for {one_of(unknown)}, which the trace does not have: {one_of(channels)}"
+        )
+    return units
 
 
 def _frozen(values: ArrayLike, name: str, *, dates: bool = False) -> tuple[FloatArray, str | None]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -24,7 +23,7 @@ from s2r_spec.cli.log_options import (
     missing,
 )
 from s2r_spec.cli.online import Settings, follow
-from s2r_spec.cli.reading import Recorded, Request, named, read
+from s2r_spec.cli.reading import Request, named, read
 from s2r_spec.json_values import line
 from s2r_spec.printable import lines, one_line
 from s2r_spec.verdict import Verdict, worst
@@ -32,8 +31,7 @@ from s2r_spec.verdict import Verdict, worst
 if TYPE_CHECKING:
     from s2r_spec.json_objects.monitor import MonitoredKind, MonitoredTrace, UnreadTrace
     from s2r_spec.json_objects.parts import ExitCode
-    from s2r_spec.robustness.evaluation import Evaluation
-    from s2r_spec.robustness.profiles import Profile
+    from s2r_spec.spec.monitored import Conventions, Monitored
 
 
 def monitor(
@@ -108,6 +106,7 @@ def monitor(
         from s2r_spec.robustness.profiles import profile
         from s2r_spec.rollouts.excerpts import Excerpts, read_sources
         from s2r_spec.spec import load_spec
+        from s2r_spec.spec.monitored import Conventions
 
         parsed = load_spec(spec)
         given, sources = read_sources(params or [])
@@ -119,7 +118,8 @@ def monitor(
         joining = Joining(clock, join or "hold", stamps) if chooses else None
         excerpts = Excerpts(read_map(columns or []), time_unit, joining, when, start, duration, sources)
         request = Request(parsed, chosen, values, excerpts, missing(nan))
-        conventions = profile(like)
+        conventions = Conventions(missing(nan), partial, time_unit is not None, like)
+        profile(like)
         if online:
             if like != "s2r":
                 raise UsageError("--profile is for recorded traces; --online evaluates only at the samples")
@@ -131,7 +131,7 @@ def monitor(
         results: list[MonitoredTrace | UnreadTrace] = []
         for path in traces:
             try:
-                results += _evaluated(request, path, partial, like, conventions)
+                results += _evaluated(request, path, conventions)
             except UsageError as error:
                 if len(traces) == 1:
                     raise
@@ -156,35 +156,34 @@ def monitor(
         raise typer.Exit(code)
 
 
-def _evaluated(
-    request: Request, path: Path, partial: bool, like: str, conventions: Profile
-) -> list[MonitoredTrace]:
+def _evaluated(request: Request, path: Path, conventions: Conventions) -> list[MonitoredTrace]:
     """Return the results of one file, one for each episode; an error names the file."""
     from s2r_spec.json_objects.monitor import MonitoredTrace
+    from s2r_spec.spec.monitored import monitored, refuse_unstated
 
     results = []
     for recorded in read(request, path):
         with named(path):
-            requirements = tuple(
-                _evaluated_requirement(request, recorded, name, partial, like, conventions)
-                for name in request.requirements
-            )
+            found = []
+            for name in request.requirements:
+                if not recorded.stated:
+                    refuse_unstated(request.spec, recorded.trace, name)
+                found.append(monitored(request.spec, recorded.trace, name, recorded.params, conventions))
         results.append(
             MonitoredTrace(
                 trace=recorded.name,
                 params=recorded.params,
                 from_trace=tuple(sorted(recorded.taken)),
                 notes=tuple(recorded.notes),
-                requirements=requirements,
+                accounts=recorded.accounts,
+                requirements=tuple(map(_printable, found)),
             )
         )
     return results
 
 
-def _evaluated_requirement(
-    request: Request, recorded: Recorded, requirement: str, partial: bool, like: str, conventions: Profile
-) -> MonitoredKind:
-    """Return the explanation of one requirement, with its verdict and its text."""
+def _printable(found: Monitored) -> MonitoredKind:
+    """Return the object of one requirement."""
     from s2r_spec.json_objects.monitor import (
         FailedRequirement,
         MonitoredRequirement,
@@ -192,57 +191,15 @@ def _evaluated_requirement(
         UnknownRequirement,
     )
     from s2r_spec.json_objects.parts import extended
-    from s2r_spec.robustness.explain import Explanation
 
-    spec, trace, params, nan = request.spec, recorded.trace, recorded.params, request.nan
-    # A user who states the unit of the times knows the sample period.
-    sparse = request.excerpts.time_unit is not None
-    sampling = None
-    lines: list[str] = []
-    reason = None
-    if trace.failure is None:
-        held = conventions["end"] == "hold" and len(trace) > 1
-        if partial and not held:
-            conventions = {**conventions, "end": "clip"}
-        found = spec.evaluate(trace, requirement, params, nan=nan, sparse=sparse, **conventions)
-        sampling = Sampling(period=found.period, duration=found.duration, narrowest_window=found.narrowest)
-        lines = [_sampled(found), *(f"  note: {note}" for note in found.notes)]
-        if partial and not found.complete[0] and math.isinf(found.value):
-            text = "\n".join((f"{requirement} unknown: no recorded sample decides it", *lines))
-            return extended(UnknownRequirement, sampling, requirement=requirement, text=text)
-        if not (found.complete[0] or partial or held):
-            shortfall = spec.shortfall(trace, requirement, params, nan=nan)
-            text = "\n".join(
-                (
-                    f"{requirement} unknown: it {shortfall} (--partial evaluates the recorded part)",
-                    *lines,
-                )
-            )
-            return extended(UnknownRequirement, sampling, requirement=requirement, text=text)
-        why = ""
-        if conventions["interpolation"] != "samples":
-            why = f"{like} evaluates it at every instant, so no single sample decides it"
-        elif not found.complete[0] and held:
-            why = f"it looks past the last sample, whose value is held as in {like}"
-        if why:
-            satisfied = found.satisfied
-            reason = Explanation(requirement, found.value, found.unit, satisfied, reason=why)
-    reason = reason or spec.explain(
-        trace, requirement, params, until=conventions["until"], partial=True, nan=nan, sparse=sparse
-    )
-    verdict = Verdict.of(reason.satisfied).value
-    text = "\n".join((str(reason), *lines))
+    sampling = None if found.sampled is None else Sampling(**vars(found.sampled))
+    if found.reason is None:
+        assert sampling is not None
+        return extended(UnknownRequirement, sampling, requirement=found.requirement, text=found.text)
+    verdict = Verdict.of(found.satisfied).value
     if sampling is None:
-        return extended(FailedRequirement, reason, verdict=verdict, text=text)
-    return extended(MonitoredRequirement, reason, verdict=verdict, text=text, **vars(sampling))
-
-
-def _sampled(found: Evaluation) -> str:
-    """Return a line on the sampling of a trace, which shows times in a wrong unit."""
-    if found.period is None:
-        return "  one sample"
-    windows = "" if found.narrowest is None else f", {found.narrowest} samples in the narrowest window"
-    return f"  sampled every {found.period:.6g} s for {found.duration:.6g} s{windows}"
+        return extended(FailedRequirement, found.reason, verdict=verdict, text=found.text)
+    return extended(MonitoredRequirement, found.reason, verdict=verdict, text=found.text, **vars(sampling))
 
 
 def _print(results: list[MonitoredTrace | UnreadTrace]) -> None:

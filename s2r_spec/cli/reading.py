@@ -14,6 +14,7 @@ from s2r_spec.errors import TraceError, UsageError, shortened
 from s2r_spec.printable import one_line
 
 if TYPE_CHECKING:
+    from s2r_spec.logs.account import Account
     from s2r_spec.robustness.reading import Missing
     from s2r_spec.rollouts.excerpts import Excerpts
     from s2r_spec.spec import Spec
@@ -56,6 +57,8 @@ class Recorded:
         params: parameter of the spec → value: from the command line, else from the trace.
         taken: names of the parameters whose values come from the trace.
         notes: sentences on what was left out of the file, and on the date from which its times count.
+        accounts: signal → what became of its messages in the file.
+        stated: whether the file or the user states the unit of the times.
     """
 
     name: str
@@ -63,6 +66,8 @@ class Recorded:
     params: dict[str, float]
     taken: frozenset[str]
     notes: tuple[str, ...]
+    accounts: Mapping[str, Account]
+    stated: bool
 
 
 def read(request: Request, path: Path) -> list[Recorded]:
@@ -90,7 +95,10 @@ def read(request: Request, path: Path) -> list[Recorded]:
         with named(path):
             read = request.spec.read_params(episode.texts())
             params, taken = parameters(request, episode.trace.meta, episode.name, read)
-        recorded.append(Recorded(episode.name, episode.trace, params, taken, tuple(notes)))
+        accounts = {name: one for name, one in found.accounts.items() if name in request.wanted}
+        recorded.append(
+            Recorded(episode.name, episode.trace, params, taken, tuple(notes), accounts, found.stated)
+        )
     return recorded
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 from s2r_spec.json_objects.parts import ExitCode, Point
+from s2r_spec.logs.account import Account
 from s2r_spec.robustness.explain import Explanation
+from s2r_spec.robustness.judge import Instants
 
 Word = Literal["holds", "violated", "unknown"]
 
@@ -25,11 +28,16 @@ class Sampling:
         period: median time from one sample to the next [s]; null for one sample.
         duration: the duration of the trace [s].
         narrowest_window: samples in the shortest window of positive length; null if there is none.
+        instants: signal → the instants at which it is evaluated: own + held + interpolated + missing of all. Only for
+            signals with messages of their own.
+        outside: signal → messages before and after these instants, which are not evaluated.
     """
 
     period: float | None
     duration: float
     narrowest_window: int | None
+    instants: Mapping[str, Instants]
+    outside: Mapping[str, tuple[int, int]]
 
 
 @dataclass(frozen=True)
@@ -84,6 +92,7 @@ class MonitoredTrace:
         params: test parameter → value.
         from_trace: names of the parameters that the file gave.
         notes: the parts of the file that were left out, each in one sentence.
+        accounts: signal → what became of its messages in the file: messages = samples + merged + dropped.
         requirements: one result for each requirement.
     """
 
@@ -91,6 +100,7 @@ class MonitoredTrace:
     params: Point
     from_trace: tuple[str, ...]
     notes: tuple[str, ...]
+    accounts: Mapping[str, Account]
     requirements: tuple[MonitoredKind, ...]
 
 

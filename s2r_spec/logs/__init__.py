@@ -99,7 +99,7 @@ def load(
             f"{path}: the file has {len(found)} episodes, numbered by {split.EPISODE!r}, and a trace is one; "
             f"save each in its own file, or evaluate all by `s2r monitor`"
         )
-    return found[0]
+    return replace(found[0], trace=found[0].trace.begun())
 
 
 def load_episodes(
@@ -110,19 +110,19 @@ def load_episodes(
     time_unit: str | None = None,
     gather: bool = False,
     joining: Joining | None = None,
-    early: bool = False,
+    runs: bool = False,
 ) -> list[Loaded]:
     """Read the traces of a file: one for each episode of a table that numbers its episodes, else one.
 
-    The arguments and errors are those of :func:`load`. With ``early``, joined topics have samples before their first
-    message, which are NaN.
+    With ``runs``, a table whose times step back gives one for each part. For other arguments and errors see
+    :func:`load`.
     """
     path = Path(path)
     open_log = formats.opener(path, times.unit_of_option(time_unit))
     if open_log is None:
         parser = _PARSERS[_ending(path, READABLE)]
     else:
-        parser = _of_topics(open_log, _with_clock(joining or Joining(), columns or {}), early)
+        parser = _of_topics(open_log, _with_clock(joining or Joining(), columns or {}))
     remaining = None if path.suffix.lower() in formats.ARRAYS else time_unit  # arrays have it already
     requested = request(columns, wanted, remaining, gather, gather and open_log is not None)
     plans: list[Plan] = []
@@ -137,11 +137,14 @@ def load_episodes(
     try:
         table = parser(path, choose)
         parts = split.split(table, episode[0]) if episode else [table]
-        found = [build_trace(part, plans[-1], requested) for part in parts]
+        if runs:
+            parts = [run for part in parts for run in split.runs(part, plans[-1].times)]
+        longest = {} if joining is None else joining.longest
+        found = [build_trace(part, plans[-1], requested, longest) for part in parts]
         if joining is None or open_log is not None:
             return found
         by_column = {column: name for name, column in (columns or {}).items()}
-        return [sparse.joined(one, _with_clock(joining, by_column), early) for one in found]
+        return [sparse.joined(one, _with_clock(joining, by_column)) for one in found]
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise TraceError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
     except NoTimesError as error:
@@ -175,10 +178,8 @@ def _with_clock(joining: Joining, names: Mapping[str, str]) -> Joining:
     )
 
 
-def _of_topics(
-    open_log: Callable[[Path], TopicLog], joining: Joining, early: bool
-) -> Callable[[Path, Chooser], Table]:
-    return lambda path, choose: topic_table.load(open_log, path, choose, joining, early)
+def _of_topics(open_log: Callable[[Path], TopicLog], joining: Joining) -> Callable[[Path, Chooser], Table]:
+    return lambda path, choose: topic_table.load(open_log, path, choose, joining)
 
 
 def _ending(path: Path, allowed: Sequence[str]) -> str:

@@ -8,7 +8,7 @@ ended in a failure, its last episode is the one that failed: to leave it out wou
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,23 @@ from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """An episode of a log.
+
+    Args:
+        begin: its first instant [s].
+        end: its last instant [s]; inf for the end of the log.
+        samples: its samples, in a trace with common samples.
+        failed: whether the log's failure ended it, before its time.
+    """
+
+    begin: float
+    end: float
+    samples: slice
+    failed: bool = False
 
 
 @dataclass(frozen=True)
@@ -60,7 +77,12 @@ class Cut:
 
 
 def cut(
-    times: FloatArray, truth: BoolArray, duration: float, earliest: float = -np.inf, failure: bool = False
+    times: FloatArray,
+    truth: BoolArray,
+    duration: float,
+    earliest: float = -np.inf,
+    failure: bool = False,
+    until: float | None = None,
 ) -> Cut:
     """Return the episodes of a log.
 
@@ -70,6 +92,7 @@ def cut(
         duration: length of an episode [s].
         earliest: time before which no episode begins [s].
         failure: whether the log ended in a failure.
+        until: end of a log of messages [s]; None for the last sample.
     """
     begins = np.flatnonzero(truth[1:] & ~truth[:-1]) + 1
     begins = begins[times[begins] >= earliest]
@@ -78,12 +101,19 @@ def cut(
     within = incomplete = 0
     failed = False
     for begin in begins.tolist():
-        if spans and begin < spans[-1][1]:
+        if spans and (
+            begin < spans[-1][1] if until is None else times[begin] <= times[spans[-1][0]] + duration
+        ):
             within += 1
             continue
         # The last sample may miss the end by rounding; half a period tells it from its neighbour.
         end = int(np.searchsorted(times, times[begin] + duration + 0.5 * period))
-        if times[-1] < times[begin] + duration - 0.5 * period:
+        short = (
+            times[-1] < times[begin] + duration - 0.5 * period
+            if until is None
+            else until < (times[begin] + duration) * (1.0 - 1e-9)
+        )
+        if short:
             failed = failure
             spans += [(begin, len(times))] if failure else []
             incomplete += not failure
@@ -92,8 +122,16 @@ def cut(
     return Cut(tuple(spans), bool(truth[0]), within, incomplete, failed)
 
 
-def part(trace: Trace, first: int, end: int, failed: bool = True) -> Trace:
-    """Return samples of a trace, with times from 0 on; only with ``failed`` the failure of the trace is its own."""
-    meta = {key: value for key, value in trace.meta.items() if failed or key != "failure"}
-    channels = {name: values[first:end] for name, values in trace.channels.items()}
-    return Trace(trace.times[first:end] - trace.times[first], channels, trace.units, meta)
+def part(trace: Trace, stretch: Stretch) -> Trace:
+    """Return an episode of a trace, with times from 0 on; the failure of the trace is only of the one that it ended."""
+    meta = {key: value for key, value in trace.meta.items() if stretch.failed or key != "failure"}
+    if trace.messages:
+        begun = [name for name, one in trace.messages.items() if one.times[0] <= stretch.end]
+        episode = trace.only(begun).between(stretch.begin, stretch.end).shift(-stretch.begin)
+        return replace(episode, meta=meta)
+    kept = stretch.samples
+    channels = {name: values[kept] for name, values in trace.channels.items()}
+    masks = {name: mask[kept] for name, mask in trace.masks.items()}
+    origin = None if trace.origin is None else part(trace.origin, stretch)
+    times = trace.times[kept] - trace.times[kept][0]
+    return Trace(times, channels, trace.units, meta, masks=masks, origin=origin)

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec import stamps as exact
 from s2r_spec.errors import TraceError
 from s2r_spec.lang.units import LONGEST
-from s2r_spec.logs import times, values
+from s2r_spec.logs import dates, times, values
+from s2r_spec.logs.account import Account
 from s2r_spec.logs.mapping import ANY, Channel, Plan, Request
-from s2r_spec.logs.table import Arrivals, Table, quoted
+from s2r_spec.logs.table import Column, Table, quoted
+from s2r_spec.logs.topics.order import ordered
+from s2r_spec.logs.topics.topic import Topic
+from s2r_spec.messages import Messages, joined
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
@@ -27,35 +34,181 @@ class Loaded:
         notes: notes on rows left out and on decisions by names alone, one sentence each.
         begins: the date from which the times count, as text; "" if the times are unchanged.
         left_out: column that was not requested → why it is not in the trace.
-        arrivals: topic → when its messages came; empty for a table that is none of topics.
+        accounts: channel → what became of its messages.
+        stated: whether the file or the user states the unit of the times; else they are taken to be seconds.
     """
 
     trace: Trace
     notes: tuple[str, ...]
     begins: str
     left_out: Mapping[str, str]
-    arrivals: Mapping[str, Arrivals] = field(default_factory=dict)
+    accounts: Mapping[str, Account] = field(default_factory=dict)
+    stated: bool = True
 
 
-def build_trace(table: Table, plan: Plan, request: Request) -> Loaded:
+def build_trace(
+    table: Table, plan: Plan, request: Request, longest: Mapping[str, float] | None = None
+) -> Loaded:
     """Return the trace of a parsed file.
+
+    Args:
+        table: the parsed columns.
+        plan: the columns of each channel.
+        request: what was asked for.
+        longest: channel → time for which a value of its messages is valid, as the user states it [s].
 
     Raises:
         TraceError: the times or a requested channel are not valid.
     """
+    if any(column.stamps is not None for column in table.columns.values()):
+        return _of_topics(table, plan, request, longest or {})
     columns = [table.columns[number] for number in plan.times]
     heads = [table.heads[number] for number in plan.times]
     if columns[0].values.shape[:1] == (0,) and not columns[0].fault:
         raise TraceError("; ".join(["the file has no samples", *table.notes]))
     stamps = times.read(columns, heads, request.time_unit, lambda k: table.place(k, plan.times[0]))
-    failed = bool(table.meta.get("failure"))  # its ρ is declared, so it may lack channels
     read = channels(table, plan, stamps.seconds.size)
-    left_out = dict(plan.faults) | read.faults
+    left_out = _left_out(table, plan, request, read.faults)
+    trace, account, notes = _of_rows(stamps.seconds, read, table, plan.times[0])
+    notes = (*table.notes, *plan.notes, *stamps.notes, *notes)
+    accounts = dict.fromkeys(read.samples, account)
+    return Loaded(trace, notes, stamps.begins, left_out, accounts, stamps.stated)
+
+
+def _of_rows(
+    seconds: FloatArray, read: Channels, table: Table, number: int
+) -> tuple[Trace, Account, tuple[str, ...]]:
+    """Return the trace of a table's rows, what became of these, and notes; rows are never sorted.
+
+    Raises:
+        TraceError: the times do not increase.
+    """
+    steps = np.diff(seconds)
+    if (steps > 0).all():
+        return Trace(seconds, read.samples, read.units, table.meta), Account(seconds.size, seconds.size), ()
+    topic = Topic("", seconds, {name: Column(one) for name, one in read.samples.items()})
+    found = ordered(topic, sortable=False, place=lambda sample: table.place(sample, number))
+    times = found.topic.stamps
+    samples = {name: column.values for name, column in found.topic.columns.items()}
+    if (np.diff(times) > 0).all():
+        trace = Trace(times, samples, read.units, table.meta)
+    else:
+        messages = {name: Messages.of(times, one) for name, one in samples.items()}
+        trace = Trace.of_messages(messages, read.units, table.meta)
+    return trace, Account(seconds.size, times.size, found.merged), found.notes
+
+
+def _left_out(table: Table, plan: Plan, request: Request, faults: Mapping[str, str]) -> dict[str, str]:
+    """Return column that was not requested → why it is not in the trace.
+
+    Raises:
+        TraceError: a requested channel is not valid.
+    """
+    left_out = {**plan.faults, **faults}
+    failed = bool(table.meta.get("failure"))  # its ρ is declared, so it may lack channels
     if request.wanted is not None and left_out and not failed:
         raise TraceError(next(iter(left_out.values())))
-    trace = Trace(stamps.seconds, read.samples, read.units, table.meta)
-    notes = (*table.notes, *plan.notes, *stamps.notes)
-    return Loaded(trace, notes, stamps.begins, left_out if request.wanted is None else {}, table.arrivals)
+    return left_out if request.wanted is None else {}
+
+
+def _of_topics(table: Table, plan: Plan, request: Request, longest: Mapping[str, float]) -> Loaded:
+    """Return the trace of columns with stamps of their own."""
+    clock = _Clock.of(table)
+    found: dict[str, Messages] = {}
+    units: dict[str, str] = {}
+    accounts: dict[str, Account] = {}
+    faults: dict[str, str] = {}
+    for channel in plan.channels:
+        try:
+            found[channel.name], unit = _messages(table, channel, clock, longest.get(channel.name, math.nan))
+        except TraceError as error:
+            faults[channel.name] = str(error)
+            continue
+        if unit is not None:
+            units[channel.name] = unit
+        accounts[channel.name] = _account(table, channel, len(found[channel.name]))
+    left_out = _left_out(table, plan, request, faults)
+    if not found:
+        stamps = clock.seconds(next(one.stamps for one in table.columns.values() if one.stamps is not None))
+        trace = Trace(np.unique(stamps), {}, {}, table.meta)
+    else:
+        trace = Trace.of_messages(found, units, table.meta).common()
+        if table.clock is not None:
+            trace = at_clock(trace, clock.seconds(table.clock))
+    return Loaded(trace, (*table.notes, *plan.notes), clock.begins, left_out, accounts, clock.typed)
+
+
+def at_clock(trace: Trace, stamps: FloatArray) -> Trace:
+    """Return a trace at the stamps of one topic, NaN before the first message of a channel; it keeps its messages.
+
+    Raises:
+        TraceError: the topics have no time in common.
+    """
+    if not trace.messages:
+        return trace
+    first = max(float(one.times[0]) for one in trace.messages.values())
+    linear = [float(one.times[-1]) for one in trace.messages.values() if one.linear]
+    inner = stamps[stamps <= min(linear, default=math.inf)]
+    if not inner.size or inner[-1] < first:
+        raise TraceError("the topics have no time in common; their clocks may differ")
+    return replace(trace.sampled_at(inner), origin=trace)
+
+
+@dataclass(frozen=True)
+class _Clock:
+    """The clock of all topics: the first stamp that is read, and whether the stamps state their unit."""
+
+    first: Any
+    typed: bool
+    done: dict[int, tuple[NDArray[Any], FloatArray]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, table: Table) -> _Clock:
+        own = [one.stamps for one in table.columns.values() if one.stamps is not None]
+        first = min(stamps[0] for stamps in own)
+        return cls(first, exact.is_typed(own[0]))
+
+    @property
+    def begins(self) -> str:
+        """The date from which the times count, as text; "" if they are unchanged."""
+        return dates.text(self.first) if self.typed and self.first.dtype.kind == "M" else ""
+
+    def seconds(self, stamps: NDArray[Any]) -> FloatArray:
+        """Return stamps in seconds; the same array for the same stamps."""
+        if id(stamps) not in self.done:
+            counted = exact.seconds(stamps, self.first) if self.typed else stamps.astype(np.float64)
+            self.done[id(stamps)] = stamps, counted
+        return self.done[id(stamps)][1]
+
+
+def _messages(table: Table, channel: Channel, clock: _Clock, longest: float) -> tuple[Messages, str | None]:
+    """Return the messages of a channel, and its unit."""
+    stamps = [table.columns[part.number].stamps for part in channel.parts]
+    first = stamps[0]
+    linear = all(table.columns[part.number].linear for part in channel.parts)
+    if first is not None and all(one is first for one in stamps):
+        samples, unit = _channel(table, channel, len(first))
+        return Messages.of(
+            clock.seconds(first), _shaped(samples, channel.width), longest=longest, linear=linear
+        ), unit
+    parts, units = [], []
+    for part, own in zip(channel.parts, stamps, strict=True):
+        assert own is not None
+        samples, unit = _channel(table, Channel(channel.name, (part,), False), len(own))
+        parts.append(Messages.of(clock.seconds(own), samples, longest=longest, linear=linear))
+        units.append(unit)
+    if any(unit != units[0] for unit in units):
+        raise TraceError(f"the components of {quoted(channel.name)} have different units")
+    return joined(parts), units[0]
+
+
+def _account(table: Table, channel: Channel, samples: int) -> Account:
+    """Return what became of a channel's messages; those of a vector's other components come on top."""
+    one = [table.accounts[part.number] for part in channel.parts if part.number in table.accounts]
+    if len({id(account) for account in one}) == 1:
+        return one[0]
+    total = sum(account.messages for account in one)
+    return Account(total, samples, total - samples)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -39,7 +39,20 @@ def split(table: Table, number: int) -> list[Table]:
     repeated = next((one for place, one in enumerate(numbers) if one in numbers[:place]), None)
     if repeated is not None:
         raise TraceError(f"the rows of episode {repeated} are not together; sort the table by {EPISODE!r}")
-    return [_rows(table, first, end) for first, end in zip(begins, [*begins[1:], len(values)], strict=True)]
+    return _cut(table, begins, len(values))
+
+
+def runs(table: Table, times: Sequence[int]) -> list[Table]:
+    """Return a table for each run of a clock: its plain numbers of time step back where it began anew."""
+    column = table.columns[times[0]]
+    if len(times) != 1 or column.values.dtype.kind not in "iufmM" or column.values.ndim != 1:
+        return [table]
+    back = np.flatnonzero(column.values[1:] < column.values[:-1]) + 1
+    return _cut(table, [0, *back.tolist()], len(column.values)) if back.size else [table]
+
+
+def _cut(table: Table, begins: list[int], count: int) -> list[Table]:
+    return [_rows(table, first, end) for first, end in zip(begins, [*begins[1:], count], strict=True)]
 
 
 def _rows(table: Table, first: int, end: int) -> Table:

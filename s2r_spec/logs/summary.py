@@ -14,7 +14,8 @@ from s2r_spec import logs
 from s2r_spec.errors import NoTimesError, TraceError
 from s2r_spec.logs.times import TIME, unit_of_option
 from s2r_spec.logs.topics import formats
-from s2r_spec.logs.topics.join import seconds, stamp_text
+from s2r_spec.logs.topics.order import resets
+from s2r_spec.logs.topics.topic import seconds, stamp_text
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class TopicSummary:
         name: name of the topic; "" for a table.
         kind: type of its messages; "" if it has none.
         messages: their number.
-        episodes: parts of a table whose times begin anew; 1 for a topic.
+        episodes: parts whose times begin anew.
         begins: the first stamp, as text; "" without messages.
         span: time from the first message to the last, summed over episodes [s].
         period: median time from a message to the next [s]; None below two messages.
@@ -97,7 +98,7 @@ def summary(path: Path, columns: Mapping[str, str] | None = None, time_unit: str
             _topic(
                 head.name,
                 head.kind,
-                [np.sort(topics[head.name].stamps)],
+                _runs(topics[head.name].stamps),
                 [FieldSummary(head.path(name), head.units.get(name)) for name in head.fields],
                 [
                     *(f"{head.path(name)} {fault}" for name, fault in head.faults.items()),
@@ -110,14 +111,20 @@ def summary(path: Path, columns: Mapping[str, str] | None = None, time_unit: str
     )
 
 
+def _runs(stamps: NDArray[Any]) -> list[NDArray[Any]]:
+    """Return the stamps of each run of a clock, in order."""
+    return [np.sort(run) for run in np.split(stamps, resets(stamps))]
+
+
 def _table(path: Path, columns: Mapping[str, str], time_unit: str | None) -> LogSummary:
     notes: list[str] = []
     try:
-        episodes = logs.load_episodes(path, columns, time_unit=time_unit)
+        episodes = logs.load_episodes(path, columns, time_unit=time_unit, runs=True)
     except NoTimesError as error:
         if TIME in columns:
             raise
-        episodes = logs.load_episodes(path, {**columns, TIME: error.likely}, time_unit=time_unit)
+        found = {**columns, TIME: error.likely}
+        episodes = logs.load_episodes(path, found, time_unit=time_unit, runs=True)
         notes.append(
             f"the times are taken from {error.likely!r}; other commands need --map {TIME}={error.likely}"
         )

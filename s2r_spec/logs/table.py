@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.errors import TraceError, shortened
+from s2r_spec.logs.account import Account
 
 MOST_NUMBERS = 2**25
 """Budget: numbers read from one file, 34 million, which take 0.8 GB. Twice as many take 1.6 GB."""
@@ -51,11 +52,15 @@ class Column:
         values: (n,) or (n, k) numbers, booleans, dates (M8), durations (m8), or texts (as objects).
         missing: (n,) bool: whether each value is missing; None if none is.
         fault: why the column cannot be read, as text after its name; "" if it can.
+        stamps: (n,) stamps of its own, not decreasing; None for those of the table's rows.
+        linear: whether its values are linear between these stamps; else the last one is held.
     """
 
     values: NDArray[Any]
     missing: NDArray[np.bool_] | None = None
     fault: str = ""
+    stamps: NDArray[Any] | None = None
+    linear: bool = False
 
     @classmethod
     def without(cls, fault: str) -> Column:
@@ -69,22 +74,6 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Arrivals:
-    """When the messages of a topic came, seen from the samples of a trace.
-
-    Args:
-        period: median time from a message to the next [s]; 0 below two messages.
-        age: (n,) time since the topic's last message at each sample [s], NaN before its first one; for the clock
-            since the sample before.
-        clock: whether the samples are the messages of this topic.
-    """
-
-    period: float
-    age: NDArray[np.float64]
-    clock: bool
-
-
-@dataclass(frozen=True)
 class Table:
     """The parsed columns of a file.
 
@@ -94,7 +83,8 @@ class Table:
         meta: meta of the trace.
         notes: notes on rows left out, one sentence each.
         place: (sample number, head number) → place in the file, such as "line 3, column 2 (vx)".
-        arrivals: topic → when its messages came; empty for a table that is none of topics.
+        accounts: number of a head → what became of its messages; empty for a table that is none of topics.
+        clock: stamps of the topic at which requirements are evaluated; None for every instant.
     """
 
     heads: tuple[Head, ...]
@@ -102,7 +92,8 @@ class Table:
     meta: Mapping[str, Any]
     place: Callable[[int, int], str]
     notes: Sequence[str] = field(default=())
-    arrivals: Mapping[str, Arrivals] = field(default_factory=dict)
+    accounts: Mapping[int, Account] = field(default_factory=dict)
+    clock: NDArray[Any] | None = None
 
 
 Chooser = Callable[[tuple[Head, ...]], Iterable[int]]

@@ -37,6 +37,7 @@ class Times:
         begins: the date or clock time from which the times count; "" if they are unchanged.
         notes: a note if the unit comes from the name of the column.
         since: the date from which the times count, in seconds since 1970, exactly; None if they are no dates.
+        stated: whether the type, the header, the name or the user states the unit; else it is taken to be the second.
     """
 
     seconds: FloatArray
@@ -44,6 +45,7 @@ class Times:
     begins: str = ""
     notes: tuple[str, ...] = ()
     since: Fraction | None = None
+    stated: bool = True
 
 
 def unit_of_option(text: str | None) -> str | None:
@@ -158,6 +160,7 @@ def _whole(column: Column, head: Head) -> NDArray[np.int64]:
 def _counts(values: NDArray[Any], head: Head, unit: str | None, first: Any) -> Times:
     """Return the times of a column of plain numbers."""
     size, notes = _size(head, unit)
+    stated = size is not None
     if size is None:
         ends = [values[0], values[-1]] if values.size and first is None else []
         likely = next(filter(None, (time_units.looks_like(float(end)) for end in ends)), None)
@@ -168,7 +171,7 @@ def _counts(values: NDArray[Any], head: Head, unit: str | None, first: Any) -> T
             )
         size = Fraction(1)
     times = _since(values, size, first)
-    return replace(times, notes=notes)
+    return replace(times, notes=notes, stated=stated)
 
 
 def _since(values: NDArray[Any], size: Fraction, first: Any) -> Times:

@@ -140,7 +140,11 @@ class DenseAlgebra:
 
     def rise(self, x: Curve) -> Curve:
         """Return min(x, −x just before)."""
-        return windows.rise(x, self.snap)
+        return self.edge(x, x)
+
+    def edge(self, now: Curve, before: Curve) -> Curve:
+        """Return min(now, −before just before)."""
+        return windows.edge(now, before, self.snap)
 
 
 def _signed_limit(limit: FloatArray, other: FloatArray, operator: f.CompareOp) -> FloatArray:

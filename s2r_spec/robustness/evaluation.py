@@ -20,6 +20,7 @@ from s2r_spec.robustness.grid import SNAP, Grid
 from s2r_spec.robustness.horizon import horizon, samples_needed, seconds_needed
 from s2r_spec.robustness.narrow import narrowest, refuse_short
 from s2r_spec.robustness.sampled import Samples, walk_samples
+from s2r_spec.robustness.silence import Span, bounded_samples, silences_of
 from s2r_spec.robustness.ticks import Ticks, clock_of
 from s2r_spec.robustness.ties import plain
 
@@ -157,6 +158,21 @@ class Reading:
             return np.asarray(rho)
         values: FloatArray = rho.values(self.times - self.times[0], self.snap)
         return values
+
+    @cached_property
+    def silences(self) -> list[Span]:
+        """Spans between two samples that last more than a few periods, after the first sample [s]."""
+        if self.interpolation != "samples" or not isinstance(self.clock, Ticks):
+            return []
+        return silences_of(self.clock.times)
+
+    def bounds(self, formula: f.Formula) -> tuple[float, float] | None:
+        """Return the bounds of ρ at the first sample where the samples are silent for a while; None if they are not."""
+        if not self.silences:
+            return None
+        samples = Samples(self.clock, self.signals, self.params, self.until)
+        found = bounded_samples(samples, self.silences, self.period or 0.0)(formula)
+        return float(found.lower[0]), float(found.upper[0])
 
     def refuse_short(self, formula: f.Formula) -> None:
         """Refuse windows shorter than the median period if conditions are evaluated only at the samples.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -155,7 +155,6 @@ def explain(formula: f.Formula, reading: Reading, requirement: str, unit: str) -
     algebra = SampledAlgebra(Samples(reading.clock, reading.signals, reading.params, reading.until))
     walk = Walk(algebra, reading.until)
     signed = float(walk(formula)[0])
-    rho, satisfied = plain_number(signed), signed > 0
     steps = list(descend(formula, walk, reading.clock))
     parts = tuple(
         Part(
@@ -170,22 +169,60 @@ def explain(formula: f.Formula, reading: Reading, requirement: str, unit: str) -
     )
     last = steps[-1]
     predicate, sample = last.node, last.sample
-    if not isinstance(predicate, f.Comparison):
-        match predicate:
+    decided = Decided(predicate, last.factor, reading.times, unneeded=_unneeded(steps))
+    if isinstance(predicate, f.Comparison):
+        times = responsible(formula, walk, reading.clock).get(
+            id(predicate), np.zeros(len(reading.times), dtype=bool)
+        )
+        times[sample] = True  # a violated until may have several reasons, and ρ may name another one
+        decided = replace(
+            decided,
+            runs=_runs(times, reading.times),
+            sides=tuple(_observed(side, algebra, sample) for side in (predicate.left, predicate.right)),
+            signals=_signals(predicate, algebra, sample),
+        )
+    return explained(requirement, unit, signed, parts, decided)
+
+
+@dataclass(frozen=True, eq=False)
+class Decided:
+    """The formula at the end of the way down, which decides ρ.
+
+    Args:
+        node: a predicate; or a formula whose ρ is infinite.
+        factor: see :class:`Explanation`.
+        times: increasing times of the trace, to whose resolution times are printed [s].
+        runs: (from, to) times at which the verdict depends on the predicate [s].
+        sides: both sides of the predicate.
+        signals: its signals and parameters.
+        unneeded: see :class:`Explanation`.
+    """
+
+    node: f.Formula
+    factor: float
+    times: FloatArray
+    runs: tuple[tuple[float, float], ...] = ()
+    sides: tuple[Observed, ...] = ()
+    signals: tuple[Observed, ...] = ()
+    unneeded: str = ""
+
+
+def explained(
+    requirement: str, unit: str, signed: float, parts: tuple[Part, ...], decided: Decided
+) -> Explanation:
+    """Return an explanation from the way down to what decides ρ; the sign of ``signed``, never 0, is the verdict."""
+    rho, satisfied = plain_number(signed), signed > 0
+    when = instant(decided.times, parts[-1].time)
+    if not isinstance(decided.node, f.Comparison):
+        match decided.node:
             case f.Truth():
                 what = "is constant"
             case f.Flag():
                 what = "is true" if parts[-1].rho > 0 else "is false"
             case _:
                 what = "has no sample in its window, so its value holds by definition"
-        when = instant(reading.times, parts[-1].time)
         reason = f"`{parts[-1].text}` (line {parts[-1].line}), at t = {when}, {what}"
         return Explanation(requirement, rho, unit, satisfied, parts, line=parts[-1].line, reason=reason)
-    times = responsible(formula, walk, reading.clock).get(
-        id(predicate), np.zeros(len(reading.times), dtype=bool)
-    )
-    times[sample] = True  # a violated until may have several reasons, and ρ may name another one
-    runs = _runs(times, reading.times)
     return Explanation(
         requirement,
         rho,
@@ -196,14 +233,14 @@ def explain(formula: f.Formula, reading: Reading, requirement: str, unit: str) -
         predicate=parts[-1].text,
         line=parts[-1].line,
         margin=parts[-1].rho,
-        margin_unit=_unit(predicate),
-        factor=last.factor,
-        sides=tuple(_observed(side, algebra, sample) for side in (predicate.left, predicate.right)),
-        signals=_signals(predicate, algebra, sample),
-        responsible=runs,
-        when=instant(reading.times, parts[-1].time),
-        rests=tuple(_stretch(reading.times, *run) for run in runs),
-        unneeded=_unneeded(steps) if satisfied else "",
+        margin_unit=_unit(decided.node),
+        factor=decided.factor,
+        sides=decided.sides,
+        signals=decided.signals,
+        responsible=decided.runs,
+        when=when,
+        rests=tuple(_stretch(decided.times, *run) for run in decided.runs),
+        unneeded=decided.unneeded if satisfied else "",
     )
 
 

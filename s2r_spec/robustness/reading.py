@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping, Set
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -15,6 +16,7 @@ from s2r_spec.instants import instant
 from s2r_spec.lang.amounts import NUMBER_AND_UNIT, Amount, converted, read_amount
 from s2r_spec.lang.declarations import Param, Signal
 from s2r_spec.lang.units import UnknownUnitError, parse_unit
+from s2r_spec.robustness.judge import Stream
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
@@ -39,8 +41,45 @@ def read_signals(
     return {signal.name: _read(signal, trace, missing) for signal in signals}
 
 
+def read_streams(
+    signals: Iterable[Signal], trace: Trace, missing: Missing, linear: Set[str] = frozenset()
+) -> dict[str, Stream]:
+    """Return name → signal with messages of its own; those of ``linear`` are so between messages.
+
+    For the other args and errors see :func:`read_signals`.
+    """
+    return {signal.name: _stream(signal, trace, missing, signal.name in linear) for signal in signals}
+
+
+def _stream(signal: Signal, trace: Trace, missing: Missing, linear: bool) -> Stream:
+    messages = trace.messages[signal.name]
+    messages = replace(messages, linear=True) if linear else messages
+    samples = _rows(signal, messages.values)
+    empty = np.isnan(samples).any(axis=0)
+    if not empty.any():
+        return Stream(messages, _converted(signal, trace, samples))
+    if missing == "error":
+        raise _missing(signal, messages.times, int(np.argmax(empty)), HOLD)
+    samples = _last_known(samples)
+    known = ~np.isnan(samples).any(axis=0) & ~np.isnan(messages.values.reshape(len(messages), -1)).all(axis=1)
+    if not known.any():
+        raise _missing(signal, messages.times, 0, LEADING)
+    kept = replace(messages, times=messages.times[known], values=messages.values[known])
+    return Stream(kept, _converted(signal, trace, samples[:, known]), int(empty.sum()))
+
+
 def _read(signal: Signal, trace: Trace, missing: Missing) -> FloatArray:
-    channel = trace[signal.name]
+    samples = _rows(signal, trace[signal.name])
+    if missing == "hold":
+        samples = _last_known(samples)
+    if math.isnan(np.minimum.reduce(samples, axis=None)):  # NaN if any sample is
+        index = int(np.argmax(np.isnan(samples).any(axis=0)))
+        raise _missing(signal, trace.times, index, HOLD if missing == "error" else LEADING)
+    return _converted(signal, trace, samples)
+
+
+def _rows(signal: Signal, channel: FloatArray) -> FloatArray:
+    """Return (dim, n) samples of a channel, after a check of its width and of truth values."""
     width = channel.shape[1] if channel.ndim == 2 else 1
     if width != signal.dim or (channel.ndim == 2) != signal.vector:
         declared = f"a vector of {signal.dim}" if signal.vector else "one number"
@@ -48,15 +87,17 @@ def _read(signal: Signal, trace: Trace, missing: Missing) -> FloatArray:
         raise TraceError(f"channel {signal.name!r} has {found} per sample, but the spec declares {declared}")
     if signal.boolean and not np.isin(channel[~np.isnan(channel)], (0, 1)).all():
         raise TraceError(f"channel {signal.name!r} is declared bool, but its samples are not all 0 or 1")
-    samples = channel.T if channel.ndim == 2 else channel[np.newaxis, :]
-    if missing == "hold":
-        samples = _last_known(samples)
-    if math.isnan(np.minimum.reduce(samples, axis=None)):  # NaN if any sample is
-        index = int(np.argmax(np.isnan(samples).any(axis=0)))
-        raise TraceError(
-            f"channel {signal.name!r} is NaN at sample {index}, t = {instant(trace.times, trace.times[index])}; "
-            f"a missing sample has no robustness: {HOLD if missing == 'error' else LEADING}"
-        )
+    return channel.T if channel.ndim == 2 else channel[np.newaxis, :]
+
+
+def _missing(signal: Signal, times: FloatArray, index: int, remedy: str) -> TraceError:
+    return TraceError(
+        f"channel {signal.name!r} is NaN at sample {index}, t = {instant(times, times[index])}; "
+        f"a missing sample has no robustness: {remedy}"
+    )
+
+
+def _converted(signal: Signal, trace: Trace, samples: FloatArray) -> FloatArray:
     factor, offset = conversion(signal, trace.units.get(signal.name))
     return samples if (factor, offset) == (1.0, 0.0) else factor * samples + offset
 

@@ -129,5 +129,9 @@ class SampledAlgebra:
 
     def rise(self, x: FloatArray) -> FloatArray:
         """Return min(x, −x one sample before)."""
+        return self.edge(x, x)
+
+    def edge(self, now: FloatArray, before: FloatArray) -> FloatArray:
+        """Return min(now, −before one sample before)."""
         # it counts as true before the first sample, so there is no edge at the first one
-        return np.minimum(x, np.negative(shift(x, -1, np.inf)))
+        return np.minimum(now, np.negative(shift(before, -1, np.inf)))

@@ -8,27 +8,31 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from s2r_spec import logs
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.lang.declarations import Signal
 from s2r_spec.lang.lexing import names
 from s2r_spec.lang.units import parse_unit
-from s2r_spec.logs.episodes import Cut, cut, part
+from s2r_spec.logs.account import Account
+from s2r_spec.logs.episodes import Stretch, cut, part
 from s2r_spec.logs.interpret import Loaded
 from s2r_spec.logs.mapping import ANY
 from s2r_spec.logs.time_units import bracketed
 from s2r_spec.logs.topics.formats import opener
 from s2r_spec.logs.topics.join import Joining
+from s2r_spec.robustness.judge import Stream
+from s2r_spec.robustness.silence import silences_of
+from s2r_spec.samples import period_of
 from s2r_spec.spec import Spec, parse_spec
 from s2r_spec.trace import Trace
 
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 _CONDITION = "when"
 _SI = {parse_unit(text).dimension: text for text in ("rad/s", "m", "m/s", "m/s^2", "s", "K", "rad")}
 """Definition: units of SI that a sentence shows as an example; a rate in 1/s is most often one of angle."""
-_SILENT = 5.0
-"""A tolerance: periods of a topic without a message of it, from which on a note says so. Twice as many hide silences
-twice as long."""
 
 
 @dataclass(frozen=True)
@@ -147,6 +151,8 @@ class Excerpt:
         dated: the date from which times count; "" if they are unchanged.
         cut: how the episodes were cut, a sentence each.
         left_out: column that was not requested → why it is not in the traces.
+        accounts: channel → what became of its messages in the file.
+        stated: whether the file or the user states the unit of the times.
     """
 
     episodes: tuple[Episode, ...]
@@ -154,6 +160,8 @@ class Excerpt:
     dated: str = ""
     cut: tuple[str, ...] = ()
     left_out: Mapping[str, str] = field(default_factory=dict)
+    accounts: Mapping[str, Account] = field(default_factory=dict)
+    stated: bool = True
 
 
 def excerpt(
@@ -184,13 +192,12 @@ def excerpt(
         time_unit=excerpts.time_unit,
         gather=wanted is None,
         joining=excerpts.held(),
-        early=excerpts.when is not None,
     )
-    spans: list[tuple[Loaded, tuple[int, int, bool] | None]]
+    spans: list[tuple[Loaded, Stretch | None]]
     sentences: list[str] = []
     if excerpts.cuts:
         try:
-            spans, sentences = _spans(found, signals, excerpts, horizon)
+            spans, sentences = _stretches(found, signals, excerpts, horizon)
         except TraceError as error:
             raise TraceError(f"{path}: {error}") from None
         if not spans:
@@ -207,10 +214,8 @@ def excerpt(
     assumed = [] if opener(path) is None else _assumed(kept, episodes[0], signals, excerpts)
     silences = [
         sentence
-        for number, (loaded, span) in enumerate(spans, 1)
-        for sentence in _silences(
-            loaded, span and span[:2], excerpts, f"in episode {number}, " if several else ""
-        )
+        for one in episodes
+        for sentence in _silences(one.trace, excerpts, f"in {one.name}, " if several else "")
     ]
     return Excerpt(
         episodes,
@@ -218,6 +223,8 @@ def excerpt(
         found[0].begins,
         tuple(sentences),
         found[0].left_out,
+        found[0].accounts,
+        all(loaded.stated for loaded in found),
     )
 
 
@@ -257,41 +264,47 @@ def assumed(column: str, declared: str, remedy: str) -> str:
     )
 
 
-def _silences(loaded: Loaded, span: tuple[int, int] | None, excerpts: Excerpts, where: str) -> Iterator[str]:
-    """Yield a sentence for each topic that is silent within an episode; commands are sent at will."""
-    first, end = span or (0, len(loaded.trace))
-    times = loaded.trace.times[first:end] - (0.0 if span is None else loaded.trace.times[first])
-    for topic, arrivals in loaded.arrivals.items():
-        age = arrivals.age[first:end].copy()
-        if arrivals.clock:
-            age[:1] = 0.0  # the time before the episode
-        elif topic and not _measures(topic, excerpts):
-            continue
-        longest = int(np.argmax(np.nan_to_num(age)))
-        if not age[longest] > _SILENT * arrivals.period > 0.0:
-            continue
-        sent = (
-            f"{where}{topic or 'the file'} has no message in the {age[longest]:.3g} s before t = "
-            f"{times[longest]:.6g} s, though they come every {arrivals.period:.3g} s"
+def _silences(trace: Trace, excerpts: Excerpts, where: str) -> Iterator[str]:
+    """Yield a sentence for each signal that is silent within an episode; commands are sent at will."""
+    whole = trace if trace.origin is None else trace.origin
+    if whole.messages:
+        start = float(whole.times[0])
+        for name, one in whole.messages.items():
+            column = excerpts.columns.get(name, name)
+            if column not in excerpts.commands:
+                stream = Stream(one, one.values.reshape(len(one), -1).T)
+                until = start if whole.until is None else whole.until
+                spans = stream.silences(start, until)
+                yield from _silence(column, spans, start, until, (one.period, where))
+        return
+    period = period_of(trace.times)
+    start = float(trace.times[0])
+    spans = silences_of(trace.times - start)
+    yield from _silence("the file", spans, start, float(trace.times[-1]), (period, where))
+
+
+def _silence(
+    name: str, spans: Sequence[tuple[float, float]], start: float, until: float, rest: tuple[float, str]
+) -> Iterator[str]:
+    """Yield a sentence on the longest time without a message of a signal, whose period and episode are the rest."""
+    period, where = rest
+    inner = [(begin, min(end, until - start)) for begin, end in spans if math.isfinite(begin)]
+    if inner:
+        begin, end = max(inner, key=lambda span: span[1] - span[0])
+        yield (
+            f"{where}{name} has no message from t = {start + begin:.6g} s to {start + end:.6g} s, though they come "
+            f"every {period:.3g} s: nothing is known there"
         )
-        yield f"{sent}: nothing is evaluated there" if arrivals.clock else f"{sent}: its last value is held"
-
-
-def _measures(topic: str, excerpts: Excerpts) -> bool:
-    """Return whether a topic has a field that neither the condition nor a test parameter names."""
-    columns = [*excerpts.columns.values()] or [topic]
-    own = [column for column in columns if column == topic or column.startswith(f"{topic}.")]
-    return any(column not in excerpts.commands for column in own or [topic])
 
 
 def _episode(
-    name: str, trace: Trace, span: tuple[int, int, bool] | None, kept: Sequence[str], excerpts: Excerpts
+    name: str, trace: Trace, stretch: Stretch | None, kept: Sequence[str], excerpts: Excerpts
 ) -> Episode:
-    """Return an episode; a span is a range of samples, and whether the log's failure ended it."""
-    if span is None:
-        return Episode(name, trace.only(kept), _values(name, trace, excerpts))
-    one = part(trace, *span)
-    begins = float(trace.times[span[0]] - trace.times[0])
+    """Return an episode of a trace, or all of it."""
+    if stretch is None:
+        return Episode(name, trace.only(kept).begun(), _values(name, trace, excerpts))
+    one = part(trace, stretch)
+    begins = stretch.begin - float(trace.times[0])
     return Episode(name, one.only(kept), _values(name, one, excerpts), begins)
 
 
@@ -315,10 +328,10 @@ def _read(wanted: Mapping[str, int | None] | None, excerpts: Excerpts) -> dict[s
     return {**dict.fromkeys(others, ANY), **wanted}
 
 
-def _spans(
+def _stretches(
     found: Sequence[Loaded], signals: Mapping[str, Signal], excerpts: Excerpts, horizon: float
-) -> tuple[list[tuple[Loaded, tuple[int, int, bool] | None]], list[str]]:
-    """Return the episodes as ranges of samples with whether each failed, and sentences on how they were cut.
+) -> tuple[list[tuple[Loaded, Stretch | None]], list[str]]:
+    """Return the episodes of traces, and sentences on how they were cut.
 
     Raises:
         UsageError: the length of an episode is not known.
@@ -326,56 +339,84 @@ def _spans(
     duration = horizon if excerpts.duration is None else excerpts.duration
     if math.isinf(duration):
         raise UsageError("the length of an episode is not known; state it, such as --duration 2")
-    spans: list[tuple[Loaded, tuple[int, int, bool] | None]] = []
+    stretches: list[tuple[Loaded, Stretch | None]] = []
     sentences: list[str] = []
     for loaded in found:
         episodes, notes = _cut(loaded.trace, signals, excerpts, duration)
-        last = len(episodes.spans) - 1
-        spans += [
-            (loaded, (*span, episodes.failed and number == last))
-            for number, span in enumerate(episodes.spans)
-        ]
+        stretches += [(loaded, episode) for episode in episodes]
         sentences += notes
-    return spans, sentences
+    return stretches, sentences
 
 
 def _cut(
     trace: Trace, signals: Mapping[str, Signal], excerpts: Excerpts, duration: float
-) -> tuple[Cut, list[str]]:
+) -> tuple[list[Stretch], list[str]]:
     """Return the episodes of a log, and sentences on how they were cut."""
     start = excerpts.start or 0.0
     if excerpts.when is None:
-        episode = _one(trace, start, duration)
-        return episode, _shortfall(trace, start, duration) if episode.incomplete else []
+        one = _one(trace, start, duration)
+        return ([], _shortfall(trace, start, duration)) if one is None else ([one], [])
     condition = _condition(trace, signals, excerpts.when)
     named = trace.only(condition.channels(_CONDITION))
-    first = _known(named)
-    truth = np.zeros(len(trace), dtype=bool)
-    if first < len(trace):
-        found = condition.evaluate(part(named, first, len(trace)), _CONDITION)
-        truth[first:] = found.truth & found.complete
+    times, truth = _truth(condition, named, float(trace.times[0]))
     failure = trace.failure is not None
-    episodes = cut(trace.times, truth, duration, float(trace.times[0]) + start, failure)
-    return episodes, episodes.notes(excerpts.when)
+    until = trace.until if trace.messages else None
+    episodes = cut(times, truth, duration, float(trace.times[0]) + start, failure, until)
+    last = len(episodes.spans) - 1
+    return [
+        Stretch(
+            float(times[first]),
+            math.inf if episodes.failed and number == last else float(times[first]) + duration,
+            slice(first, end),
+            episodes.failed and number == last,
+        )
+        for number, (first, end) in enumerate(episodes.spans)
+    ], episodes.notes(excerpts.when)
+
+
+def _truth(condition: Spec, trace: Trace, begin: float) -> tuple[FloatArray, BoolArray]:
+    """Return (n,) times and whether a condition is true; before the first value of a channel it is not."""
+    if trace.messages:
+        found = condition.evaluate(trace, _CONDITION)
+        early = [begin] if begin < found.times[0] else []
+        times = np.concatenate((early, found.times))
+        return times, np.concatenate((np.zeros(len(early), bool), found.truth & found.complete))
+    truth = np.zeros(len(trace), dtype=bool)
+    first = _known(trace)
+    if first < len(trace):
+        rest = part(trace, Stretch(float(trace.times[first]), math.inf, slice(first, None), failed=True))
+        found = condition.evaluate(rest, _CONDITION)
+        truth[first:] = found.truth & found.complete
+    return trace.times, truth
 
 
 def _known(trace: Trace) -> int:
-    """Return the number of the first sample that has all channels: before, a topic has had no message."""
+    """Return the number of the first sample that has all channels."""
     known = np.ones(len(trace), dtype=bool)
     for values in trace.channels.values():
         known &= ~np.isnan(values.reshape(len(trace), -1)).any(axis=1)
     return int(np.argmax(known)) if known.any() else len(trace)
 
 
-def _one(trace: Trace, start: float, duration: float) -> Cut:
-    """Return the one episode from a time on."""
-    times = trace.times - trace.times[0]
+def _one(trace: Trace, start: float, duration: float) -> Stretch | None:
+    """Return the one episode from a time on; None if the log does not hold it."""
+    failed = trace.failure is not None
+    first = float(trace.times[0])
+    if trace.messages:
+        assert trace.until is not None
+        complete = trace.until >= (first + start + duration) * (1.0 - 1e-9)
+        ends = first + start + duration if complete else math.inf
+        held = complete or (failed and first + start <= trace.until)
+        return Stretch(first + start, ends, slice(0, 0), not complete) if held else None
+    times = trace.times - first
     begin = int(np.searchsorted(times, start * (1.0 - 1e-9)))
     period = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
     end = int(np.searchsorted(times, start + duration + 0.5 * period))
     complete = begin < end and times[-1] >= start + duration - 0.5 * period
-    failed = trace.failure is not None and begin < end and not complete
-    return Cut(((begin, end),) if complete or failed else (), False, 0, int(not (complete or failed)), failed)
+    failed = failed and begin < end and not complete
+    if not (complete or failed):
+        return None
+    return Stretch(float(trace.times[begin]), first + start + duration, slice(begin, end), failed)
 
 
 def _shortfall(trace: Trace, start: float, duration: float) -> list[str]:
@@ -426,8 +467,8 @@ def _values(name: str, trace: Trace, excerpts: Excerpts) -> dict[str, tuple[floa
                 f"{name}: the parameter {parameter} is wanted at {source.at:g} s, but the trace lasts "
                 f"{times[-1]:.6g} s; state an earlier time or a longer --duration"
             )
-        at = int(np.searchsorted(times, source.at * (1.0 + 1e-9), side="right")) - 1
-        value = float(samples[max(at, 0)])
+        at = max(int(np.searchsorted(times, source.at * (1.0 + 1e-9), side="right")) - 1, 0)
+        value = float(samples[at])
         if not math.isfinite(value):
             raise TraceError(f"{name}: the parameter {parameter} is {value}, from {source.column}")
         values[parameter] = (value, trace.units.get(source.column, ""))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import TraceError, UsageError
+from s2r_spec.errors import TraceError, UndecidedError, UsageError
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.amounts import Amount
 from s2r_spec.lang.declarations import Param, Signal
@@ -19,9 +19,9 @@ from s2r_spec.robustness.binding import bound, names
 from s2r_spec.robustness.evaluate import Witness
 from s2r_spec.robustness.evaluation import End, Evaluation, Interpolation, Reading, evaluate
 from s2r_spec.robustness.explain import Explanation, explain
+from s2r_spec.robustness.judge import Judge, Judgement
 from s2r_spec.robustness.online.monitor import Followed, Monitor, RobustnessStream
-from s2r_spec.robustness.profiles import Profile
-from s2r_spec.robustness.reading import Missing, read_params, read_signals
+from s2r_spec.robustness.reading import Missing, read_params, read_signals, read_streams
 from s2r_spec.robustness.shortfall import shortfall
 from s2r_spec.robustness.ties import plain_number
 from s2r_spec.robustness.tolerances import Tolerances, tolerances
@@ -51,7 +51,7 @@ class Spec(Declared):
         trace: Trace,
         params: Mapping[str, Amount] | None = None,
         *,
-        interpolation: Interpolation = "samples",
+        interpolation: Interpolation | None = None,
         until: Witness = "open",
         end: End | None = None,
         nan: Missing = "error",
@@ -86,8 +86,12 @@ class Spec(Declared):
         if trace.failure is not None:
             return {name: self._fallen(name, trace.failure) for name in names}
         if end is not None:
-            conventions: Profile = {"interpolation": interpolation, "until": until, "end": end}
-            return {name: self.evaluate(trace, name, params, nan=nan, **conventions).value for name in names}
+            return {
+                name: self.evaluate(
+                    trace, name, params, nan=nan, interpolation=interpolation, until=until, end=end
+                ).value
+                for name in names
+            }
         signed = self._at_start(trace, params, only, interpolation, until, nan, partial)
         return {name: plain_number(rho) for name, rho in signed.items()}
 
@@ -96,7 +100,7 @@ class Spec(Declared):
         trace: Trace,
         params: Mapping[str, Amount] | None = None,
         *,
-        interpolation: Interpolation = "samples",
+        interpolation: Interpolation | None = None,
         until: Witness = "open",
         nan: Missing = "error",
         partial: bool = False,
@@ -121,12 +125,17 @@ class Spec(Declared):
         trace: Trace,
         params: Mapping[str, Amount] | None,
         only: str | None,
-        interpolation: Interpolation,
+        interpolation: Interpolation | None,
         until: Witness,
         nan: Missing,
         partial: bool,
     ) -> dict[str, float]:
         """Return requirement → ρ at the first time, never 0: its sign is the verdict."""
+        if trace.messages:
+            return {
+                name: self._of_messages(trace, params, name, interpolation, until, nan, partial)
+                for name in (tuple(self.formulas) if only is None else (only,))
+            }
         reading = self._reading(trace, params, only, interpolation, until, nan)
         result = {}
         for name in tuple(self.formulas) if only is None else (only,):
@@ -134,8 +143,121 @@ class Spec(Declared):
             reading.refuse_short(formula)
             if not partial:
                 self._long_enough(name, formula, reading)
-            result[name] = float(reading.signed(formula)[0])
+            bounds = None if partial else reading.bounds(formula)
+            result[name] = decided(name, bounds or float(reading.signed(formula)[0]))
+            if trace.origin is not None:
+                self._refuse_other_verdict(trace.origin, params, name, result[name], until, nan)
         return result
+
+    def _of_messages(
+        self,
+        trace: Trace,
+        params: Mapping[str, Amount] | None,
+        requirement: str,
+        interpolation: Interpolation | None,
+        until: Witness,
+        nan: Missing,
+        partial: bool,
+    ) -> float:
+        """Return ρ of one requirement at the begin of a trace of messages, never 0."""
+        own = self.own_trace(trace, requirement)
+        if not own.messages:
+            return self._at_start(own, params, requirement, interpolation, until, nan, partial)[requirement]
+        judge, formula = self._judge(own, params, requirement, interpolation, until, nan)
+        judge.refuse_short(formula)
+        found = judge.judge(formula, partial)
+        if not (found.complete or partial):
+            raise TraceError(
+                f"{requirement!r} {judge.shortfall(formula)}; "
+                f"give a longer trace, or set partial=True to cut windows at the end of this one"
+            )
+        if found.satisfied is None or (found.lower != found.upper and not found.several):
+            raise UndecidedError(
+                f"{requirement!r} {found.open or 'is not known exactly: a signal was silent'}"
+            )
+        return found.signed
+
+    def _refuse_other_verdict(
+        self,
+        messages: Trace,
+        params: Mapping[str, Amount] | None,
+        requirement: str,
+        rho: float,
+        until: Witness,
+        nan: Missing,
+    ) -> None:
+        """Refuse ρ at the stamps of one topic where all messages decide otherwise.
+
+        Raises:
+            UndecidedError: they do.
+        """
+        every = self._of_messages(messages, params, requirement, None, until, nan, partial=True)
+        if (every > 0) != (rho > 0):
+            raise UndecidedError(
+                f"{requirement!r} has ρ = {rho:.6g} at the stamps of the clock, and {every:.6g} with all messages"
+            )
+
+    def own_trace(self, trace: Trace, requirement: str) -> Trace:
+        """Return the trace that a requirement reads: of messages, without the stamps of signals that it does not read.
+
+        Raises:
+            TraceError: a channel is missing.
+        """
+        trace = _as_trace(trace)
+        return trace.only(self.channels(requirement)).common() if trace.messages else trace
+
+    def _judge(
+        self,
+        trace: Trace,
+        params: Mapping[str, Amount] | None,
+        requirement: str,
+        interpolation: Interpolation | None,
+        until: Witness,
+        nan: Missing,
+    ) -> tuple[Judge, f.Formula]:
+        """Return the judge of a trace of messages, and the formula with numbers for time bounds."""
+        if interpolation == "samples":
+            raise UsageError(
+                f"{requirement!r} reads signals with stamps of their own, which have no common samples: resample the "
+                f"trace, or give --clock with a topic"
+            )
+        numbers = self._numbers(params, requirement)
+        signals = [self.signals[name] for name in self.channels(requirement)]
+        linear = {signal.name for signal in signals if interpolation == "linear" and not signal.boolean}
+        judge = Judge(
+            read_streams(signals, trace, nan, linear), numbers, trace.since, trace.until or 0.0, until
+        )
+        return judge, bound(
+            self._formula(requirement), {name: value.item() for name, value in numbers.items()}
+        )
+
+    def judge(
+        self,
+        trace: Trace,
+        requirement: str,
+        params: Mapping[str, Amount] | None = None,
+        *,
+        until: Witness = "open",
+        nan: Missing = "error",
+        partial: bool = False,
+        sparse: bool = False,
+    ) -> tuple[Judgement, Explanation | None]:
+        """Return the verdict on a requirement, and its explanation, from signals with messages of their own.
+
+        Every signal keeps its last value until its next message, and conditions are evaluated at every instant. The
+        verdict is unknown where it depends on a signal that was silent; see :class:`Judgement`.
+
+        For args and errors see :meth:`evaluate` and :meth:`explain`.
+        """
+        judge, formula = self._judge(
+            self.own_trace(trace, requirement), params, requirement, None, until, nan
+        )
+        if not sparse:
+            judge.refuse_short(formula)
+        found = judge.judge(formula, partial)
+        if found.satisfied is None:
+            return found, None
+        return found, judge.explain(formula, found, requirement, self.unit(requirement))
 
     def robustness_signal(
         self,
@@ -143,7 +265,7 @@ class Spec(Declared):
         requirement: str,
         params: Mapping[str, Amount] | None = None,
         *,
-        interpolation: Interpolation = "samples",
+        interpolation: Interpolation | None = None,
         until: Witness = "open",
         end: End = "clip",
     ) -> FloatArray:
@@ -159,7 +281,7 @@ class Spec(Declared):
         requirement: str,
         params: Mapping[str, Amount] | None = None,
         *,
-        interpolation: Interpolation = "samples",
+        interpolation: Interpolation | None = None,
         until: Witness = "open",
         end: End = "clip",
         nan: Missing = "error",
@@ -175,7 +297,7 @@ class Spec(Declared):
             params: see :meth:`robustness`.
             interpolation: "samples" evaluates a condition only at the samples. "hold" and "linear" evaluate it at
                 every instant from the first sample to the last; between samples, signals hold the last one or
-                are linear.
+                are linear. None is "samples" for common samples, and "hold" for signals with messages of their own.
             until: whether the left side of an until must hold before the witness only
                 ("open", as in RTAMT's discrete time) or at the witness, too ("closed", as in Breach).
             end: treatment of the time after the last sample. "clip" cuts windows there; a window wholly past the
@@ -190,11 +312,37 @@ class Spec(Declared):
             UsageError: see :meth:`robustness`.
         """
         _choice("end", end, ("clip", "hold", "nan", "error"))
+        trace = self.own_trace(trace, requirement)
+        if trace.messages:
+            judge, formula = self._judge(trace, params, requirement, interpolation, until, nan)
+            if not sparse:
+                judge.refuse_short(formula)
+            return judge.evaluate(formula, requirement, self.unit(requirement), end)
         reading = self._reading(trace, params, requirement, interpolation, until, nan)
         formula = reading.bound(self._formula(requirement))
         if not sparse:
             reading.refuse_short(formula)
         return evaluate(formula, reading, requirement, self.unit(requirement), end)
+
+    def bounds(
+        self,
+        trace: Trace,
+        requirement: str,
+        params: Mapping[str, Amount] | None = None,
+        *,
+        until: Witness = "open",
+        nan: Missing = "error",
+        sparse: bool = False,
+    ) -> tuple[float, float] | None:
+        """Return the bounds of ρ at a trace's first sample, if its common samples have a gap; else None.
+
+        For args and errors see :meth:`evaluate`.
+        """
+        reading = self._reading(trace, params, requirement, "samples", until, nan)
+        formula = reading.bound(self._formula(requirement))
+        if not sparse:
+            reading.refuse_short(formula)
+        return reading.bounds(formula)
 
     def robustness_tensor(
         self,
@@ -312,6 +460,14 @@ class Spec(Declared):
             reason = f"the trace ended with {trace.failure!r}, for which the certify line declares this ρ"
             rho = self._fallen(requirement, trace.failure)
             return Explanation(requirement, rho, unit, satisfied=rho > 0, reason=reason)
+        trace = self.own_trace(trace, requirement)
+        if trace.messages:
+            judged, why = self.judge(
+                trace, requirement, params, until=until, nan=nan, partial=partial, sparse=sparse
+            )
+            if why is None:
+                raise UndecidedError(f"{requirement!r} {judged.open or 'looks past the end of the trace'}")
+            return why
         reading = self._reading(trace, params, requirement, "samples", until, nan)
         formula = reading.bound(self._formula(requirement))
         if not sparse:
@@ -359,6 +515,10 @@ class Spec(Declared):
             UsageError: see :meth:`robustness`.
         """
         formula = self._formula(requirement)
+        trace = self.own_trace(trace, requirement)
+        if trace.messages:
+            known = max(float(one.times[0]) for one in trace.messages.values())
+            trace = trace.sampled_at(trace.times[trace.times >= known])
         return tolerances(formula, self._reading(trace, params, requirement, "samples", "open", "hold"))
 
     def _reading(
@@ -366,10 +526,11 @@ class Spec(Declared):
         trace: Trace,
         params: Mapping[str, Amount] | None,
         requirement: str | None,
-        interpolation: Interpolation,
+        interpolation: Interpolation | None,
         until: Witness,
         nan: Missing,
     ) -> Reading:
+        interpolation = interpolation or "samples"
         _choice("interpolation", interpolation, ("samples", "hold", "linear"))
         _choice("until", until, ("open", "closed"))
         _choice("nan", nan, ("error", "hold"))
@@ -418,6 +579,10 @@ class Spec(Declared):
 
         For args and errors see :meth:`evaluate`.
         """
+        trace = self.own_trace(trace, requirement)
+        if trace.messages:
+            judge, formula = self._judge(trace, params, requirement, None, "open", nan)
+            return judge.shortfall(formula)
         reading = self._reading(trace, params, requirement, "samples", "open", nan)
         return shortfall(reading.bound(self._formula(requirement)), reading)
 
@@ -429,6 +594,21 @@ class Spec(Declared):
                 f"add a line such as `certify {requirement}: fall = -1`"
             )
         return settings.fall
+
+
+def decided(requirement: str, rho: float | tuple[float, float]) -> float:
+    """Return ρ, or ρ within bounds that are equal.
+
+    Raises:
+        UndecidedError: the bounds differ.
+    """
+    if isinstance(rho, float):
+        return rho
+    if rho[0] != rho[1]:
+        raise UndecidedError(
+            f"{requirement!r} depends on a gap without samples; ρ lies in [{rho[0]:.6g}, {rho[1]:.6g}]"
+        )
+    return rho[0]
 
 
 def _declared(one: Signal | Param) -> str:

@@ -94,8 +94,7 @@ def test_units_come_from_attrs_the_header_and_the_argument_the_last_one_first():
 @pytest.mark.parametrize(
     ("columns", "fault"),
     [
-        ({"t": [0, 1, 1]}, "sample 2"),
-        ({"t": [0, 1, 0.5]}, "sample 2"),
+        ({"t": [0, 1, 0.5]}, "row 2"),
         ({"t": [0, np.nan, 1]}, "row 1"),
         ({"t": [0, "x", 1]}, "'t'"),
         ({"t": pd.to_datetime(["2024", None, "2025"], format="%Y")}, "row 1"),

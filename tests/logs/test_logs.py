@@ -97,7 +97,7 @@ def test_a_foreign_npz(tmp_path: Path) -> None:
         ("t,v[0] [m],v[1] [s]\n0,1,2\n", ["'v'", "units"]),
         ("t,w\n0,1\n", ["'v'", "w"]),
         ("t,v\n", ["no samples"]),
-        ("t,v\n1,0\n0,0\n", ["sample 1", "0 s", "1 s"]),
+        ("t,v\n1,0\n0,0\n", ["line 3", "0 s", "1 s"]),
         ("# s2r {}\nt,v\n1,1\n", ["line 1", "meta"]),
         ('# s2r {"meta": 3}\nt,v\n1,1\n', ["line 1", "meta"]),
         ("# s2r " + "[" * 99999 + "\nt,v\n1,1\n", ["line 1", "meta"]),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from s2r_spec import load_backend, logs, parse_spec, read_trace
-from s2r_spec.errors import TraceError, UsageError
+from s2r_spec.errors import TraceError, UndecidedError, UsageError
 from s2r_spec.logs.summary import summary
 from s2r_spec.logs.topics.join import Joining
 from s2r_spec.rollouts.excerpts import Excerpts, Source, excerpt, read_sources
@@ -186,9 +186,9 @@ def test_a_sensor_that_is_silent_in_an_episode_is_named(clock, tmp_path):
     loud = cut_out(drive(tmp_path / "loud", clock=bool(clock)), joining)
     outside = cut_out(drive(tmp_path / "outside", (0.2, 0.8), bool(clock)), joining)
     silent = cut_out(drive(tmp_path / "silent", (1.4, 2.1), bool(clock)), joining)
-    assert not [note for found in (loud, outside) for note in found.notes if "episode 1," in note]
-    (note,) = (note for note in silent.notes if "episode 1," in note)
-    assert states(note, "/odom", "0.02 s")
+    assert not [note for found in (loud, outside) for note in found.notes if "silent#1," in note]
+    (note,) = (note for note in silent.notes if "silent#1," in note)
+    assert states(note, SPEED["vx"], "0.02 s")
 
 
 def test_commands_are_held_where_signals_are_interpolated(tmp_path):
@@ -209,11 +209,13 @@ def test_a_test_parameter_after_the_episode_is_refused(tmp_path):
         cut_out(path, sources={"vd": Source(COMMAND["vx_cmd"], 9.0)})
 
 
-@pytest.mark.parametrize(("start", "facts"), [(9.0, ["2.76 s", "9 s"]), (1.41, ["1.41 s", "1.91 s"])])
-def test_an_episode_that_the_log_does_not_have_is_named(start, facts, tmp_path):
+def test_an_episode_that_the_log_does_not_have_is_named(tmp_path):
     path = drive(tmp_path / "bag", (1.4, 2.1))
-    with pytest.raises(TraceError, match=naming(path.name, *facts)):
-        cut_out(path, when=None, start=start, duration=0.5)
+    with pytest.raises(TraceError, match=naming(path.name, "2.78 s", "9 s")):
+        cut_out(path, when=None, start=9.0, duration=0.5)
+    (episode,) = cut_out(path, when=None, start=1.41, duration=0.5).episodes
+    with pytest.raises(UndecidedError):
+        parse_spec("signal vx {m/s}\nrequire r: always[0, 0.5 s] (vx <= 9 {m/s})").robustness(episode.trace)
 
 
 def test_a_unit_that_the_log_lacks_is_stated_or_named(tmp_path):
@@ -287,8 +289,8 @@ def test_a_stated_unit_of_times_counts_before_topics_are_joined(tmp_path):
             stream["odom/t"], stream["odom/vx"] = first + robot_logs.VX_NS, robot_logs.VX
             stream["cmd/t"], stream["cmd/vx"] = first + robot_logs.CMD_NS, robot_logs.CMD
         found = logs.load(path, field, {"vx": None, "vx_cmd": None}, time_unit="ns")
-        assert found.trace.times == pytest.approx(robot_logs.VX_NS * 1e-9)
-        assert any(states(note, "0.04 s") for note in found.notes)
+        assert found.trace.messages["vx"].times == pytest.approx(robot_logs.VX_NS * 1e-9)
+        assert found.trace.messages["vx_cmd"].times == pytest.approx(robot_logs.CMD_NS * 1e-9)
         assert [topic.period for topic in summary(path, None, "ns").topics] == pytest.approx([0.05, 0.02])
 
 

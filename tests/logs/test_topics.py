@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from s2r_spec import logs, parse_spec, read_episodes
 from s2r_spec.errors import TraceError
 from s2r_spec.logs.episodes import cut
-from s2r_spec.logs.table import Column
-from s2r_spec.logs.topics.join import Joining, join
-from s2r_spec.logs.topics.topic import Topic
+from s2r_spec.logs.interpret import at_clock
+from s2r_spec.logs.topics.join import Joining
+from s2r_spec.messages import Messages
 from s2r_spec.rollouts.excerpts import Excerpts, Source, excerpt
 from s2r_spec.trace import Trace
 from tests.logs import robot_logs
@@ -184,13 +184,13 @@ def test_an_episode_may_begin_with_the_first_message_of_its_command(tmp_path):
     assert SPEC.robustness(episode.trace, {"vd": 0.3})["reaches"] == pytest.approx(RHO, abs=1e-9)
 
 
-def topic(name, stamps, values):
-    return Topic(name, np.array(stamps, dtype=float), {"y": Column(np.array(values, dtype=float))})
+def channel(stamps, linear=False):
+    return Messages.of(np.array(stamps, dtype=float), np.array(stamps, dtype=float), linear=linear)
 
 
 def test_topics_without_a_time_in_common_are_refused():
-    with pytest.raises(TraceError, match="b from 5"):
-        join({"a": topic("a", [0, 1], [0, 0]), "b": topic("b", [5, 6], [0, 0])}, Joining(clock="a"))
+    with pytest.raises(TraceError):
+        at_clock(Trace.of_messages({"a": channel([0, 1]), "b": channel([5, 6])}), np.array([0.0, 1.0]))
 
 
 sorted_times = st.lists(st.integers(0, 200), min_size=2, max_size=30, unique=True).map(sorted)
@@ -198,24 +198,25 @@ sorted_times = st.lists(st.integers(0, 200), min_size=2, max_size=30, unique=Tru
 
 @given(sorted_times, sorted_times)
 def test_a_held_value_is_the_last_one_that_came(own, clock):
-    topics = {"clock": topic("clock", clock, clock), "other": topic("other", own, own)}
     expected = [max((at for at in own if at <= now), default=None) for now in clock]
     kept = [value for value in expected if value is not None]
-    if not kept:
+    trace = Trace.of_messages({"clock": channel(clock), "other": channel(own)})
+    if own == clock:
+        assert trace.common()["other"].tolist() == own
+    elif not kept:
         with pytest.raises(TraceError):
-            join(topics, Joining(clock="clock"))
-        return
-    found = join(topics, Joining(clock="clock"))
-    assert found.columns["other", "y"].values.tolist() == kept
+            at_clock(trace, np.array(clock, dtype=float))
+    else:
+        assert at_clock(trace, np.array(clock, dtype=float)).begun()["other"].tolist() == kept
 
 
 @given(sorted_times, sorted_times)
 def test_an_interpolated_straight_line_stays_one(own, clock):
-    topics = {"clock": topic("clock", clock, clock), "other": topic("other", own, own)}
-    if not any(own[0] <= now <= own[-1] for now in clock):
-        return
-    found = join(topics, Joining(clock="clock", rule="linear"))
-    assert found.columns["other", "y"].values == pytest.approx(found.stamps)
+    trace = Trace.of_messages({"clock": channel(clock), "other": channel(own, linear=True)})
+    if any(own[0] <= now <= own[-1] for now in clock):
+        found = at_clock(trace, np.array(clock, dtype=float)).begun()
+        assert found["other"] == pytest.approx(found.times)
+        assert found.own("other").tolist() == [now in own for now in found.times]
 
 
 @given(st.lists(st.booleans(), min_size=2, max_size=60), st.integers(1, 10))

@@ -53,6 +53,7 @@ class ArrayLog:
 
     def __init__(self, arrays: Mapping[str, Array], time_unit: str | None = None) -> None:
         few(len(arrays))
+        self.sortable = False
         self._arrays, self._time_unit = arrays, time_unit
         self.notes: tuple[str, ...] = ()
         folders: dict[str, list[str]] = defaultdict(list)

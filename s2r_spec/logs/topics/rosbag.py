@@ -106,6 +106,7 @@ class RosBag:
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        self.sortable = True
         self.notes: list[str] = []
         with self._open() as bag:
             counts: dict[str, int] = defaultdict(int)
@@ -161,7 +162,8 @@ class RosBag:
                     one: _column(column, reader.fault(f"{name}.{one}") if isinstance(reader, _Vector) else "")
                     for one, column, reader in zip(wanted[name], values[name], readers[name], strict=True)
                 },
-                float(np.median(ages[name])) * 1e-9 if stamps == "header" and ages[name] else None,
+                np.array(ages[name], dtype=np.float64) * 1e-9 if stamps == "header" else None,
+                {"no element that is read": others[name]} if name in others else {},
             )
             for name in wanted
         }

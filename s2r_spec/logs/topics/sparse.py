@@ -5,26 +5,25 @@ Each channel is a topic: its messages are the rows in which it has a value.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from s2r_spec.errors import UsageError
-from s2r_spec.logs.interpret import Loaded
-from s2r_spec.logs.table import Column
-from s2r_spec.logs.topics.join import Joining, join
-from s2r_spec.logs.topics.topic import Topic
+from s2r_spec.errors import TraceError, UsageError, one_of, suggest
+from s2r_spec.logs.account import Account
+from s2r_spec.logs.interpret import Loaded, at_clock
+from s2r_spec.logs.topics.join import Joining
+from s2r_spec.messages import Messages
 from s2r_spec.trace import Trace
 
 
-def joined(loaded: Loaded, joining: Joining, early: bool = False) -> Loaded:
-    """Return a trace with a value of every channel at the rows of the clock, which is one of the channels.
+def joined(loaded: Loaded, joining: Joining) -> Loaded:
+    """Return the trace of a table whose channels have rows of their own.
 
     Args:
-        loaded: the trace, with NaN for empty cells.
+        loaded: the trace as the table has it.
         joining: the clock and the rule.
-        early: whether to keep rows before the first value of a channel.
 
     Raises:
         TraceError: a channel has no value, or the clock is not a channel.
@@ -33,23 +32,29 @@ def joined(loaded: Loaded, joining: Joining, early: bool = False) -> Loaded:
     if joining.stamps is not None:
         raise UsageError("--stamps is for messages with headers; a table has one column of times")
     trace = loaded.trace
-    topics: dict[str, Topic] = {}
+    messages: dict[str, Messages] = {}
+    accounts: dict[str, Account] = {}
     for name, values in trace.channels.items():
         present = ~np.isnan(values.reshape(len(trace), -1)).any(axis=1)
-        topics[name] = Topic(name, trace.times[present], {name: Column(values[present])})
-    found = join(topics, joining, early)
-    channels = {name: _values(found.columns[name, name]) for name in topics}
-    return replace(
-        loaded,
-        trace=Trace(found.stamps, channels, trace.units, trace.meta),
-        notes=(*loaded.notes, *found.notes),
-        arrivals=found.arrivals,
-    )
+        if not present.any():
+            raise TraceError(f"{name} has no value in any row")
+        own, rows = values[present], loaded.accounts[name]
+        linear = joining.rule == "linear" and name not in joining.held and not whole(own)
+        longest = joining.longest.get(name, math.nan)
+        messages[name] = Messages.of(trace.times[present], own, longest=longest, linear=linear)
+        empty = {"empty cell": rows.samples - len(own)} if len(own) < rows.samples else {}
+        accounts[name] = replace(rows, samples=len(own), dropped={**rows.dropped, **empty})
+    if joining.clock is not None and joining.clock not in messages:
+        raise TraceError(
+            f"the clock {joining.clock!r} is not one of the channels that are read"
+            f"{suggest(joining.clock, messages)} they are {one_of(messages)}"
+        )
+    found = Trace.of_messages(messages, trace.units, trace.meta).common()
+    if joining.clock is not None:
+        found = at_clock(found, messages[joining.clock].times)
+    return replace(loaded, trace=found, accounts=accounts)
 
 
-def _values(column: Column) -> NDArray[np.float64]:
-    """Return (n,) or (n, k) values, NaN where they are missing."""
-    values = column.values.astype(np.float64)
-    if column.missing is not None:
-        values[column.missing] = np.nan
-    return values
+def whole(values: np.ndarray) -> bool:
+    """Return whether all values are whole numbers, as states and counts are."""
+    return bool((values == np.rint(values)).all())

@@ -1,4 +1,4 @@
-"""Make a table of a log of topics: one row for each message of the clock."""
+"""Make a table of a log of topics, whose columns have stamps of their own."""
 
 from __future__ import annotations
 
@@ -10,30 +10,24 @@ from pathlib import Path
 import numpy as np
 
 from s2r_spec.errors import TraceError, one_of
+from s2r_spec.logs.account import Account
 from s2r_spec.logs.table import Chooser, Column, Head, Table
 from s2r_spec.logs.times import TIME
-from s2r_spec.logs.topics.join import Joining, join, seconds
-from s2r_spec.logs.topics.topic import Stamps, Topic, TopicHead, TopicLog
-
-APART = 1.0
-"""A tolerance [s]: difference of the ages of two topics' stamps when they are recorded. Stamps that differ by more come
-from two clocks. Twice as much accepts clocks that are 2 s apart; no buffer on a robot holds a message for so long."""
+from s2r_spec.logs.topics.join import Joining, join
+from s2r_spec.logs.topics.topic import APART, Stamps, Topic, TopicHead, TopicLog, seconds
 
 
-def load(
-    open_log: Callable[[Path], TopicLog], path: Path, choose: Chooser, joining: Joining, early: bool = False
-) -> Table:
-    """Read the chosen fields of a log, at the stamps of its clock.
+def load(open_log: Callable[[Path], TopicLog], path: Path, choose: Chooser, joining: Joining) -> Table:
+    """Read the chosen fields of a log.
 
     Args:
         open_log: opens the log.
         path: its file or folder.
         choose: chooses the fields.
-        joining: how the topics come to common stamps.
-        early: whether to keep stamps before the first message of a topic, where its values are missing.
+        joining: how the topics come to common instants.
 
     Raises:
-        TraceError: the file is damaged, its topics have no time in common, or their stamps come from several clocks.
+        TraceError: the file is damaged, or its stamps are no times or come from several clocks.
     """
     log = open_log(path)
     if not log.heads:
@@ -63,16 +57,22 @@ def load(
         read[name], left_out = _stamped(one)
         notes += left_out
     _one_clock(read)
-    joined = join(read, joining, early)
-    columns: dict[int, Column] = {0: Column(joined.stamps)}
+    joined = join(read, joining, log.sortable)
+    columns: dict[int, Column] = {}
+    accounts: dict[int, Account] = {}
     for number in chosen:
         topic, field = fields[number - 1]
         columns[number] = joined.columns[topic.name, field]
+        accounts[number] = joined.accounts[topic.name]
+    if not columns:  # a trace has stamps, although no channel
+        stamps = next(iter(read.values())).stamps
+        columns[0] = Column(stamps, stamps=stamps)
 
     def place(sample: int, number: int) -> str:
-        return f"{heads[number].text} at sample {sample}"
+        return f"{heads[number].text} at message {sample + 1}"
 
-    return Table(tuple(heads), columns, {}, place, [*log.notes, *notes, *joined.notes], joined.arrivals)
+    notes = [*log.notes, *notes, *joined.notes]
+    return Table(tuple(heads), columns, {}, place, notes, accounts, joined.clock)
 
 
 def _topic_of(clock: str | None, topics: Mapping[str, TopicHead]) -> str | None:
@@ -122,28 +122,22 @@ def _stamped(topic: Topic) -> tuple[Topic, list[str]]:
     The stamp 0 means that the sender set none, unless its clock began there.
 
     Raises:
-        TraceError: no header has a stamp, or the stamps jump back, as those of a simulation that began anew.
+        TraceError: no header has a stamp.
     """
+    if topic.ages is None:
+        return topic, []
     counts = topic.stamps.astype("m8[ns]") if topic.stamps.dtype.kind == "M" else topic.stamps
-    ages = seconds(counts) if len(topic) else np.zeros(0)
-    remedy = "save each part in a file of its own" if topic.age is None else "use --stamps received"
-    unset = ages == 0.0
-    if topic.age is None or (not unset.all() and ages[~unset].min() <= APART):
+    since = seconds(counts) if len(topic) else np.zeros(0)
+    unset = since == 0.0
+    if unset.any() and not unset.all() and since[~unset].min() <= APART:
         unset[:] = False
     if unset.any() and unset.all():
-        raise TraceError(f"the headers of {topic.name} have no stamps, only zeros; {remedy}")
-    set_ = ages[~unset]
-    back = np.maximum.accumulate(set_) - set_
-    if back.size and back.max() > APART:
-        number = int(np.argmax(back > APART))
-        raise TraceError(
-            f"the stamps of {topic.name or 'the file'} jump back by {back[number]:.6g} s at message "
-            f"{int(np.flatnonzero(~unset)[number]) + 1}, so its clock began anew; {remedy}"
-        )
+        raise TraceError(f"the headers of {topic.name} have no stamps, only zeros; use --stamps received")
     if not unset.any():
         return topic, []
     note = f"{int(unset.sum())} messages of {topic.name} have no stamp in their header, and are left out"
-    return topic.only(~unset), [note]
+    dropped = {**topic.dropped, "no stamp in the header": int(unset.sum())}
+    return replace(topic.only(~unset), dropped=dropped), [note]
 
 
 def _one_clock(topics: Mapping[str, Topic]) -> None:

@@ -8,13 +8,22 @@ a clock without a date, or float64 seconds.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec import stamps as exact
+from s2r_spec.logs.dates import text
 from s2r_spec.logs.table import Column
+
+FloatArray = NDArray[np.float64]
+NANOSECOND = Fraction(1, 10**9)
+APART = 1.0
+"""Tolerance [s]: difference of the ages of stamps when they are recorded. Stamps that differ by more come from two
+clocks, or from a clock that was set: no buffer on a robot holds a message for a second."""
 
 Stamps = Literal["header", "received"]
 STAMPS: tuple[Stamps, ...] = get_args(Stamps)
@@ -58,27 +67,23 @@ class Topic:
         name: name of the topic.
         stamps: (n,) stamps, as the log has them, in the order of the file.
         columns: field → (n,) or (n, k) values.
-        age: median time from a stamp to its receipt [s]; None if the stamps are the times of receipt.
+        ages: (n,) time from each stamp to its receipt [s]; None if the stamps are the times of receipt.
+        dropped: reason → messages of the topic that are not among these.
     """
 
     name: str
     stamps: NDArray[Any]
     columns: Mapping[str, Column]
-    age: float | None = None
+    ages: NDArray[np.float64] | None = None
+    dropped: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def age(self) -> float | None:
+        """Median time from a stamp to its receipt [s]; None if the stamps are the times of receipt."""
+        return None if self.ages is None or not len(self) else float(np.median(self.ages))
 
     def __len__(self) -> int:
         return len(self.stamps)
-
-    def ordered(self) -> tuple[Topic, int]:
-        """Return the topic with strictly increasing stamps, and the number of messages left out.
-
-        Of messages with the same stamp the last in the file remains.
-        """
-        order = np.argsort(self.stamps, kind="stable")
-        stamps = self.stamps[order]
-        last = np.append(stamps[1:] != stamps[:-1], True) if len(stamps) else np.zeros(0, dtype=bool)
-        kept = order[last]
-        return self.only(kept), len(self) - len(kept)
 
     def only(self, kept: NDArray[Any]) -> Topic:
         """Return some of the messages, by their numbers or as a mask."""
@@ -90,7 +95,8 @@ class Topic:
             )
             for name, one in self.columns.items()
         }
-        return Topic(self.name, self.stamps[kept], columns, self.age)
+        ages = None if self.ages is None else self.ages[kept]
+        return replace(self, stamps=self.stamps[kept], columns=columns, ages=ages)
 
 
 class TopicLog(Protocol):
@@ -99,6 +105,10 @@ class TopicLog(Protocol):
     @property
     def heads(self) -> Sequence[TopicHead]:
         """The topics in the order of the file."""
+
+    @property
+    def sortable(self) -> bool:
+        """Whether its stamps are of messages, which may come late; those of a table stand in its order."""
 
     @property
     def notes(self) -> Sequence[str]:
@@ -114,3 +124,17 @@ class TopicLog(Protocol):
         Raises:
             TraceError: the file is damaged.
         """
+
+
+def seconds(durations: NDArray[Any]) -> FloatArray:
+    """Return differences of stamps in seconds."""
+    if durations.dtype.kind == "m":
+        return exact.counted(durations.view(np.int64), NANOSECOND)
+    return np.asarray(durations, dtype=np.float64)
+
+
+def stamp_text(stamp: Any) -> str:
+    """Return a date, or seconds, as text."""
+    if isinstance(stamp, np.datetime64):
+        return text(stamp)
+    return f"{float(seconds(np.array([stamp]))[0]):.12g} s"

@@ -28,6 +28,7 @@ class ULog:
 
     def __init__(self, path: Path) -> None:
         regular(path)
+        self.sortable = True
         pyulog = library("pyulog", "ULog files")
         try:
             with path.open("rb") as stream:

@@ -1,0 +1,172 @@
+"""Messages of a channel: its own samples, at stamps that other channels of the trace need not have.
+
+Data: stamps t_1 ≤ t_2 ≤ … of a channel with values y_i. Between two messages a channel holds the last value,
+or is linear. Several messages may have one stamp; the last one is held. The messages of an episode begin with the last
+one before it, whose value is held at its begin.
+
+A channel is **periodic** if the middle 80 % of its intervals lie within ±50 % of their median, its period. Any
+other channel is **sent on change**: its value is valid until the next message. The value of a periodic channel is
+valid for one period, and through a gap of at most :data:`SILENT` periods.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+BoolArray = NDArray[np.bool_]
+
+SILENT = 5.0
+"""Tolerance: longest gap of a periodic channel that its last value bridges [periods], so that single losses of a
+network pass."""
+INTERVALS = 10
+"""Definition: fewest intervals of a periodic channel: with fewer there is no middle 80 %."""
+_MIDDLE, _SPREAD = (0.1, 0.9), (0.5, 1.5)
+"""Definition: the quantiles of the intervals of a periodic channel, and the bounds on them [medians]."""
+
+
+def period_of_messages(times: FloatArray) -> float:
+    """Return the median interval of (n,) increasing times of a periodic channel [s]; NaN if it is sent on change."""
+    steps = np.diff(times)
+    steps = steps[steps > 0]
+    if steps.size < INTERVALS:
+        return math.nan
+    median = float(np.median(steps))
+    low, high = np.quantile(steps, _MIDDLE)
+    return median if _SPREAD[0] * median <= low and high <= _SPREAD[1] * median else math.nan
+
+
+def on_change(times: FloatArray) -> bool:
+    """Return whether (n,) increasing times are those of a channel that is sent on change, as far as they tell.
+
+    Below eleven messages they are, if their intervals differ threefold.
+    """
+    steps = np.diff(times)
+    if steps.size < INTERVALS:
+        return bool(steps.size) and float(steps.max()) > _SPREAD[1] / _SPREAD[0] * float(steps.min())
+    return math.isnan(period_of_messages(times))
+
+
+@dataclass(frozen=True, eq=False)
+class Messages:
+    """The messages of a channel. Frozen: arrays are read-only.
+
+    Args:
+        times: (m,) stamps [s], not decreasing, m ≥ 1.
+        values: (m,) or (m, k) values; NaN where a message has none.
+        period: period of the whole log's messages [s]; NaN if the channel is sent on change.
+        longest: time for which a value is valid, as the user states it [s]; NaN if not stated.
+        end: time until which the last value of the whole log is valid [s]; inf if the channel is sent on change.
+        linear: whether the channel is linear between messages; else it holds the last value.
+    """
+
+    times: FloatArray
+    values: FloatArray
+    period: float = math.nan
+    longest: float = math.nan
+    end: float = math.inf
+    linear: bool = False
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        for array in (self.times, self.values):
+            array.setflags(write=False)
+
+    def __len__(self) -> int:
+        return int(self.times.size)
+
+    @classmethod
+    def of(
+        cls, times: FloatArray, values: FloatArray, *, longest: float = math.nan, linear: bool = False
+    ) -> Messages:
+        """Return the messages of a whole log, with their period and the end of the last value."""
+        made = cls(times, values, period_of_messages(times), longest, linear=linear)
+        return replace(made, end=float(times[-1]) + (0.0 if linear else made.valid))
+
+    @property
+    def bridged(self) -> float:
+        """Longest gap that the last value bridges [s]; inf if the channel is sent on change."""
+        if not math.isnan(self.longest):
+            return self.longest
+        return math.inf if math.isnan(self.period) else SILENT * self.period
+
+    @property
+    def valid(self) -> float:
+        """Time for which a value is valid where no other one follows within :attr:`bridged` [s]."""
+        if not math.isnan(self.longest):
+            return self.longest
+        return math.inf if math.isnan(self.period) else self.period
+
+    def index(self, at: FloatArray) -> IntArray:
+        """Return (n,) the number of the last message up to each time; −1 before the first."""
+        return np.asarray(np.searchsorted(self.times, at, side="right") - 1)
+
+    def held(self, at: FloatArray) -> FloatArray:
+        """Return (n,) or (n, k): the last value up to each time, NaN before the first."""
+        index = self.index(at)
+        values = self.values[np.maximum(index, 0)]
+        if (index < 0).any():
+            values[index < 0] = np.nan
+        return values
+
+    def read(self, at: FloatArray) -> FloatArray:
+        """Return (n,) or (n, k): the values at times, held or linear, NaN before the first message.
+
+        A linear channel holds its last value after its last message.
+        """
+        held = self.held(at)
+        if not self.linear or len(self) < 2:
+            return held
+        index = self.index(at)
+        inside = (index >= 0) & (index < len(self) - 1)
+        before, after = index[inside], index[inside] + 1
+        width = self.times[after] - self.times[before]
+        part = np.divide(at[inside] - self.times[before], width, out=np.zeros(len(before)), where=width > 0)
+        part = part.reshape(-1, *(1,) * (self.values.ndim - 1))
+        held[inside] = (1.0 - part) * self.values[before] + part * self.values[after]
+        return held
+
+    def own(self, at: FloatArray) -> BoolArray:
+        """Return (n,) whether a message has exactly this stamp."""
+        place = np.minimum(np.searchsorted(self.times, at), len(self) - 1)
+        return np.asarray(self.times[place] == at)
+
+    def between(self, start: float, end: float) -> Messages | None:
+        """Return the messages from ``start`` to ``end`` [s], with the one before; None if there is none of them.
+
+        A linear channel has the one after, too.
+        """
+        first = max(int(np.searchsorted(self.times, start, side="right")) - 1, 0)
+        first = int(np.searchsorted(self.times, self.times[first], side="left"))
+        stop = int(np.searchsorted(self.times, end, side="right")) + self.linear
+        if first >= stop:
+            return None
+        return replace(self, times=self.times[first:stop].copy(), values=self.values[first:stop].copy())
+
+    def shifted(self, by: float) -> Messages:
+        """Return the messages, later by so many seconds."""
+        return replace(self, times=self.times + by, end=self.end + by)
+
+
+def union(channels: Iterable[Messages]) -> FloatArray:
+    """Return (n,) all stamps of channels, increasing, each once."""
+    distinct = {id(one.times): one.times for one in channels}.values()
+    result: FloatArray = np.unique(np.concatenate(list(distinct)))
+    return result
+
+
+def joined(parts: list[Messages]) -> Messages:
+    """Return the vector of several scalar channels: a message for each stamp of any, from the first one of all on."""
+    first = parts[0]
+    if all(one.times is first.times or np.array_equal(one.times, first.times) for one in parts):
+        return replace(first, values=np.stack([one.values for one in parts], axis=1))
+    times = union(parts)
+    times = times[times >= max(float(one.times[0]) for one in parts)]
+    values = np.stack([one.read(times) for one in parts], axis=1)
+    return Messages.of(times, values, longest=first.longest, linear=first.linear)

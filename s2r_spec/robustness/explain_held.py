@@ -1,0 +1,284 @@
+"""Explanation of ρ of channels with messages of their own: the instant and the predicate that decide it.
+
+The way down from the requirement is that of :mod:`s2r_spec.robustness.deciding`, on curves: a window is searched at its
+breakpoints and within the pieces between them. A held value is shown at the message that set it, or at the begin of
+the window if that comes later.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.lang import formula as f
+from s2r_spec.robustness.bounds import Bounds
+from s2r_spec.robustness.curve import Curve
+from s2r_spec.robustness.evaluate import Walk, up_to
+from s2r_spec.robustness.explain import Decided, Explanation, Observed, Part, explained
+from s2r_spec.robustness.held import Courses, HeldValues, signals_of
+from s2r_spec.robustness.ties import plain_number
+
+FloatArray = NDArray[np.float64]
+Span = tuple[float, float]
+
+_INSIDE = 1e-6
+"""Tolerance: distance from the end of a piece to the instant that stands for its limit there [lengths of the piece]."""
+
+
+@dataclass(frozen=True)
+class _Step:
+    """A sub-formula on the way down.
+
+    Args:
+        node: the sub-formula.
+        time: the instant [s].
+        factor: ρ of the requirement is factor · ρ of this node here; negative below a negation.
+        window: the times at which the requirement reads the node [s].
+    """
+
+    node: f.Formula
+    time: float
+    factor: float
+    window: Span
+    vacuous: bool = field(default=False)
+
+
+@dataclass(frozen=True)
+class HeldExplainer:
+    """Explains ρ of one requirement.
+
+    Args:
+        walk: the walk over bounds on curves, whose first instant is that of the requirement.
+        courses: the signals.
+        start: that instant on the clock of the trace [s].
+        worse: whether ρ is the lower bound; else the upper one.
+    """
+
+    walk: Walk[Bounds[Curve]]
+    courses: Courses
+    start: float
+    worse: bool
+
+    def explain(self, formula: f.Formula, requirement: str, unit: str) -> Explanation:
+        """Return the explanation of a formula."""
+        steps = list(self._descend(formula))
+        parts = tuple(
+            Part(
+                " ".join(step.node.span.text.split()),
+                step.node.name if isinstance(step.node, f.Named) else "",
+                step.node.span.line,
+                self.start + step.time,
+                plain_number(self.rho(step.node, step.time, step.factor)),
+            )
+            for step in steps
+            if not isinstance(step.node, f.Rescale)
+        )
+        last = steps[-1]
+        vacuous = next((a.node for a, b in pairwise(steps) if b.vacuous), None)
+        unneeded = vacuous.right.span.text if isinstance(vacuous, f.Implication) else ""
+        rho = self.rho(formula, 0.0, 1.0)
+        at = parts[-1].time
+        decided = Decided(last.node, last.factor, np.unique([self.start, at]), unneeded=unneeded)
+        if isinstance(last.node, f.Comparison):
+            runs = self._runs(last)
+            decided = replace(
+                decided,
+                times=np.unique([self.start, at, *(time for run in runs for time in run)]),
+                runs=runs,
+                sides=tuple(self._observed(side, last.time) for side in (last.node.left, last.node.right)),
+                signals=tuple(self._signals(last.node, last.time)),
+            )
+        return explained(requirement, unit, rho, parts, decided)
+
+    def curve(self, node: f.Formula, factor: float) -> Curve:
+        """Return the curve of a node: the bound that ρ of the requirement depends on."""
+        bounds = self.walk(node)
+        return bounds.lower if (factor > 0) == self.worse else bounds.upper
+
+    def rho(self, node: f.Formula, time: float, factor: float) -> float:
+        """Return ρ of a node at an instant."""
+        return float(self.curve(node, factor).values(np.array([time]), self.courses.snap)[0])
+
+    # -- the way down ------------------------------------------------------------------------------------------------
+
+    def _descend(self, formula: f.Formula) -> Iterator[_Step]:
+        step: _Step | None = _Step(formula, 0.0, 1.0, (0.0, 0.0))
+        while step is not None:
+            if isinstance(step.node, f.Comparison | f.Flag):
+                step = replace(step, time=self._set_at(step))
+                yield step
+                return
+            yield step
+            step = self._below(step)
+
+    def _set_at(self, step: _Step) -> float:
+        """Return the time of the message that set the value of a predicate, within its window."""
+        times = self.curve(step.node, step.factor).times
+        index = int(np.searchsorted(times, step.time + self.courses.snap, side="right")) - 1
+        return float(max(times[max(index, 0)], min(step.window[0], step.time)))
+
+    def _below(self, step: _Step) -> _Step | None:
+        node, t, factor = step.node, step.time, step.factor
+        match node:
+            case f.Named():
+                return replace(step, node=node.operand)
+            case f.Not():
+                return replace(step, node=node.operand, factor=-factor)
+            case f.Rescale():
+                return replace(step, node=node.operand, factor=factor * node.factor)
+            case f.Junction():
+                choose = min if node.operator == "and" else max
+                chosen = choose(node.operands, key=lambda operand: self.rho(operand, t, factor))
+                return replace(step, node=chosen)
+            case f.Implication():
+                return self._implication(node, step)
+            case f.Temporal():
+                past = node.operator in ("historically", "once")
+                least = node.operator in ("always", "historically")
+                return self._extreme(node.operand, step, node.interval, past, least)
+            case f.Until():
+                return self._until(node, step)
+            case f.Edge():
+                return self._edge(node, step)
+            case _:
+                return None
+
+    def _implication(self, node: f.Implication, step: _Step) -> _Step:
+        t, factor = step.time, step.factor
+        left, right = -self.rho(node.left, t, -factor), self.rho(node.right, t, factor)
+        if node.operator == "->":
+            if left >= right:
+                return replace(step, node=node.left, factor=-factor, vacuous=left > 0)
+            return replace(step, node=node.right)
+        back = self.rho(node.left, t, factor), -self.rho(node.right, t, -factor)
+        if max(left, right) <= max(back):
+            side = (node.left, -factor) if left >= right else (node.right, factor)
+        else:
+            side = (node.left, factor) if back[0] >= back[1] else (node.right, -factor)
+        return replace(step, node=side[0], factor=side[1])
+
+    def _edge(self, node: f.Edge, step: _Step) -> _Step | None:
+        sign = 1.0 if node.operator == "rise" else -1.0
+        before = step.time - 4 * self.courses.snap
+        if before < 0.0:
+            return None
+        now = sign * self.rho(node.operand, step.time, sign * step.factor)
+        then = -sign * self.rho(node.operand, before, -sign * step.factor)
+        if now <= then:
+            return replace(step, node=node.operand, factor=sign * step.factor)
+        return replace(step, node=node.operand, factor=-sign * step.factor, time=before)
+
+    def _window(self, interval: f.Interval, step: _Step, past: bool) -> Span:
+        """Return the times of a window of one instant, cut at the ends of the trace."""
+        ends = (-interval.high, -interval.low) if past else (interval.low, interval.high)
+        return max(step.time + ends[0], 0.0), min(step.time + ends[1], self.courses.end)
+
+    @staticmethod
+    def _spread(interval: f.Interval, window: Span, past: bool) -> Span:
+        low, high = (-interval.high, -interval.low) if past else (interval.low, interval.high)
+        return window[0] + low, window[1] + high
+
+    def _extreme(
+        self, node: f.Formula, step: _Step, interval: f.Interval, past: bool, least: bool
+    ) -> _Step | None:
+        low, high = self._window(interval, step, past)
+        times = self._instants([self.curve(node, step.factor)], low, high, interval, past)
+        if not times.size:
+            return None
+        rho = self.curve(node, step.factor).values(times, self.courses.snap)
+        best = np.argmin(rho) if least else np.argmax(rho)
+        spread = self._spread(interval, step.window, past)
+        return replace(step, node=node, time=float(times[best]), window=spread)
+
+    def _instants(
+        self, curves: list[Curve], low: float, high: float, interval: f.Interval, past: bool
+    ) -> FloatArray:
+        """Return the breakpoints of curves in a window, and instants within the pieces; nearest first."""
+        snap = self.courses.snap
+        if low > high + snap:
+            return np.zeros(0)
+        stamps = np.unique(np.concatenate([x.times for x in curves]))
+        inner = stamps[(stamps > low + snap) & (stamps < high - snap)]
+        ends = np.concatenate(([low], inner, [high]))
+        width = np.diff(ends)
+        long = width > snap
+        within = np.concatenate([(ends[:-1] + _INSIDE * width)[long], (ends[1:] - _INSIDE * width)[long]])
+        closed = [interval.low_closed, interval.high_closed]
+        borders = [
+            end for end, kept in zip((high, low) if past else (low, high), closed, strict=True) if kept
+        ]
+        times = np.unique(np.concatenate([inner, within, borders]))
+        return times[::-1] if past else times
+
+    def _until(self, node: f.Until, step: _Step) -> _Step | None:
+        sign = -1.0 if node.operator == "release" else 1.0  # release is the dual of until
+        past = node.operator == "since"
+        way = replace(up_to(node.interval), span=node.interval.span)
+        low, high = self._window(way, step, past)
+        left, right = self.curve(node.left, step.factor), self.curve(node.right, step.factor)
+        times = self._instants([left, right], low, high, way, past)
+        snap = self.courses.snap
+        holds, goal = sign * left.values(times, snap), sign * right.values(times, snap)
+        if self.walk.witness == "closed":
+            goal = np.minimum(holds, goal)
+        guard = np.minimum.accumulate(np.concatenate(([np.inf], holds[:-1])))
+        first = np.abs(times - step.time) >= node.interval.low - snap
+        rho = np.where(first, np.minimum(guard, goal), -np.inf)
+        spread = self._spread(way, step.window, past)
+        if node.operator == "unless":
+            stays = self._extreme(node.left, step, way, False, least=True)
+            if stays and (not rho.size or self.rho(stays.node, stays.time, step.factor) >= rho.max()):
+                return stays
+        if not rho.size or math.isinf(rho.max()):
+            return None
+        best = int(np.argmax(rho))
+        held = holds[: best + (self.walk.witness == "closed")]
+        if held.size and held.min() < goal[best]:
+            return replace(step, node=node.left, time=float(times[np.argmin(held)]), window=spread)
+        return replace(step, node=node.right, time=float(times[best]), window=spread)
+
+    # -- what is shown -----------------------------------------------------------------------------------------------
+
+    def _runs(self, step: _Step) -> tuple[Span, ...]:
+        """Return (from, to) times in the window at which the predicate is what decides: [s] on the trace's clock."""
+        x = self.curve(step.node, step.factor)
+        wanted = self.rho(step.node, step.time, step.factor) > 0
+        low, high = max(step.window[0], 0.0), min(step.window[1], self.courses.end)
+        agrees = np.empty(2 * x.times.size - 1, dtype=bool)
+        agrees[::2] = (x.at > 0) == wanted
+        agrees[1::2] = ((x.right > 0) == wanted) | ((x.left > 0) == wanted)
+        edges = np.flatnonzero(np.diff(np.concatenate(([False], agrees, [False]))))
+        runs = []
+        for first, stop in zip(edges[::2], edges[1::2], strict=True):
+            begin, end = x.times[first // 2], x.times[min((stop + 1) // 2, x.times.size - 1)]
+            if end >= low and begin <= high:
+                runs.append((self.start + max(begin, low), self.start + min(end, high)))
+        return tuple(runs) or ((self.start + step.time, self.start + step.time),)
+
+    def _observed(self, node: f.Value, time: float) -> Observed:
+        values = HeldValues.at_messages(self.courses, signals_of(node))
+        number = float(values(node).values(np.array([time]), self.courses.snap)[0])
+        return Observed(" ".join(node.span.text.split()), number, "" if node.unit is None else node.unit.text)
+
+    def _signals(self, predicate: f.Comparison, time: float) -> Iterator[Observed]:
+        seen: set[str] = set()
+        for node in f.walk(predicate):
+            if isinstance(node, f.SignalValue):
+                rows = self.courses.signals[node.name].at(np.array([time]))[:, 0]
+                index = node.index
+                unit = "" if node.unit is None else node.unit.text
+            elif isinstance(node, f.ParamValue):
+                rows, index = self.courses.params[node.name][:, 0], None
+                unit = "" if node.unit is None else node.unit.text
+            else:
+                continue
+            for k in range(len(rows)) if index is None else [index]:
+                name = node.name if node.width == 1 and index is None else f"{node.name}[{k}]"
+                if name not in seen:
+                    seen.add(name)
+                    yield Observed(name, float(rows[k]), unit)

@@ -1,0 +1,280 @@
+"""Robustness of channels that have messages of their own, at every instant from a start to an end.
+
+Data: for each signal its messages (t_i, y_i) of shape (m,), (width, m); see :mod:`s2r_spec.messages`. Model: between
+two messages a signal holds the last value, or is linear. So a predicate is a curve with breakpoints at the messages of
+its own signals (:mod:`s2r_spec.robustness.curve`). No matrix of signals × stamps is made.
+
+Functions of the past look at a signal's own messages: ``deriv``, ``delay`` and ``count`` are computed at these and held
+between, so their operand must be of one topic. ``integral``, ``mean`` and ``duration`` of held signals are exact: an
+integral is a sum of rectangles, and a duration grows with time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.errors import TraceError
+from s2r_spec.lang import formula as f
+from s2r_spec.robustness import history
+from s2r_spec.robustness.curve import Curve
+from s2r_spec.robustness.dense import DenseAlgebra, Recording, Values
+from s2r_spec.robustness.evaluate import Walk, Witness
+from s2r_spec.robustness.numbers import Numbers
+from s2r_spec.robustness.sampled import Samples
+from s2r_spec.robustness.ticks import Ticks
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """The messages of a signal, in its declared unit.
+
+    Args:
+        times: (m,) strictly increasing stamps after the start [s].
+        values: (width, m), free of NaN.
+        linear: whether the signal is linear between messages; else it holds the last value.
+    """
+
+    times: FloatArray
+    values: FloatArray
+    linear: bool = False
+
+    def at(self, times: FloatArray) -> FloatArray:
+        """Return (width, n): the values at times, none of them before the first message."""
+        index = np.maximum(np.searchsorted(self.times, times, side="right") - 1, 0)
+        if not self.linear:
+            return self.values[:, index]
+        return np.stack([np.interp(times, self.times, row) for row in self.values])
+
+
+@dataclass(frozen=True, eq=False)
+class Courses:
+    """Signals and parameters from an instant 0 to an end.
+
+    Args:
+        signals: name → messages.
+        params: name → (1, 1), in the declared unit.
+        end: the last instant [s].
+        snap: times closer than this are the same [s].
+        until: see :class:`s2r_spec.robustness.evaluate.Walk`.
+    """
+
+    signals: Mapping[str, Course]
+    params: Mapping[str, FloatArray]
+    end: float
+    snap: float
+    until: Witness = "open"
+
+    def stamps(self, read: frozenset[str]) -> FloatArray:
+        """Return (n,): the start, the stamps of some signals, and the end."""
+        own = {id(times): times for name in read for times in [self.signals[name].times]}.values()
+        inner = [times[(times > 0.0) & (times < self.end)] for times in own]
+        ends = np.array([0.0, self.end] if self.end > 0.0 else [0.0])
+        result: FloatArray = np.unique(np.concatenate([ends, *inner]))
+        return result
+
+    def sampled(self, times: FloatArray, read: frozenset[str]) -> Samples:
+        """Return some signals at times."""
+        signals = {name: self.signals[name].at(times) for name in read}
+        return Samples(Ticks(times, self.snap), signals, self.params, self.until)
+
+    def walk(self) -> Walk[Curve]:
+        """Return the walk that gives the robustness of a formula as a curve."""
+        return Walk(HeldAlgebra(self), self.until)
+
+
+class HeldAlgebra(DenseAlgebra):
+    """Robustness signals as curves, whose predicates have breakpoints at the messages of their signals."""
+
+    def __init__(self, courses: Courses) -> None:
+        ends = courses.stamps(frozenset())
+        super().__init__(Recording(courses.sampled(ends, frozenset()), "hold", courses.snap))
+        self.courses = courses
+        # Only those of the last predicate, since those of many topics fill the memory.
+        self._last: tuple[frozenset[str], HeldValues] | None = None
+
+    def flag(self, node: f.Flag) -> Curve:
+        """Return an infinity at each instant."""
+        times = self.courses.stamps(frozenset((node.name,)))
+        states = np.where(self.courses.signals[node.name].at(times)[0] > 0, np.inf, -np.inf)
+        return Curve.of(times, states, "hold")
+
+    def margin(self, node: f.Comparison) -> Curve:
+        """Return the margin of the comparison."""
+        self.values = self.values_of(node)
+        return super().margin(node)
+
+    def values_of(self, node: f.Node) -> HeldValues:
+        """Return the values of the signals that a predicate reads, at their messages."""
+        read = signals_of(node)
+        if self._last is None or self._last[0] != read:
+            self._last = read, HeldValues.at_messages(self.courses, read)
+        return self._last[1]
+
+
+def signals_of(node: f.Node) -> frozenset[str]:
+    """Return the signals that a formula or a value reads."""
+    return frozenset(part.name for part in f.walk(node) if isinstance(part, f.SignalValue | f.Flag))
+
+
+@dataclass
+class HeldValues(Values):
+    """The numbers that a predicate compares, as curves with breakpoints at the messages of its signals."""
+
+    courses: Courses = field(kw_only=True)
+
+    @classmethod
+    def at_messages(cls, courses: Courses, read: frozenset[str]) -> HeldValues:
+        """Return the values of some signals at their stamps."""
+        samples = courses.sampled(courses.stamps(read), read)
+        linear = any(courses.signals[name].linear for name in read)
+        return cls(Recording(samples, "linear" if linear else "hold", courses.snap), courses=courses)
+
+    def __post_init__(self) -> None:
+        self.sampled = _OwnNumbers(self.recording.samples, self.courses)
+
+    def _value(self, node: f.Value) -> Curve:
+        match node:
+            case f.SignalValue():
+                return self._joined(node)
+            case f.Duration():
+                return _duration(self.courses.walk()(node.operand))
+            case f.Accumulated():
+                return self._accumulated(node)
+            case _ if _grows(node):
+                return self._lines(node)
+            case _:
+                return super()._value(node)
+
+    def _lines(self, node: f.Value) -> Curve:
+        """Return a value that is linear between messages although its signals are held."""
+        held, self.recording = self.recording, replace(self.recording, between="linear")
+        try:
+            return super()._value(node)
+        finally:
+            self.recording = held
+
+    def _joined(self, node: f.Value) -> Curve:
+        """Return the curve through the values at the messages, with jumps where a held signal has one."""
+        times, read = self.recording.times, signals_of(node)
+        samples = np.broadcast_to(self.sampled(node)[0], times.shape)
+        linear = {name for name in read if self.courses.signals[name].linear}
+        if not linear:
+            return Curve.of(times, samples, "hold")
+        if linear == read:
+            return Curve.of(times, samples, "linear")
+        before = {
+            name: one[:, 1:] if name in linear else one[:, :-1]
+            for name, one in self.recording.samples.signals.items()
+        }
+        ends = replace(self.recording.samples, clock=Ticks(times[1:], self.courses.snap), signals=before)
+        left = np.broadcast_to(_OwnNumbers(ends, self.courses)(node)[0], times[1:].shape)
+        return Curve(times, samples, samples[:-1], left)
+
+    def _accumulated(self, node: f.Accumulated) -> Curve:
+        operand = self(node.operand)
+        total = _integral(operand, node.seconds)
+        if node.function == "integral":
+            return total
+        elapsed = np.minimum(total.times, node.seconds)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            at = np.where(elapsed > 0, total.at / elapsed, operand.at[0])
+        return Curve.of(total.times, at, "linear")
+
+
+def _grows(node: f.Node) -> bool:
+    """Return whether a value is linear in time between messages of held signals."""
+    return any(isinstance(part, f.Duration | f.Accumulated) for part in f.walk(node))
+
+
+def _integral(x: Curve, seconds: float) -> Curve:
+    """Return the integral over [t − seconds, t] of a curve, from its begin on; exact if the curve is held."""
+    areas = (x.right + x.left) / 2 * np.diff(x.times)
+    total = np.concatenate(([0.0], np.cumsum(areas)))
+    since = x.times + seconds
+    times = np.union1d(x.times, since[since <= x.times[-1]]) if math.isfinite(seconds) else x.times
+    if times.size == 1:
+        return Curve.of(times, np.zeros(1), "linear")
+    whole = _area(x, total, times)
+    return Curve.of(times, whole - _area(x, total, np.maximum(times - seconds, x.times[0])), "linear")
+
+
+def _area(x: Curve, total: FloatArray, times: FloatArray) -> FloatArray:
+    """Return (n,) the integral of a curve from its begin to each time."""
+    piece = np.clip(x.piece(times), 0, x.right.size - 1)
+    part = times - x.times[piece]
+    result: FloatArray = total[piece] + part * (x.right[piece] + x.along(piece, times)) / 2
+    return result
+
+
+def _duration(rho: Curve) -> Curve:
+    """Return the time for which a condition has held without a break, from the curve of its robustness."""
+    middle = rho.right + rho.left > 0
+    at = rho.at > 0
+    begins = at & np.concatenate(([True], ~at[:-1] | ~middle))
+    # A run also begins just after a breakpoint at which the condition does not hold.
+    starts = np.full(middle.size, -np.inf)
+    starts[middle] = np.where(at[:-1][middle], -np.inf, rho.times[:-1][middle])
+    starts[at[:-1] & begins[:-1] & middle] = rho.times[:-1][at[:-1] & begins[:-1] & middle]
+    since = np.maximum.accumulate(starts) if starts.size else starts
+    right = np.where(middle, rho.times[:-1] - since, 0.0)
+    left = np.where(middle, rho.times[1:] - since, 0.0)
+    here = np.concatenate(([0.0], np.where(middle, left, 0.0)))
+    return Curve(rho.times, np.where(at, here, 0.0), right, left)
+
+
+class _OwnNumbers(Numbers):
+    """Numbers at the messages of a predicate's signals; functions of the past look at their operand's own messages."""
+
+    def __init__(self, samples: Samples, courses: Courses) -> None:
+        super().__init__(samples.signals, samples.params, samples.clock, lambda: self._conditions)
+        self._courses = courses
+
+    def _conditions(self, node: f.Formula) -> FloatArray:
+        return self._courses.walk()(node).values(self.clock.times, self.clock.snap)
+
+    def _history(self, node: f.Value) -> FloatArray:
+        times = self.clock.times
+        if isinstance(node, f.Duration | f.Accumulated):
+            values = HeldValues.at_messages(self._courses, signals_of(node))
+            return values(node).values(times, self.clock.snap)[np.newaxis, :]
+        own = self._own_stamps(node)
+        if isinstance(node, f.Count):
+            own = own[own >= 0.0]
+            if not own.size:
+                return np.zeros((1, times.size))
+        samples = self._courses.sampled(own, signals_of(node))
+        numbers = _OwnNumbers(samples, self._courses)
+        match node:
+            case f.Count():
+                found = history.count(numbers.holds(node.operand), own, node.seconds, self.clock.snap)
+            case f.Delayed():
+                found = history.delayed(numbers._along(node.operand), own, node.seconds, self.clock.snap)
+            case f.Derivative():
+                found = history.derivative(numbers._along(node.operand), own)
+            case _:
+                raise AssertionError(node)
+        index = np.searchsorted(own, times, side="right") - 1
+        return np.where(index < 0, 0.0 if isinstance(node, f.Count) else found[..., :1], found[..., index])
+
+    def _own_stamps(self, node: f.Value) -> FloatArray:
+        """Return (n,) the stamps of the one topic that an operand reads, from the last one before the start on.
+
+        Raises:
+            TraceError: it reads several topics.
+        """
+        read = sorted(signals_of(node))
+        first, *others = (self._courses.signals[name].times for name in read)
+        for name, times in zip(read[1:], others, strict=True):
+            if times is not first and not np.array_equal(times, first):
+                raise TraceError(
+                    f"`{' '.join(node.span.text.split())}` ({node.span.place}) needs the messages of one topic, but "
+                    f"{read[0]!r} and {name!r} have each their own; give --clock {read[0]}, or resample the trace"
+                )
+        return first[first <= self._courses.end]

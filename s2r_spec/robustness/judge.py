@@ -1,0 +1,440 @@
+"""The verdict on one requirement from channels that have messages of their own.
+
+Data: a trace of messages. Window: a requirement begins when each of its signals has had a message, and lasts as long as
+the last value of each is valid. Model: ρ of :mod:`s2r_spec.robustness.held` over this window, with bounds where a
+signal is silent or has several values with one stamp (:mod:`s2r_spec.robustness.silence`).
+
+No message outside of the window is ignored unseen: the requirement is evaluated once more from the first message to the
+last, with bounds where a signal has no value. If this decides otherwise, the verdict is unknown.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.errors import TraceError
+from s2r_spec.instants import instant
+from s2r_spec.lang import formula as f
+from s2r_spec.messages import Messages, union
+from s2r_spec.robustness.at_start import bounds_at_start
+from s2r_spec.robustness.bounds import Bounds
+from s2r_spec.robustness.curve import Curve
+from s2r_spec.robustness.evaluate import Walk, Witness
+from s2r_spec.robustness.evaluation import End, Evaluation
+from s2r_spec.robustness.explain import Explanation
+from s2r_spec.robustness.explain_held import HeldExplainer
+from s2r_spec.robustness.held import Course, Courses, HeldAlgebra
+from s2r_spec.robustness.horizon import horizon, seconds_needed
+from s2r_spec.robustness.narrow import narrowest, refuse_short
+from s2r_spec.robustness.silence import HeldBounds, Span
+from s2r_spec.robustness.ties import plain, plain_number
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Instants:
+    """The instants at which a signal is evaluated: own + held + interpolated + missing of them all."""
+
+    own: int
+    held: int
+    interpolated: int
+    missing: int
+
+
+@dataclass(frozen=True, eq=False)
+class Stream:
+    """A signal as a requirement reads it.
+
+    Args:
+        messages: its messages, in the log's unit; those without a value are left out.
+        values: (width, m) their values in the declared unit.
+        without: messages without a value, whose place the value before takes.
+    """
+
+    messages: Messages
+    values: FloatArray
+    without: int = 0
+
+    @property
+    def first(self) -> float:
+        """The first stamp [s]."""
+        return float(self.messages.times[0])
+
+    @property
+    def last(self) -> float:
+        """The last stamp [s]."""
+        return float(self.messages.times[-1])
+
+    def end(self, until: float) -> float:
+        """Return the time until which the last value is valid, at most ``until`` [s]."""
+        return min(self.messages.end, until)
+
+    def silences(self, start: float, end: float) -> list[Span]:
+        """Return the spans from ``start`` to ``end`` without a valid value, after the start [s]."""
+        times, bridged, valid = self.messages.times, self.messages.bridged, self.messages.valid
+        spans = [(-math.inf, self.first - start)] if self.first > start else []
+        if math.isfinite(bridged):
+            for i in np.flatnonzero(np.diff(times) > bridged):
+                before, after = float(times[i]) + valid, float(times[i + 1])
+                if after > start and before < end:
+                    spans.append((before - start, after - start))
+        last = self.last + valid if end - self.last > bridged else math.inf
+        if min(self.messages.end, last) < end:
+            spans.append((min(self.messages.end, last) - start, math.inf))
+        return spans
+
+    def course(self, start: float, end: float, number: int) -> Course:
+        """Return the messages with one value for each stamp: the one of a number, or else the last of its stamp."""
+        times = self.messages.times
+        first = max(int(np.searchsorted(times, start, side="right")) - 1, 0)
+        first = int(np.searchsorted(times, times[first], side="left"))
+        stop = int(np.searchsorted(times, end, side="right")) + self.messages.linear
+        own = times[first:stop]
+        last = np.append(own[1:] > own[:-1], True)
+        if last.all():
+            return Course(own - start, self.values[:, first:stop], self.messages.linear)
+        ends = np.flatnonzero(last)
+        begins = np.concatenate(([0], ends[:-1] + 1))
+        chosen = first + np.minimum(begins + number, ends)
+        return Course(own[last] - start, self.values[:, chosen], self.messages.linear)
+
+    @property
+    def most(self) -> int:
+        """The most messages with one stamp."""
+        times = self.messages.times
+        if times.size < 2 or (np.diff(times) > 0).all():
+            return 1
+        return int(np.unique(times, return_counts=True)[1].max())
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """The verdict on a requirement, from channels that have messages of their own.
+
+    Args:
+        lower: the least ρ that the messages allow, at the begin; equal to ``upper`` if ρ is known.
+        upper: the greatest ρ that the messages allow.
+        signed: ``lower``, never 0: its sign is the verdict if ρ is known.
+        satisfied: whether the requirement is true; None if the messages do not decide it.
+        start: the begin, on the clock of the trace [s].
+        end: the end of the window [s].
+        complete: whether the window reaches the requirement's horizon.
+        instants: signal → its instants in the window.
+        unevaluated: signal → (messages before the window, messages after it).
+        period: shortest period of a periodic signal [s]; None if there is none.
+        several: whether ρ is uncertain only because a signal has several values with one stamp.
+        open: why the verdict is unknown, as a sentence without its subject; "" if it is not, or the trace is too short.
+        notes: a sentence each on silences, on several values with one stamp, and on signals that are sent on change.
+    """
+
+    lower: float
+    upper: float
+    signed: float
+    satisfied: bool | None
+    start: float
+    end: float
+    complete: bool
+    instants: Mapping[str, Instants]
+    unevaluated: Mapping[str, tuple[int, int]]
+    period: float | None
+    several: bool
+    open: str
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Judge:
+    """Signals and parameters of one trace, on which requirements are judged.
+
+    Args:
+        streams: name → signal, all that the requirement reads.
+        params: name → (1, 1), in the declared unit.
+        since: the begin of the trace [s]; None for the first message.
+        until: the end of the trace [s].
+        witness: see :class:`s2r_spec.robustness.evaluate.Walk`.
+    """
+
+    streams: Mapping[str, Stream]
+    params: Mapping[str, FloatArray]
+    since: float | None
+    until: float
+    witness: Witness = "open"
+
+    @property
+    def start(self) -> float:
+        """The first time at which each signal has a value [s]."""
+        first = [stream.first for stream in self.streams.values()]
+        return max(first if self.since is None else [self.since, *first])
+
+    @property
+    def end(self) -> float:
+        """The time until which each signal is valid; one that ends more than a silence early is silent instead [s]."""
+        ends = {name: stream.end(self.until) for name, stream in self.streams.items()}
+        whole = [
+            end for name, end in ends.items()
+            if self.until - self.streams[name].last <= self.streams[name].messages.bridged
+        ]  # fmt: skip
+        return max(min(whole, default=self.until), self.start)
+
+    def courses(self, start: float, end: float, number: int = 0) -> Courses:
+        """Return the signals from ``start`` to ``end``; of several values with one stamp the one of a number."""
+        signals = {name: stream.course(start, end, number) for name, stream in self.streams.items()}
+        size = max(abs(start), abs(end), end - start)
+        return Courses(signals, self.params, end - start, 16 * math.ulp(size), self.witness)
+
+    def walk(self, start: float, end: float) -> Walk[Bounds[Curve]]:
+        """Return the walk that bounds ρ from ``start`` to ``end``."""
+        most = max((stream.most for stream in self.streams.values()), default=1)
+        variants = [HeldAlgebra(self.courses(start, end, number)) for number in range(most)]
+        silences = {name: stream.silences(start, end) for name, stream in self.streams.items()}
+        return HeldBounds(variants, silences).walk()
+
+    def judge(self, formula: f.Formula, partial: bool = False) -> Judgement:
+        """Return the verdict on a formula whose time bounds are numbers.
+
+        Args:
+            formula: the formula.
+            partial: whether windows are cut at the end of the trace, so that it may be too short.
+        """
+        start, end = self.start, self.end
+        algebra = self.walk(start, end)
+        snap = self.courses(start, end).snap
+        lower, upper = bounds_at_start(formula, algebra, snap)
+        complete = seconds_needed(formula, 0.0) <= end - start + snap
+        silent = {name: stream.silences(start, end) for name, stream in self.streams.items()}
+        several = any(stream.most > 1 for stream in self.streams.values())
+        satisfied: bool | None = lower > 0 if lower > 0 or upper < 0 or not any(silent.values()) else None
+        reason = "" if satisfied is not None else self._silent(silent, start)
+        unevaluated = {name: self._outside(stream, start, end) for name, stream in self.streams.items()}
+        if satisfied is not None and any(map(any, unevaluated.values())):
+            reason = self._contradicted(formula, satisfied, unevaluated)
+            satisfied = None if reason else satisfied
+        if not (complete or partial):
+            satisfied, reason = None, ""
+        return Judgement(
+            plain_number(lower),
+            plain_number(upper),
+            lower,
+            satisfied,
+            start,
+            end,
+            complete,
+            self._instants(start, end, silent),
+            unevaluated,
+            self.period,
+            several and not any(silent.values()),
+            reason,
+            tuple(self._notes(silent, start, end, unevaluated)),
+        )
+
+    def explain(self, formula: f.Formula, found: Judgement, requirement: str, unit: str) -> Explanation:
+        """Return the explanation of a verdict on a formula whose time bounds are numbers."""
+        silent = any(stream.silences(found.start, found.end) for stream in self.streams.values())
+        worse = not (
+            silent and found.satisfied is False
+        )  # beside a silence, only the upper bound is sure to be < 0
+        explainer = HeldExplainer(
+            self.walk(found.start, found.end), self.courses(found.start, found.end), found.start, worse
+        )
+        return explainer.explain(formula, requirement, unit)
+
+    def evaluate(self, formula: f.Formula, requirement: str, unit: str, end: End) -> Evaluation:
+        """Return ρ along the window, its lower bound where there are two; for ``end`` see :meth:`Spec.evaluate`."""
+        start, until = self.start, self.end
+        needs = seconds_needed(formula, 0.0)
+        stamps = union(stream.messages for stream in self.streams.values())
+        times = np.union1d(stamps[(stamps > start) & (stamps <= until)], start)
+        snap = self.courses(start, until).snap
+        complete = times + needs <= until + snap
+        if end == "error" and not complete.all():
+            raise TraceError(
+                f"{requirement!r} looks {needs:g} s ahead, past the end of the trace at {self._time(until)}"
+            )
+        judge = self._without_ends() if end == "hold" else self
+        curve = judge.walk(start, until + needs if end == "hold" else until)(formula).lower
+        rho = curve.values(times - start, snap)
+        if end == "nan":
+            rho = np.where(complete, rho, np.nan)
+        return Evaluation(
+            requirement=requirement,
+            unit=unit,
+            times=times,
+            values=plain(rho),
+            truth=rho > 0,
+            horizon=horizon(formula),
+            complete=complete,
+            jitter=None,
+            period=self.period,
+            narrowest=None,
+            notes=(),
+        )
+
+    def _without_ends(self) -> Judge:
+        """Return this judge with signals whose last values are valid for ever."""
+        streams = {
+            name: replace(one, messages=replace(one.messages, end=math.inf))
+            for name, one in self.streams.items()
+        }
+        return replace(self, streams=streams)
+
+    def shortfall(self, formula: f.Formula) -> str:
+        """Return the end of a sentence on a requirement that the trace does not reach: "looks 2 s ahead, but …"."""
+        length = self.end - self.start
+        return f"looks {horizon(formula):g} s ahead, but its signals last {length:.6g} s together"
+
+    @property
+    def period(self) -> float | None:
+        """The shortest period of a periodic signal [s]; None if there is none."""
+        known = (one.messages.period for one in self.streams.values() if not math.isnan(one.messages.period))
+        return min(known, default=None)
+
+    def refuse_short(self, formula: f.Formula) -> None:
+        """Refuse windows shorter than all periods; then the unit of the times is likely to be wrong.
+
+        Raises:
+            SamplingError: a window is shorter.
+        """
+        refuse_short(narrowest(formula), self.period, "the shortest period of a signal")
+
+    # -- what lies outside of the window -----------------------------------------------------------------------------
+
+    def _outside(self, stream: Stream, start: float, end: float) -> tuple[int, int]:
+        """Return the number of messages before the one that is held at the start, and after the end."""
+        times = stream.messages.times
+        held = times[max(int(np.searchsorted(times, start, side="right")) - 1, 0)]
+        first = 0 if self.since is None else int(np.searchsorted(times, self.since))
+        stop = int(np.searchsorted(times, self.until, side="right"))
+        before = int(np.searchsorted(times, held)) - first
+        return max(before, 0), max(stop - int(np.searchsorted(times, end, side="right")), 0)
+
+    def _contradicted(
+        self, formula: f.Formula, satisfied: bool, unevaluated: Mapping[str, tuple[int, int]]
+    ) -> str:
+        """Return why messages outside of the window contradict a verdict; "" if they do not."""
+        said, other = ("holds", "violate") if satisfied else ("is violated", "satisfy")
+        late, early = self._late(), self._early()
+        first = min(stream.first for stream in self.streams.values())
+        begin = first if self.since is None else max(first, self.since)
+        before, after = (any(counts) for counts in zip(*unevaluated.values(), strict=True))
+        for outside, start, why in (
+            (
+                after,
+                self.start,
+                f"{said} until {self._time(self.end)}, where {early} ends, but messages after",
+            ),
+            (
+                before,
+                begin,
+                f"{said} from {self._time(self.start)} on, where {late} begins, but messages before",
+            ),
+        ):
+            if not outside:
+                continue
+            end = max(self.until, start + seconds_needed(formula, 0.0))
+            lower, upper = bounds_at_start(formula, self.walk(start, end), self.courses(start, end).snap)
+            if (upper < 0 and satisfied) or (lower > 0 and not satisfied):
+                return f"{why} {other} it"
+        return ""
+
+    def _late(self) -> str:
+        """Return the signal that begins last."""
+        return max(self.streams, key=lambda name: self.streams[name].first)
+
+    def _early(self) -> str:
+        """Return the signal that ends first, of those that last as long as the log."""
+        return min(self.streams, key=lambda name: abs(self.streams[name].end(self.until) - self.end))
+
+    # -- words -------------------------------------------------------------------------------------------------------
+
+    def _time(self, time: float) -> str:
+        """Return a time on the clock of the trace as text."""
+        longest = max(self.streams.values(), key=lambda stream: len(stream.messages)).messages.times
+        place = int(np.searchsorted(longest, time))
+        near = longest[max(place - 2, 0) : place + 3]
+        return instant(np.concatenate((longest[:1], near)), time)
+
+    def _silent(self, silent: Mapping[str, Sequence[Span]], start: float) -> str:
+        name, (begin, end) = max(
+            ((name, span) for name, spans in silent.items() for span in spans),
+            key=lambda one: one[1][1] - one[1][0],
+        )
+        return f"depends on {name} {self._span(start, begin, end)}, where it has no message"
+
+    def _span(self, start: float, begin: float, end: float) -> str:
+        last = self.until if math.isinf(end) else start + end
+        first = start if math.isinf(begin) else start + begin
+        return f"from t = {self._time(first)} to {self._time(last)}"
+
+    def _notes(
+        self,
+        silent: Mapping[str, Sequence[Span]],
+        start: float,
+        end: float,
+        unevaluated: Mapping[str, tuple[int, int]],
+    ) -> list[str]:
+        notes = []
+        for name, stream in self.streams.items():
+            spans, messages = silent[name], stream.messages
+            if spans:
+                longest = max(spans, key=lambda span: span[1] - span[0])
+                more = f", the longest of {len(spans)} gaps" if len(spans) > 1 else ""
+                every = messages.valid if math.isfinite(messages.valid) else messages.period
+                notes.append(
+                    f"{name} has no message {self._span(start, *longest)}{more}, though they come every "
+                    f"{every:.3g} s: its value is not known there"
+                )
+            if math.isinf(messages.bridged) and len(messages) > 1:
+                notes.append(f"{name} is sent on change, and each value is held until the next message")
+            repeated = len(messages) - len(np.unique(messages.times))
+            if repeated:
+                notes.append(
+                    f"{repeated} messages of {name} have the stamp of another one and another value: the worse decides"
+                )
+            if stream.without:
+                notes.append(
+                    f"{stream.without} of {stream.without + len(messages)} messages of {name} have no value, and the "
+                    f"value before is held"
+                )
+            before, after = unevaluated[name]
+            if before:
+                notes.append(
+                    f"{before} messages of {name} lie before {self._time(start)}, where {self._late()} begins"
+                )
+            if after:
+                notes.append(
+                    f"{after} messages of {name} lie after {self._time(end)}, where {self._early()} ends"
+                )
+        return notes
+
+    def _instants(
+        self, start: float, end: float, silent: Mapping[str, Sequence[Span]]
+    ) -> dict[str, Instants]:
+        """Return signal → its instants in the window: all stamps of all signals."""
+        own = {id(one.messages.times): one.messages.times for one in self.streams.values()}
+        inner = [times[(times >= start) & (times <= end)] for times in own.values()]
+        distinct = [one[np.append(True, np.diff(one) > 0)] if one.size else one for one in inner]
+        sizes = {key: one.size for key, one in zip(own, distinct, strict=True)}
+        stamps = np.unique(np.concatenate([np.array([start]), *distinct]))
+        found = {}
+        for name, stream in self.streams.items():
+            messages = stream.messages
+            missing = 0
+            for begin, stop in silent[name]:
+                missing += int(
+                    np.searchsorted(stamps, start + stop, side="left")
+                    - np.searchsorted(stamps, start + begin, side="right")
+                )
+            rest = stamps.size - sizes[id(messages.times)] - missing
+            found[name] = Instants(
+                sizes[id(messages.times)],
+                0 if messages.linear else rest,
+                rest if messages.linear else 0,
+                missing,
+            )
+        return found

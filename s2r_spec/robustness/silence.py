@@ -1,0 +1,154 @@
+"""Times at which a signal has no valid value, and bounds on ρ there.
+
+Data: for each signal, open intervals (a, b) of time without a valid value: a periodic signal has no message for more
+than :data:`s2r_spec.messages.SILENT` periods, has had none yet, or has ended. Model: the margin of a predicate that
+reads the signal there is any number, −inf to +inf (:mod:`s2r_spec.robustness.bounds`). A predicate with functions of
+the past reads the signal also later, and one with a condition on the future also earlier.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.lang import formula as f
+from s2r_spec.messages import SILENT, period_of_messages
+from s2r_spec.robustness.bounds import BoundedAlgebra, Bounds
+from s2r_spec.robustness.curve import Curve, merged
+from s2r_spec.robustness.evaluate import Walk
+from s2r_spec.robustness.held import HeldAlgebra, signals_of
+from s2r_spec.robustness.sampled import SampledAlgebra, Samples
+from s2r_spec.robustness.ticks import Ticks
+
+FloatArray = NDArray[np.float64]
+Span = tuple[float, float]
+
+MOST_INSTANTS = 2**20
+"""Budget: instants that stand for the silences of sampled signals, 1 million."""
+
+
+def reach(node: f.Node) -> tuple[float, float]:
+    """Return for how long before and after an instant a predicate reads its signals [s], at most."""
+    back = ahead = 0.0
+    for part in f.walk(node):
+        match part:
+            case f.Delayed() | f.Accumulated() | f.Count():
+                back += part.seconds
+            case f.Duration():
+                back = math.inf
+            case f.Temporal(operator="historically" | "once") | f.Until(operator="since"):
+                back += part.interval.high
+            case f.Temporal() | f.Until():
+                ahead += part.interval.high
+    return back, ahead
+
+
+def read_spans(node: f.Node, silences: Mapping[str, Sequence[Span]]) -> list[Span]:
+    """Return the spans at which a predicate reads a signal without a valid value."""
+    back, ahead = reach(node)
+    return [(start - ahead, end + back) for name in signals_of(node) for start, end in silences.get(name, ())]
+
+
+@dataclass(frozen=True)
+class HeldBounds:
+    """The bounds of predicates as curves.
+
+    Args:
+        variants: one algebra, or several that read the several values with one stamp.
+        silences: signal → spans without a valid value, after the start [s].
+    """
+
+    variants: Sequence[HeldAlgebra]
+    silences: Mapping[str, Sequence[Span]]
+
+    def walk(self) -> Walk[Bounds[Curve]]:
+        """Return the walk that gives bounds on the robustness of a formula."""
+        first = self.variants[0]
+        return Walk(BoundedAlgebra(first, self._leaf), first.courses.until)
+
+    def _leaf(self, node: f.Comparison | f.Flag) -> Bounds[Curve]:
+        first = self.variants[0]
+        lower = upper = self._margin(first, node)
+        for other in self.variants[1:]:
+            margin = self._margin(other, node)
+            lower, upper = first.least(lower, margin), first.greatest(upper, margin)
+        if not (spans := read_spans(node, self.silences)):
+            return Bounds(lower, upper)
+        return Bounds(
+            _replaced(lower, spans, -math.inf, first.snap), _replaced(upper, spans, math.inf, first.snap)
+        )
+
+    @staticmethod
+    def _margin(algebra: HeldAlgebra, node: f.Comparison | f.Flag) -> Curve:
+        return algebra.flag(node) if isinstance(node, f.Flag) else algebra.margin(node)
+
+
+def _replaced(x: Curve, spans: Iterable[Span], value: float, snap: float) -> Curve:
+    """Return a curve with another value within open spans."""
+    first, last = x.times[0], x.times[-1]
+    ends = np.array([end for span in spans for end in span])
+    times = merged(x.times, ends[(ends > first) & (ends < last)], snap)
+    fine = x.refined(times)
+    middle = (times[:-1] + times[1:]) / 2
+    at, right, left = fine.at.copy(), fine.right.copy(), fine.left.copy()
+    for start, end in spans:
+        # A log that begins or ends in a silence has no value at that instant, either.
+        inner = (times > start + snap) & (times < end - snap)
+        at[inner] = value
+        silent = (middle > start) & (middle < end)
+        right[silent] = left[silent] = value
+    return Curve(times, at, right, left)
+
+
+def silences_of(times: FloatArray, longest: float = math.nan) -> list[Span]:
+    """Return the spans without a sample in (n,) increasing times of a periodic signal [s].
+
+    Args:
+        times: the samples.
+        longest: time for which a value is valid, as the user states it [s]; NaN if not stated.
+    """
+    period = period_of_messages(times) if math.isnan(longest) else longest
+    bridged = SILENT * period if math.isnan(longest) else longest
+    if math.isnan(period):
+        return []
+    before = np.flatnonzero(np.diff(times) > bridged)
+    return [(float(times[i]), float(times[i + 1])) for i in before]
+
+
+def bounded_samples(samples: Samples, spans: Sequence[Span], period: float) -> Walk[Bounds[FloatArray]]:
+    """Return the walk over samples that bounds ρ where all signals have no sample.
+
+    Instants one period apart stand for each silence, and every margin there is any number.
+
+    Args:
+        samples: the samples; their clock has times, not a grid.
+        spans: silences between two samples, after the first sample [s].
+        period: median time from one sample to the next [s].
+    """
+    own = samples.clock.times
+    apart = max(period, sum(end - start for start, end in spans) / MOST_INSTANTS)
+    silent = np.concatenate([np.arange(start + apart, end - apart / 2, apart) for start, end in spans])
+    times = np.union1d(own, silent)
+    place = np.searchsorted(times, own)
+    inner = SampledAlgebra(Samples(Ticks(times, samples.clock.snap), {}, samples.params, samples.until))
+    base = SampledAlgebra(samples)
+
+    def leaf(node: f.Comparison | f.Flag) -> Bounds[FloatArray]:
+        margin = base.flag(node) if isinstance(node, f.Flag) else base.margin(node)
+        lower, upper = np.full(times.size, -np.inf), np.full(times.size, np.inf)
+        known = np.ones(own.size, dtype=bool)
+        back, ahead = reach(node)
+        if back or ahead:
+            for start, end in spans:
+                known &= (own <= start - ahead) | (own >= end + back)
+        if signals_of(node):
+            lower[place[known]] = upper[place[known]] = margin[known]
+        else:
+            lower[:] = upper[:] = margin[0]
+        return Bounds(lower, upper)
+
+    return Walk(BoundedAlgebra(inner, leaf), samples.until)

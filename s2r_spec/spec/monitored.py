@@ -1,0 +1,304 @@
+"""The verdict on one requirement of one recorded trace, with its reason and with what it rests on.
+
+A trace that failed has its declared ρ. Common samples are evaluated at the samples, and signals with messages of their
+own at every instant (:mod:`s2r_spec.robustness.judge`). The verdict is unknown where the trace is too short, where it
+depends on a silence, and where samples at one topic's stamps decide otherwise than all messages.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from s2r_spec.errors import UsageError
+from s2r_spec.instants import instant
+from s2r_spec.lang import formula as f
+from s2r_spec.lang.amounts import Amount
+from s2r_spec.messages import on_change
+from s2r_spec.robustness.evaluation import Evaluation
+from s2r_spec.robustness.explain import Explanation
+from s2r_spec.robustness.judge import Instants, Judgement
+from s2r_spec.robustness.profiles import Profile, profile
+from s2r_spec.robustness.reading import Missing
+from s2r_spec.robustness.silence import silences_of
+from s2r_spec.trace import Trace
+
+if TYPE_CHECKING:
+    from s2r_spec.spec.evaluated import Spec
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """How a trace is sampled.
+
+    Args:
+        period: median time from one sample to the next, or the shortest period of a signal [s]; None if there is none.
+        duration: time that is evaluated [s].
+        narrowest_window: samples in the shortest window of positive length; None if there is none.
+        instants: signal → the instants at which it is evaluated.
+        outside: signal → messages before and after these instants, which are not evaluated.
+    """
+
+    period: float | None
+    duration: float
+    narrowest_window: int | None
+    instants: Mapping[str, Instants] = field(default_factory=dict)
+    outside: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Monitored:
+    """The result of one requirement on a trace.
+
+    Args:
+        requirement: its name.
+        satisfied: whether it holds; None if the trace does not decide it.
+        text: the result in a few lines.
+        reason: what decides ρ; None if the verdict is unknown.
+        sampled: how the trace is sampled; None for one that failed.
+    """
+
+    requirement: str
+    satisfied: bool | None
+    text: str
+    reason: Explanation | None = None
+    sampled: Sampled | None = None
+
+
+@dataclass(frozen=True)
+class Conventions:
+    """How a requirement is evaluated.
+
+    Args:
+        nan: the treatment of a missing sample.
+        partial: whether windows are cut at the end of a trace that is too short.
+        sparse: whether windows may be shorter than the time between two samples, since the unit of the times is known.
+        like: name of the tool whose conventions hold.
+    """
+
+    nan: Missing = "error"
+    partial: bool = False
+    sparse: bool = False
+    like: str = "s2r"
+
+    @property
+    def profile(self) -> Profile:
+        """The conventions of the tool."""
+        return profile(self.like)
+
+
+def monitored(
+    spec: Spec, trace: Trace, requirement: str, params: Mapping[str, Amount], conventions: Conventions
+) -> Monitored:
+    """Return the result of one requirement on a trace.
+
+    Raises:
+        TraceError: a channel is missing, has NaN or an unfit unit, or a window is shorter than the sample period.
+        UsageError: a parameter is missing, or the conventions do not fit the trace.
+    """
+    if trace.failure is not None:
+        reason = spec.explain(trace, requirement, params)
+        return Monitored(requirement, reason.satisfied, str(reason), reason)
+    own = spec.own_trace(trace, requirement)
+    if own.messages and conventions.like == "s2r":
+        return _of_messages(spec, own, requirement, params, conventions)
+    found = _of_samples(spec, own, requirement, params, conventions)
+    return found if own.origin is None else _beside(found, spec, own.origin, params, conventions)
+
+
+def _of_messages(
+    spec: Spec, trace: Trace, requirement: str, params: Mapping[str, Amount], conventions: Conventions
+) -> Monitored:
+    judged, reason = spec.judge(
+        trace,
+        requirement,
+        params,
+        nan=conventions.nan,
+        partial=conventions.partial,
+        sparse=conventions.sparse,
+    )
+    sampled = Sampled(judged.period, judged.end - judged.start, None, judged.instants, judged.unevaluated)
+    lines = [_instants(judged), *(f"  note: {note}" for note in judged.notes)]
+    if reason is not None:
+        bounds = (
+            [] if judged.lower == judged.upper else [f"  ρ lies in {_range(judged, spec.unit(requirement))}"]
+        )
+        head = str(reason)
+        return Monitored(requirement, judged.satisfied, "\n".join((head, *bounds, *lines)), reason, sampled)
+    why = judged.open
+    if not why:
+        short = spec.shortfall(trace, requirement, params, nan=conventions.nan)
+        why = f"it {short} (--partial evaluates the recorded part)"
+    else:
+        why = f"it {why}"
+    return Monitored(requirement, None, "\n".join((f"{requirement} unknown: {why}", *lines)), None, sampled)
+
+
+def _range(judged: Judgement, unit: str) -> str:
+    return f"[{judged.lower:+.6g}, {judged.upper:+.6g}] {unit}".rstrip()
+
+
+def _instants(judged: Judgement) -> str:
+    """Return a line on the instants at which messages are evaluated."""
+    own = " and ".join(f"{one.own} of {name}" for name, one in judged.instants.items())
+    return f"  at every instant of {judged.end - judged.start:.6g} s, held between the messages: {own}"
+
+
+def _of_samples(
+    spec: Spec, trace: Trace, requirement: str, params: Mapping[str, Amount], conventions: Conventions
+) -> Monitored:
+    how, partial = conventions.profile, conventions.partial
+    if how["interpolation"] == "samples" and not trace.messages:
+        how = {**how, "interpolation": "samples"}
+    held = how["end"] == "hold" and len(trace) > 1
+    if partial and not held:
+        how = {**how, "end": "clip"}
+    found = spec.evaluate(trace, requirement, params, nan=conventions.nan, sparse=conventions.sparse, **how)
+    sampled = Sampled(found.period, found.duration, found.narrowest)
+    notes = [*found.notes, *_held_notes(spec, trace, requirement, conventions), *_rhythm(trace, how)]
+    lines = [_sampling(found), *(f"  note: {note}" for note in notes)]
+    unknown = ""
+    if partial and not found.complete[0] and math.isinf(found.value):
+        unknown = "no recorded sample decides it"
+    elif not (found.complete[0] or partial or held):
+        short = spec.shortfall(trace, requirement, params, nan=conventions.nan)
+        unknown = f"it {short} (--partial evaluates the recorded part)"
+    elif how["interpolation"] == "samples" and not partial:
+        unknown = _in_gap(spec, trace, requirement, params, conventions)
+    if unknown:
+        text = "\n".join((f"{requirement} unknown: {unknown}", *lines))
+        return Monitored(requirement, None, text, None, sampled)
+    why = ""
+    if how["interpolation"] != "samples":
+        why = f"{conventions.like} evaluates it at every instant, so no single sample decides it"
+    elif not found.complete[0] and held:
+        why = f"it looks past the last sample, whose value is held as in {conventions.like}"
+    if why:
+        reason = Explanation(requirement, found.value, found.unit, found.satisfied, reason=why)
+    else:
+        reason = spec.explain(
+            trace,
+            requirement,
+            params,
+            until=how["until"],
+            partial=True,
+            nan=conventions.nan,
+            sparse=conventions.sparse,
+        )
+    return Monitored(requirement, reason.satisfied, "\n".join((str(reason), *lines)), reason, sampled)
+
+
+def _in_gap(
+    spec: Spec, trace: Trace, requirement: str, params: Mapping[str, Amount], conventions: Conventions
+) -> str:
+    """Return why the verdict depends on a gap without samples; "" if it does not."""
+    bounds = spec.bounds(trace, requirement, params, nan=conventions.nan, sparse=conventions.sparse)
+    if bounds is None or (bounds[0] > 0) == (bounds[1] > 0):
+        return ""
+    start, end = max(silences_of(trace.times), key=lambda span: span[1] - span[0])
+    return (
+        f"it depends on the gap of {end - start:.3g} s after t = {instant(trace.times, start)}, which has no sample "
+        f"(--partial evaluates the samples)"
+    )
+
+
+def _rhythm(trace: Trace, how: Profile) -> list[str]:
+    """Return notes on gaps, and on samples that come on change."""
+    if how["interpolation"] != "samples" or trace.messages or len(trace) < 2:
+        return []
+    spans = silences_of(trace.times)
+    if spans:
+        start, end = max(spans, key=lambda span: span[1] - span[0])
+        more = f", the longest of {len(spans)} gaps" if len(spans) > 1 else ""
+        return [
+            f"there is no sample in the {end - start:.3g} s after t = {instant(trace.times, start)}{more}; they come "
+            f"every {np.median(np.diff(trace.times)):.3g} s"
+        ]
+    if on_change(trace.times):
+        return [
+            "the samples come irregularly, and nothing is evaluated between them; --profile rtamt-dense holds each "
+            "value until the next one"
+        ]
+    return []
+
+
+def _held_notes(spec: Spec, trace: Trace, requirement: str, conventions: Conventions) -> list[str]:
+    """Return a note on each signal whose missing samples are held."""
+    if conventions.nan != "hold" or trace.messages:
+        return []
+    notes = []
+    for name in spec.channels(requirement):
+        missing = np.isnan(trace[name].reshape(len(trace), -1)).any(axis=1)
+        if missing.any():
+            known = trace.times[~missing]
+            longest = np.diff(np.append(known, trace.times[-1])).max() if known.size else math.inf
+            notes.append(
+                f"{int(missing.sum())} of {len(trace)} samples of {name} are missing, and the value before is held for "
+                f"up to {longest:.3g} s"
+            )
+    return notes
+
+
+def _sampling(found: Evaluation) -> str:
+    """Return a line on the sampling of a trace, which shows times in a wrong unit."""
+    if found.period is None:
+        return "  one sample"
+    windows = "" if found.narrowest is None else f", {found.narrowest} samples in the narrowest window"
+    return f"  sampled every {found.period:.6g} s for {found.duration:.6g} s{windows}"
+
+
+def _beside(
+    sampled: Monitored, spec: Spec, messages: Trace, params: Mapping[str, Amount], conventions: Conventions
+) -> Monitored:
+    """Return a result at the stamps of one topic; unknown where all messages decide otherwise."""
+    every = (
+        _of_messages(spec, messages, sampled.requirement, params, conventions)
+        if messages.messages
+        else sampled
+    )
+    if sampled.satisfied is None or every.satisfied is None or sampled.satisfied == every.satisfied:
+        return sampled
+    both = [_one_line(sampled), _one_line(every)]
+    text = "\n".join(
+        (
+            f"{sampled.requirement} unknown: at the stamps of the clock {both[0]}, and with all messages {both[1]}",
+            *sampled.text.split("\n")[1:],
+        )
+    )
+    return replace(sampled, satisfied=None, text=text, reason=None)
+
+
+def _one_line(found: Monitored) -> str:
+    assert found.reason is not None
+    word = "it holds" if found.satisfied else "it is violated"
+    return f"{word}, ρ = {found.reason.rho:+.6g} {found.reason.unit}".rstrip()
+
+
+def depends_on_unit_of_time(spec: Spec, requirement: str) -> str:
+    """Return the text of a function whose value depends on the unit of the times, and that has no window; or ""."""
+    for node in f.walk(spec.formulas[requirement]):
+        if isinstance(node, f.Derivative | f.Duration) or (
+            isinstance(node, f.Accumulated) and math.isinf(node.seconds)
+        ):
+            return " ".join(node.span.text.split())
+    return ""
+
+
+def refuse_unstated(spec: Spec, trace: Trace, requirement: str) -> None:
+    """Refuse a function of time on a trace whose times have no unit and look like none in seconds.
+
+    Raises:
+        UsageError: the times are whole numbers, a unit or more apart.
+    """
+    text = depends_on_unit_of_time(spec, requirement)
+    times = trace.times
+    if not text or len(times) < 2 or np.median(np.diff(times)) < 1.0 or (times != np.rint(times)).any():
+        return
+    raise UsageError(
+        f"`{text}` depends on the unit of the times, which the file does not state: as seconds, samples come every "
+        f"{np.median(np.diff(times)):.6g} s; give --time-unit ms, or --time-unit s"
+    )
