@@ -166,9 +166,10 @@ class _Names:
         if self._numbered is None:
             self._numbered = defaultdict(lambda: defaultdict(list))
             for number, head in enumerate(self.heads):
-                name, _ = self.bracketed.get(number, (head.name, ""))
-                for stem, separator, index in () if head.fault else _numbered(name, head.index):
-                    self._numbered[stem, separator][index].append(number)
+                stem, _ = self.bracketed.get(number, (head.name, ""))
+                for name in () if head.fault else {head.name, stem}:
+                    for vector, separator, index in _numbered(name, head.index):
+                        self._numbered[vector, separator][index].append(number)
         return self._numbered
 
     def channel(self, name: str, width: int | None, columns: Mapping[str, str]) -> Channel:
@@ -321,7 +322,7 @@ class _Names:
         if split is None or split[1].isdigit():
             return None
         column, unit = split
-        found = self._found(name, column, width)
+        found = self._found(name, column, width) or self._stated(name, column, width)
         if found is None:
             return None
         if not is_unit(unit):
