@@ -124,6 +124,13 @@ def test_everyone_who_evaluates_rounds_alike():
     assert monitor.finish()["r"].satisfied
 
 
+def test_tensors_round_whole_numbers_once():
+    torch = pytest.importorskip("torch")
+    spec = s2r.parse_spec("signal z {mm}\nrequire r: always (0.7 {m} == z)")
+    found = spec.robustness_tensor({"z": torch.tensor([700.0, 700.0], dtype=torch.float64)}, "r", period=0.1)
+    assert found.max().item() == 0
+
+
 # -- rotations -------------------------------------------------------------------------------------------------------
 
 
