@@ -60,7 +60,7 @@ class _Backwards:
                 self.add(node.signal, toward)
                 self.add(node.reference, -toward)
             case f.Convert():
-                self.add(node.operand, node.factor * seed)
+                self.add(node.operand, node.conversion.factor * seed)
             case f.Arithmetic():
                 self._arithmetic(node, seed)
             case f.Elementary():

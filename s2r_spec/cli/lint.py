@@ -1,15 +1,19 @@
-"""``s2r lint``: warnings about legal parts of a specification that are seldom meant."""
+"""``s2r lint``: mistakes of a specification, and warnings about legal parts that are seldom meant."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from s2r_spec.cli.common import sentences
 from s2r_spec.files import save
 from s2r_spec.json_values import line
+
+if TYPE_CHECKING:
+    from s2r_spec.lang.diagnostics import Diagnostic
+    from s2r_spec.lang.lints.finding import Finding
 
 
 def lint(
@@ -22,21 +26,19 @@ def lint(
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")] = False,
 ) -> None:
-    """Report parts of a specification that are easily misread. Exit code 1 if there are any."""
+    """Report mistakes, and parts of a specification that are easily misread. Exit code 1 if there are any."""
     with sentences(as_json):
         from s2r_spec.json_objects.specs import LintFinding, LintObject
         from s2r_spec.lang.files import read_text
         from s2r_spec.lang.lints import fixed
-        from s2r_spec.lang.lints import lint as findings_of
 
         texts = {path: read_text(path) for path in specs}
-        findings = {path: findings_of(text, str(path)) for path, text in texts.items()}
-        if fix:
-            for path, text in texts.items():
-                if any(finding.edits for finding in findings[path]):
-                    save(path, fixed(text, findings[path]))
-            findings = {path: tuple(f for f in found if not f.edits) for path, found in findings.items()}
-        flat = [finding for found in findings.values() for finding in found]
+        flat: list[Finding | Diagnostic] = []
+        for path, text in texts.items():
+            findings, mistakes = _checked(text, str(path))
+            if fix and any(finding.edits for finding in findings):
+                save(path, fixed(text, findings))
+            flat += [*mistakes, *(finding for finding in findings if not (fix and finding.edits))]
         if as_json:
             rows = (
                 LintFinding(
@@ -53,3 +55,14 @@ def lint(
         elif flat:
             print("\n\n".join(map(str, flat)))
         raise typer.Exit(1 if flat else 0)
+
+
+def _checked(text: str, name: str) -> tuple[tuple[Finding, ...], tuple[Diagnostic, ...]]:
+    """Return the findings in a specification, or else its mistakes."""
+    from s2r_spec.lang.diagnostics import SpecError
+    from s2r_spec.lang.lints import lint as findings_of
+
+    try:
+        return findings_of(text, name), ()
+    except SpecError as error:
+        return (), error.diagnostics

@@ -18,6 +18,7 @@ from s2r_spec.verdict import Verdict, worst
 
 if TYPE_CHECKING:
     from s2r_spec.json_objects.monitor import ChangeObject, OnlineObject, RequirementInterval
+    from s2r_spec.lang.conversion import Conversion
     from s2r_spec.robustness.online.monitor import RobustInterval
     from s2r_spec.spec import Spec
 
@@ -119,6 +120,7 @@ def _rows(request: Request) -> _Input:
     from s2r_spec.errors import UsageError
     from s2r_spec.logs.follow import follow as rows_of
     from s2r_spec.logs.interpret import request as columns_to_read
+    from s2r_spec.rollouts.excerpts import no_units
 
     excerpts = request.excerpts
     if excerpts.cuts or excerpts.sources or excerpts.joining is not None:
@@ -132,6 +134,7 @@ def _rows(request: Request) -> _Input:
         sys.stdin.readline,
         columns_to_read(excerpts.columns, request.wanted, excerpts.time_unit),
     )
+    rows.notes.extend(no_units(request.spec.signals, rows.units, excerpts.columns))
     params, _ = parameters(request, rows.meta, "the trace")
     return _Input(rows.units, rows.meta, rows.samples, None, params, rows.notes)
 
@@ -155,26 +158,24 @@ def _file(request: Request, path: Path) -> _Input:
     return _Input(trace.units, trace.meta, samples, period, recorded.params)
 
 
-def _scales(
-    spec: Spec, requirements: Iterable[str], units: Mapping[str, str]
-) -> dict[str, tuple[float, float]]:
-    """Return channel → (a, b), where a sample x of the input is a·x + b in the declared unit."""
+def _scales(spec: Spec, requirements: Iterable[str], units: Mapping[str, str]) -> dict[str, Conversion]:
+    """Return channel → conversion of a sample of the input to the declared unit."""
     from s2r_spec.robustness.reading import conversion
 
     names = {name for requirement in requirements for name in spec.channels(requirement)}
     found = {name: conversion(spec.signals[name], units.get(name)) for name in names}
-    return {name: scale for name, scale in found.items() if scale != (1.0, 0.0)}
+    return {name: scale for name, scale in found.items() if not scale.same}
 
 
-def _converted(sample: Mapping[str, Any], scales: Mapping[str, tuple[float, float]]) -> Mapping[str, Any]:
+def _converted(sample: Mapping[str, Any], scales: Mapping[str, Conversion]) -> Mapping[str, Any]:
     if not scales:
         return sample
     found = dict(sample)
-    for name, (factor, offset) in scales.items():
+    for name, scale in scales.items():
         if name in found:
             value = found[name]
             vector = hasattr(value, "__len__")
-            found[name] = [factor * x + offset for x in value] if vector else factor * value + offset
+            found[name] = [scale(x) for x in value] if vector else scale(value)
     return found
 
 

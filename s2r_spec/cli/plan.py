@@ -231,7 +231,7 @@ def _afforded(time: str | None, seconds: float | None) -> tuple[int, ...]:
         unit = None
     if found is None or unit is None or not unit.fits(of):
         raise UsageError(f"--time {time} is not a time such as 30min or 1.5h")
-    rollouts = int(float(found[1]) * unit.to(of)[0] / seconds + 1e-9)
+    rollouts = int(unit.to(of)(float(found[1])) / seconds + 1e-9)
     if rollouts < 8:
         raise UsageError(
             f"--time {time} allows {rollouts} rollouts of {seconds:.3g} s; a search needs at least 8"

@@ -8,13 +8,13 @@ from typing import Literal
 
 @dataclass(frozen=True, kw_only=True)
 class LintFinding:
-    """One place that is worth a second look.
+    """One place that is wrong or worth a second look.
 
     Attributes:
         file: the specification.
         line: the line of the finding, counted from 1.
         column: the column of the finding, counted from 1.
-        code: the code of the rule.
+        code: the code of the rule, or of the mistake.
         message: the finding in one sentence.
         fix: the text to write instead; empty if there is none.
     """

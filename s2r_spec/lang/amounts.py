@@ -82,6 +82,8 @@ def converted(number: float, written: str, unit: Unit, what: str, name: str) -> 
     except UnknownUnitError:
         raise UsageError(f"{what}: {written!r} is not a unit") from None
     if not found.fits(unit):
-        raise UsageError(f"{what}: {written} does not convert to {unit}, the unit of {name!r}")
-    factor, offset = found.to(unit)
-    return factor * number + offset
+        readings = found.two_readings(unit)
+        raise UsageError(
+            f"{what}: {written} does not convert to {unit}, the unit of {name!r}{readings and f'. {readings}'}"
+        )
+    return found.to(unit)(number)

@@ -15,12 +15,10 @@ def convert(value: f.Value, unit: Unit) -> f.Value:
     """Return the same quantity in ``unit``, of the same dimension; a number without a unit takes it unchanged."""
     if value.unit is None:
         return replace(value, unit=unit)
-    factor, offset = value.unit.to(unit)
-    if (factor, offset) == (1.0, 0.0):
+    conversion = value.unit.to(unit)
+    if conversion.same:
         return value
-    return f.Convert(
-        span=value.span, unit=unit, width=value.width, operand=value, factor=factor, offset=offset
-    )
+    return f.Convert(span=value.span, unit=unit, width=value.width, operand=value, conversion=conversion)
 
 
 def combine(values: Sequence[f.Value], at: Span, verb: str) -> tuple[list[f.Value], Unit | None]:
@@ -51,6 +49,7 @@ def _different(left: f.Value, right: f.Value, at: Span, verb: str) -> None:
     fix = f"{_measured(left)}, {_measured(right)}"
     if PLAIN in (left.unit, right.unit):
         fix += "; add a unit to its declaration"
+    fix = left.unit.two_readings(right.unit) or fix
     fail("E03", f"cannot {verb} {left.unit} {link} {right.unit}", at, fix)
 
 
@@ -74,7 +73,7 @@ def margins(formulas: Sequence[f.Formula]) -> tuple[tuple[f.Formula, ...], Unit 
 
 
 def _rescaled(formula: f.Formula, unit: Unit) -> f.Formula:
-    if formula.unit is None or (factor := formula.unit.to(unit)[0]) == 1.0:
+    if formula.unit is None or (factor := formula.unit.to(unit).factor) == 1.0:
         return formula
     return f.Rescale(span=formula.span, unit=unit, operand=formula, factor=factor)
 

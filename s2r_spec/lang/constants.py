@@ -25,7 +25,7 @@ def _constant(value: f.Value) -> float | None:
             return value.value
         case f.Convert():
             operand = _constant(value.operand)
-            return None if operand is None else value.factor * operand + value.offset
+            return None if operand is None else value.conversion(operand)
         case f.Elementary():
             operand = _constant(value.operand)
             return None if operand is None else _elementary(value.function, operand)

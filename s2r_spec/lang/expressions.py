@@ -149,12 +149,12 @@ def _arithmetic(expression: syntax.Arithmetic, scope: Scope) -> f.Value:
         if exponent is None or not abs(exponent) <= 9 or right.unit not in (None, PLAIN):
             fail("E18", "an exponent must be a constant from -9 to 9, without a unit", right.span)
         unit = None if left.unit is None else left.unit.power(exponent)
-    elif left.unit is None and right.unit is None:
-        unit = None
+    elif right.unit is None:
+        unit = left.unit
     elif symbol == "*":
-        unit = (left.unit or PLAIN).times(right.unit or PLAIN)
+        unit = right.unit if left.unit is None else left.unit.times(right.unit)
     else:
-        unit = (left.unit or PLAIN).over(right.unit or PLAIN)
+        unit = (left.unit or PLAIN).over(right.unit)
     return f.Arithmetic(span=span, unit=unit, width=width, operator=operator, left=left, right=right)
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, fields
 from functools import cache
 from typing import Any, Literal
 
+from s2r_spec.lang.conversion import Conversion
 from s2r_spec.lang.source import Span
 from s2r_spec.lang.syntax import StepOp, TemporalOp, UntilOp
 from s2r_spec.lang.units import Unit
@@ -98,11 +99,10 @@ class ParamValue(Value):
 
 @dataclass(frozen=True, kw_only=True)
 class Convert(Value):
-    """factor · operand + offset: the same quantity in another unit."""
+    """The same quantity in another unit."""
 
     operand: Value
-    factor: float
-    offset: float
+    conversion: Conversion
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -160,7 +160,7 @@ def _seconds(name: str, arguments: Sequence[Argument]) -> float:
         )
     if not unit.fits(SECOND):
         fail("E06", f"`{name}` needs a time, but `{written.span.text}` is in {unit}", written.span)
-    return number * unit.factor
+    return unit.to(SECOND)(number)
 
 
 _MANY = 1000

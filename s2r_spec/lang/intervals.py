@@ -110,4 +110,4 @@ def _seconds(bound: syntax.Bound, checked: f.Value, number: float) -> float:
             f"a time bound must be a time, but `{bound.value.span.text}` is in {unit}",
             bound.value.span,
         )
-    return number * unit.factor if unit.factor != 1.0 else number
+    return unit.to(SECOND)(number)

@@ -1,18 +1,23 @@
 """Units: their dimensions, and the conversion of numbers between them.
 
-Names, prefixes and factors come from pint, looked up one name at a time. Products, powers and comparisons are done
-here on plain numbers, so a checked specification does not need pint. An angle has no dimension, as in the SI: rad/s
-equals 1/s, and deg/s is converted.
+Names, prefixes and exact factors come from pint, looked up one name at a time. Products, powers and comparisons are
+done here on plain numbers, so a checked specification does not need pint. An angle has no dimension, as in the SI:
+rad/s · m is m/s, and deg/s is converted. A rotation is no frequency, though: 1 rpm is 1 turn or 6.28 rad a minute, and
+``1/min`` does not say of which. The units remember which they are, as far as they can.
 """
 
 from __future__ import annotations
 
+import math
 import re
+import unicodedata
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any
 
+from s2r_spec.lang.conversion import Conversion
 from s2r_spec.magnitude import LARGEST, SMALLEST
 
 if TYPE_CHECKING:
@@ -20,10 +25,23 @@ if TYPE_CHECKING:
 
 Dimension = tuple[tuple[str, float], ...]
 
-_FACTOR = re.compile(r"\s*([A-Za-zµμΩ°%]+|1)\s*(?:(?:\^|\*\*)\s*(-?\d{1,2}))?\s*")
-_JOINT = re.compile(r"[*·/]|(?=\S)")
-# pint reads Nm as a unit of yarn; on a robot it is a torque
-_ALSO = {"Nm": (("N", 1), ("m", 1)), "%": (("percent", 1),)}
+_FACTOR = re.compile(
+    r"\s*(?:(?P<one>1)(?![\w.-])|(?P<name>(?:[^\W\d_]|[°%])+(?:\d+[^\W\d_]+)*)(?P<digits>-[1-9]|[2-9](?!\d))?)"
+    r"\s*(?:(?:\^|\*\*)\s*(?P<opening>[({])?(?P<power>[+-]?\d{1,2})(?(opening)[)}]))?\s*"
+)
+_JOINT = re.compile(r"[*·/]|\.(?=[^\W\d_])|-(?=[^\W\d_])|(?<=\s)(?=\S)")
+_SIGNS = str.maketrans("−⋅∙•×∕", "-····/")
+"""Definition: signs of products, quotients and exponents that are written in several ways."""
+_ALSO = {"Nm": (("N", 1), ("m", 1)), "%": (("percent", 1),), "rev": (("turn", 1),)}
+"""Definition: names that pint lacks, and Nm, which pint reads as a unit of yarn; on a robot it is a torque."""
+_NONE = frozenset(("", "1", "-", "–", "—"))
+"""Definition: texts that say that a number has no unit."""
+_WORD = 3
+"""Definition: letters of the shortest name that may be in capital letters; in shorter ones they tell M from m."""
+_SECOND_MEANING = {
+    "g": "gravity", "G": "gravity", "mg": "milligravity", "C": "degC", "F": "degF",
+}  # fmt: skip
+"""Definition: symbols in logs that also stand for another unit: g is the gram, and a scale of acceleration."""
 
 
 LONGEST = 100
@@ -43,12 +61,15 @@ class Unit:
         dimension: ((base dimension, exponent), …), sorted; empty for a plain number.
         factor: size of the unit in base units.
         offset: the zero of the unit in base units, such as 273.15 for degC; 0 for nearly all units.
+        angle: exponent of the angle in it: 1 for rad/s, 0 for Hz. None if the unit does not tell: a radius may be in
+            m or in m/rad, and a number without a unit may be an angle.
     """
 
     text: str
     dimension: Dimension = ()
-    factor: float = 1.0
-    offset: float = 0.0
+    factor: Fraction = Fraction(1)
+    offset: Fraction = Fraction(0)
+    angle: float | None = 0.0
 
     def __post_init__(self) -> None:
         """Refuse a unit that double precision cannot convert.
@@ -63,45 +84,69 @@ class Unit:
         return self.text or "no unit"
 
     def fits(self, other: Unit) -> bool:
-        """Return whether both units have the same dimension."""
-        return self.dimension == other.dimension
+        """Return whether numbers in one unit can be converted to the other one."""
+        return self.dimension == other.dimension and not self._turns_against(other)
 
-    def to(self, other: Unit) -> tuple[float, float]:
-        """Return (a, b): a number x of this unit is a·x + b of the other one."""
-        if (self.factor, self.offset) == (other.factor, other.offset):
-            return 1.0, 0.0
-        return self.factor / other.factor, (self.offset - other.offset) / other.factor
+    def _turns_against(self, other: Unit) -> bool:
+        """Return whether one is a rotation in time, such as rpm, and the other a frequency, such as 1/min."""
+        return (
+            self.dimension == other.dimension
+            and [base for base, _ in self.dimension] == ["[time]"]
+            and None not in (self.angle, other.angle)
+            and (self.angle == 0) != (other.angle == 0)
+        )
+
+    def two_readings(self, other: Unit) -> str:
+        """Return both readings of a rotation as a frequency, and what to write instead; "" for any other pair."""
+        if not self._turns_against(other):
+            return ""
+        turning, frequency = (other, self) if self.angle == 0 else (self, other)
+        ratio = float(turning.factor / frequency.factor)
+        turns = ratio / math.tau ** (turning.angle or 0.0)
+        if frequency.text.startswith("1/"):
+            per = frequency.text[1:]
+        else:
+            per = "/s" if frequency.text == "Hz" else f"*{frequency.text}"
+        return (
+            f"1 {turning} is {turns:.4g} {frequency} if turns are counted, and {ratio:.4g} {frequency} if radians are. "
+            f"Instead of {frequency} write rev{per} for turns, or rad{per} for radians"
+        )
+
+    def to(self, other: Unit) -> Conversion:
+        """Return the conversion of numbers of this unit to the other one."""
+        return Conversion(self.factor / other.factor, (self.offset - other.offset) / other.factor)
 
     @property
     def difference(self) -> Unit:
         """The unit of a difference of two numbers in this unit: K for degC."""
-        return (
-            Unit("K" if self.factor == 1.0 else f"delta_{self.text}", self.dimension, self.factor)
-            if self.offset
-            else self
-        )
+        if not self.offset:
+            return self
+        text = "K" if self.factor == 1 else f"delta_{self.text}"
+        return Unit(text, self.dimension, self.factor, angle=self.angle)
 
     def times(self, other: Unit) -> Unit:
-        """Return the unit of a product."""
+        """Return the unit of a product; a factor without a unit may be an angle."""
         if not other.text or not self.text:
-            return other if not self.text else self
+            return replace(self if self.text else other, angle=None)
         return Unit(
             f"{self.text}*{other.text}",
             _combined(self.dimension, other.dimension, 1),
             self.factor * other.factor,
+            angle=_sum(self.angle, other.angle, 1),
         )
 
     def over(self, other: Unit) -> Unit:
         """Return the unit of a quotient; the plain unit if both are the same, as in ``abs(tilt) / lean``."""
         if not other.text:
-            return self
-        if (self.dimension, self.factor, self.offset) == (other.dimension, other.factor, 0.0):
+            return replace(self, angle=None)
+        if (self.dimension, self.factor) == (other.dimension, other.factor) and not self.offset:
             return PLAIN
         below = f"({other.text})" if re.search(r"[*/·\s]", other.text) else other.text
         return Unit(
             f"{self.text or '1'}/{below}",
             _combined(self.dimension, other.dimension, -1),
             self.factor / other.factor,
+            angle=_sum(self.angle, other.angle, -1),
         )
 
     def power(self, exponent: float) -> Unit:
@@ -112,17 +157,18 @@ class Unit:
             return PLAIN
         dimension = tuple((name, n * exponent) for name, n in self.dimension)
         base = self.text if self.text.isalnum() else f"({self.text})"
-        return Unit(f"{base}^{exponent:g}", dimension, self.factor**exponent)
+        angle = None if self.angle is None else self.angle * exponent
+        return Unit(f"{base}^{exponent:g}", dimension, _power(self.factor, exponent), angle=angle)
 
 
-PLAIN = Unit("")
+PLAIN = Unit("", angle=None)
 """The unit of a number without a unit."""
 
 SECOND = Unit("s", (("[time]", 1.0),))
 
 
 def parse_unit(text: str) -> Unit:
-    """Return the unit of a text such as "m/s", "km / h" or "N m".
+    """Return the unit of a text such as "m/s", "km / h", "N m", "m/s²", "m s-1" or "-".
 
     Raises:
         UnknownUnitError: a name in it is not a unit.
@@ -132,23 +178,42 @@ def parse_unit(text: str) -> Unit:
     return _parse(text.strip())
 
 
+def unit_in_log(text: str, declared: Unit) -> Unit:
+    """Return the unit that a log states for a declared quantity: "g" is the gravity of Earth for an acceleration.
+
+    Raises:
+        UnknownUnitError: the text is not a unit.
+    """
+    found = parse_unit(text)
+    if not found.fits(declared) and text.strip() in _SECOND_MEANING:
+        other = parse_unit(_SECOND_MEANING[text.strip()])
+        return replace(other, text=text.strip()) if other.fits(declared) else found
+    return found
+
+
+@lru_cache(1024)
+def is_unit(text: str) -> bool:
+    """Return whether a text in brackets after a name is a unit, and not the number of a component."""
+    try:
+        return bool(parse_unit(text).dimension) or not text.strip().isdigit()
+    except UnknownUnitError:
+        return False
+
+
 @cache
 def _parse(text: str) -> Unit:
-    if text in ("", "1"):
+    if text in _NONE:
         return PLAIN
-    parts = list(_parts(text))
+    parts = list(_parts(unicodedata.normalize("NFKC", text).translate(_SIGNS)))
     if len(parts) == 1 and parts[0][1] == 1:
-        found = _named(parts[0][0])
-        return Unit(text, found.dimension, found.factor, found.offset)
-    unit = PLAIN
+        return replace(_named(parts[0][0]), text=text)
+    unit = Unit("1")
     for name, exponent in parts:
-        found = _named(name)
         try:
-            powered = Unit(name, found.dimension, found.factor).power(exponent) if name != "1" else PLAIN
-            unit = unit.times(powered)
+            unit = unit.times(replace(_named(name), offset=Fraction(0)).power(exponent))
         except OverflowError:
             raise UnknownUnitError(text) from None
-    return Unit(text, unit.dimension, unit.factor)
+    return replace(unit, text=text)
 
 
 def _parts(text: str) -> list[tuple[str, int]]:
@@ -157,29 +222,43 @@ def _parts(text: str) -> list[tuple[str, int]]:
     position, sign = 0, 1
     while True:
         factor = _FACTOR.match(text, position)
-        if factor is None:
+        if factor is None or (factor["digits"] and factor["power"]):
             raise UnknownUnitError(text)
-        exponent = sign * int(factor[2] or 1)
-        parts += [(name, n * exponent) for name, n in _ALSO.get(factor[1], ((factor[1], 1),))]
+        exponent = sign * int(factor["digits"] or factor["power"] or 1)
+        if not factor["one"]:
+            also = _ALSO.get(factor["name"], ((factor["name"], 1),))
+            parts += [(name, n * exponent) for name, n in also]
         position = factor.end()
         if position == len(text):
             return parts
         joint = _JOINT.match(text, position)
-        assert joint is not None
+        if joint is None:
+            raise UnknownUnitError(text)
         position, sign = joint.end(), -1 if joint[0] == "/" else 1
 
 
 @cache
 def _named(name: str) -> Unit:
-    """Return the unit of one name from pint; factors refer to pint's base units."""
-    if name == "1":
-        return PLAIN
+    """Return the unit of one name from pint, ``RPM`` like ``rpm``; factors refer to pint's base units."""
+    try:
+        return _spelled(name)
+    except UnknownUnitError:
+        if len(name) < _WORD or name == name.lower():
+            raise
+    try:
+        return _spelled(name.lower())
+    except UnknownUnitError:
+        raise UnknownUnitError(name) from None
+
+
+def _spelled(name: str) -> Unit:
+    """Return the unit of one name from pint, in capital and small letters as they are."""
     import pint
 
     registry = _registry()
     try:
         unit = registry.parse_units(name)
-        zero, one, two = (_base(registry.Quantity(float(n), unit)) for n in (0, 1, 2))
+        (zero, _), (one, roots), (two, _) = (_root(registry.Quantity(Fraction(n), unit)) for n in (0, 1, 2))
     except (
         pint.PintError,
         ValueError,
@@ -194,21 +273,37 @@ def _named(name: str) -> Unit:
         raise UnknownUnitError(name)  # a logarithmic unit, such as dB
     dimensions: Mapping[str, Any] = unit.dimensionality
     dimension = tuple(sorted((base, float(n)) for base, n in dimensions.items() if n))
+    timed = all(base == "[time]" for base, _ in dimension)
     try:
-        return Unit(name, dimension, one - zero if zero else one, zero)
+        return Unit(name, dimension, one - zero, zero, float(roots.get("radian", 0)) if timed else None)
     except OverflowError:
         raise UnknownUnitError(name) from None
 
 
-def _base(quantity: Any) -> float:
-    return float(quantity.to_root_units().magnitude)
+def _root(quantity: Any) -> tuple[Fraction, dict[str, Any]]:
+    """Return a quantity in base units: its number, and base unit → exponent; an angle's base unit is the radian."""
+    found = quantity.to_root_units()
+    return Fraction(found.magnitude), dict(found.unit_items())
 
 
 @cache
 def _registry() -> pint.UnitRegistry[Any]:
     import pint
 
-    return pint.UnitRegistry()
+    return pint.UnitRegistry(non_int_type=Fraction)
+
+
+def _power(factor: Fraction, exponent: float) -> Fraction:
+    """Return a power of a factor; exactly, if the exponent is whole or a square root is rational."""
+    if exponent == 0.5:
+        roots = [math.isqrt(factor.numerator), math.isqrt(factor.denominator)]
+        if Fraction(*roots) ** 2 == factor:
+            return Fraction(*roots)
+    return factor ** int(exponent) if float(exponent).is_integer() else Fraction(float(factor) ** exponent)
+
+
+def _sum(left: float | None, right: float | None, sign: int) -> float | None:
+    return None if left is None or right is None else left + sign * right
 
 
 def _combined(left: Dimension, right: Dimension, sign: int) -> Dimension:

@@ -256,8 +256,11 @@ def _channel(table: Table, channel: Channel, count: int) -> tuple[FloatArray, st
                 raise TraceError(f"{name} has no component {part.component}; it has {width}")
             samples = samples[:, part.component]
         written = head.unit if part.unit is None else part.unit
-        if written is not None and len(written) > LONGEST:
-            raise TraceError(f"the unit of {name} is {quoted(written)}, which is not a unit")
+        if written is not None and (len(written) > LONGEST or not written.isprintable()):
+            raise TraceError(
+                f"the unit of {name} is {quoted(written)}, which is not a unit; "
+                f"state it, such as --map '{channel.name}={head.text} [m/s]'"
+            )
         columns.append(samples)
         units.append(_agreed(unit, written, name))
     if any(unit != units[0] for unit in units):

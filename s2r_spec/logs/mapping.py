@@ -1,8 +1,9 @@
 """Map the columns of a file to channels, from their names, the channels of the spec, and ``--map``.
 
 A vector is one column of lists, or one column per component: ``q[0]``, ``q_0``, ``q.0``, ``q/0`` or ``q0``, numbered
-from 0 or 1 without a gap. ``position[3]`` is one component of either form. ``v [m/s]`` states the unit of a column that
-has none in the file.
+from 0 or 1 without a gap. ``position[3]`` is one component of either form. A unit in brackets at the end of a name,
+``v(m/s)`` or ``q_0 [deg]``, is the unit of the column; a spec and ``--map`` may leave it out. Any other text in
+brackets is part of the name. ``v [m/s]`` in ``--map`` states the unit, whatever the file writes.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 
 from s2r_spec.errors import NoTimesError, TraceError, UsageError, one_of, suggest
-from s2r_spec.lang.units import UnknownUnitError, parse_unit
+from s2r_spec.lang.units import UnknownUnitError, is_unit, parse_unit
 from s2r_spec.logs import time_units
 from s2r_spec.logs.table import Head, quoted
 from s2r_spec.logs.times import TIME
@@ -142,15 +143,21 @@ def _everything(names: _Names, times: tuple[int, ...], columns: Mapping[str, str
 
 
 class _Names:
-    """The heads of a file's columns, by name."""
+    """The heads of a file's columns, by name, and by name without a unit in brackets."""
 
     def __init__(self, heads: Sequence[Head]) -> None:
         self.heads = heads
         self.notes: list[str] = []
         self.taken: frozenset[int] = frozenset()
         self.by_name: dict[str, list[int]] = defaultdict(list)
+        self.by_stem: dict[str, list[int]] = defaultdict(list)
+        self.bracketed: dict[int, tuple[str, str]] = {}
         for number, head in enumerate(heads):
             self.by_name[head.name].append(number)
+            split = time_units.bracketed(head.name) if head.unit is None else None
+            if split is not None and is_unit(split[1]):
+                self.bracketed[number] = split
+                self.by_stem[split[0]].append(number)
         self._numbered: dict[tuple[str, str], dict[int, list[int]]] | None = None
 
     @property
@@ -159,8 +166,10 @@ class _Names:
         if self._numbered is None:
             self._numbered = defaultdict(lambda: defaultdict(list))
             for number, head in enumerate(self.heads):
-                for stem, separator, index in () if head.fault else _numbered(head):
-                    self._numbered[stem, separator][index].append(number)
+                stem, _ = self.bracketed.get(number, (head.name, ""))
+                for name in () if head.fault else {head.name, stem}:
+                    for vector, separator, index in _numbered(name, head.index):
+                        self._numbered[vector, separator][index].append(number)
         return self._numbered
 
     def channel(self, name: str, width: int | None, columns: Mapping[str, str]) -> Channel:
@@ -175,21 +184,34 @@ class _Names:
         if any(key != text for key, text in parts.items()):
             return self._by_parts(name, width, parts)
         text = columns.get(name, name)
-        exact = self.by_name.get(text, [])
-        if exact:
-            return self._exact(name, text, exact)
-        if (component := self._component(text)) is not None:
-            return Channel(name, (component,), False)
-        if (loose := self._loose(text)) is not None:
-            return Channel(name, (loose,), False)
-        if (stated := self._stated(text)) is not None:
-            return Channel(name, (stated,), False)
-        if width is not None and (group := self._group(text, width)) is not None:
-            return Channel(name, group, True)
+        if (found := self._found(name, text, width) or self._stated(name, text, width)) is not None:
+            return found
         hint = ""
         if width is None and any((text, separator) in self.numbered for separator in _SEPARATORS):
             hint = f"; {name!r} is one number: map it to a component, such as --map {name}={text}[0]"
         raise TraceError(f"the trace has no channel {text!r}{hint}") if hint else self._missing(text, name)
+
+    def _found(self, name: str, text: str, width: int | None) -> Channel | None:
+        """Return the channel that a name of columns makes; None if there are no such columns."""
+        if called := self._called(text):
+            return self._exact(name, text, called)
+        if (component := self._component(text)) is not None:
+            return Channel(name, (component,), False)
+        if width is not None and (group := self._group(text, width)) is not None:
+            return Channel(name, group, True)
+        return None
+
+    def _called(self, text: str) -> list[int]:
+        """Return the columns with this name, else the one column (or all components) with it and a unit in brackets."""
+        if exact := self.by_name.get(text, []):
+            return exact
+        found = [number for number in self.by_stem.get(text, []) if number not in self.taken]
+        indexed = all(self.heads[number].index is not None for number in found)
+        return found if len(found) == 1 or indexed else []
+
+    def _part(self, number: int, component: int | None = None) -> Part:
+        """Return a column, or a component of it, with the unit in brackets in its name."""
+        return Part(number, component, self.bracketed.get(number, ("", None))[1])
 
     def _missing(self, text: str, name: str) -> TraceError:
         """Return the error for a channel whose column the file lacks; it lists the file's names."""
@@ -216,7 +238,9 @@ class _Names:
         vectors = []
         for stem, separators in separators_of.items():
             parts = [
-                parts for separator in separators if (parts := _complete(self.numbered[stem, separator], 2))
+                tuple(map(self._part, columns))
+                for separator in separators
+                if (columns := _complete(self.numbered[stem, separator], 2))
             ]
             if len(parts) == 1 == len(separators) and stem not in self.by_name:
                 vectors.append((stem, parts[0]))
@@ -230,11 +254,10 @@ class _Names:
                 raise TraceError(
                     f"--map {key}={text}: {digits!r} is not the number of a component; numbers begin at 0"
                 )
-            exact = [n for n in self.by_name.get(text, []) if self.heads[n].index is None]
-            part = Part(exact[0]) if len(exact) == 1 else self._component(text) or self._stated(text)
-            if part is None:
+            found = self._found(key, text, None) or self._stated(key, text, None)
+            if found is None or len(found.parts) != 1:
                 raise self._missing(text, key)
-            parts[int(digits)] = part
+            parts[int(digits)] = found.parts[0]
         if width is None:
             raise TraceError(
                 f"{name!r} is one number per sample, but --map gives it components: leave out the [ ]"
@@ -252,7 +275,7 @@ class _Names:
         if len(exact) == 1 and (fault := self.heads[exact[0]].fault):
             raise TraceError(f"{quoted(text)} {fault}")
         if len(plain) == 1 == len(exact):
-            return Channel(name, (Part(plain[0]),), False)
+            return Channel(name, (self._part(plain[0]),), False)
         if plain:
             raise TraceError(f"{len(exact)} columns are called {quoted(text)}; give them different names")
         parts: dict[int, int] = {}
@@ -268,7 +291,7 @@ class _Names:
             raise TraceError(
                 f"the components of {quoted(text)} must be numbered {text}[0] to {text}[{len(parts) - 1}]"
             )
-        return Channel(name, tuple(Part(parts[index]) for index in range(len(parts))), True)
+        return Channel(name, tuple(self._part(parts[index]) for index in range(len(parts))), True)
 
     def _component(self, text: str) -> Part | None:
         """Return the component that ``position[3]`` names; None if there is no such component."""
@@ -277,49 +300,44 @@ class _Names:
         if not bracket or rest == digits or not (digits.isascii() and digits.isdigit()):
             return None
         index = int(digits)
-        exact = self.by_name.get(stem, [])
-        if len(exact) == 1 and self.heads[exact[0]].index is None:
-            return Part(exact[0], index)
+        called = self._called(stem)
+        if len(called) == 1 and self.heads[called[0]].index is None:
+            return self._part(called[0], index)
         columns = [
             heads[0]
             for separator in _SEPARATORS
             if len(heads := self.numbered.get((stem, separator), {}).get(index, [])) == 1
         ]
-        return Part(columns[0]) if len(columns) == 1 else None
+        return self._part(columns[0]) if len(columns) == 1 else None
 
-    def _loose(self, text: str) -> Part | None:
-        """Return the only column whose name is ``text`` and a unit in brackets, ``v (m/s)`` or ``v[m/s]``; or None."""
-        parts = []
-        for number, head in enumerate(self.heads):
-            if number in self.taken:
-                continue
-            if head.unit is not None and text == f"{head.text} [{head.unit}]":
-                parts.append(Part(number))
-            unit = time_units.bracketed(head.name) if head.index is None else None
-            if unit is not None and unit[0] == text and head.unit is None and _is_unit(unit[1]):
-                parts.append(Part(number, None, unit[1]))
-        return parts[0] if len(parts) == 1 else None
+    def _stated(self, name: str, text: str, width: int | None) -> Channel | None:
+        """Return the channel of ``v [m/s]``, in this unit; None if there is none.
 
-    def _stated(self, text: str) -> Part | None:
-        """Return the column without a unit for which ``v [m/s]`` states one; None if there is no such column.
+        A note says so where the file writes another unit.
 
         Raises:
-            TraceError: the column has another unit in the file.
+            TraceError: the text in square brackets is not a unit.
         """
         split = time_units.bracketed(text)
-        if split is None or not _is_unit(split[1]):
+        if split is None or split[1].isdigit():
             return None
-        name, unit = split
-        exact = [number for number in self.by_name.get(name, []) if self.heads[number].index is None]
-        part = Part(exact[0]) if len(exact) == 1 else self._component(name)
-        if part is None or self.heads[part.number].fault:
+        column, unit = split
+        found = self._found(name, column, width) or self._stated(name, column, width)
+        if found is None:
             return None
-        written = self.heads[part.number].unit
-        if written not in (None, unit):
-            raise TraceError(
-                f"the unit of {quoted(name)} is {quoted(written)} in the file, not {quoted(unit)}; leave out [{unit}]"
+        if not is_unit(unit):
+            written = next((head.unit for head in self.heads if f"{head.text} [{head.unit}]" == text), None)
+            if written is None:
+                raise TraceError(
+                    f"{quoted(unit)} is not a unit: write --map '{name}={column}', or a unit such as [m/s]"
+                )
+            return found
+        files = {part.unit or self.heads[part.number].unit for part in found.parts}
+        for written in sorted(one for one in files if one is not None and not _alike(one, unit)):
+            self.notes.append(
+                f"{name!r} is read in {unit}, as --map states; the file writes the unit {quoted(written)}"
             )
-        return replace(part, unit=unit)
+        return replace(found, parts=tuple(replace(part, unit=unit) for part in found.parts))
 
     def _group(self, text: str, width: int) -> tuple[Part, ...] | None:
         """Return the numbered columns of a vector; None if there are none.
@@ -330,9 +348,9 @@ class _Names:
         separators = [separator for separator in _SEPARATORS if (text, separator) in self.numbered]
         least = 1 if width == ANY else width
         groups = {
-            separator: parts
+            separator: tuple(map(self._part, columns))
             for separator in separators
-            if (parts := _complete(self.numbered[text, separator], least))
+            if (columns := _complete(self.numbered[text, separator], least))
         }
         if width != ANY:
             groups = {separator: parts for separator, parts in groups.items() if len(parts) == width}
@@ -346,7 +364,7 @@ class _Names:
             return parts
         if not separators:
             return None
-        columns = one_of(
+        listed = one_of(
             self.heads[number].text
             for separator in separators
             for heads in self.numbered[text, separator].values()
@@ -355,7 +373,7 @@ class _Names:
         fault = "have several forms" if groups else "are not numbered from 0 without a gap"
         count = "" if width == ANY else f" with {width} components"
         raise TraceError(
-            f"the columns {columns} cannot make the vector {text!r}{count}, because they {fault}: "
+            f"the columns {listed} cannot make the vector {text!r}{count}, because they {fault}: "
             f"map each, such as --map '{text}[0]={text}_0'"
         )
 
@@ -380,8 +398,11 @@ class _Names:
         pair = self._explicit_pair(text) or self._pair(text)
         if pair is not None:
             return pair
-        if (loose := self._loose(text)) is not None:
-            return (loose.number,)
+        loose = self._called(text) or [
+            number for number, head in enumerate(self.heads) if f"{head.text} [{head.unit}]" == text
+        ]
+        if len(loose) == 1:
+            return (loose[0],)
         names = dict.fromkeys(head.text for head in self.heads if head.name and not head.fault)
         likely = next((name for name in names if TIME_WORDS & {*_words(name)}), "time")
         for stem, (whole, below) in self._halves().items():
@@ -465,18 +486,18 @@ def _words(name: str) -> Iterable[str]:
     return "".join(letter if letter.isalnum() else " " for letter in name[:100].lower()).split()
 
 
-def _is_unit(text: str) -> bool:
+def _alike(written: str, stated: str) -> bool:
+    """Return whether a unit of a file is the stated one, in other words at most."""
     try:
-        return bool(parse_unit(text).dimension) or not text.isdigit()
+        return replace(parse_unit(written), text="") == replace(parse_unit(stated), text="")
     except UnknownUnitError:
         return False
 
 
-def _numbered(head: Head) -> Iterable[tuple[str, str, int]]:
+def _numbered(name: str, index: int | None) -> Iterable[tuple[str, str, int]]:
     """Return the possible meanings of a column's name: (name of the vector, separator, number)."""
-    if head.index is not None:
-        return [(head.name, "[", head.index)]
-    name = head.name
+    if index is not None:
+        return [(name, "[", index)]
     if name.endswith("]"):
         stem, _, digits = name[:-1].rpartition("[")
         separators = ["["] if stem else []
@@ -490,14 +511,14 @@ def _numbered(head: Head) -> Iterable[tuple[str, str, int]]:
     return [(stem, separator, int(digits)) for separator in separators]
 
 
-def _complete(numbers: Mapping[int, Sequence[int]], least: int) -> tuple[Part, ...] | None:
-    """Return the components in order if they are numbered from 0 or 1 without a gap, each once; else None."""
+def _complete(numbers: Mapping[int, Sequence[int]], least: int) -> tuple[int, ...] | None:
+    """Return the columns in order if their numbers begin at 0 or 1 and have no gap, each once; else None."""
     start = min(numbers)
     if start > 1 or len(numbers) < least or any(len(heads) != 1 for heads in numbers.values()):
         return None
     if set(numbers) != set(range(start, start + len(numbers))):
         return None
-    return tuple(Part(numbers[index][0]) for index in sorted(numbers))
+    return tuple(numbers[index][0] for index in sorted(numbers))
 
 
 def read_map(texts: Iterable[str]) -> dict[str, str]:

@@ -39,7 +39,7 @@ def size(text: str) -> Fraction | None:
         return None
     if not text or not unit.fits(SECOND) or unit.offset:
         return None
-    return Fraction(f"{unit.factor:.15g}")
+    return unit.factor
 
 
 def bracketed(name: str) -> tuple[str, str] | None:

@@ -7,6 +7,7 @@ breakpoint has its own value in addition to the limits on its left and right.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -50,9 +51,13 @@ class Curve:
         """Return the curve with reversed time."""
         return Curve(-self.times[::-1], self.at[::-1], self.left[::-1], self.right[::-1])
 
-    def scaled(self, factor: float, offset: float = 0.0) -> Curve:
-        """Return factor · curve + offset."""
-        return Curve(self.times, *(factor * part + offset for part in (self.at, self.right, self.left)))
+    def scaled(self, factor: float) -> Curve:
+        """Return factor · curve."""
+        return self.mapped(lambda part: factor * part)
+
+    def mapped(self, line: Callable[[FloatArray], FloatArray]) -> Curve:
+        """Return a linear function of the curve."""
+        return Curve(self.times, *map(line, (self.at, self.right, self.left)))
 
     def piece(self, times: FloatArray) -> NDArray[np.intp]:
         """Return the index of the piece that contains each time, its start included; −1 before the first."""

@@ -183,7 +183,7 @@ class Values:
             return self._joined(node)  # functions of held signals are held
         match node:
             case f.Convert():
-                return self(node.operand).scaled(node.factor, node.offset)
+                return self(node.operand).mapped(node.conversion.each)
             case f.Arithmetic(operator="+"):
                 return added(self(node.left), self(node.right), snap)
             case f.Arithmetic(operator="-"):

@@ -93,7 +93,7 @@ class Numbers:
             case f.Overshoot():
                 return (self(node.signal) - self(node.reference)) * self.direction(node)
             case f.Convert():
-                return node.factor * self(node.operand) + node.offset
+                return node.conversion.each(self(node.operand))
             case f.Arithmetic():
                 return _ARITHMETIC[node.operator](self(node.left), self(node.right))
             case f.Elementary():

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from s2r_spec.errors import TraceError, UsageError, one_of, suggest
 from s2r_spec.instants import instant
 from s2r_spec.lang.amounts import NUMBER_AND_UNIT, Amount, converted, read_amount
+from s2r_spec.lang.conversion import Conversion
 from s2r_spec.lang.declarations import Param, Signal
-from s2r_spec.lang.units import UnknownUnitError, parse_unit
+from s2r_spec.lang.units import UnknownUnitError, unit_in_log
 from s2r_spec.robustness.judge import Stream
 from s2r_spec.trace import Trace
 
@@ -98,8 +99,7 @@ def _missing(signal: Signal, times: FloatArray, index: int, remedy: str) -> Trac
 
 
 def _converted(signal: Signal, trace: Trace, samples: FloatArray) -> FloatArray:
-    factor, offset = conversion(signal, trace.units.get(signal.name))
-    return samples if (factor, offset) == (1.0, 0.0) else factor * samples + offset
+    return conversion(signal, trace.units.get(signal.name)).each(samples)
 
 
 def _last_known(samples: FloatArray) -> FloatArray:
@@ -108,21 +108,24 @@ def _last_known(samples: FloatArray) -> FloatArray:
     return np.take_along_axis(samples, known, axis=1)
 
 
-def conversion(signal: Signal, unit: str | None) -> tuple[float, float]:
-    """Return (a, b): a sample x in ``unit`` is a·x + b in the declared one; None is the declared one.
+def conversion(signal: Signal, unit: str | None) -> Conversion:
+    """Return the conversion of samples in ``unit`` to the declared one; None is the declared one.
 
     Raises:
         TraceError: ``unit`` is not a unit, or has another dimension.
     """
     if unit is None or unit == signal.unit:
-        return 1.0, 0.0
+        return Conversion()
+    remedy = f"--map '{signal.name}=COLUMN [{signal.unit or '-'}]' states the unit of its column in a log"
     try:
-        found = parse_unit(unit)
+        found = unit_in_log(unit, signal.measure)
     except UnknownUnitError:
-        raise TraceError(f"channel {signal.name!r} is in {unit!r}, which is not a unit") from None
+        raise TraceError(f"channel {signal.name!r} is in {unit!r}, which is not a unit; {remedy}") from None
     if not found.fits(signal.measure):
+        why = found.two_readings(signal.measure) or remedy
         raise TraceError(
-            f"channel {signal.name!r} is in {found}, which does not convert to {signal.measure}, the unit in the spec"
+            f"channel {signal.name!r} is in {found.text or repr(unit)}, which does not convert to {signal.measure}, "
+            f"the unit in the spec. {why[0].upper()}{why[1:]}"
         )
     return found.to(signal.measure)
 

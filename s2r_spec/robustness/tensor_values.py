@@ -51,7 +51,8 @@ class TensorValues:
                 directed: Tensor = torch.where(ahead, beyond, -beyond)
                 return directed
             case f.Convert():
-                return node.factor * value(node.operand) + node.offset
+                converted: Tensor = node.conversion.plain(value(node.operand))
+                return converted
             case f.Arithmetic():
                 return self._arithmetic(node.operator, value(node.left), value(node.right))
             case f.Elementary():

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 from s2r_spec.backend import Backend, HasRecordings
 from s2r_spec.errors import BackendError, UsageError, one_of, suggest
-from s2r_spec.lang.units import Unit, UnknownUnitError, parse_unit
+from s2r_spec.lang.conversion import Conversion
+from s2r_spec.lang.units import Unit, UnknownUnitError, unit_in_log
 from s2r_spec.rollouts.recorded import tests_of
 from s2r_spec.spec import Spec
 
@@ -19,23 +20,21 @@ class Interface:
 
     channels: tuple[str, ...]
     """Channels that the requirement reads."""
-    conversions: Mapping[str, tuple[float, float]]
-    """Swept parameter → (a, b): a number x in the spec's unit is a·x + b in the backend's."""
+    conversions: Mapping[str, Conversion]
+    """Swept parameter → conversion from the spec's unit to the backend's."""
     fixed: Mapping[str, float]
     """Parameter → its one value in the spec, in the backend's unit."""
 
     def to_backend(self, point: Mapping[str, float]) -> dict[str, float]:
         """Return a test in the backend's units, with the fixed parameters."""
-        return dict(self.fixed) | {
-            name: _convert(self.conversions[name], value) for name, value in point.items()
-        }
+        return dict(self.fixed) | {name: self.conversions[name](value) for name, value in point.items()}
 
     def to_spec(self, params: Mapping[str, float]) -> dict[str, float] | None:
         """Return a backend's parameters as a test in the spec's units; None if a fixed parameter differs."""
         for name, value in self.fixed.items():
             if not math.isclose(params[name], value, rel_tol=1e-9, abs_tol=1e-12):
                 return None
-        return {name: (params[name] - offset) / factor for name, (factor, offset) in self.conversions.items()}
+        return {name: conversion.back(params[name]) for name, conversion in self.conversions.items()}
 
 
 def check_compatibility(spec: Spec, requirement: str, backend: Backend) -> Interface:
@@ -70,7 +69,7 @@ def check_compatibility(spec: Spec, requirement: str, backend: Backend) -> Inter
     # Recordings need not cover the test space: the certificate says which part they leave open.
     bounded = not isinstance(backend, HasRecordings)
     offered = {parameter.name: parameter for parameter in backend.parameters}
-    conversions: dict[str, tuple[float, float]] = {}
+    conversions: dict[str, Conversion] = {}
     fixed: dict[str, float] = {}
     for name, param in spec.params.items():
         if name not in offered:
@@ -84,24 +83,19 @@ def check_compatibility(spec: Spec, requirement: str, backend: Backend) -> Inter
         if param.searched and param.range:
             conversions[name] = conversion
             for end in param.range if bounded else ():
-                offered[name].check(_convert(conversion, end))
+                offered[name].check(conversion(end))
         elif param.default is not None:
-            fixed[name] = _convert(conversion, param.default)
+            fixed[name] = conversion(param.default)
             if bounded:
                 offered[name].check(fixed[name])
     return Interface(spec.channels(requirement), conversions, fixed)
 
 
-def _convert(conversion: tuple[float, float], value: float) -> float:
-    factor, offset = conversion
-    return factor * value + offset
-
-
-def _conversion(what: str, declared: Unit, unit: str, backend: str) -> tuple[float, float]:
+def _conversion(what: str, declared: Unit, unit: str, backend: str) -> Conversion:
     if not unit:
-        return 1.0, 0.0
+        return Conversion()
     try:
-        offered = parse_unit(unit)
+        offered = unit_in_log(unit, declared)
     except UnknownUnitError:
         wrong = UsageError if backend.startswith("log:") else BackendError  # a user writes the units of a log
         raise wrong(
@@ -109,7 +103,7 @@ def _conversion(what: str, declared: Unit, unit: str, backend: str) -> tuple[flo
         ) from None
     if not declared.fits(offered):
         raise UsageError(
-            f"the spec declares the {what} in {declared}, but the backend {backend!r} has it in {offered}; "
-            f"declare a unit that converts to {offered}"
+            f"the spec declares the {what} in {declared}, but the backend {backend!r} has it in {offered}. "
+            f"{declared.two_readings(offered) or f'Declare a unit that converts to {offered}'}"
         )
     return declared.to(offered)

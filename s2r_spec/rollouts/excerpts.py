@@ -31,8 +31,11 @@ from s2r_spec.trace import Trace
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 _CONDITION = "when"
-_SI = {parse_unit(text).dimension: text for text in ("rad/s", "m", "m/s", "m/s^2", "s", "K", "rad")}
-"""Definition: units of SI that a sentence shows as an example; a rate in 1/s is most often one of angle."""
+_SI = {
+    (unit.dimension, bool(unit.angle)): unit.text
+    for unit in map(parse_unit, ("rad/s", "1/s", "m", "m/s", "m/s^2", "s", "K", "rad"))
+}
+"""Definition: (dimension, whether it is of an angle) → unit of SI that a sentence shows as an example."""
 
 
 @dataclass(frozen=True)
@@ -211,7 +214,9 @@ def excerpt(
         for number, (loaded, span) in enumerate(spans, 1)
     )
     notes = dict.fromkeys(note for loaded in found for note in loaded.notes)
-    assumed = [] if opener(path) is None else _assumed(kept, episodes[0], signals, excerpts)
+    measured = {name: signals[name] for name in kept if name in signals}
+    assumed = no_units(measured, episodes[0].trace.units, excerpts.columns)
+    assumed += [] if opener(path) is None else _assumed(measured, episodes[0], excerpts)
     silences = [
         sentence
         for one in episodes
@@ -228,14 +233,32 @@ def excerpt(
     )
 
 
-def _assumed(
-    kept: Sequence[str], episode: Episode, signals: Mapping[str, Signal], excerpts: Excerpts
+def no_units(
+    signals: Mapping[str, Signal], units: Mapping[str, str], columns: Mapping[str, str]
 ) -> list[str]:
+    """Return a sentence for each column with a text in brackets that is no unit, where the signal has one.
+
+    Args:
+        signals: the signals that are read.
+        units: signal → unit in the log.
+        columns: signal or component → name of its column.
+    """
+    mapped = [(key.partition("[")[0], column) for key, column in columns.items()]
+    return [
+        f"{column!r} is read in {signals[name].unit}, because {split[1]!r} is not a unit; if that is wrong, state "
+        f"its unit, such as --map '{name}={column} [{signals[name].unit}]'"
+        for name, column in mapped
+        if name in signals and signals[name].unit and name not in units
+        if (split := bracketed(column)) is not None and not split[1].isdigit()
+    ]
+
+
+def _assumed(signals: Mapping[str, Signal], episode: Episode, excerpts: Excerpts) -> list[str]:
     """Return a sentence for each signal without a unit in the log whose declared unit is not that of SI.
 
     Robots' logs are in SI units as a rule (REP 103 of ROS), so that a declaration in degrees is likely to misread them.
     """
-    columns = {name: excerpts.columns.get(name, name) for name in kept if name in signals}
+    columns = {name: excerpts.columns.get(name, name) for name in signals}
     return [
         sentence
         for name, column in columns.items()
@@ -257,7 +280,8 @@ def assumed(column: str, declared: str, remedy: str) -> str:
     if math.isclose(unit.factor, 1000.0**mass) and not unit.offset:
         return ""
     known = unit.dimension or "deg" in declared
-    likely = _SI.get(unit.dimension, "UNIT") if known else "UNIT"
+    turning = bool(unit.angle) or not unit.dimension
+    likely = _SI.get((unit.dimension, turning), "UNIT") if known else "UNIT"
     return (
         f"{column} has no unit in the log, and is read in {declared}; if that is wrong, state its unit, such as "
         f"{remedy.replace('UNIT', likely)}"

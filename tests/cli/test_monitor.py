@@ -180,6 +180,9 @@ def test_lint_points_and_fixes(s2r):
     assert states(s2r("lint", name, "--fix", code=1).stdout, "L06", "`y`")
     assert "require a: (always x > 0) and x == 1" in (s2r.folder / name).read_text()
     s2r("lint", s2r.spec(), code=0)
+    (s2r.folder / "turns.stl").write_text("signal n {rpm}\nrequire r: n >= 50 {Hz}\n")
+    found = s2r.json("lint", name, "turns.stl", code=1)["findings"]
+    assert {(one["file"], one["code"]) for one in found} == {("turns.stl", "E03")}
 
 
 ROWS = "t,vx [m/s]\n0,0.3\n0.5,0.28\n1,0.15\n1.5,0.3\n"

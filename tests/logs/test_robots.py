@@ -240,12 +240,13 @@ def test_a_stated_unit_counts_in_conditions_and_for_parameters(tmp_path):
     assert episode.texts() == ["vd=0.3 cm/s"]
 
 
-def test_a_stated_unit_must_not_contradict_the_file(tmp_path):
+def test_a_stated_unit_counts_and_a_note_names_the_unit_of_the_file(tmp_path):
     (tmp_path / "a.csv").write_text("t,v [m/s],w,q_0,q_1\n0,1,2,3,4\n1,1,2,3,4\n")
     read = logs.load(tmp_path / "a.csv", {"a": "w (rad)", "b": "q_1 [m]"}, {"a": None, "b": None}).trace
     assert read.units == {"a": "rad", "b": "m"}
-    with pytest.raises(TraceError, match=naming("m/s", "rad")):
-        logs.load(tmp_path / "a.csv", {"a": "v [rad]"}, {"a": None})
+    read = logs.load(tmp_path / "a.csv", {"a": "v [rad]"}, {"a": None})
+    assert read.trace.units == {"a": "rad"}
+    assert any(states(note, "a", "m/s", "rad") for note in read.notes)
 
 
 @pytest.mark.filterwarnings("ignore::s2r_spec.errors.TraceNote")

@@ -20,7 +20,8 @@ from s2r_spec.diagnose.notes import CUT, READ_AT
 from s2r_spec.diagnose.simulate import Bench, blamed
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.errors import SamplingError, TraceError, UsageError
-from s2r_spec.lang.units import UnknownUnitError, parse_unit
+from s2r_spec.lang.conversion import Conversion
+from s2r_spec.lang.units import UnknownUnitError, parse_unit, unit_in_log
 from s2r_spec.protocols import PROTOCOL, protocol_of
 from s2r_spec.rollouts.compatibility import check_compatibility
 from s2r_spec.rollouts.recorded import refuse_hidden, tests_of
@@ -263,16 +264,17 @@ def as_simulated(trace: Trace, simulator: Backend) -> Trace:
     channels, units = dict(trace.channels), dict(trace.units)
     for name, unit in ((c.name, c.unit) for c in simulator.channels if c.name in channels):
         if units.get(name) and unit and units[name] != unit:
-            factor, offset = _conversion(name, units[name], unit, simulator.name)
-            channels[name], units[name] = factor * channels[name] + offset, unit
+            conversion = _conversion(name, units[name], unit, simulator.name)
+            channels[name], units[name] = conversion.each(channels[name]), unit
         finite = np.isfinite(channels[name])
         channels[name] = channels[name] if finite.all() else np.where(finite, channels[name], np.nan)
     return replace(trace, channels=channels, units=units)
 
 
-def _conversion(name: str, recorded: str, wanted: str, simulator: str) -> tuple[float, float]:
+def _conversion(name: str, recorded: str, wanted: str, simulator: str) -> Conversion:
     try:
-        there, here = parse_unit(recorded), parse_unit(wanted)
+        here = parse_unit(wanted)
+        there = unit_in_log(recorded, here)
     except UnknownUnitError as error:
         raise UsageError(
             f"the channel {name!r} is recorded in {recorded!r}, and s2r does not know the unit {error}"
@@ -280,6 +282,7 @@ def _conversion(name: str, recorded: str, wanted: str, simulator: str) -> tuple[
     if not here.fits(there):
         raise UsageError(
             f"the channel {name!r} is recorded in {recorded}, which does not convert to the {wanted} of backend "
-            f"{simulator!r}. Correct the unit in the recording, or leave the channel out"
+            f"{simulator!r}. "
+            f"{there.two_readings(here) or 'Correct the unit in the recording, or leave the channel out'}"
         )
     return there.to(here)

@@ -248,7 +248,7 @@ def smallest_tolerance(formula: f.Formula) -> float | None:
             value = constant(side)
             # A number of degrees Celsius is no difference, so no tolerance.
             if value and not (side.unit and side.unit.offset):
-                scale = side.unit.to(formula.unit)[0] if side.unit and formula.unit else 1.0
+                scale = side.unit.to(formula.unit).factor if side.unit and formula.unit else 1.0
                 sizes.append(abs(value) * scale)
     return min(sizes, default=None)
 

@@ -41,7 +41,7 @@ def long_lengthscale(parsed: Parsed, document: Document) -> Iterator[Finding]:
 
 def _fix(length: float, axis: Param, width: float) -> str:
     for unit in _alternatives(axis.measure):
-        converted = length * unit.to(axis.measure)[0]
+        converted = unit.to(axis.measure)(length)
         if width / 100 <= converted <= width:
             return f"if {length:g} {unit.text} is meant, write `{length:g} {{{unit.text}}}`"
     return "a lengthscale is the distance between two tests over which E ρ is still related"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,8 @@ from s2r_spec.logs.mapping import TIME_WORDS
 from s2r_spec.logs.table import Column, Head, affordable, few, quoted
 from s2r_spec.logs.topics.topic import Stamps, Topic, TopicHead
 
+_UNITS = ("unit", "units")
+"""Definition: names of a text, or of a structure of texts, that states the units of the arrays beside it."""
 WORDS = (times.TIME, *sorted(TIME_WORDS))
 """Definition: names of an array of times, the preferred first."""
 
@@ -127,6 +129,31 @@ class ArrayLog:
             if not folder:
                 return None
             folder = folder.rpartition(".")[0]
+
+
+def is_unit_path(path: str) -> bool:
+    """Return whether a text with this path states a unit: ``gap.unit`` or ``units.gap``."""
+    folder, _, name = path.rpartition(".")
+    return name in _UNITS or folder.rpartition(".")[2] in _UNITS
+
+
+def with_units(arrays: Mapping[str, Array], texts: Mapping[str, str]) -> dict[str, Array]:
+    """Return arrays with the units that texts beside them state.
+
+    Args:
+        arrays: path → array.
+        texts: path → text: ``s.units`` is for all arrays of ``s`` but the times, and ``s.units.gap`` for ``s.gap``.
+    """
+    found = dict(arrays)
+    for path, text in texts.items():
+        folder, _, name = path.rpartition(".")
+        if name in _UNITS:
+            beside = [one for one in arrays if one.rpartition(".")[0] == folder]
+            chosen = [one for one in beside if one.rpartition(".")[2] not in WORDS]
+        else:
+            chosen = [one for one in (_path(folder.rpartition(".")[0], name),) if one in arrays]
+        found |= {one: replace(arrays[one], unit=text.strip() or None) for one in chosen}
+    return found
 
 
 def _advice(arrays: Mapping[str, Array]) -> str:

@@ -1,6 +1,7 @@
 """HDF5, read by ``h5py`` (the extra ``logs``): each group with times is a topic. Also MATLAB files from version 7.3 on.
 
-A unit is the attribute ``unit`` or ``units`` of a dataset.
+A unit is the attribute ``unit`` or ``units`` of a dataset, as a text of any kind: bytes of a fixed length, a string, or
+an array of one of these. Times in "seconds since 1970-01-01" are in seconds.
 """
 
 from __future__ import annotations
@@ -13,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.errors import TraceError, shortened
+from s2r_spec.lang.units import LONGEST
 from s2r_spec.logs.library import library
-from s2r_spec.logs.table import regular
-from s2r_spec.logs.topics.arrays import Array, ArrayLog
+from s2r_spec.logs.table import quoted, regular
+from s2r_spec.logs.topics.arrays import WORDS, Array, ArrayLog, is_unit_path, with_units
 from s2r_spec.printable import one_line
 
 _MATLAB = "MATLAB_class"
@@ -30,19 +32,50 @@ def open_hdf5(path: Path, time_unit: str | None = None) -> ArrayLog:
     regular(path)
     h5py = library("h5py", "HDF5 files")
     arrays: dict[str, Array] = {}
+    texts: dict[str, str] = {}
+    origins: dict[str, str] = {}
 
     def visit(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset) and item.dtype.kind in "biufmM" and not name.startswith("#refs#"):
+        if not isinstance(item, h5py.Dataset) or name.startswith("#refs#"):
+            return
+        path_in_file = name.replace("/", ".")
+        if item.attrs.get(_MATLAB) == b"char":
+            if is_unit_path(path_in_file) and item.size <= LONGEST:
+                texts[path_in_file] = "".join(map(chr, np.ravel(item[()])))
+        elif item.dtype.kind in "biufmM":
             turned = _MATLAB in item.attrs  # MATLAB has the samples of a column last
             shape = _squeezed(item.shape[::-1] if turned else item.shape)
-            unit = item.attrs.get("unit", item.attrs.get("units"))
-            arrays[name.replace("/", ".")] = Array(
-                shape, partial(_read, h5py, path, name, turned), unit if isinstance(unit, str) else None
+            unit, _, since = (_unit(item.attrs) or "").partition(" since ")
+            if since and path_in_file.rpartition(".")[2] in WORDS:
+                origins[since] = name
+            arrays[path_in_file] = Array(
+                shape, partial(_read, h5py, path, name, turned), unit.strip() or None
             )
 
     with _Errors(path), h5py.File(path) as file:
         file.visititems(visit)
-    return ArrayLog(arrays, time_unit)
+    if len(origins) > 1:
+        (one, first), (other, second), *_ = origins.items()
+        raise TraceError(
+            f"the times {quoted(first)} count since {one}, and {quoted(second)} since {other}; save both since the same"
+        )
+    return ArrayLog(with_units(arrays, texts), time_unit)
+
+
+def _unit(attributes: Any) -> str | None:
+    """Return the unit that the attributes of a dataset state; bytes that are not UTF-8 and lists are no units."""
+    for key in ("unit", "units"):
+        if key in attributes:
+            value = attributes[key]
+            found = [] if getattr(value, "shape", ()) is None else np.asarray(value).ravel().tolist()
+            texts = (
+                one.decode("utf-8", "surrogateescape") if isinstance(one, bytes) else str(one)
+                for one in found
+            )
+            # a program in C ends a text by a zero byte
+            if text := "\n".join(one.partition("\0")[0].strip() for one in texts):
+                return text
+    return None
 
 
 def _read(h5py: Any, path: Path, name: str, turned: bool) -> NDArray[Any]:

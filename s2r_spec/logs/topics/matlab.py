@@ -1,5 +1,6 @@
 """MATLAB's ``.mat``: variables and structures with times are topics. Files from version 7.3 on are HDF5.
 
+A text ``unit`` or ``units`` in a structure is the unit of its arrays.
 An object, such as a ``timeseries`` or a table, cannot be read: MATLAB stores it in a form of its own.
 """
 
@@ -14,7 +15,7 @@ import numpy as np
 
 from s2r_spec.errors import TraceError, shortened
 from s2r_spec.logs.table import regular
-from s2r_spec.logs.topics.arrays import Array, ArrayLog
+from s2r_spec.logs.topics.arrays import Array, ArrayLog, is_unit_path, with_units
 from s2r_spec.logs.topics.hdf5 import open_hdf5
 from s2r_spec.printable import one_line
 
@@ -46,20 +47,30 @@ def open_matlab(path: Path, time_unit: str | None = None) -> ArrayLog:
         reason = shortened(one_line(str(error)) or type(error).__name__)
         raise TraceError(f"this is not a complete MATLAB file: {reason}") from None
     variables = {name: value for name, value in content.items() if not name.startswith("__")}
-    return ArrayLog(
-        {path: Array(found.shape, partial(np.asarray, found)) for path, found in _arrays(variables, "")},
-        time_unit,
-    )
+    leaves = dict(_leaves(variables, ""))
+    texts = {path: leaf for path, leaf in leaves.items() if isinstance(leaf, str)}
+    arrays = {
+        path: Array(leaf.shape, partial(np.asarray, leaf))
+        for path, leaf in leaves.items()
+        if path not in texts
+    }
+    return ArrayLog(with_units(arrays, texts), time_unit)
 
 
-def _arrays(value: Any, path: str) -> Iterator[tuple[str, Any]]:
-    """Yield (path, array) of the numbers in variables and structures; elements of a list are numbered from 1."""
+def _leaves(value: Any, path: str) -> Iterator[tuple[str, Any]]:
+    """Yield (path, array) of the numbers, and (path, text) of units, in variables and structures.
+
+    Elements of a list are numbered from 1.
+    """
     if isinstance(value, dict):
         for name, inner in value.items():
-            yield from _arrays(inner, f"{path}.{name}" if path else name)
+            yield from _leaves(inner, f"{path}.{name}" if path else name)
     elif isinstance(value, list):
         for number, inner in enumerate(value, 1):
-            yield from _arrays(inner, f"{path}_{number}")
+            yield from _leaves(inner, f"{path}_{number}")
+    elif isinstance(value, str):
+        if is_unit_path(path):
+            yield path, value
     elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf" and value.ndim:
         shape = value.shape
         yield path, value.reshape(max(shape)) if len(shape) == 2 and min(shape) == 1 else value

@@ -73,8 +73,9 @@ class Spans:
                     hull(beyond, negated(beyond)) if known is None else multiplied(beyond, (known[0],) * 2),
                 )
             case f.Convert():
-                scale, offset = (node.factor,) * 2, (node.offset,) * 2
-                return tuple(added(multiplied(span, scale), offset) for span in self(node.operand))
+                return tuple(
+                    (node.conversion(low), node.conversion(high)) for low, high in self(node.operand)
+                )
             case f.Arithmetic():
                 pairs = spread(self(node.left), self(node.right))
                 return tuple(_ARITHMETIC[node.operator](*pair) for pair in pairs)

@@ -112,8 +112,7 @@ class Values:
             case f.Overshoot():
                 return self._overshoot(node)
             case f.Convert():
-                factor, offset = node.factor, node.offset
-                return self._each(lambda x: factor * x + offset, node.operand)
+                return self._each(node.conversion, node.operand)
             case f.Arithmetic():
                 return self._each(_ARITHMETIC[node.operator], node.left, node.right)
             case f.Elementary():

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from s2r_spec.backend import Channel, Needs, Parameter
 from s2r_spec.errors import S2RError, one_of, suggest
-from s2r_spec.lang.units import UnknownUnitError, parse_unit
+from s2r_spec.lang.conversion import Conversion
+from s2r_spec.lang.units import UnknownUnitError, parse_unit, unit_in_log
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
@@ -166,8 +167,7 @@ def commands(trace: Trace, test: RequestedTest) -> str | None:
             finite = counted & np.isfinite(trace[name].reshape(-1))
             if not finite.any():
                 continue
-            factor, offset = _conversion(unit, parameter.unit)
-            values = factor * trace[name].reshape(-1)[finite] + offset
+            values = _conversion(unit, parameter.unit).each(trace[name].reshape(-1)[finite])
             median, requested = float(np.median(values)), test.params[parameter.name]
             shown = _unit(parameter.unit)
             expected = f"but the test has {parameter.name} = {requested:.4g}{shown}"
@@ -250,10 +250,7 @@ def _in_units(trace: Trace, needed: tuple[Channel, ...]) -> Trace:
     for channel in needed:
         if channel.name in converted:
             values = converted[channel.name]
-            factor, offset = _conversion(units.get(channel.name), channel.unit)
-            if (factor, offset) != (1.0, 0.0):
-                values = factor * values + offset
-            converted[channel.name] = values
+            converted[channel.name] = _conversion(units.get(channel.name), channel.unit).each(values)
             units.pop(channel.name, None)
             if channel.unit:
                 units[channel.name] = channel.unit
@@ -293,7 +290,7 @@ def _unit_fault(name: str, unit: str | None, declared: str) -> str | None:
     if not unit or unit == declared:
         return None
     try:
-        parsed = parse_unit(unit)
+        parsed = unit_in_log(unit, parse_unit(declared))
     except UnknownUnitError:
         return f"its channel {name!r} is in {unit!r}, which is not a unit"
     if not parsed.fits(parse_unit(declared)):
@@ -301,9 +298,12 @@ def _unit_fault(name: str, unit: str | None, declared: str) -> str | None:
     return None
 
 
-def _conversion(unit: str | None, declared: str) -> tuple[float, float]:
-    """Return (a, b): a number x in ``unit`` is a·x + b in the declared one."""
-    return (1.0, 0.0) if not unit or unit == declared else parse_unit(unit).to(parse_unit(declared))
+def _conversion(unit: str | None, declared: str) -> Conversion:
+    """Return the conversion of numbers in ``unit`` to the declared one."""
+    if not unit or unit == declared:
+        return Conversion()
+    wanted = parse_unit(declared)
+    return unit_in_log(unit, wanted).to(wanted)
 
 
 def _unit(text: str) -> str:

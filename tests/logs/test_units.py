@@ -1,0 +1,217 @@
+"""Units in names and attributes of real logs: each is used or refused, and one that ``--map`` states overrides it."""
+
+import io
+
+import numpy as np
+import pytest
+import scipy.io
+
+import s2r_spec as s2r
+from s2r_spec import logs
+from s2r_spec.errors import TraceError
+from s2r_spec.logs.follow import follow
+from s2r_spec.logs.mapping import Request
+from s2r_spec.rollouts.excerpts import Excerpts, excerpt
+from tests.errors import naming, states
+from tests.logs import tables
+
+TIMES = [0.0, 0.1]
+HEIGHT = s2r.parse_spec("signal h {m}\nrequire r: always (h >= 20)")
+
+
+@pytest.fixture(params=[*tables.ENDINGS, ".h5", ".mat"])
+def path(request, tmp_path):
+    return tmp_path / f"log{request.param}"
+
+
+def written(path, columns):
+    """Write columns as a file of the format that its ending says; MATLAB's names have no brackets."""
+    if path.suffix == ".h5":
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(path, "w") as file:
+            for name, values in columns.items():
+                file[name.replace("/", "∕")] = values
+    elif path.suffix == ".mat":
+        scipy.io.savemat(path, columns)
+    else:
+        tables.written(path, columns)
+    return path
+
+
+def rho(path, column, text="signal h {m}\nrequire r: always (h >= 20)"):
+    trace = logs.load(path, {"h": column}, {"h": None}).trace
+    return s2r.parse_spec(text).robustness(trace)["r"]
+
+
+@pytest.mark.parametrize("name", ["ascent(feet)", "ascent (feet)", "ascent[feet]", "ascent [feet]"])
+def test_the_unit_in_a_name_is_used_whatever_the_map_says(path, name):
+    if path.suffix == ".mat":
+        pytest.skip("names of MATLAB have no brackets")
+    written(path, {"t": TIMES, name: [48.0, 58.0]})
+    for column in (name, "ascent"):
+        assert rho(path, column) == pytest.approx(48 * 0.3048 - 20)
+        assert rho(path, f"{column} [m]") == 28  # stated, so that the file's text counts no more
+    own = logs.load(path, None, {"ascent": None}).trace
+    assert own.units == {"ascent": "feet"}
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "value"),
+    [("v(m/s)", "m/s", 1), ("v(km/h)", "m/s", 1 / 3.6), ("AccX(g)", "m/s^2", 9.80665), ("a (mg)", "cm/s^2", 0.980665),
+     ("temp(C)", "K", 274.15), ("temp (F)", "degC", (1 - 32) / 1.8), ("w(°/s)", "rad/s", np.pi / 180),
+     ("n (RPM)", "rpm", 1), ("duty (%)", "", 0.01), ("a(m/s²)", "cm/s^2", 100), ("m (g)", "kg", 0.001)],
+)  # fmt: skip
+def test_units_of_real_headers(tmp_path, name, unit, value):
+    path = tables.written(tmp_path / "log.csv", {"t": TIMES, name: [1, 1]})
+    spec = f"signal h {{{unit}}}\nrequire r: always (h >= 0)"
+    assert rho(path, name, spec) == pytest.approx(value)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["q_0(deg)", "q_1(deg)"],
+        ["q0 [deg]", "q1 [deg]"],
+        ["q[0] (deg)", "q[1] (deg)"],
+        ["q (deg)[0]", "q (deg)[1]"],
+    ],
+)
+def test_components_of_vectors_have_units_in_their_names(tmp_path, names):
+    path = tables.written(tmp_path / "log.npz", {"t": TIMES, names[0]: [180, 0], names[1]: [0, 180]})
+    table = tables.written(tmp_path / "log.csv", {"t": TIMES, names[0]: [180, 0], names[1]: [0, 180]})
+    spec = s2r.parse_spec("signal q[2] {rad}\nrequire r: always (norm(q) <= 4)")
+    parts = {"q[0]": names[0], "q[1]": names[1]}
+    for log in (path, table):
+        if log is path and names[0].endswith("[0]"):
+            continue  # the numbers of components are part of a name in CSV alone
+        for columns in ({}, parts, {"q": "q [deg]"}):
+            trace = logs.load(log, columns, {"q": 2}).trace
+            assert spec.robustness(trace)["r"] == pytest.approx(4 - np.pi)
+
+
+def test_a_unit_of_another_dimension_is_refused_with_a_way_out(tmp_path):
+    path = tables.written(tmp_path / "log.csv", {"t": TIMES, "v(t)": [5, 5], "w [raw]": [5, 5]})
+    for column, unit in (("v(t)", "t"), ("w", "raw")):
+        with pytest.raises(TraceError, match=naming("'h'", unit, "[m]")):
+            rho(path, column)
+        assert rho(path, f"{column} [m]") == -15
+
+
+def test_two_columns_of_one_name_and_several_units_are_a_question(tmp_path):
+    path = tables.written(tmp_path / "log.csv", {"t": TIMES, "v (m/s)": [5, 5], "v (km/h)": [18, 18]})
+    with pytest.raises(TraceError, match=naming("v (m/s)", "v (km/h)")):
+        logs.load(path, None, {"v": None})
+    assert logs.load(path, {"v": "v (km/h)"}, {"v": None}).trace.units == {"v": "km/h"}
+
+
+@pytest.mark.parametrize(("name", "said"), [("gyro (raw)", True), ("gyro(axis x)", True), ("gyro[0]", False)])
+def test_a_text_in_brackets_that_is_no_unit_gets_a_note(tmp_path, name, said):
+    path = tables.written(tmp_path / "log.csv", {"t": TIMES, name: [48, 58], "state (0=off)": [0, 1]})
+    spec = s2r.parse_spec("signal h {m}\nsignal s\nrequire r: always (h >= 20 and s >= 0)")
+    columns = {"h": name, "s": "state (0=off)"}
+    found = excerpt(path, spec.signals, {"h": None, "s": None}, spec.horizon(), Excerpts(columns))
+    assert [states(note, name, "m", "h") for note in found.notes] == [True] * said
+    stated = Excerpts({**columns, "h": f"{name} [m]"})
+    assert not excerpt(path, spec.signals, {"h": None, "s": None}, spec.horizon(), stated).notes
+
+
+@pytest.mark.parametrize(("written_unit", "stated", "noted"), [
+    ("m/s²", "m/s^2", False), ("m/s^2", "m/s²", False), ("g", "m/s^2", True), ("raw", "m/s^2", True), ("mm", "-", True),
+])  # fmt: skip
+def test_a_stated_unit_overrides_and_says_so(tmp_path, written_unit, stated, noted):
+    path = tables.written(tmp_path / "log.csv", {"t": TIMES, f"a [{written_unit}]": [1, 1]})
+    found = logs.load(path, {"a": f"a [{stated}]"}, {"a": None})
+    assert found.trace.units == {"a": stated}
+    assert [states(note, "a", stated, written_unit) for note in found.notes] == [True] * noted
+
+
+def test_a_stated_text_must_be_a_unit(tmp_path):
+    path = tables.written(tmp_path / "log.csv", {"t": TIMES, "a": [1, 1]})
+    with pytest.raises(TraceError, match=naming("fett", "a")):
+        logs.load(path, {"a": "a [fett]"}, {"a": None})
+
+
+def test_rows_of_standard_input_are_read_in_the_unit_of_their_header():
+    for name, column, unit in (
+        ("ascent(feet)", "ascent(feet)", "feet"),
+        ("ascent (feet)", "ascent [m]", "m"),
+    ):
+        stream = io.StringIO(f"t,{name}\n0,48\n0.1,58\n")
+        rows = follow(stream.readline, Request({"h": column}, {"h": None}))
+        assert rows.units == {"h": unit}
+        assert [sample["h"] for _, sample in rows.samples] == [48, 58]
+
+
+def test_data_frames_have_units_in_their_names():
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.DataFrame({"t": TIMES, "ascent(feet)": [48.0, 58.0], "state (raw)": [1, 2]})
+    trace = s2r.Trace.from_dataframe(frame)
+    assert trace.units == {"ascent(feet)": "feet"}
+    assert HEIGHT.robustness(trace.rename({"ascent(feet)": "h"}))["r"] == pytest.approx(48 * 0.3048 - 20)
+    stated = s2r.Trace.from_dataframe(frame, units={"ascent(feet)": "m"})
+    assert stated.units == {"ascent(feet)": "m"}
+
+
+# -- attributes of HDF5, texts of MATLAB -----------------------------------------------------------------------------
+
+
+def hdf5(path, unit, times="seconds since 1970-01-01"):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path, "w") as file:
+        file["arm/time"] = TIMES
+        file["arm/time"].attrs["units"] = times
+        file["arm/gap"] = [700.0, 900.0]
+        file["arm/gap"].attrs["units"] = h5py.Empty("S1") if unit is None else unit
+    return path
+
+
+GAP = "signal h {m}\nrequire r: always (h >= 0.7)"
+
+
+@pytest.mark.parametrize(
+    "times", ["seconds since 1970-01-01", "s", np.bytes_(b"seconds since 1970-01-01 00:00")]
+)
+@pytest.mark.parametrize(
+    "unit",
+    ["mm", np.bytes_(b"mm"), np.array(b"mm\0\0", dtype="S4"), np.array([b"mm"]), np.array(["mm"], dtype=object),
+     np.array([b"mm"], dtype=object), np.bytes_(b" mm "), np.array([["mm"]], dtype=object)],
+    ids=str,
+)  # fmt: skip
+def test_a_unit_of_hdf5_is_a_text_of_any_kind(tmp_path, unit, times):
+    path = hdf5(tmp_path / "log.h5", unit, times)
+    assert rho(path, "arm.gap", GAP) == 0
+    assert logs.load(path).trace.times.tolist() == TIMES
+
+
+def test_an_empty_unit_of_hdf5_states_none(tmp_path):
+    for unit in (None, "", np.bytes_(b"\0")):
+        assert logs.load(hdf5(tmp_path / "log.h5", unit)).trace.units == {}
+
+
+@pytest.mark.parametrize(
+    "unit", [np.bytes_(b"\xb0C"), np.array([b"mm", b"deg"]), np.array([1.5, 2.5])], ids=str
+)
+def test_a_unit_of_hdf5_that_is_no_text_is_refused_by_name(tmp_path, unit):
+    path = hdf5(tmp_path / "log.h5", unit)
+    with pytest.raises(TraceError, match=naming("arm.gap")):
+        logs.load(path, {"h": "arm.gap"}, {"h": None})
+    assert rho(path, "arm.gap [mm]", GAP) == 0
+
+
+def test_times_since_two_dates_are_refused(tmp_path):
+    path = hdf5(tmp_path / "log.h5", "mm")
+    with pytest.importorskip("h5py").File(path, "a") as file:
+        file["leg/time"], file["leg/q"] = TIMES, [1.0, 2.0]
+        file["leg/time"].attrs["units"] = "days since 2020-01-01"
+    with pytest.raises(TraceError, match=naming("1970-01-01", "2020-01-01")):
+        logs.load(path, {"h": "arm.gap"}, {"h": None})
+
+
+@pytest.mark.parametrize(
+    "content",
+    [{"units": "mm"}, {"unit": "mm"}, {"units": {"gap": "mm"}}],
+)
+def test_a_text_of_a_structure_of_matlab_is_the_unit_of_its_arrays(tmp_path, content):
+    scipy.io.savemat(tmp_path / "log.mat", {"s": {"t": TIMES, "gap": [700.0, 900.0], **content}})
+    assert rho(tmp_path / "log.mat", "s.gap", GAP) == 0
+    assert rho(tmp_path / "log.mat", "s.gap [cm]", GAP) == pytest.approx(7 - 0.7)
