@@ -1,9 +1,9 @@
 """Read the times of a trace from one or two columns, and decide their unit.
 
-Data: counts, numbers, durations, dates or texts. The unit comes from the type, the header or ``--time-unit``; else from
-the name of the column. Otherwise it is the second, unless the numbers are too large for seconds since 1970. Dates, and
-counts since 1970 in a unit other than the second, count from the first sample: whole numbers are subtracted before
-they are rounded. Numbers in seconds stay unchanged.
+Data: counts, numbers, durations or dates, typed or as text. The unit comes from the type, the header or
+``--time-unit``; else from the name of the column. Otherwise it is the second, unless the numbers are too large for
+seconds since 1970. Dates, times of day, and counts since 1970 in a unit other than the second count from the first
+sample: whole numbers are subtracted before they are rounded. Numbers in seconds stay unchanged.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from s2r_spec import stamps
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.instants import DATES
-from s2r_spec.logs import cells, dates, time_units
+from s2r_spec.logs import cells, dates, durations, time_units
+from s2r_spec.logs.durations import Clock
 from s2r_spec.logs.table import Column, Head, quoted
 
 TIME = "t"
@@ -82,6 +83,8 @@ def read(
     values = column.values
     if column.texts:
         numbers = cells.parsed(list(values))
+        if numbers.dtype == object and durations.is_one(values[0]):
+            return _durations(values, unit, place, first)
         values = dates.nanoseconds(values, place) if numbers.dtype == object else numbers
     if values.dtype.kind == "b":
         raise TraceError(f"the column {quoted(head.text)} holds truth values; map t to a column of times")
@@ -122,6 +125,30 @@ def _typed(values: NDArray[Any], unit: str | None, first: Any) -> Times:
         return Times(seconds, start)
     since = Fraction(int(start.astype("M8[ns]").astype(np.int64)), 10**9)
     return Times(seconds, start, dates.text(start), since=since)
+
+
+def _durations(texts: NDArray[Any], unit: str | None, place: Place, first: Any) -> Times:
+    """Return the times of durations as text; those of a clock without a date count from the first one.
+
+    Raises:
+        TraceError: a time of day is before the one above it, or the texts have several forms.
+    """
+    values = durations.nanoseconds(texts, place)
+    clock = durations.of_clock(texts[0])
+    if first is not None and clock != isinstance(first, Clock):
+        raise TraceError(f"{place(0)} is {texts[0]!r}, of another form than the first time; use one form")
+    if not clock:
+        return _typed(values, unit, first)
+    start = Clock(int(values[0].astype(np.int64))) if first is None else first
+    counts = np.concatenate(([start.count], values.astype(np.int64)))
+    if (np.diff(counts) < 0).any():
+        back = int(np.argmax(np.diff(counts) < 0))
+        raise TraceError(
+            f"{place(back)} is {texts[back]!r}, before the time of day above it. If midnight lies between, write the "
+            f"date before each time"
+        )
+    times = _typed(values - np.timedelta64(start.count, "ns"), unit, np.timedelta64(0, "ns"))
+    return replace(times, first=start, begins=str(start))
 
 
 def _pair(columns: Sequence[Column], heads: Sequence[Head], unit: str | None, first: Any) -> Times:
