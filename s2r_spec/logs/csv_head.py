@@ -168,6 +168,6 @@ def refuse_separators(names: Row, below: Row | None) -> None:
     for mark in _SEPARATORS:
         if mark in names.cells[0].strip() and (below is None or mark in text.strip()):
             raise TraceError(
-                f"line {names.line} separates names by {mark!r}. Separate names and values by commas, and write decimal "
-                f"points: 0.5, not 0,5"
+                f"line {names.line} separates names by {mark!r}. Separate names and values by commas, and write "
+                f"decimal points: 0.5, not 0,5"
             )

@@ -15,14 +15,15 @@ from numpy.typing import NDArray
 from s2r_spec.errors import TraceError, shortened
 from s2r_spec.logs.library import library
 from s2r_spec.logs.table import regular
-from s2r_spec.logs.topics.arrays import Array, ArrayLog
+from s2r_spec.logs.topics.arrays import Array, ArrayLog, Asked, as_object, squeezed
 from s2r_spec.printable import one_line
 
 _MATLAB = "MATLAB_class"
+_OBJECT = "MATLAB_object_decode"
 
 
-def open_hdf5(path: Path, time_unit: str | None = None) -> ArrayLog:
-    """Return the arrays of a file; a unit is for times that are plain numbers.
+def open_hdf5(path: Path, asked: Asked | None = None) -> ArrayLog:
+    """Return the arrays of a file, with the times that the user says.
 
     Raises:
         TraceError: h5py is not installed, or the file is not HDF5.
@@ -30,11 +31,15 @@ def open_hdf5(path: Path, time_unit: str | None = None) -> ArrayLog:
     regular(path)
     h5py = library("h5py", "HDF5 files")
     arrays: dict[str, Array] = {}
+    objects: dict[str, str] = {}
 
     def visit(name: str, item: Any) -> None:
         if isinstance(item, h5py.Dataset) and item.dtype.kind in "biufmM" and not name.startswith("#refs#"):
+            if _OBJECT in item.attrs:
+                objects[name.replace("/", ".")] = as_object(_text(item.attrs.get(_MATLAB)))
+                return
             turned = _MATLAB in item.attrs  # MATLAB has the samples of a column last
-            shape = _squeezed(item.shape[::-1] if turned else item.shape)
+            shape = squeezed(item.shape[::-1] if turned else item.shape)
             unit = item.attrs.get("unit", item.attrs.get("units"))
             arrays[name.replace("/", ".")] = Array(
                 shape, partial(_read, h5py, path, name, turned), unit if isinstance(unit, str) else None
@@ -42,19 +47,18 @@ def open_hdf5(path: Path, time_unit: str | None = None) -> ArrayLog:
 
     with _Errors(path), h5py.File(path) as file:
         file.visititems(visit)
-    return ArrayLog(arrays, time_unit)
+    return ArrayLog(arrays, asked, objects)
+
+
+def _text(attribute: Any) -> str:
+    return attribute.decode(errors="replace") if isinstance(attribute, bytes) else str(attribute)
 
 
 def _read(h5py: Any, path: Path, name: str, turned: bool) -> NDArray[Any]:
     with _Errors(path), h5py.File(path) as file:
         values = np.asarray(file[name][()])
     values = values.T if turned else values
-    return values.reshape(_squeezed(values.shape))
-
-
-def _squeezed(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the shape of a vector for that of a row or a column."""
-    return (max(shape),) if len(shape) == 2 and min(shape) == 1 else tuple(shape)
+    return values.reshape(squeezed(values.shape))
 
 
 class _Errors:

@@ -14,7 +14,7 @@ import numpy as np
 
 from s2r_spec.errors import TraceError, shortened
 from s2r_spec.logs.table import regular
-from s2r_spec.logs.topics.arrays import Array, ArrayLog
+from s2r_spec.logs.topics.arrays import Array, ArrayLog, Asked, as_object, squeezed
 from s2r_spec.logs.topics.hdf5 import open_hdf5
 from s2r_spec.printable import one_line
 
@@ -23,8 +23,8 @@ _BLOCK = 512
 """Definition: bytes before the HDF5 part of a MATLAB file."""
 
 
-def open_matlab(path: Path, time_unit: str | None = None) -> ArrayLog:
-    """Return the arrays of a file; a unit is for times that are plain numbers.
+def open_matlab(path: Path, asked: Asked | None = None) -> ArrayLog:
+    """Return the arrays of a file, with the times that the user says.
 
     Raises:
         TraceError: the file is not a MATLAB file, or has no arrays with times.
@@ -33,7 +33,7 @@ def open_matlab(path: Path, time_unit: str | None = None) -> ArrayLog:
     with path.open("rb") as stream:
         start = stream.read(_BLOCK + len(_HDF5))
     if start[_BLOCK:] == _HDF5 or start.startswith(_HDF5):
-        return open_hdf5(path, time_unit)
+        return open_hdf5(path, asked)
     from scipy.io import loadmat
 
     try:
@@ -48,7 +48,8 @@ def open_matlab(path: Path, time_unit: str | None = None) -> ArrayLog:
     variables = {name: value for name, value in content.items() if not name.startswith("__")}
     return ArrayLog(
         {path: Array(found.shape, partial(np.asarray, found)) for path, found in _arrays(variables, "")},
-        time_unit,
+        asked,
+        {name: as_object(kind) for name, kind in _objects(content)},
     )
 
 
@@ -61,5 +62,18 @@ def _arrays(value: Any, path: str) -> Iterator[tuple[str, Any]]:
         for number, inner in enumerate(value, 1):
             yield from _arrays(inner, f"{path}_{number}")
     elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf" and value.ndim:
-        shape = value.shape
-        yield path, value.reshape(max(shape)) if len(shape) == 2 and min(shape) == 1 else value
+        yield path, value.reshape(squeezed(value.shape))
+
+
+def _objects(content: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield (name, class) of the objects of MATLAB in a file; SciPy calls them "None" and says their own names."""
+    from scipy.io.matlab import MatlabOpaque
+
+    for value in content.values():
+        if isinstance(value, MatlabOpaque):
+            for one in value.ravel():
+                yield _word(one["s0"]), _word(one["s2"])
+
+
+def _word(text: Any) -> str:
+    return text.decode(errors="replace") if isinstance(text, bytes) else str(text)
