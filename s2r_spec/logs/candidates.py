@@ -24,10 +24,12 @@ def question(candidates: Mapping[str, Readable], unit: str | None) -> NoTimesErr
     found = {name: text for name, one in candidates.items() if (text := _described(*one, unit)) is not None}
     names = tuple(found) or tuple(candidates)
     if len(found) < 2:
-        return NoTimesError(f"there is no column 't' with the times: add --map {_map(names[0])}", names[0])
+        return NoTimesError(
+            f"there is no column {times.TIME!r} with the times: add --map {times.mapped(names[0])}", names[0]
+        )
     shown = ", or ".join(f"{quoted(name)} ({text})" for name, text in found.items())
     return NoTimesError(
-        f"the times may be {shown}. Choose one, as in --map {_map(names[0])}", names[0], names
+        f"the times may be {shown}. Choose one, as in --map {times.mapped(names[0])}", names[0], names
     )
 
 
@@ -71,9 +73,3 @@ def _read(
 
 def _plain(value: object) -> bool:
     return isinstance(value, int | float | np.integer | np.floating)
-
-
-def _map(name: str) -> str:
-    """Return an argument of ``--map``, in quotes for a shell if it needs them."""
-    text = f"{times.TIME}={name}"
-    return text if name.replace("_", "").replace(".", "").replace("+", "").isalnum() else f"'{text}'"

@@ -146,7 +146,9 @@ class Text:
             TraceError: the row shows that these are not the names, or not separated by commas.
         """
         below = next((row for row in self._ahead(1) if not row.torn), None)
-        csv_head.refuse_separators(self._names, below)
+        if self._names.width < 2:
+            csv_head.refuse_above(self._names, self._ahead())
+            csv_head.refuse_separators(self._names, below)
         if below is None or below.cut:
             return
         if csv_head.sampled(below):

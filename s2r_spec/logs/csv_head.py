@@ -113,14 +113,14 @@ def _unit(cell: str) -> str | None:
 
 
 def refuse_almost_units(heads: Sequence[Head], row: Row) -> None:
-    """Refuse a row below the names that is no sample, and at least half of whose texts are units.
+    """Refuse a row below the names that is no sample, and most of whose texts are units.
 
     Raises:
         TraceError: it is such a row; the message says how to state the units.
     """
     units = [_unit(cell) for cell in row.cells]
     known = next((number for number, unit in enumerate(units[: len(heads)]) if unit), None)
-    if known is not None and None in units and units.count(None) <= len(list(filter(None, units))):
+    if known is not None and None in units and units.count(None) < len(list(filter(None, units))):
         other = row.cells[units.index(None)].strip()
         raise TraceError(
             f"line {row.line} looks like a row of units, but {quoted(other)} is no unit. Delete the line, and "
@@ -135,23 +135,28 @@ def begins_sample(row: Row) -> bool:
 
 
 def refuse_above(names: Row, rows: Sequence[Row]) -> None:
-    """Refuse a file whose names seem to stand below other lines.
+    """Refuse a file whose names are missing, or seem to stand below other lines.
 
-    The line of the names is the one above the first row that begins as a sample. It has no number itself, and as many
-    cells.
+    The line of the names is the one above the first row that begins as a sample, or above its row of units. It has no
+    number itself, and as many cells as the row.
 
     Args:
         names: the row that was taken for the names.
         rows: the rows with text below it, up to the first that begins as a sample.
 
     Raises:
-        TraceError: the names are in a later line.
+        TraceError: the names are in a later line, or there are none.
     """
-    if len(rows) < 2 or not begins_sample(rows[-1]):
-        return
-    if not sampled(rows[-2]) and rows[-2].width >= rows[-1].width:
+    if all(is_time(cell.strip()) for cell in names.cells):
         raise TraceError(
-            f"line {names.line} does not name the columns; the names seem to be in line {rows[-2].line}. Delete the "
+            f"line {names.line} holds values, not the names of columns; write a line of names above it, such as t,v"
+        )
+    *lines, first = (names, *rows)
+    texts = {_unit(cell) for cell in lines[-1].cells} if lines else set()
+    above = lines[:-1] if any(texts) and None not in texts else lines
+    if len(above) > 1 and begins_sample(first) and not sampled(above[-1]) and above[-1].width >= first.width:
+        raise TraceError(
+            f"line {names.line} does not name the columns; the names seem to be in line {above[-1].line}. Delete the "
             f"lines above it, but mind the units that they state; name each column differently"
         )
 
@@ -160,13 +165,11 @@ def refuse_separators(names: Row, below: Row | None) -> None:
     """Refuse a file whose values are separated by something else than commas.
 
     Raises:
-        TraceError: the names and the row below them are one cell each as they stand, with other marks in it.
+        TraceError: the names are one cell, and have another mark in it that the row below them has, too.
     """
-    if names.width > 1:
-        return
     text = "" if below is None else ",".join(below.cells)
     for mark in _SEPARATORS:
-        if mark in names.cells[0].strip() and (below is None or mark in text.strip()):
+        if mark in names.cells[0] and (below is None or mark in text):
             raise TraceError(
                 f"line {names.line} separates names by {mark!r}. Separate names and values by commas, and write "
                 f"decimal points: 0.5, not 0,5"

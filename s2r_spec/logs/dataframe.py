@@ -67,7 +67,8 @@ def read(
     table = Table(heads, dict(enumerate(columns)), meta, place)
     wanted = request({TIME: _times(heads, time)}, None, time_unit)
     try:
-        return build_trace(table, plan_columns(heads, wanted), wanted)
+        loaded = build_trace(table, plan_columns(heads, wanted), wanted)
+        return replace(loaded, notes=tuple(map(_in_python, loaded.notes)))
     except NoTimesError as error:
         rivals = {one: plan_columns(heads, Request({TIME: one}, {})).times for one in error.candidates}
         raise TraceError(_in_python(str(of_table(table, rivals, time_unit) if rivals else error))) from None

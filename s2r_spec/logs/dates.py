@@ -44,7 +44,7 @@ def nanoseconds(texts: NDArray[Any], place: Callable[[int], str]) -> NDArray[np.
         match = _DATE.fullmatch(text)
         if match is None:
             raise TraceError(
-                f"{place(sample)} is {shortened(text)!r}, neither a number nor a date such as {LIKE}"
+                f"{place(sample)} is {shortened(text)!r}, neither a number nor a time such as {LIKE} or 10:00:00.5"
                 f"{cells.decimal_point(text)}"
             )
         year, month, day, hour, minute, second, fraction, zone = match.groups()

@@ -17,7 +17,7 @@ from s2r_spec.errors import NoTimesError, TraceError, UsageError, one_of, sugges
 from s2r_spec.lang.units import UnknownUnitError, parse_unit
 from s2r_spec.logs import time_units
 from s2r_spec.logs.table import Head, quoted
-from s2r_spec.logs.times import TIME
+from s2r_spec.logs.times import TIME, mapped
 
 ANY = -1
 """Definition: width of a channel that may be a number or a vector."""
@@ -381,7 +381,7 @@ class _Names:
             full = tuple(dict.fromkeys(self._full(number) for number in exact))
             if len(full) == len(exact):
                 raise NoTimesError(
-                    f"the times may be {' or '.join(map(quoted, full))}. Choose one, as in --map '{TIME}={full[0]}'",
+                    f"the times may be {' or '.join(map(quoted, full))}. Choose one, as in --map {mapped(full[0])}",
                     full[0],
                     full,
                 )
@@ -401,7 +401,7 @@ class _Names:
         if len(candidates) > 1:
             raise NoTimesError(
                 f"there is no column {text!r} with the times; they may be {' or '.join(map(quoted, candidates))}. "
-                f"Choose one, as in --map '{TIME}={candidates[0]}'",
+                f"Choose one, as in --map {mapped(candidates[0])}",
                 candidates[0],
                 candidates,
             )

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from s2r_spec import logs
 from s2r_spec.errors import NoTimesError, TraceError
-from s2r_spec.logs.times import TIME, unit_of_option
+from s2r_spec.logs.times import TIME, mapped, unit_of_option
 from s2r_spec.logs.topics import formats
 from s2r_spec.logs.topics.arrays import Asked
 from s2r_spec.logs.topics.join import seconds, stamp_text
@@ -150,7 +150,7 @@ def _table(path: Path, columns: Mapping[str, str], time_unit: str | None) -> Log
 
 
 def _taken(error: NoTimesError) -> str:
-    return f"the times are taken from {error.likely!r}; other commands need --map {TIME}={error.likely}"
+    return f"the times are taken from {error.likely!r}; other commands need --map {mapped(error.likely)}"
 
 
 def _topic(

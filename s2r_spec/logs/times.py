@@ -8,6 +8,7 @@ sample: whole numbers are subtracted before they are rounded. Numbers in seconds
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -45,6 +46,11 @@ class Times:
     begins: str = ""
     notes: tuple[str, ...] = ()
     since: Fraction | None = None
+
+
+def mapped(name: str) -> str:
+    """Return the argument of ``--map`` that takes the times from a column, in quotes where a shell needs them."""
+    return shlex.quote(f"{TIME}={name}")
 
 
 def unit_of_option(text: str | None) -> str | None:
@@ -86,6 +92,7 @@ def read(
         if numbers.dtype == object and durations.is_one(values[0]):
             return _durations(values, unit, place, first)
         values = dates.nanoseconds(values, place) if numbers.dtype == object else numbers
+    _same_form(values, first, column.values, place)
     if values.dtype.kind == "b":
         raise TraceError(f"the column {quoted(head.text)} holds truth values; map t to a column of times")
     if stamps.is_typed(values):
@@ -135,8 +142,7 @@ def _durations(texts: NDArray[Any], unit: str | None, place: Place, first: Any) 
     """
     values = durations.nanoseconds(texts, place)
     clock = durations.of_clock(texts[0])
-    if first is not None and clock != isinstance(first, Clock):
-        raise TraceError(f"{place(0)} is {texts[0]!r}, of another form than the first time; use one form")
+    _same_form(Clock(0) if clock else values, first, texts, place)
     if not clock:
         return _typed(values, unit, first)
     start = Clock(int(values[0].astype(np.int64))) if first is None else first
@@ -149,6 +155,19 @@ def _durations(texts: NDArray[Any], unit: str | None, place: Place, first: Any) 
         )
     times = _typed(values - np.timedelta64(start.count, "ns"), unit, np.timedelta64(0, "ns"))
     return replace(times, first=start, begins=str(start))
+
+
+def _same_form(values: Any, first: Any, written: NDArray[Any], place: Place) -> None:
+    """Refuse a time of another form than the first one of a trace that is read row by row."""
+    if first is not None and _form(values) != _form(first):
+        raise TraceError(
+            f"{place(0)} is {str(written[0])!r}, and the first time is {str(first)!r}; write all times in one form"
+        )
+
+
+def _form(values: Any) -> str:
+    """Return the form of times: of a clock, dates (M), durations (m) or numbers ("")."""
+    return "clock" if isinstance(values, Clock) else np.asarray(values).dtype.kind.strip("iufb")
 
 
 def _pair(columns: Sequence[Column], heads: Sequence[Head], unit: str | None, first: Any) -> Times:
@@ -194,8 +213,20 @@ def _counts(values: NDArray[Any], head: Head, unit: str | None, first: Any) -> T
                 f"like {likely}: add --time-unit {likely} (or s for seconds)"
             )
         size = Fraction(1)
+        notes = _assumed(values, head) if first is None else ()
     times = _since(values, size, first)
     return replace(times, notes=notes)
+
+
+def _assumed(values: NDArray[Any], head: Head) -> tuple[str, ...]:
+    """Return a note if whole numbers without a unit are taken for seconds, as those of a column ``t`` are."""
+    if head.name == TIME or values.size < 2 or not (values == np.round(values)).all():
+        return ()
+    step = float(np.median(np.diff(values)))
+    return (
+        f"the times of {quoted(head.text)} are whole numbers without a unit, {step:g} apart, and are read in seconds; "
+        f"if they are in ms, add --time-unit ms",
+    )
 
 
 def _since(values: NDArray[Any], size: Fraction, first: Any) -> Times:

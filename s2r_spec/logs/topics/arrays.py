@@ -242,6 +242,7 @@ class ArrayLog:
             lambda sample: f"sample {sample} of {_named(clock)}",
             None,
         )
+        self.notes += found.notes
         if found.since is None:
             return found.seconds
         # Dates of two topics must be comparable, whatever unit each is in.
