@@ -276,6 +276,25 @@ def test_simulink_saves_tout_and_structures_with_time(tmp_path):
     assert {topic.name for topic in summary(path).topics} == {"", "simout", "logsout"}
 
 
+def test_structures_of_matlab_7_3_are_those_of_earlier_versions(tmp_path):
+    import h5py
+
+    with h5py.File(tmp_path / "a.mat", "w") as stream:
+        kept = [
+            stream.create_dataset(f"#refs#/{name}", data=values[None])
+            for name, values in (("b", V), ("c", -V))
+        ]
+        stream["yout/time"] = T[None]
+        stream["yout/signals/values"] = np.array([[one.ref for one in kept]], dtype=h5py.ref_dtype)
+        stream["list"] = stream["yout/signals/values"][()]
+        stream["tout"] = T[None]
+        stream["list"].attrs["MATLAB_class"] = np.bytes_("cell")
+        for one in (*kept, stream["yout/time"], stream["tout"]):
+            one.attrs["MATLAB_class"] = np.bytes_("double")
+    assert times(tmp_path / "a.mat", "yout.signals_1.values") == T.tolist()
+    assert times(tmp_path / "a.mat", "list_1") == T.tolist()
+
+
 def test_an_object_of_matlab_is_named_with_its_class(tmp_path):
     def element(kind: int, data: bytes) -> bytes:
         return struct.pack("<II", kind, len(data)) + data + b"\0" * (-len(data) % 8)

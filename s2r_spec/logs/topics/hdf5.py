@@ -5,6 +5,7 @@ A unit is the attribute ``unit`` or ``units`` of a dataset.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.errors import TraceError, shortened
 from s2r_spec.logs.library import library
-from s2r_spec.logs.table import regular
+from s2r_spec.logs.table import few, regular
 from s2r_spec.logs.topics.arrays import Array, ArrayLog, Asked, as_object, squeezed
 from s2r_spec.printable import one_line
 
@@ -34,20 +35,41 @@ def open_hdf5(path: Path, asked: Asked | None = None) -> ArrayLog:
     objects: dict[str, str] = {}
 
     def visit(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset) and item.dtype.kind in "biufmM" and not name.startswith("#refs#"):
-            if _OBJECT in item.attrs:
-                objects[name.replace("/", ".")] = as_object(_text(item.attrs.get(_MATLAB)))
-                return
+        if name.startswith("#refs#") or not isinstance(item, h5py.Dataset):
+            return
+        if h5py.check_ref_dtype(item.dtype) is h5py.Reference:
+            for path, element in _elements(item, name):
+                add(path, element)
+        elif _OBJECT in item.attrs:
+            objects[name.replace("/", ".")] = as_object(_text(item.attrs.get(_MATLAB)))
+        else:
+            add(name, item)
+
+    def add(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and item.dtype.kind in "biufmM":
             turned = _MATLAB in item.attrs  # MATLAB has the samples of a column last
             shape = squeezed(item.shape[::-1] if turned else item.shape)
             unit = item.attrs.get("unit", item.attrs.get("units"))
             arrays[name.replace("/", ".")] = Array(
-                shape, partial(_read, h5py, path, name, turned), unit if isinstance(unit, str) else None
+                shape, partial(_read, h5py, path, item.name, turned), unit if isinstance(unit, str) else None
             )
 
     with _Errors(path), h5py.File(path) as file:
         file.visititems(visit)
     return ArrayLog(arrays, asked, objects)
+
+
+def _elements(references: Any, name: str) -> Iterator[tuple[str, Any]]:
+    """Yield (name, item) of what MATLAB's references lead to: elements of a list, or of a field of structures.
+
+    They are numbered from 1, ``list_1`` or ``structures_1.field``.
+    """
+    few(references.size)
+    folder, slash, field = ("", "", name) if _MATLAB in references.attrs else name.rpartition("/")
+    for number, one in enumerate(references[()].ravel(), 1):
+        if one:
+            numbered = f"{folder}_{number}{slash}{field}" if folder else f"{name}_{number}"
+            yield numbered, references.file[one]
 
 
 def _text(attribute: Any) -> str:
