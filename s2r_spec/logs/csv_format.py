@@ -11,7 +11,7 @@ import json
 import sys
 from array import array
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 from typing import Any, TypeVar
@@ -121,7 +121,7 @@ class Text:
         above = next(csv.reader([comment.lstrip("# ")]), [])
         if len(above) == len(names.cells) and any(map(is_number, names.cells)):
             # numpy.savetxt and others write the names as a comment
-            names, rows, first_line = replace(names, cells=above), chain([names], rows), None
+            names, rows, first_line = names._replace(cells=above), chain([names], rows), None
         few(len(names.cells))
         text = cls(tuple(map(head_of, names.cells)), meta, first_line, _lines=lines, _names=names, _rows=rows)
         text._read_units()
@@ -189,16 +189,14 @@ class Text:
         named = max((i for i, head in enumerate(self.heads) if head.name), default=-1) + 1
         last = max(needed, default=-1)
         bad: tuple[int, str] | None = None
-        line = 0
-        for one in self._rows:
-            if one.torn:
-                bad = one.line, "ends inside quotes"
+        for row, line, cut, torn in self._rows:
+            if torn:
+                bad = line, "ends inside quotes"
                 break
-            if one.blank:
+            if not row or not any(map(str.strip, row)):
                 continue
             if bad is not None:
                 raise TraceError(f"line {bad[0]} {bad[1]}")
-            line, row = one.line, list(one.cells)
             count = len(row)
             if count != width:
                 while len(row) > width and not row[-1].strip():
@@ -207,7 +205,7 @@ class Text:
                     bad = line, f"has {count} values, but there are {width} columns"
                     continue
                 row += [""] * (width - len(row))
-            if one.cut and last >= min(count, width) - 1:
+            if cut and last >= min(count, width) - 1:
                 bad = line, "has no end"
                 continue
             yield line, row

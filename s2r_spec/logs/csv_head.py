@@ -8,8 +8,9 @@ skipped: they may state the units of the columns, as those of OptiTrack do.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import zip_longest
+from typing import NamedTuple
 
 from s2r_spec.errors import TraceError, shortened
 from s2r_spec.lang.units import UnknownUnitError, parse_unit
@@ -24,8 +25,7 @@ _SEPARATORS = (";", "\t", "|", " ")
 """Definition: marks that other tools write between values, the surest first."""
 
 
-@dataclass(frozen=True)
-class Row:
+class Row(NamedTuple):
     """A row of the file.
 
     Args:
