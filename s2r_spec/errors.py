@@ -80,16 +80,18 @@ class TraceError(UsageError):
 
 
 class NoTimesError(TraceError):
-    """A table has no column with the name of the times.
+    """A log has no column with the name of the times, or several that may hold them.
 
     Args:
         sentence: what is wrong.
         likely: the column that may hold them, as ``--map t=`` takes it.
+        candidates: all that may, if they are several.
     """
 
-    def __init__(self, sentence: str, likely: str) -> None:
+    def __init__(self, sentence: str, likely: str, candidates: tuple[str, ...] = ()) -> None:
         super().__init__(sentence)
         self.likely = likely
+        self.candidates = candidates
 
 
 class TraceNote(UserWarning):

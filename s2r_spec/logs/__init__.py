@@ -14,12 +14,13 @@ from pathlib import Path
 
 from s2r_spec.errors import NoTimesError, TraceError, TraceNote
 from s2r_spec.files import replacing
-from s2r_spec.logs import csv_format, npz_format, parquet_format, split, times
+from s2r_spec.logs import candidates, csv_format, npz_format, parquet_format, split, times
 from s2r_spec.logs.interpret import Loaded, build_trace, request
-from s2r_spec.logs.mapping import Plan, plan_columns
+from s2r_spec.logs.mapping import Plan, Request, plan_columns
 from s2r_spec.logs.table import Chooser, Head, Table
 from s2r_spec.logs.topics import formats, sparse
 from s2r_spec.logs.topics import table as topic_table
+from s2r_spec.logs.topics.arrays import Asked
 from s2r_spec.logs.topics.join import Joining
 from s2r_spec.logs.topics.topic import TopicLog
 from s2r_spec.trace import Trace
@@ -118,13 +119,16 @@ def load_episodes(
     :func:`load`.
     """
     path = Path(path)
-    open_log = formats.opener(path, times.unit_of_option(time_unit))
+    names = dict(columns or {})
+    arrays = path.suffix.lower() in formats.ARRAYS
+    unit = times.unit_of_option(time_unit)
+    open_log = formats.opener(path, Asked(unit, names.pop(times.TIME, None)) if arrays else None)
     if open_log is None:
         parser = _PARSERS[_ending(path, READABLE)]
     else:
-        parser = _of_topics(open_log, _with_clock(joining or Joining(), columns or {}))
-    remaining = None if path.suffix.lower() in formats.ARRAYS else time_unit  # arrays have it already
-    requested = request(columns, wanted, remaining, gather, gather and open_log is not None)
+        parser = _of_topics(open_log, _with_clock(joining or Joining(), names))
+    # arrays have the times and their unit already
+    requested = request(names, wanted, None if arrays else unit, gather, gather and open_log is not None)
     plans: list[Plan] = []
     episode: list[int] = []
 
@@ -143,14 +147,32 @@ def load_episodes(
         found = [build_trace(part, plans[-1], requested, longest) for part in parts]
         if joining is None or open_log is not None:
             return found
-        by_column = {column: name for name, column in (columns or {}).items()}
+        by_column = {column: name for name, column in names.items()}
         return [sparse.joined(one, _with_clock(joining, by_column)) for one in found]
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise TraceError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
     except NoTimesError as error:
-        raise NoTimesError(f"{path}: {error}", error.likely) from None
+        told = _question(path, parser, error, requested.time_unit) if open_log is None else error
+        raise NoTimesError(f"{path}: {told}", told.likely, told.candidates) from None
     except TraceError as error:
         raise TraceError(f"{path}: {error}") from None
+
+
+def _question(
+    path: Path, parser: Callable[[Path, Chooser], Table], error: NoTimesError, unit: str | None
+) -> NoTimesError:
+    """Return the error of a table without times; if several columns may have them, with what each of them holds."""
+    columns: dict[str, tuple[int, ...]] = {}
+
+    def choose(heads: tuple[Head, ...]) -> set[int]:
+        for name in error.candidates:
+            columns[name] = plan_columns(heads, Request({times.TIME: name}, {})).times
+        return {number for numbers in columns.values() for number in numbers}
+
+    try:
+        return candidates.of_table(parser(path, choose), columns, unit) if error.candidates else error
+    except TraceError:
+        return error
 
 
 def write(trace: Trace, path: str | Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -69,6 +70,11 @@ def number(text: str) -> float:
     if "_" in text or _overflows(np.array([float(text)]), [text]):
         raise ValueError(text)
     return float(text)
+
+
+def decimal_point(text: str) -> str:
+    """Return what to do if a text is a number with a decimal comma, to follow a message; else ""."""
+    return "; write a decimal point, not a comma" if re.fullmatch(r"[+-]?\d+,\d+", text) else ""
 
 
 def _overflows(numbers: NDArray[Any], texts: Sequence[str]) -> bool:

@@ -14,13 +14,14 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import TraceError
-from s2r_spec.logs import cells, csv_bulk
+from s2r_spec.errors import NoTimesError, TraceError
+from s2r_spec.logs import cells, csv_bulk, csv_head
+from s2r_spec.logs.csv_head import Row, is_number
 from s2r_spec.logs.table import (
     TEXT_SIZE,
     Chooser,
@@ -35,6 +36,7 @@ from s2r_spec.logs.table import (
 )
 from s2r_spec.trace import Trace
 
+T = TypeVar("T")
 _NOTES = "# s2r "
 LONGEST = 2**22
 """Budget: characters of one line, 4 million. Twice as many take 0.2 GB more for a line of names."""
@@ -54,13 +56,15 @@ def load(path: Path, choose: Chooser) -> Table:
     # "utf-8-sig": spreadsheets write a byte-order mark. "replace": a column that is not read may hold any bytes.
     with path.open(newline="", encoding="utf-8-sig", errors="replace") as stream:
         text = Text.of(lambda: stream.readline(LONGEST))
-        needed = sorted(set(choose(text.heads)))
+        needed = sorted(set(text.chosen(choose)))
         first = text.first_line
         found = None if first is None else csv_bulk.numbers(path, first - 1, len(text.heads), needed)
         if first is None or found is None:
             return _table(text, needed)
     columns = {number: Column(values) for number, values in found.items()}
-    return Table(text.heads, columns, text.meta, _placed(text.heads, range(first, sys.maxsize)))
+    return Table(
+        text.heads, columns, text.meta, _placed(text.heads, range(first, sys.maxsize)), tuple(text.notes)
+    )
 
 
 @dataclass
@@ -70,7 +74,7 @@ class Text:
     Attributes:
         heads: heads of the columns.
         meta: meta from the first line, as in :class:`Trace`.
-        first_line: number of the line of the first row, from 1; None if rows stand before the line of the names.
+        first_line: number of the line of the first row, from 1; None if the names are a comment.
         notes: notes on rows left out so far.
     """
 
@@ -79,17 +83,18 @@ class Text:
     first_line: int | None
     notes: list[str] = field(default_factory=list)
     _lines: _Lines = field(repr=False, kw_only=True)
-    _rows: Iterator[list[str]] = field(repr=False, kw_only=True)
+    _names: Row = field(repr=False, kw_only=True)
+    _rows: Iterator[Row] = field(repr=False, kw_only=True)
 
     @classmethod
     def of(cls, readline: Callable[[], str]) -> Text:
-        """Read comments and header.
+        """Read comments, the names of the columns, and their units if these are a row of their own.
 
         Args:
             readline: returns the next line with its line break, at most :data:`LONGEST` characters; "" at the end.
 
         Raises:
-            TraceError: there is no header.
+            TraceError: there is no header, or the names are in a later line.
         """
         lines = _Lines(readline)
         meta: dict[str, Any] = {}
@@ -103,27 +108,73 @@ class Text:
             elif first.strip():
                 break
             first = ""
-        skipped = lines.number - 1 if first else lines.number
         reader = csv.reader(chain([first], lines) if first else lines, strict=True)
-        header = _next(reader, lines)
-        if not header:
+        names = _next(reader, lines)
+        if names is None or not names.cells:
             raise TraceError("the file is empty; its first line must name the columns")
-        if "\0" in "".join(header):
+        if "\0" in "".join(names.cells):
             raise TraceError(
                 "this is not UTF-8 text: it has zero bytes between its letters; save it as UTF-8"
             )
-        rows: Iterator[list[str]] = iter(lambda: _next(reader, lines), None)
-        first_line: int | None = lines.number + 1
+        rows: Iterator[Row] = iter(lambda: _next(reader, lines), None)
+        first_line: int | None = names.line + 1
         above = next(csv.reader([comment.lstrip("# ")]), [])
-        if len(above) == len(header) and any(map(is_number, header)):
+        if len(above) == len(names.cells) and any(map(is_number, names.cells)):
             # numpy.savetxt and others write the names as a comment
-            header, rows, first_line = above, chain([header], rows), None
-        few(len(header))
-        if len(header) == 1 and (mark := next((mark for mark in ";\t" if mark in header[0]), None)):
-            raise TraceError(
-                f"line {skipped + 1} separates values by {mark!r}; separate them by commas, and write decimal points"
-            )
-        return cls(tuple(map(head_of, header)), meta, first_line, _lines=lines, _rows=rows)
+            names, rows, first_line = names._replace(cells=above), chain([names], rows), None
+        few(len(names.cells))
+        text = cls(tuple(map(head_of, names.cells)), meta, first_line, _lines=lines, _names=names, _rows=rows)
+        text._read_units()
+        return text
+
+    def chosen(self, choose: Callable[[tuple[Head, ...]], T]) -> T:
+        """Return what is chosen by the names.
+
+        Raises:
+            TraceError: no column has the times; the message says if the names seem to be in a later line.
+        """
+        try:
+            return choose(self.heads)
+        except NoTimesError:
+            csv_head.refuse_above(self._names, self._ahead())
+            raise
+
+    def _read_units(self) -> None:
+        """Take the units from the row below the names, if it is one of units.
+
+        Raises:
+            TraceError: the row shows that these are not the names, or not separated by commas.
+        """
+        below = next((row for row in self._ahead(1) if not row.torn), None)
+        if self._names.width < 2:
+            csv_head.refuse_above(self._names, self._ahead())
+            csv_head.refuse_separators(self._names, below)
+        if below is None or below.cut:
+            return
+        if csv_head.sampled(below):
+            if below.width > len(self.heads):
+                csv_head.refuse_above(self._names, self._ahead())
+            return
+        heads = csv_head.with_units(self.heads, below)
+        if heads is None:
+            csv_head.refuse_almost_units(self.heads, below)
+            csv_head.refuse_above(self._names, self._ahead())
+            return
+        self.heads = heads
+        self.first_line = None if self.first_line is None else below.line + 1
+        self.notes.append(f"line {below.line} is read as the units of the columns")
+        next(self._rows)
+
+    def _ahead(self, count: int = csv_head.AHEAD) -> list[Row]:
+        """Return the next rows with text up to the first that begins as a sample; they stay to be read."""
+        rows: list[Row] = []
+        for row in self._rows:
+            if row.torn or not row.blank:
+                rows.append(row)
+                if len(rows) == count or row.torn or csv_head.begins_sample(row):
+                    break
+        self._rows = chain(rows, self._rows)
+        return rows
 
     def rows(self, needed: Sequence[int]) -> Iterator[tuple[int, list[str]]]:
         """Yield (line, cells) of every complete row; an incomplete last row becomes a note.
@@ -138,16 +189,14 @@ class Text:
         named = max((i for i, head in enumerate(self.heads) if head.name), default=-1) + 1
         last = max(needed, default=-1)
         bad: tuple[int, str] | None = None
-        line = 0
-        for row in self._rows:
-            if self._lines.torn:
-                bad = self._lines.number, "ends inside quotes"
+        for row, line, cut, torn in self._rows:
+            if torn:
+                bad = line, "ends inside quotes"
                 break
             if not row or not any(map(str.strip, row)):
                 continue
             if bad is not None:
                 raise TraceError(f"line {bad[0]} {bad[1]}")
-            line = self._lines.number
             count = len(row)
             if count != width:
                 while len(row) > width and not row[-1].strip():
@@ -156,7 +205,7 @@ class Text:
                     bad = line, f"has {count} values, but there are {width} columns"
                     continue
                 row += [""] * (width - len(row))
-            if self._lines.cut and last >= min(count, width) - 1:
+            if cut and last >= min(count, width) - 1:
                 bad = line, "has no end"
                 continue
             yield line, row
@@ -175,14 +224,12 @@ class _Lines:
     Attributes:
         number: number of the last line read, from 1.
         cut: whether that line has no line break.
-        torn: whether it ends inside quotes.
     """
 
     def __init__(self, readline: Callable[[], str]) -> None:
         self._readline = readline
         self.number = 0
         self.cut = False
-        self.torn = False
 
     def __iter__(self) -> _Lines:
         return self
@@ -202,16 +249,16 @@ class _Lines:
         return line
 
 
-def _next(reader: Any, lines: _Lines) -> list[str] | None:
+def _next(reader: Any, lines: _Lines) -> Row | None:
     """Return the next row, or None at the end."""
     before = lines.number
     try:
-        return next(reader, None)
+        row: list[str] | None = next(reader, None)
     except csv.Error as error:
         if lines.cut and lines.number == before + 1 and before > 0:
-            lines.torn = True
-            return []
+            return Row([], lines.number, cut=True, torn=True)
         raise TraceError(f"this is not comma-separated text: {error}") from None
+    return None if row is None else Row(row, lines.number, lines.cut)
 
 
 def _meta(line: str, number: int) -> dict[str, Any]:
@@ -235,15 +282,6 @@ def head_of(text: str) -> Head:
     if name.endswith("]") and at > 0 and digits.isascii() and digits.isdigit() and len(digits) < 7:
         name, index = name[:at], int(digits)
     return Head(name, index, unit)
-
-
-def is_number(text: str) -> bool:
-    """Return whether a cell is a number."""
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def _table(text: Text, needed: Sequence[int]) -> Table:

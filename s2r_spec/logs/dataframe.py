@@ -18,11 +18,12 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from s2r_spec.errors import TraceError, UsageError, one_of, suggest
+from s2r_spec.errors import NoTimesError, TraceError, UsageError, one_of, suggest
+from s2r_spec.logs.candidates import of_table
 from s2r_spec.logs.csv_format import head_of
 from s2r_spec.logs.interpret import Loaded, build_trace, request
 from s2r_spec.logs.library import library
-from s2r_spec.logs.mapping import TIME_WORDS, plan_columns
+from s2r_spec.logs.mapping import Request, plan_columns, time_candidates
 from s2r_spec.logs.parquet_format import NOTES, as_column
 from s2r_spec.logs.table import Column, Head, Table, described, quoted
 from s2r_spec.logs.times import TIME
@@ -59,39 +60,43 @@ def read(
         )
     stated = noted | given
     heads = tuple(replace(head, unit=stated.get(head.name, head.unit)) for head in heads)
-    time = _times(heads, time)
 
     def place(sample: int, number: int) -> str:
         return f"row {sample} of the column {quoted(heads[number].text)}"
 
-    wanted = request({TIME: time}, None, time_unit)
+    table = Table(heads, dict(enumerate(columns)), meta, place)
+    wanted = request({TIME: _times(heads, time)}, None, time_unit)
     try:
-        plan = plan_columns(heads, wanted)
-        return build_trace(Table(heads, dict(enumerate(columns)), meta, place), plan, wanted)
+        loaded = build_trace(table, plan_columns(heads, wanted), wanted)
+        return replace(loaded, notes=tuple(map(_in_python, loaded.notes)))
+    except NoTimesError as error:
+        rivals = {one: plan_columns(heads, Request({TIME: one}, {})).times for one in error.candidates}
+        raise TraceError(_in_python(str(of_table(table, rivals, time_unit) if rivals else error))) from None
     except TraceError as error:
         raise TraceError(_in_python(str(error))) from None
 
 
 def _times(heads: tuple[Head, ...], time: str | None) -> str:
-    """Return the name of the column of times.
+    """Return the name of the column of times, or of several that may have them.
 
     Raises:
         TraceError: there is no such column.
     """
     names = [head.text for head in heads]
+    likely = time_candidates(heads)
     stem, _, _ = (time or TIME).partition("+")
-    if any(name == (time or TIME) or name.startswith(stem) for name in names):
+    if any(name.startswith(stem) for name in names) or (time is None and len(likely) > 1):
         return time or TIME
-    likely = next((name for name in names if TIME_WORDS & {*re.findall("[a-z]+", name.lower())}), "stamp")
     raise TraceError(
         f"the frame has no column {time or TIME!r} with the times{suggest(time or TIME, names)} it has "
-        f"{one_of(names)}; name the column or the index of its times, such as time={likely!r}"
+        f"{one_of(names)}; name the column or the index of its times, such as time={next(iter(likely), 'stamp')!r}"
     )
 
 
 def _in_python(text: str) -> str:
     """Return an error of the readers of files with the arguments of Python in place of the command's options."""
     text = re.sub(r"--time-unit (\w+)", r'time_unit="\1"', text)
+    text = re.sub(r"--map '?t=([^']+?)'?$", r"time='\1'", text)
     text = text.replace("the file has", "the frame has")
     return text.replace("map t to a column of times", "name a column of times, as time=…")
 

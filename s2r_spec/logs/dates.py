@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.errors import TraceError, shortened
+from s2r_spec.logs import cells
 
 _DATE = re.compile(
     r"(\d{4})[-/](\d{2})[-/](\d{2})"
@@ -19,6 +20,11 @@ _DATE = re.compile(
 LIKE = "2024-06-10T06:13:20.5Z"
 LAST = 9e9
 """Definition: largest time since 1970 [s] whose nanoseconds fit 64 bits, in the year 2255."""
+
+
+def is_date(text: str) -> bool:
+    """Return whether a text is a date, as far as its form tells."""
+    return _DATE.fullmatch(text) is not None
 
 
 def nanoseconds(texts: NDArray[Any], place: Callable[[int], str]) -> NDArray[np.datetime64]:
@@ -38,7 +44,8 @@ def nanoseconds(texts: NDArray[Any], place: Callable[[int], str]) -> NDArray[np.
         match = _DATE.fullmatch(text)
         if match is None:
             raise TraceError(
-                f"{place(sample)} is {shortened(text)!r}, neither a number nor a date such as {LIKE}"
+                f"{place(sample)} is {shortened(text)!r}, neither a number nor a time such as {LIKE} or 10:00:00.5"
+                f"{cells.decimal_point(text)}"
             )
         year, month, day, hour, minute, second, fraction, zone = match.groups()
         whole.append(f"{year}-{month}-{day}T{hour or '00'}:{minute or '00'}:{second or '00'}")

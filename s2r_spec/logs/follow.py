@@ -41,7 +41,7 @@ def follow(readline: Callable[[int], str], request: Request) -> Rows:
         TraceError: as for a file, also during the reading of rows.
     """
     text = Text.of(lambda: readline(LONGEST))
-    plan = plan_columns(text.heads, request)
+    plan = text.chosen(lambda heads: plan_columns(heads, request))
     if plan.faults and request.wanted is not None and not text.meta.get("failure"):
         raise TraceError(next(iter(plan.faults.values())))
     needed = sorted(plan.needed)

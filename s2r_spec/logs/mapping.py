@@ -8,6 +8,7 @@ brackets is part of the name. ``v [m/s]`` in ``--map`` states the unit, whatever
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -17,7 +18,7 @@ from s2r_spec.errors import NoTimesError, TraceError, UsageError, one_of, sugges
 from s2r_spec.lang.units import UnknownUnitError, is_unit, parse_unit
 from s2r_spec.logs import time_units
 from s2r_spec.logs.table import Head, quoted
-from s2r_spec.logs.times import TIME
+from s2r_spec.logs.times import TIME, mapped
 
 ANY = -1
 """Definition: width of a channel that may be a number or a vector."""
@@ -84,6 +85,11 @@ class Plan:
     def needed(self) -> set[int]:
         """Numbers of the columns to read."""
         return {*self.times, *(part.number for channel in self.channels for part in channel.parts)}
+
+
+def time_candidates(heads: Sequence[Head]) -> tuple[str, ...]:
+    """Return the columns whose names say that they hold times, as ``--map t=`` takes them."""
+    return _Names(heads).candidates()
 
 
 def plan_columns(heads: Sequence[Head], request: Request) -> Plan:
@@ -384,11 +390,19 @@ class _Names:
             TraceError: there is none; the message lists all columns.
         """
         exact = [number for number in self.by_name.get(text, []) if self.heads[number].index is None]
+        exact = [number for number in exact if not self.heads[number].fault] or exact
         if exact and (fault := self.heads[exact[0]].fault):
             raise TraceError(
                 f"{quoted(text)} {fault}; --clock and --stamps choose the times of a log of topics"
             )
         if len(exact) > 1:
+            full = tuple(dict.fromkeys(self._full(number) for number in exact))
+            if len(full) == len(exact):
+                raise NoTimesError(
+                    f"the times may be {' or '.join(map(quoted, full))}. Choose one, as in --map {mapped(full[0])}",
+                    full[0],
+                    full,
+                )
             raise TraceError(
                 f"{len(exact)} columns are called {text!r}; only one may hold the times, so rename the others"
             )
@@ -404,14 +418,42 @@ class _Names:
         if len(loose) == 1:
             return (loose[0],)
         names = dict.fromkeys(head.text for head in self.heads if head.name and not head.fault)
-        likely = next((name for name in names if TIME_WORDS & {*_words(name)}), "time")
-        for stem, (whole, below) in self._halves().items():
-            likely = stem or f"{self.heads[whole].name}+{self.heads[below].name}"
+        candidates = self.candidates() if text == TIME else ()
+        if len(candidates) > 1:
+            raise NoTimesError(
+                f"there is no column {text!r} with the times; they may be {' or '.join(map(quoted, candidates))}. "
+                f"Choose one, as in --map {mapped(candidates[0])}",
+                candidates[0],
+                candidates,
+            )
+        likely = next(iter(self.candidates()), "time")
+        hint = ";" if text == TIME else suggest(text, names)
         raise NoTimesError(
-            f"there is no column {text!r} with the times; the columns are {one_of(names)}. "
+            f"there is no column {text!r} with the times{hint} the columns are {one_of(names)}. "
             f"Map another name, for example --map {TIME}={likely}",
             likely,
         )
+
+    def candidates(self) -> tuple[str, ...]:
+        """Return the columns that hold times by their names, as ``--map t=`` takes them; pairs of halves first."""
+        halves = self._halves()
+        pairs = [
+            stem or f"{self.heads[whole].name}+{self.heads[below].name}"
+            for stem, (whole, below) in halves.items()
+        ]
+        taken = {number for pair in halves.values() for number in pair}
+        words = [
+            number
+            for number, head in enumerate(self.heads)
+            if number not in taken and head.name and not head.fault and TIME_WORDS & {*_words(head.text)}
+        ]
+        return tuple(dict.fromkeys([*pairs, *map(self._full, words)]))
+
+    def _full(self, number: int) -> str:
+        """Return the name of a column, with its unit if the name alone is that of several."""
+        head = self.heads[number]
+        several = len(self.by_name[head.name]) > 1 and head.index is None
+        return head.text if head.unit is None or not several else f"{head.text} [{head.unit}]"
 
     def _refuse_half(self, text: str) -> None:
         """Refuse one column of a pair of seconds and fractions."""
@@ -478,12 +520,14 @@ def _likely(text: str, names: Collection[str]) -> str:
     return f"{one_of(close)} and {len(names) - len(close)} more, which `s2r log` lists"
 
 
-TIME_WORDS = frozenset(("time", "times", "timestamp", "stamp", "stamps", "clock", "datetime"))
-"""Definition: words in names of columns of times, for a hint in a message."""
+TIME_WORDS = frozenset(
+    ("time", "times", "timestamp", "timestamps", "stamp", "stamps", "clock", "datetime", "tout")
+)
+"""Definition: words in names of columns of times; ``tout`` is Simulink's."""
 
 
 def _words(name: str) -> Iterable[str]:
-    return "".join(letter if letter.isalnum() else " " for letter in name[:100].lower()).split()
+    return [word.lower() for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name[:100])]
 
 
 def _alike(written: str, stated: str) -> bool:

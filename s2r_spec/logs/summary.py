@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from s2r_spec import logs
 from s2r_spec.errors import NoTimesError, TraceError
-from s2r_spec.logs.times import TIME, unit_of_option
+from s2r_spec.logs.times import TIME, mapped, unit_of_option
 from s2r_spec.logs.topics import formats
+from s2r_spec.logs.topics.arrays import Asked
 from s2r_spec.logs.topics.order import resets
 from s2r_spec.logs.topics.topic import seconds, stamp_text
 
@@ -83,14 +84,21 @@ def summary(path: Path, columns: Mapping[str, str] | None = None, time_unit: str
     Raises:
         TraceError: the file cannot be read; the message names it.
     """
-    open_log = formats.opener(path, unit_of_option(time_unit))
+    columns = columns or {}
+    asked = Asked(unit_of_option(time_unit), columns.get(TIME))
+    open_log = formats.opener(path, asked)
     if open_log is None:
-        return _table(path, columns or {}, time_unit)
+        return _table(path, columns, time_unit)
     try:
         log = open_log(path)
         topics = log.read({topic.name: () for topic in log.heads}, "received")
     except OSError as error:
         raise TraceError(f"cannot read {path}: {error.strerror or error}") from None
+    except NoTimesError as error:
+        if not error.candidates or TIME in columns:
+            raise NoTimesError(f"{path}: {error}", error.likely) from None
+        found = summary(path, {**columns, TIME: error.likely}, time_unit)
+        return LogSummary(found.topics, (str(error), _taken(error), *found.notes))
     except TraceError as error:
         raise TraceError(f"{path}: {error}") from None
     return LogSummary(
@@ -123,11 +131,9 @@ def _table(path: Path, columns: Mapping[str, str], time_unit: str | None) -> Log
     except NoTimesError as error:
         if TIME in columns:
             raise
-        found = {**columns, TIME: error.likely}
-        episodes = logs.load_episodes(path, found, time_unit=time_unit, runs=True)
-        notes.append(
-            f"the times are taken from {error.likely!r}; other commands need --map {TIME}={error.likely}"
-        )
+        episodes = logs.load_episodes(path, {**columns, TIME: error.likely}, time_unit=time_unit, runs=True)
+        notes += [str(error).removeprefix(f"{path}: ")] if error.candidates else []
+        notes.append(_taken(error))
     traces = [loaded.trace for loaded in episodes]
     missing = {
         name: sum(int(np.isnan(trace[name].reshape(len(trace), -1)).any(axis=1).sum()) for trace in traces)
@@ -147,6 +153,10 @@ def _table(path: Path, columns: Mapping[str, str], time_unit: str | None) -> Log
     if any(missing.values()):
         notes.append("cells are empty; --join hold treats each column as a topic with its own stamps")
     return LogSummary((topic,), tuple(notes))
+
+
+def _taken(error: NoTimesError) -> str:
+    return f"the times are taken from {error.likely!r}; other commands need --map {mapped(error.likely)}"
 
 
 def _topic(

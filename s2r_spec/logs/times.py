@@ -1,13 +1,14 @@
 """Read the times of a trace from one or two columns, and decide their unit.
 
-Data: counts, numbers, durations, dates or texts. The unit comes from the type, the header or ``--time-unit``; else from
-the name of the column. Otherwise it is the second, unless the numbers are too large for seconds since 1970. Dates, and
-counts since 1970 in a unit other than the second, count from the first sample: whole numbers are subtracted before
-they are rounded. Numbers in seconds stay unchanged.
+Data: counts, numbers, durations or dates, typed or as text. The unit comes from the type, the header or
+``--time-unit``; else from the name of the column. Otherwise it is the second, unless the numbers are too large for
+seconds since 1970. Dates, times of day, and counts since 1970 in a unit other than the second count from the first
+sample: whole numbers are subtracted before they are rounded. Numbers in seconds stay unchanged.
 """
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -19,7 +20,8 @@ from numpy.typing import NDArray
 from s2r_spec import stamps
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.instants import DATES
-from s2r_spec.logs import cells, dates, time_units
+from s2r_spec.logs import cells, dates, durations, time_units
+from s2r_spec.logs.durations import Clock
 from s2r_spec.logs.table import Column, Head, quoted
 
 TIME = "t"
@@ -46,6 +48,11 @@ class Times:
     notes: tuple[str, ...] = ()
     since: Fraction | None = None
     stated: bool = True
+
+
+def mapped(name: str) -> str:
+    """Return the argument of ``--map`` that takes the times from a column, in quotes where a shell needs them."""
+    return shlex.quote(f"{TIME}={name}")
 
 
 def unit_of_option(text: str | None) -> str | None:
@@ -84,7 +91,10 @@ def read(
     values = column.values
     if column.texts:
         numbers = cells.parsed(list(values))
+        if numbers.dtype == object and durations.is_one(values[0]):
+            return _durations(values, unit, place, first)
         values = dates.nanoseconds(values, place) if numbers.dtype == object else numbers
+    _same_form(values, first, column.values, place)
     if values.dtype.kind == "b":
         raise TraceError(f"the column {quoted(head.text)} holds truth values; map t to a column of times")
     if stamps.is_typed(values):
@@ -124,6 +134,42 @@ def _typed(values: NDArray[Any], unit: str | None, first: Any) -> Times:
         return Times(seconds, start)
     since = Fraction(int(start.astype("M8[ns]").astype(np.int64)), 10**9)
     return Times(seconds, start, dates.text(start), since=since)
+
+
+def _durations(texts: NDArray[Any], unit: str | None, place: Place, first: Any) -> Times:
+    """Return the times of durations as text; those of a clock without a date count from the first one.
+
+    Raises:
+        TraceError: a time of day is before the one above it, or the texts have several forms.
+    """
+    values = durations.nanoseconds(texts, place)
+    clock = durations.of_clock(texts[0])
+    _same_form(Clock(0) if clock else values, first, texts, place)
+    if not clock:
+        return _typed(values, unit, first)
+    start = Clock(int(values[0].astype(np.int64))) if first is None else first
+    counts = np.concatenate(([start.count], values.astype(np.int64)))
+    if (np.diff(counts) < 0).any():
+        back = int(np.argmax(np.diff(counts) < 0))
+        raise TraceError(
+            f"{place(back)} is {texts[back]!r}, before the time of day above it. If midnight lies between, write the "
+            f"date before each time"
+        )
+    times = _typed(values - np.timedelta64(start.count, "ns"), unit, np.timedelta64(0, "ns"))
+    return replace(times, first=start, begins=str(start))
+
+
+def _same_form(values: Any, first: Any, written: NDArray[Any], place: Place) -> None:
+    """Refuse a time of another form than the first one of a trace that is read row by row."""
+    if first is not None and _form(values) != _form(first):
+        raise TraceError(
+            f"{place(0)} is {str(written[0])!r}, and the first time is {str(first)!r}; write all times in one form"
+        )
+
+
+def _form(values: Any) -> str:
+    """Return the form of times: of a clock, dates (M), durations (m) or numbers ("")."""
+    return "clock" if isinstance(values, Clock) else np.asarray(values).dtype.kind.strip("iufb")
 
 
 def _pair(columns: Sequence[Column], heads: Sequence[Head], unit: str | None, first: Any) -> Times:
@@ -170,8 +216,20 @@ def _counts(values: NDArray[Any], head: Head, unit: str | None, first: Any) -> T
                 f"like {likely}: add --time-unit {likely} (or s for seconds)"
             )
         size = Fraction(1)
+        notes = _assumed(values, head) if first is None else ()
     times = _since(values, size, first)
     return replace(times, notes=notes, stated=stated)
+
+
+def _assumed(values: NDArray[Any], head: Head) -> tuple[str, ...]:
+    """Return a note if whole numbers without a unit are taken for seconds, as those of a column ``t`` are."""
+    if head.name == TIME or values.size < 2 or not (values == np.round(values)).all():
+        return ()
+    step = float(np.median(np.diff(values)))
+    return (
+        f"the times of {quoted(head.text)} are whole numbers without a unit, {step:g} apart, and are read in seconds; "
+        f"if they are in ms, add --time-unit ms",
+    )
 
 
 def _since(values: NDArray[Any], size: Fraction, first: Any) -> Times:

@@ -60,5 +60,6 @@ def _texts(column: Column, name: str, place: Callable[[int], str]) -> FloatArray
         except ValueError:
             raise TraceError(
                 f"{place(int(sample))} is {shortened(column.values[sample])!r}, not a number"
+                f"{cells.decimal_point(column.values[sample])}"
             ) from None
     return samples

@@ -20,7 +20,7 @@ import numpy as np
 
 from s2r_spec import logs
 from s2r_spec.errors import TraceError, UsageError, one_of, shortened
-from s2r_spec.logs.csv_format import is_number
+from s2r_spec.logs.csv_head import is_number
 from s2r_spec.logs.interpret import Loaded
 from s2r_spec.logs.table import regular
 from s2r_spec.logs.topics.formats import FORMATS, opener

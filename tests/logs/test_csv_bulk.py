@@ -33,7 +33,9 @@ def read(path, smallest):
 
 
 @settings(deadline=None, max_examples=300)
-@given(ROWS, st.sampled_from(["t,v,w\n", "t [s],v [m/s],w\r\n", "# t,v,w\n", '"t",v,w\n']))
+@given(
+    ROWS, st.sampled_from(["t,v,w\n", "t [s],v [m/s],w\r\n", "# t,v,w\n", '"t",v,w\n', "t,v,w\ns,m/s,-\n"])
+)
 def test_both_readers_agree(tmp_path_factory, rows, header):
     path = tmp_path_factory.mktemp("csv") / "a.csv"
     path.write_text(header + "".join(f"{t},{v},{w}{end}" for t, v, w, end in rows), newline="")

@@ -74,7 +74,8 @@ def test_typed_times_of_polars_and_arrow_are_seconds(times, made):
 
 def test_numbers_without_a_type_are_seconds_unless_a_unit_is_given():
     frame = pd.DataFrame({"stamp": [0, 20, 40], "v": [1, 2, 3]})
-    assert Trace.from_dataframe(frame, time="stamp").times.tolist() == [0, 20, 40]
+    with pytest.warns(TraceNote, match=naming("'stamp'", "20", 'time_unit="ms"')):
+        assert Trace.from_dataframe(frame, time="stamp").times.tolist() == [0, 20, 40]
     assert Trace.from_dataframe(frame, time="stamp", time_unit="ms").times.tolist() == [0, 0.02, 0.04]
     counts = pd.DataFrame({"t": [1718000000_100000000 + 20_000_001 * k for k in range(3)]})
     assert Trace.from_dataframe(counts, time_unit="ns").times.tolist() == [0.0, 0.020000001, 0.040000002]

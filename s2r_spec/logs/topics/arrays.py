@@ -1,30 +1,29 @@
 """Files of named arrays without topics of their own: each folder of arrays with an array of times is a topic.
 
 Data: arrays by path, ``odom.t`` (n,) and ``odom.vx`` (n,) or (n, k). The array of times is called ``t``, ``time`` or
-another word for it. Arrays of a folder without times belong to the times of the folder above, if their lengths agree.
+another word for it, or ``--map t=`` names it. Arrays of a folder without times belong to the times of the folder above,
+if their lengths agree. Of two arrays that may be the times, ``t`` has them; else the user is asked.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.errors import TraceError, one_of
-from s2r_spec.logs import times
+from s2r_spec.logs import candidates, times
 from s2r_spec.logs.dates import LAST
-from s2r_spec.logs.mapping import TIME_WORDS
+from s2r_spec.logs.mapping import TIME_WORDS, Request, plan_columns
 from s2r_spec.logs.table import Column, Head, affordable, few, quoted
 from s2r_spec.logs.topics.topic import Stamps, Topic, TopicHead
 
 _UNITS = ("unit", "units")
 """Definition: names of a text, or of a structure of texts, that states the units of the arrays beside it."""
-WORDS = (times.TIME, *sorted(TIME_WORDS))
-"""Definition: names of an array of times, the preferred first."""
 
 
 @dataclass(frozen=True)
@@ -42,46 +41,161 @@ class Array:
     unit: str | None = None
 
 
+@dataclass(frozen=True)
+class Asked:
+    """What the user says of the times.
+
+    Args:
+        unit: unit of times that are plain numbers; None if not stated.
+        times: path of the array of times, its last part, or two joined by "+"; None if not stated.
+    """
+
+    unit: str | None = None
+    times: str | None = None
+
+
+Clock = tuple[str, ...]
+"""Path of an array of times; or two paths, of whole seconds and of fractions."""
+
+
+@dataclass
+class _Found:
+    """A topic: its clock, the arrays that may be it as well, its fields, and why other arrays below it are none."""
+
+    clock: Clock
+    rivals: tuple[str, ...] = ()
+    fields: list[str] = field(default_factory=list)
+    other: dict[str, str] = field(default_factory=dict)
+
+
 class ArrayLog:
     """Topics of named arrays; see :class:`s2r_spec.logs.topics.topic.TopicLog`.
 
     Args:
         arrays: path → array; the parts of a path are joined by dots.
-        time_unit: unit of times that are plain numbers; None if not stated.
+        asked: what the user says of the times.
+        objects: path of a variable that cannot be read → what it is, as text after its name.
 
     Raises:
-        TraceError: no array has times.
+        NoTimesError: the array that the user names is not in the file.
+        TraceError: no array has times, or those that the user names.
     """
 
-    def __init__(self, arrays: Mapping[str, Array], time_unit: str | None = None) -> None:
+    def __init__(
+        self,
+        arrays: Mapping[str, Array],
+        asked: Asked | None = None,
+        objects: Mapping[str, str] | None = None,
+    ) -> None:
         few(len(arrays))
         self.sortable = False
-        self._arrays, self._time_unit = arrays, time_unit
+        self._arrays, self._asked = arrays, asked or Asked()
         self.notes: tuple[str, ...] = ()
-        folders: dict[str, list[str]] = defaultdict(list)
-        for path in arrays:
-            folders[path.rpartition(".")[0]].append(path)
-        self._times: dict[str, str] = {}
-        fields: dict[str, list[str]] = defaultdict(list)
-        for folder, paths in folders.items():
-            for path in paths:
-                clock = self._clock(folder, arrays[path].shape)
-                if clock is not None and clock != path:
-                    topic = clock.rpartition(".")[0]
-                    self._times[topic] = clock
-                    fields[topic].append(path[len(topic) :].lstrip("."))
-        if not fields:
-            raise TraceError(f"no array of the file has times; {_advice(arrays)}")
-        self.heads = tuple(self._head(topic, names) for topic, names in fields.items())
+        self._mapped = _mapped(arrays, self._asked.times)
+        self._clocks: dict[str, list[str]] = defaultdict(list)
+        for path in filter(is_word, arrays):
+            self._clocks[_folder(path)].append(path)
+        self._topics = self._found()
+        if not self._topics:
+            raise TraceError(
+                f"no array of the file has times; {_advice(arrays, self._mapped, objects or {})}"
+            )
+        self._describe_others(objects or {})
+        self.heads = tuple(self._head(topic, found) for topic, found in self._topics.items())
 
-    def _head(self, topic: str, names: Sequence[str]) -> TopicHead:
-        units = {name: unit for name in names if (unit := self._arrays[_path(topic, name)].unit) is not None}
-        return TopicHead(topic, tuple(names), self._arrays[self._times[topic]].shape[0], units=units)
+    def _found(self) -> dict[str, _Found]:
+        """Return topic → its clock and fields. A topic has one clock: the user's, ``t``, or the first."""
+        clocks = {
+            path: clock for path, array in self._arrays.items() if (clock := self._clock(path, array.shape))
+        }
+        clocks = {path: clock for path, clock in clocks.items() if path not in clock}
+        first: dict[str, Clock] = {}
+        for path, clock in sorted(clocks.items(), key=lambda one: self._rank(one[1])):
+            first.setdefault(_topic(path, clock), clock)
+        topics: dict[str, _Found] = {}
+        for path, clock in clocks.items():
+            topic = _topic(path, clock)
+            found = topics.setdefault(topic, _Found(first[topic]))
+            name = _below(path, topic)
+            if clock != found.clock:
+                found.other[name] = (
+                    f"has the times {_named(clock)}, and other arrays beside it have {_named(found.clock)}; "
+                    f"choose by --map {times.TIME}={'+'.join(clock)}"
+                )
+            elif path == times.TIME:  # a trace has one t
+                found.other[name] = f"is not the times, which are {_named(clock)}"
+            else:
+                found.fields.append(name)
+                found.rivals = found.rivals or self._rivals(clock)
+        return {topic: found for topic, found in topics.items() if found.fields}
+
+    def _rank(self, clock: Clock) -> tuple[bool, bool]:
+        return clock not in self._mapped, _last(clock[0]) != times.TIME
+
+    def _clock(self, path: str, shape: tuple[int, ...]) -> Clock:
+        """Return the times of an array, those that have as many samples; () if there are none.
+
+        They are the array that the user names, in the nearest folder above; else one of the words, likewise; else the
+        only array that the user names, wherever it is.
+        """
+        if not shape:
+            return ()
+        named = [clock for clock in self._mapped if self._arrays[clock[0]].shape == (shape[0],)]
+        for folder in _above(path):
+            if clocks := [clock for clock in named if _folder(clock[0]) == folder]:
+                return clocks[0]
+        for folder in _above(path):
+            if words := self._words(folder, (shape[0],)):
+                return (words[0],)
+        return named[0] if len(self._mapped) == 1 and named else ()
+
+    def _rivals(self, clock: Clock) -> tuple[str, ...]:
+        """Return the arrays that may be the times as well as a clock that nobody chose, with the clock."""
+        if clock in self._mapped or _last(clock[0]) == times.TIME:
+            return ()
+        found = self._words(_folder(clock[0]), self._arrays[clock[0]].shape)
+        return found if len(found) > 1 else ()
+
+    def _words(self, folder: str, shape: tuple[int, ...]) -> tuple[str, ...]:
+        """Return the arrays of a folder that are called ``t`` or by a word for times, and have a shape; t first."""
+        paths = [path for path in self._clocks.get(folder, ()) if self._arrays[path].shape == shape]
+        return tuple(sorted(paths, key=lambda path: _last(path) != times.TIME))
+
+    def _describe_others(self, objects: Mapping[str, str]) -> None:
+        """Say of each array below a topic that is not one of its fields why."""
+        known = {path for topic, found in self._topics.items() for path in found.clock}
+        known |= {_path(topic, name) for topic, found in self._topics.items() for name in found.fields}
+        known |= {_path(topic, name) for topic, found in self._topics.items() for name in found.other}
+        others = {
+            path: f"has {_shape(array)} numbers, and no array of times has as many samples"
+            for path, array in self._arrays.items()
+            if path not in known and not is_word(path) and max(array.shape, default=1) > 1
+        }
+        for path, text in {**others, **objects}.items():
+            topic = next((folder for folder in _above(path) if folder in self._topics), None)
+            if topic is not None:
+                self._topics[topic].other[_below(path, topic)] = text
+
+    def _head(self, topic: str, found: _Found) -> TopicHead:
+        units = {
+            name: unit for name in found.fields if (unit := self._arrays[_path(topic, name)].unit) is not None
+        }
+        count = self._arrays[found.clock[0]].shape[0]
+        return TopicHead(
+            topic, tuple(found.fields), count, units=units, faults=found.other, other=found.other
+        )
 
     def read(self, wanted: Mapping[str, Sequence[str]], stamps: Stamps) -> dict[str, Topic]:
-        """Read arrays; see :meth:`s2r_spec.logs.topics.topic.TopicLog.read`."""
+        """Read arrays; see :meth:`s2r_spec.logs.topics.topic.TopicLog.read`.
+
+        Raises:
+            NoTimesError: several arrays may be the times of a topic.
+            TraceError: the topics are none of those whose times the user names, or their times do not fit together.
+        """
+        self._check_clocks(wanted)
         paths = [_path(topic, name) for topic, names in wanted.items() for name in names]
-        shapes = [self._arrays[path].shape for path in (*paths, *(self._times[topic] for topic in wanted))]
+        shapes = [self._arrays[path].shape for path in paths]
+        shapes += [self._arrays[path].shape for topic in wanted for path in self._topics[topic].clock]
         affordable(sum(int(np.prod(shape)) for shape in shapes))
         topics: dict[str, Topic] = {}
         dated: dict[bool, str] = {}
@@ -97,38 +211,55 @@ class ArrayLog:
             topics[topic] = Topic(topic, found, columns)
         return topics
 
+    def _check_clocks(self, wanted: Mapping[str, Sequence[str]]) -> None:
+        """Refuse times that nobody chose of several, and times that the user names and that no topic has."""
+        clocks = {topic: self._topics[topic].clock for topic in wanted}
+        for topic in wanted:
+            if rivals := self._topics[topic].rivals:
+                readable = {
+                    _last(path): ([Column(self._arrays[path].read())], [self._time(path)]) for path in rivals
+                }
+                raise candidates.question(readable, self._asked.unit)
+        own = {topic: clock for topic, clock in clocks.items() if self._mapped and clock not in self._mapped}
+        if own and len(own) == len(clocks):
+            topic, clock = next(iter(own.items()))
+            named = self._mapped[0]
+            raise TraceError(
+                f"{_named(named)} of {_shape(self._arrays[named[0]])} numbers cannot be the times of "
+                f"{quoted(topic)}, which has {_shape(self._arrays[clock[0]])} samples. Its own times are "
+                f"{_named(clock)}"
+            )
+        self.notes += tuple(
+            f"the times of {topic or 'the file'} are its own, {_named(own[topic])}" for topic in own
+        )
+
+    def _time(self, path: str) -> Head:
+        return Head(_last(path), None, self._arrays[path].unit)
+
     def _stamps(self, topic: str) -> NDArray[Any]:
         """Return (n,) dates to the nanosecond, or seconds of a clock without a date."""
-        clock = self._times[topic]
-        array = self._arrays[clock]
-        head = Head(clock.rpartition(".")[2], None, array.unit)
+        clock = self._topics[topic].clock
         found = times.read(
-            [Column(array.read())],
-            [head],
-            self._time_unit,
-            lambda sample: f"sample {sample} of {quoted(clock)}",
+            [Column(self._arrays[path].read()) for path in clock],
+            [self._time(path) for path in clock],
+            self._asked.unit,
+            lambda sample: f"sample {sample} of {_named(clock)}",
             None,
         )
+        self.notes += found.notes
         if found.since is None:
             return found.seconds
         # Dates of two topics must be comparable, whatever unit each is in.
         if found.since >= LAST:
-            raise TraceError(f"the times of {quoted(clock)} begin at {found.begins}, which is no date")
+            raise TraceError(f"the times of {_named(clock)} begin at {found.begins}, which is no date")
         stamps: NDArray[Any] = round(found.since * 10**9) + np.rint(found.seconds * 1e9).astype(np.int64)
         return stamps.view("M8[ns]")
 
-    def _clock(self, folder: str, shape: tuple[int, ...]) -> str | None:
-        """Return the array of times of an array in a folder: the nearest one above with as many samples."""
-        if not shape:
-            return None
-        while True:
-            for word in WORDS:
-                path = _path(folder, word)
-                if path in self._arrays and self._arrays[path].shape == (shape[0],):
-                    return path
-            if not folder:
-                return None
-            folder = folder.rpartition(".")[0]
+
+def squeezed(shape: Sequence[int]) -> tuple[int, ...]:
+    """Return the shape of a vector for that of a row, a column or a signal of 1×1×n."""
+    longer = [size for size in shape if size != 1]
+    return tuple(longer or [1]) if shape and len(longer) < 2 else tuple(shape)
 
 
 def is_unit_path(path: str) -> bool:
@@ -149,21 +280,96 @@ def with_units(arrays: Mapping[str, Array], texts: Mapping[str, str]) -> dict[st
         folder, _, name = path.rpartition(".")
         if name in _UNITS:
             beside = [one for one in arrays if one.rpartition(".")[0] == folder]
-            chosen = [one for one in beside if one.rpartition(".")[2] not in WORDS]
+            chosen = [one for one in beside if not is_word(one)]
         else:
             chosen = [one for one in (_path(folder.rpartition(".")[0], name),) if one in arrays]
         found |= {one: replace(arrays[one], unit=text.strip() or None) for one in chosen}
     return found
 
 
-def _advice(arrays: Mapping[str, Array]) -> str:
-    """Return what a file without a topic has, and what to save instead."""
-    clocks = [path for path in arrays if path.rpartition(".")[2] in WORDS]
-    if not clocks:
-        return f"there are {one_of(arrays)}. Save an array of times beside them, called t"
-    shapes = one_of(f"{path} of {'×'.join(map(str, array.shape)) or '1'}" for path, array in arrays.items())
-    return f"there are {shapes} numbers. Save the samples along the first axis, as many as {clocks[0]} has"
+def as_object(kind: str) -> str:
+    """Return why an object of MATLAB cannot be read, as text after its name."""
+    return (
+        f"is an object of the class {quoted(kind)}, in a form of MATLAB's own. Save its times as an array t, and its "
+        f"values as arrays beside t"
+    )
+
+
+def _mapped(arrays: Mapping[str, Array], name: str | None) -> tuple[Clock, ...]:
+    """Return the clocks that a user names by their path, or by its last part.
+
+    Raises:
+        NoTimesError: there is none.
+    """
+    if name is None:
+        return ()
+    found = tuple((path,) for path in arrays if path == name or path.endswith(f".{name}"))
+    if found:
+        return found
+    heads = [Head(path, None, array.unit) for path, array in arrays.items()]
+    numbers = plan_columns(heads, Request({times.TIME: name}, {})).times
+    return (tuple(heads[number].name for number in numbers),)
+
+
+def _advice(arrays: Mapping[str, Array], mapped: Sequence[Clock], objects: Mapping[str, str]) -> str:
+    """Return why a file has no topic, and what to save instead."""
+    if mapped:
+        why = f"no other array has as many samples as {mapped[0][0]}"
+        clock = mapped[0][0]
+    else:
+        why = "no array of the file has times"
+        clock = next(filter(is_word, arrays), "")
+    if objects and not clock:
+        name, fault = next(iter(objects.items()))
+        return f"{why}. {quoted(name)} {fault}"
+    if not clock:
+        return (
+            f"{why}; there are {one_of(arrays)}. Map one, as in --map {times.TIME}=NAME, or save an array of times "
+            f"beside them, called t"
+        )
+    shapes = one_of(f"{path} of {_shape(array)}" for path, array in arrays.items())
+    return f"{why}; there are {shapes} numbers. Save the samples along the first axis, as many as {clock} has"
+
+
+def _shape(array: Array) -> str:
+    return "×".join(map(str, array.shape)) or "1"
+
+
+def is_word(path: str) -> bool:
+    """Return whether the name of an array says that it holds times."""
+    name = _last(path)
+    return name == times.TIME or name.lower() in TIME_WORDS
+
+
+def _topic(path: str, clock: Clock) -> str:
+    """Return the topic of an array: the folder of its times, or the file if they are elsewhere."""
+    folder = _folder(clock[0])
+    return folder if folder in _above(path) else ""
+
+
+def _named(clock: Clock) -> str:
+    return quoted("+".join(clock))
 
 
 def _path(topic: str, name: str) -> str:
     return f"{topic}.{name}" if topic else name
+
+
+def _below(path: str, topic: str) -> str:
+    """Return the name of a field from its path and its topic."""
+    return path[len(topic) + 1 :] if topic and path.startswith(f"{topic}.") else path
+
+
+def _folder(path: str) -> str:
+    return path.rpartition(".")[0]
+
+
+def _last(path: str) -> str:
+    return path.rpartition(".")[2]
+
+
+def _above(path: str) -> Iterator[str]:
+    """Yield the folders of an array, the nearest first, and "" for the file."""
+    while path:
+        path = _folder(path)
+        yield path

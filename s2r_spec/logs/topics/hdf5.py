@@ -6,6 +6,7 @@ an array of one of these. Times in "seconds since 1970-01-01" are in seconds.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,15 +17,25 @@ from numpy.typing import NDArray
 from s2r_spec.errors import TraceError, shortened
 from s2r_spec.lang.units import LONGEST
 from s2r_spec.logs.library import library
-from s2r_spec.logs.table import quoted, regular
-from s2r_spec.logs.topics.arrays import WORDS, Array, ArrayLog, is_unit_path, with_units
+from s2r_spec.logs.table import few, quoted, regular
+from s2r_spec.logs.topics.arrays import (
+    Array,
+    ArrayLog,
+    Asked,
+    as_object,
+    is_unit_path,
+    is_word,
+    squeezed,
+    with_units,
+)
 from s2r_spec.printable import one_line
 
 _MATLAB = "MATLAB_class"
+_OBJECT = "MATLAB_object_decode"
 
 
-def open_hdf5(path: Path, time_unit: str | None = None) -> ArrayLog:
-    """Return the arrays of a file; a unit is for times that are plain numbers.
+def open_hdf5(path: Path, asked: Asked | None = None) -> ArrayLog:
+    """Return the arrays of a file, with the times that the user says.
 
     Raises:
         TraceError: h5py is not installed, or the file is not HDF5.
@@ -34,23 +45,33 @@ def open_hdf5(path: Path, time_unit: str | None = None) -> ArrayLog:
     arrays: dict[str, Array] = {}
     texts: dict[str, str] = {}
     origins: dict[str, str] = {}
+    objects: dict[str, str] = {}
 
     def visit(name: str, item: Any) -> None:
-        if not isinstance(item, h5py.Dataset) or name.startswith("#refs#"):
+        if name.startswith("#refs#") or not isinstance(item, h5py.Dataset):
             return
-        path_in_file = name.replace("/", ".")
+        if h5py.check_ref_dtype(item.dtype) is h5py.Reference:
+            for path, element in _elements(item, name):
+                add(path, element)
+        elif _OBJECT in item.attrs:
+            objects[name.replace("/", ".")] = as_object(_text(item.attrs.get(_MATLAB)))
+        else:
+            add(name, item)
+
+    def add(name: str, item: Any) -> None:
+        if not isinstance(item, h5py.Dataset):
+            return
+        place = name.replace("/", ".")
         if item.attrs.get(_MATLAB) == b"char":
-            if is_unit_path(path_in_file) and item.size <= LONGEST:
-                texts[path_in_file] = "".join(map(chr, np.ravel(item[()])))
+            if is_unit_path(place) and item.size <= LONGEST:
+                texts[place] = "".join(map(chr, np.ravel(item[()])))
         elif item.dtype.kind in "biufmM":
             turned = _MATLAB in item.attrs  # MATLAB has the samples of a column last
-            shape = _squeezed(item.shape[::-1] if turned else item.shape)
+            shape = squeezed(item.shape[::-1] if turned else item.shape)
             unit, _, since = (_unit(item.attrs) or "").partition(" since ")
-            if since and path_in_file.rpartition(".")[2] in WORDS:
+            if since and is_word(place):
                 origins[since] = name
-            arrays[path_in_file] = Array(
-                shape, partial(_read, h5py, path, name, turned), unit.strip() or None
-            )
+            arrays[place] = Array(shape, partial(_read, h5py, path, item.name, turned), unit.strip() or None)
 
     with _Errors(path), h5py.File(path) as file:
         file.visititems(visit)
@@ -59,7 +80,7 @@ def open_hdf5(path: Path, time_unit: str | None = None) -> ArrayLog:
         raise TraceError(
             f"the times {quoted(first)} count since {one}, and {quoted(second)} since {other}; save both since the same"
         )
-    return ArrayLog(with_units(arrays, texts), time_unit)
+    return ArrayLog(with_units(arrays, texts), asked, objects)
 
 
 def _unit(attributes: Any) -> str | None:
@@ -78,16 +99,28 @@ def _unit(attributes: Any) -> str | None:
     return None
 
 
+def _elements(references: Any, name: str) -> Iterator[tuple[str, Any]]:
+    """Yield (name, item) of what MATLAB's references lead to: elements of a list, or of a field of structures.
+
+    They are numbered from 1, ``list_1`` or ``structures_1.field``.
+    """
+    few(references.size)
+    folder, slash, field = ("", "", name) if _MATLAB in references.attrs else name.rpartition("/")
+    for number, one in enumerate(references[()].ravel(), 1):
+        if one:
+            numbered = f"{folder}_{number}{slash}{field}" if folder else f"{name}_{number}"
+            yield numbered, references.file[one]
+
+
+def _text(attribute: Any) -> str:
+    return attribute.decode(errors="replace") if isinstance(attribute, bytes) else str(attribute)
+
+
 def _read(h5py: Any, path: Path, name: str, turned: bool) -> NDArray[Any]:
     with _Errors(path), h5py.File(path) as file:
         values = np.asarray(file[name][()])
     values = values.T if turned else values
-    return values.reshape(_squeezed(values.shape))
-
-
-def _squeezed(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the shape of a vector for that of a row or a column."""
-    return (max(shape),) if len(shape) == 2 and min(shape) == 1 else tuple(shape)
+    return values.reshape(squeezed(values.shape))
 
 
 class _Errors:

@@ -15,7 +15,15 @@ import numpy as np
 
 from s2r_spec.errors import TraceError, shortened
 from s2r_spec.logs.table import regular
-from s2r_spec.logs.topics.arrays import Array, ArrayLog, is_unit_path, with_units
+from s2r_spec.logs.topics.arrays import (
+    Array,
+    ArrayLog,
+    Asked,
+    as_object,
+    is_unit_path,
+    squeezed,
+    with_units,
+)
 from s2r_spec.logs.topics.hdf5 import open_hdf5
 from s2r_spec.printable import one_line
 
@@ -24,8 +32,8 @@ _BLOCK = 512
 """Definition: bytes before the HDF5 part of a MATLAB file."""
 
 
-def open_matlab(path: Path, time_unit: str | None = None) -> ArrayLog:
-    """Return the arrays of a file; a unit is for times that are plain numbers.
+def open_matlab(path: Path, asked: Asked | None = None) -> ArrayLog:
+    """Return the arrays of a file, with the times that the user says.
 
     Raises:
         TraceError: the file is not a MATLAB file, or has no arrays with times.
@@ -34,7 +42,7 @@ def open_matlab(path: Path, time_unit: str | None = None) -> ArrayLog:
     with path.open("rb") as stream:
         start = stream.read(_BLOCK + len(_HDF5))
     if start[_BLOCK:] == _HDF5 or start.startswith(_HDF5):
-        return open_hdf5(path, time_unit)
+        return open_hdf5(path, asked)
     from scipy.io import loadmat
 
     try:
@@ -54,7 +62,9 @@ def open_matlab(path: Path, time_unit: str | None = None) -> ArrayLog:
         for path, leaf in leaves.items()
         if path not in texts
     }
-    return ArrayLog(with_units(arrays, texts), time_unit)
+    return ArrayLog(
+        with_units(arrays, texts), asked, {name: as_object(kind) for name, kind in _objects(content)}
+    )
 
 
 def _leaves(value: Any, path: str) -> Iterator[tuple[str, Any]]:
@@ -72,5 +82,18 @@ def _leaves(value: Any, path: str) -> Iterator[tuple[str, Any]]:
         if is_unit_path(path):
             yield path, value
     elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf" and value.ndim:
-        shape = value.shape
-        yield path, value.reshape(max(shape)) if len(shape) == 2 and min(shape) == 1 else value
+        yield path, value.reshape(squeezed(value.shape))
+
+
+def _objects(content: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield (name, class) of the objects of MATLAB in a file; SciPy calls them "None" and says their own names."""
+    from scipy.io.matlab import MatlabOpaque
+
+    for value in content.values():
+        if isinstance(value, MatlabOpaque):
+            for one in value.ravel():
+                yield _word(one["s0"]), _word(one["s2"])
+
+
+def _word(text: Any) -> str:
+    return text.decode(errors="replace") if isinstance(text, bytes) else str(text)
