@@ -16,9 +16,10 @@ from typing import Self
 
 from s2r_spec.errors import BackendError, S2RError
 from s2r_spec.rollouts import crashes
+from s2r_spec.rollouts.limits import TimeLimitError
 from s2r_spec.rollouts.pools import ExecutorFactory
 from s2r_spec.rollouts.task import Done, Task, run_task
-from s2r_spec.rollouts.worker_process import TimeLimitError, WorkerDiedError
+from s2r_spec.rollouts.worker_process import WorkerDiedError
 from s2r_spec.trace import Trace
 
 
@@ -27,7 +28,7 @@ class Runner:
 
     Args:
         factory: a function that makes a pool.
-        timeout: time limit of a rollout [s], ``inf`` for none; None for the limit of each task.
+        timeout: time limit of a rollout, as of a :class:`Task` [s], ``inf`` for none; None for the limit of each task.
     """
 
     def __init__(self, factory: ExecutorFactory, timeout: float | None = None) -> None:

@@ -25,6 +25,7 @@ from s2r_spec.backend import (
 )
 from s2r_spec.errors import BackendError, NotBegunError, S2RError, one_of, suggest
 from s2r_spec.protocols import run_protocol
+from s2r_spec.rollouts.limits import Limit
 from s2r_spec.rollouts.passed import PassedBackend
 from s2r_spec.rollouts.worker import end_copy, limit
 from s2r_spec.trace import Trace
@@ -49,7 +50,8 @@ class Task:
     model_hash: str | None = None
     """Model hash that the worker's backend must have; None for any."""
     timeout: float = math.inf
-    """Time limit of the rollout [s]."""
+    """Time limit of the rollout [s]: of CPU time for a simulator, and ten times as much on the wall clock; of wall
+    time for a machine."""
     attended: bool = False
     """Whether the operator has confirmed the rollout; a machine runs no other."""
     raw: str | None = None
@@ -105,7 +107,7 @@ def run_task(task: Task) -> tuple[Trace, float]:
         BackendError: the rollout raised any exception, even SystemExit; or it returned no trace, or a trace that
             lacks a channel. The original exception may not pickle, and must not end s2r.
     """
-    limit(task.timeout + OPENING)
+    limit(_opening(task))
     with _naming(task, NotBegunError):
         backend = _open(task)
         if isinstance(backend, Prepares) and not is_exclusive(
@@ -116,11 +118,12 @@ def run_task(task: Task) -> tuple[Trace, float]:
     if task.protocol is None:  # a protocol checks its own parameters
         refuse_unknown(task.backend, declared, task.params)
     with _naming(task):
+        of_rollout = Limit(task.timeout) if is_exclusive(backend) else Limit.of_simulation(task.timeout)
         if isinstance(backend, SaysWhenItBegins):
-            backend = backend.saying(partial(limit, task.timeout))
-            limit(task.timeout + OPENING)
+            backend = backend.saying(partial(limit, of_rollout))
+            limit(_opening(task))
         else:
-            limit(task.timeout)
+            limit(of_rollout)
         start = perf_counter()
         if task.protocol is None:
             trace = backend.rollout(task.params, task.seed)
@@ -164,11 +167,15 @@ def prepare(task: Task) -> None:
     Raises:
         NotBegunError: the backend raised an error.
     """
-    limit(task.timeout + OPENING)
+    limit(_opening(task))
     with _naming(task, NotBegunError):
         backend = _open(task)
         if isinstance(backend, Prepares):
             backend.prepare()
+
+
+def _opening(task: Task) -> Limit:
+    return Limit(task.timeout + OPENING, opening=True)
 
 
 def _where(task: Task) -> str:

@@ -2,8 +2,8 @@
 
 What it does besides is in its name, so that workers see it too: ``toy:raise``
 raises at every rollout, ``toy:die`` kills the process that runs it at speeds
-above 0.29 m/s, ``toy:fall`` falls there, ``toy:hang`` never answers there,
-``toy:slow`` takes 20 ms, ``toy:drag`` reaches only nine tenths of its speed;
+above 0.29 m/s, ``toy:fall`` falls there, ``toy:hang`` computes there without end,
+``toy:sleep`` sleeps there, ``toy:slow`` takes 20 ms, ``toy:dozes`` sleeps 0.3 s, ``toy:drag`` reaches only nine tenths of its speed;
 ``toy:waits`` waits before the tenth rollout of a process as long as there is
 the file that ``S2R_TOY_WAITS`` names; ``exit``, ``missing``, ``dict`` and
 ``nan`` break the contract.
@@ -15,7 +15,7 @@ import ctypes
 import os
 import signal
 import time
-from itertools import count
+from itertools import count, repeat
 from pathlib import Path
 
 import numpy as np
@@ -63,13 +63,17 @@ class Toy:
             return {"vx": vd}
         if self.habit == "slow":
             time.sleep(0.02)
+        if self.habit == "dozes":
+            time.sleep(0.3)
         if self.habit == "waits" and next(RUN) >= 10:
             while "S2R_TOY_WAITS" in os.environ and Path(os.environ["S2R_TOY_WAITS"]).exists():
                 time.sleep(0.01)
         if self.habit == "die" and vd > 0.29:
             os.kill(os.getpid(), signal.SIGSEGV)
         if self.habit == "hang" and vd > 0.29:
-            ctypes.PyDLL(None).sleep(1000)  # and holds the interpreter's lock meanwhile
+            sum(repeat(0))  # and holds the interpreter's lock meanwhile
+        if self.habit == "sleep" and vd > 0.29:
+            ctypes.PyDLL(None).sleep(1000)  # holds it, too
         rng = np.random.default_rng(seed)
         times = np.arange(round(self.duration * 100) + 1) / 100
         bias = 0.01 * rng.normal() - 0.02 * abs(vd)
