@@ -117,6 +117,7 @@ def run_task(task: Task) -> tuple[Trace, float]:
         declared = tuple(backend.parameters)
     if task.protocol is None:  # a protocol checks its own parameters
         refuse_unknown(task.backend, declared, task.params)
+    global _last_test
     with _naming(task):
         of_rollout = Limit(task.timeout) if is_exclusive(backend) else Limit.of_simulation(task.timeout)
         if isinstance(backend, SaysWhenItBegins):
@@ -125,6 +126,7 @@ def run_task(task: Task) -> tuple[Trace, float]:
         else:
             limit(of_rollout)
         start = perf_counter()
+        _last_test = task.params
         if task.protocol is None:
             trace = backend.rollout(task.params, task.seed)
         else:
@@ -149,6 +151,14 @@ def run_task(task: Task) -> tuple[Trace, float]:
                 f"{suggest(name, trace.channels)} it recorded {one_of(trace.channels)}"
             )
     return trace.only(task.channels), seconds
+
+
+_last_test: Mapping[str, float] | None = None
+
+
+def last_test() -> Mapping[str, float] | None:
+    """Return the test of the latest rollout of :func:`run_task` in this process; None before the first."""
+    return _last_test
 
 
 _prepared: list[Backend] = []

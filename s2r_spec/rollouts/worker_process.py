@@ -68,8 +68,8 @@ class WorkerProcess:
         self._writable = partial(self._wait, waiter(self._questions, "write"))
         self._answers = frames.Reader(answers, partial(self._wait, waiter(answers, "read")))
         self._number = 0
-        # Of the call: its time limit, None before it begins; the wall clock and the CPU time when the limit was set [s];
-        # and the time of the next look at both [s].
+        # Of the call: its time limit, None before it begins; wall clock and CPU time when the limit was set [s]; and
+        # the time of the next look at both [s].
         self._limit: Limit | None = None
         self._start, self._cpu_before, self._deadline = 0.0, 0.0, 0.0
         self._calling = Lock()
