@@ -196,27 +196,30 @@ def refuse_unrepeatable(folder: Path) -> bool:
     return True
 
 
-def check_here(backend: Backend, test: Mapping[str, float], other: Mapping[str, float], seed: int) -> str:
+def check_here(
+    backend: Backend, test: Mapping[str, float], other: Mapping[str, float], seed: int, elsewhere: bool = True
+) -> str:
     """Run a test, another one, and the first again in this process and in a new one; return :func:`fault` of them.
 
     Args:
         backend: a deterministic simulator.
         test: the test that is repeated, in the backend's units.
         other: a test that runs in between.
-        seed: seed of all rollouts.
+        seed: seed of the test.
+        elsewhere: whether to repeat the test in a new process, too.
     """
     passed = PassedBackend(backend)
     task = Task(0, 0, backend.name, test, seed, passed=passed)
     portable = passed.portable  # asked first: a copy must not have the state of these rollouts
     first = Done(task, *run_task(task))
     again = Done(task, *run_after(replace(task, params=other, seed=seed + 1), task))
-    return fault(first, again, (lambda: Done(task, *run_afresh(task))) if portable else None)
+    return fault(first, again, (lambda: Done(task, *run_afresh(task))) if portable and elsewhere else None)
 
 
 def run_after(other: Task, task: Task) -> tuple[Trace, float]:
     """Run a task in this process after a rollout of another test: after the latest one, or after ``other``."""
     if last_test() in (None, task.params):
-        run_task(other)
+        run_task(replace(other, timeout=task.timeout))
     return run_task(task)
 
 
