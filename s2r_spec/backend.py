@@ -148,7 +148,8 @@ class Backend(Protocol):
         name: name and options, as in ``--backend`` ("twin:lab").
         channels: every channel of every trace, with units.
         parameters: every test parameter, with units, ranges and defaults.
-        deterministic: whether the same parameters and seed give the same trace, bit for bit.
+        deterministic: whether the same parameters and seed give the same trace, bit for bit, whatever ran before and
+            in whichever process. A run tests this once.
         duration: duration of a trace [s], unless the rollout fails early.
         cost: expected time of one rollout on one core [s], for planning.
         model_hash: hash that changes whenever the traces could (constants, gains, solver versions).

@@ -24,11 +24,16 @@ from s2r_spec.backend import (
     HasRecordings,
     HasResiduals,
     HasVariants,
+    NeedsSpec,
     is_exclusive,
 )
 from s2r_spec.effects import catalogue_of
 from s2r_spec.errors import UsageError
 from s2r_spec.protocols import PROTOCOL, HasPlayable, HasProtocols, Protocol
+from s2r_spec.rollouts.passed import PassedBackend
+from s2r_spec.rollouts.repeatability import check_here, difference
+from s2r_spec.rollouts.scorer import as_needed
+from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
@@ -65,8 +70,16 @@ class Check:
     remarks: list[str] = field(default_factory=list)
 
 
-def check_conformance(backend: Backend) -> Iterator[Check]:
+def check_conformance(
+    backend: Backend, spec: Spec | None = None, requirement: str | None = None
+) -> Iterator[Check]:
     """Check a backend against every requirement, one after the other; an exception of the backend is a violation.
+
+    Args:
+        backend: the backend.
+        spec: declares channels, parameters and duration of a backend that has none of its own, such as a
+            :class:`~s2r_spec.function_backend.FunctionBackend`. Other backends do not need it.
+        requirement: the name of the requirement; the spec's first one if None.
 
     Raises:
         UsageError: the backend is a machine, which the checks would move.
@@ -75,11 +88,13 @@ def check_conformance(backend: Backend) -> Iterator[Check]:
         raise UsageError(
             f"{backend.name} is a machine, and the checks would move it to the ends of its ranges; check its twin"
         )
+    if spec is not None and isinstance(backend, NeedsSpec):
+        backend = as_needed(spec, requirement or spec.requirements[0], backend)
     subject = _Subject(backend)
     checks: list[tuple[str, Callable[[_Subject, Check], None]]] = [
         ("its default test runs", _runs),
         ("its traces have the declared channels and the declared duration", _declared),
-        ("test and seed determine a trace, bit for bit", _repeated),
+        ("test and seed determine a trace, bit for bit, whatever ran before it", _repeated),
         ("every test parameter runs at both ends of its range", _ends),
     ]
     if isinstance(backend, HasEffects):
@@ -176,11 +191,7 @@ def _described(error: Exception) -> str:
 
 def _same(one: Trace, other: Trace) -> bool:
     """Return whether two traces are the same, bit for bit."""
-    return (
-        one.channels.keys() == other.channels.keys()
-        and np.array_equal(one.times, other.times)
-        and all(np.array_equal(values, other[name], equal_nan=True) for name, values in one.channels.items())
-    )
+    return one.channels.keys() == other.channels.keys() and difference(one, other) is None
 
 
 def _towards(parameter: EffectParameter, share: float) -> float:
@@ -205,6 +216,11 @@ def _runs(subject: _Subject, out: Check) -> None:
             out.violations.append(
                 f"{p.name} has the default {p.default:g} in [{p.low:g}, {p.high:g}] {p.unit}".rstrip()
             )
+    if isinstance(subject.backend, NeedsSpec) and not subject.backend.parameters:
+        out.remarks.append(
+            "it declares no parameters, so its function gets none; check_conformance(backend, spec) takes them from a "
+            "spec"
+        )
     if subject.first.failure is not None:
         out.remarks.append(f"it ends early: {subject.first.failure}")
 
@@ -231,6 +247,7 @@ def _declared(subject: _Subject, out: Check) -> None:
     if (
         trace.failure is None
         and not isinstance(backend, HasRecordings)
+        and not (isinstance(backend, NeedsSpec) and backend.duration == 0)  # a spec's horizon replaces it
         and abs(trace.duration - backend.duration) > SLACK * step
     ):
         out.violations.append(
@@ -239,12 +256,24 @@ def _declared(subject: _Subject, out: Check) -> None:
 
 
 def _repeated(subject: _Subject, out: Check) -> None:
-    if not subject.backend.deterministic:
+    backend, test = subject.backend, subject.test
+    if not backend.deterministic:
         out.remarks.append(
             "it is declared as not deterministic: no rollout can be replayed, and small effects go unnoticed"
         )
-    elif not _same(subject.first, _rollout(subject.backend, subject.test)):
+        return
+    if not _same(subject.first, _rollout(backend, test)):
         out.violations.append("two rollouts with one seed differ; draw all random numbers from the seed")
+    if isinstance(backend, HasRecordings):
+        return
+    ends = [{**test, p.name: value} for p in backend.parameters for value in (p.low, p.high)]
+    # The default test has run first in this process, so another one shows state of the first. An end that cannot run is
+    # told by another check.
+    other = next((end for end in ends if end != test and _try(Check(""), "", backend, end) is not None), test)
+    if found := check_here(backend, other, test, SEED):
+        out.violations.append(found)
+    if not PassedBackend(backend).portable:
+        out.remarks.append("no other process can load it, so its rollouts were repeated in this one alone")
 
 
 def _ends(subject: _Subject, out: Check) -> None:

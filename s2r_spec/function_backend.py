@@ -27,8 +27,8 @@ class FunctionBackend:
     Args:
         function: returns the trace of a test: ``f(params, seed)``.
         name: name in reports; the function's own name if empty.
-        deterministic: whether the same parameters and seed give the same trace.
-        cost: expected time of one rollout [s]; a rollout of 60 s and a hundred times as much counts as a crash.
+        deterministic: whether the same parameters and seed give the same trace, whatever ran before. A run tests this.
+        cost: expected CPU time of one rollout [s]; a rollout of 60 s and a hundred times as much counts as a crash.
         model_hash: text that changes whenever traces could. If empty, a hash of the function's own source: it does not
             change with other functions that it calls, nor with files that it reads.
         duration: duration of a trace [s]; the specification's horizon replaces it.

@@ -7,11 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from s2r_cart import Cart
-from s2r_toy import Toy
+from s2r_toy import COUNT, KEPT, Toy
 
 from s2r_spec.backend import Channel, Effect, EffectParameter, load_backend
 from s2r_spec.conformance import check_conformance
+from s2r_spec.function_backend import FunctionBackend
+from s2r_spec.spec import parse_spec
 from s2r_spec.trace import Trace
+from tests.cli.conftest import SPEC
 from tests.errors import states
 
 PAGE = Path(__file__).parents[1] / "docs" / "how-to" / "effects.md"
@@ -245,3 +248,50 @@ def test_a_folder_of_recordings_keeps_what_it_can(tmp_path):
     (tmp_path / "rollouts.csv").write_text("\n".join(rows) + "\n")
     found = list(check_conformance(load_backend(f"log:{tmp_path}")))
     assert [p.violations for p in found] == [[]] * 4, found
+
+
+def glides(params, seed):
+    return Toy().with_duration(1.5).rollout({"vd": 0.1} | dict(params), seed)
+
+
+def remembers(params, seed):
+    trace = glides(params, seed)
+    return Trace(trace.times, {"vx": trace["vx"] + 1e-9 * next(COUNT)}, trace.units)
+
+
+def caches(params, seed):
+    trace = glides(params, seed)
+    return Trace(trace.times, {"vx": trace["vx"] * KEPT.setdefault("model", 1.0)}, trace.units)
+
+
+@pytest.mark.parametrize("spec", [None, parse_spec(SPEC.replace("LIMIT", "0.1"), "spec.stl")])
+def test_a_function_is_checked_with_a_spec_or_without(spec):
+    """Without a spec it has no parameters, no channels and no duration that could be broken."""
+    for function in (glides, caches):
+        found = list(check_conformance(FunctionBackend(function), spec))
+        assert [check.violations for check in found] == [[]] * 4
+    (said,) = [
+        sentence
+        for check in check_conformance(FunctionBackend(remembers), spec)
+        for sentence in check.violations
+        if "memory" in sentence
+    ]
+    assert states(said, "vx", "t = 0 s")
+
+
+def test_a_function_that_lacks_what_the_spec_reads_is_told():
+    spec = parse_spec(SPEC.replace("LIMIT", "0.1").replace("vx", "speed"), "spec.stl")
+    assert any(
+        states(sentence, "speed")
+        for check in check_conformance(FunctionBackend(glides), spec)
+        for sentence in check.violations
+    )
+
+
+@pytest.mark.parametrize(
+    ("habit", "facts"), [("recurrent", ["memory"]), ("first", ["memory"]), ("cached", None)]
+)
+def test_memory_between_rollouts_is_told(habit, facts):
+    KEPT.clear()
+    said = broken(Toy(habit))
+    assert said == [] if facts is None else states(said[0], "vx", "t = 0 s", *facts)

@@ -79,7 +79,7 @@ def check_with(
     provenance |= header_fields(search.settings.stop)
     if design is not None:
         provenance["recorded"] = list(design.notes)
-    provenance |= machine_fields(scorer.backend, options.terms.void)
+    provenance |= machine_fields(scorer, options.terms.void)
     if options.resume and Journal.begun(folder):
         journal = Journal.resume(folder, provenance)
     else:

@@ -52,7 +52,7 @@ class CheckResult(Result):
         certificate: the certificate of the search, which maximises −ρ.
         provenance: version, spec and model hashes, seed.
         folder: the folder of the rollouts.
-        seconds: duration of all rollouts, summed over workers and resumed processes.
+        seconds: wall time of all rollouts [s], summed over workers and resumed processes.
         spec: the specification.
         voids: the number of void rollouts of a machine, by word; None for a simulator.
     """

@@ -16,6 +16,8 @@ from s2r_spec.certify.search import Query, Search
 from s2r_spec.errors import BackendError, S2RError
 from s2r_spec.rollouts.journal import Journal, Record
 from s2r_spec.rollouts.machine_journal import Void
+from s2r_spec.rollouts.repeatability import check_run, repeated
+from s2r_spec.rollouts.runner import Runner
 from s2r_spec.rollouts.scorer import Scorer
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.rollouts.task import Done, Task
@@ -65,26 +67,28 @@ class Rollouts:
 
         Raises:
             BackendError: a rollout raised, or the journal belongs to a search with other tests.
+            UsageError: a rollout of a simulator that is declared as deterministic cannot be repeated.
         """
         points = {query.index: query.point for query in queries}
         records: dict[tuple[int, int], Record] = {}
-        tasks = []
+        tasks = {}
         for query in queries:
             for replicate in range(query.replicates * self.each):
                 key = query.index, replicate
                 task = self.scorer.task(*key, query.point, rollout_seed(self.seed, *key, self.stream))
+                tasks[key] = task
                 before = self._recorded(task, query.point)
-                if before is None:
-                    tasks.append(task)
-                else:
+                if before is not None:
                     records[key] = before
                     observer.rollout(before, new=False)
-        for done in self.runner.run(tasks):
+        for done in self.runner.run([task for key, task in tasks.items() if key not in records]):
             record = self._record(done, points[done.task.query])
             records[record.query, record.replicate] = record
             observer.rollout(record)
             if done.trace is None:
                 observer.crash(record)
+        if isinstance(self.runner, Runner) and repeated(self.scorer.backend):
+            check_run(self.journal, self.runner, [(task, records[key]) for key, task in tasks.items()])
         return {
             query.index: [
                 float(np.mean([-records[query.index, r * self.each + i].rho for i in range(self.each)]))

@@ -108,7 +108,7 @@ def gap_with(
     provenance |= header_fields(search.settings.stop)
     for side, scorer in pairing.scorers.items():
         provenance[side] = {"backend": scorer.name, "model_hash": scorer.backend.model_hash}
-        provenance[side] |= machine_fields(scorer.backend, terms.void)
+        provenance[side] |= machine_fields(scorer, terms.void)
     if pairing.recorded is not None:
         provenance["recorded"] = list(pairing.notes)
     journals = _journals(spec, pairing, folder, provenance, options.resume)

@@ -86,7 +86,7 @@ class GapResult(Result):
         certificate: the certificate of the search, which maximises −Δ.
         provenance: versions, hashes, seed.
         folder: the folder of the rollouts.
-        seconds: duration of all rollouts of both backends, summed over workers and resumed processes.
+        seconds: wall time of all rollouts of both backends [s], summed over workers and resumed processes.
         spec: the specification.
         voids: the number of void rollouts of a machine, by word; None for a simulator.
     """

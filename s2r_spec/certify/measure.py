@@ -75,7 +75,7 @@ def check_measure(
         "fall": options.fall,
         "settings": search.certificate().settings,
     }
-    header |= machine_fields(machine, terms.void)
+    header |= machine_fields(scorer, terms.void)
     journal = Journal.resume(folder, header) if options.resume else Journal.create(folder, header, {})
     with (
         options.runner(passed) as pool,

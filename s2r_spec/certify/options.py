@@ -54,7 +54,8 @@ class Execution:
         seed: the seed of the whole run.
         executor: a function that makes the pool of workers. By default two processes of this computer, or one
             thread of this process for a backend object that no other process can load (a class of a notebook).
-        timeout: a rollout that takes longer is ended, and counts as a crash [s]; ``inf`` for never, None for
+        timeout: a rollout that uses more CPU time, or ten times as much wall time, is ended, and counts as a crash
+            [s]; on a machine it is wall time. ``inf`` for never, None for
             :func:`s2r_spec.rollouts.scorer.default_timeout`.
         resume: go on with the run in the folder.
         observer: receives batches and rollouts, to show them.

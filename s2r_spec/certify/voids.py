@@ -12,10 +12,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from s2r_spec.backend import Backend, assumptions_of, is_exclusive
+from s2r_spec.backend import assumptions_of, is_exclusive
 from s2r_spec.certify.certificate import ALL_COUNT, Certificate, Label
 from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.machine_journal import FALL
+from s2r_spec.rollouts.repeatability import unchecked
+from s2r_spec.rollouts.scorer import Scorer
 
 MOST_VOID = 1 / 20
 """Level: largest share of all rollouts that may be void (dimensionless). If outcomes differ by the whole range of ρ,
@@ -24,12 +26,12 @@ UNFINISHED = "unfinished"
 """Definition: word for a rollout that runs, or in which s2r was killed and that nobody resumed."""
 
 
-def machine_fields(backend: Backend, void: str) -> dict[str, Any]:
-    """Return the further header fields of a machine, beyond its name and hash; a simulator has none."""
+def machine_fields(scorer: Scorer, void: str) -> dict[str, Any]:
+    """Return the further header fields of a backend, beyond its name and hash: assumptions, and a machine's rule."""
     found: dict[str, Any] = {}
-    if assumptions := assumptions_of(backend):
+    if assumptions := (*assumptions_of(scorer.backend), *unchecked(scorer.backend, scorer.passed)):
         found["assumptions"] = list(assumptions)
-    if is_exclusive(backend):
+    if is_exclusive(scorer.backend):
         found["void"] = void
     return found
 

@@ -50,8 +50,9 @@ Timeout = Annotated[
     float | None,
     typer.Option(
         min=0,
-        help="Time limit of a rollout in seconds; 0 for no limit. A rollout that takes longer is ended. It counts as a "
-        "crash in simulation, and is void on a machine.",
+        help="Time limit of a rollout in seconds; 0 for no limit. A simulated rollout may use this much CPU time, and "
+        "ten times as much wall time. A machine's rollout has this limit in wall time. A rollout that takes longer is "
+        "ended: it counts as a crash in simulation, and is void on a machine.",
         show_default="60 s plus 100 times the backend's declared cost; no limit for a backend that is not repeatable",
     ),
 ]

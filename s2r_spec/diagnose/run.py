@@ -59,8 +59,10 @@ from s2r_spec.diagnose.threads import one_thread
 from s2r_spec.diagnose.watched import Progress, Watched
 from s2r_spec.distribution import version
 from s2r_spec.effects import catalogue_of
+from s2r_spec.errors import S2RError, UsageError
 from s2r_spec.protocols import HasProtocols, protocol_of
 from s2r_spec.rollouts.pools import kept_open
+from s2r_spec.rollouts.repeatability import check_here, repeated
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.space import key_of
 from s2r_spec.spec import Spec
@@ -118,6 +120,7 @@ def diagnose(
     real = load_backend(real) if isinstance(real, str) else real
     refuse_machine(real)
     tell = Watched(progress or (lambda stage, done, of: None))
+    _refuse_memory(bench, seed)
     able = executor if travels(bench) else None
     with kept_open(able) as pool, tell.watching():
         work = _Work(bench, seed, pool, tell, Cache.usual() if cache is None else Cache(cache))
@@ -127,6 +130,27 @@ def diagnose(
             data = _recordings(work, real, budget, protocols, passive)
         found = _answer(work, data, where)
     return replace(found, notes=(*found.notes, *dict.fromkeys(work.cache.said)), spec=spec, real=called)
+
+
+def _refuse_memory(bench: Bench, seed: int) -> None:
+    """Refuse a simulator that is declared as deterministic, and gives other bits when a rollout is repeated.
+
+    Raises:
+        UsageError: it does; the sentences name channel, instant, both values and the likely cause.
+    """
+    if not repeated(bench.backend):
+        return
+    space = bench.spec.space
+    test, other = (bench.matched.to_backend(space.point(corner)) for corner in (space.upper, space.lower))
+    try:
+        found = check_here(bench.backend, test, other, seed, elsewhere=False)
+    except S2RError:  # it may not run at a corner; the diagnosis names a rollout that it needs
+        return
+    if found:
+        raise UsageError(
+            f"no diagnosis: {bench.backend.name} is declared as deterministic, but the test {dict(test)} with seed "
+            f"{seed} gives other bits when it is repeated. {found}"
+        )
 
 
 @dataclass(frozen=True)

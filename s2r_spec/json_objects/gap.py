@@ -112,7 +112,7 @@ class BoundedGap:
         provenance: the data that fix the run.
         folder: the folder of the rollouts.
         replay: the command that runs the real rollout of the lowest Δ again.
-        seconds: time of the rollouts [s], summed over all workers and all resumed processes.
+        seconds: wall time of the rollouts [s], summed over all workers and all resumed processes.
         voids: word → number of rollouts that something other than the robot ended; only for a machine.
     """
 

@@ -111,7 +111,7 @@ def effort(result: Result, of: str = "") -> tuple[tuple[str, str], ...]:
     certificate, seconds = result.certificate, result.seconds
     failures = ", ".join(f"{count} × {word}" for word, count in sorted(result.failures.items())) or "no falls"
     # Recordings were not run.
-    took = f", {seconds:.{0 if seconds >= 10 else 1}f} s of rollouts" if seconds else ""
+    took = f", {seconds:.{0 if seconds >= 10 else 1}f} s of rollouts (wall time)" if seconds else ""
     rows = (
         ("effort", f"{certificate.rollouts} rollouts{of} at {certificate.points} tests, {failures}{took}"),
     )

@@ -33,7 +33,7 @@ class Finding:
         again: description of the rollout that ``replay`` runs again.
         replay: the command.
         location: where the requirement is written.
-        seconds: time of all rollouts [s], summed over workers.
+        seconds: wall time of all rollouts [s], summed over workers.
     """
 
     name: str

@@ -20,6 +20,7 @@ from s2r_spec.certify.search import Query, Search
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.journal import FILE, Journal, Record
 from s2r_spec.rollouts.layout import GAP, SIMULATION, SYSTEMS
+from s2r_spec.rollouts.repeatability import refuse_unrepeatable
 from s2r_spec.rollouts.spec_files import load_run_spec
 from s2r_spec.rollouts.stop_rule import DECIDED, stop_of
 from s2r_spec.spec import Spec
@@ -123,6 +124,7 @@ def recompute(folder: Path) -> Recomputed:
         raise UsageError(f"{folder} is one half of a gap's run; give its parent folder")
     if not len(journal):
         raise UsageError(f"{folder} has no rollouts yet, so there is nothing to report")
+    refuse_unrepeatable(folder)
     spec, header = load_run_spec(journal), journal.header
     journal.check_traces()
     search, history = _replay(spec, journal)
@@ -155,6 +157,8 @@ def recompute_gap(folder: Path, simulated: Search | None = None) -> RecomputedGa
             beside this one.
     """
     journals = {side: Journal.read(folder / side) for side in SYSTEMS}
+    for side in SYSTEMS:
+        refuse_unrepeatable(folder / side)
     header = journals["real"].header
     spec = _of_both(folder, journals)
     per_real = header["simulated_per_real"]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from s2r_spec.errors import BackendError
+from s2r_spec.rollouts.limits import TimeLimitError
 from s2r_spec.rollouts.task import Done, Task
-from s2r_spec.rollouts.worker_process import TimeLimitError
 
 STRIKES = 3
 """Budget: workers that a rollout may break before it counts as a crash. Twice as many take twice as long."""
@@ -21,7 +21,6 @@ def no_answer(task: Task, error: TimeLimitError) -> Done:
     Raises:
         BackendError: the backend did not open in time, so the rollout never ran.
     """
-    seconds = error.args[0]
-    if seconds > task.timeout:
-        raise BackendError(f"backend {task.backend!r} did not open within {seconds:g} s") from None
-    return Done(task, None, seconds, f"crash: no answer within {seconds:g} s")
+    if error.limit.opening:
+        raise BackendError(f"backend {task.backend!r} did not open within {error.words}") from None
+    return Done(task, None, error.elapsed, f"crash: no answer within {error.words}")

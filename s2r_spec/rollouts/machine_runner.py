@@ -41,11 +41,12 @@ from s2r_spec.rollouts.attendance import Terms, attendance_of
 from s2r_spec.rollouts.interrupts import Interrupts
 from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.layout import run_of
+from s2r_spec.rollouts.limits import TimeLimitError
 from s2r_spec.rollouts.machine_journal import AGAIN, FALL, KILLED, Void
 from s2r_spec.rollouts.pools import ProcessPool
 from s2r_spec.rollouts.runner import Runner
 from s2r_spec.rollouts.task import Done, Task, prepare, run_task
-from s2r_spec.rollouts.worker_process import TimeLimitError, WorkerDiedError
+from s2r_spec.rollouts.worker_process import WorkerDiedError
 from s2r_spec.trace import Trace
 
 ERROR = "error"
@@ -217,7 +218,7 @@ class MachineRunner:
         except BrokenExecutor:
             raise NotBegunError("the worker process ended while it opened the backend") from None
         except TimeLimitError as error:
-            raise NotBegunError(f"the worker was not ready within {error.args[0]:g} s") from None
+            raise NotBegunError(f"the worker was not ready within {error.words}") from None
 
     def _before(self, task: Task) -> None:
         """Wait until the attendance lets a test or a protocol begin.
@@ -273,10 +274,10 @@ class MachineRunner:
                 return _Ended(not_begun=NotBegunError("the worker process ended before the rollout began"))
             return _Ended(None, perf_counter() - start, KILLED, "the process that ran the rollout died")
         except TimeLimitError as error:
-            if error.args[0] > task.timeout:
-                message = f"backend {task.backend!r} did not open within {error.args[0]:g} s"
+            if error.limit.opening:
+                message = f"backend {task.backend!r} did not open within {error.words}"
                 return _Ended(not_begun=NotBegunError(message))
-            return _Ended(None, error.args[0], KILLED, f"the rollout took longer than {error.args[0]:g} s")
+            return _Ended(None, error.elapsed, KILLED, f"the rollout took longer than {error.words}")
         except S2RError as error:
             return _Ended(None, perf_counter() - start, ERROR, str(error), error=error)
         word = trace.meta.get(VOID)

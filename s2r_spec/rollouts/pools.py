@@ -11,7 +11,8 @@ from typing import Any
 from uuid import uuid4
 
 from s2r_spec.errors import BackendError, S2RError, UsageError, require
-from s2r_spec.rollouts.worker_process import TimeLimitError, WorkerDiedError, call_in_worker, end_workers
+from s2r_spec.rollouts.limits import TimeLimitError
+from s2r_spec.rollouts.worker_process import WorkerDiedError, call_in_worker, end_workers
 
 ExecutorFactory = Callable[[], Executor]
 

@@ -8,7 +8,7 @@ time. A rollout that breaks its worker three times is recorded as a crash.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from dataclasses import replace
 from types import TracebackType
@@ -16,10 +16,14 @@ from typing import Self
 
 from s2r_spec.errors import BackendError, S2RError
 from s2r_spec.rollouts import crashes
+from s2r_spec.rollouts.limits import TimeLimitError
 from s2r_spec.rollouts.pools import ExecutorFactory
 from s2r_spec.rollouts.task import Done, Task, run_task
-from s2r_spec.rollouts.worker_process import TimeLimitError, WorkerDiedError
+from s2r_spec.rollouts.worker_process import WorkerDiedError
 from s2r_spec.trace import Trace
+
+Call = Callable[[Task], tuple[Trace, float]]
+"""Runs a task in a worker, and returns its trace and the seconds it took, as :func:`run_task` does."""
 
 
 class Runner:
@@ -27,7 +31,7 @@ class Runner:
 
     Args:
         factory: a function that makes a pool.
-        timeout: time limit of a rollout [s], ``inf`` for none; None for the limit of each task.
+        timeout: time limit of a rollout, as of a :class:`Task` [s], ``inf`` for none; None for the limit of each task.
     """
 
     def __init__(self, factory: ExecutorFactory, timeout: float | None = None) -> None:
@@ -42,8 +46,12 @@ class Runner:
     ) -> None:
         self._close()
 
-    def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
+    def run(self, tasks: Sequence[Task], call: Call = run_task) -> Iterator[Done]:
         """Yield the outcome of every task as it arrives, in any order.
+
+        Args:
+            tasks: the rollouts.
+            call: runs a task in a worker; it must pickle.
 
         Raises:
             S2RError: a rollout raised it. Earlier outcomes were yielded; running rollouts are abandoned.
@@ -51,30 +59,30 @@ class Runner:
         if self.timeout is not None:
             tasks = [replace(task, timeout=self.timeout) for task in tasks]
         suspects: list[Task] = []
-        for task, outcome in self._attempt(tasks):
+        for task, outcome in self._attempt(tasks, call):
             if isinstance(outcome, BrokenExecutor):
                 suspects.append(task)
             else:
                 yield outcome
         # Sorted, so that a run with a crash in it is as repeatable as one without.
         for task in sorted(suspects, key=lambda task: (task.query, task.replicate)):
-            yield self._alone(task)
+            yield self._alone(task, call)
 
-    def _alone(self, task: Task) -> Done:
+    def _alone(self, task: Task, call: Call) -> Done:
         for _ in range(crashes.STRIKES):
-            for _, outcome in self._attempt([task]):
+            for _, outcome in self._attempt([task], call):
                 if isinstance(outcome, Done):
                     return outcome
         return crashes.workers_died(task)
 
-    def _attempt(self, tasks: Iterable[Task]) -> Iterator[tuple[Task, Done | BrokenExecutor]]:
+    def _attempt(self, tasks: Iterable[Task], call: Call) -> Iterator[tuple[Task, Done | BrokenExecutor]]:
         if self._pool is None:
             self._pool = self._start()
         waiting: dict[Future[tuple[Trace, float]], Task] = {}
         broken = False
         for task in tasks:
             try:
-                waiting[self._pool.submit(run_task, task)] = task
+                waiting[self._pool.submit(call, task)] = task
             except BrokenExecutor as error:
                 broken = True
                 yield task, error

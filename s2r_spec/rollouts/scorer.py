@@ -20,7 +20,7 @@ Measure = Callable[[Trace, Mapping[str, float]], float]
 
 
 def default_timeout(backend: Backend) -> float:
-    """Return the default limit on a rollout's duration [s], far above the backend's declared cost.
+    """Return the default limit on a rollout's CPU time [s], far above the backend's declared cost.
 
     A backend that is not deterministic may wait for people, and has no limit.
     """
@@ -58,10 +58,7 @@ class Scorer:
         Raises:
             UsageError: they do not fit together, or no ρ is declared for a fall.
         """
-        horizon = spec.horizon(requirement)
-        if duration is None and math.isfinite(horizon) and horizon > 0:
-            duration = horizon
-        name, found = opened(backend, duration)
+        name, found = opened(backend, _horizon(spec, requirement) if duration is None else duration)
         settings = spec.certify.get(requirement)
         if settings is None or settings.fall is None:
             raise UsageError(
@@ -69,9 +66,7 @@ class Scorer:
                 f"write a line such as `certify {requirement}: fall = -1`"
             )
 
-        def robustness(trace: Trace, point: Mapping[str, float]) -> float:
-            return spec.robustness(trace, params=point, only=requirement)[requirement]
-
+        robustness = _robustness(spec, requirement)
         if isinstance(found, NeedsSpec):
             found = found.for_spec(needs_of(spec, requirement, robustness))
             assert isinstance(found, Backend)
@@ -122,6 +117,28 @@ def opened(backend: str | Backend, duration: float | None) -> tuple[str, Backend
     if isinstance(backend, str):
         return backend, open_backend(backend, duration)
     return backend.name, lasting(backend, backend.name, duration)
+
+
+def as_needed(spec: Spec, requirement: str, backend: Backend) -> Backend:
+    """Return a backend with the duration, the channels and the parameters that a requirement needs of it."""
+    _, found = opened(backend, _horizon(spec, requirement))
+    if isinstance(found, NeedsSpec):
+        found = found.for_spec(needs_of(spec, requirement, _robustness(spec, requirement)))
+        assert isinstance(found, Backend)
+    return found
+
+
+def _horizon(spec: Spec, requirement: str) -> float | None:
+    """Return the duration of rollouts that a requirement needs [s]; None if it reads a trace to its end."""
+    horizon = spec.horizon(requirement)
+    return horizon if math.isfinite(horizon) and horizon > 0 else None
+
+
+def _robustness(spec: Spec, requirement: str) -> Measure:
+    def robustness(trace: Trace, point: Mapping[str, float]) -> float:
+        return spec.robustness(trace, params=point, only=requirement)[requirement]
+
+    return robustness
 
 
 def passing(backend: Backend) -> PassedBackend:

@@ -25,6 +25,7 @@ from s2r_spec.backend import (
 )
 from s2r_spec.errors import BackendError, NotBegunError, S2RError, one_of, suggest
 from s2r_spec.protocols import run_protocol
+from s2r_spec.rollouts.limits import Limit
 from s2r_spec.rollouts.passed import PassedBackend
 from s2r_spec.rollouts.worker import end_copy, limit
 from s2r_spec.trace import Trace
@@ -49,7 +50,8 @@ class Task:
     model_hash: str | None = None
     """Model hash that the worker's backend must have; None for any."""
     timeout: float = math.inf
-    """Time limit of the rollout [s]."""
+    """Time limit of the rollout [s]: of CPU time for a simulator, and ten times as much on the wall clock; of wall
+    time for a machine."""
     attended: bool = False
     """Whether the operator has confirmed the rollout; a machine runs no other."""
     raw: str | None = None
@@ -105,7 +107,7 @@ def run_task(task: Task) -> tuple[Trace, float]:
         BackendError: the rollout raised any exception, even SystemExit; or it returned no trace, or a trace that
             lacks a channel. The original exception may not pickle, and must not end s2r.
     """
-    limit(task.timeout + OPENING)
+    limit(_opening(task))
     with _naming(task, NotBegunError):
         backend = _open(task)
         if isinstance(backend, Prepares) and not is_exclusive(
@@ -115,13 +117,16 @@ def run_task(task: Task) -> tuple[Trace, float]:
         declared = tuple(backend.parameters)
     if task.protocol is None:  # a protocol checks its own parameters
         refuse_unknown(task.backend, declared, task.params)
+    global _last_test
     with _naming(task):
+        of_rollout = Limit(task.timeout) if is_exclusive(backend) else Limit.of_simulation(task.timeout)
         if isinstance(backend, SaysWhenItBegins):
-            backend = backend.saying(partial(limit, task.timeout))
-            limit(task.timeout + OPENING)
+            backend = backend.saying(partial(limit, of_rollout))
+            limit(_opening(task))
         else:
-            limit(task.timeout)
+            limit(of_rollout)
         start = perf_counter()
+        _last_test = task.params
         if task.protocol is None:
             trace = backend.rollout(task.params, task.seed)
         else:
@@ -148,6 +153,14 @@ def run_task(task: Task) -> tuple[Trace, float]:
     return trace.only(task.channels), seconds
 
 
+_last_test: Mapping[str, float] | None = None
+
+
+def last_test() -> Mapping[str, float] | None:
+    """Return the test of the latest rollout of :func:`run_task` in this process; None before the first."""
+    return _last_test
+
+
 _prepared: list[Backend] = []
 
 
@@ -164,11 +177,15 @@ def prepare(task: Task) -> None:
     Raises:
         NotBegunError: the backend raised an error.
     """
-    limit(task.timeout + OPENING)
+    limit(_opening(task))
     with _naming(task, NotBegunError):
         backend = _open(task)
         if isinstance(backend, Prepares):
             backend.prepare()
+
+
+def _opening(task: Task) -> Limit:
+    return Limit(task.timeout + OPENING, opening=True)
 
 
 def _where(task: Task) -> str:

@@ -7,7 +7,6 @@ spawned processes close them. They have no buffer, because a thread could hold i
 from __future__ import annotations
 
 import atexit
-import math
 import os
 import pickle
 import signal
@@ -21,6 +20,7 @@ from typing import IO
 
 from s2r_spec.errors import BackendError
 from s2r_spec.rollouts import frames
+from s2r_spec.rollouts.limits import Limit, own_cpu_time
 
 IDLE = 600.0
 """Budget: time without a call after which a worker ends itself [s], because its client may have been killed. Twice as
@@ -36,13 +36,13 @@ _number = 0  # of the current call
 _own = 0  # process id of the worker; 0 in any other process
 
 
-def limit(seconds: float) -> None:
-    """Set the time limit of the current call, from now on [s]; ``inf`` for none.
+def limit(value: Limit) -> None:
+    """Set the time limit of the current call, from now on.
 
     Does nothing outside a worker process, because a thread cannot be ended.
     """
     if _answers is not None and os.getpid() == _own:
-        frames.write(_answers, _number, pickle.dumps(("limit", seconds)))
+        frames.write(_answers, _number, pickle.dumps(("limit", (value, own_cpu_time()))))
 
 
 def end_copy(error: BaseException | None = None) -> None:
@@ -97,7 +97,7 @@ def serve_forever() -> None:
             return
         _number, question = call
         with suppress(BrokenPipeError):
-            limit(math.inf)  # tells the parent that the call has begun
+            limit(Limit())  # tells the parent that the call has begun
             answer = _answer(question)
             end_copy()
             frames.write(_answers, _number, answer)

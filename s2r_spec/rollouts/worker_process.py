@@ -23,6 +23,7 @@ from typing import Any
 
 from s2r_spec.errors import BackendError
 from s2r_spec.rollouts import frames
+from s2r_spec.rollouts.limits import Limit, TimeLimitError, cpu_time
 from s2r_spec.rollouts.pipe_wait import waiter
 from s2r_spec.rollouts.process_group import Process, ProcessGroup
 
@@ -34,6 +35,7 @@ BEGINNING = 60.0
 and the call counts as a worker's death. Twice as much waits twice as long."""
 
 _POLL = 1.0  # interval between two looks at a silent worker [s]
+_LOOK = 0.05  # least interval between two looks at a worker's CPU time [s], a few ticks of its clock
 _START = (
     "import sys; sys.path[:] = {path!r}; from s2r_spec.rollouts.worker import serve_forever; serve_forever()"
 )
@@ -51,10 +53,6 @@ class WorkerDiedError(BrokenExecutor):
         self.begun = begun
 
 
-class TimeLimitError(Exception):
-    """A call exceeded its own time limit [s], and its process was ended."""
-
-
 class WorkerProcess:
     """A worker process, for the one thread that owns it."""
 
@@ -70,7 +68,10 @@ class WorkerProcess:
         self._writable = partial(self._wait, waiter(self._questions, "write"))
         self._answers = frames.Reader(answers, partial(self._wait, waiter(answers, "read")))
         self._number = 0
-        self._limit, self._deadline = math.nan, math.inf  # of the call: time limit [s] and its end
+        # Of the call: its time limit, None before it begins; wall clock and CPU time when the limit was set [s]; and
+        # the time of the next look at both [s].
+        self._limit: Limit | None = None
+        self._start, self._cpu_before, self._deadline = 0.0, 0.0, 0.0
         self._calling = Lock()
 
     @property
@@ -97,7 +98,7 @@ class WorkerProcess:
                 kind, value = self._exchange(question)
             except (EOFError, BrokenPipeError):
                 self.end()
-                raise WorkerDiedError("the worker died", begun=not math.isnan(self._limit)) from None
+                raise WorkerDiedError("the worker died", begun=self._limit is not None) from None
             except TimeLimitError:
                 self.end()
                 raise
@@ -114,7 +115,7 @@ class WorkerProcess:
     def _exchange(self, question: bytes) -> tuple[str, Any]:
         """Send a call to the worker; return its answer, ("returned", value) or ("raised", error)."""
         self._number += 1
-        self._limit, self._deadline = math.nan, monotonic() + BEGINNING
+        self._limit, self._deadline = None, monotonic() + BEGINNING
         frames.write(self._questions, self._number, question, self._writable)
         while True:
             number, data = self._answers.read()
@@ -125,7 +126,9 @@ class WorkerProcess:
             kind, value = pickle.loads(data)
             if kind != "limit":
                 return kind, value
-            self._limit, self._deadline = value, monotonic() + value
+            self._limit, self._cpu_before = value
+            self._start = monotonic()
+            self._deadline = self._start + value[0].first
 
     def _wait(self, ready: Callable[[float], bool]) -> None:
         """Wait until the pipe to or from the worker is ready.
@@ -139,10 +142,29 @@ class WorkerProcess:
             if ready(min(max(left, 0.0), _POLL)):
                 return
             if left <= 0:
-                raise EOFError if math.isnan(self._limit) else TimeLimitError(self._limit)
+                self._deadline = self._next_look()
             # A process that it forked may keep its end of the pipe open. Its last answer is still read.
             if not self.alive and not ready(0.0):
                 raise EOFError
+
+    def _next_look(self) -> float:
+        """Return when to look at the clocks of the call again; it cannot exceed its limit before [s].
+
+        Raises:
+            EOFError: the worker has not begun the call.
+            TimeLimitError: the call has exceeded its time limit.
+        """
+        if self._limit is None:
+            raise EOFError
+        elapsed = monotonic() - self._start
+        if elapsed >= self._limit.wall:
+            raise TimeLimitError(self._limit, elapsed)
+        cpu, left = cpu_time(self.pid), math.inf
+        if cpu is not None:
+            left = self._limit.cpu - (cpu - self._cpu_before)
+            if left <= 0:
+                raise TimeLimitError(self._limit, elapsed, cpu=True)
+        return min(monotonic() + max(left, _LOOK), self._start + self._limit.wall)
 
     def close(self) -> None:
         """Ask the worker to exit; if it does not, end it with all its descendants."""

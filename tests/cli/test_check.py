@@ -106,7 +106,7 @@ def test_a_fall_counts_as_the_declared_value(s2r):
     ("habit", "words", "facts"),
     [
         pytest.param("die", (), ["crash", "3"], marks=pytest.mark.slow),
-        ("hang", ("--timeout", 0.5), ["crash", "0.5 s"]),
+        ("hang", ("--timeout", 0.5), ["crash", "0.5 s", "CPU"]),
     ],
 )
 def test_a_worker_that_dies_or_hangs_counts_as_a_crash(s2r, habit, words, facts):

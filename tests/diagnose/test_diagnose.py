@@ -5,6 +5,7 @@ import re
 import sys
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from tests.diagnose.toy import Toy
 from tests.errors import naming, states
 
 CART = s2r.parse_spec(SPEC)
+ROLLOUTS = count()
 TOY = s2r.parse_spec("""
 param  v in [0, 1]
 signal x {N}
@@ -347,3 +349,18 @@ def test_the_page_on_logs_does_what_it_says(cache, monkeypatch, capsys):
     exec(code, names)
     assert names["found"].which.answer == ("tilt",)
     assert "('tilt',)" in capsys.readouterr().out
+
+
+class Remembers(Cart):
+    """Its traces depend on how many rollouts this process has run."""
+
+    def rollout(self, params, seed):
+        trace = super().rollout(params, seed)
+        late = 1e-9 * next(ROLLOUTS)
+        return Trace(trace.times, {name: x + late for name, x in trace.channels.items()}, trace.units)
+
+
+def test_a_simulator_with_a_memory_gets_no_diagnosis(find):
+    with pytest.raises(UsageError) as caught:
+        find(machine(), 12, sim=Remembers())
+    assert states(str(caught.value), "memory", "seed 0", "t = 0 s")
