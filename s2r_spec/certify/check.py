@@ -104,7 +104,7 @@ def check_with(
             runner_for(pool, scorer.backend, journal, options.terms, search.budget) as runner,
         ):
             run_search(search, Rollouts(scorer, options.seed, journal, runner), options.watching)
-    result = conclude(spec, requirement, scorer.fall, search.certificate(), journal, provenance)
+    result = conclude(spec, requirement, scorer.fall, search, journal, provenance)
     return result if design is None else of_recordings(result, design.notes, search)
 
 

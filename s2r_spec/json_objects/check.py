@@ -29,7 +29,7 @@ class WorstExpectedRobustness:
     """The minimum over the test space of the expected ρ lies in [lower, upper].
 
     Attributes:
-        lower: the lower bound, in the unit.
+        lower: the lower bound, in the unit; not certified if the label is one-sided.
         upper: the upper bound, in the unit.
         unit: the unit of ρ; empty for none, 'mixed' if margins do not compare.
         epsilon: upper − lower; negative only if the certificate is refused because its bounds contradict each other.

@@ -247,6 +247,10 @@ class Journal:
         entry = self._entries.get((query, replicate))
         return None if entry is None else entry.record
 
+    def has(self, query: int, replicates: int) -> bool:
+        """Return whether the first rollouts of a query are all recorded."""
+        return all((query, replicate) in self._entries for replicate in range(replicates))
+
     def records(self) -> list[Record]:
         """Return every rollout, ordered by query and replicate."""
         return [self._entries[key].record for key in sorted(self._entries)]
