@@ -136,7 +136,9 @@ def conclude(
 
 def left_out(rollouts: int) -> tuple[str, ...]:
     """Return a sentence on the real or simulated rollouts of an incomplete last batch; none if there are none."""
-    return (f"{rollouts} rollouts of an incomplete last batch are on disk and not counted",) if rollouts else ()
+    return (
+        (f"{rollouts} rollouts of an incomplete last batch are on disk and not counted",) if rollouts else ()
+    )
 
 
 def of_recordings(result: CheckResult, notes: Sequence[str], search: Search) -> CheckResult:

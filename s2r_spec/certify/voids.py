@@ -14,6 +14,7 @@ from typing import Any
 
 from s2r_spec.backend import Backend, assumptions_of, is_exclusive
 from s2r_spec.certify.certificate import ALL_COUNT, Certificate, Label
+from s2r_spec.rollouts import reading_rule
 from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.machine_journal import FALL
 
@@ -25,8 +26,8 @@ UNFINISHED = "unfinished"
 
 
 def machine_fields(backend: Backend, void: str) -> dict[str, Any]:
-    """Return the further header fields of a machine, beyond its name and hash; a simulator has none."""
-    found: dict[str, Any] = {}
+    """Return the further header fields of a machine or of logs, beyond name and hash; a simulator has none."""
+    found: dict[str, Any] = reading_rule.header_fields(backend)
     if assumptions := assumptions_of(backend):
         found["assumptions"] = list(assumptions)
     if is_exclusive(backend):
@@ -75,7 +76,7 @@ def machine_assumptions(backend: str, header: Mapping[str, Any], journal: Journa
         header: a header with the fields of :func:`machine_fields`.
         journal: the journal of its rollouts.
     """
-    own = tuple(header.get("assumptions", ()))
+    own = (*header.get("assumptions", ()), *reading_rule.note({"backend": backend} | dict(header)))
     if not is_machine(header):
         return own
     counts = void_counts(journal)

@@ -67,12 +67,14 @@ class BackendProvenance(Open):
         model_hash: the hash of the model, which changes whenever traces could.
         assumptions: the assumptions of every statement about this backend.
         void: the treatment of a void rollout; only for a machine.
+        reading: the number of the rule by which messages become samples; only for logs.
     """
 
     backend: str
     model_hash: str
     assumptions: NotRequired[list[str]]
     void: NotRequired[Literal["again", "fall"]]
+    reading: NotRequired[Count]
 
 
 class Provenance(BackendProvenance):
