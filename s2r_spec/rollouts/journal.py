@@ -220,9 +220,9 @@ class Journal:
         except OSError as error:
             raise JournalError(f"cannot write to {folder}: {error.strerror or error}") from error
         current = json.loads(json.dumps(dict(header)))
-        for backend, rule, now in reading_rule.changes(journal.header, current):
+        for backend, before, now in reading_rule.changes(journal.header, current):
             raise JournalError(
-                f"the logs of {backend} in {folder} were read by reading rule {rule}, and this version of s2r has rule "
+                f"the logs of {backend} in {folder} were read by reading rule {before}, and this s2r has rule "
                 f"{now}; begin a new run, or resume this one with the s2r that began it"
             )
         for key in sorted(current.keys() | journal.header.keys()):

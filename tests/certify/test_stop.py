@@ -238,3 +238,33 @@ class TestRuns:
         assert recompute_gap(tmp_path / "run" / "gap").result.certificate == early.gap.certificate
         resumed = certify(spec, "toy", "toy:drag", tmp_path / "run", resume=True, **THREAD)
         assert (resumed.composition, resumed.gap.certificate) == (early.composition, early.gap.certificate)
+
+
+@pytest.mark.usefixtures("toy")
+class TestSeeds:
+    def test_a_resumed_run_keeps_its_seed(self, tmp_path):
+        whole = check(tmp_path, seed=3, run="whole")
+        check(tmp_path, seed=3, budget=20)
+        resumed = check(tmp_path, resume=True)
+        assert resumed.provenance["seed"] == 3
+        assert facts(resumed) == facts(whole)
+        assert facts(check(tmp_path, seed=3, resume=True)) == facts(whole)
+
+    def test_another_seed_is_refused(self, tmp_path):
+        check(tmp_path, seed=3, budget=20)
+        for seed in (0, 4):
+            with pytest.raises(UsageError, match=naming("seed 3", str(seed), "run")):
+                check(tmp_path, seed=seed, budget=20, resume=True)
+        assert len(Journal.read(tmp_path / "run")) <= 20
+
+    def test_a_new_run_has_the_seed_0(self, tmp_path):
+        assert check(tmp_path, budget=20).provenance["seed"] == 0
+
+    def test_gap_and_certify_keep_it_too(self, tmp_path):
+        spec = s2r.parse_spec(SPEC.replace("LIMIT", "0.2"), "spec.stl")
+        for call, run in ((gap, "gap"), (certify, "certify")):
+            first = call(spec, "toy", "toy:drag", tmp_path / run, seed=3, budget=20, **THREAD)
+            again = call(spec, "toy", "toy:drag", tmp_path / run, budget=20, resume=True, **THREAD)
+            assert str(again) == str(first)
+            with pytest.raises(UsageError, match=naming("seed 3", "5")):
+                call(spec, "toy", "toy:drag", tmp_path / run, seed=5, budget=20, resume=True, **THREAD)
