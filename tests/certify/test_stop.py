@@ -262,9 +262,9 @@ class TestSeeds:
 
     def test_gap_and_certify_keep_it_too(self, tmp_path):
         spec = s2r.parse_spec(SPEC.replace("LIMIT", "0.2"), "spec.stl")
-        for call, run in ((gap, "gap"), (certify, "certify")):
-            first = call(spec, "toy", "toy:drag", tmp_path / run, seed=3, budget=20, **THREAD)
-            again = call(spec, "toy", "toy:drag", tmp_path / run, budget=20, resume=True, **THREAD)
+        for call, place in ((gap, "gap"), (certify, "certify")):
+            first = call(spec, "toy", "toy:drag", tmp_path / place, seed=3, budget=20, **THREAD)
+            again = call(spec, "toy", "toy:drag", tmp_path / place, budget=20, resume=True, **THREAD)
             assert str(again) == str(first)
             with pytest.raises(UsageError, match=naming("seed 3", "5")):
-                call(spec, "toy", "toy:drag", tmp_path / run, seed=5, budget=20, resume=True, **THREAD)
+                call(spec, "toy", "toy:drag", tmp_path / place, seed=5, budget=20, resume=True, **THREAD)
