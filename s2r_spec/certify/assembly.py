@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
-from s2r_spec.certify.certificate import ALL_COUNT, Certificate
+from s2r_spec.certify.certificate import ALL_COUNT, Certificate, Label
 from s2r_spec.certify.state import State
-from s2r_spec.certify.stopping import label
+from s2r_spec.certify.stopping import label, needs_no_norm
 from s2r_spec.rollouts.stop_rule import BUDGET, DECIDED
 
 RULES = {
@@ -43,6 +44,24 @@ def certificate(state: State) -> Certificate:
     )
 
 
+def one_sided(state: State) -> Certificate | None:
+    """Return a certificate that the maximum is positive whatever B is; None if the data do not show it.
+
+    Only a certificate that is refused because of B or the kernel has a one-sided one. Its lower end follows from the
+    outcomes at the tests alone (:func:`s2r_spec.certify.confidence.norm_free_lower`), and it has no upper end.
+    """
+    lower = state.confidence.norm_free_lower
+    if not (lower > 0 and needs_no_norm(state)):
+        return None
+    return replace(
+        certificate(state),
+        label=Label.ONE_SIDED,
+        lower=lower,
+        worst=state.settings.space.point(state.confidence.norm_free_worst),
+        assumptions=_about_rollouts(state),
+    )
+
+
 def _record(state: State) -> dict[str, Any]:
     """Return the declaration as plain JSON values."""
     settings = state.settings
@@ -70,21 +89,33 @@ def _assumptions(state: State) -> tuple[str, ...]:
         f"{scale:g} {axis.unit}".rstrip()
         for axis, scale in zip(settings.space.axes, lengthscales, strict=True)
     )
-    unit = f" {settings.unit}" if settings.unit else ""
-    fixed = (
-        f"{state.fixed} outcomes come from tests that were fixed beforehand or chosen only from earlier outcomes, "
-        f"and none was left out because of its value",
-    )
     inside = (
         f"the lengthscale is longer than the range of {names}: between tests the bound rests on the kernel, "
         f"and every eighth of the range was tested",
     )
     return (
-        f"the expected outcome, as a function of the test, has RKHS norm ≤ B = {settings.B:g}{unit} for the "
+        f"the expected outcome, as a function of the test, has RKHS norm ≤ B = {_with_unit(state, settings.B)} for the "
         f"{settings.kernel.words} kernel with lengthscale {scales}; no data can prove this",
-        f"the noise of one rollout is R-sub-Gaussian with R = {settings.R:g}{unit}, declared before the data",
+        *_about_rollouts(state),
+        *(inside if state.coverage.axes else ()),
+    )
+
+
+def _about_rollouts(state: State) -> tuple[str, ...]:
+    """Return the assumptions about noise and rollouts, without those about B and the kernel."""
+    settings = state.settings
+    fixed = (
+        f"{state.fixed} outcomes come from tests that were fixed beforehand or chosen only from earlier outcomes, "
+        f"and none was left out because of its value",
+    )
+    return (
+        f"the noise of one rollout is R-sub-Gaussian with R = {_with_unit(state, settings.R)}, declared before the "
+        f"data",
         f"rollouts are independent given the tests, and {ALL_COUNT}",
         *(fixed if state.fixed else ()),
         *RULES.get(settings.stop, ()),
-        *(inside if state.coverage.axes else ()),
     )
+
+
+def _with_unit(state: State, value: float) -> str:
+    return f"{value:g} {state.settings.unit}".rstrip()

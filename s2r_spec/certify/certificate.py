@@ -20,13 +20,19 @@ class Label(Enum):
     CERTIFIED = "certified under the stated assumptions"
     DECIDED = "decided (valid interval)"
     BUDGET = "budget exhausted (valid interval)"
+    ONE_SIDED = "one-sided (only the upper end holds, for every B)"
     REFUSED = "refused"
     MODEL_BASED = "model-based (not certified)"
     RUNNING = "running (valid interval)"
 
     @property
     def bounds(self) -> bool:
-        """Whether the interval holds under the stated assumptions."""
+        """Whether both ends of the interval hold under the stated assumptions."""
+        return self.certifies and self is not Label.ONE_SIDED
+
+    @property
+    def certifies(self) -> bool:
+        """Whether at least one end of the interval holds under the stated assumptions."""
         return self not in (Label.REFUSED, Label.MODEL_BASED)
 
 
@@ -44,13 +50,15 @@ class Rung:
 class Certificate:
     """P(lower ≤ J* ≤ upper) ≥ 1 − δ, where J* = max over the box of the expected outcome.
 
+    With the label ``ONE_SIDED`` only P(lower ≤ J*) ≥ 1 − δ holds, and no B is assumed.
+
     Attributes:
         lower: largest lower confidence bound at a point.
         upper: J^e, the upper confidence bound of the maximum over the whole box.
         delta: 1 − probability.
         target: the declared ε.
         label: see :class:`Label`.
-        reason: the reason for a refusal, else "".
+        reason: the reason why the interval is refused, else "".
         worst: the point of the largest lower confidence bound.
         rollouts: number of outcomes.
         iterations: number of batches.

@@ -17,8 +17,8 @@ from s2r_spec.certify.from_spec import only_requirement, rho_unit, search_for
 from s2r_spec.certify.observers import Phase
 from s2r_spec.certify.options import RunKeywords, RunOptions
 from s2r_spec.certify.recorded import Design, Recorded, fixed_design, observe
+from s2r_spec.certify.resumed_options import refuse_rule, with_rule, with_seed
 from s2r_spec.certify.search import Search
-from s2r_spec.certify.stop_options import refuse_rule, with_rule
 from s2r_spec.certify.voids import machine_fields
 from s2r_spec.distribution import version
 from s2r_spec.errors import UsageError
@@ -53,7 +53,7 @@ def check(
     requirement = options.requirement or only_requirement(spec)
     if options.resume:
         require_begun([folder], folder)
-    options = with_rule(options, folder)
+    options = with_seed(with_rule(options, folder), folder)
     search = search_for(spec, requirement, options)
     return check_with(search, spec, requirement, backend, folder, options)
 
@@ -73,7 +73,7 @@ def check_with(
         "backend": scorer.name,
         "model_hash": scorer.backend.model_hash,
         "duration": scorer.backend.duration,
-        "seed": options.seed,
+        "seed": options.fixed_seed,
         "settings": search.certificate().settings,
     }
     provenance |= header_fields(search.settings.stop)
@@ -103,8 +103,8 @@ def check_with(
             options.runner(scorer.passed) as pool,
             runner_for(pool, scorer.backend, journal, options.terms, search.budget) as runner,
         ):
-            run_search(search, Rollouts(scorer, options.seed, journal, runner), options.watching)
-    result = conclude(spec, requirement, scorer.fall, search.certificate(), journal, provenance)
+            run_search(search, Rollouts(scorer, options.fixed_seed, journal, runner), options.watching)
+    result = conclude(spec, requirement, scorer.fall, search, journal, provenance)
     return result if design is None else of_recordings(result, design.notes, search)
 
 

@@ -42,14 +42,14 @@ class CheckResult(Result):
         requirement: the name of the requirement in the spec.
         verdict: see :class:`Verdict`; never HOLDS or VIOLATED for a refused certificate.
         reason: one sentence for the verdict.
-        lower: certified lower bound, in ``unit``.
+        lower: certified lower bound, in ``unit``; not certified if the label is one-sided.
         upper: certified upper bound, in ``unit``.
         unit: the unit of ρ; "" when the requirement mixes units.
         worst: the tested point nearest to the one that bounds the worst expected ρ from above.
         lowest: the rollout of the smallest ρ.
         failures: word for a failure → number of rollouts that ended with it.
         assumptions: each in one sentence.
-        certificate: the certificate of the search, which maximises −ρ.
+        certificate: the certificate of the search, which maximises −ρ; the one-sided one if that shows a violation.
         provenance: version, spec and model hashes, seed.
         folder: the folder of the rollouts.
         seconds: wall time of all rollouts [s], summed over workers and resumed processes.
@@ -79,22 +79,25 @@ def conclude(
     spec: Spec,
     requirement: str,
     fall: float,
-    certificate: Certificate,
+    search: Search,
     journal: Journal,
     provenance: dict[str, Any],
 ) -> CheckResult:
     """Return the result of a search whose outcomes are all in a journal.
 
+    It is about the rollouts that the search counts. Before its first complete batch it shows those on disk.
+
     Args:
         spec: the specification with the requirement.
         requirement: the name of the requirement.
         fall: declared ρ of a rollout that falls, in the unit of ρ.
-        certificate: the certificate of the search.
+        search: the search.
         journal: the journal of its rollouts.
         provenance: the journal's header.
     """
-    records, backend = journal.records(), provenance["backend"]
-    certificate = without_too_many(certificate, backend, journal)
+    every, backend = journal.records(), provenance["backend"]
+    records = [record for record in every if search.counts(record.query)] or every
+    certificate = without_too_many(search.one_sided() or search.certificate(), backend, journal)
     failures = Counter(record.failure for record in records if record.failure is not None)
     lower, upper = -certificate.upper, -certificate.lower
     unit = rho_unit(spec, requirement)
@@ -105,6 +108,7 @@ def conclude(
             for text in certificate.assumptions
         ),
         f"a rollout that falls or crashes counts as ρ = {fall:g} {unit}".rstrip() + ", as the spec declares",
+        *left_out(sum(not search.counts(record.query) for record in every)),
         *machine_assumptions(backend, provenance, journal),
         "the statement is about this machine's expected ρ, as it was during these rollouts"
         if is_machine(provenance)
@@ -127,6 +131,13 @@ def conclude(
         seconds=sum(record.seconds for record in records),
         spec=spec,
         voids=void_counts(journal) if is_machine(provenance) else None,
+    )
+
+
+def left_out(rollouts: int) -> tuple[str, ...]:
+    """Return a sentence on the real or simulated rollouts of an incomplete last batch; none if there are none."""
+    return (
+        (f"{rollouts} rollouts of an incomplete last batch are on disk and not counted",) if rollouts else ()
     )
 
 
@@ -177,11 +188,16 @@ def distance(spec: Spec, left: Mapping[str, float], right: Mapping[str, float]) 
 
 def when_decided(label: Label) -> str:
     """Return the end of a verdict's reason: whether the search ended because the verdict was known."""
-    return "; the search ended as soon as this was known" if label is Label.DECIDED else ""
+    return "; the search ended because this was known" if label is Label.DECIDED else ""
 
 
 def _judge(certificate: Certificate, lower: float, upper: float, stop: str) -> tuple[Verdict, str]:
     """Return the verdict on certified bounds of the worst expected robustness, with its reason."""
+    if certificate.label is Label.ONE_SIDED:
+        return Verdict.VIOLATED, (
+            f"the worst expected robustness is negative for every B and every kernel; the interval is refused: "
+            f"{certificate.reason}"
+        )
     if not certificate.label.bounds:
         return Verdict.UNKNOWN, f"no certificate: {certificate.reason}"
     early = when_decided(certificate.label)

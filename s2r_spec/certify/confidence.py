@@ -106,6 +106,28 @@ def smallest_norm(gram: FloatArray, counts: FloatArray, means: FloatArray, radiu
     return float(np.sqrt(max(0.0, np.max(scales * (quadratic - radius)))))
 
 
+def norm_free_lower(counts: FloatArray, means: FloatArray, radius: float) -> float:
+    """Return a lower bound of max_i J(z_i) over the u tests that needs neither B nor the kernel, in units of R.
+
+    If J < t at every test, then (ȳ−J)ᵀM(ȳ−J) > Σ_i m_i max(ȳ_i − t, 0)². So on the event of the data-fit set the
+    maximum is at least the t at which this sum is r_n; it is the only root, because the sum falls with t.
+
+    Args:
+        counts: (u,) rollouts per test.
+        means: (u,) mean outcomes, in units of R.
+        radius: r_n > 0.
+    """
+    order = np.argsort(-means)
+    m, y = counts[order], means[order] - means[order[0]]
+    number, first, second = np.cumsum(m), np.cumsum(m * y), np.cumsum(m * y**2)
+    # The sum at t = y_k, over the tests above it: those before the first sum of at least r_n lie above the root.
+    sums = second - 2 * y * first + y**2 * number
+    last = int(np.searchsorted(np.maximum.accumulate(sums), radius)) - 1
+    centre = first[last] / number[last]
+    scatter = max(0.0, float(second[last] - first[last] * centre))
+    return float(means[order[0]] + centre - np.sqrt(max(0.0, radius - scatter) / number[last]))
+
+
 def noise_e_value(scatter: float, degrees: int) -> float:
     """Return the logarithm of an e-value against "the noise is R-sub-Gaussian".
 

@@ -48,6 +48,10 @@ class ConfidenceSet:
         self._bound = self._mode.before(self.norms)
         self._posterior: Conditioned | None = None
         self._least_norm = 0.0
+        self._norm_free_best = -np.inf
+        self._norm_free_lower: FloatArray = np.zeros(0)
+        self._norm_free_upper: FloatArray = np.zeros(0)
+        self._norm_free_worst: FloatArray = self._tiling.points[0]
 
     @property
     def points(self) -> FloatArray:
@@ -75,6 +79,19 @@ class ConfidenceSet:
         self._least_norm = max(self._least_norm, norm)
         if np.isnan(self._bound.widths[0]).any():  # no function of norm ≤ B fits, by however little
             self._least_norm = max(self._least_norm, float(np.nextafter(self.norms[0], np.inf)) * (1 + 1e-9))
+        self._update_norm_free(samples, self._bound.radius)
+
+    def _update_norm_free(self, samples: Samples, radius: float) -> None:
+        """Intersect the bounds at the tested points that follow from the data-fit set alone."""
+        best = confidence.norm_free_lower(samples.counts, samples.means, radius)
+        self._norm_free_best = max(self._norm_free_best, best)
+        margin = np.sqrt(radius / samples.counts)
+        new = (0, len(samples) - len(self._norm_free_lower))  # samples keep their order
+        lower = np.pad(self._norm_free_lower, new, constant_values=-np.inf)
+        upper = np.pad(self._norm_free_upper, new, constant_values=np.inf)
+        self._norm_free_lower = np.maximum(lower, samples.means - margin)
+        self._norm_free_upper = np.minimum(upper, samples.means + margin)
+        self._norm_free_worst = self.points[samples.at[int(self._norm_free_lower.argmax())]]
 
     def tightest(self, place: int) -> tuple[FloatArray, float, FloatArray]:
         """Return (P,) mean, width and (1,) prior scale of the bound that is lowest at a point."""
@@ -97,6 +114,21 @@ class ConfidenceSet:
     def smallest_norm(self) -> float:
         """B_low, the smallest RKHS norm of a function that fits the outcomes."""
         return self._least_norm * self._settings.R
+
+    @property
+    def norm_free_lower(self) -> float:
+        """Lower bound of the maximum that holds for every B and every kernel; −∞ before the first outcome."""
+        return self._norm_free_best * self._settings.R
+
+    @property
+    def norm_free_worst(self) -> FloatArray:
+        """(dim,) tested point with the largest lower bound of this kind."""
+        return self._norm_free_worst
+
+    @property
+    def norm_free_empty(self) -> bool:
+        """Whether bounds of this kind contradict each other at a tested point: no B explains that, so R is wrong."""
+        return bool((self._norm_free_lower > self._norm_free_upper).any())
 
     @property
     def ladder(self) -> tuple[Rung, ...]:

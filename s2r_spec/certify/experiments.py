@@ -5,7 +5,7 @@ Every rollout is written to its journal first. Only then does the search get its
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, NoReturn, Protocol
 
@@ -39,6 +39,10 @@ class Experiment(Protocol):
 
     def outcomes(self, queries: Sequence[Query], observer: Observer) -> dict[int, list[float]]:
         """Return query index → (replicates,) outcomes."""
+        ...
+
+    def on_disk(self, index: int, replicates: int) -> bool:
+        """Return whether the first outcomes of a query need no further rollout."""
         ...
 
 
@@ -96,6 +100,10 @@ class Rollouts:
             ]
             for query in queries
         }
+
+    def on_disk(self, index: int, replicates: int) -> bool:
+        """Return whether the journal has the rollouts of the first outcomes of a query."""
+        return self.journal.has(index, replicates * self.each)
 
     def _recorded(self, task: Task, point: Mapping[str, float]) -> Record | None:
         """Return the journal's record of a task, None if there is none.
@@ -160,16 +168,41 @@ class Pairs:
         simulated = self.simulated.outcomes(queries, watched.get("simulated", others))
         return {index: [r - s for r, s in zip(real[index], simulated[index], strict=True)] for index in real}
 
+    def on_disk(self, index: int, replicates: int) -> bool:
+        """Return whether both journals have the rollouts of the first outcomes of a query."""
+        return self.real.on_disk(index, replicates) and self.simulated.on_disk(index, replicates)
+
+
+def following(search: Search, on_disk: Callable[[int, int], bool]) -> list[Query]:
+    """Return the queries to answer next; none once the search is over.
+
+    A run may have more rollouts on disk than its stopping rule or its budget now needs. The bound holds at every time,
+    so the search takes them all, and its result is about the whole run. A search that is done leaves out an incomplete
+    last batch: which of its rollouts are on disk may depend on their outcomes.
+
+    Args:
+        search: the search.
+        on_disk: whether the first outcomes (number) of a query (index) need no further rollout.
+    """
+    if not search.done:
+        return search.ask()
+    if not on_disk(search.answered, 1):
+        return []
+    queries = search.ask(beyond=True)
+    if all(on_disk(query.index, query.replicates) for query in queries):
+        return queries
+    search.withdraw()
+    return []
+
 
 def run_search(search: Search, experiment: Experiment, observer: Observer | None = None) -> None:
-    """Run the search to its end.
+    """Run the search to its end, with every complete batch on disk.
 
     Raises:
         BackendError: a rollout raised; every rollout before it is on disk.
     """
     observer = observer or Silent()
-    while not search.done:
-        queries = search.ask()
+    while queries := following(search, experiment.on_disk):
         observer.batch(queries, search.certificate())
         outcomes = experiment.outcomes(queries, observer)
         for query in queries:

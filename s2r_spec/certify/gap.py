@@ -21,9 +21,9 @@ from s2r_spec.certify.observers import Phase
 from s2r_spec.certify.options import RunKeywords, RunOptions
 from s2r_spec.certify.pairing import SIMULATED_PER_REAL, Pairing
 from s2r_spec.certify.recorded import Recorded, observe
+from s2r_spec.certify.resumed_options import refuse_rule, with_rule, with_seed
 from s2r_spec.certify.search import Search
 from s2r_spec.certify.settings import SearchSettings
-from s2r_spec.certify.stop_options import refuse_rule, with_rule
 from s2r_spec.certify.voids import machine_fields
 from s2r_spec.distribution import version
 from s2r_spec.errors import UsageError
@@ -76,7 +76,8 @@ def gap(
     requirement = options.requirement or only_requirement(spec)
     if options.resume:
         require_begun([folder / side for side in SYSTEMS], folder)
-    options = with_rule(options, *(folder / side for side in SYSTEMS))
+    places = [folder / side for side in SYSTEMS]
+    options = with_seed(with_rule(options, *places), *places)
     if options.stop == DECIDED:
         raise UsageError(
             "a gap has no verdict that stop = 'decided' could wait for; use 'epsilon' or 'budget', or run certify"
@@ -101,7 +102,7 @@ def gap_with(
         "spec": Path(spec.name).name,
         "spec_hash": spec.hash,
         "requirement": requirement,
-        "seed": options.seed,
+        "seed": options.fixed_seed,
         "simulated_per_real": pairing.per_real,
         "settings": search.certificate().settings,
     }
@@ -128,10 +129,10 @@ def gap_with(
         runner_for(runner, machine, journals["real"], terms, search.budget) as attended,
     ):
         simulated: Experiment = Rollouts(
-            pairing.sim, options.seed, journals["sim"], runner, Stream.GAP_SIM, SIMULATED_PER_REAL
+            pairing.sim, options.fixed_seed, journals["sim"], runner, Stream.GAP_SIM, SIMULATED_PER_REAL
         )
         if pairing.recorded is None:
-            real = Rollouts(pairing.real, options.seed, journals["real"], attended, Stream.GAP_REAL)
+            real = Rollouts(pairing.real, options.fixed_seed, journals["real"], attended, Stream.GAP_REAL)
             run_search(search, Pairs(simulated, real), options.watching)
         else:
             if pairing.simulated is not None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from s2r_spec.certify.certificate import Certificate
-from s2r_spec.certify.check_result import distance
+from s2r_spec.certify.check_result import distance, left_out
 from s2r_spec.certify.from_spec import rho_unit
 from s2r_spec.certify.pairing import SIMULATED_PER_REAL
 from s2r_spec.certify.recorded import left_open
@@ -122,7 +122,7 @@ def conclude_gap(
     provenance: dict[str, Any],
     folder: Path,
 ) -> GapResult:
-    """Return the result of a search whose pairs are all in two journals.
+    """Return the result of a search whose pairs are all in two journals, from those that it counts.
 
     Args:
         spec: the specification with the requirement.
@@ -134,7 +134,8 @@ def conclude_gap(
     Raises:
         UsageError: there is no pair.
     """
-    pairs = pairs_of(journals, provenance["simulated_per_real"])
+    every = pairs_of(journals, provenance["simulated_per_real"])
+    pairs = [pair for pair in every if search.counts(pair.query)] or every
     if not pairs:
         raise UsageError("no pair of rollouts was run: the budget is smaller than the first batch")
     tested = _tested(pairs)
@@ -151,11 +152,19 @@ def conclude_gap(
         tested=tuple(tested),
         lowest=min(pairs, key=lambda pair: pair.gap),
         failures=dict(Counter(pair.failure for pair in pairs if pair.failure is not None)),
-        assumptions=_assumptions(spec, search, certificate, journals, provenance),
+        assumptions=(
+            *_assumptions(spec, search, certificate, journals, provenance),
+            *left_out(sum(not search.counts(record.query) for record in journals["real"].records())),
+        ),
         certificate=certificate,
         provenance=provenance,
         folder=folder,
-        seconds=sum(record.seconds for journal in journals.values() for record in journal.records()),
+        seconds=sum(
+            record.seconds
+            for journal in journals.values()
+            for record in journal.records()
+            if search.counts(record.query) or pairs is every
+        ),
         spec=spec,
         voids=void_counts(journals["real"]) if is_machine(provenance["real"]) else None,
     )

@@ -11,6 +11,7 @@ from s2r_spec.certify.arguments import as_backend, as_folder, require_begun
 from s2r_spec.certify.certificate import Certificate
 from s2r_spec.certify.experiments import Rollouts, run_search
 from s2r_spec.certify.options import MeasureKeywords, MeasureOptions
+from s2r_spec.certify.resumed_options import with_seed
 from s2r_spec.certify.search import Search
 from s2r_spec.certify.voids import machine_assumptions, machine_fields, without_too_many
 from s2r_spec.distribution import version
@@ -60,6 +61,7 @@ def check_measure(
         raise UsageError(f"search must be an s2r.Search, not a value of type {type(search).__name__}")
     if options.resume:
         require_begun([folder], folder)
+    options = with_seed(options, folder)
     search.refuse_hopeless()
     (called, machine), terms = opened(backend, options.duration), Terms()
     refuse_terms(machine, terms)
@@ -71,7 +73,7 @@ def check_measure(
         "backend": called,
         "model_hash": machine.model_hash,
         "duration": machine.duration,
-        "seed": options.seed,
+        "seed": options.fixed_seed,
         "fall": options.fall,
         "settings": search.certificate().settings,
     }
@@ -81,7 +83,7 @@ def check_measure(
         options.runner(passed) as pool,
         runner_for(pool, machine, journal, terms, search.budget) as runner,
     ):
-        run_search(search, Rollouts(scorer, options.seed, journal, runner), options.watching)
+        run_search(search, Rollouts(scorer, options.fixed_seed, journal, runner), options.watching)
     certificate = without_too_many(search.certificate(), called, journal)
     return replace(
         certificate, assumptions=(*certificate.assumptions, *machine_assumptions(called, header, journal))

@@ -15,6 +15,8 @@ from s2r_spec.certify.posterior import HasEvidence
 FloatArray = NDArray[np.float64]
 
 
+PAPER = "paper"
+"""Definition: the mode of the published algorithm. Its band rests on an event of its own, not on the data-fit set."""
 LARGEST = 1e10
 """Tolerance: largest prior scale times rollouts, in units of R². Beyond it rounding is not small beside a variance."""
 
@@ -97,6 +99,6 @@ def _paper(kernel: Kernel, norms: FloatArray) -> Mode:
 MODES: dict[str, Callable[[Kernel, FloatArray], Mode]] = {
     "rigorous": _rigorous,
     "rigorous-simple": _simple,
-    "paper": _paper,
+    PAPER: _paper,
 }
 """Name → maker from the kernel and (rungs,) norm bounds in units of R, the declared one first."""

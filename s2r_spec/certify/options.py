@@ -14,13 +14,14 @@ from s2r_spec.rollouts.machine_journal import AGAIN
 from s2r_spec.rollouts.passed import PassedBackend
 from s2r_spec.rollouts.pools import ExecutorFactory, in_this_process, process_pool
 from s2r_spec.rollouts.runner import Runner
+from s2r_spec.rollouts.seeds import NEW_SEED
 from s2r_spec.rollouts.stop_rule import as_stop
 
 
 class ExecutionKeywords(TypedDict, total=False):
     """Keywords of :class:`Execution`."""
 
-    seed: int
+    seed: int | None
     executor: ExecutorFactory | None
     timeout: float | None
     resume: bool
@@ -51,7 +52,7 @@ class Execution:
     """How rollouts are run.
 
     Args:
-        seed: the seed of the whole run.
+        seed: the seed of the whole run; None for the seed of a resumed run, and 0 for a new one.
         executor: a function that makes the pool of workers. By default two processes of this computer, or one
             thread of this process for a backend object that no other process can load (a class of a notebook).
         timeout: a rollout that uses more CPU time, or ten times as much wall time, is ended, and counts as a crash
@@ -61,7 +62,7 @@ class Execution:
         observer: receives batches and rollouts, to show them.
     """
 
-    seed: int = 0
+    seed: int | None = None
     executor: ExecutorFactory | None = None
     timeout: float | None = None
     resume: bool = False
@@ -72,6 +73,11 @@ class Execution:
         portable = all(one is None or one.portable for one in passed)
         usual = process_pool(2) if portable else in_this_process
         return Runner(self.executor or usual, self.timeout)
+
+    @property
+    def fixed_seed(self) -> int:
+        """The seed, or that of a new run."""
+        return NEW_SEED if self.seed is None else self.seed
 
     @property
     def watching(self) -> Observer:

@@ -17,8 +17,8 @@ from s2r_spec.certify.gap import gap_search, gap_with
 from s2r_spec.certify.gap_result import GapResult
 from s2r_spec.certify.options import RunKeywords, RunOptions
 from s2r_spec.certify.pairing import Pairing
+from s2r_spec.certify.resumed_options import refuse_rule, with_rule, with_seed
 from s2r_spec.certify.search import Search
-from s2r_spec.certify.stop_options import refuse_rule, with_rule
 from s2r_spec.result import Result
 from s2r_spec.rollouts.attendance import refuse_terms
 from s2r_spec.rollouts.layout import GAP, SIMULATION, SYSTEMS
@@ -72,7 +72,8 @@ def certify(
     requirement = options.requirement or only_requirement(spec)
     if options.resume:
         require_begun([folder / SIMULATION], folder)
-    options = with_rule(options, *(folder / GAP / side for side in SYSTEMS))
+    places = [folder / GAP / side for side in SYSTEMS]
+    options = with_seed(with_rule(options, *places), folder / SIMULATION, *places)
     pairing = Pairing.for_spec(spec, requirement, simulated, real, options.budget)
     refuse_terms(pairing.real.backend, options.terms)
     of_simulator = replace(options, budget=None, stop=EPSILON, void=AGAIN, operator=None)

@@ -102,9 +102,13 @@ class Search:
         """Take the rollouts so far as the budget, so that the search ends."""
         self._state.budget = self._state.outcomes.rollouts
 
-    def ask(self) -> list[Query]:
-        """Return the next batch, or the last one again while it lacks outcomes."""
-        if not self._open and not self.done:
+    def ask(self, *, beyond: bool = False) -> list[Query]:
+        """Return the next batch, or the last one again while it lacks outcomes.
+
+        Args:
+            beyond: whether a search that is done returns the batch that would follow.
+        """
+        if not self._open and (beyond or not self.done):
             for place, replicates in next_batch(self._state):
                 point = self.space.point(self._state.confidence.points[place])
                 query = Query(self._state.queries, point, replicates)
@@ -144,6 +148,21 @@ class Search:
             self._answers.clear()
             self._state.end_batch()
 
+    def withdraw(self) -> None:
+        """Take back the batch that is open; its outcomes so far do not count, and the next :meth:`ask` repeats it."""
+        self._state.queries -= len(self._open)
+        self._open.clear()
+        self._answers.clear()
+
+    @property
+    def answered(self) -> int:
+        """Number of queries with outcomes, and the index of the next one."""
+        return self._state.queries - len(self._open)
+
+    def counts(self, index: int) -> bool:
+        """Return whether the certificate counts the outcomes of a query; those of fixed tests always count."""
+        return self._state.final or index < self.answered
+
     def observe(self, tests: Iterable[tuple[Mapping[str, float], ArrayLike]], *, final: bool = False) -> None:
         """Give outcomes of tests that were fixed beforehand, not chosen by this search.
 
@@ -173,6 +192,13 @@ class Search:
     def certificate(self) -> Certificate:
         """Return the certificate from the outcomes so far; valid at any time."""
         return assembly.certificate(self._state)
+
+    def one_sided(self) -> Certificate | None:
+        """Return a certificate that the maximum is positive, which needs no B; None if the outcomes do not show it.
+
+        Only a search whose certificate is refused because of B or the kernel has one.
+        """
+        return assembly.one_sided(self._state)
 
     def band(self, points: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return (n,) lower and upper bounds of J at (n, dim) points, all at once with probability ≥ 1 − δ.

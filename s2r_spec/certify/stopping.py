@@ -15,9 +15,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import NamedTuple
 
 from s2r_spec.certify.acquisition import batch_size, coverage_tests
 from s2r_spec.certify.certificate import Label
+from s2r_spec.certify.modes import PAPER
 from s2r_spec.certify.rounding import at_least
 from s2r_spec.certify.sample_complexity import sequential_lower_bound
 from s2r_spec.certify.state import State
@@ -26,8 +28,8 @@ from s2r_spec.rollouts.stop_rule import BUDGET
 
 def label(state: State) -> tuple[Label, str]:
     """Return the label, and the reason in one sentence if the certificate is refused or model-based, else ""."""
-    if reason := next(filter(None, _refusals(state)), ""):
-        return Label.REFUSED, reason
+    if refusal := next(filter(None, _refusals(state)), None):
+        return Label.REFUSED, refusal.sentence
     if not settled(state):
         return Label.RUNNING, ""
     if state.settings.fitted:
@@ -55,20 +57,48 @@ def decided(state: State) -> bool:
     return state.decided and not coverage_tests(state)
 
 
-def _refusals(state: State) -> Iterator[str]:
-    """Yield every reason to refuse the certificate in one sentence, or "" where there is none.
+def needs_no_norm(state: State) -> bool:
+    """Return whether a refused certificate may still state what holds for every B and every kernel.
+
+    Noise, independence and completeness remain assumed. So no such statement follows if R is refuted, if rollouts are
+    missing, or if a setting was fitted; nor in the mode ``paper``, whose band rests on another event of probability δ.
+    """
+    first = next(filter(None, _refusals(state)), None)
+    if first is None or not first.of_norm or state.settings.fitted or state.settings.mode == PAPER:
+        return False
+    return not (_left_out(state) or _refuted_noise(state) or state.confidence.norm_free_empty)
+
+
+class _Refusal(NamedTuple):
+    """A reason to refuse a certificate, and whether it concerns only B and the kernel."""
+
+    sentence: str
+    of_norm: bool = False
+
+
+def _refusals(state: State) -> Iterator[_Refusal | None]:
+    """Yield every reason to refuse the certificate, or None where there is none.
 
     The first one counts. Those after it are not computed: with bounds that contradict each other they mean nothing.
     """
-    yield state.obstacles.constant
-    yield "" if state.final else state.obstacles.too_many
-    yield _left_out(state)
-    yield _refuted_noise(state)
-    yield _contradiction(state)
+    yield _of_norm(state.obstacles.constant)
+    yield None if state.final else _of_norm(state.obstacles.too_many)
+    yield _of_data(_left_out(state))
+    yield _of_data(_refuted_noise(state))
+    yield _of_norm(_contradiction(state))
     over = settled(state)
-    yield _refuted_norm(state) if over else ""
-    yield _impossible(state)
-    yield state.coverage.uncovered(state.tested, state.outcomes.samples.counts) if over else ""
+    yield _of_norm(_refuted_norm(state)) if over else None
+    yield _of_data(_impossible(state))
+    uncovered = state.coverage.uncovered(state.tested, state.outcomes.samples.counts) if over else ""
+    yield _of_norm(uncovered)
+
+
+def _of_norm(sentence: str) -> _Refusal | None:
+    return _Refusal(sentence, of_norm=True) if sentence else None
+
+
+def _of_data(sentence: str) -> _Refusal | None:
+    return _Refusal(sentence) if sentence else None
 
 
 def _left_out(state: State) -> str:

@@ -14,6 +14,7 @@ from typing import Any
 
 from s2r_spec.backend import assumptions_of, is_exclusive
 from s2r_spec.certify.certificate import ALL_COUNT, Certificate, Label
+from s2r_spec.rollouts import reading_rule
 from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.machine_journal import FALL
 from s2r_spec.rollouts.repeatability import unchecked
@@ -27,8 +28,8 @@ UNFINISHED = "unfinished"
 
 
 def machine_fields(scorer: Scorer, void: str) -> dict[str, Any]:
-    """Return the further header fields of a backend, beyond its name and hash: assumptions, and a machine's rule."""
-    found: dict[str, Any] = {}
+    """Return the header fields of a backend beyond its name and hash: of logs and machines, and assumptions."""
+    found: dict[str, Any] = reading_rule.header_fields(scorer.backend)
     if assumptions := (*assumptions_of(scorer.backend), *unchecked(scorer.backend, scorer.passed)):
         found["assumptions"] = list(assumptions)
     if is_exclusive(scorer.backend):
@@ -77,7 +78,7 @@ def machine_assumptions(backend: str, header: Mapping[str, Any], journal: Journa
         header: a header with the fields of :func:`machine_fields`.
         journal: the journal of its rollouts.
     """
-    own = tuple(header.get("assumptions", ()))
+    own = (*header.get("assumptions", ()), *reading_rule.note({"backend": backend} | dict(header)))
     if not is_machine(header):
         return own
     counts = void_counts(journal)

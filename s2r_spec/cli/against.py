@@ -41,12 +41,14 @@ class Search:
         report: a function that makes a report from the spec and the result.
         page: a function that makes the run for the HTML page, from the run's folder and the machine's name.
         places: folders of journals in a run's folder; one exists as soon as the run has begun.
+        journals: folders of all journals.
     """
 
     run: Callable[..., Any]
     report: Callable[..., Any]
     page: Callable[[Path, str], Any]
     places: tuple[str, ...]
+    journals: tuple[str, ...]
 
 
 def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[..., None]:
@@ -58,7 +60,7 @@ def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[.
         real: RealMachine,
         sim: Simulator = "sim",
         requirement: OneRequirement = None,
-        seed: Seed = 0,
+        seed: Seed = None,
         budget: RealBudget = None,
         stop: Stop = None,
         workers: Workers = None,
@@ -77,6 +79,7 @@ def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[.
     ) -> None:
         with sentences(as_json or form == "json"):
             refuse_without_operator(real)
+            from s2r_spec.certify.resumed_options import seed_of
             from s2r_spec.cli.progress import Live
             from s2r_spec.report import html
             from s2r_spec.rollouts.journal import Journal
@@ -92,6 +95,8 @@ def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[.
                 resume = with_any(resume, chosen.places, Journal.exists)
             compared = [requirement] if requirement else list(parsed.requirements)
             simulator, machine = reading.backends([sim, real], parsed, compared)
+            places = [] if resume is None else [resume / place for place in chosen.journals]
+            seed = seed_of(seed, *places)
             executor, folder, opening = begun(run, resume, name, seed, workers, scheduler, machine)
             try:
                 with Live(console(stderr=True), quiet, opening=opening) as live:

@@ -9,9 +9,10 @@ def _search() -> Search:
     from s2r_spec.certify.real_machine import certify as both
     from s2r_spec.report import certified
     from s2r_spec.report.recompute import recompute_certify
-    from s2r_spec.rollouts.layout import SIMULATION
+    from s2r_spec.rollouts.layout import GAP, SIMULATION, SYSTEMS
 
-    return Search(both, certified.report, recompute_certify, (SIMULATION,))
+    journals = (SIMULATION, *(f"{GAP}/{side}" for side in SYSTEMS))
+    return Search(both, certified.report, recompute_certify, (SIMULATION,), journals)
 
 
 certify = against(

@@ -55,7 +55,7 @@ def check(
             show_default="all with a certify line",
         ),
     ] = None,
-    seed: Seed = 0,
+    seed: Seed = None,
     budget: Annotated[
         int | None,
         typer.Option(
@@ -93,6 +93,7 @@ def check(
         from s2r_spec.certify.arguments import require_begun
         from s2r_spec.certify.from_spec import search_for
         from s2r_spec.certify.options import RunOptions
+        from s2r_spec.certify.resumed_options import seed_of
         from s2r_spec.cli.progress import Live
         from s2r_spec.report import checked, html
         from s2r_spec.rollouts import layout
@@ -116,10 +117,11 @@ def check(
         executor, machines = pool(workers, scheduler)
         if takes_turns(machine):
             machines = "one rollout at a time"
-        folder = new_or_old(run, resume, f"{spec.stem}-{backend}", seed)
+        folder = new_or_old(run, resume, f"{spec.stem}-{backend}", seed or 0)
         places = layout.places(folder, names, _own(folder, names) if resume is not None else None)
         if resume is not None:
             require_begun([*places.values()], folder)
+        seed = seed_of(seed, *(places.values() if resume is not None else ()))
         errors = console(stderr=True)
         results = []
         for name, place in places.items():

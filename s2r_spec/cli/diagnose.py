@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -65,7 +66,7 @@ def diagnose(
     real: RealMachine,
     sim: Simulator = "sim",
     requirement: OneRequirement = None,
-    seed: Seed = 0,
+    seed: Seed = None,
     budget: Budget = None,
     workers: Workers = None,
     scheduler: Scheduler = None,
@@ -92,6 +93,7 @@ def diagnose(
         from s2r_spec.report import diagnosed, diagnosed_page
         from s2r_spec.report.diagnosed_markdown import markdown
         from s2r_spec.rollouts import patched
+        from s2r_spec.rollouts.seeds import NEW_SEED
         from s2r_spec.spec import load_spec
 
         forms = {"text": diagnosed.text, "json": diagnosed.as_json, "markdown": markdown}
@@ -108,6 +110,8 @@ def diagnose(
         (machine,) = reading.backends([real], parsed, compared)
         if resume is not None:
             resume = _recorded(resume)
+            seed = _seed(resume, seed)
+        seed = NEW_SEED if seed is None else seed
         executor, folder, opening = begun(run, resume, name, seed, workers, scheduler, machine)
         errors = console(stderr=True)
         try:
@@ -179,3 +183,21 @@ def _recorded(folder: Path) -> Path:
             f"no run to resume in {folder}: there is no rollout in {real} and no {ANSWER}; begin a new run with --run"
         )
     return run
+
+
+def _seed(run: Path, given: int | None) -> int | None:
+    """Return the seed of a diagnosis to continue; the given one if its folder has none.
+
+    Raises:
+        UsageError: it has another seed.
+    """
+    from s2r_spec.diagnose.data.journal import Journal
+    from s2r_spec.rollouts.seeds import inherited
+
+    recorded = Journal.seed_in(run / REAL)
+    if recorded is None:
+        try:
+            recorded = int(json.loads((run / ANSWER).read_text(encoding="utf-8"))["provenance"]["seed"])
+        except (OSError, ValueError, KeyError, TypeError):
+            return given
+    return inherited(run, recorded, given)

@@ -14,7 +14,7 @@ def _search() -> Search:
     from s2r_spec.report.recompute import recompute_gap
     from s2r_spec.rollouts.layout import SYSTEMS
 
-    return Search(bound, gapped.report, lambda folder, _: recompute_gap(folder), SYSTEMS)
+    return Search(bound, gapped.report, lambda folder, _: recompute_gap(folder), SYSTEMS, SYSTEMS)
 
 
 gap = against(

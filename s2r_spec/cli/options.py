@@ -19,7 +19,14 @@ OneRequirement = Annotated[
     str | None,
     typer.Option("--requirement", "-r", help="Requirement of the spec.", show_default="the only one"),
 ]
-Seed = Annotated[int, typer.Option(min=0, help="Seed of all random numbers: the same seed repeats the run.")]
+Seed = Annotated[
+    int | None,
+    typer.Option(
+        min=0,
+        help="Seed of all random numbers: the same seed repeats the run.",
+        show_default="0, or the seed of the resumed run",
+    ),
+]
 RealBudget = Annotated[
     int | None, typer.Option(min=1, help="Most real rollouts.", show_default="until the interval is ε wide")
 ]

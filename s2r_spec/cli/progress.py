@@ -222,11 +222,12 @@ def _left(state: State) -> list[str]:
         return []
     words = f"about {left} rollouts left"
     if seconds is not None:
-        words += f" ({_duration(seconds)})"
+        words += f" ({duration_words(seconds)})"
     return [words]
 
 
-def _duration(seconds: float) -> str:
+def duration_words(seconds: float) -> str:
+    """Return a time [s] as people read it."""
     if seconds < 100:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 100 * 60 else f"{seconds / 3600:.1f} h"

@@ -23,7 +23,9 @@ from s2r_spec.backend import Backend, HasRecordings, load_backend
 from s2r_spec.certify.arguments import as_folder, as_rollouts, as_simulator, as_spec
 from s2r_spec.diagnose.axes import Values
 from s2r_spec.diagnose.cache import Cache
-from s2r_spec.diagnose.data.campaign import BUDGET, campaign, plan
+from s2r_spec.diagnose.cost import Cost, Expected, of_library, on_machine, planned_held_out
+from s2r_spec.diagnose.data.campaign import BUDGET, campaign, plan, smallest_with_held_out
+from s2r_spec.diagnose.data.journal import Journal
 from s2r_spec.diagnose.data.protocols import allowed
 from s2r_spec.diagnose.data.rollouts import RealRollouts, Rollouts, as_experiment, recorded
 from s2r_spec.diagnose.data.space_filling import representative, star
@@ -54,7 +56,7 @@ from s2r_spec.diagnose.quality import findings
 from s2r_spec.diagnose.residuals.left import remainders
 from s2r_spec.diagnose.simulate import Bench, Test, refuse_machine, travels
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.diagnose.simulator.library import ResponseLibrary, library
+from s2r_spec.diagnose.simulator.library import ResponseLibrary, library, most_rollouts
 from s2r_spec.diagnose.threads import one_thread
 from s2r_spec.diagnose.watched import Progress, Watched
 from s2r_spec.distribution import version
@@ -63,7 +65,7 @@ from s2r_spec.errors import S2RError, UsageError
 from s2r_spec.protocols import HasProtocols, protocol_of
 from s2r_spec.rollouts.pools import kept_open
 from s2r_spec.rollouts.repeatability import check_here, repeated
-from s2r_spec.rollouts.seeds import Stream, rollout_seed
+from s2r_spec.rollouts.seeds import NEW_SEED, Stream, inherited, rollout_seed
 from s2r_spec.space import key_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
@@ -83,7 +85,7 @@ def diagnose(
     budget: int | None = None,
     *,
     requirement: str | None = None,
-    seed: int = 0,
+    seed: int | None = None,
     executor: Callable[[], Executor] | None = None,
     progress: Progress | None = None,
     cache: Path | None = None,
@@ -101,7 +103,7 @@ def diagnose(
             machine, which then runs a campaign of tests and protocols.
         budget: largest number of real rollouts; 30 from a machine, and all recorded ones, if not given.
         requirement: the requirement to look at; the spec's first if not given.
-        seed: fixes everything that is drawn.
+        seed: fixes everything that is drawn; None for the seed of a resumed campaign, and 0 for a new one.
         executor: makes a pool for the simulations; None runs them here.
         progress: called with (stage, done, of) now and then; ``of`` is 0 where it is not known.
         cache: folder for what is simulated once; the user's cache folder if not given.
@@ -119,11 +121,20 @@ def diagnose(
     bench = Bench.of(spec, spec.requirements[0] if requirement is None else requirement, sim)
     real = load_backend(real) if isinstance(real, str) else real
     refuse_machine(real)
+    if folder is not None and (recorded_seed := Journal.seed_in(folder)) is not None:
+        seed = inherited(folder, recorded_seed, seed)
+    seed = NEW_SEED if seed is None else seed
     tell = Watched(progress or (lambda stage, done, of: None))
     _refuse_memory(bench, seed)
     able = executor if travels(bench) else None
     with kept_open(able) as pool, tell.watching():
-        work = _Work(bench, seed, pool, tell, Cache.usual() if cache is None else Cache(cache))
+        work = _Work(
+            bench,
+            seed,
+            pool,
+            tell,
+            Cache.usual() if cache is None else Cache(cache),
+        )
         if isinstance(real, Backend) and not isinstance(real, HasRecordings):
             data = _campaign(work, real, budget, folder, protocols, passive)
         else:
@@ -170,6 +181,10 @@ class _Work:
             self.tell(stage + where, done, of)
 
         return library(self.bench.backend, experiments, self.pool, progress, self.cache)
+
+    def simulated(self, experiments: Sequence[Experiment]) -> Expected:
+        """Return the rollouts that :meth:`library` will run."""
+        return of_library(self.bench.backend, most_rollouts(self.bench.backend, experiments, self.cache))
 
     def progress(self, stage: str) -> Callable[[int, int], None]:
         return partial(self.tell, stage)
@@ -227,10 +242,19 @@ def _campaign(
     runnable, said = allowed(bench.backend, machine, () if passive else protocols)
     fixed = plan(bench, tests, runnable, BUDGET if budget is None else budget, work.seed)
     others = () if passive else _protocols(bench, runnable)
+    middle = representative(fixed.tests.values(), bench.spec.space)
+    studied = tests if runnable else middle
+    work.tell.expect(
+        lambda: Cost(
+            on_machine(machine, fixed, folder),
+            work.simulated([*(as_experiment(bench, test) for test in studied), *others]),
+            planned_held_out(fixed),
+            smallest_with_held_out(bench.spec.space.dim),
+        )
+    )
     # The library comes first: a simulator that cannot be diagnosed costs no rollout of the machine.
     if not runnable:
-        middle = representative(fixed.tests.values(), bench.spec.space, 1)
-        work.library([as_experiment(bench, test) for test in middle])
+        work.library([as_experiment(bench, test) for test in middle[:1]])
         progress = work.progress("real rollouts")
         rollouts = campaign(bench, machine, fixed, work.seed, folder=folder, progress=progress)
         rollouts = replace(rollouts, notes=(*said, *rollouts.notes))
@@ -277,7 +301,11 @@ def _tested(
     run = [test for test, _ in parts.train.tests]
     tests = representative(run or star(bench.spec.space), bench.spec.space)
     experiments = [as_experiment(bench, test) for test in tests]
-    responses = work.library(list(dict.fromkeys([*experiments, *others])), where)
+    needed = list(dict.fromkeys([*experiments, *others]))
+    if not where:
+        held_out = len({key_of(test) for test, _ in parts.held_out})
+        work.tell.expect(lambda: Cost(None, work.simulated(needed), held_out))
+    responses = work.library(needed, where)
     different = len({key_of(test) for test in run})
     if different > len(tests):
         note = f"sizes come from the runs at {len(tests)} of the {different} recorded tests, which fill the space"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from s2r_spec.diagnose.cost import Cost, TellsCost
 from s2r_spec.diagnose.simulate import WATCH
 
 Progress = Callable[[str, int, int], None]
@@ -21,6 +22,11 @@ class Watched:
         """Tell of a stage; with ``of`` 0 the rollouts that are run from here on are its count."""
         self._stage, self._rollouts, self._counted = stage, 0, of > 0
         self._tell(stage, done, of)
+
+    def expect(self, cost: Callable[[], Cost]) -> None:
+        """Tell the cost, if the caller wants to know it; ``cost`` is called only then."""
+        if isinstance(self._tell, TellsCost):
+            self._tell.expect(cost())
 
     @contextmanager
     def watching(self) -> Iterator[None]:

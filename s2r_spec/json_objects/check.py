@@ -29,7 +29,7 @@ class WorstExpectedRobustness:
     """The minimum over the test space of the expected ρ lies in [lower, upper].
 
     Attributes:
-        lower: the lower bound, in the unit.
+        lower: the lower bound, in the unit; not certified if the label is one-sided.
         upper: the upper bound, in the unit.
         unit: the unit of ρ; empty for none, 'mixed' if margins do not compare.
         epsilon: upper − lower; negative only if the certificate is refused because its bounds contradict each other.
@@ -67,12 +67,14 @@ class BackendProvenance(Open):
         model_hash: the hash of the model, which changes whenever traces could.
         assumptions: the assumptions of every statement about this backend.
         void: the treatment of a void rollout; only for a machine.
+        reading: the number of the rule by which messages become samples; only for logs.
     """
 
     backend: str
     model_hash: str
     assumptions: NotRequired[list[str]]
     void: NotRequired[Literal["again", "fall"]]
+    reading: NotRequired[Count]
 
 
 class Provenance(BackendProvenance):

@@ -88,7 +88,7 @@ def _facts(spec: Spec, result: CertifyResult) -> tuple[tuple[str, str], ...]:
         *bound,
         (
             "in simulation",
-            f"worst expected ρ in {between(simulated.lower, simulated.upper)}{unit}, "
+            f"worst expected ρ {checked.interval_words(simulated)}, "
             f"{simulated.certificate.rollouts} rollouts, {simulated.certificate.label.value}",
         ),
         *(gapped.facts(gap, spec.space.units) if gap else (("gap", "not searched"),)),

@@ -66,18 +66,14 @@ def finding(spec: Spec, result: CheckResult) -> Finding:
     unit = f" {result.unit}" if result.unit else ""
     probability = probability_words(certificate)
     facts = (
-        ("worst expected ρ", f"in {between(result.lower, result.upper)}{unit}, {probability}"),
+        ("worst expected ρ", f"{interval_words(result)}, {probability}"),
         (
             "worst test",
             f"{test_words(result.worst.params, spec.space.units)}: mean ρ {result.worst.mean:+.4f}{unit} "
             f"over {result.worst.rollouts} rollouts, lowest {result.worst.lowest:+.4f}",
         ),
         *effort(result),
-        (
-            "label",
-            f"{certificate.label.value}; interval {wide(certificate.epsilon)} wide "
-            f"(target {certificate.target:g}), including {at_most(certificate.discretisation, 2)} for the grid",
-        ),
+        ("label", _label_words(certificate)),
     )
     return Finding(
         name=result.requirement,
@@ -118,9 +114,26 @@ def effort(result: Result, of: str = "") -> tuple[tuple[str, str], ...]:
     return rows if result.voids is None else (*rows, ("void", void_words(result.voids, certificate.rollouts)))
 
 
+def interval_words(result: Result) -> str:
+    """Return the interval with its unit; only the upper end if no other is certified."""
+    unit = f" {result.unit}" if result.unit else ""
+    if result.certificate.label is Label.ONE_SIDED:
+        return f"≤ {up(result.upper)}{unit}"
+    return f"in {between(result.lower, result.upper)}{unit}"
+
+
+def _label_words(certificate: Certificate) -> str:
+    if certificate.label is Label.ONE_SIDED:
+        return str(certificate.label.value)
+    return (
+        f"{certificate.label.value}; interval {wide(certificate.epsilon)} wide "
+        f"(target {certificate.target:g}), including {at_most(certificate.discretisation, 2)} for the grid"
+    )
+
+
 def probability_words(certificate: Certificate) -> str:
     """Return the probability of a bound in words."""
-    if not certificate.label.bounds:
+    if not certificate.label.certifies:
         return "not certified"
     return f"with probability ≥ 1 − {certificate.delta:g}"
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from s2r_spec.certify.certificate import Certificate
+from s2r_spec.certify.certificate import Certificate, Label
 from s2r_spec.certify.check_result import Tested, tested
 from s2r_spec.certify.compose import Composition
 from s2r_spec.certify.gap_result import Pair
@@ -255,6 +255,11 @@ def _summands(run: RecomputedCertify, composed: Composition) -> Bars:
 
 
 def _note(certificate: Certificate, waiting: int) -> str:
+    if certificate.label is Label.ONE_SIDED:
+        return (
+            "Only the upper end of the worst expected ρ is certified, and it holds for every B. No band and no "
+            "interval on this page is certified."
+        )
     if not certificate.label.bounds:
         return "The certificate was refused: no band and no interval on this page is certified."
     if waiting:

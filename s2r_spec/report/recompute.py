@@ -11,6 +11,7 @@ from typing import Any
 from s2r_spec.certify.certificate import Certificate
 from s2r_spec.certify.check_result import CheckResult, conclude, of_recordings
 from s2r_spec.certify.compose import compose
+from s2r_spec.certify.experiments import following
 from s2r_spec.certify.from_spec import search_for
 from s2r_spec.certify.gap import gap_search
 from s2r_spec.certify.gap_result import GapResult, Pair, conclude_gap, pairs_of
@@ -139,7 +140,7 @@ def recompute(folder: Path) -> Recomputed:
         spec,
         header["requirement"],
         settings.fall,
-        search.certificate(),
+        search,
         journal,
         header,
     )
@@ -185,7 +186,9 @@ def recompute_gap(folder: Path, simulated: Search | None = None) -> RecomputedGa
         search.observe(tests.values(), final=True)
         history = [search.certificate()]
     else:
-        history = _tell(search, outcomes)
+        history = _tell(
+            search, outcomes, lambda index, count: all((index, number) in every for number in range(count))
+        )
     counted = search.certificate().rollouts
     search.close()
     provenance = {key: value for key, value in header.items() if key not in ("side", "backend", "duration")}
@@ -266,14 +269,15 @@ def _replay(spec: Spec, journal: Journal) -> tuple[Search, list[Certificate]]:
             _asked(query, record.query, record.replicate, record.params, journal.folder)
         return [-record.rho for record in records]
 
-    return search, _tell(search, outcomes)
+    return search, _tell(search, outcomes, journal.has)
 
 
-def _tell(search: Search, outcomes: Callable[[Query], list[float]]) -> list[Certificate]:
+def _tell(
+    search: Search, outcomes: Callable[[Query], list[float]], on_disk: Callable[[int, int], bool]
+) -> list[Certificate]:
     """Pass each complete batch of outcomes to a search; return its certificate after each."""
     history: list[Certificate] = []
-    while not search.done:
-        queries = search.ask()
+    while queries := following(search, on_disk):
         found = [outcomes(query) for query in queries]
         if any(len(values) < query.replicates for query, values in zip(queries, found, strict=True)):
             break

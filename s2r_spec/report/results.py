@@ -41,10 +41,10 @@ def line(result: Known) -> str:
     if isinstance(result, Diagnosis):
         return one_line(f"{name}({result})")
     if isinstance(result, CheckResult):
-        bound = _bound("ρ", result.lower, result.upper, result)
+        bound = _bound("ρ", result)
         return one_line(f"{name}({result.requirement} {result.verdict.name}: {bound})")
     if isinstance(result, GapResult):
-        return one_line(f"{name}({result.requirement}: {_bound('Δ', result.lower, result.upper, result)})")
+        return one_line(f"{name}({result.requirement}: {_bound('Δ', result)})")
     first, both = result.simulated, result.composition
     words = result.reason
     if both is not None:
@@ -53,14 +53,13 @@ def line(result: Known) -> str:
     return one_line(f"{name}({first.requirement} {result.verdict.name}: {words})")
 
 
-def _bound(symbol: str, lower: float, upper: float, result: CheckResult | GapResult) -> str:
+def _bound(symbol: str, result: CheckResult | GapResult) -> str:
     """Return the interval of one search in words."""
     certificate = result.certificate
-    if not certificate.label.bounds:
+    if not certificate.label.certifies:
         return f"no certificate: {certificate.reason}"
-    interval = f"{between(lower, upper)} {result.unit}".rstrip()
     return (
-        f"worst expected {symbol} in {interval}, {checked.probability_words(certificate)}, "
+        f"worst expected {symbol} {checked.interval_words(result)}, {checked.probability_words(certificate)}, "
         f"{certificate.rollouts} rollouts"
     )
 

@@ -32,7 +32,7 @@ from typing import Any
 from s2r_spec import logs
 from s2r_spec.errors import TraceError, one_of
 from s2r_spec.files import onto_disk
-from s2r_spec.rollouts import lines, machine_journal, stop_rule
+from s2r_spec.rollouts import lines, machine_journal, reading_rule, stop_rule
 from s2r_spec.rollouts.layout import run_of
 from s2r_spec.rollouts.lines import JournalError
 from s2r_spec.rollouts.machine_journal import Attempt, Attempts, Void
@@ -210,7 +210,8 @@ class Journal:
         The stopping rule may be another one; the journal gets a line for it.
 
         Raises:
-            JournalError: as :meth:`read`; or a field of the header differs. The message gives both values.
+            JournalError: as :meth:`read`; or a field of the header differs, or the rule by which logs are read. The
+                message gives both values.
         """
         journal = cls.read(folder)
         try:
@@ -219,6 +220,11 @@ class Journal:
         except OSError as error:
             raise JournalError(f"cannot write to {folder}: {error.strerror or error}") from error
         current = json.loads(json.dumps(dict(header)))
+        for backend, before, now in reading_rule.changes(journal.header, current):
+            raise JournalError(
+                f"the logs of {backend} in {folder} were read by reading rule {before}, and this s2r has rule "
+                f"{now}; begin a new run, or resume this one with the s2r that began it"
+            )
         for key in sorted(current.keys() | journal.header.keys()):
             recorded, now = journal.header.get(key), current.get(key)
             if recorded != now and key != stop_rule.KIND:
@@ -246,6 +252,10 @@ class Journal:
         """Return a recorded rollout, or None."""
         entry = self._entries.get((query, replicate))
         return None if entry is None else entry.record
+
+    def has(self, query: int, replicates: int) -> bool:
+        """Return whether the first rollouts of a query are all recorded."""
+        return all((query, replicate) in self._entries for replicate in range(replicates))
 
     def records(self) -> list[Record]:
         """Return every rollout, ordered by query and replicate."""

@@ -24,6 +24,7 @@ from s2r_spec.errors import TraceNote, UsageError
 from s2r_spec.logs.interpret import Loaded
 from s2r_spec.rollouts.log_folder import Entry, LogError, digest, read
 from s2r_spec.rollouts.log_options import LogOptions
+from s2r_spec.rollouts.reading_rule import READING
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
@@ -50,6 +51,7 @@ class LogBackend:
 
     deterministic = True
     cost = 1e-4
+    reading = READING
 
     def __init__(self, folder: str = "") -> None:
         if not folder:
@@ -79,7 +81,7 @@ class LogBackend:
             if values
         )
         self.duration = max(recording.trace.duration for recording in used)
-        content = hashlib.sha256(options.text.encode())
+        content = hashlib.sha256(f"reading {self.reading}\0{options.text}".encode())
         for path in found.files:
             content.update(f"{path.name}\0{path.stat().st_size}\0".encode())
             with path.open("rb") as stream:

@@ -29,6 +29,7 @@ from s2r_spec.rollouts.lines import (
     is_text,
 )
 from s2r_spec.rollouts.machine_journal import AGAIN, FALL
+from s2r_spec.rollouts.reading_rule import KEY, READING
 from s2r_spec.rollouts.stop_rule import STOPS, stop_of
 from s2r_spec.spec import Spec, load_spec, parse_spec
 from s2r_spec.spec.declared import hash_of
@@ -123,6 +124,8 @@ def checked_header(journal: Journal) -> dict[str, Any]:
                 wrong = f"{name} must be a list of texts"
     if not wrong and any(one.get("void", AGAIN) not in (AGAIN, FALL) for one in [header, *systems]):
         wrong = f"void must be {AGAIN} or {FALL}"
+    if not wrong and not all(is_count(one.get(KEY, READING)) for one in [header, *systems]):
+        wrong = f"{KEY} must be a whole number"
     if not wrong and stop_of(header) not in STOPS:
         wrong = f"stop must be one of {one_of(STOPS)}"
     if wrong:

@@ -7,6 +7,9 @@ bound, and the same measurement must notice.
 The same holds for searches that end as soon as their verdict is known. Their
 functions have maxima near 0, so that the rule matters, and a norm that the guard
 accepts, so that a refusal of B or of the bounds counts as wrong, too.
+
+The bound that needs no B is measured where it is used: on functions whose norm is
+many times the declared B, with maxima near 0, looked at after every batch.
 """
 
 import dataclasses
@@ -126,3 +129,46 @@ def test_with_the_radius_of_one_look_at_one_test_a_decided_verdict_fails(monkeyp
     """A χ² quantile holds for one test at one time. It leaves out the price of looking after every batch."""
     monkeypatch.setattr(modes.Mode, "radius", lambda self, data, delta: float(chi2.isf(delta, 1)))
     assert decided_runs("rbf", RUNS)[0] > most_wrong(RUNS)
+
+
+def one_sided_runs(runs: int, level: float) -> tuple[int, int]:
+    """Return how many searches ever bound a maximum from below wrongly, and how many bound it from below at all.
+
+    The outcome is a step, ``level`` and a little less, and no B fits it. It is equally large at many tests, so that
+    the price of looking at all of them after every batch matters.
+    """
+    wrong, stated = 0, 0
+    for seed in range(runs):
+        rng = np.random.default_rng([9, seed])
+        search = Search(LINE, kernel=Kernel("matern52", 0.2), B=0.15, R=R, delta=DELTA, epsilon=EPSILON)
+        highest = -np.inf
+        for _ in range(40):  # a search whose B is refuted ends, so the tests are chosen here
+            places = rng.uniform(-0.2, 0.3, size=2).round(2)
+            outcomes = [level - 0.02 * (vd > 0.2) + R * rng.normal(size=2) for vd in places]
+            search.observe([({"vd": vd}, values) for vd, values in zip(places, outcomes, strict=True)])
+            if (found := search.one_sided()) is not None:
+                highest = max(highest, found.lower)
+        wrong += highest > level
+        stated += highest > -np.inf
+    return wrong, stated
+
+
+@pytest.mark.parametrize("level", [0.3, 0.0])
+@pytest.mark.parametrize("runs", [8, pytest.param(100, marks=pytest.mark.slow)])
+def test_the_bound_without_b_holds_where_no_b_fits(level, runs):
+    wrong, stated = one_sided_runs(runs, level)
+    assert wrong == 0
+    assert stated == (runs if level else 0)
+
+
+def test_with_a_third_of_the_width_the_bound_without_b_fails(monkeypatch):
+    honest = confidence.norm_free_lower
+    monkeypatch.setattr(
+        confidence, "norm_free_lower", lambda counts, means, radius: honest(counts, means, radius / 9)
+    )
+    assert one_sided_runs(RUNS // 2, 0.3)[0] > most_wrong(RUNS // 2)
+
+
+def test_with_the_radius_of_one_look_at_one_test_the_bound_without_b_fails(monkeypatch):
+    monkeypatch.setattr(modes.Mode, "radius", lambda self, data, delta: float(chi2.isf(delta, 1)))
+    assert one_sided_runs(RUNS // 2, 0.3)[0] > most_wrong(RUNS // 2)

@@ -57,6 +57,29 @@ def facts(result):
     return replace(result, seconds=0.0, folder=Path(), lowest=replace(result.lowest, seconds=0.0))
 
 
+def assert_counts(result, records):
+    """Compare every number on rollouts with one from the records."""
+    tests = {}
+    for record in records:
+        tests.setdefault(tuple(record.params.values()), []).append(record.rho)
+    certificate, worst = result.certificate, tests[tuple(result.worst.params.values())]
+    assert (certificate.rollouts, certificate.points) == (len(records), len(tests))
+    assert (result.worst.rollouts, result.worst.lowest, result.worst.highest) == (
+        len(worst),
+        min(worst),
+        max(worst),
+    )
+    assert result.worst.mean == pytest.approx(np.mean(worst))
+    assert result.lowest.rho == min(record.rho for record in records)
+    assert sum(result.failures.values()) == sum(record.failure is not None for record in records)
+    assert result.seconds == pytest.approx(sum(record.seconds for record in records))
+    search = s2r.Search(result.spec.space, **{
+        name: certificate.settings[name] for name in ("B", "R", "delta", "epsilon")
+    }, kernel=Kernel("rbf", (0.2,)))  # fmt: skip
+    search.observe([(record.params, [-record.rho]) for record in records], final=True)
+    assert certificate.lower >= search.certificate().lower - 1e-9  # the run intersected earlier bounds
+
+
 class TestSearch:
     @pytest.mark.parametrize("level", [-0.4, 0.4])
     def test_it_ends_with_the_batch_that_excludes_0(self, level):
@@ -143,6 +166,36 @@ class TestRuns:
         assert facts(recompute(tmp_path / "run").result) == facts(whole)
         assert facts(check(tmp_path, resume=True)) == facts(whole)
 
+    @pytest.mark.parametrize("limit", [0.1, -0.05])
+    @pytest.mark.parametrize("words", [{"stop": "decided"}, {"budget": 30}, {"stop": "epsilon"}])
+    def test_a_rule_that_needs_fewer_rollouts_than_are_on_disk_gets_all_of_them(self, tmp_path, limit, words):
+        whole = check(tmp_path, limit, stop="budget", budget=700)
+        assert check(tmp_path, limit, run="few", **words).certificate.rollouts < whole.certificate.rollouts
+        resumed = check(tmp_path, limit, resume=True, **words)
+        records = Journal.read(tmp_path / "run").records()
+        assert resumed.certificate.rollouts == len(records) == whole.certificate.rollouts
+        assert_counts(resumed, records)
+        assert (resumed.lower, resumed.upper, resumed.certificate.ladder) == (
+            whole.lower,
+            whole.upper,
+            whole.certificate.ladder,
+        )
+        assert facts(recompute(tmp_path / "run").result) == facts(resumed)
+
+    def test_an_incomplete_batch_beyond_the_rule_is_left_out_of_every_number(self, tmp_path):
+        check(tmp_path, stop="budget", budget=700)
+        journal = tmp_path / "run" / "journal.jsonl"
+        lines = journal.read_bytes().splitlines(keepends=True)
+        journal.write_bytes(b"".join(lines[:-1]))
+        resumed = check(tmp_path, stop="decided", resume=True)
+        records = Journal.read(tmp_path / "run").records()
+        assert len(records) == len(lines) - 2  # nothing ran
+        assert 0 < resumed.certificate.rollouts < len(records)
+        assert_counts(resumed, records[: resumed.certificate.rollouts])
+        left = len(records) - resumed.certificate.rollouts
+        assert any(text.startswith(f"{left} rollouts") for text in resumed.assumptions)
+        assert facts(recompute(tmp_path / "run").result) == facts(resumed)
+
     def test_a_journal_with_an_unknown_rule_gets_a_sentence(self, tmp_path):
         check(tmp_path, stop="decided")
         journal = Journal.read(tmp_path / "run")
@@ -185,3 +238,33 @@ class TestRuns:
         assert recompute_gap(tmp_path / "run" / "gap").result.certificate == early.gap.certificate
         resumed = certify(spec, "toy", "toy:drag", tmp_path / "run", resume=True, **THREAD)
         assert (resumed.composition, resumed.gap.certificate) == (early.composition, early.gap.certificate)
+
+
+@pytest.mark.usefixtures("toy")
+class TestSeeds:
+    def test_a_resumed_run_keeps_its_seed(self, tmp_path):
+        whole = check(tmp_path, seed=3, run="whole")
+        check(tmp_path, seed=3, budget=20)
+        resumed = check(tmp_path, resume=True)
+        assert resumed.provenance["seed"] == 3
+        assert facts(resumed) == facts(whole)
+        assert facts(check(tmp_path, seed=3, resume=True)) == facts(whole)
+
+    def test_another_seed_is_refused(self, tmp_path):
+        check(tmp_path, seed=3, budget=20)
+        for seed in (0, 4):
+            with pytest.raises(UsageError, match=naming("seed 3", str(seed), "run")):
+                check(tmp_path, seed=seed, budget=20, resume=True)
+        assert len(Journal.read(tmp_path / "run")) <= 20
+
+    def test_a_new_run_has_the_seed_0(self, tmp_path):
+        assert check(tmp_path, budget=20).provenance["seed"] == 0
+
+    def test_gap_and_certify_keep_it_too(self, tmp_path):
+        spec = s2r.parse_spec(SPEC.replace("LIMIT", "0.2"), "spec.stl")
+        for call, place in ((gap, "gap"), (certify, "certify")):
+            first = call(spec, "toy", "toy:drag", tmp_path / place, seed=3, budget=20, **THREAD)
+            again = call(spec, "toy", "toy:drag", tmp_path / place, budget=20, resume=True, **THREAD)
+            assert str(again) == str(first)
+            with pytest.raises(UsageError, match=naming("seed 3", "5")):
+                call(spec, "toy", "toy:drag", tmp_path / place, seed=5, budget=20, resume=True, **THREAD)

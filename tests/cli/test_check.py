@@ -113,7 +113,8 @@ def test_a_worker_that_dies_or_hangs_counts_as_a_crash(s2r, habit, words, facts)
     # A test at 0.3 m/s, the end of the range, is in the first batch of this seed.
     words = ("check", s2r.spec(), "-b", f"toy:{habit}", *words, "--budget", 8, "--seed", 4, "--json")
     words = (*words, "--workers", 1)
-    done = s2r(*words, "--run", "r", code=3)
+    # Every rollout there counts as a fall, which no B explains away.
+    done = s2r(*words, "--run", "r", code=1)
     result = json.loads(done.stdout)["results"][0]
     ((failure, count),) = result["failures"].items()
     assert states(failure, *facts)
@@ -121,8 +122,17 @@ def test_a_worker_that_dies_or_hangs_counts_as_a_crash(s2r, habit, words, facts)
     assert result["lowest"]["rho"] == -0.5
     assert states(done.stderr, "vd = 0.3 m/s", failure, "ρ = -0.5")
     # What was recorded is not run again: nothing hangs any more.
-    again = json.loads(s2r(*words, "-q", "--resume", "r", code=3).stdout)["results"][0]
+    again = json.loads(s2r(*words, "-q", "--resume", "r", code=1).stdout)["results"][0]
     assert again["search"] == result["search"]
+
+
+def test_a_resumed_run_keeps_its_seed_and_refuses_another(s2r):
+    words = ("check", s2r.spec(), "-b", "toy", "--budget", 20)
+    first = s2r(*words, "--seed", 7, "--run", "r", "--json", code=None)
+    again = s2r(*words, "--resume", "r", "--json", code=first.returncode)
+    assert states(again.stderr, "seed 7")
+    assert without_timing(json.loads(again.stdout)) == without_timing(json.loads(first.stdout))
+    assert states(s2r(*words, "--resume", "r", "--seed", 0, code=2).stderr, "seed 7", "0")
 
 
 def test_dask_gives_the_numbers_of_this_machine(s2r):

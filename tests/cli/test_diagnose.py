@@ -42,6 +42,7 @@ def test_a_cause_is_named_applied_and_used(cart):
     assert json.loads((cart.folder / "patched.json").read_text())["effects"] == found["patch"]
     again = json.loads(cart(*words, "--resume", "run", "--json", code=0).stdout)
     assert again == found
+    assert states(cart(*words, "--resume", "run", "--seed", 5, code=2).stderr, "seed 0", "5")
 
 
 SWING = (

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -26,7 +27,7 @@ from s2r_spec.backend import Backend, HasDuration, Recording
 from s2r_spec.diagnose.data.journal import Journal
 from s2r_spec.diagnose.data.rollouts import FEWEST, RealRollouts, as_experiment
 from s2r_spec.diagnose.data.space_filling import spread
-from s2r_spec.diagnose.data.split import LEAST
+from s2r_spec.diagnose.data.split import LEAST, number_held_out
 from s2r_spec.diagnose.simulate import Bench, Test, refuse_machine
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.errors import UsageError
@@ -80,7 +81,7 @@ def plan(
     """
     space = bench.spec.space
     if not protocols:
-        distinct = max(min(FEWEST, budget), round(budget * DISTINCT)) if space.dim else 1
+        distinct = _different(budget, space.dim)
         filling = spread(space, distinct, seed)
         places = [i if i < distinct else (i - distinct) // 2 % distinct for i in range(budget)]
         steps = tuple(as_experiment(bench, filling[place]) for place in places)
@@ -101,6 +102,20 @@ def plan(
     twice = [e for place, e in enumerate(screen) for _ in range(2 if place < again else 1)]
     apart = [as_experiment(bench, test) for test in filling[:held_out]]
     return Plan((*apart, *twice), known, held_out, spare - again)
+
+
+def smallest_with_held_out(dim: int) -> int:
+    """Return the smallest budget of a plan without protocols that holds tests out; with protocols every plan does.
+
+    Args:
+        dim: number of test parameters.
+    """
+    return next(budget for budget in count(1) if number_held_out(_different(budget, dim), budget))
+
+
+def _different(budget: int, dim: int) -> int:
+    """Return the number of different tests of a plan without protocols."""
+    return max(min(FEWEST, budget), round(budget * DISTINCT)) if dim else 1
 
 
 def campaign(
@@ -139,7 +154,7 @@ def campaign(
     matched = check_compatibility(bench.spec, bench.requirement, machine)
     protocols = machine.protocols() if isinstance(machine, HasProtocols) else ()
     declared = (*(p for protocol in protocols for p in protocol.parameters), *machine.parameters)
-    journal = Journal(folder, {p.name: p.unit for p in declared})
+    journal = Journal(folder, {p.name: p.unit for p in declared}, seed)
     found, dropped, done = RealRollouts(), dict[str, str](), list[Experiment]()
     planned, budget = iter(plan.steps), len(plan.steps) + plan.chosen
     for number in range(budget):

@@ -1,7 +1,7 @@
 """The journal of a campaign, in a folder that ``log:FOLDER`` reads.
 
-``campaign.json`` lists the experiments, each before it begins, and what the machine refused. The trace of a run is on
-disk before the next begins. The table ``rollouts.csv`` follows from both.
+``campaign.json`` has the seed, and lists the experiments, each before it begins, and what the machine refused. The
+trace of a run is on disk before the next begins. The table ``rollouts.csv`` follows from both.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.errors import NotBegunError, UsageError
 from s2r_spec.files import save
 from s2r_spec.protocols import PROTOCOL
+from s2r_spec.rollouts.seeds import inherited
 from s2r_spec.trace import Trace
 
 FILE, TABLE, SCHEMA = "campaign.json", "rollouts.csv", "s2r.campaign/1"
@@ -32,13 +33,14 @@ class Journal:
     Args:
         folder: folder of the files; it is made if needed.
         units: the machine's units: parameter → unit.
+        seed: the seed of the campaign.
 
     Raises:
-        UsageError: the folder has recordings of no campaign, or its journal is damaged.
+        UsageError: the folder has recordings of no campaign or of another seed, or its journal is damaged.
     """
 
-    def __init__(self, folder: Path, units: Mapping[str, str]) -> None:
-        self._folder, self._units = folder, units
+    def __init__(self, folder: Path, units: Mapping[str, str], seed: int) -> None:
+        self._folder, self._units, self._seed = folder, units, seed
         self._steps: list[dict[str, Any]] = []
         self._rows: list[dict[str, str]] = []
         folder.mkdir(parents=True, exist_ok=True)
@@ -48,12 +50,21 @@ class Journal:
                 raise UsageError(f"{folder} has recordings and no {FILE}; use an empty folder, or {instead}")
             return
         try:
-            found = json.loads(path.read_text(encoding="utf-8"))
-            if found["schema"] != SCHEMA:
-                raise ValueError
+            found = _read(path)
             self._steps = [_step(_experiment(each), str(each["refused"])) for each in found["steps"]]
         except (ValueError, KeyError, TypeError, AttributeError):
             raise UsageError(f"{path} is not the journal of a campaign; restore it, or {instead}") from None
+        if (recorded := self.seed_in(folder)) is not None:
+            inherited(folder, recorded, seed)
+
+    @staticmethod
+    def seed_in(folder: Path) -> int | None:
+        """Return the seed of the campaign in a folder; None without a campaign, or without a seed in its journal."""
+        try:
+            found = _read(folder / FILE).get("seed")
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            return None
+        return found if isinstance(found, int) else None
 
     def experiment(self, number: int) -> Experiment | None:
         """Return an experiment that has begun, with the simulator's parameters; None if none has this number."""
@@ -106,7 +117,10 @@ class Journal:
 
     def _save(self, steps: list[dict[str, Any]]) -> None:
         self._steps = steps
-        save(self._folder / FILE, json.dumps({"schema": SCHEMA, "steps": steps}, indent=1) + "\n")
+        save(
+            self._folder / FILE,
+            json.dumps({"schema": SCHEMA, "seed": self._seed, "steps": steps}, indent=1) + "\n",
+        )
 
     def _tabulate(self) -> None:
         left_out = () if any(row[PROTOCOL] for row in self._rows) else (PROTOCOL,)
@@ -116,6 +130,19 @@ class Journal:
         writer.writeheader()
         writer.writerows(self._rows)
         save(self._folder / TABLE, text.getvalue())
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """Return the content of a journal.
+
+    Raises:
+        OSError: there is no such file.
+        ValueError: it is not a journal.
+    """
+    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    if found["schema"] != SCHEMA:
+        raise ValueError
+    return found
 
 
 def _step(experiment: Experiment, refused: str = "") -> dict[str, Any]:

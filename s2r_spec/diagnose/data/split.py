@@ -62,12 +62,23 @@ def _drawn(tests: Sequence[TestRun], seed: int) -> set[int]:
     """Return the places of the tests that are held out: all rollouts of some tests, drawn at random."""
     keys = [key_of(test) for test, _ in tests]
     different = list(dict.fromkeys(keys))
+    count = number_held_out(len(different), len(tests))
     if len(different) == 1:  # rollouts of the one test are all that can be held out
-        count = round(HELD_OUT * len(tests))
-        return set(range(count)) if count >= LEAST else set()
-    count = round(HELD_OUT * len(different))
-    if count < LEAST or len(tests) < ENOUGH[1]:
-        return set()
+        return set(range(count))
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(7,)))
     out = {different[k] for k in rng.permutation(len(different))[:count]}
     return {place for place, key in enumerate(keys) if key in out}
+
+
+def number_held_out(different: int, runs: int) -> int:
+    """Return how many tests are held out, with all their runs; of a single test, how many of its runs.
+
+    Args:
+        different: number of different tests.
+        runs: number of runs of tests.
+    """
+    if different == 1:
+        count = round(HELD_OUT * runs)
+        return count if count >= LEAST else 0
+    count = round(HELD_OUT * different)
+    return 0 if count < LEAST or runs < ENOUGH[1] else count

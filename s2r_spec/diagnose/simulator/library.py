@@ -253,6 +253,31 @@ def library(
     return ResponseLibrary(parameters, tuple(responses))
 
 
+def most_rollouts(
+    backend: Backend, experiments: Sequence[Experiment], cache: Cache | None = None
+) -> dict[Experiment, int]:
+    """Return experiment → largest number of rollouts that its response takes; 0 where the cache has it.
+
+    Runs nothing. Which parameters act alone is known only after :func:`acting`, so without its result in the cache
+    every parameter counts, and no response is taken from the cache.
+    """
+    cache = Cache.usual() if cache is None else cache
+    effects = catalogue_of(backend)
+    tried = (cache.folder / f"acting/{_key(backend, tuple(experiments), ())}.npz").is_file()
+    parameters = lines(effects, _acting(backend, experiments, cache)) if tried else lines(effects)
+    probes = 0 if tried else 1 + sum(len(e.parameters) for e in effects if len(e.parameters) > 1)
+    machines = _machines(parameters, list(backend.variants()) if isinstance(backend, HasVariants) else [])
+
+    def rollouts(experiment: Experiment) -> int:
+        if tried and (cache.folder / f"responses/{_key(backend, experiment, parameters)}.npz").is_file():
+            return 0
+        return (
+            probes + PILOT + sum(len(job.seeds) for job in _jobs(backend, experiment, parameters, machines))
+        )
+
+    return {experiment: rollouts(experiment) for experiment in experiments}
+
+
 def _acting(backend: Backend, experiments: Sequence[Experiment], cache: Cache) -> dict[str, frozenset[str]]:
     def save(found: dict[str, frozenset[str]], path: Path) -> None:
         np.savez(path, names=np.array(json.dumps({e: sorted(names) for e, names in found.items()})))

@@ -24,6 +24,7 @@ from s2r_spec.rollouts.manual.attendance import FALL, Attendance
 from s2r_spec.rollouts.manual.checks import as_recorded
 from s2r_spec.rollouts.manual.folder import ORIGINALS, PendingTest, TestFolder, placeholder, recorded
 from s2r_spec.rollouts.manual.words import test_words
+from s2r_spec.rollouts.reading_rule import READING
 from s2r_spec.trace import Trace
 
 COST = 120.0
@@ -52,6 +53,7 @@ class ManualBackend:
     exclusive = True
     hands_over = True
     deterministic = False
+    reading = READING
 
     def __post_init__(self) -> None:
         """Check the folder's name and the options; make nothing."""
@@ -93,9 +95,9 @@ class ManualBackend:
 
     @property
     def model_hash(self) -> str:
-        """Hash of the channels, parameters and options; the machine itself has no known hash."""
+        """Hash of channels, parameters, options and reading rule; the machine itself has no known hash."""
         interface = [(c.name, c.unit, c.width) for c in self.channels], [asdict(p) for p in self.parameters]
-        record = json.dumps([interface, self.duration, self.options.text])
+        record = json.dumps([interface, self.duration, self.options.text, self.reading])
         return hashlib.sha256(record.encode()).hexdigest()
 
     @property

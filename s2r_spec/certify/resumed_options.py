@@ -1,14 +1,19 @@
-"""The stopping rule of a run: the one of its options, or of the run that it resumes."""
+"""The stopping rule and the seed of a run: those of its options, or of the run that it resumes."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
-from s2r_spec.certify.options import RunOptions
+from s2r_spec.certify.options import Execution, RunOptions
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts.journal import Journal
+from s2r_spec.rollouts.lines import is_count
+from s2r_spec.rollouts.seeds import NEW_SEED, inherited
 from s2r_spec.rollouts.stop_rule import BUDGET, EPSILON, stop_of
+
+Options = TypeVar("Options", bound=Execution)
 
 
 def with_rule(options: RunOptions, *places: Path) -> RunOptions:
@@ -28,6 +33,28 @@ def with_rule(options: RunOptions, *places: Path) -> RunOptions:
     if stop == BUDGET and options.budget is None:
         raise UsageError("stop = 'budget' needs a budget: the largest number of rollouts")
     return replace(options, stop=stop)
+
+
+def with_seed(options: Options, *places: Path) -> Options:
+    """Return options with a seed: the given one, or that of the resumed run; see :func:`seed_of`."""
+    return replace(options, seed=seed_of(options.seed, *(places if options.resume else ())))
+
+
+def seed_of(given: int | None, *places: Path) -> int:
+    """Return the seed of a run.
+
+    Args:
+        given: the seed that the user gave; None for that of the resumed run, or of a new one.
+        places: the folders of the journals of a resumed run.
+
+    Raises:
+        UsageError: the run has another seed, or the first line of a journal is damaged.
+    """
+    for place in places:
+        seed = Journal.header_in(place).get("seed")
+        if seed is not None and is_count(seed):  # the check of the whole header names a fault
+            return inherited(place, seed, given)
+    return NEW_SEED if given is None else given
 
 
 def refuse_rule(stop: str, backend: str) -> None:

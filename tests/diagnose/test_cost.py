@@ -1,0 +1,69 @@
+"""What a diagnosis will cost is told before its first rollout."""
+
+import pytest
+
+import s2r_spec as s2r
+from s2r_spec.diagnose.data.campaign import smallest_with_held_out
+from tests.diagnose.toy import Toy
+
+TOY = s2r.parse_spec("param v in [0, 1]\nsignal x {N}\nrequire small: always[0, 0.9 s] (abs(x) <= 2 {N})")
+
+
+class Told:
+    """A progress that keeps the cost, and how many rollouts had run when it came."""
+
+    def __init__(self, ran):
+        self.ran, self.cost, self.before = ran, None, None
+
+    def __call__(self, stage, done, of):
+        pass
+
+    def expect(self, cost):
+        assert self.cost is None
+        self.cost, self.before = cost, len(self.ran)
+
+
+@pytest.fixture
+def ran(monkeypatch):
+    """Return a list that grows by the name of the backend with every rollout."""
+    found, rollout = [], Toy.rollout
+
+    def counted(self, params, seed):
+        found.append(self)
+        return rollout(self, params, seed)
+
+    monkeypatch.setattr(Toy, "rollout", counted)
+    return found
+
+
+@pytest.mark.parametrize("budget", [10, smallest_with_held_out(1)])
+def test_rollouts_and_held_out_tests_are_known_before_the_first(tmp_path, ran, budget):
+    told, machine = Told(ran), Toy()
+    found = s2r.diagnose(
+        TOY, Toy(), machine, budget, cache=tmp_path, folder=tmp_path / "real", progress=told, passive=True
+    )
+    cost = told.cost
+    assert told.before == 0
+    assert cost.real.rollouts == found.provenance["rollouts"] == budget
+    assert cost.real.seconds == pytest.approx(budget * machine.cost)
+    assert (cost.held_out > 0) == (found.provenance["held_out"] > 0) == (budget >= cost.enough)
+    assert cost.simulated.rollouts <= len(ran)
+    again = Told(ran)
+    s2r.diagnose(
+        TOY, Toy(), machine, budget, cache=tmp_path, folder=tmp_path / "real", progress=again, passive=True
+    )
+    assert again.cost.real.rollouts == 0
+
+
+def test_recordings_cost_only_simulations(tmp_path, ran):
+    machine = Toy()
+    tests = [{"v": v / 11} for v in range(12)]
+    rollouts = [(test, machine.rollout(test, seed)) for seed, test in enumerate(tests)]
+    ran.clear()
+    told = Told(ran)
+    found = s2r.diagnose(TOY, Toy(), rollouts, cache=tmp_path, progress=told)
+    assert (told.before, told.cost.real, told.cost.enough) == (0, None, None)
+    assert (told.cost.held_out > 0) == (found.provenance["held_out"] > 0)
+    again = Told(ran)
+    s2r.diagnose(TOY, Toy(), rollouts, cache=tmp_path, progress=again)
+    assert again.cost.simulated.rollouts == 0 < told.cost.simulated.rollouts
