@@ -309,6 +309,18 @@ class Trace:
         origin = None if self.origin is None else self.origin.shift(later)
         return replace(self._at(slice(None), self.times + later), origin=origin)
 
+    def at_busiest(self) -> Trace:
+        """Return channels with messages at the stamps of the one with the most, from the first value of each on."""
+        if not self.messages:
+            return self
+        assert self.until is not None
+        busiest = max(self.messages.values(), key=len)
+        first = max(float(one.times[0]) for one in self.messages.values())
+        since = first if self.since is None else max(first, self.since)
+        times = np.unique(busiest.times)
+        inner = times[(times > since) & (times <= self.until)]
+        return self.sampled_at(np.concatenate(([since], inner)))
+
     def resample(self, period: Any, rule: Rule | Mapping[str, Rule] = "hold") -> Trace:
         """Return this trace at regular times, from its first time on.
 

@@ -143,11 +143,18 @@ def _file(request: Request, path: Path) -> _Input:
     """Read a recorded trace, and yield it sample by sample."""
     from s2r_spec.errors import UsageError
     from s2r_spec.robustness.grid import Grid
+    from s2r_spec.robustness.silence import silences_of
 
     recorded, *more = read(request, path)
     if more:
         raise UsageError("--online follows one episode; cut one by --start and --duration")
     trace = recorded.trace
+    if trace.messages or trace.origin is not None:
+        raise UsageError(
+            "--online follows one list of samples, and this log has several topics: leave it out"
+        )
+    if silences_of(trace.times):
+        raise UsageError("--online follows samples, and these have a gap of over five periods: leave it out")
     grid = Grid.of(trace.times)
     samples = (
         (float(time), {name: channel[k] for name, channel in trace.channels.items()})

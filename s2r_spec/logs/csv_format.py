@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from s2r_spec.errors import NoTimesError, TraceError
 from s2r_spec.logs import cells, csv_bulk, csv_head
 from s2r_spec.logs.csv_head import Row, is_number
+from s2r_spec.logs.own import rows
 from s2r_spec.logs.table import (
     TEXT_SIZE,
     Chooser,
@@ -63,7 +64,12 @@ def load(path: Path, choose: Chooser) -> Table:
             return _table(text, needed)
     columns = {number: Column(values) for number, values in found.items()}
     return Table(
-        text.heads, columns, text.meta, _placed(text.heads, range(first, sys.maxsize)), tuple(text.notes)
+        text.heads,
+        columns,
+        text.meta,
+        _placed(text.heads, range(first, sys.maxsize)),
+        tuple(text.notes),
+        own=text.own,
     )
 
 
@@ -74,12 +80,14 @@ class Text:
     Attributes:
         heads: heads of the columns.
         meta: meta from the first line, as in :class:`Trace`.
+        own: record of own samples, from the first line.
         first_line: number of the line of the first row, from 1; None if the names are a comment.
         notes: notes on rows left out so far.
     """
 
     heads: tuple[Head, ...]
     meta: dict[str, Any]
+    own: dict[str, Any]
     first_line: int | None
     notes: list[str] = field(default_factory=list)
     _lines: _Lines = field(repr=False, kw_only=True)
@@ -98,11 +106,12 @@ class Text:
         """
         lines = _Lines(readline)
         meta: dict[str, Any] = {}
+        own: dict[str, Any] = {}
         comment = ""
         first = ""
         for first in lines:
             if first.startswith(_NOTES):
-                meta = _meta(first, lines.number)
+                meta, own = _meta(first, lines.number)
             elif first.startswith("#"):
                 comment = first
             elif first.strip():
@@ -123,7 +132,9 @@ class Text:
             # numpy.savetxt and others write the names as a comment
             names, rows, first_line = names._replace(cells=above), chain([names], rows), None
         few(len(names.cells))
-        text = cls(tuple(map(head_of, names.cells)), meta, first_line, _lines=lines, _names=names, _rows=rows)
+        text = cls(
+            tuple(map(head_of, names.cells)), meta, own, first_line, _lines=lines, _names=names, _rows=rows
+        )
         text._read_units()
         return text
 
@@ -261,12 +272,12 @@ def _next(reader: Any, lines: _Lines) -> Row | None:
     return None if row is None else Row(row, lines.number, lines.cut)
 
 
-def _meta(line: str, number: int) -> dict[str, Any]:
+def _meta(line: str, number: int) -> tuple[dict[str, Any], dict[str, Any]]:
     try:
         record = json.loads(line.removeprefix(_NOTES))
         if not isinstance(record, dict) or "meta" not in record:
             raise ValueError("'meta'")
-        return described(record, f"line {number}")[1]
+        return described(record, f"line {number}")[1:]
     except (ValueError, RecursionError) as error:
         raise TraceError(f'line {number}: expected {_NOTES}{{"meta": {{…}}}}: {error}') from None
 
@@ -309,7 +320,8 @@ def _table(text: Text, needed: Sequence[int]) -> Table:
     to_arrays()
     columns = {number: _joined(parts) for number, parts in pieces.items()}
 
-    return Table(text.heads, columns, text.meta, _placed(text.heads, lines), tuple(text.notes))
+    place = _placed(text.heads, lines)
+    return Table(text.heads, columns, text.meta, place, tuple(text.notes), own=text.own)
 
 
 def _placed(heads: Sequence[Head], lines: Sequence[int]) -> Callable[[int, int], str]:
@@ -333,8 +345,9 @@ def _joined(pieces: Sequence[NDArray[Any]]) -> Column:
 
 def write(trace: Trace, path: Path) -> None:
     """Write a trace."""
-    header, arrays = ["t [s]"], [trace.times]
-    for name, values in trace.channels.items():
+    times, channels, record = rows(trace)
+    header, arrays = ["t [s]"], [times]
+    for name, values in channels.items():
         parts = [name] if values.ndim == 1 else [f"{name}[{i}]" for i in range(values.shape[1])]
         for i, part in enumerate(parts):
             unit = trace.units.get(name)
@@ -348,8 +361,9 @@ def write(trace: Trace, path: Path) -> None:
         if not parts:
             raise TraceError(f"a CSV file cannot hold the channel {quoted(name)}, which has no components")
     with path.open("w", newline="", encoding="utf-8") as stream:
-        if trace.meta:
-            stream.write(f"{_NOTES}{json.dumps({'meta': dict(trace.meta)})}\n")
+        if trace.meta or record:
+            notes = {"meta": dict(trace.meta)} | ({"own": record} if record else {})
+            stream.write(f"{_NOTES}{json.dumps(notes)}\n")
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow(header)
         # repr is the shortest text that reads back as the same float64

@@ -24,6 +24,7 @@ from s2r_spec.logs.csv_format import head_of
 from s2r_spec.logs.interpret import Loaded, build_trace, request
 from s2r_spec.logs.library import library
 from s2r_spec.logs.mapping import Request, plan_columns, time_candidates
+from s2r_spec.logs.own import rows
 from s2r_spec.logs.parquet_format import NOTES, as_column
 from s2r_spec.logs.table import Column, Head, Table, described, quoted
 from s2r_spec.logs.times import TIME
@@ -50,7 +51,7 @@ def read(
         UsageError: it is not a frame, or ``time_unit`` is not a unit of time.
     """
     heads, columns, notes = _pandas(frame, time) if _is_pandas(frame) else _arrow(frame)
-    noted, meta = described(notes, "attrs of the frame")
+    noted, meta, own = described(notes, "attrs of the frame")
     names = {head.name for head in heads}
     given = dict(units or {})
     if unknown := sorted(given.keys() - names):
@@ -64,7 +65,7 @@ def read(
     def place(sample: int, number: int) -> str:
         return f"row {sample} of the column {quoted(heads[number].text)}"
 
-    table = Table(heads, dict(enumerate(columns)), meta, place)
+    table = Table(heads, dict(enumerate(columns)), meta, place, own=own)
     wanted = request({TIME: _times(heads, time)}, None, time_unit)
     try:
         loaded = build_trace(table, plan_columns(heads, wanted), wanted)
@@ -123,7 +124,7 @@ def _pandas(frame: Any, time: str | None) -> tuple[tuple[Head, ...], list[Column
     if own or (typed and time is None and TIME not in frame.columns):
         series.insert(0, (TIME if time is None else str(index.name), index))
     columns = [_of_series(arrow, values) for _, values in series]
-    notes = {key: frame.attrs[key] for key in ("units", "meta") if key in frame.attrs}
+    notes = {key: frame.attrs[key] for key in ("units", "meta", "own") if key in frame.attrs}
     return tuple(head_of(name) for name, _ in series), columns, notes
 
 
@@ -188,19 +189,20 @@ def frame_of(trace: Trace, package: Library = "pandas") -> Any:
         raise UsageError(
             f"no data frame is called {package!r}; the libraries are {one_of(get_args(Library))}"
         )
-    columns = dict(_columns(trace))
-    notes = {"units": dict(trace.units), "meta": dict(trace.meta)}
-    return _FRAMES[package](trace.times, columns, notes)
+    times, channels, record = rows(trace)
+    columns = dict(_columns(channels))
+    notes = {"units": dict(trace.units), "meta": dict(trace.meta)} | ({"own": record} if record else {})
+    return _FRAMES[package](times, columns, notes)
 
 
-def _columns(trace: Trace) -> list[tuple[str, Any]]:
+def _columns(channels: Mapping[str, Any]) -> list[tuple[str, Any]]:
     """Return (name, samples) of every column.
 
     Raises:
         TraceError: two columns would have one name.
     """
     columns: list[tuple[str, Any]] = []
-    for name, values in trace.channels.items():
+    for name, values in channels.items():
         if values.ndim == 1:
             columns.append((name, values))
         else:

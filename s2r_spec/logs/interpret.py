@@ -16,6 +16,7 @@ from s2r_spec.lang.units import LONGEST
 from s2r_spec.logs import dates, times, values
 from s2r_spec.logs.account import Account
 from s2r_spec.logs.mapping import ANY, Channel, Plan, Request
+from s2r_spec.logs.own import restored
 from s2r_spec.logs.table import Column, Table, quoted
 from s2r_spec.logs.topics.order import ordered
 from s2r_spec.logs.topics.topic import Topic
@@ -69,6 +70,12 @@ def build_trace(
     stamps = times.read(columns, heads, request.time_unit, lambda k: table.place(k, plan.times[0]))
     read = channels(table, plan, stamps.seconds.size)
     left_out = _left_out(table, plan, request, read.faults)
+    names = {one.name: table.heads[one.parts[0].number].name for one in plan.channels}
+    kept = restored(stamps.seconds, read.samples, table.own, names)
+    if kept is not None:
+        trace = replace(kept, units=read.units, meta=table.meta)
+        accounts = {name: Account(count, count) for name, count in _counts(kept).items()}
+        return Loaded(trace, (*table.notes, *plan.notes), stamps.begins, left_out, accounts, stamps.stated)
     trace, account, notes = _of_rows(stamps.seconds, read, table, plan.times[0])
     notes = (*table.notes, *plan.notes, *stamps.notes, *notes)
     accounts = dict.fromkeys(read.samples, account)
@@ -96,6 +103,13 @@ def _of_rows(
         messages = {name: Messages.of(times, one) for name, one in samples.items()}
         trace = Trace.of_messages(messages, read.units, table.meta)
     return trace, Account(seconds.size, times.size, found.merged), found.notes
+
+
+def _counts(trace: Trace) -> dict[str, int]:
+    """Return channel → number of its own samples."""
+    if trace.messages:
+        return {name: len(one) for name, one in trace.messages.items()}
+    return {name: int(trace.own(name).sum()) for name in trace.channels}
 
 
 def _left_out(table: Table, plan: Plan, request: Request, faults: Mapping[str, str]) -> dict[str, str]:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.errors import TraceError, shortened
 from s2r_spec.logs import cells
+from s2r_spec.logs.own import rows
 from s2r_spec.logs.table import (
     TEXT_SIZE,
     Chooser,
@@ -77,7 +78,7 @@ def load(path: Path, choose: Chooser) -> Table:
 def _table(archive: zipfile.ZipFile, choose: Chooser) -> Table:
     members = {name.removesuffix(".npy"): name for name in archive.namelist()}
     few(len(members))
-    units, meta = _notes(archive, members.pop(_NOTES, None))
+    units, meta, own = _notes(archive, members.pop(_NOTES, None))
     names = list(members)
     heads = tuple(Head(name, None, units.get(name)) for name in names)
     needed = sorted(set(choose(heads)))
@@ -91,7 +92,7 @@ def _table(archive: zipfile.ZipFile, choose: Chooser) -> Table:
     unknown = set(units) - set(names)
     if unknown:
         raise TraceError(f"{_NOTES} has a unit for {quoted(min(unknown))}, which is not an array of the file")
-    return Table(heads, columns, meta, place)
+    return Table(heads, columns, meta, place, own=own)
 
 
 @dataclass(frozen=True)
@@ -179,9 +180,11 @@ def _column(archive: zipfile.ZipFile, member: _Member) -> Column:
     return Column(values)
 
 
-def _notes(archive: zipfile.ZipFile, name: str | None) -> tuple[dict[str, str], dict[str, Any]]:
+def _notes(
+    archive: zipfile.ZipFile, name: str | None
+) -> tuple[dict[str, str], dict[str, Any], dict[str, Any]]:
     if name is None:
-        return {}, {}
+        return {}, {}, {}
     member = _Member.of(archive, name)
     if (
         member.dtype is None
@@ -202,8 +205,10 @@ def write(trace: Trace, path: Path) -> None:
     for name in ("t", _NOTES):
         if name in trace.channels:
             raise TraceError(f"a channel cannot be called {name!r} in an .npz file")
-    notes = json.dumps({"units": dict(trace.units), "meta": dict(trace.meta)})
-    arrays = {"t": trace.times, **trace.channels, _NOTES: np.array(notes)}
+    times, channels, record = rows(trace)
+    own = {"own": record} if record else {}
+    notes = json.dumps({"units": dict(trace.units), "meta": dict(trace.meta), **own})
+    arrays = {"t": times, **channels, _NOTES: np.array(notes)}
     # numpy.savez takes names as keywords, so a channel called "file" would break it. And one write of the whole file
     # takes half the time of many small writes and seeks.
     whole = BytesIO()

@@ -15,6 +15,7 @@ import numpy as np
 from s2r_spec.errors import TraceError, shortened
 from s2r_spec.logs import cells
 from s2r_spec.logs.library import library
+from s2r_spec.logs.own import rows
 from s2r_spec.logs.table import (
     TEXT_SIZE,
     Chooser,
@@ -59,7 +60,7 @@ def _table(arrow: Any, file: Any, choose: Chooser) -> Table:
     few(file.metadata.num_columns)
     notes = (file.metadata.metadata or {}).get(NOTES, b"{}")
     try:
-        units, meta = described(json.loads(notes), "the metadata 's2r'")
+        units, meta, own = described(json.loads(notes), "the metadata 's2r'")
     except (ValueError, RecursionError) as error:
         raise TraceError(f"the metadata 's2r' is not JSON: {error}") from None
     leaves = _leaves(arrow, file.schema_arrow)
@@ -77,7 +78,7 @@ def _table(arrow: Any, file: Any, choose: Chooser) -> Table:
     def place(sample: int, number: int) -> str:
         return f"row {sample} of the column {quoted(heads[number].name)}"
 
-    return Table(heads, columns, meta, place)
+    return Table(heads, columns, meta, place, own=own)
 
 
 def _leaves(arrow: Any, schema: Any) -> list[tuple[str, tuple[str, ...]]]:
@@ -181,13 +182,15 @@ def write(trace: Trace, path: Path) -> None:
     arrow, parquet = _libraries()
     if "t" in trace.channels:
         raise TraceError("a channel cannot be called 't' in a .parquet file")
-    columns = {"t": arrow.array(trace.times)}
-    for name, values in trace.channels.items():
+    times, channels, record = rows(trace)
+    columns = {"t": arrow.array(times)}
+    for name, values in channels.items():
         flat = arrow.array(values.reshape(-1))
         columns[name] = (
             flat if values.ndim == 1 else arrow.FixedSizeListArray.from_arrays(flat, values.shape[1])
         )
-    notes = json.dumps({"units": dict(trace.units), "meta": dict(trace.meta)}).encode()
+    own = {"own": record} if record else {}
+    notes = json.dumps({"units": dict(trace.units), "meta": dict(trace.meta), **own}).encode()
     table = arrow.table(columns).replace_schema_metadata({NOTES: notes})
     parquet.write_table(table, path)
 

@@ -85,6 +85,7 @@ class Table:
         place: (sample number, head number) → place in the file, such as "line 3, column 2 (vx)".
         accounts: number of a head → what became of its messages; empty for a table that is none of topics.
         clock: stamps of the topic at which requirements are evaluated; None for every instant.
+        own: the record of own samples that s2r wrote beside the columns; empty if all are own.
     """
 
     heads: tuple[Head, ...]
@@ -94,6 +95,7 @@ class Table:
     notes: Sequence[str] = field(default=())
     accounts: Mapping[int, Account] = field(default_factory=dict)
     clock: NDArray[Any] | None = None
+    own: Mapping[str, Any] = field(default_factory=dict)
 
 
 Chooser = Callable[[tuple[Head, ...]], Iterable[int]]
@@ -139,8 +141,8 @@ def few(columns: int) -> None:
         )
 
 
-def described(record: Any, source: str) -> tuple[dict[str, str], dict[str, Any]]:
-    """Return the units and the meta of the record that s2r writes beside the columns.
+def described(record: Any, source: str) -> tuple[dict[str, str], dict[str, Any], dict[str, Any]]:
+    """Return units, meta and the record of own samples (:mod:`s2r_spec.logs.own`) that s2r writes beside the columns.
 
     Args:
         record: the parsed record.
@@ -156,7 +158,10 @@ def described(record: Any, source: str) -> tuple[dict[str, str], dict[str, Any]]
         raise TraceError(f'{source}: "units" must map names to texts, such as "m/s"')
     if not isinstance(meta, dict):
         raise TraceError(f'{source}: "meta" must be a JSON object')
-    return units, meta
+    own = record.get("own", {})
+    if not isinstance(own, dict):
+        raise TraceError(f'{source}: "own" must be a JSON object')
+    return units, meta, own
 
 
 def quoted(name: str) -> str:

@@ -42,7 +42,7 @@ def windows(formula: f.Formula) -> Iterator[Window]:
             case f.Temporal() | f.Until():
                 past = node.operator in ("historically", "once", "since")
                 found = Window(node.interval, past, node.interval.span)
-            case f.Count() | f.Accumulated():
+            case f.Count() | f.Accumulated() | f.Delayed():
                 found = Window(f.Interval(0.0, node.seconds, True, True, node.span), True, node.span)
             case _:
                 continue

@@ -148,7 +148,7 @@ def _entries(found: Excerpt, row: _Row, units: dict[str, str]) -> list[Entry]:
                     f"{episode.name}: the parameter {name} is in {unit!r}, and before in {units[name]!r}"
                 )
         values = {**row.params, **{name: value for name, (value, _) in episode.values.items()}}
-        loaded = Loaded(episode.trace, found.notes, found.dated, found.left_out)
+        loaded = Loaded(episode.trace, found.notes, found.dated, found.left_out, found.accounts)
         entries.append(Entry(episode.name, values, loaded, _protocol(episode, row)))
     return entries
 
@@ -258,10 +258,15 @@ def digest(trace: Trace) -> bytes | None:
 
     A failed rollout may have no log. Its placeholder has no finite sample, and is not a copy of another.
     """
-    if not any(np.isfinite(values).any() for values in trace.channels.values()):
+    own = [one.values for one in trace.messages.values()] or list(trace.channels.values())
+    if not any(np.isfinite(values).any() for values in own):
         return None
-    sha = hashlib.sha256(trace.times.tobytes())
-    for name, values in sorted(trace.channels.items()):
+    sha = hashlib.sha256(b"" if trace.messages else trace.times.tobytes())
+    for name, one in sorted(trace.messages.items()):
+        sha.update(
+            name.encode() + one.times.tobytes() + np.where(np.isnan(one.values), np.nan, one.values).tobytes()
+        )
+    for name, values in () if trace.messages else sorted(trace.channels.items()):
         # NaN has many bit patterns, and a file need not keep them.
         sha.update(name.encode() + np.where(np.isnan(values), np.nan, values).tobytes())
     return sha.digest()

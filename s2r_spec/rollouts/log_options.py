@@ -103,11 +103,9 @@ class LogOptions:
 
     def fill_gaps(self, trace: Trace) -> Trace:
         """Return the trace with each missing sample replaced by the one before, if ``nan=hold`` is set."""
-        gaps = any(np.isnan(values).any() for values in trace.channels.values())
-        if not (self.hold and gaps):
-            return trace
-        channels = {name: _last_known(values) for name, values in trace.channels.items()}
-        return Trace(trace.times, channels, trace.units, trace.meta)
+        own = trace.messages or trace.channels
+        gaps = any(np.isnan(getattr(one, "values", one)).any() for one in own.values())
+        return trace.with_channels(lambda _, values: _last_known(values)) if self.hold and gaps else trace
 
 
 def _last_known(values: FloatArray) -> FloatArray:

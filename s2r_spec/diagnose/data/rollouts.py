@@ -114,6 +114,8 @@ def recorded(
     else:
         raise UsageError(f"{real.name} has no recordings")
     given = [run for run in given if not (passive and run.protocol)]
+    joined = sum(bool(run.trace.messages) for run in given)
+    given = [replace(run, trace=run.trace.at_busiest()) for run in given]
     # A test outside the space is refused before any simulation.
     used = [run if run.protocol else _inside(bench, run) for run in given[:budget]]
     found, left_out = RealRollouts(), Counter[str]()
@@ -133,6 +135,8 @@ def recorded(
         notes.append(
             f"only the first {len(used)} of {len(given)} recorded rollouts were used, because of the budget"
         )
+    if joined:
+        notes.append(f"{joined} logs of several topics are read at the stamps of the busiest one")
     if others:
         fixed = ", ".join(bench.matched.fixed)
         notes.append(

@@ -225,7 +225,7 @@ class Attendance:
             return _Checked(None, str(error).removeprefix(f"{path}: "))
         trace = self.options.fill_gaps(loaded.trace)
         if failure is not None:
-            trace = Trace(trace.times, trace.channels, trace.units, dict(trace.meta) | {"failure": failure})
+            trace = replace(trace, meta=dict(trace.meta) | {"failure": failure})
         reason = refusal(trace, RequestedTest(test.params, self.needs, self.seconds))
         if reason is not None:
             lacking = next((c.name for c in self.needs.channels if c.name in loaded.left_out), None)

@@ -154,9 +154,7 @@ class ManualBackend:
         meta: dict[str, Any] = {"params": dict(test.params)}
         if test.log is None:
             trace = placeholder(test.failure or FALL, self.channels)
-            return Trace(trace.times, trace.channels, trace.units, dict(trace.meta) | meta)
+            return replace(trace, meta=dict(trace.meta) | meta)
         meta |= {"log": test.log} | ({} if test.failure is None else {"failure": test.failure})
         trace = self.options.fill_gaps(self.options.load(self.tests.root / ORIGINALS / test.log).trace)
-        return as_recorded(
-            Trace(trace.times, trace.channels, trace.units, dict(trace.meta) | meta), self.channels
-        )
+        return as_recorded(replace(trace, meta=dict(trace.meta) | meta), self.channels)

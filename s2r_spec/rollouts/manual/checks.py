@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -198,10 +198,7 @@ def _departures(values: FloatArray, requested: float, tolerance: float) -> Itera
 
 def within_horizon(trace: Trace, seconds: float) -> Trace:
     """Return the part of a trace within the horizon [s]; all of it if ``seconds`` is 0."""
-    counted = _counted(trace, seconds)
-    return Trace(
-        trace.times[counted], {n: v[counted] for n, v in trace.channels.items()}, trace.units, trace.meta
-    )
+    return trace.between(trace.times[0], trace.times[0] + (seconds or math.inf))
 
 
 def _counted(trace: Trace, seconds: float) -> NDArray[np.bool_]:
@@ -246,15 +243,14 @@ def as_recorded(trace: Trace, needed: tuple[Channel, ...]) -> Trace:
 
 def _in_units(trace: Trace, needed: tuple[Channel, ...]) -> Trace:
     """Return the trace with the spec's channels in the spec's units; numbers without a unit already are."""
-    converted, units = dict(trace.channels), dict(trace.units)
+    conversions, units = {}, dict(trace.units)
     for channel in needed:
-        if channel.name in converted:
-            values = converted[channel.name]
-            converted[channel.name] = _conversion(units.get(channel.name), channel.unit).each(values)
-            units.pop(channel.name, None)
+        if channel.name in trace:
+            conversions[channel.name] = _conversion(units.pop(channel.name, None), channel.unit)
             if channel.unit:
                 units[channel.name] = channel.unit
-    return Trace(trace.times, converted, units, trace.meta)
+    converted = trace.with_channels(lambda name, x: conversions[name].each(x) if name in conversions else x)
+    return replace(converted, units=units)
 
 
 def _with_all(trace: Trace, needed: tuple[Channel, ...]) -> Trace:

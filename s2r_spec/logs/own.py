@@ -1,0 +1,115 @@
+"""Rows of a table for channels that have messages of their own, and which of its cells are own samples.
+
+A trace of messages becomes one row for each stamp of any channel, with as many rows for a stamp as a channel has
+messages with it. A cell without a message is empty. The record beside the table, in its metadata, says which cells are
+messages: an empty cell may be one, too, whose value is missing. A file without this record has own samples only.
+"""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.errors import TraceError
+from s2r_spec.messages import Messages
+from s2r_spec.trace import Trace
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+VERSION = 1
+"""Definition: version of the record."""
+_NUMBERS = ("period", "longest", "end")
+
+
+def rows(trace: Trace) -> tuple[FloatArray, Mapping[str, FloatArray], dict[str, Any]]:
+    """Return (times, channels, record) of a trace as a table; the record is empty if all samples are own."""
+    if not trace.messages:
+        masks = {name: _packed(mask) for name, mask in trace.masks.items() if not mask.all()}
+        return trace.times, trace.channels, {"version": VERSION, "masks": masks} if masks else {}
+    counts: dict[float, int] = {}
+    for one in trace.messages.values():
+        stamps, number = np.unique(one.times, return_counts=True)
+        for stamp in stamps[number > 1].tolist():
+            counts[stamp] = max(counts.get(stamp, 1), int(number[np.searchsorted(stamps, stamp)]))
+    each = np.unique(np.concatenate([one.times for one in trace.messages.values()]))
+    times = np.repeat(each, [counts.get(stamp, 1) for stamp in each.tolist()] if counts else 1)
+    channels, described = {}, {}
+    for name, one in trace.messages.items():
+        # The n-th message of a stamp stands in the n-th row of this stamp.
+        first = np.searchsorted(one.times, one.times, side="left")
+        place = np.searchsorted(times, one.times, side="left") + np.arange(len(one)) - first
+        values = np.full((times.size, *one.values.shape[1:]), np.nan)
+        values[place] = one.values
+        own = np.zeros(times.size, dtype=bool)
+        own[place] = True
+        channels[name] = values
+        numbers = {key: getattr(one, key) for key in _NUMBERS}
+        described[name] = {
+            "own": _packed(own),
+            "linear": one.linear,
+            **{key: number for key, number in numbers.items() if math.isfinite(number)},
+        }
+    return times, channels, {
+        "version": VERSION, "messages": described, "since": trace.since, "until": trace.until
+    }  # fmt: skip
+
+
+def restored(
+    times: FloatArray, channels: Mapping[str, FloatArray], record: Mapping[str, Any], names: Mapping[str, str]
+) -> Trace | None:
+    """Return the trace of a table with a record, without units and meta; None if the record is empty.
+
+    Args:
+        times: (n,) times of the rows [s].
+        channels: name → (n,) or (n, k).
+        record: the record.
+        names: name of a channel → its name in the record.
+
+    Raises:
+        TraceError: the record is of a newer version, or does not fit the table.
+    """
+    if not record:
+        return None
+    if record.get("version") != VERSION:
+        raise TraceError(
+            f"its record of own samples has version {record.get('version')!r}; s2r reads {VERSION}"
+        )
+    try:
+        if "masks" in record:
+            masks = {
+                name: _unpacked(record["masks"][names[name]], times.size)
+                for name in channels
+                if names[name] in record["masks"]
+            }
+            return Trace(times, channels, masks=masks)
+        messages = {}
+        for name, values in channels.items():
+            one = record["messages"][names[name]]
+            own = _unpacked(one["own"], times.size)
+            numbers = {key: float(one[key]) for key in _NUMBERS if key in one}
+            messages[name] = Messages(times[own], values[own], linear=bool(one["linear"]), **numbers)
+        return Trace.of_messages(messages, since=record.get("since"), until=record.get("until"))
+    except (KeyError, TypeError, ValueError) as error:
+        raise TraceError(f"its record of own samples does not fit the table: {error}") from None
+
+
+def _packed(mask: BoolArray) -> str:
+    return base64.b64encode(np.packbits(mask).tobytes()).decode()
+
+
+def _unpacked(text: str, count: int) -> BoolArray:
+    """Return (count,) a mask.
+
+    Raises:
+        ValueError: the text has another length.
+    """
+    bits = np.unpackbits(np.frombuffer(base64.b64decode(text, validate=True), dtype=np.uint8))
+    if not count <= bits.size < count + 8:
+        raise ValueError(f"{bits.size} bits for {count} rows")
+    return bits[:count].astype(bool)
