@@ -42,17 +42,6 @@ def period_of_messages(times: FloatArray) -> float:
     return median if _SPREAD[0] * median <= low and high <= _SPREAD[1] * median else math.nan
 
 
-def on_change(times: FloatArray) -> bool:
-    """Return whether (n,) increasing times are those of a channel that is sent on change, as far as they tell.
-
-    Below eleven messages they are, if their intervals differ threefold.
-    """
-    steps = np.diff(times)
-    if steps.size < INTERVALS:
-        return bool(steps.size) and float(steps.max()) > _SPREAD[1] / _SPREAD[0] * float(steps.min())
-    return math.isnan(period_of_messages(times))
-
-
 @dataclass(frozen=True, eq=False)
 class Messages:
     """The messages of a channel. Frozen: arrays are read-only.

@@ -37,7 +37,7 @@ LAYERS = [
     {"logs"},
     {"lang"},
     {"trace"},
-    {"samples"},
+    {"messages", "samples"},
     {"files"},
     {"stamps"},
     {"instants"},

@@ -103,8 +103,8 @@ class LogOptions:
 
     def fill_gaps(self, trace: Trace) -> Trace:
         """Return the trace with each missing sample replaced by the one before, if ``nan=hold`` is set."""
-        own = trace.messages or trace.channels
-        gaps = any(np.isnan(getattr(one, "values", one)).any() for one in own.values())
+        own = [one.values for one in trace.messages.values()] or list(trace.channels.values())
+        gaps = any(np.isnan(values).any() for values in own)
         return trace.with_channels(lambda _, values: _last_known(values)) if self.hold and gaps else trace
 
 

@@ -18,7 +18,7 @@ from s2r_spec.errors import UsageError
 from s2r_spec.instants import instant
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.amounts import Amount
-from s2r_spec.messages import on_change
+from s2r_spec.messages import INTERVALS, period_of_messages
 from s2r_spec.robustness.evaluation import Evaluation
 from s2r_spec.robustness.explain import Explanation
 from s2r_spec.robustness.judge import Instants, Judgement
@@ -159,7 +159,7 @@ def _of_samples(
         how = {**how, "end": "clip"}
     found = spec.evaluate(trace, requirement, params, nan=conventions.nan, sparse=conventions.sparse, **how)
     sampled = Sampled(found.period, found.duration, found.narrowest)
-    notes = [*found.notes, *_held_notes(spec, trace, requirement, conventions), *_rhythm(trace, how)]
+    notes = [*found.notes, *_held_notes(spec, trace, requirement, conventions), *_rhythm(trace, how, found)]
     lines = [_sampling(found), *(f"  note: {note}" for note in notes)]
     unknown = ""
     if partial and not found.complete[0] and math.isinf(found.value):
@@ -206,7 +206,7 @@ def _in_gap(
     )
 
 
-def _rhythm(trace: Trace, how: Profile) -> list[str]:
+def _rhythm(trace: Trace, how: Profile, found: Evaluation) -> list[str]:
     """Return notes on gaps, and on samples that come on change."""
     if how["interpolation"] != "samples" or trace.messages or len(trace) < 2:
         return []
@@ -218,7 +218,8 @@ def _rhythm(trace: Trace, how: Profile) -> list[str]:
             f"there is no sample in the {end - start:.3g} s after t = {instant(trace.times, start)}{more}; they come "
             f"every {np.median(np.diff(trace.times)):.3g} s"
         ]
-    if on_change(trace.times):
+    few = len(trace) <= INTERVALS
+    if found.jitter is None if few else math.isnan(period_of_messages(trace.times)):
         return [
             "the samples come irregularly, and nothing is evaluated between them; --profile rtamt-dense holds each "
             "value until the next one"
