@@ -101,7 +101,7 @@ def join(topics: Mapping[str, Topic], joining: Joining, early: bool = False) -> 
         name: [
             field
             for field, column in topic.columns.items()
-            if name != clock and _numeric(column) and joining.interpolates(name, field)
+            if name != clock and _numeric(column) and joining.interpolates(topic.name, field)
         ]
         for name, topic in ordered.items()
     }

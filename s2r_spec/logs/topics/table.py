@@ -52,7 +52,9 @@ def load(
         topic, field = fields[number - 1]
         wanted[topic.name].append(field)
     topics = {topic.name: topic for topic in log.heads}
-    joining = replace(joining, clock=_topic_of(joining.clock, topics))
+    named = _owner(joining.clock, topics)
+    if named is not None:
+        joining = replace(joining, clock=named[0].name)
     if joining.clock is not None and joining.clock in topics:
         wanted.setdefault(joining.clock, [])
     if not wanted:  # what is missing is said later; a trace has stamps
@@ -63,11 +65,15 @@ def load(
         read[name], left_out = _stamped(one)
         notes += left_out
     _one_clock(read)
+    # A topic whose elements come in different messages has several streams, each with a key of its own.
+    streams = {(one.name, field): key for key, one in read.items() for field in one.columns}
+    if named is not None and (named[0].name, named[1]) in streams:
+        joining = replace(joining, clock=streams[named[0].name, named[1]])
     joined = join(read, joining, early)
     columns: dict[int, Column] = {0: Column(joined.stamps)}
     for number in chosen:
         topic, field = fields[number - 1]
-        columns[number] = joined.columns[topic.name, field]
+        columns[number] = joined.columns[streams[topic.name, field], field]
 
     def place(sample: int, number: int) -> str:
         return f"{heads[number].text} at sample {sample}"
@@ -75,12 +81,14 @@ def load(
     return Table(tuple(heads), columns, {}, place, [*log.notes, *notes, *joined.notes], joined.arrivals)
 
 
-def _topic_of(clock: str | None, topics: Mapping[str, TopicHead]) -> str | None:
-    """Return the topic of a clock that is named by one of its fields; any other name as it is."""
+def _owner(clock: str | None, topics: Mapping[str, TopicHead]) -> tuple[TopicHead, str] | None:
+    """Return the topic and the field of a clock that is named by a field; None for any other name."""
     if clock is None or clock in topics:
-        return clock
-    owners = (topic.name for topic in topics.values() for field in topic.fields if topic.path(field) == clock)
-    return next(owners, clock)
+        return None
+    owners = (
+        (topic, field) for topic in topics.values() for field in topic.fields if topic.path(field) == clock
+    )
+    return next(owners, None)
 
 
 def _head(topic: TopicHead, field: str) -> Head:
