@@ -83,6 +83,7 @@ class Parts:
         self._first, self._last = 2**63 - 1, 0
 
     def open(self) -> None:
+        """Find the connections, and count their messages."""
         found: dict[int, Connection] = {}
         counts: dict[int, int] = defaultdict(int)
         self._losses = _Losses()
@@ -96,11 +97,13 @@ class Parts:
         self._count = sum(one.msgcount for one in self.connections)
 
     def close(self) -> None:
+        """Forget the connections."""
         self.connections = []
 
     def messages(
         self, connections: Collection[Connection], start: int | None = None, stop: int | None = None
     ) -> Iterator[tuple[Connection, int, bytes]]:
+        """Yield (connection, time of receipt [ns], raw message) in the order of the file."""
         wanted = {one.id: one for one in connections}
         for record in self._records(_Losses()):
             if isinstance(record, _Message) and record.connection in wanted:

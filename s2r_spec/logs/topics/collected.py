@@ -99,10 +99,16 @@ class Codec:
 
 
 class _Values:
-    """Values of one field, (n,) or (n, k), in arrays of at most 8 bytes a number."""
+    """Values of one field, (n,) or (n, k), in an array of at most 8 bytes a number.
 
-    def __init__(self) -> None:
-        self._parts: list[NDArray[Any]] = []
+    Args:
+        expected: number of the values; more may come.
+    """
+
+    def __init__(self, expected: int) -> None:
+        self._expected = expected
+        self._array: NDArray[Any] = np.zeros(0)
+        self._count = 0
         self._lengths: set[int] = set()
 
     def extend(self, values: Any) -> int:
@@ -115,24 +121,32 @@ class _Values:
                 return sum(map(len, values))  # vectors of several lengths are no column
             values = np.stack(values)
         part = np.asarray(values)
-        if len(self._lengths) <= 1:
-            self._parts.append(part)
+        if len(self._lengths) <= 1 and len(part):
+            self._append(part)
         return part.size
 
     def array(self) -> NDArray[Any]:
         """Return all values, and forget them."""
-        parts, self._parts = self._parts, []
-        return np.concatenate(parts) if parts else np.zeros(0)
+        found, self._array = self._array[: self._count], np.zeros(0)
+        return found
 
-    def column(self, fault: str, kept: NDArray[np.bool_]) -> Column:
+    def column(self, fault: str, kept: NDArray[np.bool_] | slice) -> Column:
         """Return the values of the kept messages, and forget all."""
         if len(self._lengths) > 1:
             lengths = f"{min(self._lengths)} to {max(self._lengths)}"
             fault = fault or f"has vectors of {lengths} numbers, not of one length"
-        if fault:
-            return Column.without(fault)
-        values = self.array()
-        return Column(values if kept.all() else values[kept])
+        return Column.without(fault) if fault else Column(self.array()[kept])
+
+    def _append(self, part: NDArray[Any]) -> None:
+        end = self._count + len(part)
+        dtype = np.result_type(self._array, part) if self._count else part.dtype
+        if end > len(self._array) or dtype != self._array.dtype:
+            room = max(end, 2 * self._count, self._expected if part.ndim == 1 else 0)
+            grown = np.empty((room, *part.shape[1:]), dtype)
+            grown[: self._count] = self._array[: self._count]
+            self._array = grown
+        self._array[self._count : end] = part
+        self._count = end
 
 
 class Collected:
@@ -143,6 +157,7 @@ class Collected:
         fields: names of the chosen fields.
         readers: what reads each of them from a message.
         stamped: whether the stamps are those of the headers.
+        expected: number of the messages, as the bag says.
     """
 
     def __init__(
@@ -151,6 +166,7 @@ class Collected:
         fields: Sequence[str],
         readers: Sequence[Callable[[Any], Any]],
         stamped: bool,
+        expected: int,
     ) -> None:
         self.count = self.numbers = 0
         self._codec, self._fields, self._readers = codec, fields, readers
@@ -162,8 +178,8 @@ class Collected:
         self._waiting: list[int] = []
         self._raw: list[bytes] = []
         self._bytes = 0
-        self._received, self._stamps, self._which = _Values(), _Values(), _Values()
-        self._columns = [_Values() for _ in fields]
+        self._received, self._stamps, self._which = (_Values(expected) for _ in range(3))
+        self._columns = [_Values(expected) for _ in fields]
         self._patterns: dict[tuple[bool, ...], int] = {}
 
     def add(self, received: int, raw: bytes) -> bool:
@@ -195,20 +211,20 @@ class Collected:
         notes: list[str] = []
         streams = self._streams()
         for occurring, numbers in streams.items():
-            kept = np.isin(which, [*occurring]) if self._elements else np.ones(len(received), dtype=bool)
+            whole = len(occurring) == len(self._patterns)
+            kept = slice(None) if whole else np.isin(which, [*occurring])
             fields = [self._fields[number] for number in numbers]
-            name = self._name if len(streams) == 1 or kept.all() else f"{self._name}.{fields[0]}"
+            name = self._name if whole or len(streams) == 1 else f"{self._name}.{fields[0]}"
             columns = {
                 field: self._columns[number].column(self._fault(number), kept)
                 for field, number in zip(fields, numbers, strict=True)
             }
-            ages = (received - stamps)[kept]
-            age = float(np.median(ages)) * 1e-9 if self._stamped and len(ages) else None
-            found[name] = Topic(self._name, stamps[kept].view("M8[ns]"), columns, age)
-            if not kept.all():
-                notes.append(
-                    f"{np.sum(~kept)} messages of {self._name} have no value of {one_of(fields)}, and are no part of it"
-                )
+            own = stamps[kept]
+            age = float(np.median(received[kept] - own)) * 1e-9 if self._stamped and len(own) else None
+            found[name] = Topic(self._name, own.view("M8[ns]"), columns, age)
+            if not whole:
+                without = f"{len(stamps) - len(own):,} messages of {self._name} have no value"
+                notes.append(f"{without} of {one_of(fields)}, and are left out there")
         return found, notes
 
     def _streams(self) -> dict[frozenset[int], list[int]]:

@@ -88,7 +88,8 @@ class _Walk:
             if shape == _NAME:
                 self.message(content, f"{path}.")
             elif shape == _BASE and content[0] == "string":
-                self.place += self._length()
+                length = self._length()
+                self.place += length
             elif shape == _BASE:
                 self._numbers(path, content[0], None)
             elif content[0][0] != _BASE or content[0][1][0] == "string":

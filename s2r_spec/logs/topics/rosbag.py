@@ -123,12 +123,11 @@ class RosBag:
             TraceError: a message does not fit its type, or there are too many numbers.
             _DamagedError: the files are damaged.
         """
-        found = {
-            name: Collected(
-                self._codecs[name], fields, [self._reader(name, one) for one in fields], stamps == "header"
-            )
-            for name, fields in wanted.items()
-        }
+        counts = {head.name: head.count for head in self.heads}
+        found = {}
+        for name, fields in wanted.items():
+            readers = [self._reader(name, field) for field in fields]
+            found[name] = Collected(self._codecs[name], fields, readers, stamps == "header", counts[name])
         for topic, received, raw in self._messages(set(wanted)):
             if found[topic].add(received, raw):
                 affordable(sum(one.numbers for one in found.values()))
