@@ -97,7 +97,8 @@ def open_bag(path: Path, stack: ExitStack, by_parts: bool = False) -> Bag:
 
 def unreadable(path: Path, error: Exception) -> TraceError:
     """Return an error about a bag or a file of it, with what may help."""
-    reason = shortened(one_line(str(error)) or type(error).__name__)
+    text = str(error).replace(str(path), path.name)
+    reason = shortened(one_line(text) or type(error).__name__)
     help_ = f"`ros2 bag reindex {path}` writes {METADATA} anew"
     if not path.is_dir():
         help_ = f"`{remedy(path)}` may save its messages"

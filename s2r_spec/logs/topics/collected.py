@@ -143,7 +143,8 @@ class _Values:
         if end > len(self._array) or dtype != self._array.dtype:
             room = max(end, 2 * self._count, self._expected if part.ndim == 1 else 0)
             grown = np.empty((room, *part.shape[1:]), dtype)
-            grown[: self._count] = self._array[: self._count]
+            if self._count:
+                grown[: self._count] = self._array[: self._count]
             self._array = grown
         self._array[self._count : end] = part
         self._count = end
