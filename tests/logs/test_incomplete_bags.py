@@ -203,7 +203,7 @@ def test_zeros_that_a_loss_of_power_leaves_are_no_messages(tmp_path, monkeypatch
     data = path.read_bytes()
     begin, end = chunks(data)[2]
     cut = tmp_path / "cut.mcap"
-    for place in range(begin + 2000, begin + 2400, 7):
+    for place in range(begin + 2000, begin + 2400, 37):
         cut.write_bytes(data[:place] + bytes(end - place))
         trace, notes = read(cut)
         assert trace["vx"].tolist() == pytest.approx(VX[: len(trace)])
@@ -349,7 +349,9 @@ def changed() -> list[tuple[str, Stores]]:
         store = get_typestore(one)
         for kind in store.fielddefs:
             try:
-                found.setdefault(kind, {})[store.generate_msgdef(kind, ros_version=2)[0]] = one
+                lines = store.generate_msgdef(kind, ros_version=2)[0].splitlines()
+                fields = "\n".join(line for line in lines if "=" not in line or line.startswith("="))
+                found.setdefault(kind, {})[fields] = one
             except Exception:  # rosbags cannot write some
                 continue
     names = {"sensor_msgs", "geometry_msgs", "visualization_msgs", "shape_msgs", "std_msgs", "nav_msgs"}
@@ -409,6 +411,10 @@ def test_a_message_that_no_definition_fits_is_named(tmp_path):
     with sqlite3.connect(bag / "bag.db3") as database:
         database.execute("UPDATE messages SET data = x'00010000ff'")
     database.close()
+    with pytest.raises(
+        TraceError, match=naming("/topic", "sensor_msgs/msg/Range", "message 1", "Humble", "Iron")
+    ):
+        logs.load(bag, {"d": "/topic.range"}, {"d": None})
     (topic,) = summary(bag).topics
     assert any(
         states(one, "/topic", "sensor_msgs/msg/Range", "message 1", "Humble", "Iron")

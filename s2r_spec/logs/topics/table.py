@@ -45,7 +45,8 @@ def load(
             heads.append(_head(topic, field))
             fields.append((topic, field))
     for topic in log.heads:
-        heads += [Head(topic.path(field), fault=fault) for field, fault in topic.other.items()]
+        without = {**topic.other, **topic.faults}
+        heads += [Head(topic.path(field), fault=fault) for field, fault in without.items()]
     chosen = sorted(number for number in choose(tuple(heads)) if number)
     wanted: dict[str, list[str]] = defaultdict(list)
     for number in chosen:
