@@ -128,11 +128,12 @@ class _Database(Sqlite3Reader):
         except BaseException:
             self._stack.close()
             raise
-        names = one_of(file.name for file in journals)
-        self.notes = [
-            f"{self._original.name} was not closed by its recorder: the messages in {names} are read, and later ones "
-            f"are unknown"
-        ][: len(journals)]
+        if journals:
+            names = one_of(file.name for file in journals)
+            self.notes = [
+                f"{self._original.name} was not closed by its recorder: {self.metadata.message_count:,} messages are "
+                f"read, with those that SQLite recovers from {names}; later ones are unknown"
+            ]
 
     def close(self) -> None:
         with self._stack:

@@ -1,6 +1,6 @@
 """ROS 1 bags, ROS 2 bags and MCAP files of ROS 2 messages, read by ``rosbags`` (the extra ``logs``), without ROS.
 
-Only messages of the chosen topics are decoded, one after the other, and only their chosen numbers are kept. A joint
+Only messages of the chosen topics are decoded, and only their chosen numbers are kept. A joint
 state names its joints: ``/joint_states.position.FL_hip`` is the position of this joint in every message, whatever its
 place there.
 """
