@@ -42,7 +42,8 @@ class Bag:
     """An open bag.
 
     Args:
-        reader: gives connections, raw messages, and the definitions of messages that the bag holds.
+        reader: gives connections, and the definitions of messages that the bag holds.
+        owner: gives raw messages of connections, in the order of their receipt in each file.
         by_parts: whether files were read from begin to end although they may have an index.
         listed: topic → number of its messages in ``metadata.yaml``, or in the file's index.
         source: where these numbers come from.
@@ -51,6 +52,7 @@ class Bag:
     """
 
     reader: AnyReader
+    owner: Any
     by_parts: bool
     listed: Mapping[str, int]
     source: str
@@ -87,6 +89,7 @@ def open_bag(path: Path, stack: ExitStack, by_parts: bool = False) -> Bag:
         counts[one.topic] += one.msgcount
     return Bag(
         reader,
+        folder or files[0],
         by_parts,
         folder.listed if folder else {} if files[0].parts else counts,
         METADATA if folder else "its index",

@@ -205,7 +205,8 @@ class RosBag:
         if not connections:
             return
         try:
-            for connection, received, raw in self._bag.reader.messages(connections=connections):
+            # One file or folder owns all of them, so that there is nothing to merge.
+            for connection, received, raw in self._bag.owner.messages(connections):
                 yield connection.topic, received, raw
         except Exception as error:  # rosbags' errors have no common base class
             raise _DamagedError(str(self._files.unreadable(self._path, error))) from None
