@@ -221,6 +221,9 @@ class _Names:
 
     def _missing(self, text: str, name: str) -> TraceError:
         """Return the error for a channel whose column the file lacks; it lists the file's names."""
+        for head in self.heads:  # a topic that cannot be read has no fields
+            if head.fault and head.name and text.startswith(f"{head.name}."):
+                return TraceError(f"{head.name} {head.fault}")
         names = dict.fromkeys(
             head.text
             for number, head in enumerate(self.heads)

@@ -26,9 +26,10 @@ def why_not_a_bag(folder: Path) -> str:
     files = [file.name for file in folder.iterdir() if file.suffix.lower() in FORMATS]
     if not files:
         return f"{folder} is a folder, and no ROS 2 bag: it has no {METADATA}; name a file or a bag in it"
+    parts = ", each a part of the recording" if len(files) > 1 else ""
     return (
         f"{folder} has no {METADATA}, so its recording did not end well: `ros2 bag reindex {folder}` writes one; "
-        f"or name one of its files, {one_of(files)}"
+        f"or name one of its files{parts}: {one_of(files)}"
     )
 
 

@@ -72,11 +72,11 @@ class Joined:
     notes: tuple[str, ...]
 
 
-def join(topics: Mapping[str, Topic], joining: Joining, sortable: bool) -> Joined:
+def join(topics: dict[str, Topic], joining: Joining, sortable: bool) -> Joined:
     """Return the messages of topics in order, with an account of each.
 
     Args:
-        topics: name → topic, in the order of the file.
+        topics: name → topic, in the order of the file; they are removed from it.
         joining: the clock and the rule.
         sortable: whether messages of senders may be late.
 
@@ -86,21 +86,22 @@ def join(topics: Mapping[str, Topic], joining: Joining, sortable: bool) -> Joine
     columns: dict[tuple[str, str], Column] = {}
     accounts: dict[str, Account] = {}
     notes: list[str] = []
-    kept: dict[str, Topic] = {}
-    for name, topic in topics.items():
+    stamps: dict[str, NDArray[Any]] = {}
+    for name in list(topics):
+        topic = topics.pop(name)  # the messages of many topics fill the memory
         if not len(topic):
             raise TraceError(f"{name or 'the file'} has no messages")
         found = ordered(topic, sortable)
-        kept[name], count = found.topic, len(topic) + sum(topic.dropped.values())
+        stamps[name], count = found.topic.stamps, len(topic) + sum(topic.dropped.values())
         accounts[name] = Account(count, len(found.topic), found.merged, topic.dropped, found.resorted)
         notes += found.notes
         for field_name, column in found.topic.columns.items():
-            linear = joining.interpolates(name, field_name, column)
-            columns[name, field_name] = replace(column, stamps=found.topic.stamps, linear=linear)
-    if joining.clock is not None and joining.clock not in kept:
+            linear = joining.interpolates(topic.name, field_name, column)
+            columns[name, field_name] = replace(column, stamps=stamps[name], linear=linear)
+    if joining.clock is not None and joining.clock not in stamps:
         raise TraceError(
-            f"the clock {joining.clock!r} is not one of the topics that are read{suggest(joining.clock, kept)} "
-            f"they are {one_of(kept)}"
+            f"the clock {joining.clock!r} is not one of the topics that are read{suggest(joining.clock, stamps)} "
+            f"they are {one_of(stamps)}"
         )
-    clock = None if joining.clock is None else np.unique(kept[joining.clock].stamps)
+    clock = None if joining.clock is None else np.unique(stamps[joining.clock])
     return Joined(columns, accounts, clock, tuple(notes))

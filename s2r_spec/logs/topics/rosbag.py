@@ -1,6 +1,6 @@
 """ROS 1 bags, ROS 2 bags and MCAP files of ROS 2 messages, read by ``rosbags`` (the extra ``logs``), without ROS.
 
-Only messages of the chosen topics are decoded, one after the other, and only their chosen numbers are kept. A joint
+Only messages of the chosen topics are decoded, and only their chosen numbers are kept. A joint
 state names its joints: ``/joint_states.position.FL_hip`` is the position of this joint in every message, whatever its
 place there.
 """
@@ -9,20 +9,23 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack
 from dataclasses import replace
+from importlib import import_module
 from itertools import islice
 from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+from weakref import finalize
 
-import numpy as np
-
-from s2r_spec.errors import TraceError, shortened
+from s2r_spec.errors import TraceError
 from s2r_spec.logs.library import library
-from s2r_spec.logs.table import Column, affordable, few
+from s2r_spec.logs.table import affordable, few
+from s2r_spec.logs.topics.collected import Codec, Collected, Element, NamedVector
 from s2r_spec.logs.topics.topic import Stamps, Topic, TopicHead
-from s2r_spec.printable import one_line
+
+if TYPE_CHECKING:
+    from s2r_spec.logs.topics.bag_files import Bag
 
 _NUMBERS = frozenset(
     (
@@ -49,49 +52,10 @@ _DEEPEST = 20
 """Budget: levels of messages within messages. Twice as many list deeper fields."""
 _LOOKED_AT = 100
 """Budget: messages of a topic that are searched for names of elements. Twice as many find rarer senders."""
-_HEADER = "header.stamp"
 METADATA = "metadata.yaml"
 """Definition: the file that marks a folder as a ROS 2 bag."""
 _NAMES = ("name", "names", "joint_names")
 """Definition: fields with the names of the elements of a message's vectors, as in ``sensor_msgs/JointState``."""
-
-
-class _Element:
-    """Reads the element of a vector that has a name: its number, or NaN where the message lacks it."""
-
-    def __init__(self, names: str, vector: str, name: str) -> None:
-        self._names, self._vector, self._name = attrgetter(names), attrgetter(vector), name
-
-    def present(self, message: Any) -> bool:
-        """Return whether the message has the element."""
-        return self._name in self._names(message)
-
-    def __call__(self, message: Any) -> float:
-        names, values = self._names(message), self._vector(message)
-        place = names.index(self._name) if self._name in names else len(values)
-        return float(values[place]) if place < len(values) else np.nan
-
-
-class _Vector:
-    """Reads a whole vector whose elements have names, and notices where the names change from message to message."""
-
-    def __init__(self, names: str, vector: str) -> None:
-        self._names, self._vector = attrgetter(names), attrgetter(vector)
-        self._first: Sequence[str] | None = None
-        self._changed = False
-
-    def __call__(self, message: Any) -> Any:
-        names = self._names(message)
-        if self._first is None:
-            self._first = names
-        self._changed = self._changed or names != self._first
-        return self._vector(message)
-
-    def fault(self, path: str) -> str:
-        """Return why the vector has no meaning, as text after its name; "" if it has one."""
-        if not self._changed or not self._first:
-            return ""
-        return f"has other elements from message to message; name one, such as {path}.{self._first[0]}"
 
 
 class RosBag:
@@ -107,79 +71,122 @@ class RosBag:
     def __init__(self, path: Path) -> None:
         self._path = path
         self.sortable = True
-        self.notes: list[str] = []
-        with self._open() as bag:
-            counts: dict[str, int] = defaultdict(int)
-            kinds: dict[str, str] = {}
-            for connection in bag.connections:
-                counts[connection.topic] += connection.msgcount
-                kinds.setdefault(connection.topic, connection.msgtype)
-            few(len(kinds))
-            heads = [_head(bag.typestore, topic, kind, counts[topic]) for topic, kind in kinds.items()]
-            vectors = {head.name: _named_vectors(bag.typestore, head) for head in heads}
-        self._elements: dict[tuple[str, str], _Element] = {}
+        part = path.is_file() and (path.parent / METADATA).is_file()
+        self._advice = f"; the file is a part of a bag, so name the folder {path.parent}" if part else ""
+        self._stack = ExitStack()
+        finalize(self, self._stack.close)
+        self._elements: dict[tuple[str, str], Element] = {}
         self._vectors: dict[tuple[str, str], str] = {}
-        self.heads = tuple(self._with_elements(head, *vectors[head.name]) for head in heads)
+        self._codecs: dict[str, Codec] = {}
+        self._bag = self._opened(by_parts=False)
+        self._listed, self._source = dict(self._bag.listed), self._bag.source
+        try:
+            self.heads = tuple(self._heads())
+        except _DamagedError:
+            self._bag = self._opened(by_parts=True)
+            self.heads = tuple(self._heads())
+        self.notes: list[str] = []
 
     def read(self, wanted: Mapping[str, Sequence[str]], stamps: Stamps) -> dict[str, Topic]:
-        """Read fields of topics; see :meth:`s2r_spec.logs.topics.topic.TopicLog.read`."""
-        counts = {head.name: head.count for head in self.heads if head.name in wanted}
+        """Read fields of topics; see :meth:`s2r_spec.logs.topics.topic.TopicLog.read`.
+
+        A topic whose named elements come in different messages gives several streams, each a :class:`Topic` with the
+        topic's name. They differ in their keys: the topic's name, or that of the first field of the stream.
+        """
+        counts = {head.name: head.count for head in self.heads}
         affordable(sum(counts[name] * (1 + len(fields)) for name, fields in wanted.items()))
-        readers = {name: [self._reader(name, one) for one in fields] for name, fields in wanted.items()}
-        elements = {
-            name: [reader for reader in chosen if isinstance(reader, _Element)]
-            for name, chosen in readers.items()
-            if chosen and all(isinstance(reader, _Element) for reader in chosen)
-        }
-        others: dict[str, int] = defaultdict(int)
-        taken = 0
-        times: dict[str, list[int]] = {name: [] for name in wanted}
-        values: dict[str, list[list[Any]]] = {name: [[] for _ in fields] for name, fields in wanted.items()}
-        ages: dict[str, list[int]] = {name: [] for name in wanted}
-        header = attrgetter(_HEADER)
-        decode = {name for name, fields in wanted.items() if fields or stamps == "header"}
-        for topic, received, message in self._messages(set(wanted), decode):
-            if topic in elements and not any(element.present(message) for element in elements[topic]):
-                others[topic] += 1
+        try:
+            collected = self._collected(wanted, stamps)
+            whole = all(one.count >= counts[name] for name, one in collected.items())
+        except _DamagedError:
+            whole = False
+        if not whole and not self._bag.by_parts:
+            self._bag = self._opened(by_parts=True)
+            collected = self._collected(wanted, stamps)
+        self.notes += self._bag.notes
+        read: dict[str, Topic] = {}
+        for name, one in collected.items():
+            listed = self._listed.get(name, one.count)
+            if one.count != listed:
+                fault = "the bag is incomplete: " if one.count < listed else ""
+                self.notes.append(
+                    f"{fault}{one.count:,} messages of {name} are read, and {self._source} lists {listed:,}"
+                )
+            streams, notes = one.topics()
+            read |= streams
+            self.notes += notes
+        return read
+
+    def _collected(self, wanted: Mapping[str, Sequence[str]], stamps: Stamps) -> dict[str, Collected]:
+        """Read all messages of topics.
+
+        Raises:
+            TraceError: a message does not fit its type, or there are too many numbers.
+            _DamagedError: the files are damaged.
+        """
+        counts = {head.name: head.count for head in self.heads}
+        found = {}
+        for name, fields in wanted.items():
+            readers = [self._reader(name, field) for field in fields]
+            found[name] = Collected(self._codecs[name], fields, readers, stamps == "header", counts[name])
+        for topic, received, raw in self._messages(set(wanted)):
+            if found[topic].add(received, raw):
+                affordable(sum(one.numbers for one in found.values()))
+        return found
+
+    def _heads(self) -> Iterator[TopicHead]:
+        """Yield what the bag says of its topics."""
+        counts: dict[str, int] = defaultdict(int)
+        kinds: dict[str, str] = {}
+        others: dict[str, str] = {}
+        for connection in self._bag.reader.connections:
+            counts[connection.topic] += connection.msgcount
+            if connection.msgtype != kinds.setdefault(connection.topic, connection.msgtype):
+                others[connection.topic] = connection.msgtype
+        few(len(kinds))
+        for topic, kind in kinds.items():
+            codec, fault = self._codec(topic, kind)
+            if topic in others:
+                fault = f"has messages of the types {kind} and {others[topic]}"
+            self._codecs[topic] = codec
+            if fault:
+                yield TopicHead(topic, (), counts[topic], kind, False, faults={"": fault})
                 continue
-            stamp = _nanoseconds(header(message)) if stamps == "header" else received
-            times[topic].append(stamp)
-            ages[topic].append(received - stamp)
-            for column, reader in zip(values[topic], readers[topic], strict=True):
-                value = reader(message)
-                taken += np.size(value)
-                column.append(value)
-            affordable(taken)
-        self.notes += [
-            f"{count} messages of {name} have no element that is read, and are left out"
-            for name, count in others.items()
-        ]
-        return {
-            name: Topic(
-                name,
-                np.array(times[name], dtype=np.int64).view("M8[ns]"),
-                {
-                    one: _column(column, reader.fault(f"{name}.{one}") if isinstance(reader, _Vector) else "")
-                    for one, column, reader in zip(wanted[name], values[name], readers[name], strict=True)
-                },
-                np.array(ages[name], dtype=np.float64) * 1e-9 if stamps == "header" else None,
-                {"no element that is read": others[name]} if name in others else {},
-            )
-            for name in wanted
-        }
+            head = _head(codec.store, topic, kind, counts[topic])
+            yield self._with_elements(head, *_named_vectors(codec.store, head))
+
+    def _codec(self, topic: str, kind: str) -> tuple[Codec, str]:
+        """Return how the messages of a topic are decoded, and why they cannot be, as text after its name."""
+        reader = self._bag.reader
+        bag = Codec(topic, kind, reader.typestore, reader.is2, self._advice)
+        (one, *_) = (one for one in reader.connections if one.topic == topic)
+        encoding = getattr(one.ext, "serialization_format", "cdr")
+        if encoding != "cdr":
+            return bag, f"has messages in the encoding {encoding}, and s2r reads those of ROS"
+        if not reader.is2 or one.msgdef.data:
+            return bag, ""
+        raw = (message for _, _, message in self._messages({topic}))
+        store, fault = self._definitions.fitting(kind, raw, self._bag.distribution)
+        return replace(bag, store=store), fault
 
     def _with_elements(self, head: TopicHead, names: str, vectors: Sequence[str]) -> TopicHead:
         """Return a topic with a field for each named element of its vectors, by the names in its first messages."""
         if not (names and vectors and head.count):
             return head
-        looked_at = islice(self._messages({head.name}, {head.name}), _LOOKED_AT)
-        elements = dict.fromkeys(name for _, _, message in looked_at for name in getattr(message, names))
+        elements: dict[str, None] = {}
+        try:
+            for number, (_, _, raw) in enumerate(islice(self._messages({head.name}), _LOOKED_AT), 1):
+                elements |= dict.fromkeys(getattr(self._codecs[head.name].message(raw, number), names))
+        except _DamagedError:
+            raise
+        except TraceError as error:  # it concerns only those who read this topic
+            return replace(head, faults={"": f"cannot be read: {error}"})
         fields = list(head.fields)
         for vector in vectors:
             self._vectors[head.name, vector] = names
             for name in elements:
                 fields.append(f"{vector}.{name}")
-                self._elements[head.name, fields[-1]] = _Element(names, vector, name)
+                self._elements[head.name, fields[-1]] = Element(names, vector, name)
         return replace(head, fields=tuple(fields))
 
     def _reader(self, topic: str, field: str) -> Callable[[Any], Any]:
@@ -187,42 +194,36 @@ class RosBag:
         if (topic, field) in self._elements:
             return self._elements[topic, field]
         names = self._vectors.get((topic, field))
-        return attrgetter(field) if names is None else _Vector(names, field)
+        return attrgetter(field) if names is None else NamedVector(names, field)
 
-    def _messages(self, topics: set[str], decode: set[str]) -> Iterator[tuple[str, int, Any]]:
-        """Yield (topic, time of receipt [ns], message) of some topics, decoded for some of these."""
-        with self._open() as bag:
-            connections = [one for one in bag.connections if one.topic in topics]
-            if not connections:
-                return
-            for connection, received, raw in bag.messages(connections=connections):
-                decoded = bag.deserialize(raw, connection.msgtype) if connection.topic in decode else None
-                yield connection.topic, received, decoded
+    def _messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes]]:
+        """Yield (topic, time of receipt [ns], raw message) of some topics.
 
-    @contextmanager
-    def _open(self) -> Iterator[Any]:
+        Raises:
+            _DamagedError: the files are damaged.
+        """
+        connections = [one for one in self._bag.reader.connections if one.topic in topics]
+        if not connections:
+            return
+        try:
+            # One file or folder owns all of them, so that there is nothing to merge.
+            for connection, received, raw in self._bag.owner.messages(connections):
+                yield connection.topic, received, raw
+        except Exception as error:  # rosbags' errors have no common base class
+            raise _DamagedError(str(self._files.unreadable(self._path, error))) from None
+
+    def _opened(self, by_parts: bool) -> Bag:
+        """Open the bag, in place of the one that is open."""
         self._path.stat()  # a missing file is no damaged bag
-        highlevel = library("rosbags.highlevel", "ROS bags")
-        typesys = library("rosbags.typesys", "ROS bags")
-        with _errors(self._path):
-            # Bags of ROS 2 before Iron have no definitions of their messages; those of ROS itself are then assumed.
-            known = typesys.get_typestore(typesys.Stores.LATEST)
-            with highlevel.AnyReader([self._path], default_typestore=known) as bag:
-                yield bag
+        library("rosbags.highlevel", "ROS bags")
+        self._stack.pop_all().close()
+        self._files = import_module("s2r_spec.logs.topics.bag_files")
+        self._definitions = import_module("s2r_spec.logs.topics.definitions")
+        return self._files.open_bag(self._path, self._stack, by_parts)  # type: ignore[no-any-return]
 
 
-@contextmanager
-def _errors(path: Path) -> Iterator[None]:
-    """Turn whatever rosbags raises for a damaged bag into a TraceError; it has no common base class."""
-    try:
-        yield
-    except (TraceError, FileNotFoundError, PermissionError):
-        raise
-    except Exception as error:
-        reason = shortened(one_line(str(error)) or type(error).__name__)
-        part = path.is_file() and (path.parent / METADATA).is_file()
-        hint = f"; it is a part of a bag, so name the folder {path.parent}" if part else ""
-        raise TraceError(f"this is not a complete ROS bag: {reason}{hint}") from None
+class _DamagedError(TraceError):
+    """The files of a bag are damaged; some of their messages may be readable without an index."""
 
 
 def _head(store: Any, topic: str, kind: str, count: int) -> TopicHead:
@@ -270,21 +271,3 @@ def _named_vectors(store: Any, head: TopicHead) -> tuple[str, tuple[str, ...]]:
     ]
     vectors = [name for name, (shape, _) in fields if name in head.fields and shape == _SEQUENCE]
     return (names[0] if names else ""), tuple(vectors)
-
-
-def _nanoseconds(stamp: Any) -> int:
-    return int(stamp.sec) * 10**9 + int(stamp.nanosec)
-
-
-def _column(values: Sequence[Any], fault: str = "") -> Column:
-    """Return (n,) numbers, or (n, k) where every message has a vector of the same length."""
-    if fault:
-        return Column.without(fault)
-    if values and isinstance(values[0], np.ndarray):
-        lengths = {len(value) for value in values}
-        if len(lengths) > 1:
-            return Column.without(
-                f"has vectors of {min(lengths)} to {max(lengths)} numbers, not of one length"
-            )
-        return Column(np.stack(values))
-    return Column(np.array(values))

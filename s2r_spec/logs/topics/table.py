@@ -39,14 +39,17 @@ def load(open_log: Callable[[Path], TopicLog], path: Path, choose: Chooser, join
             heads.append(_head(topic, field))
             fields.append((topic, field))
     for topic in log.heads:
-        heads += [Head(topic.path(field), fault=fault) for field, fault in topic.other.items()]
+        without = {**topic.other, **topic.faults}
+        heads += [Head(topic.path(field), fault=fault) for field, fault in without.items()]
     chosen = sorted(number for number in choose(tuple(heads)) if number)
     wanted: dict[str, list[str]] = defaultdict(list)
     for number in chosen:
         topic, field = fields[number - 1]
         wanted[topic.name].append(field)
     topics = {topic.name: topic for topic in log.heads}
-    joining = replace(joining, clock=_topic_of(joining.clock, topics))
+    named = _owner(joining.clock, topics)
+    if named is not None:
+        joining = replace(joining, clock=named[0].name)
     if joining.clock is not None and joining.clock in topics:
         wanted.setdefault(joining.clock, [])
     if not wanted:  # what is missing is said later; a trace has stamps
@@ -57,16 +60,21 @@ def load(open_log: Callable[[Path], TopicLog], path: Path, choose: Chooser, join
         read[name], left_out = _stamped(one)
         notes += left_out
     _one_clock(read)
+    # A topic whose elements come in different messages has several streams, each with a key of its own.
+    streams = {(one.name, field): key for key, one in read.items() for field in one.columns}
+    if named is not None and (named[0].name, named[1]) in streams:
+        joining = replace(joining, clock=streams[named[0].name, named[1]])
+    some = next(iter(read.values())).stamps
     joined = join(read, joining, log.sortable)
     columns: dict[int, Column] = {}
     accounts: dict[int, Account] = {}
     for number in chosen:
         topic, field = fields[number - 1]
-        columns[number] = joined.columns[topic.name, field]
-        accounts[number] = joined.accounts[topic.name]
+        stream = streams[topic.name, field]
+        columns[number] = joined.columns[stream, field]
+        accounts[number] = joined.accounts[stream]
     if not columns:  # a trace has stamps, although no channel
-        stamps = next(iter(read.values())).stamps
-        columns[0] = Column(stamps, stamps=stamps)
+        columns[0] = Column(some, stamps=some)
 
     def place(sample: int, number: int) -> str:
         return f"{heads[number].text} at message {sample + 1}"
@@ -75,12 +83,14 @@ def load(open_log: Callable[[Path], TopicLog], path: Path, choose: Chooser, join
     return Table(tuple(heads), columns, {}, place, notes, accounts, joined.clock)
 
 
-def _topic_of(clock: str | None, topics: Mapping[str, TopicHead]) -> str | None:
-    """Return the topic of a clock that is named by one of its fields; any other name as it is."""
+def _owner(clock: str | None, topics: Mapping[str, TopicHead]) -> tuple[TopicHead, str] | None:
+    """Return the topic and the field of a clock that is named by a field; None for any other name."""
     if clock is None or clock in topics:
-        return clock
-    owners = (topic.name for topic in topics.values() for field in topic.fields if topic.path(field) == clock)
-    return next(owners, clock)
+        return None
+    owners = (
+        (topic, field) for topic in topics.values() for field in topic.fields if topic.path(field) == clock
+    )
+    return next(owners, None)
 
 
 def _head(topic: TopicHead, field: str) -> Head:

@@ -55,8 +55,8 @@ class TopicHead:
     other: Mapping[str, str] = field(default_factory=dict)
 
     def path(self, field_name: str) -> str:
-        """Return the name of a field in the log."""
-        return f"{self.name}.{field_name}" if self.name else field_name
+        """Return the name of a field in the log; "" stands for the whole topic."""
+        return f"{self.name}.{field_name}" if self.name and field_name else self.name or field_name
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,279 @@
+"""The files of a ROS bag as one bag of ``rosbags``, also where the recorder was killed.
+
+A file is read by its index. Without an index, or where this fails, its whole records are read from begin to end. A
+SQLite file with a journal (``-wal``, ``-journal``) is copied, and SQLite recovers the messages of the journal there.
+Nothing is written beside the file. Import this module only with ``rosbags``.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+from collections import defaultdict
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import ExitStack, closing, suppress
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import Connection
+from rosbags.rosbag1 import Reader as Ros1Reader
+from rosbags.rosbag2.metadata import ReaderMetadata
+from rosbags.rosbag2.reader import DirectoryReader
+from rosbags.rosbag2.storage_mcap import McapReader
+from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
+from rosbags.typesys import Stores, get_typestore
+from ruamel.yaml import YAML
+
+from s2r_spec.errors import TraceError, one_of, shortened
+from s2r_spec.logs.topics.bag_parts import Parts, mcap, remedy, ros1
+from s2r_spec.logs.topics.rosbag import METADATA
+from s2r_spec.printable import one_line
+
+_JOURNALS = ("-wal", "-journal")
+"""Definition: endings of SQLite's journals."""
+
+
+@dataclass(frozen=True)
+class Bag:
+    """An open bag.
+
+    Args:
+        reader: gives connections, and the definitions of messages that the bag holds.
+        owner: gives raw messages of connections, in the order of their receipt in each file.
+        by_parts: whether files were read from begin to end although they may have an index.
+        listed: topic → number of its messages in ``metadata.yaml``, or in the file's index.
+        source: where these numbers come from.
+        distribution: of ROS, in lower case, as the recorder noted it; "" if it did not.
+        notes: notes on files that are not complete.
+    """
+
+    reader: AnyReader
+    owner: Any
+    by_parts: bool
+    listed: Mapping[str, int]
+    source: str
+    distribution: str
+    notes: tuple[str, ...]
+
+
+def open_bag(path: Path, stack: ExitStack, by_parts: bool = False) -> Bag:
+    """Open a bag, and close it with a stack.
+
+    Args:
+        path: a ROS 1 ``.bag``, the folder of a ROS 2 bag, or its ``.db3`` or ``.mcap`` file.
+        stack: closes the files.
+        by_parts: whether not to use indexes.
+
+    Raises:
+        TraceError: the bag has no message that can be read.
+    """
+    try:
+        # Bags before Iron have no definitions; `definitions.py` finds the one that fits where distributions differ.
+        reader = AnyReader([path], default_typestore=get_typestore(Stores.LATEST))
+        folder = _Folder(path, by_parts) if path.is_dir() else None
+        files: list[Any] = [folder or _File(path, by_parts)]  # they have the methods of a reader
+        reader.readers = files
+        stack.enter_context(reader)
+    except (TraceError, FileNotFoundError, PermissionError):
+        raise
+    except Exception as error:  # rosbags' errors have no common base class
+        raise unreadable(path, error) from None
+    files = [*folder.storages] if folder else files
+    known = [one.distribution for one in files if one.distribution]
+    counts: dict[str, int] = defaultdict(int)
+    for one in reader.connections:
+        counts[one.topic] += one.msgcount
+    return Bag(
+        reader,
+        folder or files[0],
+        by_parts,
+        folder.listed if folder else {} if files[0].parts else counts,
+        METADATA if folder else "its index",
+        (folder.metadata.ros_distro if folder else None) or (known[0] if known else ""),
+        tuple(note for one in files for note in one.notes),
+    )
+
+
+def unreadable(path: Path, error: Exception) -> TraceError:
+    """Return an error about a bag or a file of it, with what may help."""
+    text = str(error).replace(str(path), path.name)
+    reason = shortened(one_line(text) or type(error).__name__)
+    help_ = f"`ros2 bag reindex {path}` writes {METADATA} anew"
+    if not path.is_dir():
+        help_ = f"`{remedy(path)}` may save its messages"
+    return TraceError(f"this bag cannot be read: {reason}; {help_}")
+
+
+class _Database(Sqlite3Reader):
+    """A SQLite file; one with a journal is read from a copy, in which SQLite recovers its messages."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self._original = path
+        self._stack = ExitStack()
+        self.notes: list[str] = []
+        self.distribution = ""
+
+    def open(self) -> None:
+        journals = [self._original.with_name(self._original.name + ending) for ending in _JOURNALS]
+        journals = [file for file in journals if file.is_file() and file.stat().st_size]
+        try:
+            if journals:
+                self.path = self._recovered(journals)
+            super().open()
+            assert self.dbconn
+            with suppress(Exception):  # bags before Humble lack the table
+                (self.distribution,) = self.dbconn.execute("SELECT ros_distro FROM schema").fetchone()  # type: ignore[misc]
+        except BaseException:
+            self._stack.close()
+            raise
+        if journals:
+            names = one_of(file.name for file in journals)
+            self.notes = [
+                f"{self._original.name} was not closed by its recorder: {self.metadata.message_count:,} messages are "
+                f"read, with those that SQLite recovers from {names}; later ones are unknown"
+            ]
+
+    def close(self) -> None:
+        with self._stack:
+            super().close()
+
+    def _recovered(self, journals: list[Path]) -> Path:
+        """Return a copy of the file with the messages of its journals."""
+        folder = Path(self._stack.enter_context(TemporaryDirectory(prefix="s2r-")))
+        names = one_of(file.name for file in journals)
+        try:
+            for file in (self._original, *journals):
+                shutil.copyfile(file, folder / file.name)
+        except OSError as error:
+            raise TraceError(
+                f"{names} has messages that {self._original.name} lacks, and both cannot be copied to {folder.parent}: "
+                f"{error.strerror}; `sqlite3 {self._original.name} 'PRAGMA wal_checkpoint(TRUNCATE)'` joins them"
+            ) from None
+        copy = folder / self._original.name
+        with closing(sqlite3.connect(copy)) as database:  # the first query recovers
+            database.execute("SELECT count(*) FROM sqlite_master").fetchone()
+            database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+        return copy
+
+
+_INDEXED: dict[str, Callable[[Path], Any]] = {".mcap": McapReader, ".bag": Ros1Reader, ".db3": _Database}
+_BY_PARTS = {".mcap": mcap, ".bag": ros1}
+
+
+class _File:
+    """A file that is read by its index or, where it has none, by its whole parts; a storage and a reader of rosbags.
+
+    Args:
+        path: the file.
+        by_parts: whether not to use its index.
+    """
+
+    def __init__(self, path: Path, by_parts: bool) -> None:
+        self.path = path
+        self._by_parts = by_parts
+        self._storage: Any = None
+        self.parts = False
+
+    def open(self) -> None:
+        ending = self.path.suffix.lower()
+        reason: Exception = ValueError("it has no whole message")
+        if not self._by_parts or ending not in _BY_PARTS:
+            try:
+                self._storage = _INDEXED[ending](self.path)
+                self._storage.open()
+                return
+            except (TraceError, PermissionError):
+                raise
+            except Exception as error:
+                if ending not in _BY_PARTS:
+                    raise unreadable(self.path, error) from None
+                reason = error
+        with suppress(ValueError):  # it is no such file at all
+            parts = Parts(self.path, _BY_PARTS[ending])
+            parts.open()
+            if not parts.empty:
+                self._storage, self.parts = parts, True
+                return
+        raise unreadable(self.path, reason)
+
+    def close(self) -> None:
+        self._storage.close()
+
+    def __enter__(self) -> _File:
+        self.open()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def connections(self) -> list[Connection]:
+        """The topics with their types; what it gives must not be changed."""
+        return self._storage.connections  # type: ignore[no-any-return]
+
+    @property
+    def metadata(self) -> ReaderMetadata:
+        return self._storage.metadata  # type: ignore[no-any-return]
+
+    @property
+    def notes(self) -> list[str]:
+        """Notes on a file that is not complete."""
+        return getattr(self._storage, "notes", [])
+
+    @property
+    def distribution(self) -> str:
+        """Distribution of ROS as the recorder noted it; "" if it did not."""
+        return getattr(self._storage, "distribution", "")
+
+    def messages(
+        self, connections: Collection[Connection], start: int | None = None, stop: int | None = None
+    ) -> Iterator[tuple[Connection, int, bytes]]:
+        return self._storage.messages(connections, start, stop)  # type: ignore[no-any-return]
+
+
+class _Folder(DirectoryReader):
+    """The folder of a ROS 2 bag, whose topics are those of its files rather than those of ``metadata.yaml``."""
+
+    def __init__(self, path: Path, by_parts: bool) -> None:
+        super().__init__(path)
+        self.listed: dict[str, int] = defaultdict(int)
+        plugin: Any = partial(_File, by_parts=by_parts)
+        self.STORAGE_PLUGINS = dict.fromkeys(super().STORAGE_PLUGINS, plugin)
+
+    def __enter__(self) -> _Folder:
+        try:
+            self.open()
+        except Exception:
+            if missing := self._missing():
+                raise TraceError(
+                    f"{METADATA} lists {one_of(missing)}, and the folder lacks it; copy it, or `ros2 bag reindex "
+                    f"{self.path}` to read the rest"
+                ) from None
+            raise
+        digests = {(one.topic, one.msgtype): one.digest for one in self.connections}
+        for one in self.connections:
+            self.listed[one.topic] += one.msgcount
+        self.connections = [
+            one._replace(owner=self, digest=one.digest or digests.get((one.topic, one.msgtype), ""))
+            for storage in self.storages
+            for one in storage.connections
+        ]
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _missing(self) -> list[str]:
+        """Return the files that ``metadata.yaml`` lists and the folder lacks."""
+        with suppress(Exception):  # then the metadata have another fault
+            metadata = YAML(typ="safe").load((self.path / METADATA).read_text())
+            names = [
+                Path(name).name for name in metadata["rosbag2_bagfile_information"]["relative_file_paths"]
+            ]
+            return [name for name in names if not (self.path / name).exists()]
+        return []

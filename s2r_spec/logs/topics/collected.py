@@ -1,0 +1,307 @@
+"""The numbers of one topic's messages, as a bag gives them one after the other.
+
+Elements of a message's vectors may have names, as the joints of a joint state. Several senders of one topic name
+different elements. An element has the messages that name it and hold a value for it; elements that always come in the
+same messages make one stream of messages, so a topic can give several.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.errors import TraceError, one_of, shortened
+from s2r_spec.logs.table import Column
+from s2r_spec.logs.topics.layout import Layout, layout
+from s2r_spec.logs.topics.topic import Topic
+from s2r_spec.printable import one_line
+
+_BATCH = 4096
+"""Budget: messages that are decoded together. Each takes a few hundred bytes until then."""
+_BATCH_BYTES = 2**20
+"""Budget: bytes of messages that are decoded together."""
+_STAMP = ("header.stamp.sec", "header.stamp.nanosec")
+
+
+class Element:
+    """Reads the element of a vector that has a name: its number, or None where the message lacks it."""
+
+    def __init__(self, names: str, vector: str, name: str) -> None:
+        self._names, self._vector, self._name = attrgetter(names), attrgetter(vector), name
+
+    def __call__(self, message: Any) -> float | None:
+        """Return the element of a message."""
+        names, values = self._names(message), self._vector(message)
+        place = names.index(self._name) if self._name in names else len(values)
+        return float(values[place]) if place < len(values) else None
+
+
+class NamedVector:
+    """Reads a whole vector whose elements have names, and notices where the names change from message to message."""
+
+    def __init__(self, names: str, vector: str) -> None:
+        self._names, self._vector = attrgetter(names), attrgetter(vector)
+        self._first: Sequence[str] | None = None
+        self._changed = False
+
+    def __call__(self, message: Any) -> Any:
+        """Return the vector of a message."""
+        names = self._names(message)
+        if self._first is None:
+            self._first = names
+        self._changed = self._changed or names != self._first
+        return self._vector(message)
+
+    def fault(self, path: str) -> str:
+        """Return why the vector has no meaning, as text after its name; "" if it has one."""
+        if not self._changed or not self._first:
+            return ""
+        return f"has other elements from message to message; name one, such as {path}.{self._first[0]}"
+
+
+@dataclass(frozen=True)
+class Codec:
+    """How the raw messages of a topic are decoded.
+
+    Args:
+        topic: name of the topic.
+        kind: type of the messages.
+        store: rosbags' definitions of messages.
+        cdr: whether they are in CDR, as in ROS 2.
+        advice: what to do where they cannot be decoded, as text after the error.
+    """
+
+    topic: str
+    kind: str
+    store: Any
+    cdr: bool
+    advice: str = ""
+
+    def message(self, raw: bytes, number: int) -> Any:
+        """Return a message, which is one of the topic's, counted from 1.
+
+        Raises:
+            TraceError: it does not fit its type.
+        """
+        try:
+            deserialize = self.store.deserialize_cdr if self.cdr else self.store.deserialize_ros1
+            return deserialize(raw, self.kind)
+        except Exception as error:  # of rosbags, or of what a wrong length leads to
+            reason = shortened(one_line(str(error)) or type(error).__name__)
+            raise TraceError(
+                f"message {number:,} of {self.topic} does not fit the definition of {self.kind}: {reason}{self.advice}"
+            ) from None
+
+
+class _Values:
+    """Values of one field, (n,) or (n, k), in an array of at most 8 bytes a number.
+
+    Args:
+        expected: number of the values; more may come.
+    """
+
+    def __init__(self, expected: int) -> None:
+        self._expected = expected
+        self._array: NDArray[Any] = np.zeros(0)
+        self._count = 0
+        self._lengths: set[int] = set()
+
+    def extend(self, values: Any) -> int:
+        """Add values, and return how many numbers they have."""
+        if isinstance(values, np.ndarray):
+            self._lengths |= {*values.shape[1:]}
+        elif values and isinstance(values[0], np.ndarray):
+            self._lengths |= {len(value) for value in values}
+            if len(self._lengths) > 1:
+                return sum(map(len, values))  # vectors of several lengths are no column
+            values = np.stack(values)
+        part = np.asarray(values)
+        if len(self._lengths) <= 1 and len(part):
+            self._append(part)
+        return part.size
+
+    def array(self) -> NDArray[Any]:
+        """Return all values, and forget them."""
+        found, self._array = self._array[: self._count], np.zeros(0)
+        return found
+
+    def column(self, fault: str, kept: NDArray[np.bool_] | slice) -> Column:
+        """Return the values of the kept messages, and forget all."""
+        if len(self._lengths) > 1:
+            lengths = f"{min(self._lengths)} to {max(self._lengths)}"
+            fault = fault or f"has vectors of {lengths} numbers, not of one length"
+        return Column.without(fault) if fault else Column(self.array()[kept])
+
+    def _append(self, part: NDArray[Any]) -> None:
+        end = self._count + len(part)
+        dtype = np.result_type(self._array, part) if self._count else part.dtype
+        if end > len(self._array) or dtype != self._array.dtype:
+            room = max(end, 2 * self._count, self._expected if part.ndim == 1 else 0)
+            grown = np.empty((room, *part.shape[1:]), dtype)
+            if self._count:
+                grown[: self._count] = self._array[: self._count]
+            self._array = grown
+        self._array[self._count : end] = part
+        self._count = end
+
+
+class Collected:
+    """The messages of a topic that were added so far, of which only the chosen numbers remain.
+
+    Args:
+        codec: decodes the messages.
+        fields: names of the chosen fields.
+        readers: what reads each of them from a message.
+        stamped: whether the stamps are those of the headers.
+        expected: number of the messages, as the bag says.
+    """
+
+    def __init__(
+        self,
+        codec: Codec,
+        fields: Sequence[str],
+        readers: Sequence[Callable[[Any], Any]],
+        stamped: bool,
+        expected: int,
+    ) -> None:
+        self.count = self.numbers = 0
+        self._codec, self._fields, self._readers = codec, fields, readers
+        self._name = codec.topic
+        self._stamped = stamped
+        self._elements = any(isinstance(reader, Element) for reader in readers)
+        self._one_layout = not any(isinstance(reader, Element | NamedVector) for reader in readers)
+        self._layout: Layout | None = None
+        self._waiting: list[int] = []
+        self._raw: list[bytes] = []
+        self._bytes = 0
+        self._received, self._stamps, self._which = (_Values(expected) for _ in range(3))
+        self._columns = [_Values(expected) for _ in fields]
+        self._patterns: dict[tuple[bool, ...], int] = {}
+
+    def add(self, received: int, raw: bytes) -> bool:
+        """Add a message, received at a time [ns], and return whether :attr:`numbers` changed.
+
+        Raises:
+            TraceError: it does not fit its type.
+        """
+        self.count += 1
+        self._waiting.append(received)
+        if self._fields or self._stamped:
+            self._raw.append(raw)
+            self._bytes += len(raw)
+        if len(self._waiting) < _BATCH and self._bytes < _BATCH_BYTES:
+            return False
+        self._decode()
+        return True
+
+    def topics(self) -> tuple[dict[str, Topic], list[str]]:
+        """Return the streams of messages by their names, with notes on messages that are not in them; forget all.
+
+        A stream of some of the messages is named after its first field, and every :class:`Topic` after the topic.
+        """
+        self._decode()
+        received = self._received.array().astype(np.int64, copy=False)
+        stamps = self._stamps.array().astype(np.int64, copy=False) if self._stamped else received
+        which = self._which.array()
+        found: dict[str, Topic] = {}
+        notes: list[str] = []
+        streams = self._streams()
+        for occurring, numbers in streams.items():
+            whole = len(occurring) == len(self._patterns)
+            kept = slice(None) if whole else np.isin(which, [*occurring])
+            fields = [self._fields[number] for number in numbers]
+            name = self._name if whole or len(streams) == 1 else f"{self._name}.{fields[0]}"
+            columns = {
+                field: self._columns[number].column(self._fault(number), kept)
+                for field, number in zip(fields, numbers, strict=True)
+            }
+            own = stamps[kept]
+            ages = (received[kept] - own) * 1e-9 if self._stamped else None
+            dropped = {} if whole else {"no value of the element": len(stamps) - len(own)}
+            found[name] = Topic(self._name, own.view("M8[ns]"), columns, ages, dropped)
+            if not whole:
+                without = f"{len(stamps) - len(own):,} messages of {self._name} have no value"
+                notes.append(f"{without} of {one_of(fields)}, and are left out there")
+        return found, notes
+
+    def _streams(self) -> dict[frozenset[int], list[int]]:
+        """Return the patterns of messages in which fields occur → the numbers of these fields."""
+        everywhere = frozenset(self._patterns.values())
+        streams: dict[frozenset[int], list[int]] = {}
+        never = []
+        for number in range(len(self._fields)):
+            occurring = frozenset(which for pattern, which in self._patterns.items() if pattern[number])
+            if occurring or not self._elements:
+                streams.setdefault(occurring, []).append(number)
+            else:
+                never.append(number)
+        streams.setdefault(next(iter(streams), everywhere), []).extend(never)
+        return streams
+
+    def _fault(self, number: int) -> str:
+        """Return why a field cannot be read, as text after its name; "" if it can."""
+        reader = self._readers[number]
+        if isinstance(reader, NamedVector):
+            return reader.fault(f"{self._name}.{self._fields[number]}")
+        if isinstance(reader, Element) and not any(pattern[number] for pattern in self._patterns):
+            return "has no value in any message"
+        return ""
+
+    def _decode(self) -> None:
+        """Keep the chosen numbers of the messages that wait."""
+        begin = self.count - len(self._waiting)
+        waiting, raw = self._waiting, self._raw
+        self._waiting, self._raw, self._bytes = [], [], 0
+        self.numbers += self._received.extend(np.array(waiting, dtype=np.int64))
+        if not raw:
+            return
+        columns = self._together(raw, begin) if self._one_layout else None
+        if columns is None:
+            columns = self._one_by_one(raw, begin)
+        if self._stamped:
+            self._stamps.extend(columns[-2] * 10**9 + columns[-1])
+        for values, column in zip(self._columns, columns, strict=False):
+            self.numbers += values.extend(column)
+
+    def _together(self, raw: Sequence[bytes], begin: int) -> list[Any] | None:
+        """Return the fields of messages with one layout, and their stamps; None if they have several."""
+        fields = [*self._fields, *(_STAMP if self._stamped else ())]
+        found = self._layout.columns(raw, fields) if self._layout else None
+        if found is None:
+            self._layout = self._checked(raw[0], fields, begin)
+            found = self._layout.columns(raw, fields) if self._layout else None
+        return found
+
+    def _checked(self, raw: bytes, fields: Sequence[str], begin: int) -> Layout | None:
+        """Return the layout of a message if it gives the values that rosbags decodes."""
+        found = layout(self._codec.store, self._codec.kind, raw, self._codec.cdr)
+        if found is None or not found.fields.keys() >= {*fields}:
+            return None
+        message = self._codec.message(raw, begin + 1)
+        values = found.columns([raw], fields) or ()
+        equal = (
+            np.array_equal(value[0], attrgetter(field)(message), equal_nan=value.dtype.kind == "f")
+            for field, value in zip(fields, values, strict=True)
+        )
+        return found if all(equal) else None
+
+    def _one_by_one(self, raw: Sequence[bytes], begin: int) -> list[Any]:
+        """Return the fields of messages and their stamps; the first has a number."""
+        rows: list[list[Any]] = []
+        readers = [*self._readers, *(map(attrgetter, _STAMP) if self._stamped else ())]
+        for number, one in enumerate(raw, begin + 1):
+            message = self._codec.message(one, number)
+            rows.append([reader(message) for reader in readers])
+        if self._elements:
+            patterns = [tuple(value is not None for value in row) for row in rows]
+            self._which.extend([self._patterns.setdefault(one, len(self._patterns)) for one in patterns])
+            rows = [[np.nan if value is None else value for value in row] for row in rows]
+        columns: list[Any] = [list(column) for column in zip(*rows, strict=True)]
+        if self._stamped:
+            columns[-2:] = [np.array(column, dtype=np.int64) for column in columns[-2:]]
+        return columns
