@@ -130,7 +130,7 @@ class _Values:
         found, self._array = self._array[: self._count], np.zeros(0)
         return found
 
-    def column(self, fault: str, kept: NDArray[np.bool_] | slice) -> Column:
+    def column(self, fault: str, kept: NDArray[Any] | slice) -> Column:
         """Return the values of the kept messages, and forget all."""
         if len(self._lengths) > 1:
             lengths = f"{min(self._lengths)} to {max(self._lengths)}"
@@ -208,12 +208,16 @@ class Collected:
         received = self._received.array().astype(np.int64, copy=False)
         stamps = self._stamps.array().astype(np.int64, copy=False) if self._stamped else received
         which = self._which.array()
+        unordered = bool((np.diff(received) < 0).any())
+        order = np.argsort(received, kind="stable") if unordered else received[:0]
         found: dict[str, Topic] = {}
         notes: list[str] = []
         streams = self._streams()
         for occurring, numbers in streams.items():
             whole = len(occurring) == len(self._patterns)
-            kept = slice(None) if whole else np.isin(which, [*occurring])
+            kept: slice | NDArray[Any] = slice(None) if whole else np.isin(which, [*occurring])
+            if unordered:  # a recorder may write messages in another order than it received them
+                kept = order if whole else order[np.isin(which[order], [*occurring])]
             fields = [self._fields[number] for number in numbers]
             name = self._name if whole or len(streams) == 1 else f"{self._name}.{fields[0]}"
             columns = {
@@ -221,7 +225,7 @@ class Collected:
                 for field, number in zip(fields, numbers, strict=True)
             }
             own = stamps[kept]
-            ages = (received[kept] - own) * 1e-9 if self._stamped else None
+            ages = np.asarray((received[kept] - own) * 1e-9, dtype=np.float64) if self._stamped else None
             dropped = {} if whole else {"no value of the element": len(stamps) - len(own)}
             found[name] = Topic(self._name, own.view("M8[ns]"), columns, ages, dropped)
             if not whole:
