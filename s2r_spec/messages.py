@@ -92,6 +92,19 @@ class Messages:
             return self.longest
         return math.inf if math.isnan(self.period) else self.period
 
+    @property
+    def recorded_until(self) -> float:
+        """Time up to which the messages were recorded, one period after the last [s]."""
+        last = float(self.times[-1])
+        return last if math.isnan(self.period) or self.linear else last + self.period
+
+    @property
+    def rhythm(self) -> str:
+        """What is expected of the next message, in words."""
+        if not math.isnan(self.longest):
+            return f"a value is valid for {self.longest:.3g} s"
+        return f"they come every {self.period:.3g} s"
+
     def index(self, at: FloatArray) -> IntArray:
         """Return (n,) the number of the last message up to each time; −1 before the first."""
         return np.asarray(np.searchsorted(self.times, at, side="right") - 1)

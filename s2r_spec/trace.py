@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from math import isfinite, isnan
+from math import isnan
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -84,7 +84,7 @@ class Trace:
         object.__setattr__(self, "units", MappingProxyType(_fitting(_texts(self.units), messages)))
         object.__setattr__(self, "masks", MappingProxyType({}))
         if self.until is None:
-            last = max(one.end if isfinite(one.end) else float(one.times[-1]) for one in messages.values())
+            last = max(one.recorded_until for one in messages.values())
             object.__setattr__(self, "until", last)
         # All stamps of all channels take more memory than the messages, and often nobody needs them.
         object.__delattr__(self, "times")

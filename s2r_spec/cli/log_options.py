@@ -88,6 +88,13 @@ Stamped = Annotated[
         show_default="header if all topics have one, else received",
     ),
 ]
+Longest = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="Time for which a signal's value is valid, in seconds: hit=2. May be repeated.",
+        show_default="5 periods of a periodic signal, no end for one sent on change",
+    ),
+]
 FromLog = Annotated[
     list[str] | None,
     typer.Option(
@@ -113,6 +120,7 @@ class LogReading:
     join: Join = None
     clock: Clock = None
     stamps: Stamped = None
+    longest: Longest = None
     sources: FromLog = None
 
     def backends(self, names: Sequence[str], spec: Spec, requirements: Sequence[str]) -> list[str]:
@@ -152,7 +160,7 @@ class LogReading:
         texts = [
             f"{key}={quote(str(value), safe=_PLAIN)}" for key, value in values.items() if value is not None
         ]
-        for key, repeated in (("map", self.columns), ("param", self.sources)):
+        for key, repeated in (("map", self.columns), ("param", self.sources), ("longest", self.longest)):
             texts += [f"{key}={quote(text, safe=_PLAIN)}" for text in repeated or ()]
         return texts
 

@@ -15,6 +15,7 @@ from s2r_spec.cli.log_options import (
     Columns,
     Duration,
     Join,
+    Longest,
     Nan,
     Stamped,
     Start,
@@ -62,6 +63,7 @@ def monitor(
     join: Join = None,
     clock: Clock = None,
     stamps: Stamped = None,
+    longest: Longest = None,
     requirement: Annotated[
         list[str] | None,
         typer.Option(
@@ -104,7 +106,7 @@ def monitor(
         from s2r_spec.logs.mapping import read_map
         from s2r_spec.logs.topics.join import Joining
         from s2r_spec.robustness.profiles import profile
-        from s2r_spec.rollouts.excerpts import Excerpts, read_sources
+        from s2r_spec.rollouts.excerpts import Excerpts, read_longest, read_sources
         from s2r_spec.spec import load_spec
         from s2r_spec.spec.monitored import Conventions
 
@@ -116,7 +118,10 @@ def monitor(
             parsed.unit(name)  # report a wrong name before any file is read
         chooses = any(option is not None for option in (clock, join, stamps))
         joining = Joining(clock, join or "hold", stamps) if chooses else None
-        excerpts = Excerpts(read_map(columns or []), time_unit, joining, when, start, duration, sources)
+        valid = read_longest(longest or [])
+        excerpts = Excerpts(
+            read_map(columns or []), time_unit, joining, when, start, duration, sources, valid
+        )
         request = Request(parsed, chosen, values, excerpts, missing(nan))
         conventions = Conventions(missing(nan), partial, time_unit is not None, like)
         profile(like)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from s2r_spec.cli.common import note
-from s2r_spec.errors import TraceError, UsageError, shortened
+from s2r_spec.errors import TraceError, UsageError, one_of, shortened
 from s2r_spec.printable import one_line
 
 if TYPE_CHECKING:
@@ -78,6 +78,9 @@ def read(request: Request, path: Path) -> list[Recorded]:
     """
     from s2r_spec.rollouts.excerpts import assumed, excerpt
 
+    if unknown := sorted(set(request.excerpts.longest) - set(request.spec.signals)):
+        known = one_of(request.spec.signals)
+        raise UsageError(f"--longest names {unknown[0]!r}, which is no signal; the signals are {known}")
     horizon = max(request.spec.horizon(name) for name in request.requirements)
     found = excerpt(path, request.spec.signals, request.wanted, horizon, request.excerpts)
     notes = list(found.notes)

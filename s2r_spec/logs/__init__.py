@@ -111,12 +111,13 @@ def load_episodes(
     time_unit: str | None = None,
     gather: bool = False,
     joining: Joining | None = None,
+    longest: Mapping[str, float] | None = None,
     runs: bool = False,
 ) -> list[Loaded]:
     """Read the traces of a file: one for each episode of a table that numbers its episodes, else one.
 
-    With ``runs``, a table whose times step back gives one for each part. For other arguments and errors see
-    :func:`load`.
+    ``longest`` states how long a value of a channel is valid [s]. With ``runs``, a table whose times step back gives
+    one trace for each part. For other arguments and errors see :func:`load`.
     """
     path = Path(path)
     names = dict(columns or {})
@@ -143,12 +144,12 @@ def load_episodes(
         parts = split.split(table, episode[0]) if episode else [table]
         if runs:
             parts = [run for part in parts for run in split.runs(part, plans[-1].times)]
-        longest = {} if joining is None else joining.longest
-        found = [build_trace(part, plans[-1], requested, longest) for part in parts]
+        valid = dict(longest or {})
+        found = [build_trace(part, plans[-1], requested, valid) for part in parts]
         if joining is None or open_log is not None:
             return found
         by_column = {column: name for name, column in names.items()}
-        return [sparse.joined(one, _with_clock(joining, by_column)) for one in found]
+        return [sparse.joined(one, _with_clock(joining, by_column), valid) for one in found]
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise TraceError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
     except NoTimesError as error:

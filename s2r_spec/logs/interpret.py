@@ -77,6 +77,8 @@ def build_trace(
         accounts = {name: Account(count, count) for name, count in _counts(kept).items()}
         return Loaded(trace, (*table.notes, *plan.notes), stamps.begins, left_out, accounts, stamps.stated)
     trace, account, notes = _of_rows(stamps.seconds, read, table, plan.times[0])
+    if longest and not trace.messages:
+        trace = _stated(trace, longest)
     notes = (*table.notes, *plan.notes, *stamps.notes, *notes)
     accounts = dict.fromkeys(read.samples, account)
     return Loaded(trace, notes, stamps.begins, left_out, accounts, stamps.stated)
@@ -103,6 +105,15 @@ def _of_rows(
         messages = {name: Messages.of(times, one) for name, one in samples.items()}
         trace = Trace.of_messages(messages, read.units, table.meta)
     return trace, Account(seconds.size, times.size, found.merged), found.notes
+
+
+def _stated(trace: Trace, longest: Mapping[str, float]) -> Trace:
+    """Return a trace whose rows are messages, some of which the user says how long they are valid [s]."""
+    messages = {
+        name: Messages.of(trace.times, values, longest=longest.get(name, math.nan))
+        for name, values in trace.channels.items()
+    }
+    return Trace.of_messages(messages, trace.units, trace.meta) if messages else trace
 
 
 def _counts(trace: Trace) -> dict[str, int]:

@@ -384,10 +384,9 @@ class Judge:
             if spans:
                 longest = max(spans, key=lambda span: span[1] - span[0])
                 more = f", the longest of {len(spans)} gaps" if len(spans) > 1 else ""
-                every = messages.valid if math.isfinite(messages.valid) else messages.period
                 notes.append(
-                    f"{name} has no message {self._span(start, *longest)}{more}, though they come every "
-                    f"{every:.3g} s: its value is not known there"
+                    f"{name} has no message {self._span(start, *longest)}{more}, though {messages.rhythm}: its value "
+                    f"is not known there"
                 )
             if math.isinf(messages.bridged) and len(messages) > 1:
                 notes.append(f"{name} is sent on change, and each value is held until the next message")

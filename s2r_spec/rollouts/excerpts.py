@@ -79,6 +79,26 @@ def read_sources(texts: Iterable[str]) -> tuple[list[str], dict[str, Source]]:
     return stated, sources
 
 
+def read_longest(texts: Iterable[str]) -> dict[str, float]:
+    """Return signal → time for which its value is valid [s], from texts like ``hit=2``.
+
+    Raises:
+        UsageError: a text is not of this form, or a signal has two times.
+    """
+    found: dict[str, float] = {}
+    for text in texts:
+        name, _, value = (part.strip() for part in text.partition("="))
+        try:
+            seconds = float(value.removesuffix("s"))
+        except ValueError:
+            seconds = math.nan
+        if not name or not 0.0 < seconds < math.inf:
+            raise UsageError(f"longest={text!r} is not a signal and seconds, such as --longest hit=2")
+        if found.setdefault(name, seconds) != seconds:
+            raise UsageError(f"longest gives {name} twice, {found[name]:g} s and {seconds:g} s; give one")
+    return found
+
+
 @dataclass(frozen=True)
 class Excerpts:
     """How a log becomes traces.
@@ -91,6 +111,7 @@ class Excerpts:
         start: time of the log from which episodes may begin [s]; None for its begin.
         duration: length of an episode [s]; None for the horizon of the requirements.
         sources: test parameter → its source in the log.
+        longest: signal → time for which a value is valid [s].
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -100,6 +121,7 @@ class Excerpts:
     start: float | None = None
     duration: float | None = None
     sources: Mapping[str, Source] = field(default_factory=dict)
+    longest: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def cuts(self) -> bool:
@@ -154,6 +176,7 @@ class Excerpt:
         dated: the date from which times count; "" if they are unchanged.
         cut: how the episodes were cut, a sentence each.
         left_out: column that was not requested → why it is not in the traces.
+        silences: a sentence on each signal that is silent in an episode.
         accounts: channel → what became of its messages in the file.
         stated: whether the file or the user states the unit of the times.
     """
@@ -163,6 +186,7 @@ class Excerpt:
     dated: str = ""
     cut: tuple[str, ...] = ()
     left_out: Mapping[str, str] = field(default_factory=dict)
+    silences: tuple[str, ...] = ()
     accounts: Mapping[str, Account] = field(default_factory=dict)
     stated: bool = True
 
@@ -195,6 +219,7 @@ def excerpt(
         time_unit=excerpts.time_unit,
         gather=wanted is None,
         joining=excerpts.held(),
+        longest=excerpts.longest,
     )
     spans: list[tuple[Loaded, Stretch | None]]
     sentences: list[str] = []
@@ -224,10 +249,11 @@ def excerpt(
     ]
     return Excerpt(
         episodes,
-        (*notes, *assumed, *sentences, *silences),
+        (*notes, *assumed, *sentences),
         found[0].begins,
         tuple(sentences),
         found[0].left_out,
+        tuple(silences),
         found[0].accounts,
         all(loaded.stated for loaded in found),
     )
@@ -291,33 +317,25 @@ def assumed(column: str, declared: str, remedy: str) -> str:
 def _silences(trace: Trace, excerpts: Excerpts, where: str) -> Iterator[str]:
     """Yield a sentence for each signal that is silent within an episode; commands are sent at will."""
     whole = trace if trace.origin is None else trace.origin
-    if whole.messages:
-        start = float(whole.times[0])
-        for name, one in whole.messages.items():
-            column = excerpts.columns.get(name, name)
-            if column not in excerpts.commands:
-                stream = Stream(one, one.values.reshape(len(one), -1).T)
-                until = start if whole.until is None else whole.until
-                spans = stream.silences(start, until)
-                yield from _silence(column, spans, start, until, (one.period, where))
-        return
-    period = period_of(trace.times)
-    start = float(trace.times[0])
-    spans = silences_of(trace.times - start)
-    yield from _silence("the file", spans, start, float(trace.times[-1]), (period, where))
+    start = float(whole.times[0])
+    if not whole.messages:
+        every = f"they come every {period_of(whole.times):.3g} s"
+        yield from _silence(f"{where}the file", silences_of(whole.times), every)
+    for name, one in whole.messages.items():
+        column = excerpts.columns.get(name, name)
+        if column not in excerpts.commands:
+            until = start if whole.until is None else whole.until
+            spans = Stream(one, one.values).silences(start, until)
+            inner = [(start + begin, min(start + end, until)) for begin, end in spans if math.isfinite(begin)]
+            yield from _silence(f"{where}{column}", inner, one.rhythm)
 
 
-def _silence(
-    name: str, spans: Sequence[tuple[float, float]], start: float, until: float, rest: tuple[float, str]
-) -> Iterator[str]:
-    """Yield a sentence on the longest time without a message of a signal, whose period and episode are the rest."""
-    period, where = rest
-    inner = [(begin, min(end, until - start)) for begin, end in spans if math.isfinite(begin)]
-    if inner:
-        begin, end = max(inner, key=lambda span: span[1] - span[0])
+def _silence(name: str, spans: Sequence[tuple[float, float]], rhythm: str) -> Iterator[str]:
+    """Yield a sentence on the longest of the times without a message [s]."""
+    if spans:
+        begin, end = max(spans, key=lambda span: span[1] - span[0])
         yield (
-            f"{where}{name} has no message from t = {start + begin:.6g} s to {start + end:.6g} s, though they come "
-            f"every {period:.3g} s: nothing is known there"
+            f"{name} has no message from t = {begin:.6g} s to {end:.6g} s, though {rhythm}: nothing is known there"
         )
 
 

@@ -148,7 +148,8 @@ def _entries(found: Excerpt, row: _Row, units: dict[str, str]) -> list[Entry]:
                     f"{episode.name}: the parameter {name} is in {unit!r}, and before in {units[name]!r}"
                 )
         values = {**row.params, **{name: value for name, (value, _) in episode.values.items()}}
-        loaded = Loaded(episode.trace, found.notes, found.dated, found.left_out, found.accounts)
+        notes = (*found.notes, *found.silences)
+        loaded = Loaded(episode.trace, notes, found.dated, found.left_out, found.accounts)
         entries.append(Entry(episode.name, values, loaded, _protocol(episode, row)))
     return entries
 

@@ -19,7 +19,7 @@ from s2r_spec.logs.mapping import read_map
 from s2r_spec.logs.times import unit_of_option
 from s2r_spec.logs.topics.join import RULES, Joining
 from s2r_spec.logs.topics.topic import STAMPS
-from s2r_spec.rollouts.excerpts import Excerpts, read_sources
+from s2r_spec.rollouts.excerpts import Excerpts, read_longest, read_sources
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
@@ -35,10 +35,11 @@ WORDS = {
     "join": "RULE",
     "clock": "TOPIC",
     "stamps": "STAMPS",
+    "longest": "SIGNAL=SECONDS",
     "param": "NAME=COLUMN@SECONDS",
 }
 """Definition: the options after the ``?``, each with the form of its value."""
-REPEATED = ("map", "param")
+REPEATED = ("map", "param", "longest")
 """Definition: options that may be given several times."""
 
 
@@ -87,6 +88,7 @@ class LogOptions:
             _seconds(where, values, "start"),
             _seconds(where, values, "duration"),
             sources,
+            read_longest(values["longest"]),
         )
         if backend == "manual" and (excerpts.cuts or sources):
             raise UsageError(

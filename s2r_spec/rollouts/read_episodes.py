@@ -47,6 +47,6 @@ def read_episodes(
     wanted = {signal.name: signal.dim if signal.vector else None for signal in spec.signals.values()}
     reading = Excerpts(columns or {}, None, joining, when, None, duration, sources)
     found = excerpt(Path(path), spec.signals, wanted, spec.horizon(), reading)
-    for note in found.notes:
+    for note in (*found.notes, *found.silences):
         warnings.warn(f"{path}: {note}", TraceNote, stacklevel=2)
     return [({**values, **spec.read_params(one.texts())}, one.trace) for one in found.episodes]

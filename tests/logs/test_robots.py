@@ -186,8 +186,8 @@ def test_a_sensor_that_is_silent_in_an_episode_is_named(clock, tmp_path):
     loud = cut_out(drive(tmp_path / "loud", clock=bool(clock)), joining)
     outside = cut_out(drive(tmp_path / "outside", (0.2, 0.8), bool(clock)), joining)
     silent = cut_out(drive(tmp_path / "silent", (1.4, 2.1), bool(clock)), joining)
-    assert not [note for found in (loud, outside) for note in found.notes if "silent#1," in note]
-    (note,) = (note for note in silent.notes if "silent#1," in note)
+    assert not [note for found in (loud, outside) for note in found.silences if "#1" in note]
+    (note,) = (note for note in silent.silences if "#1" in note)
     assert states(note, SPEED["vx"], "0.02 s")
 
 

@@ -13,7 +13,7 @@ A command steps, so that fields of test parameters and of a condition are held u
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, get_args
 
 import numpy as np
@@ -39,14 +39,12 @@ class Joining:
         stamps: which stamps of a message count; None for those of the headers if all topics have one, else the
             times of receipt.
         held: fields that are held whatever the rule, by their names in the log.
-        longest: channel → time for which a value is valid [s].
     """
 
     clock: str | None = None
     rule: Rule = "hold"
     stamps: Stamps | None = None
     held: frozenset[str] = frozenset()
-    longest: Mapping[str, float] = field(default_factory=dict)
 
     def interpolates(self, topic: str, name: str, column: Column) -> bool:
         """Return whether a field of a topic is linear between messages."""

@@ -6,6 +6,7 @@ Each channel is a topic: its messages are the rows in which it has a value.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -18,12 +19,13 @@ from s2r_spec.messages import Messages
 from s2r_spec.trace import Trace
 
 
-def joined(loaded: Loaded, joining: Joining) -> Loaded:
+def joined(loaded: Loaded, joining: Joining, longest: Mapping[str, float]) -> Loaded:
     """Return the trace of a table whose channels have rows of their own.
 
     Args:
         loaded: the trace as the table has it.
         joining: the clock and the rule.
+        longest: channel → time for which a value is valid, as the user states it [s].
 
     Raises:
         TraceError: a channel has no value, or the clock is not a channel.
@@ -40,8 +42,8 @@ def joined(loaded: Loaded, joining: Joining) -> Loaded:
             raise TraceError(f"{name} has no value in any row")
         own, rows = values[present], loaded.accounts[name]
         linear = joining.rule == "linear" and name not in joining.held and not whole(own)
-        longest = joining.longest.get(name, math.nan)
-        messages[name] = Messages.of(trace.times[present], own, longest=longest, linear=linear)
+        valid = longest.get(name, math.nan)
+        messages[name] = Messages.of(trace.times[present], own, longest=valid, linear=linear)
         empty = {"empty cell": rows.samples - len(own)} if len(own) < rows.samples else {}
         accounts[name] = replace(rows, samples=len(own), dropped={**rows.dropped, **empty})
     if joining.clock is not None and joining.clock not in messages:
