@@ -47,10 +47,11 @@ def write(bag: Path, topics: list[str], minutes: float) -> None:
         connections = [writer.add_connection(topic, KIND, typestore=store) for topic in topics]
         for tick in range(int(minutes * 60_000)):
             seconds, rest = EPOCH + tick // 1000, tick % 1000
-            struct.pack_into("<II", raw, place, seconds, rest * 10**6)
             struct.pack_into("<d", raw, len(raw) - 48, rest * 1e-3)
-            for connection in connections:
-                writer.write(connection, seconds * 10**9 + rest * 10**6, bytes(raw))
+            for number, connection in enumerate(connections):
+                nanoseconds = rest * 10**6 + number * 50_000  # no two topics have a stamp in common
+                struct.pack_into("<II", raw, place, seconds, nanoseconds)
+                writer.write(connection, seconds * 10**9 + nanoseconds, bytes(raw))
 
 
 def run(*words: object) -> dict[str, float]:

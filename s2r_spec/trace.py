@@ -214,6 +214,8 @@ class Trace:
         stated = any(not isnan(one.longest) for one in self.messages.values())
         if stated or not inner.size or inner[0] != since or (np.diff(inner) <= 0).any():
             return self
+        if inner.size == times.size:
+            return Trace(times, {n: one.values for n, one in self.messages.items()}, self.units, self.meta)
         channels = {name: one.values[begin:stop] for name, one in self.messages.items()}
         return Trace(inner, channels, self.units, self.meta)
 
@@ -581,7 +583,8 @@ def _frozen(values: ArrayLike, name: str, *, dates: bool = False) -> tuple[Float
             raise TypeError("it holds complex numbers")
         if stamps.is_typed(raw):
             raw, unit = stamps.seconds(raw.ravel()).reshape(raw.shape), "s"
-        array = np.array(raw, dtype=np.float64, order="C")
+        frozen = raw.dtype == np.float64 and raw.flags.owndata and not raw.flags.writeable
+        array = raw if frozen and raw.flags.c_contiguous else np.array(raw, dtype=np.float64, order="C")
     except (TypeError, ValueError) as error:
         raise TraceError(f"channel {name!r} is not numeric: {error}") from None
     array.setflags(write=False)

@@ -39,8 +39,9 @@ def read(column: Column, name: str, place: Callable[[int], str]) -> tuple[FloatA
         values, unit = stamps.seconds(filled.ravel(), np.timedelta64(0, "s")), "s"
         values = values.reshape(gaps.shape)
         values[gaps] = np.nan
-    samples = _texts(column, name, place) if column.texts else np.array(values, dtype=np.float64)
+    samples = _texts(column, name, place) if column.texts else np.asarray(values, dtype=np.float64)
     if column.missing is not None:
+        samples = samples.copy()
         samples[column.missing] = np.nan
     return samples, unit
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from s2r_spec.errors import TraceError, one_of, shortened
 from s2r_spec.logs.table import Column
 from s2r_spec.logs.topics.layout import Layout, layout
-from s2r_spec.logs.topics.topic import Topic
+from s2r_spec.logs.topics.topic import Topic, jump_of
 from s2r_spec.printable import one_line
 
 _BATCH = 4096
@@ -127,8 +127,8 @@ class _Values:
 
     def array(self) -> NDArray[Any]:
         """Return all values, and forget them."""
-        found, self._array = self._array[: self._count], np.zeros(0)
-        return found
+        found, self._array = self._array, np.zeros(0)
+        return found if len(found) == self._count else found[: self._count]
 
     def column(self, fault: str, kept: NDArray[Any] | slice) -> Column:
         """Return the values of the kept messages, and forget all."""
@@ -179,7 +179,8 @@ class Collected:
         self._waiting: list[int] = []
         self._raw: list[bytes] = []
         self._bytes = 0
-        self._received, self._stamps, self._which = (_Values(expected) for _ in range(3))
+        self._stamps, self._ages, self._which = (_Values(expected) for _ in range(3))
+        self._age, self._last, self._unordered = 0, 0, False
         self._columns = [_Values(expected) for _ in fields]
         self._patterns: dict[tuple[bool, ...], int] = {}
 
@@ -205,18 +206,18 @@ class Collected:
         A stream of some of the messages is named after its first field, and every :class:`Topic` after the topic.
         """
         self._decode()
-        received = self._received.array().astype(np.int64, copy=False)
-        stamps = self._stamps.array().astype(np.int64, copy=False) if self._stamped else received
+        stamps = self._stamps.array().astype(np.int64, copy=False)
+        ages = self._ages.array()
         which = self._which.array()
-        unordered = bool((np.diff(received) < 0).any())
-        order = np.argsort(received, kind="stable") if unordered else received[:0]
+        received = stamps + np.rint(ages * 1e9).astype(np.int64) if self._stamped else stamps
+        order = np.argsort(received, kind="stable") if self._unordered else stamps[:0]
         found: dict[str, Topic] = {}
         notes: list[str] = []
         streams = self._streams()
         for occurring, numbers in streams.items():
             whole = len(occurring) == len(self._patterns)
             kept: slice | NDArray[Any] = slice(None) if whole else np.isin(which, [*occurring])
-            if unordered:  # a recorder may write messages in another order than it received them
+            if self._unordered:  # a recorder may write messages in another order than it received them
                 kept = order if whole else order[np.isin(which[order], [*occurring])]
             fields = [self._fields[number] for number in numbers]
             name = self._name if whole or len(streams) == 1 else f"{self._name}.{fields[0]}"
@@ -225,13 +226,20 @@ class Collected:
                 for field, number in zip(fields, numbers, strict=True)
             }
             own = stamps[kept]
-            ages = np.asarray((received[kept] - own) * 1e-9, dtype=np.float64) if self._stamped else None
             dropped = {} if whole else {"no value of the element": len(stamps) - len(own)}
-            found[name] = Topic(self._name, own.view("M8[ns]"), columns, ages, dropped)
+            age, jump = self._clock(own, ages[kept]) if self._stamped and len(own) else (None, None)
+            found[name] = Topic(self._name, own.view("M8[ns]"), columns, age, jump, dropped)
             if not whole:
                 without = f"{len(stamps) - len(own):,} messages of {self._name} have no value"
                 notes.append(f"{without} of {one_of(fields)}, and are left out there")
         return found, notes
+
+    def _clock(self, stamps: NDArray[np.int64], ages: NDArray[Any]) -> tuple[float, tuple[int, float] | None]:
+        """Return the median age of header stamps, and where they jump ahead; a stamp of 0 was not set."""
+        was_set = np.flatnonzero(stamps)
+        jump = jump_of(ages[was_set])
+        age = self._age * 1e-9 + float(np.median(ages))
+        return age, jump and (int(was_set[jump[0]]), jump[1])
 
     def _streams(self) -> dict[frozenset[int], list[int]]:
         """Return the patterns of messages in which fields occur → the numbers of these fields."""
@@ -261,14 +269,23 @@ class Collected:
         begin = self.count - len(self._waiting)
         waiting, raw = self._waiting, self._raw
         self._waiting, self._raw, self._bytes = [], [], 0
-        self.numbers += self._received.extend(np.array(waiting, dtype=np.int64))
+        if not waiting:
+            return
+        received = np.array(waiting, dtype=np.int64)
+        self._unordered |= received[0] < self._last or bool((np.diff(received) < 0).any())
+        self._last = int(received[-1])
+        if not self._stamped:
+            self.numbers += self._stamps.extend(received)
         if not raw:
             return
         columns = self._together(raw, begin) if self._one_layout else None
         if columns is None:
             columns = self._one_by_one(raw, begin)
         if self._stamped:
-            self._stamps.extend(columns[-2] * 10**9 + columns[-1])
+            stamps = columns[-2].astype(np.int64) * 10**9 + columns[-1]
+            self._age = self._age if begin else int(received[0] - stamps[0])
+            self._ages.extend(((received - stamps - self._age) * 1e-9).astype(np.float32))
+            self.numbers += self._stamps.extend(stamps)
         for values, column in zip(self._columns, columns, strict=False):
             self.numbers += values.extend(column)
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.errors import TraceError
 from s2r_spec.logs.table import Column
-from s2r_spec.logs.topics.topic import APART, Topic, seconds, stamp_text
+from s2r_spec.logs.topics.topic import Topic, seconds, stamp_text
 from s2r_spec.messages import SILENT, period_of_messages
 
 FloatArray = NDArray[np.float64]
@@ -66,7 +66,12 @@ def ordered(topic: Topic, sortable: bool, place: Callable[[int], str] | None = N
     if len(topic) < 2:
         return Ordered(topic, 0, 0, ())
     counts = seconds(stamps - stamps[0])
-    _refuse_jumps(topic, name)
+    if topic.jump is not None:
+        first, ahead = topic.jump
+        raise TraceError(
+            f"the header stamps of {name} jump {ahead:.6g} s ahead of their receipt at message {first + 1}, "
+            f"{stamp_text(stamps[first])}: its clock was set; use --stamps received"
+        )
     back = np.flatnonzero(np.diff(counts) < 0) + 1
     late = np.zeros(0, dtype=np.intp)
     if back.size:
@@ -148,31 +153,9 @@ def _same(column: Column, at: IntArray) -> NDArray[np.bool_]:
     return np.asarray(same, dtype=bool)
 
 
-def _refuse_jumps(topic: Topic, name: str) -> None:
-    """Refuse a sender's clock that was set while it recorded.
-
-    Raises:
-        TraceError: the age of its stamps changes by more than :data:`s2r_spec.logs.topics.topic.APART`.
-    """
-    if topic.ages is None or len(topic) < 3:
-        return
-    least = np.minimum.accumulate(topic.ages)[1:-1]
-    steady = (
-        np.abs(np.diff(topic.ages[:-1])) <= APART
-    )  # a stamp from long before the record is no clock that was set
-    jumps = np.flatnonzero(steady & (topic.ages[2:] < least - APART)) + 2
-    if jumps.size:
-        first = int(jumps[0])
-        ahead = topic.ages[first - 1] - topic.ages[first]
-        raise TraceError(
-            f"the header stamps of {name} jump {ahead:.6g} s ahead of their receipt at message {first + 1}, "
-            f"{stamp_text(topic.stamps[first])}: its clock was set; use --stamps received"
-        )
-
-
 def _remedy(topic: Topic) -> str:
     """Return what to do with stamps that are no times."""
-    if topic.ages is not None:
+    if topic.age is not None:
         return "use --stamps received"
     return "save each part in a file of its own"
 

@@ -134,7 +134,7 @@ def _stamped(topic: Topic) -> tuple[Topic, list[str]]:
     Raises:
         TraceError: no header has a stamp.
     """
-    if topic.ages is None:
+    if topic.age is None:
         return topic, []
     counts = topic.stamps.astype("m8[ns]") if topic.stamps.dtype.kind == "M" else topic.stamps
     since = seconds(counts) if len(topic) else np.zeros(0)

@@ -67,20 +67,17 @@ class Topic:
         name: name of the topic.
         stamps: (n,) stamps, as the log has them, in the order of the file.
         columns: field → (n,) or (n, k) values.
-        ages: (n,) time from each stamp to its receipt [s]; None if the stamps are the times of receipt.
+        age: median time from a stamp to its receipt [s]; None if the stamps are the times of receipt.
+        jump: the first stamp that jumps ahead of its receipt, see :func:`jump_of`; None if none does.
         dropped: reason → messages of the topic that are not among these.
     """
 
     name: str
     stamps: NDArray[Any]
     columns: Mapping[str, Column]
-    ages: NDArray[np.float64] | None = None
+    age: float | None = None
+    jump: tuple[int, float] | None = None
     dropped: Mapping[str, int] = field(default_factory=dict)
-
-    @property
-    def age(self) -> float | None:
-        """Median time from a stamp to its receipt [s]; None if the stamps are the times of receipt."""
-        return None if self.ages is None or not len(self) else float(np.median(self.ages))
 
     def __len__(self) -> int:
         return len(self.stamps)
@@ -95,8 +92,7 @@ class Topic:
             )
             for name, one in self.columns.items()
         }
-        ages = None if self.ages is None else self.ages[kept]
-        return replace(self, stamps=self.stamps[kept], columns=columns, ages=ages)
+        return replace(self, stamps=self.stamps[kept], columns=columns)
 
 
 class TopicLog(Protocol):
@@ -124,6 +120,21 @@ class TopicLog(Protocol):
         Raises:
             TraceError: the file is damaged.
         """
+
+
+def jump_of(ages: NDArray[Any]) -> tuple[int, float] | None:
+    """Return the first message whose stamp is far ahead of those before, and by how much [s]; None if there is none.
+
+    Args:
+        ages: (n,) time from each stamp to its receipt [s], to within a constant.
+    """
+    if len(ages) < 3:
+        return None
+    least = np.minimum.accumulate(ages)[1:-1]
+    # One old message at the begin, as of a latched topic, is no clock that was set.
+    steady = np.abs(np.diff(ages[:-1])) <= APART
+    jumps = np.flatnonzero(steady & (ages[2:] < least - APART)) + 2
+    return (int(jumps[0]), float(ages[jumps[0] - 1] - ages[jumps[0]])) if jumps.size else None
 
 
 def seconds(durations: NDArray[Any]) -> FloatArray:
