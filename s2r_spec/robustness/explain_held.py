@@ -27,6 +27,8 @@ from s2r_spec.robustness.ties import plain_number
 FloatArray = NDArray[np.float64]
 Span = tuple[float, float]
 
+SHOWN = 5
+"""Budget: runs of a predicate whose times are printed to the resolution of the stamps around them."""
 _INSIDE = 1e-6
 """Tolerance: distance from the end of a piece to the instant that stands for its limit there [lengths of the piece]."""
 
@@ -84,12 +86,12 @@ class HeldExplainer:
         vacuous = next((a.node for a, b in pairwise(steps) if b.vacuous), None)
         unneeded = vacuous.right.span.text if isinstance(vacuous, f.Implication) else ""
         at = parts[-1].time
-        decided = Decided(last.node, last.factor, np.unique([self.start, at]), unneeded=unneeded)
+        decided = Decided(last.node, last.factor, self._near([at]), unneeded=unneeded)
         if isinstance(last.node, f.Comparison):
             runs = self._runs(last)
             decided = replace(
                 decided,
-                times=np.unique([self.start, at, *(time for run in runs for time in run)]),
+                times=self._near([at, *(time for run in runs[:SHOWN] for time in run)]),
                 runs=runs,
                 sides=tuple(self._observed(side, last.time) for side in (last.node.left, last.node.right)),
                 signals=tuple(self._signals(last.node, last.time)),
@@ -272,6 +274,16 @@ class HeldExplainer:
         if held.size and held.min() < goal[best]:
             return replace(step, node=node.left, time=float(times[np.argmin(held)]), runs=spread)
         return replace(step, node=node.right, time=float(times[best]), runs=spread)
+
+    def _near(self, times: list[float]) -> FloatArray:
+        """Return the begin, times on the trace's clock, and the stamps of all signals around them."""
+        near = [np.array([0.0]), np.array(times) - self.start]
+        for course in self.courses.signals.values():
+            for time in near[1]:
+                place = int(np.searchsorted(course.times, time))
+                near.append(course.times[max(place - 2, 0) : place + 3])
+        stamps = np.unique(np.concatenate(near))
+        return stamps[stamps >= 0.0] + self.start
 
     # -- what is shown -----------------------------------------------------------------------------------------------
 
