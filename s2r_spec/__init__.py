@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from s2r_spec.function_backend import FunctionBackend
     from s2r_spec.logs import read as read_trace
     from s2r_spec.logs import write as write_trace
+    from s2r_spec.messages import Messages
     from s2r_spec.report.results import load_result
     from s2r_spec.robustness.profiles import profile
     from s2r_spec.rollouts.read_episodes import read_episodes
@@ -66,6 +67,7 @@ __all__ = [
     "GapResult",
     "Kernel",
     "Label",
+    "Messages",
     "Monitor",
     "Parameter",
     "Query",
@@ -129,6 +131,7 @@ _HOMES = {
         "load_spec",
         "parse_spec",
     ),
+    "messages": ("Messages",),
     "trace": ("Trace",),
     "verdict": ("Verdict",),
 }

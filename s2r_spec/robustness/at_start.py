@@ -99,7 +99,7 @@ class _Start:
                 found = curves_of(node, self.walk)
                 sign = 1.0 if least else -1.0
                 low, high = (
-                    sign * _infimum(x if least else -x, interval, self.snap)
+                    sign * infimum_over(x if least else -x, interval, self.snap)
                     for x in (found.lower, found.upper)
                 )
                 return low, high
@@ -109,7 +109,7 @@ def _minus(pair: Pair) -> Pair:
     return -pair[1], -pair[0]
 
 
-def _infimum(x: Curve, interval: f.Interval, snap: float) -> float:
+def infimum_over(x: Curve, interval: f.Interval, snap: float) -> float:
     """Return the infimum of a curve over an interval after its first instant; +inf if no instant lies in it."""
     start, end, last = x.times[0] + interval.low, x.times[0] + interval.high, x.times[-1]
     if start > last + snap:

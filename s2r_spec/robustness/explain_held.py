@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
-from s2r_spec.robustness.at_start import bounds_at_start, curves_of
-from s2r_spec.robustness.bounds import Bounds
-from s2r_spec.robustness.curve import Curve, nearest
+from s2r_spec.robustness.at_start import bounds_at_start, curves_of, infimum_over
+from s2r_spec.robustness.bounds import BoundedAlgebra, Bounds
+from s2r_spec.robustness.curve import Curve
 from s2r_spec.robustness.evaluate import Walk, up_to
 from s2r_spec.robustness.explain import Decided, Explanation, Observed, Part, explained
-from s2r_spec.robustness.held import Courses, HeldValues, signals_of
+from s2r_spec.robustness.held import Courses, HeldAlgebra, HeldValues, signals_of
 from s2r_spec.robustness.ties import plain_number
 
 FloatArray = NDArray[np.float64]
@@ -57,15 +57,21 @@ class HeldExplainer:
 
     Args:
         walk: the walk over bounds on curves, whose first instant is that of the requirement.
-        courses: the signals.
         start: that instant on the clock of the trace [s].
         worse: whether ρ is the lower bound; else the upper one.
     """
 
     walk: Walk[Bounds[Curve]]
-    courses: Courses
     start: float
     worse: bool
+
+    @property
+    def courses(self) -> Courses:
+        """The signals; of several values with one stamp the first one."""
+        algebra = self.walk.algebra
+        assert isinstance(algebra, BoundedAlgebra)
+        assert isinstance(algebra.inner, HeldAlgebra)
+        return algebra.inner.courses
 
     def explain(self, formula: f.Formula, requirement: str, unit: str) -> Explanation:
         """Return the explanation of a formula."""
@@ -197,32 +203,49 @@ class HeldExplainer:
     def _extreme(
         self, node: f.Formula, step: _Step, interval: f.Interval, past: bool, least: bool
     ) -> _Step | None:
+        low, high = self._window(interval, step, past)
         if isinstance(node, f.Junction) and (node.operator == "and") == least:
             # One part after the other: the curve of all has the stamps of all topics.
-            found = [(self._extreme(part, step, interval, past, least)) for part in node.operands]
-            parts = [(self.at(part), part) for part in found if part is not None]
-            return (min if least else max)(parts, key=lambda one: one[0])[1] if parts else None
-        low, high = self._window(interval, step, past)
+            within = replace(interval, low=low, high=high)
+            over = [
+                infimum_over(x if least else -x, within, self.courses.snap)
+                for x in (self.curve(part, step.factor) for part in node.operands)
+            ]
+            best = int(np.argmin(over))
+            return self._extreme(node.operands[best], step, interval, past, least)
         curve = self.curve(node, step.factor)
-        times = self._instants([curve], low, high, interval, past)
-        if not times.size:
+        time = self._place(curve if least else -curve, low, high, past)
+        if time is None:
             return None
-        rho = curve.values(times, self.courses.snap)
-        best = int(np.argmin(rho) if least else np.argmax(rho))
-        runs = self._agreeing(curve, bool(rho[best] > 0), self._spread(interval, step, past))
-        return replace(step, node=node, time=self._stamp(curve, float(times[best])), runs=runs)
+        rho = float(curve.values(np.array([time]), self.courses.snap)[0])
+        runs = self._agreeing(curve, rho > 0, self._spread(interval, step, past))
+        return replace(step, node=node, time=time, runs=runs)
 
-    def _stamp(self, curve: Curve, time: float) -> float:
-        """Return the breakpoint that an instant within a piece stands for; any other instant as it is."""
-        near = curve.times[nearest(curve.times, np.array([time]))[0]]
-        index = int(
-            np.clip(np.searchsorted(curve.times, time, side="right") - 1, 0, max(len(curve.right) - 1, 0))
+    def _place(self, x: Curve, low: float, high: float, past: bool) -> float | None:
+        """Return the instant in a window at which a curve is least, the nearest of several; None in no window.
+
+        An infimum that is a limit has an instant close to it.
+        """
+        snap = self.courses.snap
+        if low > high + snap:
+            return None
+        first, stop = (
+            np.searchsorted(x.times, low - snap),
+            np.searchsorted(x.times, high + snap, side="right"),
         )
-        width = float(curve.times[min(index + 1, len(curve.times) - 1)] - curve.times[index])
-        held = abs(float(curve.values(np.array([near]), self.courses.snap)[0]) - float(
-            curve.values(np.array([time]), self.courses.snap)[0]
-        ))  # fmt: skip
-        return float(near) if abs(near - time) <= 2 * _INSIDE * width and held == 0.0 else time
+        times, values = [np.clip(x.times[first:stop], low, high)], [x.at[first:stop]]
+        if x.right.size and high - low > snap:
+            begin = max(int(np.searchsorted(x.times, low + snap, side="right")) - 1, 0)
+            final = min(int(np.searchsorted(x.times, high - snap)), x.right.size)
+            starts, ends = x.times[begin:final], x.times[begin + 1 : final + 1]
+            inside = _INSIDE * (ends - starts)
+            times += [np.clip(starts + inside, low, high), np.clip(ends - inside, low, high)]
+            values += [x.right[begin:final], x.left[begin:final]]
+        known = [(float(part.min()), part, at) for part, at in zip(values, times, strict=True) if part.size]
+        least = min(value for value, _, _ in known)
+        last = -1 if past else 0
+        places = [at[np.flatnonzero(part == least)[last]] for value, part, at in known if value == least]
+        return float(max(places) if past else min(places))
 
     def at(self, step: _Step) -> float:
         """Return ρ of a step's node at its instant."""

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -25,7 +26,7 @@ from s2r_spec.robustness import history
 from s2r_spec.robustness.curve import Curve
 from s2r_spec.robustness.dense import DenseAlgebra, Recording, Values
 from s2r_spec.robustness.evaluate import Walk, Witness
-from s2r_spec.robustness.numbers import Numbers
+from s2r_spec.robustness.numbers import Numbers, margin
 from s2r_spec.robustness.sampled import Samples
 from s2r_spec.robustness.ticks import Ticks
 
@@ -125,7 +126,11 @@ class HeldAlgebra(DenseAlgebra):
 
     def margin(self, node: f.Comparison) -> Curve:
         """Return the margin of the comparison."""
-        self.values = self.values_of(node)
+        values = self.values_of(node)
+        if values.recording.between == "hold" and not _grows(node):
+            samples = margin(node, values.sampled, values.sampled.clock)
+            return Curve.of(values.recording.times, samples, "hold")
+        self.values = values
         return super().margin(node)
 
     def values_of(self, node: f.Node) -> HeldValues:
@@ -247,15 +252,19 @@ def _duration(rho: Curve) -> Curve:
     return Curve(rho.times, np.where(at, here, 0.0), right, left)
 
 
+def _conditions(courses: Courses, times: FloatArray, node: f.Formula) -> FloatArray:
+    """Return (n,): the robustness of a condition at times."""
+    return courses.walk()(node).values(times, courses.snap)
+
+
 class _OwnNumbers(Numbers):
     """Numbers at the messages of a predicate's signals; functions of the past look at their operand's own messages."""
 
     def __init__(self, samples: Samples, courses: Courses) -> None:
-        super().__init__(samples.signals, samples.params, samples.clock, lambda: self._conditions)
+        # Not a method of these numbers: a reference cycle would keep the samples in memory.
+        conditions = partial(_conditions, courses, samples.clock.times)
+        super().__init__(samples.signals, samples.params, samples.clock, lambda: conditions)
         self._courses = courses
-
-    def _conditions(self, node: f.Formula) -> FloatArray:
-        return self._courses.walk()(node).values(self.clock.times, self.clock.snap)
 
     def _history(self, node: f.Value) -> FloatArray:
         times = self.clock.times

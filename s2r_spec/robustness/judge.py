@@ -122,6 +122,11 @@ class Stream:
         return int(np.unique(times, return_counts=True)[1].max())
 
 
+def snap_of(start: float, end: float) -> float:
+    """Return the difference [s] below which two times are equal up to rounding."""
+    return 16 * math.ulp(max(abs(start), abs(end), end - start))
+
+
 def on_circle(times: FloatArray, values: FloatArray, turn: float) -> Course:
     """Return an angle that is linear between (width, m) values along the shorter way around the circle.
 
@@ -221,8 +226,7 @@ class Judge:
     def courses(self, start: float, end: float, number: int = 0) -> Courses:
         """Return the signals from ``start`` to ``end``; of several values with one stamp the one of a number."""
         signals = {name: stream.course(start, end, number) for name, stream in self.streams.items()}
-        size = max(abs(start), abs(end), end - start)
-        return Courses(signals, self.params, end - start, 16 * math.ulp(size), self.witness)
+        return Courses(signals, self.params, end - start, snap_of(start, end), self.witness)
 
     def walk(self, start: float, end: float) -> Walk[Bounds[Curve]]:
         """Return the walk that bounds ρ from ``start`` to ``end``."""
@@ -240,7 +244,7 @@ class Judge:
         """
         start, end = self.start, self.end
         algebra = self.walk(start, end)
-        snap = self.courses(start, end).snap
+        snap = snap_of(start, end)
         lower, upper = bounds_at_start(formula, algebra, snap)
         complete = seconds_needed(formula, 0.0) <= end - start + snap
         silent = {name: stream.silences(start, end) for name, stream in self.streams.items()}
@@ -275,10 +279,8 @@ class Judge:
         worse = not (
             silent and found.satisfied is False
         )  # beside a silence, only the upper bound is sure to be < 0
-        explainer = HeldExplainer(
-            self.walk(found.start, found.end), self.courses(found.start, found.end), found.start, worse
-        )
-        return explainer.explain(formula, requirement, unit)
+        walk = self.walk(found.start, found.end)
+        return HeldExplainer(walk, found.start, worse).explain(formula, requirement, unit)
 
     def evaluate(self, formula: f.Formula, requirement: str, unit: str, end: End) -> Evaluation:
         """Return ρ along the window, its lower bound where there are two; for ``end`` see :meth:`Spec.evaluate`."""
@@ -286,7 +288,7 @@ class Judge:
         needs = seconds_needed(formula, 0.0)
         stamps = union(stream.messages for stream in self.streams.values())
         times = np.union1d(stamps[(stamps > start) & (stamps <= until)], start)
-        snap = self.courses(start, until).snap
+        snap = snap_of(start, until)
         complete = times + needs <= until + snap
         if end == "error" and not complete.all():
             raise TraceError(
@@ -373,7 +375,7 @@ class Judge:
             if not outside:
                 continue
             end = max(self.until, start + seconds_needed(formula, 0.0))
-            lower, upper = bounds_at_start(formula, self.walk(start, end), self.courses(start, end).snap)
+            lower, upper = bounds_at_start(formula, self.walk(start, end), snap_of(start, end))
             if (upper < 0 and satisfied) or (lower > 0 and not satisfied):
                 return f"{why} {other} it"
         return ""
@@ -460,7 +462,7 @@ class Judge:
         sizes: dict[int, int] = {}
         inner = [np.array([start])]
         for key, times in own.items():
-            part = times[(times >= start) & (times <= end)]
+            part = times[np.searchsorted(times, start) : np.searchsorted(times, end, side="right")]
             sizes[key] = int(np.count_nonzero(np.diff(part))) + 1 if part.size else 0
             inner.append(part)
         stamps = np.concatenate(inner)
