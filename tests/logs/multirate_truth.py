@@ -178,8 +178,8 @@ class Dense:
         shift = sign * self.shift if leaf.op != "flag" else 0.0
         level = leaf.level - shift if leaf.op[0] == "<" else leaf.level + shift
         for one in used:
-            crossed += one.crossings(level)
-            crossed += one.crossings(-level) if leaf.absolute else []
+            levels = [level] if not leaf.absolute else [level, -level] if level >= 0 else []
+            crossed += [at for one_level in levels for at in one.crossings(one_level)]
         points = _points(self.begin, self.end, [*more, *crossed])
         values = np.empty((2, 2 * points.size - 1))
         for k, at in enumerate(instants(points)):
