@@ -240,9 +240,25 @@ class Trace:
         return replace(self, channels=channels, origin=origin)
 
     @property
+    def begin(self) -> float:
+        """The first time [s]."""
+        if not self.messages:
+            return float(self.times[0])
+        return (
+            min(float(one.times[0]) for one in self.messages.values()) if self.since is None else self.since
+        )
+
+    @property
     def duration(self) -> float:
         """Time from the first to the last sample [s]."""
-        return float(self.times[-1] - self.times[0])
+        if not self.messages:
+            return float(self.times[-1] - self.times[0])
+        assert self.until is not None
+        last = [
+            float(one.times[max(int(one.index(np.array([self.until]))[0]), 0)])
+            for one in self.messages.values()
+        ]
+        return max(*last, self.begin) - self.begin
 
     @property
     def failure(self) -> str | None:

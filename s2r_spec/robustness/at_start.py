@@ -23,6 +23,14 @@ FloatArray = NDArray[np.float64]
 Pair = tuple[float, float]
 
 
+def curves_of(node: f.Formula, walk: Walk[Bounds[Curve]]) -> Bounds[Curve]:
+    """Return the curves of a formula; those of a predicate are not kept, since many fill the memory."""
+    if isinstance(node, f.Comparison) and id(node) not in walk.done:
+        assert isinstance(walk.algebra, BoundedAlgebra)
+        return walk.algebra.margin(node)
+    return walk(node)
+
+
 def bounds_at_start(formula: f.Formula, walk: Walk[Bounds[Curve]], snap: float) -> Pair:
     """Return the bounds of ρ at the first instant, never 0: their signs are the verdict."""
     return _Start(walk, snap).value(formula)
@@ -31,13 +39,6 @@ def bounds_at_start(formula: f.Formula, walk: Walk[Bounds[Curve]], snap: float) 
 class _Start:
     def __init__(self, walk: Walk[Bounds[Curve]], snap: float) -> None:
         self.walk, self.snap = walk, snap
-
-    def curves(self, node: f.Formula) -> Bounds[Curve]:
-        """Return the curves of a formula; those of a predicate are not kept."""
-        if isinstance(node, f.Comparison) and id(node) not in self.walk.done:
-            assert isinstance(self.walk.algebra, BoundedAlgebra)
-            return self.walk.algebra.margin(node)
-        return self.walk(node)
 
     def value(self, node: f.Formula) -> Pair:
         """Return the bounds of a formula at the first instant."""
@@ -48,7 +49,7 @@ class _Start:
                 return self._split(node, self.value) or self._first(node)
 
     def _first(self, node: f.Formula) -> Pair:
-        found = self.curves(node)
+        found = curves_of(node, self.walk)
         return float(found.lower.at[0]), float(found.upper.at[0])
 
     def _split(self, node: f.Formula, of: Callable[[f.Formula], Pair]) -> Pair | None:
@@ -95,7 +96,7 @@ class _Start:
                 )
                 return self.extreme(node.operand, total, least)
             case _:
-                found = self.curves(node)
+                found = curves_of(node, self.walk)
                 sign = 1.0 if least else -1.0
                 low, high = (
                     sign * _infimum(x if least else -x, interval, self.snap)

@@ -9,15 +9,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
+from s2r_spec.robustness.at_start import bounds_at_start, curves_of
 from s2r_spec.robustness.bounds import Bounds
-from s2r_spec.robustness.curve import Curve
+from s2r_spec.robustness.curve import Curve, nearest
 from s2r_spec.robustness.evaluate import Walk, up_to
 from s2r_spec.robustness.explain import Decided, Explanation, Observed, Part, explained
 from s2r_spec.robustness.held import Courses, HeldValues, signals_of
@@ -26,6 +27,8 @@ from s2r_spec.robustness.ties import plain_number
 FloatArray = NDArray[np.float64]
 Span = tuple[float, float]
 
+SHOWN = 5
+"""Budget: runs of a predicate whose times are printed to the resolution of the stamps around them."""
 _INSIDE = 1e-6
 """Tolerance: distance from the end of a piece to the instant that stands for its limit there [lengths of the piece]."""
 
@@ -38,14 +41,14 @@ class _Step:
         node: the sub-formula.
         time: the instant [s].
         factor: ρ of the requirement is factor · ρ of this node here; negative below a negation.
-        window: the times at which the requirement reads the node [s].
+        runs: (k, 2) times at which the verdict depends on the node, from and to [s].
     """
 
     node: f.Formula
     time: float
     factor: float
-    window: Span
-    vacuous: bool = field(default=False)
+    runs: FloatArray
+    vacuous: bool = False
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,7 @@ class HeldExplainer:
 
     def explain(self, formula: f.Formula, requirement: str, unit: str) -> Explanation:
         """Return the explanation of a formula."""
+        rho = self.rho(formula, 0.0, 1.0)
         steps = list(self._descend(formula))
         parts = tuple(
             Part(
@@ -73,7 +77,7 @@ class HeldExplainer:
                 step.node.name if isinstance(step.node, f.Named) else "",
                 step.node.span.line,
                 self.start + step.time,
-                plain_number(self.rho(step.node, step.time, step.factor)),
+                plain_number(rho / step.factor),
             )
             for step in steps
             if not isinstance(step.node, f.Rescale)
@@ -81,14 +85,13 @@ class HeldExplainer:
         last = steps[-1]
         vacuous = next((a.node for a, b in pairwise(steps) if b.vacuous), None)
         unneeded = vacuous.right.span.text if isinstance(vacuous, f.Implication) else ""
-        rho = self.rho(formula, 0.0, 1.0)
         at = parts[-1].time
-        decided = Decided(last.node, last.factor, np.unique([self.start, at]), unneeded=unneeded)
+        decided = Decided(last.node, last.factor, self._near([at]), unneeded=unneeded)
         if isinstance(last.node, f.Comparison):
             runs = self._runs(last)
             decided = replace(
                 decided,
-                times=np.unique([self.start, at, *(time for run in runs for time in run)]),
+                times=self._near([at, *(time for run in runs[:SHOWN] for time in run)]),
                 runs=runs,
                 sides=tuple(self._observed(side, last.time) for side in (last.node.left, last.node.right)),
                 signals=tuple(self._signals(last.node, last.time)),
@@ -97,30 +100,23 @@ class HeldExplainer:
 
     def curve(self, node: f.Formula, factor: float) -> Curve:
         """Return the curve of a node: the bound that ρ of the requirement depends on."""
-        bounds = self.walk(node)
+        bounds = curves_of(node, self.walk)
         return bounds.lower if (factor > 0) == self.worse else bounds.upper
 
     def rho(self, node: f.Formula, time: float, factor: float) -> float:
         """Return ρ of a node at an instant."""
+        if time == 0.0:
+            lower, upper = bounds_at_start(node, self.walk, self.courses.snap)
+            return lower if (factor > 0) == self.worse else upper
         return float(self.curve(node, factor).values(np.array([time]), self.courses.snap)[0])
 
     # -- the way down ------------------------------------------------------------------------------------------------
 
     def _descend(self, formula: f.Formula) -> Iterator[_Step]:
-        step: _Step | None = _Step(formula, 0.0, 1.0, (0.0, 0.0))
+        step: _Step | None = _Step(formula, 0.0, 1.0, np.zeros((1, 2)))
         while step is not None:
-            if isinstance(step.node, f.Comparison | f.Flag):
-                step = replace(step, time=self._set_at(step))
-                yield step
-                return
             yield step
             step = self._below(step)
-
-    def _set_at(self, step: _Step) -> float:
-        """Return the time of the message that set the value of a predicate, within its window."""
-        times = self.curve(step.node, step.factor).times
-        index = int(np.searchsorted(times, step.time + self.courses.snap, side="right")) - 1
-        return float(max(times[max(index, 0)], min(step.window[0], step.time)))
 
     def _below(self, step: _Step) -> _Step | None:
         node, t, factor = step.node, step.time, step.factor
@@ -178,22 +174,59 @@ class HeldExplainer:
         ends = (-interval.high, -interval.low) if past else (interval.low, interval.high)
         return max(step.time + ends[0], 0.0), min(step.time + ends[1], self.courses.end)
 
-    @staticmethod
-    def _spread(interval: f.Interval, window: Span, past: bool) -> Span:
+    def _spread(self, interval: f.Interval, step: _Step, past: bool) -> FloatArray:
+        """Return the times that the windows of a step's instants reach, as one run."""
         low, high = (-interval.high, -interval.low) if past else (interval.low, interval.high)
-        return window[0] + low, window[1] + high
+        begin, end = step.runs[0, 0] + low, step.runs[-1, 1] + high
+        return np.array([[max(begin, 0.0), min(end, self.courses.end)]])
+
+    def _agreeing(self, curve: Curve, holds: bool, runs: FloatArray) -> FloatArray:
+        """Return the parts of runs at which a formula holds, or does not; (k, 2) times, k ≥ 1."""
+        agrees = np.empty(2 * curve.times.size - 1, dtype=bool)
+        agrees[::2] = (curve.at > 0) == holds
+        agrees[1::2] = ((curve.right > 0) == holds) | ((curve.left > 0) == holds)
+        edges = np.flatnonzero(np.diff(np.concatenate(([False], agrees, [False]))))
+        first, stop = edges[::2], edges[1::2]
+        own = np.stack(
+            (curve.times[first // 2], curve.times[np.minimum(stop // 2, curve.times.size - 1)]), axis=1
+        )
+        both = [np.clip(own[(own[:, 1] >= begin) & (own[:, 0] <= end)], begin, end) for begin, end in runs]
+        found = np.concatenate(both)
+        return found if len(found) else runs
 
     def _extreme(
         self, node: f.Formula, step: _Step, interval: f.Interval, past: bool, least: bool
     ) -> _Step | None:
+        if isinstance(node, f.Junction) and (node.operator == "and") == least:
+            # One part after the other: the curve of all has the stamps of all topics.
+            found = [(self._extreme(part, step, interval, past, least)) for part in node.operands]
+            parts = [(self.at(part), part) for part in found if part is not None]
+            return (min if least else max)(parts, key=lambda one: one[0])[1] if parts else None
         low, high = self._window(interval, step, past)
-        times = self._instants([self.curve(node, step.factor)], low, high, interval, past)
+        curve = self.curve(node, step.factor)
+        times = self._instants([curve], low, high, interval, past)
         if not times.size:
             return None
-        rho = self.curve(node, step.factor).values(times, self.courses.snap)
-        best = np.argmin(rho) if least else np.argmax(rho)
-        spread = self._spread(interval, step.window, past)
-        return replace(step, node=node, time=float(times[best]), window=spread)
+        rho = curve.values(times, self.courses.snap)
+        best = int(np.argmin(rho) if least else np.argmax(rho))
+        runs = self._agreeing(curve, bool(rho[best] > 0), self._spread(interval, step, past))
+        return replace(step, node=node, time=self._stamp(curve, float(times[best])), runs=runs)
+
+    def _stamp(self, curve: Curve, time: float) -> float:
+        """Return the breakpoint that an instant within a piece stands for; any other instant as it is."""
+        near = curve.times[nearest(curve.times, np.array([time]))[0]]
+        index = int(
+            np.clip(np.searchsorted(curve.times, time, side="right") - 1, 0, max(len(curve.right) - 1, 0))
+        )
+        width = float(curve.times[min(index + 1, len(curve.times) - 1)] - curve.times[index])
+        held = abs(float(curve.values(np.array([near]), self.courses.snap)[0]) - float(
+            curve.values(np.array([time]), self.courses.snap)[0]
+        ))  # fmt: skip
+        return float(near) if abs(near - time) <= 2 * _INSIDE * width and held == 0.0 else time
+
+    def at(self, step: _Step) -> float:
+        """Return ρ of a step's node at its instant."""
+        return self.rho(step.node, step.time, step.factor)
 
     def _instants(
         self, curves: list[Curve], low: float, high: float, interval: f.Interval, past: bool
@@ -229,7 +262,7 @@ class HeldExplainer:
         guard = np.minimum.accumulate(np.concatenate(([np.inf], holds[:-1])))
         first = np.abs(times - step.time) >= node.interval.low - snap
         rho = np.where(first, np.minimum(guard, goal), -np.inf)
-        spread = self._spread(way, step.window, past)
+        spread = self._spread(way, step, past)
         if node.operator == "unless":
             stays = self._extreme(node.left, step, way, False, least=True)
             if stays and (not rho.size or self.rho(stays.node, stays.time, step.factor) >= rho.max()):
@@ -239,26 +272,26 @@ class HeldExplainer:
         best = int(np.argmax(rho))
         held = holds[: best + (self.walk.witness == "closed")]
         if held.size and held.min() < goal[best]:
-            return replace(step, node=node.left, time=float(times[np.argmin(held)]), window=spread)
-        return replace(step, node=node.right, time=float(times[best]), window=spread)
+            return replace(step, node=node.left, time=float(times[np.argmin(held)]), runs=spread)
+        return replace(step, node=node.right, time=float(times[best]), runs=spread)
+
+    def _near(self, times: list[float]) -> FloatArray:
+        """Return the begin, times on the trace's clock, and the stamps of all signals around them."""
+        near = [np.array([0.0]), np.array(times) - self.start]
+        for course in self.courses.signals.values():
+            for time in near[1]:
+                place = int(np.searchsorted(course.times, time))
+                near.append(course.times[max(place - 2, 0) : place + 3])
+        stamps = np.unique(np.concatenate(near))
+        return stamps[stamps >= 0.0] + self.start
 
     # -- what is shown -----------------------------------------------------------------------------------------------
 
     def _runs(self, step: _Step) -> tuple[Span, ...]:
         """Return (from, to) times in the window at which the predicate is what decides: [s] on the trace's clock."""
-        x = self.curve(step.node, step.factor)
-        wanted = self.rho(step.node, step.time, step.factor) > 0
-        low, high = max(step.window[0], 0.0), min(step.window[1], self.courses.end)
-        agrees = np.empty(2 * x.times.size - 1, dtype=bool)
-        agrees[::2] = (x.at > 0) == wanted
-        agrees[1::2] = ((x.right > 0) == wanted) | ((x.left > 0) == wanted)
-        edges = np.flatnonzero(np.diff(np.concatenate(([False], agrees, [False]))))
-        runs = []
-        for first, stop in zip(edges[::2], edges[1::2], strict=True):
-            begin, end = x.times[first // 2], x.times[min((stop + 1) // 2, x.times.size - 1)]
-            if end >= low and begin <= high:
-                runs.append((self.start + max(begin, low), self.start + min(end, high)))
-        return tuple(runs) or ((self.start + step.time, self.start + step.time),)
+        wanted = self.at(step) > 0
+        runs = self._agreeing(self.curve(step.node, step.factor), wanted, step.runs)
+        return tuple((self.start + float(begin), self.start + float(end)) for begin, end in runs)
 
     def _observed(self, node: f.Value, time: float) -> Observed:
         values = HeldValues.at_messages(self.courses, signals_of(node))

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,18 +40,35 @@ class Course:
         times: (m,) strictly increasing stamps after the start [s].
         values: (width, m), free of NaN.
         linear: whether the signal is linear between messages; else it holds the last value.
+        ends: (width, m) limits of a linear signal just before each stamp, where it jumps there; None if it does not.
     """
 
     times: FloatArray
     values: FloatArray
     linear: bool = False
+    ends: FloatArray | None = None
 
     def at(self, times: FloatArray) -> FloatArray:
         """Return (width, n): the values at times, none of them before the first message."""
-        index = np.maximum(np.searchsorted(self.times, times, side="right") - 1, 0)
         if not self.linear:
+            index = np.maximum(np.searchsorted(self.times, times, side="right") - 1, 0)
             return self.values[:, index]
-        return np.stack([np.interp(times, self.times, row) for row in self.values])
+        return self._lines(times, "right")
+
+    def before(self, times: FloatArray) -> FloatArray:
+        """Return (width, n): the limits of a linear signal just before times."""
+        return self._lines(times, "left")
+
+    def _lines(self, times: FloatArray, side: Literal["left", "right"]) -> FloatArray:
+        if self.ends is None:
+            return np.stack([np.interp(times, self.times, row) for row in self.values])
+        last = len(self.times) - 1
+        index = np.clip(np.searchsorted(self.times, times, side=side) - 1, 0, last)
+        after = np.minimum(index + 1, last)
+        width = self.times[after] - self.times[index]
+        part = np.divide(times - self.times[index], width, out=np.zeros(times.size), where=width > 0)
+        lines: FloatArray = (1.0 - part) * self.values[:, index] + part * self.ends[:, after]
+        return lines
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,13 +182,13 @@ class HeldValues(Values):
         """Return the curve through the values at the messages, with jumps where a held signal has one."""
         times, read = self.recording.times, signals_of(node)
         samples = np.broadcast_to(self.sampled(node)[0], times.shape)
-        linear = {name for name in read if self.courses.signals[name].linear}
-        if not linear:
+        signals = self.courses.signals
+        if not any(signals[name].linear for name in read):
             return Curve.of(times, samples, "hold")
-        if linear == read:
+        if all(signals[name].linear and signals[name].ends is None for name in read):
             return Curve.of(times, samples, "linear")
         before = {
-            name: one[:, 1:] if name in linear else one[:, :-1]
+            name: signals[name].before(times[1:]) if signals[name].linear else one[:, :-1]
             for name, one in self.recording.samples.signals.items()
         }
         ends = replace(self.recording.samples, clock=Ticks(times[1:], self.courses.snap), signals=before)

@@ -55,11 +55,13 @@ class Stream:
         messages: its messages, in the log's unit; those without a value are left out.
         values: (width, m) their values in the declared unit.
         without: messages without a value, whose place the value before takes.
+        turn: a full turn of an angle, in the declared unit; inf for any other quantity.
     """
 
     messages: Messages
     values: FloatArray
     without: int = 0
+    turn: float = math.inf
 
     @property
     def first(self) -> float:
@@ -98,11 +100,18 @@ class Stream:
         own = times[first:stop]
         last = np.append(own[1:] > own[:-1], True)
         if last.all():
-            return Course(own - start, self.values[:, first:stop], self.messages.linear)
+            return self._course(own - start, self.values[:, first:stop])
         ends = np.flatnonzero(last)
         begins = np.concatenate(([0], ends[:-1] + 1))
         chosen = first + np.minimum(begins + number, ends)
-        return Course(own[last] - start, self.values[:, chosen], self.messages.linear)
+        return self._course(own[last] - start, self.values[:, chosen])
+
+    def _course(self, times: FloatArray, values: FloatArray) -> Course:
+        """Return the messages as a course; an angle that jumps by over half a turn is linear on the circle."""
+        linear = self.messages.linear
+        if not linear or not (np.abs(np.diff(values)) > self.turn / 2).any():
+            return Course(times, values, linear)
+        return on_circle(times, values, self.turn)
 
     @property
     def most(self) -> int:
@@ -111,6 +120,33 @@ class Stream:
         if times.size < 2 or (np.diff(times) > 0).all():
             return 1
         return int(np.unique(times, return_counts=True)[1].max())
+
+
+def on_circle(times: FloatArray, values: FloatArray, turn: float) -> Course:
+    """Return an angle that is linear between (width, m) values along the shorter way around the circle.
+
+    Where it passes the end of its range, 0 to a turn or half a turn around 0, it jumps to the other end.
+    """
+    high = np.where(values.min(axis=1) >= 0.0, turn, turn / 2)[:, np.newaxis]
+    step = np.diff(values)
+    short = step - turn * np.rint(step / turn)
+    jumps = np.abs(step) > turn / 2
+    border = np.where(short > 0, high, high - turn)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        part = np.clip((border - values[:, :-1]) / short, 0.0, 1.0)
+    at = times[:-1] + part * np.diff(times)
+    stamps = np.unique(np.concatenate((times, at[jumps])))
+    rows, ends = [], []
+    for row in range(len(values)):
+        mine = jumps[row]
+        own = np.concatenate((times, at[row, mine]))
+        after = np.concatenate((values[row], border[row, mine] - turn * np.sign(short[row, mine])))
+        before = np.concatenate((values[row], border[row, mine]))
+        order = np.argsort(own, kind="stable")
+        single = Course(own[order], after[np.newaxis, order], True, before[np.newaxis, order])
+        rows.append(single.at(stamps)[0])
+        ends.append(single.before(stamps)[0])
+    return Course(stamps, np.stack(rows), True, np.stack(ends))
 
 
 @dataclass(frozen=True)
@@ -388,12 +424,17 @@ class Judge:
                     f"{name} has no message {self._span(start, *longest)}{more}, though {messages.rhythm}: its value "
                     f"is not known there"
                 )
-            if math.isinf(messages.bridged) and len(messages) > 1:
+            if math.isinf(messages.bridged) and len(messages) > 1 and not messages.linear:
                 notes.append(f"{name} is sent on change, and each value is held until the next message")
             repeated = len(messages) - len(np.unique(messages.times))
             if repeated:
                 notes.append(
                     f"{repeated} messages of {name} have the stamp of another one and another value: the worse decides"
+                )
+            around = int((np.abs(np.diff(stream.values)) > stream.turn / 2).any(axis=0).sum())
+            if around and messages.linear:
+                notes.append(
+                    f"{name} jumps by over half a turn {around} times, and is interpolated on the circle"
                 )
             if stream.without:
                 notes.append(
@@ -416,24 +457,27 @@ class Judge:
     ) -> dict[str, Instants]:
         """Return signal → its instants in the window: all stamps of all signals."""
         own = {id(one.messages.times): one.messages.times for one in self.streams.values()}
-        inner = [times[(times >= start) & (times <= end)] for times in own.values()]
-        distinct = [one[np.append(True, np.diff(one) > 0)] if one.size else one for one in inner]
-        sizes = {key: one.size for key, one in zip(own, distinct, strict=True)}
-        stamps = np.unique(np.concatenate([np.array([start]), *distinct]))
+        sizes: dict[int, int] = {}
+        inner = [np.array([start])]
+        for key, times in own.items():
+            part = times[(times >= start) & (times <= end)]
+            sizes[key] = int(np.count_nonzero(np.diff(part))) + 1 if part.size else 0
+            inner.append(part)
+        stamps = np.concatenate(inner)
+        stamps.sort()
+        distinct = int(np.count_nonzero(stamps[1:] != stamps[:-1])) + 1
         found = {}
         for name, stream in self.streams.items():
             messages = stream.messages
             missing = 0
             for begin, stop in silent[name]:
-                missing += int(
-                    np.searchsorted(stamps, start + stop, side="left")
-                    - np.searchsorted(stamps, start + begin, side="right")
-                )
-            rest = stamps.size - sizes[id(messages.times)] - missing
-            found[name] = Instants(
-                sizes[id(messages.times)],
-                0 if messages.linear else rest,
-                rest if messages.linear else 0,
-                missing,
-            )
+                within = stamps[
+                    np.searchsorted(stamps, start + begin, side="right") : np.searchsorted(
+                        stamps, start + stop
+                    )
+                ]
+                missing += np.unique(within).size
+            rest = distinct - sizes[id(messages.times)] - missing
+            held, interpolated = (0, rest) if messages.linear else (rest, 0)
+            found[name] = Instants(sizes[id(messages.times)], held, interpolated, missing)
         return found

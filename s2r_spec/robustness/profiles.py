@@ -12,7 +12,7 @@ from s2r_spec.robustness.evaluation import End, Interpolation
 class Profile(TypedDict):
     """Conventions of a tool, as keywords of :meth:`s2r_spec.spec.Spec.evaluate`."""
 
-    interpolation: Interpolation
+    interpolation: Interpolation | None
     until: Witness
     end: End
 
@@ -22,7 +22,7 @@ PROFILES: dict[str, Profile] = {
     "moonlight": {"interpolation": "hold", "until": "open", "end": "nan"},
     "rtamt": {"interpolation": "samples", "until": "open", "end": "clip"},
     "rtamt-dense": {"interpolation": "hold", "until": "closed", "end": "hold"},
-    "s2r": {"interpolation": "samples", "until": "open", "end": "clip"},
+    "s2r": {"interpolation": None, "until": "open", "end": "clip"},
     "stlcgpp": {"interpolation": "samples", "until": "closed", "end": "hold"},
     "stlrom": {"interpolation": "linear", "until": "closed", "end": "hold"},
     "tidystl": {"interpolation": "samples", "until": "closed", "end": "hold"},

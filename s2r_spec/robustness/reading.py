@@ -57,8 +57,9 @@ def _stream(signal: Signal, trace: Trace, missing: Missing, linear: bool) -> Str
     messages = replace(messages, linear=True) if linear else messages
     samples = _rows(signal, messages.values)
     empty = np.isnan(samples).any(axis=0)
+    turn = turn_of(signal)
     if not empty.any():
-        return Stream(messages, _converted(signal, trace, samples))
+        return Stream(messages, _converted(signal, trace, samples), turn=turn)
     if missing == "error":
         raise _missing(signal, messages.times, int(np.argmax(empty)), HOLD)
     samples = _last_known(samples)
@@ -66,7 +67,15 @@ def _stream(signal: Signal, trace: Trace, missing: Missing, linear: bool) -> Str
     if not known.any():
         raise _missing(signal, messages.times, 0, LEADING)
     kept = replace(messages, times=messages.times[known], values=messages.values[known])
-    return Stream(kept, _converted(signal, trace, samples[:, known]), int(empty.sum()))
+    return Stream(kept, _converted(signal, trace, samples[:, known]), int(empty.sum()), turn)
+
+
+def turn_of(signal: Signal) -> float:
+    """Return a full turn in the unit of a signal that is an angle; inf for any other."""
+    unit = signal.measure
+    if unit.dimension or unit.angle != 1 or signal.boolean:
+        return math.inf
+    return 2.0 * math.pi / float(unit.factor)
 
 
 def _read(signal: Signal, trace: Trace, missing: Missing) -> FloatArray:

@@ -317,7 +317,7 @@ def assumed(column: str, declared: str, remedy: str) -> str:
 def _silences(trace: Trace, excerpts: Excerpts, where: str) -> Iterator[str]:
     """Yield a sentence for each signal that is silent within an episode; commands are sent at will."""
     whole = trace if trace.origin is None else trace.origin
-    start = float(whole.times[0])
+    start = whole.begin
     if not whole.messages:
         every = f"they come every {period_of(whole.times):.3g} s"
         yield from _silence(f"{where}the file", silences_of(whole.times), every)
@@ -346,7 +346,7 @@ def _episode(
     if stretch is None:
         return Episode(name, trace.only(kept).begun(), _values(name, trace, excerpts))
     one = part(trace, stretch)
-    begins = stretch.begin - float(trace.times[0])
+    begins = stretch.begin - trace.begin
     return Episode(name, one.only(kept), _values(name, one, excerpts), begins)
 
 
@@ -400,10 +400,10 @@ def _cut(
         return ([], _shortfall(trace, start, duration)) if one is None else ([one], [])
     condition = _condition(trace, signals, excerpts.when)
     named = trace.only(condition.channels(_CONDITION))
-    times, truth = _truth(condition, named, float(trace.times[0]))
+    times, truth = _truth(condition, named, trace.begin)
     failure = trace.failure is not None
     until = trace.until if trace.messages else None
-    episodes = cut(times, truth, duration, float(trace.times[0]) + start, failure, until)
+    episodes = cut(times, truth, duration, trace.begin + start, failure, until)
     last = len(episodes.spans) - 1
     return [
         Stretch(
@@ -443,7 +443,7 @@ def _known(trace: Trace) -> int:
 def _one(trace: Trace, start: float, duration: float) -> Stretch | None:
     """Return the one episode from a time on; None if the log does not hold it."""
     failed = trace.failure is not None
-    first = float(trace.times[0])
+    first = trace.begin
     if trace.messages:
         assert trace.until is not None
         complete = trace.until >= (first + start + duration) * (1.0 - 1e-9)

@@ -152,8 +152,6 @@ def _of_samples(
     spec: Spec, trace: Trace, requirement: str, params: Mapping[str, Amount], conventions: Conventions
 ) -> Monitored:
     how, partial = conventions.profile, conventions.partial
-    if how["interpolation"] == "samples" and not trace.messages:
-        how = {**how, "interpolation": "samples"}
     held = how["end"] == "hold" and len(trace) > 1
     if partial and not held:
         how = {**how, "end": "clip"}
@@ -167,13 +165,13 @@ def _of_samples(
     elif not (found.complete[0] or partial or held):
         short = spec.shortfall(trace, requirement, params, nan=conventions.nan)
         unknown = f"it {short} (--partial evaluates the recorded part)"
-    elif how["interpolation"] == "samples" and not partial:
+    elif how["interpolation"] in (None, "samples") and not partial:
         unknown = _in_gap(spec, trace, requirement, params, conventions)
     if unknown:
         text = "\n".join((f"{requirement} unknown: {unknown}", *lines))
         return Monitored(requirement, None, text, None, sampled)
     why = ""
-    if how["interpolation"] != "samples":
+    if how["interpolation"] not in (None, "samples"):
         why = f"{conventions.like} evaluates it at every instant, so no single sample decides it"
     elif not found.complete[0] and held:
         why = f"it looks past the last sample, whose value is held as in {conventions.like}"
@@ -208,7 +206,7 @@ def _in_gap(
 
 def _rhythm(trace: Trace, how: Profile, found: Evaluation) -> list[str]:
     """Return notes on gaps, and on samples that come on change."""
-    if how["interpolation"] != "samples" or trace.messages or len(trace) < 2:
+    if how["interpolation"] not in (None, "samples") or trace.messages or len(trace) < 2:
         return []
     spans = silences_of(trace.times)
     if spans:
