@@ -51,7 +51,8 @@ class Messages:
         values: (m,) or (m, k) values; NaN where a message has none.
         period: period of the whole log's messages [s]; NaN if the channel is sent on change.
         longest: time for which a value is valid, as the user states it [s]; NaN if not stated.
-        end: time until which the last value of the whole log is valid [s]; inf if the channel is sent on change.
+        log_end: time at which the log ends [s]; NaN if it is not known.
+        end: time until which the last value of the whole log is valid [s].
         linear: whether the channel is linear between messages; else it holds the last value.
     """
 
@@ -59,6 +60,7 @@ class Messages:
     values: FloatArray
     period: float = math.nan
     longest: float = math.nan
+    log_end: float = math.nan
     end: float = math.inf
     linear: bool = False
 
@@ -72,11 +74,41 @@ class Messages:
 
     @classmethod
     def of(
-        cls, times: FloatArray, values: FloatArray, *, longest: float = math.nan, linear: bool = False
+        cls,
+        times: FloatArray,
+        values: FloatArray,
+        *,
+        longest: float = math.nan,
+        log_end: float = math.nan,
+        linear: bool = False,
     ) -> Messages:
         """Return the messages of a whole log, with their period and the end of the last value."""
-        made = cls(times, values, period_of_messages(times), longest, linear=linear)
-        return replace(made, end=float(times[-1]) + (0.0 if linear else made.valid))
+        made = cls(times, values, period_of_messages(times), longest, log_end, linear=linear)
+        return replace(made, end=made.valid_until)
+
+    @property
+    def valid_until(self) -> float:
+        """Time until which the last value is valid, if it is the last one of the log [s]."""
+        last = float(self.times[-1])
+        if self.linear:
+            return last
+        return last + self.valid if math.isfinite(self.valid) else self._log_end(last)
+
+    def held_between(self) -> Messages:
+        """Return the messages of a channel that holds its values although its log is interpolated."""
+        end = self.end + self.valid if math.isfinite(self.valid) else self._log_end(self.end)
+        return replace(self, linear=False, end=end)
+
+    def in_log_until(self, end: float) -> Messages:
+        """Return the messages of a log that ends at a time [s], if its end is not known yet."""
+        if not math.isnan(self.log_end):
+            return self
+        known = replace(self, log_end=end)
+        return known if math.isfinite(self.valid) or self.linear else replace(known, end=max(self.end, end))
+
+    def _log_end(self, last: float) -> float:
+        """Return the end of the log if it is known and not before ``last``, else this [s]."""
+        return last if math.isnan(self.log_end) else max(self.log_end, last)
 
     @property
     def bridged(self) -> float:
@@ -94,7 +126,7 @@ class Messages:
 
     @property
     def recorded_until(self) -> float:
-        """Time up to which the messages were recorded, one period after the last [s]."""
+        """Time up to which the messages were recorded, one period after the last of a periodic channel [s]."""
         last = float(self.times[-1])
         return last if math.isnan(self.period) or self.linear else last + self.period
 
@@ -153,7 +185,7 @@ class Messages:
 
     def shifted(self, by: float) -> Messages:
         """Return the messages, later by so many seconds."""
-        return replace(self, times=self.times + by, end=self.end + by)
+        return replace(self, times=self.times + by, end=self.end + by, log_end=self.log_end + by)
 
 
 def union(channels: Iterable[Messages]) -> FloatArray:
@@ -171,4 +203,4 @@ def joined(parts: list[Messages]) -> Messages:
     times = union(parts)
     times = times[times >= max(float(one.times[0]) for one in parts)]
     values = np.stack([one.read(times) for one in parts], axis=1)
-    return Messages.of(times, values, longest=first.longest, linear=first.linear)
+    return Messages.of(times, values, longest=first.longest, log_end=first.log_end, linear=first.linear)

@@ -46,7 +46,7 @@ class Trace:
         meta: values that can be written as JSON. ``meta["failure"]`` is reserved for a short word ("fall") if the
             rollout ended early; see :attr:`failure`.
         since: begin of the trace [s]; None for that of the first message. Only for messages.
-        until: end of the trace [s]; None for as long as the last message is valid. Only for messages.
+        until: end of the trace [s]; None for that of the log. Only for messages.
         origin: the messages from which these samples were taken at the stamps of one topic; None for others.
         masks: name → (n,) whether a sample is the channel's own, and not held or interpolated, in a trace that was
             resampled; all are, if there is no entry.
@@ -80,12 +80,11 @@ class Trace:
     def _of_messages(self, messages: Mapping[str, Messages]) -> None:
         if len(messages) < len(self.channels):
             raise TraceError("some channels are messages and some are samples; all must be of one kind")
+        recorded = max(one.recorded_until for one in messages.values())
+        messages = {name: one.in_log_until(recorded) for name, one in messages.items()}
         object.__setattr__(self, "channels", _Held(messages, self.since, self.until))
         object.__setattr__(self, "units", MappingProxyType(_fitting(_texts(self.units), messages)))
         object.__setattr__(self, "masks", MappingProxyType({}))
-        if self.until is None:
-            last = max(one.recorded_until for one in messages.values())
-            object.__setattr__(self, "until", last)
         # All stamps of all channels take more memory than the messages, and often nobody needs them.
         object.__delattr__(self, "times")
 
@@ -207,9 +206,8 @@ class Trace:
         times = first.times
         if any(one.times is not times and not np.array_equal(one.times, times) for one in others):
             return self
-        assert self.until is not None
         since = times[0] if self.since is None else self.since
-        begin, stop = np.searchsorted(times, since), np.searchsorted(times, self.until, side="right")
+        begin, stop = np.searchsorted(times, since), np.searchsorted(times, self.ends, side="right")
         inner = times[begin:stop]
         stated = any(not isnan(one.longest) for one in self.messages.values())
         if stated or not inner.size or inner[0] != since or (np.diff(inner) <= 0).any():
@@ -249,15 +247,26 @@ class Trace:
         )
 
     @property
+    def ends(self) -> float:
+        """The time until which the trace was recorded [s]."""
+        if not self.messages:
+            return float(self.times[-1])
+        if self.until is not None:
+            return self.until
+        recorded = max(one.recorded_until for one in self.messages.values())
+        if all(
+            isnan(one.period) for one in self.messages.values()
+        ):  # their values are valid until the log ends
+            recorded = max(recorded, *(one.log_end for one in self.messages.values()))
+        return recorded
+
+    @property
     def duration(self) -> float:
         """Time from the first to the last sample [s]."""
         if not self.messages:
             return float(self.times[-1] - self.times[0])
-        assert self.until is not None
-        last = [
-            float(one.times[max(int(one.index(np.array([self.until]))[0]), 0)])
-            for one in self.messages.values()
-        ]
+        ends = np.array([self.ends])
+        last = [float(one.times[max(int(one.index(ends)[0]), 0)]) for one in self.messages.values()]
         return max(*last, self.begin) - self.begin
 
     @property
@@ -299,7 +308,6 @@ class Trace:
         return replace(self._at(chosen, self.times[chosen]), origin=origin)
 
     def _messages_between(self, low: float, high: float) -> Trace:
-        assert self.until is not None
         if high < low:
             raise TraceError(f"the end, {high:g} s, is before the start, {low:g} s")
         parts = {name: one.between(low, high) for name, one in self.messages.items()}
@@ -308,7 +316,8 @@ class Trace:
             lacking = min(set(parts) - set(kept))
             raise TraceError(f"the channel {lacking!r} has no value from {low:g} s to {high:g} s")
         since = low if self.since is None else max(self.since, low)
-        return self._with_messages(kept, since=since, until=min(self.until, high))
+        until = self.until if self.ends <= high else high
+        return self._with_messages(kept, since=since, until=until)
 
     def shift(self, by: Any) -> Trace:
         """Return this trace with all times later by so many seconds (or a ``timedelta``); earlier if negative.
@@ -320,10 +329,10 @@ class Trace:
         """
         later = finite_seconds(by, "the shift")
         if self.messages:
-            assert self.until is not None
             moved = {name: one.shifted(later) for name, one in self.messages.items()}
             since = None if self.since is None else self.since + later
-            return self._with_messages(moved, since=since, until=self.until + later)
+            until = None if self.until is None else self.until + later
+            return self._with_messages(moved, since=since, until=until)
         origin = None if self.origin is None else self.origin.shift(later)
         return replace(self._at(slice(None), self.times + later), origin=origin)
 
@@ -331,12 +340,11 @@ class Trace:
         """Return channels with messages at the stamps of the one with the most, from the first value of each on."""
         if not self.messages:
             return self
-        assert self.until is not None
         busiest = max(self.messages.values(), key=len)
         first = max(float(one.times[0]) for one in self.messages.values())
         since = first if self.since is None else max(first, self.since)
         times = np.unique(busiest.times)
-        inner = times[(times > since) & (times <= self.until)]
+        inner = times[(times > since) & (times <= self.ends)]
         return self.sampled_at(np.concatenate(([since], inner)))
 
     def resample(self, period: Any, rule: Rule | Mapping[str, Rule] = "hold") -> Trace:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -123,7 +124,7 @@ def monitor(
             read_map(columns or []), time_unit, joining, when, start, duration, sources, valid
         )
         request = Request(parsed, chosen, values, excerpts, missing(nan))
-        conventions = Conventions(missing(nan), partial, time_unit is not None, like)
+        conventions = Conventions(missing(nan), partial, time_unit is not None, like=like)
         profile(like)
         if online:
             if like != "s2r":
@@ -173,7 +174,8 @@ def _evaluated(request: Request, path: Path, conventions: Conventions) -> list[M
             for name in request.requirements:
                 if not recorded.stated:
                     refuse_unstated(request.spec, recorded.trace, name)
-                found.append(monitored(request.spec, recorded.trace, name, recorded.params, conventions))
+                how = replace(conventions, stated=recorded.stated)
+                found.append(monitored(request.spec, recorded.trace, name, recorded.params, how))
         results.append(
             MonitoredTrace(
                 trace=recorded.name,

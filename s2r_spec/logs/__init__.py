@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from s2r_spec.errors import NoTimesError, TraceError, TraceNote
@@ -112,24 +112,49 @@ def load_episodes(
     gather: bool = False,
     joining: Joining | None = None,
     longest: Mapping[str, float] | None = None,
-    runs: bool = False,
 ) -> list[Loaded]:
     """Read the traces of a file: one for each episode of a table that numbers its episodes, else one.
 
-    ``longest`` states how long a value of a channel is valid [s]. With ``runs``, a table whose times step back gives
-    one trace for each part. For other arguments and errors see :func:`load`.
+    ``longest`` states how long a value of a channel is valid [s]. For other arguments and errors see :func:`load`.
     """
-    path = Path(path)
-    names = dict(columns or {})
+    return _load(Path(path), _What(columns or {}, wanted, time_unit, gather, joining, longest or {}))
+
+
+def load_runs(
+    path: str | Path, columns: Mapping[str, str] | None = None, time_unit: str | None = None
+) -> list[Loaded]:
+    """Read the traces of a table: one for each run of a clock, whose times step back where it began anew.
+
+    For arguments and errors see :func:`load`.
+    """
+    return _load(Path(path), _What(columns or {}, time_unit=time_unit, runs=True))
+
+
+@dataclass(frozen=True)
+class _What:
+    """What is read of a file; see :func:`load_episodes` and :func:`load_runs`."""
+
+    columns: Mapping[str, str]
+    wanted: Mapping[str, int | None] | Sequence[str] | None = None
+    time_unit: str | None = None
+    gather: bool = False
+    joining: Joining | None = None
+    longest: Mapping[str, float] = field(default_factory=dict)
+    runs: bool = False
+
+
+def _load(path: Path, what: _What) -> list[Loaded]:
+    names, joining = dict(what.columns), what.joining
     arrays = path.suffix.lower() in formats.ARRAYS
-    unit = times.unit_of_option(time_unit)
+    unit = times.unit_of_option(what.time_unit)
     open_log = formats.opener(path, Asked(unit, names.pop(times.TIME, None)) if arrays else None)
     if open_log is None:
         parser = _PARSERS[_ending(path, READABLE)]
     else:
         parser = _of_topics(open_log, _with_clock(joining or Joining(), names))
     # arrays have the times and their unit already
-    requested = request(names, wanted, None if arrays else unit, gather, gather and open_log is not None)
+    topics = open_log is not None
+    requested = request(names, what.wanted, None if arrays else unit, what.gather, what.gather and topics)
     plans: list[Plan] = []
     episode: list[int] = []
 
@@ -142,14 +167,13 @@ def load_episodes(
     try:
         table = parser(path, choose)
         parts = split.split(table, episode[0]) if episode else [table]
-        if runs:
+        if what.runs:
             parts = [run for part in parts for run in split.runs(part, plans[-1].times)]
-        valid = dict(longest or {})
-        found = [build_trace(part, plans[-1], requested, valid) for part in parts]
-        if joining is None or open_log is not None:
-            return found
+        if joining is None or topics:
+            return [build_trace(part, plans[-1], requested, what.longest) for part in parts]
         by_column = {column: name for name, column in names.items()}
-        return [sparse.joined(one, _with_clock(joining, by_column), valid) for one in found]
+        clocked = _with_clock(joining, by_column)
+        return [sparse.joined(part, plans[-1], requested, clocked, what.longest) for part in parts]
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise TraceError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
     except NoTimesError as error:

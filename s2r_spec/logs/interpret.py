@@ -69,19 +69,19 @@ def build_trace(
         raise TraceError("; ".join(["the file has no samples", *table.notes]))
     stamps = times.read(columns, heads, request.time_unit, lambda k: table.place(k, plan.times[0]))
     read = channels(table, plan, stamps.seconds.size)
-    left_out = _left_out(table, plan, request, read.faults)
+    lacking = left_out(table, plan, request, read.faults)
     names = {one.name: table.heads[one.parts[0].number].name for one in plan.channels}
     kept = restored(stamps.seconds, read.samples, table.own, names)
     if kept is not None:
         trace = replace(kept, units=read.units, meta=table.meta)
         accounts = {name: Account(count, count) for name, count in _counts(kept).items()}
-        return Loaded(trace, (*table.notes, *plan.notes), stamps.begins, left_out, accounts, stamps.stated)
+        return Loaded(trace, (*table.notes, *plan.notes), stamps.begins, lacking, accounts, stamps.stated)
     trace, account, notes = _of_rows(stamps.seconds, read, table, plan.times[0])
     if longest and not trace.messages:
         trace = _stated(trace, longest)
     notes = (*table.notes, *plan.notes, *stamps.notes, *notes)
     accounts = dict.fromkeys(read.samples, account)
-    return Loaded(trace, notes, stamps.begins, left_out, accounts, stamps.stated)
+    return Loaded(trace, notes, stamps.begins, lacking, accounts, stamps.stated)
 
 
 def _of_rows(
@@ -123,7 +123,7 @@ def _counts(trace: Trace) -> dict[str, int]:
     return {name: int(trace.own(name).sum()) for name in trace.channels}
 
 
-def _left_out(table: Table, plan: Plan, request: Request, faults: Mapping[str, str]) -> dict[str, str]:
+def left_out(table: Table, plan: Plan, request: Request, faults: Mapping[str, str]) -> dict[str, str]:
     """Return column that was not requested → why it is not in the trace.
 
     Raises:
@@ -152,7 +152,7 @@ def _of_topics(table: Table, plan: Plan, request: Request, longest: Mapping[str,
         if unit is not None:
             units[channel.name] = unit
         accounts[channel.name] = _account(table, channel, len(found[channel.name]))
-    left_out = _left_out(table, plan, request, faults)
+    lacking = left_out(table, plan, request, faults)
     if not found:
         stamps = clock.seconds(next(one.stamps for one in table.columns.values() if one.stamps is not None))
         trace = Trace(np.unique(stamps), {}, {}, table.meta)
@@ -160,7 +160,7 @@ def _of_topics(table: Table, plan: Plan, request: Request, longest: Mapping[str,
         trace = Trace.of_messages(found, units, table.meta).common()
         if table.clock is not None:
             trace = at_clock(trace, clock.seconds(table.clock))
-    return Loaded(trace, (*table.notes, *plan.notes), clock.begins, left_out, accounts, clock.typed)
+    return Loaded(trace, (*table.notes, *plan.notes), clock.begins, lacking, accounts, clock.typed)
 
 
 def at_clock(trace: Trace, stamps: FloatArray) -> Trace:
@@ -198,6 +198,13 @@ class _Clock:
         """The date from which the times count, as text; "" if they are unchanged."""
         return dates.text(self.first) if self.typed and self.first.dtype.kind == "M" else ""
 
+    def end(self, stamp: Any) -> float:
+        """Return the end of a log in seconds; NaN if it is not known."""
+        if stamp is None:
+            return math.nan
+        last = np.array([stamp]).astype(self.first.dtype)
+        return float((exact.seconds(last, self.first) if self.typed else last.astype(np.float64))[0])
+
     def seconds(self, stamps: NDArray[Any]) -> FloatArray:
         """Return stamps in seconds; the same array for the same stamps."""
         if id(stamps) not in self.done:
@@ -213,14 +220,15 @@ def _messages(table: Table, channel: Channel, clock: _Clock, longest: float) -> 
     linear = all(table.columns[part.number].linear for part in channel.parts)
     if first is not None and all(one is first for one in stamps):
         samples, unit = _channel(table, channel, len(first))
-        return Messages.of(
-            clock.seconds(first), _shaped(samples, channel.width), longest=longest, linear=linear
-        ), unit
+        shaped = _shaped(samples, channel.width)
+        end = clock.end(table.columns[channel.parts[0].number].log_end)
+        return Messages.of(clock.seconds(first), shaped, longest=longest, log_end=end, linear=linear), unit
     parts, units = [], []
     for part, own in zip(channel.parts, stamps, strict=True):
         assert own is not None
         samples, unit = _channel(table, Channel(channel.name, (part,), False), len(own))
-        parts.append(Messages.of(clock.seconds(own), samples, longest=longest, linear=linear))
+        end = clock.end(table.columns[part.number].log_end)
+        parts.append(Messages.of(clock.seconds(own), samples, longest=longest, log_end=end, linear=linear))
         units.append(unit)
     if any(unit != units[0] for unit in units):
         raise TraceError(f"the components of {quoted(channel.name)} have different units")

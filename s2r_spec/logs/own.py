@@ -24,7 +24,7 @@ BoolArray = NDArray[np.bool_]
 
 VERSION = 1
 """Definition: version of the record."""
-_NUMBERS = ("period", "longest", "end")
+_NUMBERS = ("period", "longest", "log_end", "end")
 
 
 def rows(trace: Trace) -> tuple[FloatArray, Mapping[str, FloatArray], dict[str, Any]]:

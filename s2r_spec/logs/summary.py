@@ -127,11 +127,11 @@ def _runs(stamps: NDArray[Any]) -> list[NDArray[Any]]:
 def _table(path: Path, columns: Mapping[str, str], time_unit: str | None) -> LogSummary:
     notes: list[str] = []
     try:
-        episodes = logs.load_episodes(path, columns, time_unit=time_unit, runs=True)
+        episodes = logs.load_runs(path, columns, time_unit)
     except NoTimesError as error:
         if TIME in columns:
             raise
-        episodes = logs.load_episodes(path, {**columns, TIME: error.likely}, time_unit=time_unit, runs=True)
+        episodes = logs.load_runs(path, {**columns, TIME: error.likely}, time_unit)
         notes += [str(error).removeprefix(f"{path}: ")] if error.candidates else []
         notes.append(_taken(error))
     traces = [loaded.trace for loaded in episodes]

@@ -53,6 +53,7 @@ class Column:
         missing: (n,) bool: whether each value is missing; None if none is.
         fault: why the column cannot be read, as text after its name; "" if it can.
         stamps: (n,) stamps of its own, not decreasing; None for those of the table's rows.
+        log_end: stamp at which the log of these stamps ends; None if it is not known.
         linear: whether its values are linear between these stamps; else the last one is held.
     """
 
@@ -60,6 +61,7 @@ class Column:
     missing: NDArray[np.bool_] | None = None
     fault: str = ""
     stamps: NDArray[Any] | None = None
+    log_end: Any = None
     linear: bool = False
 
     @classmethod

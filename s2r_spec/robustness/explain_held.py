@@ -234,7 +234,7 @@ class HeldExplainer:
             np.searchsorted(x.times, high + snap, side="right"),
         )
         times, values = [np.clip(x.times[first:stop], low, high)], [x.at[first:stop]]
-        if x.right.size and high - low > snap:
+        if x.right.size:
             begin = max(int(np.searchsorted(x.times, low + snap, side="right")) - 1, 0)
             final = min(int(np.searchsorted(x.times, high - snap)), x.right.size)
             starts, ends = x.times[begin:final], x.times[begin + 1 : final + 1]

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,12 @@ from s2r_spec.robustness.silence import HeldBounds, Span
 from s2r_spec.robustness.ties import plain, plain_number
 
 FloatArray = NDArray[np.float64]
+
+
+_PIECE = 2**18
+"""Budget: stamps that are counted at a time."""
+MOST_VARIANTS = 64
+"""Budget: combinations of several values with one stamp that are evaluated."""
 
 
 @dataclass(frozen=True)
@@ -112,6 +119,11 @@ class Stream:
         if not linear or not (np.abs(np.diff(values)) > self.turn / 2).any():
             return Course(times, values, linear)
         return on_circle(times, values, self.turn)
+
+    @property
+    def topic(self) -> int:
+        """A number that signals of one topic share."""
+        return id(self.messages.times)
 
     @property
     def most(self) -> int:
@@ -223,15 +235,32 @@ class Judge:
         ]  # fmt: skip
         return max(min(whole, default=self.until), self.start)
 
-    def courses(self, start: float, end: float, number: int = 0) -> Courses:
-        """Return the signals from ``start`` to ``end``; of several values with one stamp the one of a number."""
-        signals = {name: stream.course(start, end, number) for name, stream in self.streams.items()}
+    def courses(self, start: float, end: float, numbers: Mapping[int, int]) -> Courses:
+        """Return the signals from ``start`` to ``end``.
+
+        Args:
+            start: first instant [s].
+            end: last instant [s].
+            numbers: topic (``Stream.topic``) → which of several messages with one stamp is read.
+        """
+        signals = {
+            name: stream.course(start, end, numbers[stream.topic]) for name, stream in self.streams.items()
+        }
         return Courses(signals, self.params, end - start, snap_of(start, end), self.witness)
 
     def walk(self, start: float, end: float) -> Walk[Bounds[Curve]]:
         """Return the walk that bounds ρ from ``start`` to ``end``."""
-        most = max((stream.most for stream in self.streams.values()), default=1)
-        variants = [HeldAlgebra(self.courses(start, end, number)) for number in range(most)]
+        most = {stream.topic: stream.most for stream in self.streams.values()}
+        if math.prod(most.values()) > MOST_VARIANTS:
+            raise TraceError(
+                f"too many signals have several values with one stamp: {math.prod(most.values())} combinations; s2r "
+                f"tries at most {MOST_VARIANTS}"
+            )
+        # The messages of one topic come together; those of two topics in any combination.
+        variants = [
+            HeldAlgebra(self.courses(start, end, dict(zip(most, numbers, strict=True))))
+            for numbers in product(*map(range, most.values()))
+        ]
         silences = {name: stream.silences(start, end) for name, stream in self.streams.items()}
         return HeldBounds(variants, silences).walk()
 
@@ -458,28 +487,42 @@ class Judge:
         self, start: float, end: float, silent: Mapping[str, Sequence[Span]]
     ) -> dict[str, Instants]:
         """Return signal → its instants in the window: all stamps of all signals."""
-        own = {id(one.messages.times): one.messages.times for one in self.streams.values()}
-        sizes: dict[int, int] = {}
-        inner = [np.array([start])]
-        for key, times in own.items():
-            part = times[np.searchsorted(times, start) : np.searchsorted(times, end, side="right")]
-            sizes[key] = int(np.count_nonzero(np.diff(part))) + 1 if part.size else 0
-            inner.append(part)
-        stamps = np.concatenate(inner)
-        stamps.sort()
-        distinct = int(np.count_nonzero(stamps[1:] != stamps[:-1])) + 1
+        own = {one.topic: one.messages.times for one in self.streams.values()}
+        inner = {key: _inside(times, start, end) for key, times in own.items()}
+        sizes = {
+            key: int(np.count_nonzero(np.diff(part))) + 1 if part.size else 0 for key, part in inner.items()
+        }
+        distinct = _distinct(list(inner.values()), start, end)
         found = {}
         for name, stream in self.streams.items():
             messages = stream.messages
             missing = 0
             for begin, stop in silent[name]:
-                within = stamps[
-                    np.searchsorted(stamps, start + begin, side="right") : np.searchsorted(
-                        stamps, start + stop
-                    )
-                ]
-                missing += np.unique(within).size
-            rest = distinct - sizes[id(messages.times)] - missing
+                after, before = (
+                    math.nextafter(start + begin, math.inf),
+                    math.nextafter(start + stop, -math.inf),
+                )
+                parts = [_inside(part, after, before) for part in inner.values()]
+                missing += np.unique(np.concatenate([*parts, [start] * (begin < 0.0 < stop)])).size
+            rest = distinct - sizes[stream.topic] - missing
             held, interpolated = (0, rest) if messages.linear else (rest, 0)
-            found[name] = Instants(sizes[id(messages.times)], held, interpolated, missing)
+            found[name] = Instants(sizes[stream.topic], held, interpolated, missing)
         return found
+
+
+def _inside(times: FloatArray, start: float, end: float) -> FloatArray:
+    """Return the times from ``start`` to ``end``, both included."""
+    return times[np.searchsorted(times, start) : np.searchsorted(times, end, side="right")]
+
+
+def _distinct(parts: Sequence[FloatArray], start: float, end: float) -> int:
+    """Return the number of distinct times of sorted arrays, with the start; a piece of time after the other."""
+    pieces = sum(part.size for part in parts) // _PIECE + 1
+    borders = np.linspace(start, end, pieces + 1)[1:-1]
+    cuts = [[0, *np.searchsorted(part, borders).tolist(), part.size] for part in parts]
+    count = 0 if any(part.size and part[0] == start for part in parts) else 1
+    for k in range(pieces):
+        count += np.unique(
+            np.concatenate([part[at[k] : at[k + 1]] for part, at in zip(parts, cuts, strict=True)])
+        ).size
+    return count

@@ -55,6 +55,7 @@ def read_streams(
 def _stream(signal: Signal, trace: Trace, missing: Missing, linear: bool) -> Stream:
     messages = trace.messages[signal.name]
     messages = replace(messages, linear=True) if linear else messages
+    messages = messages.held_between() if signal.boolean and messages.linear else messages
     samples = _rows(signal, messages.values)
     empty = np.isnan(samples).any(axis=0)
     turn = turn_of(signal)

@@ -324,7 +324,7 @@ def _silences(trace: Trace, excerpts: Excerpts, where: str) -> Iterator[str]:
     for name, one in whole.messages.items():
         column = excerpts.columns.get(name, name)
         if column not in excerpts.commands:
-            until = start if whole.until is None else whole.until
+            until = whole.ends
             spans = Stream(one, one.values).silences(start, until)
             inner = [(start + begin, min(start + end, until)) for begin, end in spans if math.isfinite(begin)]
             yield from _silence(f"{where}{column}", inner, one.rhythm)
@@ -394,6 +394,9 @@ def _cut(
     trace: Trace, signals: Mapping[str, Signal], excerpts: Excerpts, duration: float
 ) -> tuple[list[Stretch], list[str]]:
     """Return the episodes of a log, and sentences on how they were cut."""
+    if trace.origin is not None:  # an episode begins with the message that makes the condition true
+        found, sentences = _cut(trace.origin, signals, excerpts, duration)
+        return [_sampled(trace, one) for one in found], sentences
     start = excerpts.start or 0.0
     if excerpts.when is None:
         one = _one(trace, start, duration)
@@ -402,7 +405,7 @@ def _cut(
     named = trace.only(condition.channels(_CONDITION))
     times, truth = _truth(condition, named, trace.begin)
     failure = trace.failure is not None
-    until = trace.until if trace.messages else None
+    until = trace.ends if trace.messages else None
     episodes = cut(times, truth, duration, trace.begin + start, failure, until)
     last = len(episodes.spans) - 1
     return [
@@ -414,6 +417,13 @@ def _cut(
         )
         for number, (first, end) in enumerate(episodes.spans)
     ], episodes.notes(excerpts.when)
+
+
+def _sampled(trace: Trace, stretch: Stretch) -> Stretch:
+    """Return an episode with the samples of a trace in it."""
+    half = 0.5 * period_of(trace.times)
+    first, stop = np.searchsorted(trace.times, (stretch.begin, stretch.end + half))
+    return replace(stretch, samples=slice(int(first), max(int(stop), int(first) + 1)))
 
 
 def _truth(condition: Spec, trace: Trace, begin: float) -> tuple[FloatArray, BoolArray]:
@@ -445,10 +455,9 @@ def _one(trace: Trace, start: float, duration: float) -> Stretch | None:
     failed = trace.failure is not None
     first = trace.begin
     if trace.messages:
-        assert trace.until is not None
-        complete = trace.until >= (first + start + duration) * (1.0 - 1e-9)
+        complete = trace.ends >= (first + start + duration) * (1.0 - 1e-9)
         ends = first + start + duration if complete else math.inf
-        held = complete or (failed and first + start <= trace.until)
+        held = complete or (failed and first + start <= trace.ends)
         return Stretch(first + start, ends, slice(0, 0), not complete) if held else None
     times = trace.times - first
     begin = int(np.searchsorted(times, start * (1.0 - 1e-9)))

@@ -224,9 +224,7 @@ class Spec(Declared):
         numbers = self._numbers(params, requirement)
         signals = [self.signals[name] for name in self.channels(requirement)]
         linear = {signal.name for signal in signals if interpolation == "linear" and not signal.boolean}
-        judge = Judge(
-            read_streams(signals, trace, nan, linear), numbers, trace.since, trace.until or 0.0, until
-        )
+        judge = Judge(read_streams(signals, trace, nan, linear), numbers, trace.since, trace.ends, until)
         return judge, bound(
             self._formula(requirement), {name: value.item() for name, value in numbers.items()}
         )

@@ -21,6 +21,7 @@ from s2r_spec.lang.amounts import Amount
 from s2r_spec.messages import INTERVALS, period_of_messages
 from s2r_spec.robustness.evaluation import Evaluation
 from s2r_spec.robustness.explain import Explanation
+from s2r_spec.robustness.grid import Grid
 from s2r_spec.robustness.judge import Instants, Judgement
 from s2r_spec.robustness.profiles import Profile, profile
 from s2r_spec.robustness.reading import Missing
@@ -60,6 +61,7 @@ class Monitored:
         text: the result in a few lines.
         reason: what decides ρ; None if the verdict is unknown.
         sampled: how the trace is sampled; None for one that failed.
+        on_change: whether its samples come irregularly, as values that are sent on change.
     """
 
     requirement: str
@@ -67,6 +69,12 @@ class Monitored:
     text: str
     reason: Explanation | None = None
     sampled: Sampled | None = None
+    on_change: bool = False
+
+    @property
+    def decided(self) -> bool:
+        """Whether the trace decides the requirement."""
+        return self.satisfied is not None
 
 
 @dataclass(frozen=True)
@@ -76,13 +84,15 @@ class Conventions:
     Args:
         nan: the treatment of a missing sample.
         partial: whether windows are cut at the end of a trace that is too short.
-        sparse: whether windows may be shorter than the time between two samples, since the unit of the times is known.
+        sparse: whether windows may be shorter than the time between two samples, since the user states their unit.
+        stated: whether the file or the user states the unit of the times.
         like: name of the tool whose conventions hold.
     """
 
     nan: Missing = "error"
     partial: bool = False
     sparse: bool = False
+    stated: bool = False
     like: str = "s2r"
 
     @property
@@ -104,10 +114,44 @@ def monitored(
         reason = spec.explain(trace, requirement, params)
         return Monitored(requirement, reason.satisfied, str(reason), reason)
     own = spec.own_trace(trace, requirement)
-    if own.messages and conventions.like == "s2r":
-        return _of_messages(spec, own, requirement, params, conventions)
-    found = _of_samples(spec, own, requirement, params, conventions)
-    return found if own.origin is None else _beside(found, spec, own.origin, params, conventions)
+    found = _of_own(spec, own, requirement, params, conventions)
+    if own.origin is None:
+        return found
+    messages = spec.own_trace(own.origin, requirement)
+    return _beside(
+        found, _of_own(spec, messages, requirement, params, conventions), "at the stamps of the clock"
+    )
+
+
+def _of_own(
+    spec: Spec, trace: Trace, requirement: str, params: Mapping[str, Amount], conventions: Conventions
+) -> Monitored:
+    """Return the result of the trace that a requirement reads."""
+    if conventions.like != "s2r":
+        return _of_samples(spec, trace, requirement, params, conventions)
+    if trace.messages:
+        return _of_messages(spec, trace, requirement, params, conventions)
+    found = _of_samples(spec, trace, requirement, params, conventions)
+    if not (found.on_change and found.decided) or _counts_samples(spec, requirement):
+        return found
+    every = spec.evaluate(
+        trace,
+        requirement,
+        params,
+        interpolation="hold",
+        until=conventions.profile["until"],
+        nan=conventions.nan,
+    )
+    if not every.complete[0]:
+        return found
+    reason = Explanation(requirement, every.value, every.unit, every.satisfied)
+    held = Monitored(requirement, every.satisfied, "", reason)
+    return _beside(found, held, "at its samples")
+
+
+def _counts_samples(spec: Spec, requirement: str) -> bool:
+    """Return whether a requirement counts samples, so that it has no value between them."""
+    return any(isinstance(node, f.Step) for node in f.walk(spec.formulas[requirement]))
 
 
 def _of_messages(
@@ -119,7 +163,7 @@ def _of_messages(
         params,
         nan=conventions.nan,
         partial=conventions.partial,
-        sparse=conventions.sparse,
+        sparse=conventions.sparse or conventions.stated,
     )
     sampled = Sampled(judged.period, judged.end - judged.start, None, judged.instants, judged.unevaluated)
     lines = [_instants(judged), *(f"  note: {note}" for note in judged.notes)]
@@ -155,9 +199,20 @@ def _of_samples(
     held = how["end"] == "hold" and len(trace) > 1
     if partial and not held:
         how = {**how, "end": "clip"}
+    irregular = _irregular(trace, how)
+    if (
+        irregular and conventions.stated
+    ):  # values that are sent on change may be further apart than a window is long
+        conventions = replace(conventions, sparse=True)
     found = spec.evaluate(trace, requirement, params, nan=conventions.nan, sparse=conventions.sparse, **how)
-    sampled = Sampled(found.period, found.duration, found.narrowest)
-    notes = [*found.notes, *_held_notes(spec, trace, requirement, conventions), *_rhythm(trace, how, found)]
+    instants = {name: _own_instants(trace, name) for name in spec.channels(requirement)}
+    outside = dict.fromkeys(instants, (0, 0))
+    sampled = Sampled(found.period, found.duration, found.narrowest, instants, outside)
+    notes = [
+        *found.notes,
+        *_held_notes(spec, trace, requirement, conventions),
+        *_rhythm(trace, how, irregular),
+    ]
     lines = [_sampling(found), *(f"  note: {note}" for note in notes)]
     unknown = ""
     if partial and not found.complete[0] and math.isinf(found.value):
@@ -169,7 +224,7 @@ def _of_samples(
         unknown = _in_gap(spec, trace, requirement, params, conventions)
     if unknown:
         text = "\n".join((f"{requirement} unknown: {unknown}", *lines))
-        return Monitored(requirement, None, text, None, sampled)
+        return Monitored(requirement, None, text, None, sampled, irregular)
     why = ""
     if how["interpolation"] not in (None, "samples"):
         why = f"{conventions.like} evaluates it at every instant, so no single sample decides it"
@@ -187,7 +242,8 @@ def _of_samples(
             nan=conventions.nan,
             sparse=conventions.sparse,
         )
-    return Monitored(requirement, reason.satisfied, "\n".join((str(reason), *lines)), reason, sampled)
+    text = "\n".join((str(reason), *lines))
+    return Monitored(requirement, reason.satisfied, text, reason, sampled, irregular)
 
 
 def _in_gap(
@@ -204,8 +260,25 @@ def _in_gap(
     )
 
 
-def _rhythm(trace: Trace, how: Profile, found: Evaluation) -> list[str]:
-    """Return notes on gaps, and on samples that come on change."""
+def _own_instants(trace: Trace, name: str) -> Instants:
+    """Return the account of a signal with common samples."""
+    values = trace[name].reshape(len(trace), -1)
+    missing = int(np.isnan(values).any(axis=1).sum())
+    own = int((trace.own(name) & ~np.isnan(values).any(axis=1)).sum())
+    return Instants(own, len(trace) - own - missing, 0, missing)
+
+
+def _irregular(trace: Trace, how: Profile) -> bool:
+    """Return whether samples come irregularly, as values that are sent on change, and are evaluated alone."""
+    if how["interpolation"] not in (None, "samples") or trace.messages or len(trace) < 2:
+        return False
+    if len(trace) <= INTERVALS:
+        return Grid.of(trace.times) is None
+    return Grid.of(trace.times) is None and math.isnan(period_of_messages(trace.times))
+
+
+def _rhythm(trace: Trace, how: Profile, irregular: bool) -> list[str]:
+    """Return notes on gaps, and on samples that come irregularly."""
     if how["interpolation"] not in (None, "samples") or trace.messages or len(trace) < 2:
         return []
     spans = silences_of(trace.times)
@@ -216,8 +289,7 @@ def _rhythm(trace: Trace, how: Profile, found: Evaluation) -> list[str]:
             f"there is no sample in the {end - start:.3g} s after t = {instant(trace.times, start)}{more}; they come "
             f"every {np.median(np.diff(trace.times)):.3g} s"
         ]
-    few = len(trace) <= INTERVALS
-    if found.jitter is None if few else math.isnan(period_of_messages(trace.times)):
+    if irregular:
         return [
             "the samples come irregularly, and nothing is evaluated between them; --profile rtamt-dense holds each "
             "value until the next one"
@@ -250,25 +322,19 @@ def _sampling(found: Evaluation) -> str:
     return f"  sampled every {found.period:.6g} s for {found.duration:.6g} s{windows}"
 
 
-def _beside(
-    sampled: Monitored, spec: Spec, messages: Trace, params: Mapping[str, Amount], conventions: Conventions
-) -> Monitored:
-    """Return a result at the stamps of one topic; unknown where all messages decide otherwise."""
-    every = (
-        _of_messages(spec, messages, sampled.requirement, params, conventions)
-        if messages.messages
-        else sampled
-    )
-    if sampled.satisfied is None or every.satisfied is None or sampled.satisfied == every.satisfied:
+def _beside(sampled: Monitored, every: Monitored, where: str) -> Monitored:
+    """Return a result at some samples; unknown where all messages, or every instant, decide otherwise."""
+    if not sampled.decided or (every.decided and sampled.satisfied == every.satisfied):
         return sampled
-    both = [_one_line(sampled), _one_line(every)]
-    text = "\n".join(
-        (
-            f"{sampled.requirement} unknown: at the stamps of the clock {both[0]}, and with all messages {both[1]}",
-            *sampled.text.split("\n")[1:],
-        )
+    head = (
+        f"{sampled.requirement} unknown: {where} {_one_line(sampled)}, but not for certain at every instant"
     )
-    return replace(sampled, satisfied=None, text=text, reason=None)
+    lines = sampled.text.split("\n")[1:]
+    if every.decided:
+        head = f"{sampled.requirement} unknown: {where} {_one_line(sampled)}, but at every instant {_one_line(every)}"
+    else:
+        lines += every.text.split("\n")
+    return replace(sampled, satisfied=None, text="\n".join((head, *lines)), reason=None)
 
 
 def _one_line(found: Monitored) -> str:

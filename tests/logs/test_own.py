@@ -35,7 +35,7 @@ def alike(one: Trace, other: Trace) -> None:
         found = other.messages[name]
         np.testing.assert_array_equal(messages.times, found.times)
         np.testing.assert_array_equal(messages.values, found.values)
-        for key in ("period", "longest", "end", "linear"):
+        for key in ("period", "longest", "log_end", "end", "linear"):
             assert getattr(messages, key) == pytest.approx(getattr(found, key), nan_ok=True)
 
 

@@ -209,7 +209,21 @@ class ArrayLog:
                 )
             columns = {name: Column(self._arrays[_path(topic, name)].read()) for name in names}
             topics[topic] = Topic(topic, found, columns)
-        return topics
+        end = self._end(topics)
+        return {name: replace(topic, log_end=end) for name, topic in topics.items()}
+
+    def _end(self, read: Mapping[str, Topic]) -> Any:
+        """Return the last stamp of all topics with the clock of those that are read; None if none has a message."""
+        kind = next(iter(read.values())).stamps.dtype.kind if read else ""
+        last = []
+        for topic in self._topics:
+            try:
+                stamps = read[topic].stamps if topic in read else self._stamps(topic)
+            except TraceError:  # of a topic that nobody reads
+                continue
+            if stamps.size and stamps.dtype.kind == kind:
+                last.append(stamps.max())
+        return max(last, default=None)
 
     def _check_clocks(self, wanted: Mapping[str, Sequence[str]]) -> None:
         """Refuse times that nobody chose of several, and times that the user names and that no topic has."""

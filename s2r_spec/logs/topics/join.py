@@ -95,7 +95,9 @@ def join(topics: dict[str, Topic], joining: Joining, sortable: bool) -> Joined:
         notes += found.notes
         for field_name, column in found.topic.columns.items():
             linear = joining.interpolates(topic.name, field_name, column)
-            columns[name, field_name] = replace(column, stamps=stamps[name], linear=linear)
+            columns[name, field_name] = replace(
+                column, stamps=stamps[name], log_end=topic.log_end, linear=linear
+            )
     if joining.clock is not None and joining.clock not in stamps:
         raise TraceError(
             f"the clock {joining.clock!r} is not one of the topics that are read{suggest(joining.clock, stamps)} "

@@ -18,6 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from weakref import finalize
 
+import numpy as np
+
 from s2r_spec.errors import TraceError
 from s2r_spec.logs.library import library
 from s2r_spec.logs.table import affordable, few
@@ -113,9 +115,17 @@ class RosBag:
                     f"{fault}{one.count:,} messages of {name} are read, and {self._source} lists {listed:,}"
                 )
             streams, notes = one.topics()
-            read |= streams
+            read |= {key: self._with_end(stream) for key, stream in streams.items()}
             self.notes += notes
         return read
+
+    def _with_end(self, topic: Topic) -> Topic:
+        """Return a topic with the end of the bag, on the clock of its stamps."""
+        received = getattr(self._bag.reader, "end_time", None)
+        if not received:
+            return topic
+        age = round((topic.age or 0.0) * 1e9)
+        return replace(topic, log_end=np.datetime64(int(received) - age, "ns"))
 
     def _collected(self, wanted: Mapping[str, Sequence[str]], stamps: Stamps) -> dict[str, Collected]:
         """Read all messages of topics.

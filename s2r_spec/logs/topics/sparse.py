@@ -7,56 +7,77 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from s2r_spec.errors import TraceError, UsageError, one_of, suggest
+from s2r_spec.logs import times
 from s2r_spec.logs.account import Account
-from s2r_spec.logs.interpret import Loaded, at_clock
+from s2r_spec.logs.interpret import Loaded, at_clock, channels, left_out
+from s2r_spec.logs.mapping import Plan, Request
+from s2r_spec.logs.table import Column, Table
 from s2r_spec.logs.topics.join import Joining
+from s2r_spec.logs.topics.order import ordered
+from s2r_spec.logs.topics.topic import Topic
 from s2r_spec.messages import Messages
 from s2r_spec.trace import Trace
 
 
-def joined(loaded: Loaded, joining: Joining, longest: Mapping[str, float]) -> Loaded:
+def joined(
+    table: Table, plan: Plan, request: Request, joining: Joining, longest: Mapping[str, float]
+) -> Loaded:
     """Return the trace of a table whose channels have rows of their own.
 
     Args:
-        loaded: the trace as the table has it.
+        table: the parsed columns.
+        plan: the columns of each channel.
+        request: what was asked for.
         joining: the clock and the rule.
         longest: channel → time for which a value is valid, as the user states it [s].
 
     Raises:
-        TraceError: a channel has no value, or the clock is not a channel.
+        TraceError: the times do not increase, a channel has no value, or the clock is not a channel.
         UsageError: other stamps are wanted than the table has.
     """
     if joining.stamps is not None:
         raise UsageError("--stamps is for messages with headers; a table has one column of times")
-    trace = loaded.trace
+    columns, heads = [table.columns[n] for n in plan.times], [table.heads[n] for n in plan.times]
+
+    def place(row: int) -> str:
+        return table.place(row, plan.times[0])
+
+    stamps = times.read(columns, heads, request.time_unit, place)
+    read = channels(table, plan, stamps.seconds.size)
+    lacking = left_out(table, plan, request, read.faults)
     messages: dict[str, Messages] = {}
     accounts: dict[str, Account] = {}
-    for name, values in trace.channels.items():
-        present = ~np.isnan(values.reshape(len(trace), -1)).any(axis=1)
-        if not present.any():
+    notes = [*table.notes, *plan.notes, *stamps.notes]
+    end = float(stamps.seconds.max(initial=-math.inf))
+    for name, values in read.samples.items():
+        rows = np.flatnonzero(~np.isnan(values.reshape(len(values), -1)).any(axis=1))
+        if not rows.size:
             raise TraceError(f"{name} has no value in any row")
-        own, rows = values[present], loaded.accounts[name]
+        topic = Topic(name, stamps.seconds[rows], {name: Column(values[rows])})
+        found = ordered(topic, False, lambda row, rows=rows: place(int(rows[row])))  # type: ignore[misc]
+        own = found.topic.columns[name].values
         linear = joining.rule == "linear" and name not in joining.held and not whole(own)
         valid = longest.get(name, math.nan)
-        messages[name] = Messages.of(trace.times[present], own, longest=valid, linear=linear)
-        empty = {"empty cell": rows.samples - len(own)} if len(own) < rows.samples else {}
-        accounts[name] = replace(rows, samples=len(own), dropped={**rows.dropped, **empty})
+        messages[name] = Messages.of(found.topic.stamps, own, longest=valid, linear=linear, log_end=end)
+        empty = {"empty cell": len(values) - len(rows)} if len(rows) < len(values) else {}
+        accounts[name] = Account(len(values), len(own), found.merged, empty)
+        notes += found.notes
     if joining.clock is not None and joining.clock not in messages:
         raise TraceError(
             f"the clock {joining.clock!r} is not one of the channels that are read"
             f"{suggest(joining.clock, messages)} they are {one_of(messages)}"
         )
-    found = Trace.of_messages(messages, trace.units, trace.meta).common()
+    trace = Trace.of_messages(messages, read.units, table.meta).common()
     if joining.clock is not None:
-        found = at_clock(found, messages[joining.clock].times)
-    return replace(loaded, trace=found, accounts=accounts)
+        trace = at_clock(trace, np.unique(messages[joining.clock].times))
+    return Loaded(trace, tuple(dict.fromkeys(notes)), stamps.begins, lacking, accounts, stamps.stated)
 
 
-def whole(values: np.ndarray) -> bool:
+def whole(values: NDArray[np.float64]) -> bool:
     """Return whether all values are whole numbers, as states and counts are."""
     return bool((values == np.rint(values)).all())

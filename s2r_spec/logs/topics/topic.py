@@ -70,6 +70,7 @@ class Topic:
         age: median time from a stamp to its receipt [s]; None if the stamps are the times of receipt.
         jump: the first stamp that jumps ahead of its receipt, see :func:`jump_of`; None if none does.
         dropped: reason → messages of the topic that are not among these.
+        log_end: stamp at which the log ends, on the clock of these stamps; None if it is not known.
     """
 
     name: str
@@ -78,6 +79,7 @@ class Topic:
     age: float | None = None
     jump: tuple[int, float] | None = None
     dropped: Mapping[str, int] = field(default_factory=dict)
+    log_end: Any = None
 
     def __len__(self) -> int:
         return len(self.stamps)

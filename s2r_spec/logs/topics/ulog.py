@@ -44,6 +44,8 @@ class ULog:
             TopicHead(name, tuple(field for field in data if field != _STAMP), len(data[_STAMP]))
             for name, data in self._data.items()
         )
+        last = max((int(data[_STAMP].max()) for data in self._data.values() if len(data[_STAMP])), default=0)
+        self._end = np.timedelta64(last * 1000, "ns")
         self.notes = (
             ["parts of the file are damaged, and their messages are lost"] if log.file_corruption else []
         )
@@ -56,6 +58,7 @@ class ULog:
                 name,
                 (np.array(self._data[name][_STAMP], dtype=np.int64) * 1000).view("m8[ns]"),
                 {field: Column(np.array(self._data[name][field])) for field in fields},
+                log_end=self._end,
             )
             for name, fields in wanted.items()
         }
