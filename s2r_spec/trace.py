@@ -217,16 +217,17 @@ class Trace:
         channels = {name: one.values[begin:stop] for name, one in self.messages.items()}
         return Trace(inner, channels, self.units, self.meta)
 
-    def begun(self) -> Trace:
-        """Return this trace from the first sample on at which every channel has had a message."""
-        if self.origin is None:
+    def known(self) -> Trace:
+        """Return the samples at the stamps of a clock from the first to the last at which every channel has a value."""
+        if self.origin is None or not self.channels:
             return self
         known = np.logical_and.reduce(
             [~np.isnan(values.reshape(len(self), -1)).any(axis=1) for values in self.channels.values()]
         )
-        return (
-            self if known[0] else self._at(slice(int(np.argmax(known)), None), self.times[np.argmax(known) :])
-        )
+        if (known[0] and known[-1]) or not known.any():
+            return self
+        kept = slice(int(np.argmax(known)), len(self) - int(np.argmax(known[::-1])))
+        return self._at(kept, self.times[kept])
 
     def with_channels(self, change: Callable[[str, FloatArray], FloatArray]) -> Trace:
         """Return this trace with other values: ``change(name, values)`` of every channel's own samples."""

@@ -100,7 +100,7 @@ def load(
             f"{path}: the file has {len(found)} episodes, numbered by {split.EPISODE!r}, and a trace is one; "
             f"save each in its own file, or evaluate all by `s2r monitor`"
         )
-    return replace(found[0], trace=found[0].trace.begun())
+    return replace(found[0], trace=found[0].trace.known())
 
 
 def load_episodes(

@@ -164,7 +164,9 @@ def _of_topics(table: Table, plan: Plan, request: Request, longest: Mapping[str,
 
 
 def at_clock(trace: Trace, stamps: FloatArray) -> Trace:
-    """Return a trace at the stamps of one topic, NaN before the first message of a channel; it keeps its messages.
+    """Return a trace at the stamps of one topic, which keeps its messages.
+
+    A channel is NaN before its first message, and after the last one if it is linear between messages.
 
     Raises:
         TraceError: the topics have no time in common.
@@ -172,11 +174,18 @@ def at_clock(trace: Trace, stamps: FloatArray) -> Trace:
     if not trace.messages:
         return trace
     first = max(float(one.times[0]) for one in trace.messages.values())
-    linear = [float(one.times[-1]) for one in trace.messages.values() if one.linear]
-    inner = stamps[stamps <= min(linear, default=math.inf)]
-    if not inner.size or inner[-1] < first:
+    if not stamps.size or stamps[-1] < first:
         raise TraceError("the topics have no time in common; their clocks may differ")
-    return replace(trace.sampled_at(inner), origin=trace)
+    last = {name: float(one.times[-1]) for name, one in trace.messages.items() if one.linear}
+
+    def until_last(name: str, values: FloatArray) -> FloatArray:
+        if name not in last or last[name] >= stamps[-1]:
+            return values
+        known = values.copy()
+        known[stamps > last[name]] = np.nan
+        return known
+
+    return replace(trace.sampled_at(stamps).with_channels(until_last), origin=trace)
 
 
 @dataclass(frozen=True)

@@ -344,7 +344,7 @@ def _episode(
 ) -> Episode:
     """Return an episode of a trace, or all of it."""
     if stretch is None:
-        return Episode(name, trace.only(kept).begun(), _values(name, trace, excerpts))
+        return Episode(name, trace.only(kept), _values(name, trace, excerpts))
     one = part(trace, stretch)
     begins = stretch.begin - trace.begin
     return Episode(name, one.only(kept), _values(name, one, excerpts), begins)

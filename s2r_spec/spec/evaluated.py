@@ -131,11 +131,12 @@ class Spec(Declared):
         partial: bool,
     ) -> dict[str, float]:
         """Return requirement → ρ at the first time, never 0: its sign is the verdict."""
-        if trace.messages:
+        if trace.messages or (trace.origin is not None and only is None):
             return {
                 name: self._of_messages(trace, params, name, interpolation, until, nan, partial)
                 for name in (tuple(self.formulas) if only is None else (only,))
             }
+        trace = trace if only is None else self.own_trace(trace, only)
         reading = self._reading(trace, params, only, interpolation, until, nan)
         result = {}
         for name in tuple(self.formulas) if only is None else (only,):
@@ -204,7 +205,9 @@ class Spec(Declared):
             TraceError: a channel is missing.
         """
         trace = _as_trace(trace)
-        return trace.only(self.channels(requirement)).common() if trace.messages else trace
+        if trace.messages:
+            return trace.only(self.channels(requirement)).common()
+        return trace if trace.origin is None else trace.only(self.channels(requirement)).known()
 
     def _judge(
         self,

@@ -8,7 +8,6 @@ from collections import Counter
 import pytest
 
 from s2r_spec import parse_spec
-from s2r_spec.errors import UsageError
 from s2r_spec.logs.topics.join import Joining
 from s2r_spec.rollouts.excerpts import Excerpts, excerpt
 from s2r_spec.spec.monitored import Conventions, monitored
@@ -19,46 +18,6 @@ from tests.logs.multirate_check import checked
 from tests.logs.multirate_files import FORMATS
 from tests.logs.multirate_formulas import INF, Leaf, Node
 from tests.logs.multirate_truth import MS, Signal, evaluated
-
-OPEN = frozenset(
-    (
-        13,
-        41,
-        76,
-        122,
-        128,
-        153,
-        230,
-        233,
-        235,
-        260,
-        267,
-        275,
-        294,
-        314,
-        331,
-        372,
-        381,
-        406,
-        414,
-        430,
-        594,
-        595,
-        620,
-        627,
-        651,
-        745,
-        750,
-        766,
-        785,
-        803,
-        834,
-        884,
-        893,
-        985,
-    )
-)
-"""Seeds that s2r answers wrongly today, by the faults of the tests below that are expected to fail."""
 
 
 def test_a_verdict_is_that_of_all_messages_or_unknown_or_refused(tmp_path):
@@ -71,7 +30,7 @@ def test_a_verdict_is_that_of_all_messages_or_unknown_or_refused(tmp_path):
         found[outcome.status] += 1
         if not made.log.faults:
             plain[outcome.status] += 1
-        if outcome.status == "wrong" and seed not in OPEN:
+        if outcome.status == "wrong":
             wrong.append(f"{seed} ({made.format}, {made.rule}, {made.log.faults}): {made.spec}{outcome.why}")
     assert not wrong, "\n\n".join(wrong)
     judged = plain["equal"] + plain["wrong"]
@@ -157,14 +116,12 @@ def verdict(folder, topics, requirement, name="hdf5", *, read=None, joining=None
     return monitored(spec, found.episodes[0].trace, "r", {}, Conventions())
 
 
-@pytest.mark.xfail(strict=True, reason="one variant of all signals at a time, so that 5 − 2 is never formed")
 def test_the_worst_of_two_values_of_each_of_two_signals_decides(tmp_path):
     x, y = replaced(regular(10, 1.0), 1000, 5.0, 1.0), replaced(regular(10, 4.0), 1000, 4.0, 2.0)
     found = verdict(tmp_path, [sent("x", x), sent("y", y)], "always (x - y <= 2)")
     assert found.satisfied is not True
 
 
-@pytest.mark.xfail(strict=True, reason="the first of two values with one stamp is dropped as an empty cell")
 @pytest.mark.parametrize("name", ["csv.join", "parquet.join"])
 def test_a_table_with_empty_cells_keeps_both_values_of_one_stamp(name, tmp_path):
     a = replaced(regular(10), 500, 9.0, 0.125)
@@ -172,7 +129,6 @@ def test_a_table_with_empty_cells_keeps_both_values_of_one_stamp(name, tmp_path)
     assert found.satisfied is False
 
 
-@pytest.mark.xfail(strict=True, reason="at the stamps of a clock a silence of another topic is held")
 @pytest.mark.parametrize("silence", [(500, 1500), (500, 2000)])
 def test_a_clock_does_not_hide_a_silence_of_another_topic(silence, tmp_path):
     a = [row for row in regular(20) if not silence[0] < row[0] < silence[1]]
@@ -181,18 +137,12 @@ def test_a_clock_does_not_hide_a_silence_of_another_topic(silence, tmp_path):
     assert found.satisfied is None
 
 
-@pytest.mark.xfail(
-    strict=True, raises=KeyError, reason="the messages of one topic become samples beside the clock"
-)
 def test_a_clock_serves_a_requirement_of_one_topic_beside_others(tmp_path):
     topics = [sent("a", regular(20)), sent("b", regular(30))]
     found = verdict(tmp_path, topics, "always (a <= 1)", joining=Joining(clock="a"))
     assert found.satisfied is True
 
 
-@pytest.mark.xfail(
-    strict=True, reason="an episode at a clock begins at the clock's next stamp, and forgets all messages"
-)
 def test_a_clock_does_not_hide_what_an_episode_begins_with(tmp_path):
     a = replaced(regular(20, 0.0, last=4000), 1000, 5.0)
     topics = [sent("a", a), sent("b", [(0, 0.0), (1005, 1.0), (3000, 0.0)])]
@@ -201,21 +151,6 @@ def test_a_clock_does_not_hide_what_an_episode_begins_with(tmp_path):
     assert found.satisfied is not True
 
 
-@pytest.mark.xfail(strict=True, reason="the reader of bags sorts by the time of receipt")
-@pytest.mark.parametrize("name", ["ros2.sqlite3", "ros2.mcap", "ros1"])
-def test_a_clock_of_receipts_that_begins_anew_is_refused(name, tmp_path):
-    rows = [*regular(20, 0.125), *regular(20, 9.125, first=1503, last=1900)]
-    topic = sent("a", rows)
-    topic = Sent(
-        "a", topic.kinds, tuple(range(len(rows))), topic.stamps, tuple(range(len(rows))), topic.values
-    )
-    with pytest.raises(UsageError):
-        verdict(tmp_path, [topic], "always[0, 0.4 s] (a <= 5)", name)
-
-
-@pytest.mark.xfail(
-    strict=True, reason="a declared truth value in a field of floating-point numbers counts as measured"
-)
 def test_a_truth_value_is_held_to_the_end_of_a_log_that_is_joined_linearly(tmp_path):
     topics = [sent("a", regular(20)), sent("b", [(0, 1.0), (700, 0.0)], "bool")]
     found = verdict(tmp_path, topics, "always (a <= 1 or b)", "ros2.header", joining=Joining(rule="linear"))
@@ -223,7 +158,6 @@ def test_a_truth_value_is_held_to_the_end_of_a_log_that_is_joined_linearly(tmp_p
     assert found.sampled.duration == pytest.approx(2.0, abs=0.021)
 
 
-@pytest.mark.xfail(strict=True, reason="the end of the log is that of all topics that are read")
 def test_a_verdict_does_not_depend_on_topics_that_other_requirements_read(tmp_path):
     topics = [sent("a", [(0, 1.0), (300, 2.0), (1000, 1.0)]), sent("c", [(10, 1.0), (310, 2.0), (900, 1.0)])]
     topics.append(sent("other", regular(20, last=5000)))

@@ -207,14 +207,14 @@ def test_a_held_value_is_the_last_one_that_came(own, clock):
         with pytest.raises(TraceError):
             at_clock(trace, np.array(clock, dtype=float))
     else:
-        assert at_clock(trace, np.array(clock, dtype=float)).begun()["other"].tolist() == kept
+        assert at_clock(trace, np.array(clock, dtype=float)).known()["other"].tolist() == kept
 
 
 @given(sorted_times, sorted_times)
 def test_an_interpolated_straight_line_stays_one(own, clock):
     trace = Trace.of_messages({"clock": channel(clock), "other": channel(own, linear=True)})
     if any(own[0] <= now <= own[-1] for now in clock):
-        found = at_clock(trace, np.array(clock, dtype=float)).begun()
+        found = at_clock(trace, np.array(clock, dtype=float)).known()
         assert found["other"] == pytest.approx(found.times)
         assert found.own("other").tolist() == [now in own for now in found.times]
 

@@ -115,7 +115,7 @@ def recorded(
         raise UsageError(f"{real.name} has no recordings")
     given = [run for run in given if not (passive and run.protocol)]
     joined = sum(bool(run.trace.messages) for run in given)
-    given = [replace(run, trace=run.trace.at_busiest()) for run in given]
+    given = [replace(run, trace=run.trace.at_busiest().known()) for run in given]
     # A test outside the space is refused before any simulation.
     used = [run if run.protocol else _inside(bench, run) for run in given[:budget]]
     found, left_out = RealRollouts(), Counter[str]()
