@@ -19,6 +19,10 @@ from s2r_spec.logs.topics.order import resets
 from s2r_spec.logs.topics.topic import seconds, stamp_text
 
 
+_HEADERS_UP_TO = 2**26
+"""Budget: bytes of a bag whose headers are read to find a clock that began anew, 64 MB."""
+
+
 @dataclass(frozen=True)
 class FieldSummary:
     """A field of a topic, or a column of a table.
@@ -92,6 +96,10 @@ def summary(path: Path, columns: Mapping[str, str] | None = None, time_unit: str
     try:
         log = open_log(path)
         topics = log.read({topic.name: () for topic in log.heads}, "received")
+        stamped = [topic.name for topic in log.heads if topic.header and topic.count]
+        sent = {}
+        if stamped and _size(path) <= _HEADERS_UP_TO:
+            sent = log.read(dict.fromkeys(stamped, ()), "header")
     except OSError as error:
         raise TraceError(f"cannot read {path}: {error.strerror or error}") from None
     except NoTimesError as error:
@@ -106,7 +114,7 @@ def summary(path: Path, columns: Mapping[str, str] | None = None, time_unit: str
             _topic(
                 head.name,
                 head.kind,
-                _runs(topics[head.name].stamps),
+                _runs(topics[head.name].stamps, sent.get(head.name, topics[head.name]).stamps),
                 [FieldSummary(head.path(name), head.units.get(name)) for name in head.fields],
                 [
                     *(f"{head.path(name)} {fault}" for name, fault in head.faults.items()),
@@ -119,9 +127,14 @@ def summary(path: Path, columns: Mapping[str, str] | None = None, time_unit: str
     )
 
 
-def _runs(stamps: NDArray[Any]) -> list[NDArray[Any]]:
-    """Return the stamps of each run of a clock, in order."""
-    return [np.sort(run) for run in np.split(stamps, resets(stamps))]
+def _size(path: Path) -> int:
+    """Return the bytes of a file, or of all files of a folder."""
+    return sum(one.stat().st_size for one in (path.iterdir() if path.is_dir() else [path]))
+
+
+def _runs(stamps: NDArray[Any], sent: NDArray[Any]) -> list[NDArray[Any]]:
+    """Return the stamps of each run of a clock, in order; ``sent`` are those of the senders, which show the resets."""
+    return [np.sort(run) for run in np.split(stamps, resets(sent) if len(sent) == len(stamps) else [])]
 
 
 def _table(path: Path, columns: Mapping[str, str], time_unit: str | None) -> LogSummary:

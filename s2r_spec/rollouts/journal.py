@@ -222,8 +222,8 @@ class Journal:
         current = json.loads(json.dumps(dict(header)))
         for backend, before, now in reading_rule.changes(journal.header, current):
             raise JournalError(
-                f"the logs of {backend} in {folder} were read by reading rule {before}, and this s2r has rule "
-                f"{now}; begin a new run, or resume this one with the s2r that began it"
+                f"the logs of {backend} in {folder} were read by reading rule {before}, and this s2r has rule {now}. "
+                f"Begin a new run, or resume with the s2r that began this one"
             )
         for key in sorted(current.keys() | journal.header.keys()):
             recorded, now = journal.header.get(key), current.get(key)

@@ -14,6 +14,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Protocol, runtime_checkable
 
 from s2r_spec.backend import Backend
+from s2r_spec.json_values import to_json
 from s2r_spec.rollouts.layout import SYSTEMS
 
 READING = 2
@@ -22,6 +23,8 @@ FIRST = 1
 """Definition: the rule of runs on logs whose header has no number."""
 KEY = "reading"
 """Definition: name of the header's field."""
+ACCOUNTS = "accounts"
+"""Definition: name of the header's field with the accounts of messages."""
 KINDS = ("log:", "manual:")
 """Definition: how the names of backends begin that read logs."""
 
@@ -34,8 +37,14 @@ class ReadsLogs(Protocol):
 
 
 def header_fields(backend: Backend) -> dict[str, Any]:
-    """Return the header's field for a backend; a backend that reads no logs has none."""
-    return {KEY: backend.reading} if isinstance(backend, ReadsLogs) else {}
+    """Return the header's fields for a backend; a backend that reads no logs has none.
+
+    They are the number of the rule, and what became of the messages of each signal, if the backend knows it.
+    """
+    if not isinstance(backend, ReadsLogs):
+        return {}
+    accounts = getattr(backend, "accounts", {})
+    return {KEY: backend.reading} | ({ACCOUNTS: to_json(accounts)} if accounts else {})
 
 
 def rule_of(about: Mapping[str, Any]) -> int | None:
@@ -69,6 +78,6 @@ def note(about: Mapping[str, Any]) -> tuple[str, ...]:
     if rule in (None, READING):
         return ()
     return (
-        f"the logs of {about['backend']} were read by reading rule {rule}, and this version of s2r has rule {READING}: "
-        f"a new run may give other values of ρ",
+        f"the logs of {about['backend']} were read by reading rule {rule}. This version of s2r has rule {READING}, so "
+        f"that a new run may give another ρ",
     )

@@ -47,6 +47,7 @@ class LogBackend:
     Attributes:
         recordings: all recordings, in the order of ``rollouts.csv``.
         lacking: channel that only some recordings have → why the backend leaves it out.
+        accounts: file → channel → what became of its messages (:class:`s2r_spec.logs.account.Account`).
     """
 
     deterministic = True
@@ -68,6 +69,11 @@ class LogBackend:
             for entry in found.entries
         )
         self._tests = tests_of(self.recordings)
+        self.accounts = {
+            entry.source.partition("#")[0]: dict(entry.loaded.accounts)
+            for entry in found.entries
+            if entry.loaded.accounts
+        }
         used = self._tests or self.recordings
         for note in _notes(found.entries, self.lacking):
             warnings.warn(note, TraceNote, stacklevel=2)

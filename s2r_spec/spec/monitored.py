@@ -364,6 +364,6 @@ def refuse_unstated(spec: Spec, trace: Trace, requirement: str) -> None:
     if not text or len(times) < 2 or np.median(np.diff(times)) < 1.0 or (times != np.rint(times)).any():
         return
     raise UsageError(
-        f"`{text}` depends on the unit of the times, which the file does not state: as seconds, samples come every "
-        f"{np.median(np.diff(times)):.6g} s; give --time-unit ms, or --time-unit s"
+        f"`{text}` depends on the unit of the times, and the file states none. As seconds, samples come every "
+        f"{np.median(np.diff(times)):.6g} s; give --time-unit ms or s"
     )
