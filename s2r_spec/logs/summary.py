@@ -18,7 +18,6 @@ from s2r_spec.logs.topics.arrays import Asked
 from s2r_spec.logs.topics.order import resets
 from s2r_spec.logs.topics.topic import seconds, stamp_text
 
-
 _HEADERS_UP_TO = 2**26
 """Budget: bytes of a bag whose headers are read to find a clock that began anew, 64 MB."""
 

@@ -281,7 +281,8 @@ class Judge:
         satisfied: bool | None = lower > 0 if lower > 0 or upper < 0 or not any(silent.values()) else None
         reason = "" if satisfied is not None else self._silent(silent, start)
         unevaluated = {name: self._outside(stream, start, end) for name, stream in self.streams.items()}
-        if satisfied is not None and any(map(any, unevaluated.values())):
+        early = self.since is None and any(one.first < start for one in self.streams.values())
+        if satisfied is not None and (early or any(map(any, unevaluated.values()))):
             reason = self._contradicted(formula, satisfied, unevaluated)
             satisfied = None if reason else satisfied
         if not (complete or partial):
@@ -388,7 +389,8 @@ class Judge:
         late, early = self._late(), self._early()
         first = min(stream.first for stream in self.streams.values())
         begin = first if self.since is None else max(first, self.since)
-        before, after = (any(counts) for counts in zip(*unevaluated.values(), strict=True))
+        after = any(count for _, count in unevaluated.values())
+        before = begin < self.start
         for outside, start, why in (
             (
                 after,

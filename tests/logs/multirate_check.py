@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import itertools
 import traceback
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -103,7 +102,7 @@ def visible(made: Case) -> bool:
 def together(made: Case, name: str) -> list[str]:
     """Return the fields that are read from the messages of a signal."""
     topic, field = made.signals[name]
-    if made.format in WITHOUT_HEADERS:  # a topic for each field
+    if made.format in WITHOUT_HEADERS or FORMATS[made.format].joined:  # a topic for each field
         return [field]
     return [made.signals[other][1] for other in _read(made) if made.signals[other][0] == topic]
 
@@ -177,7 +176,7 @@ def compared(made: Case, found: Excerpt, verdict: Monitored) -> Outcome:
     faults = accounted(made, found, verdict, signals)
     if faults:
         return Outcome("wrong", f"{faults}\n{verdict.text}", verdict.satisfied)
-    truth = evaluated(made.formula, signals)
+    truth = evaluated(made.formula, signals, log_end(made))
     if verdict.satisfied is None:
         needless = truth.truth is not None and truth.complete and truth.whole in (None, truth.truth)
         return Outcome("cautious" if needless else "unknown", f"{verdict.text}\n{truth}")
@@ -208,7 +207,7 @@ def differing(made: Case, verdict: Monitored, truth: Truth, signals: dict[str, S
     linear = any(signals[name].linear for name in names(made.formula)) and not truth.sampled
     if linear and np.isfinite(rho):
         used = {name: signals[name] for name in names(made.formula)}
-        dense = Dense(used, truth.begin, truth.end, _until(signals, names(made.formula)), True)
+        dense = Dense(used, truth.begin, truth.end, _until(made, signals), True)
         above = replace(dense, shift=rho + CROSSING).value(made.formula)
         below = replace(dense, shift=rho - CROSSING).value(made.formula)
         if above[0] > 0 or below[1] < 0:
@@ -221,12 +220,17 @@ def differing(made: Case, verdict: Monitored, truth: Truth, signals: dict[str, S
     )
 
 
+def log_end(made: Case) -> float:
+    """Return the last time of any message of the log, also of topics that nobody reads [ticks]."""
+    return MS * max(at for sent in made.log.topics for at in sent.times)
+
+
 def _near(one: float, other: float) -> bool:
     return abs(one - other) <= TOLERANCE
 
 
-def _until(signals: dict[str, Signal], used: Sequence[str]) -> float:
-    return max(one.end if one.end < np.inf else one.times[-1] for one in (signals[name] for name in used))
+def _until(made: Case, signals: dict[str, Signal]) -> float:
+    return window({name: signals[name] for name in names(made.formula)}, log_end(made))[2]
 
 
 def accounted(made: Case, found: Excerpt, verdict: Monitored, signals: dict[str, Signal]) -> str:
@@ -246,7 +250,7 @@ def accounted(made: Case, found: Excerpt, verdict: Monitored, signals: dict[str,
     if sampled is None or not sampled.instants or made.clock is not None:
         return ""
     truth_signals = {name: signals[name] for name in names(made.formula)}
-    begin, end, _ = window(truth_signals)
+    begin, end, _ = window(truth_signals, log_end(made))
     inside = {n: {at for at in one.times if begin <= at <= end} for n, one in truth_signals.items()}
     total = len({begin}.union(*inside.values()))
     for name, one in truth_signals.items():

@@ -358,9 +358,14 @@ class Truth:
     sampled: bool
 
 
-def window(signals: Mapping[str, Signal]) -> tuple[float, float, float]:
-    """Return the begin, the end, and the end of the log [ticks]."""
+def window(signals: Mapping[str, Signal], log_end: float = -INF) -> tuple[float, float, float]:
+    """Return the begin, the end, and the end of what is evaluated [ticks].
+
+    Values that are sent on change are valid until the end of the log, where no periodic signal ends earlier.
+    """
     until = max(one.end if one.end < INF else one.times[-1] for one in signals.values())
+    if all(np.isnan(one.period) for one in signals.values()):
+        until = max(until, log_end)
     begin = max(one.times[0] for one in signals.values())
     ends = [
         min(one.end, until)
@@ -370,13 +375,13 @@ def window(signals: Mapping[str, Signal]) -> tuple[float, float, float]:
     return begin, max(min(ends, default=until), begin), until
 
 
-def evaluated(formula: Formula, signals: Mapping[str, Signal]) -> Truth:
-    """Return what the messages of the formula's signals say of it.
+def evaluated(formula: Formula, signals: Mapping[str, Signal], log_end: float = -INF) -> Truth:
+    """Return what the messages of the formula's signals say of it, in a log with an end [ticks].
 
     Signals with the same stamps, each once, are evaluated at these, as in a table.
     """
     signals = {name: signals[name] for name in names(formula)}
-    begin, end, until = window(signals)
+    begin, end, until = window(signals, log_end)
     repeated = any(len(set(one.times)) < len(one.times) for one in signals.values())
     if len({one.times for one in signals.values()}) == 1 and not repeated:
         times = next(iter(signals.values())).times
