@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from s2r_spec.errors import TraceError
 from s2r_spec.instants import instant
 from s2r_spec.lang import formula as f
-from s2r_spec.messages import Messages, union
+from s2r_spec.messages import union
 from s2r_spec.robustness.at_start import bounds_at_start
 from s2r_spec.robustness.bounds import Bounds
 from s2r_spec.robustness.curve import Curve
@@ -29,10 +29,11 @@ from s2r_spec.robustness.evaluate import Walk, Witness
 from s2r_spec.robustness.evaluation import End, Evaluation
 from s2r_spec.robustness.explain import Explanation
 from s2r_spec.robustness.explain_held import HeldExplainer
-from s2r_spec.robustness.held import Course, Courses, HeldAlgebra
+from s2r_spec.robustness.held import Courses, HeldAlgebra
 from s2r_spec.robustness.horizon import horizon, seconds_needed
 from s2r_spec.robustness.narrow import narrowest, refuse_short
 from s2r_spec.robustness.silence import HeldBounds, Span
+from s2r_spec.robustness.stream import Stream
 from s2r_spec.robustness.ties import plain, plain_number
 
 FloatArray = NDArray[np.float64]
@@ -52,118 +53,6 @@ class Instants:
     held: int
     interpolated: int
     missing: int
-
-
-@dataclass(frozen=True, eq=False)
-class Stream:
-    """A signal as a requirement reads it.
-
-    Args:
-        messages: its messages, in the log's unit; those without a value are left out.
-        values: (width, m) their values in the declared unit.
-        without: messages without a value, whose place the value before takes.
-        turn: a full turn of an angle, in the declared unit; inf for any other quantity.
-    """
-
-    messages: Messages
-    values: FloatArray
-    without: int = 0
-    turn: float = math.inf
-
-    @property
-    def first(self) -> float:
-        """The first stamp [s]."""
-        return float(self.messages.times[0])
-
-    @property
-    def last(self) -> float:
-        """The last stamp [s]."""
-        return float(self.messages.times[-1])
-
-    def end(self, until: float) -> float:
-        """Return the time until which the last value is valid, at most ``until`` [s]."""
-        return min(self.messages.end, until)
-
-    def silences(self, start: float, end: float) -> list[Span]:
-        """Return the spans from ``start`` to ``end`` without a valid value, after the start [s]."""
-        times, bridged, valid = self.messages.times, self.messages.bridged, self.messages.valid
-        spans = [(-math.inf, self.first - start)] if self.first > start else []
-        if math.isfinite(bridged):
-            for i in np.flatnonzero(np.diff(times) > bridged):
-                before, after = float(times[i]) + valid, float(times[i + 1])
-                if after > start and before < end:
-                    spans.append((before - start, after - start))
-        last = self.last + valid if end - self.last > bridged else math.inf
-        if min(self.messages.end, last) < end:
-            spans.append((min(self.messages.end, last) - start, math.inf))
-        return spans
-
-    def course(self, start: float, end: float, number: int) -> Course:
-        """Return the messages with one value for each stamp: the one of a number, or else the last of its stamp."""
-        times = self.messages.times
-        first = max(int(np.searchsorted(times, start, side="right")) - 1, 0)
-        first = int(np.searchsorted(times, times[first], side="left"))
-        stop = int(np.searchsorted(times, end, side="right")) + self.messages.linear
-        own = times[first:stop]
-        last = np.append(own[1:] > own[:-1], True)
-        if last.all():
-            return self._course(own - start, self.values[:, first:stop])
-        ends = np.flatnonzero(last)
-        begins = np.concatenate(([0], ends[:-1] + 1))
-        chosen = first + np.minimum(begins + number, ends)
-        return self._course(own[last] - start, self.values[:, chosen])
-
-    def _course(self, times: FloatArray, values: FloatArray) -> Course:
-        """Return the messages as a course; an angle that jumps by over half a turn is linear on the circle."""
-        linear = self.messages.linear
-        if not linear or not (np.abs(np.diff(values)) > self.turn / 2).any():
-            return Course(times, values, linear)
-        return on_circle(times, values, self.turn)
-
-    @property
-    def topic(self) -> int:
-        """A number that signals of one topic share."""
-        return id(self.messages.times)
-
-    @property
-    def most(self) -> int:
-        """The most messages with one stamp."""
-        times = self.messages.times
-        if times.size < 2 or (np.diff(times) > 0).all():
-            return 1
-        return int(np.unique(times, return_counts=True)[1].max())
-
-
-def snap_of(start: float, end: float) -> float:
-    """Return the difference [s] below which two times are equal up to rounding."""
-    return 16 * math.ulp(max(abs(start), abs(end), end - start))
-
-
-def on_circle(times: FloatArray, values: FloatArray, turn: float) -> Course:
-    """Return an angle that is linear between (width, m) values along the shorter way around the circle.
-
-    Where it passes the end of its range, 0 to a turn or half a turn around 0, it jumps to the other end.
-    """
-    high = np.where(values.min(axis=1) >= 0.0, turn, turn / 2)[:, np.newaxis]
-    step = np.diff(values)
-    short = step - turn * np.rint(step / turn)
-    jumps = np.abs(step) > turn / 2
-    border = np.where(short > 0, high, high - turn)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        part = np.clip((border - values[:, :-1]) / short, 0.0, 1.0)
-    at = times[:-1] + part * np.diff(times)
-    stamps = np.unique(np.concatenate((times, at[jumps])))
-    rows, ends = [], []
-    for row in range(len(values)):
-        mine = jumps[row]
-        own = np.concatenate((times, at[row, mine]))
-        after = np.concatenate((values[row], border[row, mine] - turn * np.sign(short[row, mine])))
-        before = np.concatenate((values[row], border[row, mine]))
-        order = np.argsort(own, kind="stable")
-        single = Course(own[order], after[np.newaxis, order], True, before[np.newaxis, order])
-        rows.append(single.at(stamps)[0])
-        ends.append(single.before(stamps)[0])
-    return Course(stamps, np.stack(rows), True, np.stack(ends))
 
 
 @dataclass(frozen=True)
@@ -510,6 +399,11 @@ class Judge:
             held, interpolated = (0, rest) if messages.linear else (rest, 0)
             found[name] = Instants(sizes[stream.topic], held, interpolated, missing)
         return found
+
+
+def snap_of(start: float, end: float) -> float:
+    """Return the difference [s] below which two times are equal up to rounding."""
+    return 16 * math.ulp(max(abs(start), abs(end), end - start))
 
 
 def _inside(times: FloatArray, start: float, end: float) -> FloatArray:

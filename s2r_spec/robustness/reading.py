@@ -17,7 +17,7 @@ from s2r_spec.lang.amounts import NUMBER_AND_UNIT, Amount, converted, read_amoun
 from s2r_spec.lang.conversion import Conversion
 from s2r_spec.lang.declarations import Param, Signal
 from s2r_spec.lang.units import UnknownUnitError, unit_in_log
-from s2r_spec.robustness.judge import Stream
+from s2r_spec.robustness.stream import Stream
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]

@@ -22,8 +22,8 @@ from s2r_spec.logs.mapping import ANY
 from s2r_spec.logs.time_units import bracketed
 from s2r_spec.logs.topics.formats import opener
 from s2r_spec.logs.topics.join import Joining
-from s2r_spec.robustness.judge import Stream
 from s2r_spec.robustness.silence import silences_of
+from s2r_spec.robustness.stream import Stream
 from s2r_spec.samples import period_of
 from s2r_spec.spec import Spec, parse_spec
 from s2r_spec.trace import Trace

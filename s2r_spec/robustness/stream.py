@@ -1,0 +1,127 @@
+"""A signal with messages of its own, as a requirement reads it.
+
+Data: messages (t_i, y_i), (m,) and (width, m), in the declared unit; see :mod:`s2r_spec.messages`. From a start to an
+end it gives the spans without a valid value, and a course: one value for each stamp
+(:class:`s2r_spec.robustness.held.Course`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.messages import Messages
+from s2r_spec.robustness.held import Course
+from s2r_spec.robustness.silence import Span
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Stream:
+    """A signal as a requirement reads it.
+
+    Args:
+        messages: its messages, in the log's unit; those without a value are left out.
+        values: (width, m) their values in the declared unit.
+        without: messages without a value, whose place the value before takes.
+        turn: a full turn of an angle, in the declared unit; inf for any other quantity.
+    """
+
+    messages: Messages
+    values: FloatArray
+    without: int = 0
+    turn: float = math.inf
+
+    @property
+    def first(self) -> float:
+        """The first stamp [s]."""
+        return float(self.messages.times[0])
+
+    @property
+    def last(self) -> float:
+        """The last stamp [s]."""
+        return float(self.messages.times[-1])
+
+    def end(self, until: float) -> float:
+        """Return the time until which the last value is valid, at most ``until`` [s]."""
+        return min(self.messages.end, until)
+
+    def silences(self, start: float, end: float) -> list[Span]:
+        """Return the spans from ``start`` to ``end`` without a valid value, after the start [s]."""
+        times, bridged, valid = self.messages.times, self.messages.bridged, self.messages.valid
+        spans = [(-math.inf, self.first - start)] if self.first > start else []
+        if math.isfinite(bridged):
+            for i in np.flatnonzero(np.diff(times) > bridged):
+                before, after = float(times[i]) + valid, float(times[i + 1])
+                if after > start and before < end:
+                    spans.append((before - start, after - start))
+        last = self.last + valid if end - self.last > bridged else math.inf
+        if min(self.messages.end, last) < end:
+            spans.append((min(self.messages.end, last) - start, math.inf))
+        return spans
+
+    def course(self, start: float, end: float, number: int) -> Course:
+        """Return the messages with one value for each stamp: the one of a number, or else the last of its stamp."""
+        times = self.messages.times
+        first = max(int(np.searchsorted(times, start, side="right")) - 1, 0)
+        first = int(np.searchsorted(times, times[first], side="left"))
+        stop = int(np.searchsorted(times, end, side="right")) + self.messages.linear
+        own = times[first:stop]
+        last = np.append(own[1:] > own[:-1], True)
+        if last.all():
+            return self._course(own - start, self.values[:, first:stop])
+        ends = np.flatnonzero(last)
+        begins = np.concatenate(([0], ends[:-1] + 1))
+        chosen = first + np.minimum(begins + number, ends)
+        return self._course(own[last] - start, self.values[:, chosen])
+
+    def _course(self, times: FloatArray, values: FloatArray) -> Course:
+        """Return the messages as a course; an angle that jumps by over half a turn is linear on the circle."""
+        linear = self.messages.linear
+        if not linear or not (np.abs(np.diff(values)) > self.turn / 2).any():
+            return Course(times, values, linear)
+        return on_circle(times, values, self.turn)
+
+    @property
+    def topic(self) -> int:
+        """A number that signals of one topic share."""
+        return id(self.messages.times)
+
+    @property
+    def most(self) -> int:
+        """The most messages with one stamp."""
+        times = self.messages.times
+        if times.size < 2 or (np.diff(times) > 0).all():
+            return 1
+        return int(np.unique(times, return_counts=True)[1].max())
+
+
+def on_circle(times: FloatArray, values: FloatArray, turn: float) -> Course:
+    """Return an angle that is linear between (width, m) values along the shorter way around the circle.
+
+    Where it passes the end of its range, 0 to a turn or half a turn around 0, it jumps to the other end.
+    """
+    high = np.where(values.min(axis=1) >= 0.0, turn, turn / 2)[:, np.newaxis]
+    step = np.diff(values)
+    short = step - turn * np.rint(step / turn)
+    jumps = np.abs(step) > turn / 2
+    border = np.where(short > 0, high, high - turn)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        part = np.clip((border - values[:, :-1]) / short, 0.0, 1.0)
+    at = times[:-1] + part * np.diff(times)
+    stamps = np.unique(np.concatenate((times, at[jumps])))
+    rows, ends = [], []
+    for row in range(len(values)):
+        mine = jumps[row]
+        own = np.concatenate((times, at[row, mine]))
+        after = np.concatenate((values[row], border[row, mine] - turn * np.sign(short[row, mine])))
+        before = np.concatenate((values[row], border[row, mine]))
+        order = np.argsort(own, kind="stable")
+        single = Course(own[order], after[np.newaxis, order], True, before[np.newaxis, order])
+        rows.append(single.at(stamps)[0])
+        ends.append(single.before(stamps)[0])
+    return Course(stamps, np.stack(rows), True, np.stack(ends))
