@@ -125,7 +125,6 @@ def diagnose(
         seed = inherited(folder, recorded_seed, seed)
     seed = NEW_SEED if seed is None else seed
     tell = Watched(progress or (lambda stage, done, of: None))
-    _refuse_memory(bench, seed)
     able = executor if travels(bench) else None
     with kept_open(able) as pool, tell.watching():
         work = _Work(
@@ -252,6 +251,7 @@ def _campaign(
             smallest_with_held_out(bench.spec.space.dim),
         )
     )
+    _refuse_memory(bench, work.seed)
     # The library comes first: a simulator that cannot be diagnosed costs no rollout of the machine.
     if not runnable:
         work.library([as_experiment(bench, test) for test in middle[:1]])
@@ -305,6 +305,7 @@ def _tested(
     if not where:
         held_out = len({key_of(test) for test, _ in parts.held_out})
         work.tell.expect(lambda: Cost(None, work.simulated(needed), held_out))
+        _refuse_memory(bench, work.seed)
     responses = work.library(needed, where)
     different = len({key_of(test) for test in run})
     if different > len(tests):
