@@ -7,6 +7,7 @@ the file as a plain table. A field of a structure is a column of its own, such a
 from __future__ import annotations
 
 import json
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -64,7 +65,8 @@ def _table(arrow: Any, file: Any, choose: Chooser) -> Table:
     except (ValueError, RecursionError) as error:
         raise TraceError(f"the metadata 's2r' is not JSON: {error}") from None
     leaves = _leaves(arrow, file.schema_arrow)
-    heads = tuple(Head(name, None, units.get(name)) for name, _ in leaves)
+    written = _units(file)
+    heads = tuple(Head(name, None, units.get(name, written.get(name))) for name, _ in leaves)
     unknown = set(units) - {head.name for head in heads}
     if unknown:
         raise TraceError(
@@ -79,6 +81,19 @@ def _table(arrow: Any, file: Any, choose: Chooser) -> Table:
         return f"row {sample} of the column {quoted(heads[number].name)}"
 
     return Table(heads, columns, meta, place, own=own)
+
+
+def _units(file: Any) -> dict[str, str]:
+    """Return column → unit, as the metadata of a field, or the ``attrs`` of a pandas frame, state it."""
+    found: dict[str, str] = {}
+    with suppress(ValueError, AttributeError):  # other metadata
+        attributes = json.loads((file.metadata.metadata or {}).get(b"pandas", b"{}")).get("attributes") or {}
+        found |= {name: unit for name, unit in attributes.get("units", {}).items() if isinstance(unit, str)}
+    for field in file.schema_arrow:
+        for key, value in (field.metadata or {}).items():
+            if key.lower() in (b"unit", b"units"):
+                found[field.name] = value.decode(errors="replace").strip()
+    return found
 
 
 def _leaves(arrow: Any, schema: Any) -> list[tuple[str, tuple[str, ...]]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -98,7 +99,10 @@ def summary(path: Path, columns: Mapping[str, str] | None = None, time_unit: str
         stamped = [topic.name for topic in log.heads if topic.header and topic.count]
         sent = {}
         if stamped and _size(path) <= _HEADERS_UP_TO:
-            sent = log.read(dict.fromkeys(stamped, ()), "header")
+            with suppress(
+                TraceError
+            ):  # a message that cannot be decoded is an error of the command that reads it
+                sent = log.read(dict.fromkeys(stamped, ()), "header")
     except OSError as error:
         raise TraceError(f"cannot read {path}: {error.strerror or error}") from None
     except NoTimesError as error:

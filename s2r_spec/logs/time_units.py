@@ -17,9 +17,11 @@ _SIZES = {
 SUB = {
     **dict.fromkeys(("ms", "msec", "msecs", "millis", "millisec", "millisecs", "millisecond", "milliseconds"), "ms"),
     **dict.fromkeys(("us", "usec", "usecs", "micros", "microsec", "microsecs", "microsecond", "microseconds"), "us"),
+    **dict.fromkeys(("min", "mins", "minute", "minutes"), "min"),
+    **dict.fromkeys(("h", "hr", "hrs", "hour", "hours"), "h"),
     **dict.fromkeys(("ns", "nsec", "nsecs", "nanos", "nanosec", "nanosecs", "nanosecond", "nanoseconds"), "ns"),
 }  # fmt: skip
-"""Definition: last words of a name that state a unit below the second."""
+"""Definition: last words of a name that state a unit of time other than the second."""
 WHOLE = frozenset(("s", "sec", "secs", "second", "seconds"))
 """Definition: last words of a name that state seconds."""
 

@@ -93,7 +93,10 @@ def read(
         numbers = cells.parsed(list(values))
         if numbers.dtype == object and durations.is_one(values[0]):
             return _durations(values, unit, place, first)
-        values = dates.nanoseconds(values, place) if numbers.dtype == object else numbers
+        if numbers.dtype == object:
+            _refuse_odd_cell(values, place)
+            numbers = dates.nanoseconds(values, place)
+        values = numbers
     _same_form(values, first, column.values, place)
     if values.dtype.kind == "b":
         raise TraceError(f"the column {quoted(head.text)} holds truth values; map t to a column of times")
@@ -104,6 +107,18 @@ def read(
         fault = "has no time" if np.isnan(values[bad]) else f"is {values[bad]}, not a time"
         raise TraceError(f"{place(bad)} {fault}")
     return _counts(values, head, unit, first)
+
+
+def _refuse_odd_cell(texts: NDArray[Any], place: Place) -> None:
+    """Refuse a text among numbers.
+
+    Raises:
+        TraceError: most of the texts are numbers.
+    """
+    number = np.array([cells.parsed([text]).dtype != object for text in texts])
+    if 2 * number.sum() > number.size:
+        bad = int(np.argmin(number))
+        raise TraceError(f"{place(bad)} is {quoted(str(texts[bad]))}, and the other times are numbers")
 
 
 def _flat(column: Column) -> Column:
@@ -206,7 +221,7 @@ def _whole(column: Column, head: Head) -> NDArray[np.int64]:
 def _counts(values: NDArray[Any], head: Head, unit: str | None, first: Any) -> Times:
     """Return the times of a column of plain numbers."""
     size, notes = _size(head, unit)
-    stated = size is not None
+    stated = size is not None or head.name == TIME  # the times of a trace are in seconds
     if size is None:
         ends = [values[0], values[-1]] if values.size and first is None else []
         likely = next(filter(None, (time_units.looks_like(float(end)) for end in ends)), None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,7 +15,7 @@ from s2r_spec import logs
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.lang.declarations import Signal
 from s2r_spec.lang.lexing import names
-from s2r_spec.lang.units import parse_unit
+from s2r_spec.lang.units import UnknownUnitError, parse_unit
 from s2r_spec.logs.account import Account
 from s2r_spec.logs.episodes import Stretch, cut, part
 from s2r_spec.logs.interpret import Loaded
@@ -240,6 +241,7 @@ def excerpt(
     )
     notes = dict.fromkeys(note for loaded in found for note in loaded.notes)
     measured = {name: signals[name] for name in kept if name in signals}
+    refuse_unit_in_name(measured, episodes[0].trace.units, excerpts.columns)
     assumed = no_units(measured, episodes[0].trace.units, excerpts.columns)
     assumed += [] if opener(path) is None else _assumed(measured, episodes[0], excerpts)
     silences = [
@@ -277,6 +279,31 @@ def no_units(
         if name in signals and signals[name].unit and name not in units
         if (split := bracketed(column)) is not None and not split[1].isdigit()
     ]
+
+
+def refuse_unit_in_name(
+    signals: Mapping[str, Signal], units: Mapping[str, str], columns: Mapping[str, str]
+) -> None:
+    """Refuse a column without a unit whose name ends in another unit of the signal's quantity: ``pitch_deg`` for rad.
+
+    Raises:
+        TraceError: there is one.
+    """
+    for name, signal in signals.items():
+        column = columns.get(name, name)
+        word = re.split(r"[^0-9A-Za-z°µ%]+", column)[-1]
+        if units.get(name) or not signal.unit or word in (column, name, ""):
+            continue
+        try:
+            written = parse_unit(word)
+        except UnknownUnitError:
+            continue
+        measured = signal.measure.dimension or signal.measure.angle
+        if measured and written.fits(signal.measure) and not written.to(signal.measure).same:
+            raise TraceError(
+                f"the name {column!r} ends in the unit {word}, but its numbers would be read in {signal.unit}; state "
+                f"the unit, such as --map '{name}={column} [{word}]'"
+            )
 
 
 def _assumed(signals: Mapping[str, Signal], episode: Episode, excerpts: Excerpts) -> list[str]:

@@ -22,6 +22,7 @@ class PassedBackend:
 
     def __init__(self, backend: Backend) -> None:
         self.backend = backend
+        _ = self._pickled  # before a rollout leaves anything in the object
 
     @property
     def portable(self) -> bool:
@@ -57,5 +58,8 @@ class PassedBackend:
 
 @lru_cache(maxsize=8)
 def _copy(data: bytes) -> PassedBackend:
-    """Return the same copy for all rollouts of a worker process."""
-    return PassedBackend(pickle.loads(data))
+    """Return the same copy for all rollouts of a worker process; its own copies are as it was."""
+    copy = PassedBackend.__new__(PassedBackend)
+    copy.backend = pickle.loads(data)
+    copy.__dict__["_pickled"] = data, ""
+    return copy

@@ -153,8 +153,11 @@ def check_run(journal: Journal, runner: Runner, rollouts: Sequence[tuple[Task, R
     able = [(task, record) for task, record in rollouts if record.trace and _file(journal, record).is_file()]
     if not able:
         return
-    # Not the first rollout of its process, if there is another.
-    task, record = able[len(able) // 2]
+    # Neither the first rollout of its process nor the first of its test, if there is another: a simulator that keeps
+    # the result of a test gives it for every seed.
+    last = max(record.replicate for _, record in able)
+    later = [(task, record) for task, record in able if record.replicate == last]
+    task, record = later[len(later) // 2]
     others = sorted((one for one, _ in able if one != task), key=lambda one: one.params == task.params)
     whole = replace(task, channels=None)
     first = Done(task, logs.read(_file(journal, record)), record.seconds)

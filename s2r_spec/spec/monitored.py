@@ -32,6 +32,10 @@ if TYPE_CHECKING:
     from s2r_spec.spec.evaluated import Spec
 
 
+SLOW = 2.0
+"""Tolerance: period in seconds from which times without a unit may be in another one [s]."""
+
+
 @dataclass(frozen=True)
 class Sampled:
     """How a trace is sampled.
@@ -344,26 +348,31 @@ def _one_line(found: Monitored) -> str:
 
 
 def depends_on_unit_of_time(spec: Spec, requirement: str) -> str:
-    """Return the text of a function whose value depends on the unit of the times, and that has no window; or ""."""
+    """Return the text of a function or a window whose value depends on the unit of the times; "" if there is none."""
     for node in f.walk(spec.formulas[requirement]):
-        if isinstance(node, f.Derivative | f.Duration) or (
-            isinstance(node, f.Accumulated) and math.isinf(node.seconds)
-        ):
-            return " ".join(node.span.text.split())
+        match node:
+            case f.Derivative() | f.Duration() | f.Accumulated():
+                return " ".join(node.span.text.split())
+            case f.Temporal() | f.Until() if 0.0 < node.interval.high < math.inf:
+                return " ".join(node.interval.span.text.split())
     return ""
 
 
 def refuse_unstated(spec: Spec, trace: Trace, requirement: str) -> None:
     """Refuse a function of time on a trace whose times have no unit and look like none in seconds.
 
+    Logs of robots have several samples a second. Whole numbers one apart are milliseconds as often as seconds.
+
     Raises:
-        UsageError: the times are whole numbers, a unit or more apart.
+        UsageError: samples come every :data:`SLOW` or less often, or the times are whole numbers.
     """
-    text = depends_on_unit_of_time(spec, requirement)
-    times = trace.times
-    if not text or len(times) < 2 or np.median(np.diff(times)) < 1.0 or (times != np.rint(times)).any():
+    text, times = depends_on_unit_of_time(spec, requirement), trace.times
+    if not text or len(times) < 2:
+        return
+    every = float(np.median(np.diff(times)))
+    if every < 1.0 or (every < SLOW and (times != np.rint(times)).any()):
         return
     raise UsageError(
         f"`{text}` depends on the unit of the times, and the file states none. As seconds, samples come every "
-        f"{np.median(np.diff(times)):.6g} s; give --time-unit ms or s"
+        f"{every:.6g} s; give --time-unit ms or s"
     )

@@ -540,3 +540,19 @@ def test_a_bag_is_closed_when_it_is_no_longer_used(tmp_path):
     before = {*Path(os.environ.get("TMPDIR", "/tmp")).glob("s2r-*")}
     read(path)
     assert {*Path(os.environ.get("TMPDIR", "/tmp")).glob("s2r-*")} <= before
+
+
+def test_a_ulog_that_ends_within_a_message_says_how_much_is_read(tmp_path):
+    path = robot_logs.ulog(tmp_path / "cut.ulg")
+    assert not logs.load(path, {"vx": "odom.vx"}, {"vx": None}).notes
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(0.7 * len(whole)) | 1])
+    notes = logs.load(path, {"vx": "odom.vx"}, {"vx": None}).notes
+    assert any("incomplete" in note and f"{len(path.read_bytes()):,}" in note for note in notes)
+
+
+def test_a_file_of_a_split_bag_that_the_metadata_do_not_list_is_refused(tmp_path):
+    bag = robot_logs.ros2(tmp_path / "bag", "MCAP")
+    shutil.copy(bag / "bag.mcap", bag / "bag_1.mcap")
+    with pytest.raises(TraceError, match=r"bag_1\.mcap"):
+        logs.load(bag, {"vx": "/odom.twist.linear.x"}, {"vx": None})

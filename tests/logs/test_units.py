@@ -215,3 +215,51 @@ def test_a_text_of_a_structure_of_matlab_is_the_unit_of_its_arrays(tmp_path, con
     scipy.io.savemat(tmp_path / "log.mat", {"s": {"t": TIMES, "gap": [700.0, 900.0], **content}})
     assert rho(tmp_path / "log.mat", "s.gap", GAP) == 0
     assert rho(tmp_path / "log.mat", "s.gap [cm]", GAP) == pytest.approx(7 - 0.7)
+
+
+@pytest.mark.parametrize("key", ["Units", "UNIT", "unit"])
+def test_an_attribute_of_hdf5_states_the_unit_in_any_case(key, tmp_path):
+    import h5py
+
+    with h5py.File(tmp_path / "log.h5", "w") as stream:
+        stream["t"], stream["gap"] = np.arange(5) * 0.1, np.full(5, 320.0)
+        stream["gap"].attrs[key] = np.array([b"mm", b"mm"])
+    assert logs.load(tmp_path / "log.h5", None, {"gap": None}).trace.units["gap"] == "mm"
+
+
+def test_packed_numbers_of_netcdf_are_unpacked(tmp_path):
+    import h5py
+
+    with h5py.File(tmp_path / "log.h5", "w") as stream:
+        stream["t"], stream["gap"] = np.arange(3) * 0.1, np.array([320, -9999, 400])
+        stream["gap"].attrs.update({"scale_factor": 0.001, "_FillValue": -9999, "units": "m"})
+    found = logs.load(tmp_path / "log.h5", None, {"gap": None}).trace["gap"]
+    assert found == pytest.approx([0.32, np.nan, 0.4], nan_ok=True)
+
+
+def test_the_metadata_of_a_parquet_field_state_its_unit(tmp_path):
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    field = pa.field("v", pa.float64(), metadata={"unit": "mm/s"})
+    table = pa.table([[0.0, 0.1], [500.0, 500.0]], schema=pa.schema([pa.field("t", pa.float64()), field]))
+    pq.write_table(table, tmp_path / "log.parquet")
+    assert logs.load(tmp_path / "log.parquet", None, {"v": None}).trace.units["v"] == "mm/s"
+
+
+def test_a_name_that_ends_in_another_unit_is_refused_until_the_unit_is_stated(tmp_path):
+    (tmp_path / "log.csv").write_text("t,pitch_deg\n0,45\n0.1,45\n")
+    spec = s2r.parse_spec("signal pitch {rad}\nrequire r: always (pitch <= 1)")
+    for column, refused in (("pitch_deg", True), ("pitch_deg [deg]", False)):
+        read = Excerpts({"pitch": column})
+        if refused:
+            with pytest.raises(TraceError, match="pitch_deg"):
+                excerpt(tmp_path / "log.csv", spec.signals, {"pitch": None}, spec.horizon(), read)
+        else:
+            found = excerpt(tmp_path / "log.csv", spec.signals, {"pitch": None}, spec.horizon(), read)
+            assert spec.robustness(found.episodes[0].trace)["r"] == pytest.approx(1 - np.deg2rad(45))
+
+
+def test_minutes_in_the_name_of_the_times_are_minutes(tmp_path):
+    (tmp_path / "log.csv").write_text("time_minutes,v\n0,1\n1,1\n2,1\n")
+    assert logs.load(tmp_path / "log.csv", {"t": "time_minutes"}, {"v": None}).trace.times[-1] == 120.0

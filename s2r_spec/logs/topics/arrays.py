@@ -279,7 +279,7 @@ def squeezed(shape: Sequence[int]) -> tuple[int, ...]:
 def is_unit_path(path: str) -> bool:
     """Return whether a text with this path states a unit: ``gap.unit`` or ``units.gap``."""
     folder, _, name = path.rpartition(".")
-    return name in _UNITS or folder.rpartition(".")[2] in _UNITS
+    return name.lower() in _UNITS or folder.rpartition(".")[2].lower() in _UNITS
 
 
 def with_units(arrays: Mapping[str, Array], texts: Mapping[str, str]) -> dict[str, Array]:
@@ -292,7 +292,7 @@ def with_units(arrays: Mapping[str, Array], texts: Mapping[str, str]) -> dict[st
     found = dict(arrays)
     for path, text in texts.items():
         folder, _, name = path.rpartition(".")
-        if name in _UNITS:
+        if name.lower() in _UNITS:
             beside = [one for one in arrays if one.rpartition(".")[0] == folder]
             chosen = [one for one in beside if not is_word(one)]
         else:

@@ -255,6 +255,11 @@ class _Folder(DirectoryReader):
                     f"{self.path}` to read the rest"
                 ) from None
             raise
+        if surplus := self._surplus():
+            raise TraceError(
+                f"{METADATA} does not list {one_of(surplus)}, which the folder holds; `ros2 bag reindex {self.path}` "
+                f"lists all files, or move those of another bag away"
+            )
         digests = {(one.topic, one.msgtype): one.digest for one in self.connections}
         for one in self.connections:
             self.listed[one.topic] += one.msgcount
@@ -268,12 +273,21 @@ class _Folder(DirectoryReader):
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _missing(self) -> list[str]:
-        """Return the files that ``metadata.yaml`` lists and the folder lacks."""
+    def _listed_files(self) -> list[str]:
+        """Return the names of the files that ``metadata.yaml`` lists."""
         with suppress(Exception):  # then the metadata have another fault
             metadata = YAML(typ="safe").load((self.path / METADATA).read_text())
-            names = [
+            return [
                 Path(name).name for name in metadata["rosbag2_bagfile_information"]["relative_file_paths"]
             ]
-            return [name for name in names if not (self.path / name).exists()]
         return []
+
+    def _missing(self) -> list[str]:
+        """Return the files that ``metadata.yaml`` lists and the folder lacks."""
+        return [name for name in self._listed_files() if not (self.path / name).exists()]
+
+    def _surplus(self) -> list[str]:
+        """Return the files of bags that the folder holds and ``metadata.yaml`` does not list."""
+        listed = {name.removesuffix(".zstd") for name in self._listed_files()}
+        found = sorted(one.name for one in Path(str(self.path)).iterdir() if one.suffix in (".db3", ".mcap"))
+        return [name for name in found if name not in listed] if listed else []

@@ -31,6 +31,8 @@ from s2r_spec.logs.topics.arrays import (
 from s2r_spec.printable import one_line
 
 _MATLAB = "MATLAB_class"
+_PACKED = ("scale_factor", "add_offset", "_FillValue")
+"""Definition: attributes by which netCDF packs numbers: factor, offset, and the number that stands for none."""
 _OBJECT = "MATLAB_object_decode"
 
 
@@ -65,6 +67,9 @@ def open_hdf5(path: Path, asked: Asked | None = None) -> ArrayLog:
         if item.attrs.get(_MATLAB) == b"char":
             if is_unit_path(place) and item.size <= LONGEST:
                 texts[place] = "".join(map(chr, np.ravel(item[()])))
+        elif h5py.check_string_dtype(item.dtype) is not None:
+            if is_unit_path(place) and item.size == 1:
+                texts[place] = _text(np.ravel(item[()])[0])
         elif item.dtype.kind in "biufmM":
             turned = _MATLAB in item.attrs  # MATLAB has the samples of a column last
             shape = squeezed(item.shape[::-1] if turned else item.shape)
@@ -85,8 +90,8 @@ def open_hdf5(path: Path, asked: Asked | None = None) -> ArrayLog:
 
 def _unit(attributes: Any) -> str | None:
     """Return the unit that the attributes of a dataset state; bytes that are not UTF-8 and lists are no units."""
-    for key in ("unit", "units"):
-        if key in attributes:
+    for key in attributes:
+        if key.lower() in ("unit", "units"):
             value = attributes[key]
             found = [] if getattr(value, "shape", ()) is None else np.asarray(value).ravel().tolist()
             texts = (
@@ -94,7 +99,8 @@ def _unit(attributes: Any) -> str | None:
                 for one in found
             )
             # a program in C ends a text by a zero byte
-            if text := "\n".join(one.partition("\0")[0].strip() for one in texts):
+            distinct = dict.fromkeys(one.partition("\0")[0].strip() for one in texts)
+            if text := "\n".join(distinct):
                 return text
     return None
 
@@ -118,8 +124,13 @@ def _text(attribute: Any) -> str:
 
 def _read(h5py: Any, path: Path, name: str, turned: bool) -> NDArray[Any]:
     with _Errors(path), h5py.File(path) as file:
-        values = np.asarray(file[name][()])
+        values, stated = np.asarray(file[name][()]), file[name].attrs
+        packed = {key: np.ravel(stated[key])[0] for key in _PACKED if key in stated}
     values = values.T if turned else values
+    if packed:  # the conventions of netCDF
+        missing = values == packed["_FillValue"] if "_FillValue" in packed else np.zeros(values.shape, bool)
+        values = values.astype(np.float64) * packed.get("scale_factor", 1.0) + packed.get("add_offset", 0.0)
+        values[missing] = np.nan
     return values.reshape(squeezed(values.shape))
 
 

@@ -17,6 +17,8 @@ from s2r_spec.logs.topics.topic import Stamps, Topic, TopicHead
 from s2r_spec.printable import one_line
 
 _STAMP = "timestamp"
+_FILE_HEADER, _MESSAGE_HEADER = 16, 3
+"""Definition: bytes of the header of a ULog file, and of each of its messages."""
 
 
 class ULog:
@@ -47,8 +49,20 @@ class ULog:
         last = max((int(data[_STAMP].max()) for data in self._data.values() if len(data[_STAMP])), default=0)
         self._end = np.timedelta64(last * 1000, "ns")
         self.notes = (
-            ["parts of the file are damaged, and their messages are lost"] if log.file_corruption else []
+            [] if not log.file_corruption else ["parts of the file are damaged, and their messages are lost"]
         )
+        whole, size = _whole(path), path.stat().st_size
+        if whole < size:
+            self.notes.append(
+                f"the log is incomplete: it ends within a message, and the last {size - whole:,} of its {size:,} bytes "
+                f"are not read"
+            )
+        if log.dropouts:
+            longest = max(one.duration for one in log.dropouts)
+            self.notes.append(
+                f"the logger lost messages in {len(log.dropouts)} dropouts, the longest of {longest} ms: there the log "
+                f"is incomplete"
+            )
 
     def read(self, wanted: Mapping[str, Sequence[str]], stamps: Stamps) -> dict[str, Topic]:
         """Read fields of topics; see :meth:`s2r_spec.logs.topics.topic.TopicLog.read`."""
@@ -62,6 +76,17 @@ class ULog:
             )
             for name, fields in wanted.items()
         }
+
+
+def _whole(path: Path) -> int:
+    """Return the bytes of a file up to the end of its last whole message (PX4's ULog: a header of 3 bytes, a body)."""
+    content, place = path.read_bytes(), _FILE_HEADER
+    while place + _MESSAGE_HEADER <= len(content):
+        end = place + _MESSAGE_HEADER + int.from_bytes(content[place : place + 2], "little")
+        if end > len(content):
+            break
+        place = end
+    return min(place, len(content)) if len(content) > _FILE_HEADER else len(content)
 
 
 def _name(data: object) -> str:
