@@ -47,9 +47,21 @@ def reach(node: f.Node) -> tuple[float, float]:
     return back, ahead
 
 
+def at_begin(node: f.Node) -> set[str]:
+    """Return the signals whose values at the begin a predicate reads at every instant."""
+    parts = [
+        part.operand if isinstance(part, f.Initial) else part
+        for part in f.walk(node)
+        if isinstance(part, f.Initial | f.Overshoot)
+    ]
+    return {name for part in parts for name in signals_of(part)}
+
+
 def read_spans(node: f.Node, silences: Mapping[str, Sequence[Span]]) -> list[Span]:
     """Return the spans at which a predicate reads a signal without a valid value."""
     back, ahead = reach(node)
+    if any(start < 0.0 < end for name in at_begin(node) for start, end in silences.get(name, ())):
+        return [(-math.inf, math.inf)]
     return [(start - ahead, end + back) for name in signals_of(node) for start, end in silences.get(name, ())]
 
 

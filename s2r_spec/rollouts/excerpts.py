@@ -17,7 +17,6 @@ from s2r_spec.lang.declarations import Signal
 from s2r_spec.lang.lexing import names
 from s2r_spec.lang.units import UnknownUnitError, parse_unit
 from s2r_spec.logs.account import Account
-from s2r_spec.logs.episodes import Stretch, cut, part
 from s2r_spec.logs.interpret import Loaded
 from s2r_spec.logs.mapping import ANY
 from s2r_spec.logs.time_units import bracketed
@@ -25,6 +24,7 @@ from s2r_spec.logs.topics.formats import opener
 from s2r_spec.logs.topics.join import Joining
 from s2r_spec.robustness.silence import silences_of
 from s2r_spec.robustness.stream import Stream
+from s2r_spec.rollouts.episodes import Stretch, cut, part, slack_of
 from s2r_spec.samples import period_of
 from s2r_spec.spec import Spec, parse_spec
 from s2r_spec.trace import Trace
@@ -350,7 +350,7 @@ def _silences(trace: Trace, excerpts: Excerpts, where: str) -> Iterator[str]:
         yield from _silence(f"{where}the file", silences_of(whole.times), every)
     for name, one in whole.messages.items():
         column = excerpts.columns.get(name, name)
-        if column not in excerpts.commands:
+        if column not in excerpts.commands and math.isfinite(one.bridged):
             until = whole.ends
             spans = Stream(one, one.values).silences(start, until)
             inner = [(start + begin, min(start + end, until)) for begin, end in spans if math.isfinite(begin)]
@@ -448,8 +448,7 @@ def _cut(
 
 def _sampled(trace: Trace, stretch: Stretch) -> Stretch:
     """Return an episode with the samples of a trace in it."""
-    half = 0.5 * period_of(trace.times)
-    first, stop = np.searchsorted(trace.times, (stretch.begin, stretch.end + half))
+    first, stop = np.searchsorted(trace.times, (stretch.begin, stretch.end + slack_of(trace.times)))
     return replace(stretch, samples=slice(int(first), max(int(stop), int(first) + 1)))
 
 
@@ -482,15 +481,15 @@ def _one(trace: Trace, start: float, duration: float) -> Stretch | None:
     failed = trace.failure is not None
     first = trace.begin
     if trace.messages:
-        complete = trace.ends >= (first + start + duration) * (1.0 - 1e-9)
+        complete = trace.ends >= first + start + duration - 16 * math.ulp(trace.ends)
         ends = first + start + duration if complete else math.inf
         held = complete or (failed and first + start <= trace.ends)
         return Stretch(first + start, ends, slice(0, 0), not complete) if held else None
     times = trace.times - first
-    begin = int(np.searchsorted(times, start * (1.0 - 1e-9)))
-    period = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
-    end = int(np.searchsorted(times, start + duration + 0.5 * period))
-    complete = begin < end and times[-1] >= start + duration - 0.5 * period
+    slack = slack_of(trace.times)
+    begin = int(np.searchsorted(times, start - slack))
+    end = int(np.searchsorted(times, start + duration + slack, side="right"))
+    complete = begin < end and times[-1] >= start + duration - slack
     failed = failed and begin < end and not complete
     if not (complete or failed):
         return None
@@ -532,6 +531,9 @@ def _values(name: str, trace: Trace, excerpts: Excerpts) -> dict[str, tuple[floa
         TraceError: a value is not a finite number, or lies after the end.
     """
     values: dict[str, tuple[float, str]] = {}
+    trace = (
+        trace if trace.origin is None else trace.origin
+    )  # the messages, rather than those at a clock's stamps
     for parameter, source in excerpts.sources.items():
         samples = trace[source.column]
         if samples.ndim != 1:

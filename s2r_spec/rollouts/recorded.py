@@ -86,7 +86,8 @@ class LogBackend:
             for values in [[r.params[name] for r in self._tests if name in r.params]]
             if values
         )
-        self.duration = max(recording.trace.duration for recording in used)
+        # The last value of messages is valid up to the end of the recording.
+        self.duration = max(recording.trace.ends - recording.trace.begin for recording in used)
         content = hashlib.sha256(f"reading {self.reading}\0{options.text}".encode())
         for path in found.files:
             content.update(f"{path.name}\0{path.stat().st_size}\0".encode())

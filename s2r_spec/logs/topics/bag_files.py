@@ -246,6 +246,11 @@ class _Folder(DirectoryReader):
         self.STORAGE_PLUGINS = dict.fromkeys(super().STORAGE_PLUGINS, plugin)
 
     def __enter__(self) -> _Folder:
+        if surplus := self._surplus():
+            raise TraceError(
+                f"{METADATA} does not list {one_of(surplus)}, which the folder holds; `ros2 bag reindex {self.path}` "
+                f"lists all files, or move those of another bag away"
+            )
         try:
             self.open()
         except Exception:
@@ -255,11 +260,6 @@ class _Folder(DirectoryReader):
                     f"{self.path}` to read the rest"
                 ) from None
             raise
-        if surplus := self._surplus():
-            raise TraceError(
-                f"{METADATA} does not list {one_of(surplus)}, which the folder holds; `ros2 bag reindex {self.path}` "
-                f"lists all files, or move those of another bag away"
-            )
         digests = {(one.topic, one.msgtype): one.digest for one in self.connections}
         for one in self.connections:
             self.listed[one.topic] += one.msgcount

@@ -50,7 +50,13 @@ class Joining:
         """Return whether a field of a topic is linear between messages."""
         path = name if topic in ("", name) else f"{topic}.{name}"
         numeric = not column.fault and column.missing is None and column.values.dtype.kind == "f"
-        return self.rule == "linear" and numeric and not {path, path.rpartition("[")[0]} & self.held
+        stated = bool({path, path.rpartition("[")[0]} & self.held)
+        return self.rule == "linear" and numeric and not stated and not whole(column.values)
+
+
+def whole(values: NDArray[Any]) -> bool:
+    """Return whether all values are whole numbers, as states and counts are."""
+    return bool((values == np.rint(values)).all())
 
 
 @dataclass(frozen=True)

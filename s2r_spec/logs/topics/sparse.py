@@ -9,7 +9,6 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.errors import TraceError, UsageError, one_of, suggest
 from s2r_spec.logs import times
@@ -17,7 +16,7 @@ from s2r_spec.logs.account import Account
 from s2r_spec.logs.interpret import Loaded, at_clock, channels, left_out
 from s2r_spec.logs.mapping import Plan, Request
 from s2r_spec.logs.table import Column, Table
-from s2r_spec.logs.topics.join import Joining
+from s2r_spec.logs.topics.join import Joining, whole
 from s2r_spec.logs.topics.order import ordered
 from s2r_spec.logs.topics.topic import Topic
 from s2r_spec.messages import Messages
@@ -76,8 +75,3 @@ def joined(
     if joining.clock is not None:
         trace = at_clock(trace, np.unique(messages[joining.clock].times))
     return Loaded(trace, tuple(dict.fromkeys(notes)), stamps.begins, lacking, accounts, stamps.stated)
-
-
-def whole(values: NDArray[np.float64]) -> bool:
-    """Return whether all values are whole numbers, as states and counts are."""
-    return bool((values == np.rint(values)).all())

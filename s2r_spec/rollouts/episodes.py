@@ -8,11 +8,13 @@ ended in a failure, its last episode is the one that failed: to leave it out wou
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.robustness.grid import SNAP, Grid
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
@@ -96,7 +98,7 @@ def cut(
     """
     begins = np.flatnonzero(truth[1:] & ~truth[:-1]) + 1
     begins = begins[times[begins] >= earliest]
-    period = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    slack = slack_of(times)
     spans: list[tuple[int, int]] = []
     within = incomplete = 0
     failed = False
@@ -106,20 +108,22 @@ def cut(
         ):
             within += 1
             continue
-        # The last sample may miss the end by rounding; half a period tells it from its neighbour.
-        end = int(np.searchsorted(times, times[begin] + duration + 0.5 * period))
-        short = (
-            times[-1] < times[begin] + duration - 0.5 * period
-            if until is None
-            else until < (times[begin] + duration) * (1.0 - 1e-9)
-        )
-        if short:
+        until_here = times[begin] + duration
+        end = int(np.searchsorted(times, until_here + slack, side="right"))
+        if (times[-1] if until is None else until) < until_here - slack:
             failed = failure
             spans += [(begin, len(times))] if failure else []
             incomplete += not failure
         else:
             spans.append((begin, end))
     return Cut(tuple(spans), bool(truth[0]), within, incomplete, failed)
+
+
+def slack_of(times: FloatArray) -> float:
+    """Return by how much a sample may miss an instant that it stands for, by rounding or jitter of a grid [s]."""
+    rounding = 16 * math.ulp(max(abs(float(times[0])), abs(float(times[-1]))))
+    grid = Grid.of(times) if len(times) > 1 else None
+    return rounding if grid is None else max(rounding, (grid.jitter + SNAP) * grid.step)
 
 
 def part(trace: Trace, stretch: Stretch) -> Trace:
