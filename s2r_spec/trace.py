@@ -198,7 +198,8 @@ class Trace:
     def common(self) -> Trace:
         """Return this trace with common samples, if the messages of all channels have the same stamps.
 
-        Else return it unchanged, and so one that begins between two messages, or has two with one stamp.
+        Else return it unchanged, and so one that begins between two messages, has two with one stamp, or whose messages
+        end before the log, so that a silence follows.
         """
         if not self.messages:
             return self
@@ -210,12 +211,23 @@ class Trace:
         begin, stop = np.searchsorted(times, since), np.searchsorted(times, self.ends, side="right")
         inner = times[begin:stop]
         stated = any(not isnan(one.longest) for one in self.messages.values())
-        if stated or not inner.size or inner[0] != since or (np.diff(inner) <= 0).any():
+        recorded = max(one.log_end for one in self.messages.values()) if self.until is None else self.until
+        ended_early = (
+            any(recorded - inner[-1] > one.bridged for one in self.messages.values()) if inner.size else True
+        )
+        if stated or ended_early or not inner.size or inner[0] != since or (np.diff(inner) <= 0).any():
             return self
         if inner.size == times.size:
             return Trace(times, {n: one.values for n, one in self.messages.items()}, self.units, self.meta)
         channels = {name: one.values[begin:stop] for name, one in self.messages.items()}
         return Trace(inner, channels, self.units, self.meta)
+
+    def as_messages(self) -> Trace:
+        """Return common samples as the messages of one topic, whose values are held."""
+        if self.messages or not self.channels:
+            return self
+        messages = {name: Messages.of(self.times, values) for name, values in self.channels.items()}
+        return Trace.of_messages(messages, self.units, self.meta)
 
     def known(self) -> Trace:
         """Return the samples at the stamps of a clock from the first to the last at which every channel has a value."""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.errors import TraceError
 from s2r_spec.lang.formula import Interval
+from s2r_spec.messages import INTERVALS, period_of_messages
 from s2r_spec.robustness.kernels import until, window_max, window_min
 
 FloatArray = NDArray[np.float64]
@@ -25,6 +26,13 @@ JITTER = 1e-2
 SNAP = 1e-6
 """Tolerance: distance of an interval's end from a sample, in periods, up to which it is on the sample. So 0.3 s is the
 third sample of 0.1 s."""
+
+
+def sent_on_change(times: FloatArray) -> bool:
+    """Return whether samples at (n,) increasing times [s] come irregularly, as values that are sent on change."""
+    if times.size < 2 or Grid.of(times) is not None:
+        return False
+    return times.size <= INTERVALS or math.isnan(period_of_messages(times))
 
 
 @dataclass(frozen=True)

@@ -18,10 +18,12 @@ import math
 import re
 import warnings
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
 
 from s2r_spec.backend import Backend, Channel, Parameter, Recording
 from s2r_spec.errors import TraceNote, UsageError
 from s2r_spec.logs.interpret import Loaded
+from s2r_spec.robustness.grid import sent_on_change
 from s2r_spec.rollouts.log_folder import Entry, LogError, digest, read
 from s2r_spec.rollouts.log_options import LogOptions
 from s2r_spec.rollouts.reading_rule import READING
@@ -138,7 +140,10 @@ def left_out(recordings: Sequence[Recording]) -> str:
 
 def _own(entry: Entry, lacking: Collection[str]) -> Trace:
     """Return the trace of an entry; of a test without the channels that other tests lack."""
-    return entry.loaded.trace if entry.protocol else _without(entry.loaded.trace, lacking)
+    trace = entry.loaded.trace if entry.protocol else _without(entry.loaded.trace, lacking)
+    if trace.messages or trace.origin is not None or not sent_on_change(trace.times):
+        return trace
+    return replace(trace, origin=trace.as_messages())
 
 
 def _lacking(loaded: Sequence[tuple[str, Loaded]]) -> dict[str, str]:

@@ -19,6 +19,7 @@ from s2r_spec.robustness.binding import bound, names
 from s2r_spec.robustness.evaluate import Witness
 from s2r_spec.robustness.evaluation import End, Evaluation, Interpolation, Reading, evaluate
 from s2r_spec.robustness.explain import Explanation, explain
+from s2r_spec.robustness.grid import sent_on_change
 from s2r_spec.robustness.judge import Judge, Judgement
 from s2r_spec.robustness.online.monitor import Followed, Monitor, RobustnessStream
 from s2r_spec.robustness.reading import Missing, read_params, read_signals, read_streams
@@ -164,6 +165,19 @@ class Spec(Declared):
         own = self.own_trace(trace, requirement)
         if not own.messages:
             return self._at_start(own, params, requirement, interpolation, until, nan, partial)[requirement]
+        return self._at_instants(own, params, requirement, interpolation, until, nan, partial)
+
+    def _at_instants(
+        self,
+        own: Trace,
+        params: Mapping[str, Amount] | None,
+        requirement: str,
+        interpolation: Interpolation | None,
+        until: Witness,
+        nan: Missing,
+        partial: bool,
+    ) -> float:
+        """Return ρ of one requirement at the begin of a trace of messages that it reads, at every instant, never 0."""
         judge, formula = self._judge(own, params, requirement, interpolation, until, nan)
         judge.refuse_short(formula)
         found = judge.judge(formula, partial)
@@ -187,15 +201,18 @@ class Spec(Declared):
         until: Witness,
         nan: Missing,
     ) -> None:
-        """Refuse ρ at the stamps of one topic where all messages decide otherwise.
+        """Refuse ρ at the stamps of one topic where every instant decides otherwise.
 
         Raises:
             UndecidedError: they do.
         """
-        every = self._of_messages(messages, params, requirement, None, until, nan, partial=True)
+        if self.counts_samples(requirement):
+            return
+        own = messages.only(self.channels(requirement))
+        every = self._at_instants(own, params, requirement, None, until, nan, partial=True)
         if (every > 0) != (rho > 0):
             raise UndecidedError(
-                f"{requirement!r} has ρ = {rho:.6g} at the stamps of the clock, and {every:.6g} with all messages"
+                f"{requirement!r} has ρ = {rho:.6g} at the samples, and {every:.6g} at every instant"
             )
 
     def own_trace(self, trace: Trace, requirement: str) -> Trace:
@@ -206,8 +223,14 @@ class Spec(Declared):
         """
         trace = _as_trace(trace)
         if trace.messages:
-            return trace.only(self.channels(requirement)).common()
+            messages = trace.only(self.channels(requirement))
+            own = messages.common()
+            return own if own.messages or not sent_on_change(own.times) else replace(own, origin=messages)
         return trace if trace.origin is None else trace.only(self.channels(requirement)).known()
+
+    def counts_samples(self, requirement: str) -> bool:
+        """Return whether a requirement counts samples, so that it has no value between them."""
+        return any(isinstance(node, f.Step | f.Count) for node in f.walk(self.formulas[requirement]))
 
     def _judge(
         self,
@@ -250,9 +273,8 @@ class Spec(Declared):
 
         For args and errors see :meth:`evaluate` and :meth:`explain`.
         """
-        judge, formula = self._judge(
-            self.own_trace(trace, requirement), params, requirement, None, until, nan
-        )
+        own = _as_trace(trace).only(self.channels(requirement))
+        judge, formula = self._judge(own, params, requirement, None, until, nan)
         if not sparse:
             judge.refuse_short(formula)
         found = judge.judge(formula, partial)

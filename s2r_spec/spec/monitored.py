@@ -18,10 +18,9 @@ from s2r_spec.errors import UsageError
 from s2r_spec.instants import instant
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.amounts import Amount
-from s2r_spec.messages import INTERVALS, period_of_messages
 from s2r_spec.robustness.evaluation import Evaluation
 from s2r_spec.robustness.explain import Explanation
-from s2r_spec.robustness.grid import Grid
+from s2r_spec.robustness.grid import sent_on_change
 from s2r_spec.robustness.judge import Instants, Judgement
 from s2r_spec.robustness.profiles import Profile, profile
 from s2r_spec.robustness.reading import Missing
@@ -118,44 +117,41 @@ def monitored(
         reason = spec.explain(trace, requirement, params)
         return Monitored(requirement, reason.satisfied, str(reason), reason)
     own = spec.own_trace(trace, requirement)
-    found = _of_own(spec, own, requirement, params, conventions)
-    if own.origin is None:
+    if own.messages:
+        return _of_own_messages(spec, own, requirement, params, conventions)
+    found = _of_samples(spec, own, requirement, params, conventions)
+    messages = own.as_messages() if own.origin is None and found.on_change else own.origin
+    if messages is None or not found.decided:
         return found
-    messages = spec.own_trace(own.origin, requirement)
-    return _beside(
-        found, _of_own(spec, messages, requirement, params, conventions), "at the stamps of the clock"
-    )
+    if conventions.like != "s2r" or spec.counts_samples(requirement):
+        return _without_the_rest(found, own, messages)
+    where = "at its samples" if found.on_change else "at the stamps of the clock"
+    return _beside(found, _of_messages(spec, messages, requirement, params, conventions), where)
 
 
-def _of_own(
+def _of_own_messages(
     spec: Spec, trace: Trace, requirement: str, params: Mapping[str, Amount], conventions: Conventions
 ) -> Monitored:
-    """Return the result of the trace that a requirement reads."""
-    if conventions.like != "s2r":
-        return _of_samples(spec, trace, requirement, params, conventions)
-    if trace.messages:
-        return _of_messages(spec, trace, requirement, params, conventions)
+    """Return the result at every instant; by the conventions of another tool, unknown where a silence decides it."""
+    every = _of_messages(spec, trace, requirement, params, conventions)
+    if conventions.like == "s2r":
+        return every
     found = _of_samples(spec, trace, requirement, params, conventions)
-    if not (found.on_change and found.decided) or _counts_samples(spec, requirement):
+    return found if every.decided else _beside(found, every, f"by {conventions.like}")
+
+
+def _without_the_rest(found: Monitored, sampled: Trace, messages: Trace) -> Monitored:
+    """Return a result at samples, with a note on the messages between these."""
+    rest = {
+        name: int(np.count_nonzero(~np.isin(one.times, sampled.times)))
+        for name, one in messages.messages.items()
+    }
+    named = ", ".join(f"{count} messages of {name}" for name, count in rest.items() if count)
+    if not named:
         return found
-    every = spec.evaluate(
-        trace,
-        requirement,
-        params,
-        interpolation="hold",
-        until=conventions.profile["until"],
-        nan=conventions.nan,
+    return replace(
+        found, text=f"{found.text}\n  note: {named} lie between the samples, and are not evaluated"
     )
-    if not every.complete[0]:
-        return found
-    reason = Explanation(requirement, every.value, every.unit, every.satisfied)
-    held = Monitored(requirement, every.satisfied, "", reason)
-    return _beside(found, held, "at its samples")
-
-
-def _counts_samples(spec: Spec, requirement: str) -> bool:
-    """Return whether a requirement counts samples, so that it has no value between them."""
-    return any(isinstance(node, f.Step) for node in f.walk(spec.formulas[requirement]))
 
 
 def _of_messages(
@@ -274,16 +270,14 @@ def _own_instants(trace: Trace, name: str) -> Instants:
 
 def _irregular(trace: Trace, how: Profile) -> bool:
     """Return whether samples come irregularly, as values that are sent on change, and are evaluated alone."""
-    if how["interpolation"] not in (None, "samples") or trace.messages or len(trace) < 2:
+    if how["interpolation"] not in (None, "samples") or trace.messages:
         return False
-    if len(trace) <= INTERVALS:
-        return Grid.of(trace.times) is None
-    return Grid.of(trace.times) is None and math.isnan(period_of_messages(trace.times))
+    return sent_on_change(trace.times)
 
 
 def _rhythm(trace: Trace, how: Profile, irregular: bool) -> list[str]:
     """Return notes on gaps, and on samples that come irregularly."""
-    if how["interpolation"] not in (None, "samples") or trace.messages or len(trace) < 2:
+    if trace.messages or len(trace) < 2:
         return []
     spans = silences_of(trace.times)
     if spans:
