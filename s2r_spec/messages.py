@@ -100,11 +100,10 @@ class Messages:
         return replace(self, linear=False, end=end)
 
     def in_log_until(self, end: float) -> Messages:
-        """Return the messages of a log that ends at a time [s], if its end is not known yet."""
-        if not math.isnan(self.log_end):
+        """Return the messages of a log recorded until a time [s]: values sent on change are valid until then."""
+        if math.isfinite(self.valid) or self.linear:
             return self
-        known = replace(self, log_end=end)
-        return known if math.isfinite(self.valid) or self.linear else replace(known, end=max(self.end, end))
+        return replace(self, end=max(self.end, end))
 
     def _log_end(self, last: float) -> float:
         """Return the end of the log if it is known and not before ``last``, else this [s]."""

@@ -266,12 +266,8 @@ class Trace:
             return float(self.times[-1])
         if self.until is not None:
             return self.until
-        recorded = max(one.recorded_until for one in self.messages.values())
-        if all(
-            isnan(one.period) for one in self.messages.values()
-        ):  # their values are valid until the log ends
-            recorded = max(recorded, *(one.log_end for one in self.messages.values()))
-        return recorded
+        known = (one.log_end for one in self.messages.values() if not isnan(one.log_end))
+        return max([*(one.recorded_until for one in self.messages.values()), *known])
 
     @property
     def duration(self) -> float:

@@ -120,9 +120,17 @@ class Judge:
         ends = {name: stream.end(self.until) for name, stream in self.streams.items()}
         whole = [
             end for name, end in ends.items()
-            if self.until - self.streams[name].last <= self.streams[name].messages.bridged
+            if self._last - self.streams[name].last <= self.streams[name].messages.bridged
         ]  # fmt: skip
         return max(min(whole, default=self.until), self.start)
+
+    @property
+    def _last(self) -> float:
+        """The last stamp of the log, as far as it is known [s]."""
+        known = [
+            one.messages.log_end for one in self.streams.values() if not math.isnan(one.messages.log_end)
+        ]
+        return min(max([*known, *(one.last for one in self.streams.values())]), self.until)
 
     def courses(self, start: float, end: float, numbers: Mapping[int, int]) -> Courses:
         """Return the signals from ``start`` to ``end``.

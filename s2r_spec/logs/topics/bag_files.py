@@ -221,6 +221,13 @@ class _File:
         return self._storage.metadata  # type: ignore[no-any-return]
 
     @property
+    def end_time(self) -> int:
+        """Receipt of the last message [ns]; rosbags counts one nanosecond more."""
+        storage = self._storage
+        end = storage.end_time if isinstance(storage, Ros1Reader) else storage.metadata.end_time
+        return int(end) - 1
+
+    @property
     def notes(self) -> list[str]:
         """Notes on a file that is not complete."""
         return getattr(self._storage, "notes", [])
@@ -272,6 +279,16 @@ class _Folder(DirectoryReader):
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    @property
+    def files_read(self) -> list[_File]:
+        """The files of the bag."""
+        return [file for file in self.storages if isinstance(file, _File)]
+
+    @property
+    def end_time(self) -> int:
+        """Receipt of the last message of any file [ns]."""
+        return max(file.end_time for file in self.files_read)
 
     def _listed_files(self) -> list[str]:
         """Return the names of the files that ``metadata.yaml`` lists."""

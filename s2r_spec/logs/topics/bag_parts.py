@@ -95,6 +95,8 @@ class Parts:
                 self._first, self._last = min(self._first, record.received), max(self._last, record.received)
         self.connections = [one._replace(msgcount=counts[one.id], owner=self) for one in found.values()]
         self._count = sum(one.msgcount for one in self.connections)
+        # rosbags ends a file one nanosecond after its last message.
+        self.metadata = self.metadata._replace(end_time=self._last + 1)
 
     def close(self) -> None:
         """Forget the connections."""

@@ -121,11 +121,11 @@ class RosBag:
 
     def _with_end(self, topic: Topic) -> Topic:
         """Return a topic with the end of the bag, on the clock of its stamps."""
-        received = getattr(self._bag.reader, "end_time", None)
-        if not received:
+        received = max(int(file.end_time) for file in self._bag.reader.readers)
+        if received <= 0:
             return topic
         age = round((topic.age or 0.0) * 1e9)
-        return replace(topic, log_end=np.datetime64(int(received) - age, "ns"))
+        return replace(topic, log_end=np.datetime64(received - age, "ns"))
 
     def _collected(self, wanted: Mapping[str, Sequence[str]], stamps: Stamps) -> dict[str, Collected]:
         """Read all messages of topics.
