@@ -122,7 +122,10 @@ class Judge:
             end for name, end in ends.items()
             if self._last - self.streams[name].last <= self.streams[name].messages.bridged
         ]  # fmt: skip
-        return max(min(whole, default=self.until), self.start)
+        end = max(min(whole, default=self.until), self.start)
+        return max(
+            end, *(stream.stamp_up_to(end + snap_of(self.start, end)) for stream in self.streams.values())
+        )
 
     @property
     def _last(self) -> float:

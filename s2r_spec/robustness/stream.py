@@ -46,6 +46,12 @@ class Stream:
         """The last stamp [s]."""
         return float(self.messages.times[-1])
 
+    def stamp_up_to(self, time: float) -> float:
+        """Return the last stamp up to a time [s]; −inf if there is none."""
+        times = self.messages.times
+        number = int(np.searchsorted(times, time, side="right"))
+        return float(times[number - 1]) if number else -math.inf
+
     def end(self, until: float) -> float:
         """Return the time until which the last value is valid, at most ``until`` [s]."""
         return min(self.messages.end, until)
