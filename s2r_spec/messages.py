@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +55,7 @@ class Messages:
         log_end: time at which the log ends [s]; NaN if it is not known.
         end: time until which the last value of the whole log is valid [s].
         linear: whether the channel is linear between messages; else it holds the last value.
+        invalid: spans in which a component of a vector from several topics has no valid value [s].
     """
 
     times: FloatArray
@@ -63,6 +65,7 @@ class Messages:
     log_end: float = math.nan
     end: float = math.inf
     linear: bool = False
+    invalid: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -184,7 +187,38 @@ class Messages:
 
     def shifted(self, by: float) -> Messages:
         """Return the messages, later by so many seconds."""
-        return replace(self, times=self.times + by, end=self.end + by, log_end=self.log_end + by)
+        invalid = tuple((start + by, end + by) for start, end in self.invalid)
+        return replace(
+            self, times=self.times + by, end=self.end + by, log_end=self.log_end + by, invalid=invalid
+        )
+
+    def silences(self, start: float, end: float) -> list[tuple[float, float]]:
+        """Return the spans without a valid value that overlap ``start`` to ``end`` [s], in order."""
+        times, bridged, valid = self.times, self.bridged, self.valid
+        first, last = float(times[0]), float(times[-1])
+        spans = [(-math.inf, first)] if first > start else []
+        if math.isfinite(bridged):
+            for i in np.flatnonzero(np.diff(times) > bridged):
+                before, after = float(times[i]) + valid, float(times[i + 1])
+                if after > start and before < end:
+                    spans.append((before, after))
+        valid_until = min(self.end, last + valid if end - last > bridged else math.inf)
+        if valid_until < end:
+            spans.append((valid_until, math.inf))
+        if not self.invalid:
+            return spans
+        return _united([*spans, *(span for span in self.invalid if span[1] > start and span[0] < end)])
+
+
+def _united(spans: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return spans in order, as one where they overlap."""
+    result: list[tuple[float, float]] = []
+    for start, end in sorted(spans):
+        if result and start <= result[-1][1]:
+            result[-1] = result[-1][0], max(end, result[-1][1])
+        else:
+            result.append((start, end))
+    return result
 
 
 def union(channels: Iterable[Messages]) -> FloatArray:
@@ -195,11 +229,60 @@ def union(channels: Iterable[Messages]) -> FloatArray:
 
 
 def joined(parts: list[Messages]) -> Messages:
-    """Return the vector of several scalar channels: a message for each stamp of any, from the first one of all on."""
+    """Return the vector of several scalar channels: a message for each stamp of any, from the first one of all on.
+
+    Where a component has several values with one stamp, each combination is a message. Where a component has no valid
+    value, the vector has none.
+    """
     first = parts[0]
     if all(one.times is first.times or np.array_equal(one.times, first.times) for one in parts):
         return replace(first, values=np.stack([one.values for one in parts], axis=1))
-    times = union(parts)
-    times = times[times >= max(float(one.times[0]) for one in parts)]
-    values = np.stack([one.read(times) for one in parts], axis=1)
-    return Messages.of(times, values, longest=first.longest, log_end=first.log_end, linear=first.linear)
+    begin = max(float(one.times[0]) for one in parts)
+    known = [one.log_end for one in parts if not math.isnan(one.log_end)]
+    reach = max([*known, *(float(one.times[-1]) for one in parts)])
+    whole = [one for one in parts if reach - float(one.times[-1]) <= one.bridged]
+    times, values = _combined(parts, begin)
+    periods = [one.period for one in parts if not math.isnan(one.period)]
+    return Messages(
+        times,
+        values,
+        min(periods, default=math.nan),
+        first.longest,
+        max(known, default=math.nan),
+        min(one.end for one in whole or parts),
+        first.linear,
+        tuple(
+            span
+            for one in parts
+            for span in one.silences(begin, reach)
+            if math.isfinite(span[1]) or all(one is not other for other in whole)
+        ),
+    )
+
+
+def _combined(parts: list[Messages], begin: float) -> tuple[FloatArray, FloatArray]:
+    """Return (m,) stamps from a time on and (m, k) values of components, each combination of those with one stamp."""
+    stamps = union(parts)
+    stamps = stamps[stamps >= begin]
+    values = np.stack([one.read(stamps) for one in parts], axis=1)
+    repeated = {float(at) for one in parts for at in one.times[1:][np.diff(one.times) == 0] if at >= begin}
+    if not repeated:
+        return stamps, values
+    times, rows = [], []
+    for at in sorted(repeated):
+        here = np.searchsorted(stamps, at)
+        own = [
+            one.values[np.searchsorted(one.times, at) : np.searchsorted(one.times, at, side="right")]
+            for one in parts
+        ]
+        kinds = [part if len(part) else values[here, [k]] for k, part in enumerate(own)]
+        found = [*product(*kinds)]
+        times += [at] * len(found)
+        rows += found
+    kept = ~np.isin(stamps, [*repeated])
+    all_times, all_rows = (
+        np.concatenate((stamps[kept], times)),
+        np.concatenate((values[kept], np.array(rows))),
+    )
+    order = np.argsort(all_times, kind="stable")
+    return all_times[order], all_rows[order]

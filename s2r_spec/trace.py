@@ -215,7 +215,15 @@ class Trace:
         ended_early = (
             any(recorded - inner[-1] > one.bridged for one in self.messages.values()) if inner.size else True
         )
-        if stated or ended_early or not inner.size or inner[0] != since or (np.diff(inner) <= 0).any():
+        invalid = any(one.invalid for one in self.messages.values())
+        if (
+            stated
+            or ended_early
+            or invalid
+            or not inner.size
+            or inner[0] != since
+            or (np.diff(inner) <= 0).any()
+        ):
             return self
         if inner.size == times.size:
             return Trace(times, {n: one.values for n, one in self.messages.items()}, self.units, self.meta)
@@ -377,6 +385,12 @@ class Trace:
         """
         rules = self._rules(rule)
         times, at = regular(self.times, finite_seconds(period, "the period"))
+        for name, (start, end) in self._silences().items():
+            warnings.warn(
+                f"{name} has no message from t = {start:.6g} s to {end:.6g} s; resampled, it has values there",
+                TraceNote,
+                stacklevel=2,
+            )
         if self.messages:
             return self.sampled_at(times, rules)
         channels = {
@@ -388,6 +402,22 @@ class Trace:
             name: self.own(name)[at] & fresh for name in channels if name in self.masks or not fresh.all()
         }
         return Trace(times, channels, self.units, self.meta, masks=masks)
+
+    def _silences(self) -> dict[str, tuple[float, float]]:
+        """Return channel → the longest span before its end in which it has no valid value [s]."""
+        messages = (self if self.messages else self.as_messages()).messages
+        spans = {name: one.silences(self.begin, self.ends) for name, one in messages.items()}
+        inner = {
+            name: [
+                (start, min(end, self.ends))
+                for start, end in found
+                if start > self.begin and self.ends > start
+            ]
+            for name, found in spans.items()
+        }
+        return {
+            name: max(found, key=lambda span: span[1] - span[0]) for name, found in inner.items() if found
+        }
 
     def sampled_at(self, times: FloatArray, rules: Mapping[str, str] | None = None) -> Trace:
         """Return channels with messages at common times: a trace whose requirements are evaluated at these samples.

@@ -20,7 +20,7 @@ from s2r_spec.logs.own import restored
 from s2r_spec.logs.table import Column, Table, quoted
 from s2r_spec.logs.topics.order import ordered
 from s2r_spec.logs.topics.topic import Topic
-from s2r_spec.messages import Messages, joined
+from s2r_spec.messages import SILENT, Messages, joined
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
@@ -143,9 +143,11 @@ def _of_topics(table: Table, plan: Plan, request: Request, longest: Mapping[str,
     units: dict[str, str] = {}
     accounts: dict[str, Account] = {}
     faults: dict[str, str] = {}
+    notes = [*table.notes, *plan.notes]
     for channel in plan.channels:
         try:
-            found[channel.name], unit = _messages(table, channel, clock, longest.get(channel.name, math.nan))
+            valid = longest.get(channel.name, math.nan)
+            found[channel.name], unit = _messages(table, channel, clock, valid, notes)
         except TraceError as error:
             faults[channel.name] = str(error)
             continue
@@ -160,7 +162,7 @@ def _of_topics(table: Table, plan: Plan, request: Request, longest: Mapping[str,
         trace = Trace.of_messages(found, units, table.meta).common()
         if table.clock is not None:
             trace = at_clock(trace, clock.seconds(table.clock))
-    return Loaded(trace, (*table.notes, *plan.notes), clock.begins, lacking, accounts, clock.typed)
+    return Loaded(trace, tuple(notes), clock.begins, lacking, accounts, clock.typed)
 
 
 def at_clock(trace: Trace, stamps: FloatArray) -> Trace:
@@ -222,8 +224,10 @@ class _Clock:
         return self.done[id(stamps)][1]
 
 
-def _messages(table: Table, channel: Channel, clock: _Clock, longest: float) -> tuple[Messages, str | None]:
-    """Return the messages of a channel, and its unit."""
+def _messages(
+    table: Table, channel: Channel, clock: _Clock, longest: float, notes: list[str]
+) -> tuple[Messages, str | None]:
+    """Return the messages of a channel, and its unit; notes are added."""
     stamps = [table.columns[part.number].stamps for part in channel.parts]
     first = stamps[0]
     linear = all(table.columns[part.number].linear for part in channel.parts)
@@ -241,7 +245,20 @@ def _messages(table: Table, channel: Channel, clock: _Clock, longest: float) -> 
         units.append(unit)
     if any(unit != units[0] for unit in units):
         raise TraceError(f"the components of {quoted(channel.name)} have different units")
-    return joined(parts), units[0]
+    vector = joined(parts)
+    early = max(int(np.searchsorted(one.times, vector.times[0])) for one in parts)
+    if early > SILENT:
+        late = max(zip(parts, channel.parts, strict=True), key=lambda one: float(one[0].times[0]))[1]
+        raise TraceError(
+            f"{early} messages of a component of {quoted(channel.name)} lie before the first one of "
+            f"{quoted(table.heads[late.number].text)}; --map a signal to each component, or cut the log there"
+        )
+    if early:
+        notes.append(
+            f"{early} messages of a component of {quoted(channel.name)} come before the others begin, and are not "
+            f"evaluated"
+        )
+    return vector, units[0]
 
 
 def _account(table: Table, channel: Channel, samples: int) -> Account:

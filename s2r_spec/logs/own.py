@@ -53,6 +53,7 @@ def rows(trace: Trace) -> tuple[FloatArray, Mapping[str, FloatArray], dict[str, 
         described[name] = {
             "own": _packed(own),
             "linear": one.linear,
+            **({"invalid": [[_or_none(at) for at in span] for span in one.invalid]} if one.invalid else {}),
             **{key: number for key, number in numbers.items() if math.isfinite(number)},
         }
     return times, channels, {
@@ -93,10 +94,21 @@ def restored(
             one = record["messages"][names[name]]
             own = _unpacked(one["own"], times.size)
             numbers = {key: float(one[key]) for key in _NUMBERS if key in one}
-            messages[name] = Messages(times[own], values[own], linear=bool(one["linear"]), **numbers)
+            spans = tuple(
+                (-math.inf if start is None else float(start), math.inf if end is None else float(end))
+                for start, end in one.get("invalid", ())
+            )
+            messages[name] = Messages(
+                times[own], values[own], linear=bool(one["linear"]), invalid=spans, **numbers
+            )
         return Trace.of_messages(messages, since=record.get("since"), until=record.get("until"))
     except (KeyError, TypeError, ValueError) as error:
         raise TraceError(f"its record of own samples does not fit the table: {error}") from None
+
+
+def _or_none(number: float) -> float | None:
+    """Return a number; None for an infinite one, which JSON does not have."""
+    return number if math.isfinite(number) else None
 
 
 def _packed(mask: BoolArray) -> str:

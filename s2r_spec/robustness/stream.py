@@ -58,17 +58,7 @@ class Stream:
 
     def silences(self, start: float, end: float) -> list[Span]:
         """Return the spans from ``start`` to ``end`` without a valid value, after the start [s]."""
-        times, bridged, valid = self.messages.times, self.messages.bridged, self.messages.valid
-        spans = [(-math.inf, self.first - start)] if self.first > start else []
-        if math.isfinite(bridged):
-            for i in np.flatnonzero(np.diff(times) > bridged):
-                before, after = float(times[i]) + valid, float(times[i + 1])
-                if after > start and before < end:
-                    spans.append((before - start, after - start))
-        last = self.last + valid if end - self.last > bridged else math.inf
-        if min(self.messages.end, last) < end:
-            spans.append((min(self.messages.end, last) - start, math.inf))
-        return spans
+        return [(before - start, after - start) for before, after in self.messages.silences(start, end)]
 
     def course(self, start: float, end: float, number: int) -> Course:
         """Return the messages with one value for each stamp: the one of a number, or else the last of its stamp."""

@@ -20,6 +20,7 @@ from s2r_spec.logs.topics.join import Joining, whole
 from s2r_spec.logs.topics.order import ordered
 from s2r_spec.logs.topics.topic import Topic
 from s2r_spec.messages import Messages
+from s2r_spec.messages import joined as together
 from s2r_spec.trace import Trace
 
 
@@ -54,18 +55,30 @@ def joined(
     notes = [*table.notes, *plan.notes, *stamps.notes]
     end = float(stamps.seconds.max(initial=-math.inf))
     for name, values in read.samples.items():
-        rows = np.flatnonzero(~np.isnan(values.reshape(len(values), -1)).any(axis=1))
-        if not rows.size:
+        known = ~np.isnan(values.reshape(len(values), -1))
+        if not known.any():
             raise TraceError(f"{name} has no value in any row")
-        topic = Topic(name, stamps.seconds[rows], {name: Column(values[rows])})
-        found = ordered(topic, False, lambda row, rows=rows: place(int(rows[row])))  # type: ignore[misc]
-        own = found.topic.columns[name].values
-        linear = joining.rule == "linear" and name not in joining.held and not whole(own)
-        valid = longest.get(name, math.nan)
-        messages[name] = Messages.of(found.topic.stamps, own, longest=valid, linear=linear, log_end=end)
-        empty = {"empty cell": len(values) - len(rows)} if len(rows) < len(values) else {}
-        accounts[name] = Account(len(values), len(own), found.merged, empty)
-        notes += found.notes
+        if (known.all(axis=1) == known.any(axis=1)).all():
+            parts = [(known[:, 0], values)]
+        else:  # each component is a topic, too
+            parts = [(known[:, k], values[:, k]) for k in range(known.shape[1])]
+        own, merged = [], 0
+        for filled, column in parts:
+            rows = np.flatnonzero(filled)
+            if not rows.size:
+                raise TraceError(f"a component of {name} has no value in any row")
+            topic = Topic(name, stamps.seconds[rows], {name: Column(column[rows])})
+            found = ordered(topic, False, lambda row, rows=rows: place(int(rows[row])))  # type: ignore[misc]
+            samples = found.topic.columns[name].values
+            linear = joining.rule == "linear" and name not in joining.held and not whole(samples)
+            valid = longest.get(name, math.nan)
+            own.append(Messages.of(found.topic.stamps, samples, longest=valid, linear=linear, log_end=end))
+            merged = max(merged, found.merged)
+            notes += found.notes
+        messages[name] = own[0] if len(own) == 1 else together(own)
+        count, empty = len(values), len(values) - int(known.any(axis=1).sum())
+        dropped = {"empty cell": empty} if empty else {}
+        accounts[name] = Account(count, count - empty - merged, merged, dropped)
     if joining.clock is not None and joining.clock not in messages:
         raise TraceError(
             f"the clock {joining.clock!r} is not one of the channels that are read"

@@ -1,0 +1,150 @@
+"""What a log does not show: the end of a topic, a late component, values between samples, the end of an episode."""
+
+import warnings
+
+import numpy as np
+import pytest
+import scipy.io
+
+import s2r_spec as s2r
+from s2r_spec import logs
+from s2r_spec.errors import TraceError, TraceNote, UndecidedError
+from s2r_spec.logs.topics.join import Joining
+from s2r_spec.messages import Messages, joined
+from s2r_spec.rollouts.episodes import cut
+from s2r_spec.rollouts.recorded import LogBackend
+from s2r_spec.spec.monitored import Conventions, monitored
+from s2r_spec.trace import Trace
+
+FAR = s2r.parse_spec("signal d {m}\nrequire far: always (d > 0.3 {m})")
+BOTH = s2r.parse_spec("signal d[2] {m}\nrequire far: always (d[0] > 0.3 {m} and d[1] > 0.3 {m})")
+
+
+def verdict(spec: s2r.Spec, trace: Trace) -> bool | None:
+    (requirement,) = spec.requirements
+    return monitored(spec, trace, requirement, {}, Conventions()).satisfied
+
+
+def every(period: float, start: float, stop: float, value: float = 1.2, **more: float) -> Messages:
+    times = np.arange(round(start / period), round(stop / period)) * period
+    return Messages.of(times, np.full(times.size, value), **more)
+
+
+def test_one_topic_that_ends_before_its_log_is_silent():
+    alive = Trace.of_messages({"d": every(0.1, 0, 20, log_end=20.2)}, {"d": "m"})
+    dead = Trace.of_messages({"d": every(0.1, 0, 5, log_end=20.0)}, {"d": "m"})
+    assert verdict(FAR, alive) is True
+    assert verdict(FAR, dead) is None
+    with pytest.raises(UndecidedError):
+        FAR.satisfied(dead, {})
+
+
+@pytest.mark.parametrize("silent", [[(0.0, 5.0)], [(0.0, 5.0), (15.0, 20.0)]], ids=["dead", "gap"])
+def test_a_vector_is_silent_where_a_component_of_it_is(silent):
+    parts = [every(0.1, start, stop) for start, stop in silent]
+    right = Messages.of(
+        np.concatenate([one.times for one in parts]), np.concatenate([one.values for one in parts])
+    )
+    vector = joined([every(0.1, 0, 20), right])
+    assert verdict(BOTH, Trace.of_messages({"d": vector}, {"d": "m"})) is None
+    whole = joined([every(0.1, 0, 20), every(0.1, 0.0, 20)])
+    assert verdict(BOTH, Trace.of_messages({"d": whole}, {"d": "m"})) is True
+
+
+def test_each_value_with_one_stamp_counts_in_a_vector():
+    right = every(0.1, 0, 20)
+    times = np.insert(right.times, 50, right.times[50])
+    values = np.insert(right.values, 51, 0.1)
+    values[50], values[51] = 0.1, 1.2
+    vector = joined([every(0.1, 0, 20), Messages.of(times, values)])
+    assert verdict(BOTH, Trace.of_messages({"d": vector}, {"d": "m"})) is False
+
+
+def test_a_row_with_one_empty_cell_of_a_vector_keeps_the_other(tmp_path):
+    rows = [f"{k / 10},{0.1 if k == 100 else 1.2},{'' if k == 100 else 1.2}" for k in range(200)]
+    path = tmp_path / "v.csv"
+    path.write_text("\n".join(["t,d[0] [m],d[1] [m]", *rows]) + "\n")
+    loaded = logs.load(path, {}, {"d": 2}, joining=Joining(None, "hold"))
+    assert verdict(BOTH, loaded.trace) is False
+    assert loaded.accounts["d"].samples == 200
+
+
+def test_functions_of_a_value_sent_on_change_are_those_of_a_held_value():
+    times = np.array([0.0, 1.2, 1.5, 3.0, 6.0, 7.7, 7.9, 10.0, 10.3, 14.0])
+    stop = np.array([0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0])
+    spec = s2r.parse_spec("signal stop bool\nrequire r: always (duration(stop) <= 1 {s})")
+    assert verdict(spec, Trace(times, {"stop": stop})) is None
+
+
+def test_recordings_of_values_sent_on_change_are_no_certificate_where_every_instant_decides_otherwise(
+    tmp_path,
+):
+    spec = s2r.parse_spec(
+        "param vd {m/s} in [0.2, 0.8]\nsignal stop bool\nrequire r: always (duration(stop) <= 1 {s})"
+    )
+    (tmp_path / "rollouts.csv").write_text("id,vd\na,0.5\n")
+    rows = ["0,0", "1.2,1", "1.5,0", "3,1", "6,0", "7.7,1", "7.9,0", "10,1", "10.3,0", "14,0"]
+    (tmp_path / "a.csv").write_text("\n".join(["t,stop", *rows]) + "\n")
+    ((_, trace),) = LogBackend(str(tmp_path)).recorded()
+    with pytest.raises(UndecidedError):
+        spec.robustness(trace, {"vd": 0.5})
+
+
+def test_no_sample_after_the_end_of_an_episode_is_in_it():
+    times = np.array([0.0, 3.7, 6.0, 7.0])
+    assert cut(times, np.array([False, True, True, True]), 3.0).spans == ((1, 3),)
+    grid = np.arange(20) * 0.3
+    ((first, stop),) = cut(grid, grid >= 0.29, 1.1).spans
+    assert grid[stop - 1] - grid[first] <= 1.1
+
+
+def test_an_episode_at_the_end_of_a_log_with_dates_is_complete_or_left_out():
+    times = 1718000000.0 + np.arange(500) * 0.02
+    assert not cut(times, times >= times[0] + 8.5, 3.0, until=float(times[-1])).spans
+    assert len(cut(times, times >= times[0] + 6.5, 3.0, until=float(times[-1])).spans) == 1
+
+
+def test_a_signal_at_the_begin_within_a_silence_is_not_known():
+    spec = s2r.parse_spec(
+        "signal x {m}\nsignal y {m}\nrequire r: always[4 s, 5 s] (abs(x - init(x)) <= 0.5 {m} and y < 9 {m})"
+    )
+    x = [every(0.1, 0, 5), every(0.1, 10, 20)]
+    gap = Messages.of(np.concatenate([one.times for one in x]), np.concatenate([one.values for one in x]))
+    trace = Trace.of_messages({"x": gap, "y": every(0.02, 0, 20)}, {"x": "m", "y": "m"})
+    assert verdict(spec, trace.between(7.0, 19.0)) is None
+    assert verdict(spec, trace.between(11.0, 19.0)) is True
+
+
+def test_states_that_are_stored_as_floats_are_held_when_topics_are_interpolated(tmp_path):
+    times = np.arange(100) * 0.1
+    path = tmp_path / "states.mat"
+    scipy.io.savemat(
+        path,
+        {
+            "mode": {"t": times, "x": np.where(times < 5.0, 2.0, 4.0)},
+            "odom": {"t": times + 0.03, "x": np.sin(times)},
+        },
+    )
+    columns = {"mode": "mode.x", "v": "odom.x"}
+    wanted = {"mode": None, "v": None}
+    loaded = logs.load(path, columns, wanted, joining=Joining(None, "linear"))
+    spec = s2r.parse_spec("signal mode\nsignal v\nrequire r: eventually (v > -2 and mode == 3)")
+    assert verdict(spec, loaded.trace) is False
+
+
+def test_a_trace_that_is_resampled_says_where_it_was_silent():
+    dead = Trace.of_messages({"d": every(0.1, 0, 5, log_end=20.0)}, {"d": "m"})
+    with pytest.warns(TraceNote, match="no message"):
+        dead.resample(0.05)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Trace(np.arange(100) * 0.1, {"d": np.ones(100)}).resample(0.05)
+
+
+def test_a_component_that_begins_much_later_is_refused(tmp_path):
+    path = tmp_path / "two.mat"
+    times = np.arange(200) * 0.1
+    left, right = {"t": times, "x": np.ones(200)}, {"t": times[50:], "x": np.ones(150)}
+    scipy.io.savemat(path, {"left": left, "right": right})
+    with pytest.raises(TraceError, match="50 messages"):
+        logs.load(path, {"d[0]": "left.x", "d[1]": "right.x"}, {"d": 2})
