@@ -385,7 +385,7 @@ class Trace:
         """
         rules = self._rules(rule)
         times, at = regular(self.times, finite_seconds(period, "the period"))
-        for name, (start, end) in self._silences().items():
+        for name, (start, end) in self.silences().items():
             warnings.warn(
                 f"{name} has no message from t = {start:.6g} s to {end:.6g} s; resampled, it has values there",
                 TraceNote,
@@ -403,7 +403,7 @@ class Trace:
         }
         return Trace(times, channels, self.units, self.meta, masks=masks)
 
-    def _silences(self) -> dict[str, tuple[float, float]]:
+    def silences(self) -> dict[str, tuple[float, float]]:
         """Return channel → the longest span before its end in which it has no valid value [s]."""
         messages = (self if self.messages else self.as_messages()).messages
         spans = {name: one.silences(self.begin, self.ends) for name, one in messages.items()}

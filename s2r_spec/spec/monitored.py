@@ -141,7 +141,14 @@ def _of_own_messages(
 
 
 def _without_the_rest(found: Monitored, sampled: Trace, messages: Trace) -> Monitored:
-    """Return a result at samples, with a note on the messages between these."""
+    """Return a result at samples, with a note on the messages between these; unknown where a signal was silent."""
+    for name, (start, end) in messages.silences().items():
+        head = (
+            f"{found.requirement} unknown: {name} has no message from t = {instant(sampled.times, start)} to "
+            f"{instant(sampled.times, end)}"
+        )
+        text = "\n".join((head, *found.text.split("\n")[1:]))
+        return replace(found, satisfied=None, text=text, reason=None)
     rest = {
         name: int(np.count_nonzero(~np.isin(one.times, sampled.times)))
         for name, one in messages.messages.items()

@@ -9,6 +9,7 @@ import scipy.io
 import s2r_spec as s2r
 from s2r_spec import logs
 from s2r_spec.errors import TraceError, TraceNote, UndecidedError
+from s2r_spec.logs.interpret import at_clock
 from s2r_spec.logs.topics.join import Joining
 from s2r_spec.messages import Messages, joined
 from s2r_spec.rollouts.episodes import cut
@@ -148,3 +149,13 @@ def test_a_component_that_begins_much_later_is_refused(tmp_path):
     scipy.io.savemat(path, {"left": left, "right": right})
     with pytest.raises(TraceError, match="50 messages"):
         logs.load(path, {"d[0]": "left.x", "d[1]": "right.x"}, {"d": 2})
+
+
+@pytest.mark.parametrize("like", ["s2r", "rtamt", "breach"])
+def test_samples_of_a_sensor_that_died_decide_nothing(like):
+    spec = s2r.parse_spec("signal d {m}\nsignal v {m/s}\nrequire r: always (d > 0.3 {m} or v > 2 {m/s})")
+    channels = {"d": every(0.1, 0, 5), "v": every(0.02, 0, 20)}
+    messages = Trace.of_messages(channels, {"d": "m", "v": "m/s"})
+    clocked = at_clock(messages, channels["v"].times)
+    for trace in (clocked, messages) if like != "rtamt" else (clocked,):
+        assert monitored(spec, trace, "r", {}, Conventions(like=like)).satisfied is None
