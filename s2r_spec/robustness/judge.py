@@ -154,7 +154,7 @@ class Judge:
         if math.prod(most.values()) > MOST_VARIANTS:
             raise TraceError(
                 f"too many signals have several values with one stamp: {math.prod(most.values())} combinations; s2r "
-                f"tries at most {MOST_VARIANTS}, so split the requirement into several that read fewer signals"
+                f"tries at most {MOST_VARIANTS}; split the requirement"
             )
         # The messages of one topic come together; those of two topics in any combination.
         variants = [
