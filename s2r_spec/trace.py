@@ -212,19 +212,12 @@ class Trace:
         inner = times[begin:stop]
         stated = any(not isnan(one.longest) for one in self.messages.values())
         recorded = max(one.log_end for one in self.messages.values()) if self.until is None else self.until
-        ended_early = (
-            any(recorded - inner[-1] > one.bridged for one in self.messages.values()) if inner.size else True
-        )
-        invalid = any(one.invalid for one in self.messages.values())
-        if (
-            stated
-            or ended_early
-            or invalid
-            or not inner.size
-            or inner[0] != since
-            or (np.diff(inner) <= 0).any()
-        ):
+        if stated or not inner.size or inner[0] != since or (np.diff(inner) <= 0).any():
             return self
+        if any(one.invalid or recorded - inner[-1] > one.bridged for one in self.messages.values()):
+            # One topic is evaluated at its messages, so that none of its values lies on a line between two.
+            held = {name: one.held_between() if one.linear else one for name, one in self.messages.items()}
+            return self._with_messages(held)
         if inner.size == times.size:
             return Trace(times, {n: one.values for n, one in self.messages.items()}, self.units, self.meta)
         channels = {name: one.values[begin:stop] for name, one in self.messages.items()}
