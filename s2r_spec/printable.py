@@ -64,3 +64,10 @@ def html_table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -
 def _escaped(match: re.Match[str]) -> str:
     character = match[0]
     return _SHORT.get(character) or f"\\u{ord(character):04x}"
+
+
+def counted_messages(count: int, name: str, verb: str) -> str:
+    """Return the begin of a sentence on messages: "1 message of v has", or "2 messages of v have"."""
+    if count != 1:
+        return f"{count:,} messages of {name} {verb}"
+    return f"1 message of {name} {'has' if verb == 'have' else f'{verb}s'}"

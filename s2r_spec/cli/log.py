@@ -13,6 +13,9 @@ from s2r_spec.cli.options import AsJson
 from s2r_spec.cli.terminal import say
 from s2r_spec.json_values import line
 
+SHOWN = 8
+"""Definition: episodes of a topic that are listed."""
+
 if TYPE_CHECKING:
     from s2r_spec.logs.summary import TopicSummary
 
@@ -56,6 +59,12 @@ def _lines(topic: TopicSummary) -> list[str]:
     if topic.period is not None:
         head += f", {topic.span:.6g} s, every {topic.period:.4g} s, longest gap {topic.gap:.4g} s"
     lines = [head]
+    if topic.episodes > 1:
+        lines += [
+            f"  {number}: {run.messages} from {run.begins}, {run.span:.6g} s"
+            for number, run in enumerate(topic.runs[:SHOWN], 1)
+        ]
+        lines += [f"  and {topic.episodes - SHOWN} more"] * (topic.episodes > SHOWN)
     for field in topic.fields:
         unit = f" [{field.unit}]" if field.unit else ""
         missing = f", {field.missing} missing" if field.missing else ""

@@ -41,6 +41,21 @@ class FieldSummary:
 
 
 @dataclass(frozen=True)
+class RunSummary:
+    """A part of a topic whose times begin anew.
+
+    Args:
+        begins: the first stamp, as text; "" without messages.
+        messages: their number.
+        span: time from the first message to the last [s].
+    """
+
+    begins: str
+    messages: int
+    span: float
+
+
+@dataclass(frozen=True)
 class TopicSummary:
     """A topic of a log; a table is one topic without a name.
 
@@ -48,13 +63,14 @@ class TopicSummary:
         name: name of the topic; "" for a table.
         kind: type of its messages; "" if it has none.
         messages: their number.
-        episodes: parts whose times begin anew.
+        episodes: number of its runs.
         begins: the first stamp, as text; "" without messages.
         span: time from the first message to the last, summed over episodes [s].
         period: median time from a message to the next [s]; None below two messages.
         gap: longest time from a message to the next [s]; None below two messages.
         fields: what can be read.
         left_out: why something cannot, a sentence each.
+        runs: its parts whose times begin anew, in order.
     """
 
     name: str
@@ -67,6 +83,7 @@ class TopicSummary:
     gap: float | None
     fields: tuple[FieldSummary, ...]
     left_out: tuple[str, ...] = ()
+    runs: tuple[RunSummary, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -184,16 +201,22 @@ def _topic(
 ) -> TopicSummary:
     """Return a topic from the sorted stamps of its episodes."""
     steps = np.concatenate([seconds(np.diff(stamps)) for stamps in episodes])
-    first = episodes[0]
+    runs = [
+        RunSummary(
+            stamp_text(stamps[0]) if len(stamps) else "", len(stamps), float(seconds(np.diff(stamps)).sum())
+        )
+        for stamps in episodes
+    ]
     return TopicSummary(
         name,
         kind,
         sum(map(len, episodes)),
         len(episodes),
-        stamp_text(first[0]) if len(first) else "",
+        runs[0].begins,
         float(steps.sum()),
         float(np.median(steps)) if steps.size else None,
         float(steps.max()) if steps.size else None,
         tuple(fields),
         tuple(left_out),
+        tuple(runs),
     )

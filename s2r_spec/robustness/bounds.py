@@ -11,8 +11,9 @@ tight, because predicates count as independent. The online monitor has the same 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic, Protocol, TypeVar
 
 from s2r_spec.lang import formula as f
@@ -24,17 +25,25 @@ S = TypeVar("S")
 class WithEdges(Algebra[S], Protocol[S]):
     """An algebra whose edges may be of two signals."""
 
-    def edge(self, now: S, before: S) -> S:
-        """Return min(now, −before just before)."""
+    def edge(self, now: S, before: S, earlier: float = ...) -> S:
+        """Return min(now, −before just before); ``earlier`` is the value before the first instant."""
         ...
 
 
 @dataclass(frozen=True)
 class Bounds(Generic[S]):
-    """The bounds of a robustness signal at every instant."""
+    """The bounds of a robustness signal at every instant.
+
+    Args:
+        lower: the least.
+        upper: the greatest.
+        unseen: whether it reads a signal whose first message is at the first instant, in a log that began before: then
+            nobody knows whether it was true just before.
+    """
 
     lower: S
     upper: S
+    unseen: bool = False
 
 
 @dataclass(frozen=True)
@@ -64,41 +73,49 @@ class BoundedAlgebra(Generic[S]):
 
     def negative(self, x: Bounds[S]) -> Bounds[S]:
         """Return −x."""
-        return Bounds(self.inner.negative(x.upper), self.inner.negative(x.lower))
+        return replace(x, lower=self.inner.negative(x.upper), upper=self.inner.negative(x.lower))
 
     def scaled(self, x: Bounds[S], factor: float) -> Bounds[S]:
         """Return factor · x, factor > 0."""
-        return Bounds(self.inner.scaled(x.lower, factor), self.inner.scaled(x.upper, factor))
+        return _each(x, lambda one: self.inner.scaled(one, factor))
 
     def least(self, x: Bounds[S], y: Bounds[S]) -> Bounds[S]:
         """Return the smaller of both."""
-        return Bounds(self.inner.least(x.lower, y.lower), self.inner.least(x.upper, y.upper))
+        return _both(x, y, self.inner.least)
 
     def greatest(self, x: Bounds[S], y: Bounds[S]) -> Bounds[S]:
         """Return the greater of both."""
-        return Bounds(self.inner.greatest(x.lower, y.lower), self.inner.greatest(x.upper, y.upper))
+        return _both(x, y, self.inner.greatest)
 
     def always(self, x: Bounds[S], interval: f.Interval, past: bool) -> Bounds[S]:
         """Return the infimum over the window."""
-        return Bounds(self.inner.always(x.lower, interval, past), self.inner.always(x.upper, interval, past))
+        return _each(x, lambda one: self.inner.always(one, interval, past))
 
     def eventually(self, x: Bounds[S], interval: f.Interval, past: bool) -> Bounds[S]:
         """Return the supremum over the window."""
-        return Bounds(
-            self.inner.eventually(x.lower, interval, past), self.inner.eventually(x.upper, interval, past)
-        )
+        return _each(x, lambda one: self.inner.eventually(one, interval, past))
 
     def until(self, left: Bounds[S], right: Bounds[S], interval: f.Interval, past: bool) -> Bounds[S]:
         """Return the robustness of the best witness."""
-        return Bounds(
-            self.inner.until(left.lower, right.lower, interval, past),
-            self.inner.until(left.upper, right.upper, interval, past),
-        )
+        return _both(left, right, lambda x, y: self.inner.until(x, y, interval, past))
 
     def step(self, x: Bounds[S], node: f.Step) -> Bounds[S]:
         """Return the next or previous sample's x."""
-        return Bounds(self.inner.step(x.lower, node), self.inner.step(x.upper, node))
+        return _each(x, lambda one: self.inner.step(one, node))
 
     def rise(self, x: Bounds[S]) -> Bounds[S]:
         """Return min(x now, −x just before)."""
-        return Bounds(self.inner.edge(x.lower, x.upper), self.inner.edge(x.upper, x.lower))
+        lower = self.inner.edge(x.lower, x.upper)
+        if not x.unseen:
+            return Bounds(lower, self.inner.edge(x.upper, x.lower))
+        return Bounds(lower, self.inner.edge(x.upper, x.lower, -math.inf), True)
+
+
+def _each(x: Bounds[S], change: Callable[[S], S]) -> Bounds[S]:
+    """Return a monotone function of bounds."""
+    return replace(x, lower=change(x.lower), upper=change(x.upper))
+
+
+def _both(x: Bounds[S], y: Bounds[S], change: Callable[[S, S], S]) -> Bounds[S]:
+    """Return a function of two bounds that is monotone in both."""
+    return Bounds(change(x.lower, y.lower), change(x.upper, y.upper), x.unseen or y.unseen)

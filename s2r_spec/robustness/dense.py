@@ -142,9 +142,9 @@ class DenseAlgebra:
         """Return min(x, −x just before)."""
         return self.edge(x, x)
 
-    def edge(self, now: Curve, before: Curve) -> Curve:
-        """Return min(now, −before just before)."""
-        return windows.edge(now, before, self.snap)
+    def edge(self, now: Curve, before: Curve, earlier: float = np.inf) -> Curve:
+        """Return min(now, −before just before); ``earlier`` is the value before the first instant."""
+        return windows.edge(now, before, earlier, self.snap)
 
 
 def _signed_limit(limit: FloatArray, other: FloatArray, operator: f.CompareOp) -> FloatArray:

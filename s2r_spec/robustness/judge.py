@@ -22,6 +22,7 @@ from s2r_spec.errors import TraceError
 from s2r_spec.instants import instant
 from s2r_spec.lang import formula as f
 from s2r_spec.messages import union
+from s2r_spec.printable import counted_messages
 from s2r_spec.robustness.at_start import bounds_at_start
 from s2r_spec.robustness.bounds import Bounds
 from s2r_spec.robustness.curve import Curve
@@ -32,7 +33,7 @@ from s2r_spec.robustness.explain_held import HeldExplainer
 from s2r_spec.robustness.held import Courses, HeldAlgebra
 from s2r_spec.robustness.horizon import horizon, seconds_needed
 from s2r_spec.robustness.narrow import narrowest, refuse_short
-from s2r_spec.robustness.silence import HeldBounds, Span
+from s2r_spec.robustness.silence import HeldBounds, Span, edge_signals
 from s2r_spec.robustness.stream import Stream
 from s2r_spec.robustness.ties import plain, plain_number
 
@@ -162,7 +163,13 @@ class Judge:
             for numbers in product(*map(range, most.values()))
         ]
         silences = {name: stream.silences(start, end) for name, stream in self.streams.items()}
-        return HeldBounds(variants, silences).walk()
+        return HeldBounds(variants, silences, self.unseen(start)).walk()
+
+    def unseen(self, start: float) -> frozenset[str]:
+        """Return the signals whose first message is at a start, in a log that began before."""
+        firsts = {name: stream.first for name, stream in self.streams.items()}
+        began = min(firsts.values()) if self.since is None else self.since
+        return frozenset(name for name, first in firsts.items() if began < start <= first)
 
     def judge(self, formula: f.Formula, partial: bool = False) -> Judgement:
         """Return the verdict on a formula whose time bounds are numbers.
@@ -178,8 +185,10 @@ class Judge:
         complete = seconds_needed(formula, 0.0) <= end - start + snap
         silent = {name: stream.silences(start, end) for name, stream in self.streams.items()}
         several = any(stream.most > 1 for stream in self.streams.values())
-        satisfied: bool | None = lower > 0 if lower > 0 or upper < 0 or not any(silent.values()) else None
-        reason = "" if satisfied is not None else self._silent(silent, start)
+        unseen = sorted(self.unseen(start) & edge_signals(formula))
+        sure = not (any(silent.values()) or unseen)
+        satisfied: bool | None = lower > 0 if lower > 0 or upper < 0 or sure else None
+        reason = "" if satisfied is not None else self._silent(silent, start) or self._first(unseen, start)
         unevaluated = {name: self._outside(stream, start, end) for name, stream in self.streams.items()}
         early = self.since is None and any(one.first < start for one in self.streams.values())
         if satisfied is not None and (early or any(map(any, unevaluated.values()))):
@@ -328,11 +337,16 @@ class Judge:
         near = longest[max(place - 2, 0) : place + 3]
         return instant(np.concatenate((longest[:1], near)), time)
 
+    def _first(self, names: Sequence[str], start: float) -> str:
+        """Return the reason of a verdict that depends on a change at the first messages of signals."""
+        return f"depends on the value of {' and '.join(names)} before its first message at t = {self._time(start)}"
+
     def _silent(self, silent: Mapping[str, Sequence[Span]], start: float) -> str:
-        name, (begin, end) = max(
-            ((name, span) for name, spans in silent.items() for span in spans),
-            key=lambda one: one[1][1] - one[1][0],
-        )
+        """Return the reason of a verdict that depends on a silence; "" if there is none."""
+        spans = [(name, span) for name, spans in silent.items() for span in spans]
+        if not spans:
+            return ""
+        name, (begin, end) = max(spans, key=lambda one: one[1][1] - one[1][0])
         return f"depends on {name} {self._span(start, begin, end)}, where it has no message"
 
     def _span(self, start: float, begin: float, end: float) -> str:
@@ -349,39 +363,38 @@ class Judge:
     ) -> list[str]:
         notes = []
         for name, stream in self.streams.items():
-            spans, messages = silent[name], stream.messages
+            spans, own = silent[name], stream.messages
             if spans:
                 longest = max(spans, key=lambda span: span[1] - span[0])
                 more = f", the longest of {len(spans)} gaps" if len(spans) > 1 else ""
                 notes.append(
-                    f"{name} has no message {self._span(start, *longest)}{more}, though {messages.rhythm}: its value "
+                    f"{name} has no message {self._span(start, *longest)}{more}, though {own.rhythm}: its value "
                     f"is not known there"
                 )
-            if math.isinf(messages.bridged) and len(messages) > 1 and not messages.linear:
+            if math.isinf(own.bridged) and len(own) > 1 and not own.linear:
                 notes.append(f"{name} is sent on change, and each value is held until the next message")
-            repeated = len(messages) - len(np.unique(messages.times))
+            repeated = len(own) - len(np.unique(own.times))
             if repeated:
                 notes.append(
-                    f"{repeated} messages of {name} have the stamp of another one and another value: the worse decides"
+                    f"{counted_messages(repeated, name, 'have')} another value with the same stamp: the worse decides"
                 )
             around = int((np.abs(np.diff(stream.values)) > stream.turn / 2).any(axis=0).sum())
-            if around and messages.linear:
+            if around and own.linear:
                 notes.append(
                     f"{name} jumps by over half a turn {around} times, and is interpolated on the circle"
                 )
             if stream.without:
                 notes.append(
-                    f"{stream.without} of {stream.without + len(messages)} messages of {name} have no value, and the "
-                    f"value before is held"
+                    f"{counted_messages(stream.without, name, 'have')} no value, and the value before is held"
                 )
             before, after = unevaluated[name]
             if before:
                 notes.append(
-                    f"{before} messages of {name} lie before {self._time(start)}, where {self._late()} begins"
+                    f"{counted_messages(before, name, 'lie')} before {self._time(start)}, where {self._late()} begins"
                 )
             if after:
                 notes.append(
-                    f"{after} messages of {name} lie after {self._time(end)}, where {self._early()} ends"
+                    f"{counted_messages(after, name, 'lie')} after {self._time(end)}, where {self._early()} ends"
                 )
         return notes
 

@@ -131,7 +131,7 @@ class SampledAlgebra:
         """Return min(x, −x one sample before)."""
         return self.edge(x, x)
 
-    def edge(self, now: FloatArray, before: FloatArray) -> FloatArray:
-        """Return min(now, −before one sample before)."""
+    def edge(self, now: FloatArray, before: FloatArray, earlier: float = np.inf) -> FloatArray:
+        """Return min(now, −before one sample before); ``earlier`` is the value before the first one."""
         # it counts as true before the first sample, so there is no edge at the first one
-        return np.minimum(now, np.negative(shift(before, -1, np.inf)))
+        return np.minimum(now, np.negative(shift(before, -1, earlier)))

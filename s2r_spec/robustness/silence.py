@@ -57,6 +57,13 @@ def at_begin(node: f.Node) -> set[str]:
     return {name for part in parts for name in signals_of(part)}
 
 
+def edge_signals(formula: f.Formula) -> frozenset[str]:
+    """Return the signals of which a formula reads an edge: their values at an instant and just before."""
+    return frozenset(
+        name for part in f.walk(formula) if isinstance(part, f.Edge) for name in signals_of(part)
+    )
+
+
 def read_spans(node: f.Node, silences: Mapping[str, Sequence[Span]]) -> list[Span]:
     """Return the spans at which a predicate reads a signal without a valid value."""
     back, ahead = reach(node)
@@ -72,10 +79,12 @@ class HeldBounds:
     Args:
         variants: one algebra, or several that read the several values with one stamp.
         silences: signal → spans without a valid value, after the start [s].
+        unseen: signals without a message before the start, in a log that began before.
     """
 
     variants: Sequence[HeldAlgebra]
     silences: Mapping[str, Sequence[Span]]
+    unseen: frozenset[str] = frozenset()
 
     def walk(self) -> Walk[Bounds[Curve]]:
         """Return the walk that gives bounds on the robustness of a formula."""
@@ -88,11 +97,11 @@ class HeldBounds:
         for other in self.variants[1:]:
             margin = self._margin(other, node)
             lower, upper = first.least(lower, margin), first.greatest(upper, margin)
-        if not (spans := read_spans(node, self.silences)):
-            return Bounds(lower, upper)
-        return Bounds(
-            _replaced(lower, spans, -math.inf, first.snap), _replaced(upper, spans, math.inf, first.snap)
-        )
+        unseen = not self.unseen.isdisjoint(signals_of(node))
+        if spans := read_spans(node, self.silences):
+            lower = _replaced(lower, spans, -math.inf, first.snap)
+            upper = _replaced(upper, spans, math.inf, first.snap)
+        return Bounds(lower, upper, unseen)
 
     @staticmethod
     def _margin(algebra: HeldAlgebra, node: f.Comparison | f.Flag) -> Curve:

@@ -154,8 +154,8 @@ def _untimed(left: Curve, right: Curve, snap: float, now: bool) -> Curve:
     return minimum(p, maximum(q, k, snap), snap)
 
 
-def edge(now: Curve, before: Curve, snap: float) -> Curve:
-    """Return min(now(t), −before just before t); −inf at the first instant."""
+def edge(now: Curve, before: Curve, earlier: float, snap: float) -> Curve:
+    """Return min(now(t), −before just before t); ``earlier`` is the value before the first instant."""
     x, minus = crossed(now, -before, snap)
-    at = np.concatenate(([-np.inf], np.minimum(x.at[1:], minus.left)))
+    at = np.minimum(x.at, np.concatenate(([-earlier], minus.left)))
     return Curve(x.times, at, np.minimum(x.right, minus.right), np.minimum(x.left, minus.left))

@@ -188,7 +188,7 @@ class Spec(Declared):
             )
         if found.satisfied is None or (found.lower != found.upper and not found.several):
             raise UndecidedError(
-                f"{requirement!r} {found.open or 'is not known exactly: a signal was silent'}"
+                f"{requirement!r} {found.open or 'is not known exactly: a signal was silent, or began after the log'}"
             )
         return found.signed
 

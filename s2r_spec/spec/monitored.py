@@ -18,6 +18,7 @@ from s2r_spec.errors import UsageError
 from s2r_spec.instants import instant
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.amounts import Amount
+from s2r_spec.printable import counted_messages
 from s2r_spec.robustness.evaluation import Evaluation
 from s2r_spec.robustness.explain import Explanation
 from s2r_spec.robustness.grid import sent_on_change
@@ -153,12 +154,12 @@ def _without_the_rest(found: Monitored, sampled: Trace, messages: Trace) -> Moni
         name: int(np.count_nonzero(~np.isin(one.times, sampled.times)))
         for name, one in messages.messages.items()
     }
-    named = ", ".join(f"{count} messages of {name}" for name, count in rest.items() if count)
-    if not named:
-        return found
-    return replace(
-        found, text=f"{found.text}\n  note: {named} lie between the samples, and are not evaluated"
-    )
+    lines = [
+        f"\n  note: {counted_messages(count, name, 'lie')} unevaluated between the samples"
+        for name, count in rest.items()
+        if count
+    ]
+    return replace(found, text="".join((found.text, *lines))) if lines else found
 
 
 def _of_messages(
@@ -227,7 +228,7 @@ def _of_samples(
     elif not (found.complete[0] or partial or held):
         short = spec.shortfall(trace, requirement, params, nan=conventions.nan)
         unknown = f"it {short} (--partial evaluates the recorded part)"
-    elif how["interpolation"] in (None, "samples") and not partial:
+    elif not partial:
         unknown = _in_gap(spec, trace, requirement, params, conventions)
     if unknown:
         text = "\n".join((f"{requirement} unknown: {unknown}", *lines))

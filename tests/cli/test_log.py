@@ -35,6 +35,8 @@ def test_it_counts_the_episodes_of_a_table(s2r):
     robot_logs.lerobot(s2r.folder / "data.parquet")
     (table,) = s2r.json("log", "data.parquet", code=0)["topics"]
     assert (table["messages"], table["episodes"]) == (300, 3)
+    assert [run["messages"] for run in table["runs"]] == [100, 100, 100]
+    assert states(s2r("log", "data.parquet", code=0).stdout, "1: 100 from", "3: 100 from")
     assert table["fields"][0] == {"name": "observation.state", "unit": None, "missing": 0, "components": 2}
 
 

@@ -78,6 +78,13 @@ def names(formula: Formula) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for leaf in leaves(formula) for name in leaf.names))
 
 
+def edges(formula: Formula) -> list[Node]:
+    """Return the edges in a formula."""
+    if isinstance(formula, Leaf):
+        return []
+    return [formula] * (formula.op == "rise") + [one for part in formula.parts for one in edges(part)]
+
+
 def windows(formula: Formula) -> list[tuple[float, float]]:
     """Return the ends of all windows of a formula [ms]."""
     if isinstance(formula, Leaf):

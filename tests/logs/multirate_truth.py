@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.logs.multirate_formulas import INF, Formula, Leaf, Node, names, needed
+from tests.logs.multirate_formulas import INF, Formula, Leaf, Node, edges, names, needed
 
 MS = 4
 """Definition: ticks in a millisecond."""
@@ -164,7 +164,7 @@ class Dense:
                 return self._both(left, self.steps(formula.parts[1], sign), np.maximum)
             case "rise":
                 now, before = self.steps(formula.parts[0], sign), self.steps(formula.parts[0], -sign)
-                return self._rise(now, before)
+                return self._rise(now, before, bool(self.late & set(names(formula))))
             case "until":
                 return self._until(formula, *(self.steps(part, sign) for part in formula.parts))
             case _:
@@ -203,13 +203,20 @@ class Dense:
         points = _points(self.begin, self.end, [*x.points, *y.points])
         return Steps(points, fold(self._on(x, points), self._on(y, points)))
 
-    def _rise(self, now: Steps, before: Steps) -> Steps:
+    @property
+    def late(self) -> set[str]:
+        """The signals whose first message is at the begin, although another one came before."""
+        if min(one.times[0] for one in self.signals.values()) >= self.begin:
+            return set()
+        return {name for name, one in self.signals.items() if one.times[0] >= self.begin}
+
+    def _rise(self, now: Steps, before: Steps, late: bool) -> Steps:
         points = _points(self.begin, self.end, [*now.points, *before.points])
         here, there = self._on(now, points), self._on(before, points)
         values = np.empty_like(here)
         for k in range(values.shape[1]):
             if k == 0:
-                values[:, k] = -INF
+                values[:, k] = -INF, here[1, k] if late else -INF
             else:
                 past = there[:, k - 1 + k % 2]  # within an interval the instant before is in it, too
                 values[:, k] = min(here[0, k], -past[1]), min(here[1, k], -past[0])
@@ -399,7 +406,8 @@ def evaluated(formula: Formula, signals: Mapping[str, Signal], log_end: float = 
     first = min(one.times[0] for one in signals.values())
     last = max(until, first + needed(formula) * MS)
     whole = replace(dense, boolean=True, begin=first, end=last).value(formula)
-    if decided is None and not silent:
+    unseen = any(dense.late & set(names(edge)) for edge in edges(formula))
+    if decided is None and not silent and not unseen:
         decided = False  # several values with one stamp: the worse decides
     complete = begin + needed(formula) * MS <= end + SNAP
     linear = any(one.linear for one in signals.values())

@@ -10,7 +10,10 @@ import s2r_spec as s2r
 from s2r_spec import logs
 from s2r_spec.errors import TraceError, TraceNote, UndecidedError
 from s2r_spec.logs.interpret import at_clock
+from s2r_spec.logs.table import Column
 from s2r_spec.logs.topics.join import Joining
+from s2r_spec.logs.topics.order import ordered
+from s2r_spec.logs.topics.topic import Topic
 from s2r_spec.messages import Messages, joined
 from s2r_spec.rollouts.episodes import cut
 from s2r_spec.rollouts.recorded import LogBackend
@@ -159,3 +162,43 @@ def test_samples_of_a_sensor_that_died_decide_nothing(like):
     clocked = at_clock(messages, channels["v"].times)
     for trace in (clocked, messages) if like != "rtamt" else (clocked,):
         assert monitored(spec, trace, "r", {}, Conventions(like=like)).satisfied is None
+
+
+PRESS = s2r.parse_spec(
+    "signal v {m/s}\nsignal stop bool\nrequire r: always (rise(stop) -> eventually[0, 0.5 {s}] (v < 0.1 {m/s}))"
+)
+
+
+@pytest.mark.parametrize(
+    ("first", "speed", "expected"), [(True, 0.3, None), (True, 0.05, True), (False, 0.3, True)]
+)
+def test_a_press_that_is_the_first_message_of_its_topic_may_be_one(first, speed, expected):
+    """Nobody sent whether it was pressed before."""
+    stop = Messages.of(np.array([5.0, 9.0]), np.array([float(first), 0.0]), log_end=10.0)
+    trace = Trace.of_messages({"v": every(0.01, 0, 10, speed), "stop": stop}, {"v": "m/s"})
+    assert verdict(PRESS, trace) is expected
+
+
+@pytest.mark.parametrize("like", ["s2r", "rtamt-dense", "moonlight", "breach", "stlrom"])
+def test_a_gap_of_a_table_decides_nothing_by_the_conventions_of_any_tool(like):
+    times = np.concatenate((np.arange(400), np.arange(600, 1000))) / 100
+    trace = Trace(times, {"d": np.full(times.size, 0.4)}, {"d": "m"})
+    spec = s2r.parse_spec("signal d {m}\nrequire far: always[0, 9 {s}] (d > 0.3 {m})")
+    assert monitored(spec, trace, "far", {}, Conventions(like=like)).satisfied is None
+
+
+@pytest.mark.parametrize("seen", [False, True], ids=["values stand, too", "values change"])
+def test_a_header_that_stands_still_is_refused_with_its_time(seen):
+    stamps = np.arange(500) / 50
+    stamps[200:230] = stamps[200]
+    values = np.zeros(500)
+    values[205:225] = 0.9 * seen
+    topic = Topic("/odom", (stamps * 1e9).astype("m8[ns]"), {"x": Column(values)}, age=0.0)
+    with pytest.raises(TraceError, match=r"201.*4 s.*received"):
+        ordered(topic, sortable=True)
+
+
+def test_a_header_that_a_sender_repeats_is_no_clock_that_stands_still():
+    stamps = np.repeat(np.arange(50) / 10, 10)
+    topic = Topic("/odom", (stamps * 1e9).astype("m8[ns]"), {"x": Column(stamps)}, age=0.0)
+    assert (ordered(topic, sortable=True).merged, len(ordered(topic, sortable=True).topic)) == (450, 50)

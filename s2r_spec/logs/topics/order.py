@@ -8,6 +8,7 @@ Data: stamps s_1, s_2, … in the order of the file, with the values that are re
     merged     a message with the stamp and all values of another one.
     repeated   a message with the stamp of another one and other values. Up to 1 % of the messages may be so, and each
                value counts. With more, the stamps are no times, and the file is refused.
+    still      over five messages of a periodic topic with one stamp, and then a gap: the clock stood still.
     jump       a header whose stamp is ahead of those before by over a second, against its receipt: the clock was set.
 """
 
@@ -24,6 +25,7 @@ from s2r_spec.errors import TraceError
 from s2r_spec.logs.table import Column
 from s2r_spec.logs.topics.topic import Topic, seconds, stamp_text
 from s2r_spec.messages import SILENT, period_of_messages
+from s2r_spec.printable import counted_messages
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
@@ -85,8 +87,13 @@ def ordered(topic: Topic, sortable: bool, place: Callable[[int], str] | None = N
             )
         order = np.argsort(stamps, kind="stable")
         topic, counts = topic.only(order), counts[order]
+    if sortable and (still := _stands_still(counts, topic)) is not None:
+        raise TraceError(
+            f"{where(still)}: the stamps of {name} stand still at {stamp_text(topic.stamps[still])}, though messages "
+            f"go on; {_remedy(topic)}"
+        )
     same = np.flatnonzero(np.diff(counts) == 0) + 1
-    notes = [f"{late.size} messages of {name} came late, and are sorted by their stamps"] * bool(late.size)
+    notes = [f"{counted_messages(late.size, name, 'come')} late, sorted by stamps"] * bool(late.size)
     if not same.size:
         return Ordered(topic, 0, int(late.size), tuple(notes))
     equal = _equal_to_previous(topic, same)
@@ -101,11 +108,11 @@ def ordered(topic: Topic, sortable: bool, place: Callable[[int], str] | None = N
     kept[merged] = False
     if merged.size:
         notes.append(
-            f"{merged.size} messages of {name} repeat the one before, stamp and values, and are merged"
+            f"{counted_messages(merged.size, name, 'repeat')} stamp and values of the one before, merged"
         )
     if repeated.size:
         notes.append(
-            f"{repeated.size} messages of {name} have the stamp of the one before and another value, first "
+            f"{counted_messages(repeated.size, name, 'have')} the stamp of the one before and another value, first "
             f"{stamp_text(topic.stamps[repeated[0]])}; both count"
         )
     return Ordered(topic.only(kept) if merged.size else topic, int(merged.size), int(late.size), tuple(notes))
@@ -114,6 +121,20 @@ def ordered(topic: Topic, sortable: bool, place: Callable[[int], str] | None = N
 def _late(counts: FloatArray) -> IntArray:
     """Return the messages that come after one with a later stamp."""
     return np.flatnonzero(counts < np.maximum.accumulate(counts))
+
+
+def _stands_still(counts: FloatArray, topic: Topic) -> int | None:
+    """Return the first of more than five messages with one stamp, after which the stamps jump; None if there is none.
+
+    A stamp of a periodic topic whose messages are only repeated has no gap after it.
+    """
+    begins = np.concatenate(([0], np.flatnonzero(np.diff(counts) > 0) + 1))
+    own = counts[begins]
+    end = own[-1] if topic.log_end is None else seconds(np.array([topic.log_end - topic.stamps[0]]))[0]
+    gaps = np.diff(own, append=max(end, own[-1]))
+    lengths = np.diff(begins, append=counts.size)
+    still = np.flatnonzero((lengths > SILENT) & (gaps > SILENT * period_of_messages(own)))
+    return int(begins[still[0]]) if still.size else None
 
 
 def _fills_gaps(counts: FloatArray, late: IntArray) -> bool:
