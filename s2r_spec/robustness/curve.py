@@ -82,6 +82,18 @@ class Curve:
         at[np.searchsorted(times, self.times)] = self.at
         return Curve(times, at, self.along(starts, times[:-1]), self.along(starts, times[1:]))
 
+    def with_breakpoints(self, more: FloatArray, snap: float) -> Curve:
+        """Return a copy of the same curve with a few more breakpoints, none within ``snap`` [s] of another one."""
+        fresh = _fresh(self.times, more, snap)
+        place = np.searchsorted(self.times, fresh)
+        values = self.along(place - 1, fresh)
+        return Curve(
+            np.insert(self.times, place, fresh),
+            np.insert(self.at, place, values),
+            np.insert(self.right, place, values),
+            np.insert(self.left, place - 1, values),
+        )
+
     def values(self, times: FloatArray, snap: float) -> FloatArray:
         """Return the values at ``times``; a time within ``snap`` [s] of a breakpoint counts as the breakpoint."""
         near = nearest(self.times, times)
@@ -111,10 +123,14 @@ def nearest(times: FloatArray, targets: FloatArray) -> NDArray[np.intp]:
 
 def merged(times: FloatArray, more: FloatArray, snap: float) -> FloatArray:
     """Return all times in order; a time in ``more`` within ``snap`` of another one is left out."""
+    return np.sort(np.concatenate((times, _fresh(times, more, snap))))
+
+
+def _fresh(times: FloatArray, more: FloatArray, snap: float) -> FloatArray:
+    """Return the times in ``more`` in order, without those within ``snap`` of another one."""
     fresh = np.sort(more)
     fresh = fresh[np.diff(fresh, prepend=-np.inf) > snap]
-    fresh = fresh[np.abs(times[nearest(times, fresh)] - fresh) > snap]
-    return np.sort(np.concatenate((times, fresh)))
+    return fresh[np.abs(times[nearest(times, fresh)] - fresh) > snap]
 
 
 def aligned(x: Curve, y: Curve, snap: float) -> tuple[Curve, Curve]:

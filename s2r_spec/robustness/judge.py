@@ -11,8 +11,9 @@ last, with bounds where a signal has no value. If this decides otherwise, the ve
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -30,7 +31,7 @@ from s2r_spec.robustness.evaluate import Walk, Witness
 from s2r_spec.robustness.evaluation import End, Evaluation
 from s2r_spec.robustness.explain import Explanation
 from s2r_spec.robustness.explain_held import HeldExplainer
-from s2r_spec.robustness.held import Courses, HeldAlgebra
+from s2r_spec.robustness.held import Course, Courses, HeldAlgebra
 from s2r_spec.robustness.horizon import horizon, seconds_needed
 from s2r_spec.robustness.narrow import narrowest, refuse_short
 from s2r_spec.robustness.silence import HeldBounds, Span, edge_signals
@@ -144,9 +145,9 @@ class Judge:
             end: last instant [s].
             numbers: topic (``Stream.topic``) → which of several messages with one stamp is read.
         """
-        signals = {
-            name: stream.course(start, end, numbers[stream.topic]) for name, stream in self.streams.items()
-        }
+        signals = _Lazy(
+            {name: partial(one.course, start, end, numbers[one.topic]) for name, one in self.streams.items()}
+        )
         return Courses(signals, self.params, end - start, snap_of(start, end), self.witness)
 
     def walk(self, start: float, end: float) -> Walk[Bounds[Curve]]:
@@ -179,9 +180,8 @@ class Judge:
             partial: whether windows are cut at the end of the trace, so that it may be too short.
         """
         start, end = self.start, self.end
-        algebra = self.walk(start, end)
         snap = snap_of(start, end)
-        lower, upper = bounds_at_start(formula, algebra, snap)
+        lower, upper = bounds_at_start(formula, self.walk(start, end), snap)
         complete = seconds_needed(formula, 0.0) <= end - start + snap
         silent = {name: stream.silences(start, end) for name, stream in self.streams.items()}
         several = any(stream.most > 1 for stream in self.streams.values())
@@ -423,6 +423,22 @@ class Judge:
             held, interpolated = (0, rest) if messages.linear else (rest, 0)
             found[name] = Instants(sizes[stream.topic], held, interpolated, missing)
         return found
+
+
+class _Lazy(Mapping[str, Course]):
+    """Name → the course of a signal, made when it is read: those of many topics fill the memory."""
+
+    def __init__(self, made: Mapping[str, Callable[[], Course]]) -> None:
+        self._made = made
+
+    def __getitem__(self, name: str) -> Course:
+        return self._made[name]()
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._made)
+
+    def __len__(self) -> int:
+        return len(self._made)
 
 
 def snap_of(start: float, end: float) -> float:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from s2r_spec.lang import formula as f
 from s2r_spec.messages import SILENT, period_of_messages
 from s2r_spec.robustness.bounds import BoundedAlgebra, Bounds
-from s2r_spec.robustness.curve import Curve, merged
+from s2r_spec.robustness.curve import Curve
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.held import HeldAlgebra, signals_of
 from s2r_spec.robustness.sampled import SampledAlgebra, Samples
@@ -112,17 +112,16 @@ def _replaced(x: Curve, spans: Iterable[Span], value: float, snap: float) -> Cur
     """Return a curve with another value within open spans."""
     first, last = x.times[0], x.times[-1]
     ends = np.array([end for span in spans for end in span])
-    times = merged(x.times, ends[(ends > first) & (ends < last)], snap)
-    fine = x.refined(times)
+    fine = x.with_breakpoints(ends[(ends > first) & (ends < last)], snap)
+    times, at, right, left = fine.times, fine.at, fine.right, fine.left
     middle = (times[:-1] + times[1:]) / 2
-    at, right, left = fine.at.copy(), fine.right.copy(), fine.left.copy()
     for start, end in spans:
         # A log that begins or ends in a silence has no value at that instant, either.
         inner = (times > start + snap) & (times < end - snap)
         at[inner] = value
         silent = (middle > start) & (middle < end)
         right[silent] = left[silent] = value
-    return Curve(times, at, right, left)
+    return fine
 
 
 def silences_of(times: FloatArray, longest: float = math.nan) -> list[Span]:
