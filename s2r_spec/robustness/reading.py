@@ -17,12 +17,12 @@ from s2r_spec.lang.amounts import NUMBER_AND_UNIT, Amount, converted, read_amoun
 from s2r_spec.lang.conversion import Conversion
 from s2r_spec.lang.declarations import Param, Signal
 from s2r_spec.lang.units import UnknownUnitError, unit_in_log
-from s2r_spec.robustness.stream import Stream
+from s2r_spec.robustness.stream import Stream, on_circle
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
 HOLD = 'nan="hold" (--nan hold) repeats the sample before it; --join hold joins columns of different rates'
-LEADING = "there is no sample before it to repeat"
+LEADING = "there is no sample before it to repeat; --start begins after it"
 Missing = Literal["error", "hold"]
 
 
@@ -86,7 +86,19 @@ def _read(signal: Signal, trace: Trace, missing: Missing) -> FloatArray:
     if math.isnan(np.minimum.reduce(samples, axis=None)):  # NaN if any sample is
         index = int(np.argmax(np.isnan(samples).any(axis=0)))
         raise _missing(signal, trace.times, index, HOLD if missing == "error" else LEADING)
-    return _converted(signal, trace, samples)
+    return _on_circle(signal, trace, _converted(signal, trace, samples))
+
+
+def _on_circle(signal: Signal, trace: Trace, samples: FloatArray) -> FloatArray:
+    """Return samples at the stamps of a clock; those of an angle lie on the circle where its messages jump."""
+    turn = turn_of(signal)
+    messages = None if trace.origin is None else trace.origin.messages.get(signal.name)
+    if messages is None or not messages.linear or math.isinf(turn):
+        return samples
+    values = _converted(signal, trace, _rows(signal, messages.values))
+    if not (np.abs(np.diff(values)) > turn / 2).any():
+        return samples
+    return on_circle(messages.times, values, turn).at(trace.times)
 
 
 def _rows(signal: Signal, channel: FloatArray) -> FloatArray:

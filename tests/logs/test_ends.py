@@ -16,6 +16,7 @@ from s2r_spec.logs.topics.order import ordered
 from s2r_spec.logs.topics.topic import Topic
 from s2r_spec.messages import Messages, joined
 from s2r_spec.rollouts.episodes import cut
+from s2r_spec.rollouts.log_folder import digest
 from s2r_spec.rollouts.recorded import LogBackend
 from s2r_spec.spec.monitored import Conventions, monitored
 from s2r_spec.trace import Trace
@@ -202,3 +203,27 @@ def test_a_header_that_a_sender_repeats_is_no_clock_that_stands_still():
     stamps = np.repeat(np.arange(50) / 10, 10)
     topic = Topic("/odom", (stamps * 1e9).astype("m8[ns]"), {"x": Column(stamps)}, age=0.0)
     assert (ordered(topic, sortable=True).merged, len(ordered(topic, sortable=True).topic)) == (450, 50)
+
+
+def test_an_angle_at_the_stamps_of_a_clock_lies_on_the_circle():
+    times = np.arange(200) / 10
+    yaw = np.mod(times, 2 * np.pi)
+    messages = {"yaw": Messages.of(times, yaw, linear=True), "v": Messages.of(times + 0.05, times)}
+    trace = at_clock(Trace.of_messages(messages, {"yaw": "rad", "v": "m/s"}), messages["v"].times[:-1])
+    spec = s2r.parse_spec(
+        "signal yaw {rad}\nsignal v {m/s}\nrequire r: always (yaw < 1 or yaw > 6 or v > 6 {m/s})"
+    )
+    found = spec.robustness_signal(trace, "r")
+    assert found.size == 199
+    low = s2r.parse_spec("signal yaw {rad}\nrequire r: yaw < 3").robustness_signal(trace, "r")
+    np.testing.assert_allclose(3 - low, np.mod(trace.times, 2 * np.pi), atol=1e-9)
+
+
+def test_two_episodes_with_the_same_values_at_a_clock_are_no_copies():
+    clock = np.arange(20) / 10
+    traces = []
+    for press in (0.42, 0.47):
+        stop = Messages.of(np.array([0.0, press, press + 0.01]), np.array([0.0, 1.0, 0.0]))
+        messages = {"d": Messages.of(clock, np.ones(20)), "stop": stop}
+        traces.append(at_clock(Trace.of_messages(messages, {"d": "m"}), clock))
+    assert digest(traces[0]) != digest(traces[1])
