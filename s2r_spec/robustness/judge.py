@@ -347,7 +347,8 @@ class Judge:
         if not spans:
             return ""
         name, (begin, end) = max(spans, key=lambda one: one[1][1] - one[1][0])
-        return f"depends on {name} {self._span(start, begin, end)}, where it has no message"
+        way = "; --duration can end the trace before" if math.isinf(end) else ""
+        return f"depends on {name} {self._span(start, begin, end)}, where it has no message{way}"
 
     def _span(self, start: float, begin: float, end: float) -> str:
         last = self.until if math.isinf(end) else start + end
