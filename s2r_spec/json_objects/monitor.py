@@ -8,8 +8,8 @@ from typing import Literal
 
 from s2r_spec.json_objects.parts import ExitCode, Point
 from s2r_spec.logs.account import Account
+from s2r_spec.robustness.account import Instants
 from s2r_spec.robustness.explain import Explanation
-from s2r_spec.robustness.judge import Instants
 
 Word = Literal["holds", "violated", "unknown"]
 

@@ -24,6 +24,7 @@ from s2r_spec.instants import instant
 from s2r_spec.lang import formula as f
 from s2r_spec.messages import union
 from s2r_spec.printable import counted_messages
+from s2r_spec.robustness.account import Instants, instants_of
 from s2r_spec.robustness.at_start import bounds_at_start
 from s2r_spec.robustness.bounds import Bounds
 from s2r_spec.robustness.curve import Curve
@@ -41,20 +42,8 @@ from s2r_spec.robustness.ties import plain, plain_number
 FloatArray = NDArray[np.float64]
 
 
-_PIECE = 2**18
-"""Budget: stamps that are counted at a time."""
 MOST_VARIANTS = 64
 """Budget: combinations of several values with one stamp that are evaluated."""
-
-
-@dataclass(frozen=True)
-class Instants:
-    """The instants at which a signal is evaluated: own + held + interpolated + missing of them all."""
-
-    own: int
-    held: int
-    interpolated: int
-    missing: int
 
 
 @dataclass(frozen=True)
@@ -204,7 +193,7 @@ class Judge:
             start,
             end,
             complete,
-            self._instants(start, end, silent),
+            instants_of(self.streams, silent, start, end),
             unevaluated,
             self.period,
             several and not any(silent.values()),
@@ -399,32 +388,6 @@ class Judge:
                 )
         return notes
 
-    def _instants(
-        self, start: float, end: float, silent: Mapping[str, Sequence[Span]]
-    ) -> dict[str, Instants]:
-        """Return signal → its instants in the window: all stamps of all signals."""
-        own = {one.topic: one.messages.times for one in self.streams.values()}
-        inner = {key: _inside(times, start, end) for key, times in own.items()}
-        sizes = {
-            key: int(np.count_nonzero(np.diff(part))) + 1 if part.size else 0 for key, part in inner.items()
-        }
-        distinct = _distinct(list(inner.values()), start, end)
-        found = {}
-        for name, stream in self.streams.items():
-            messages = stream.messages
-            missing = 0
-            for begin, stop in silent[name]:
-                after, before = (
-                    math.nextafter(start + begin, math.inf),
-                    math.nextafter(start + stop, -math.inf),
-                )
-                parts = [_inside(part, after, before) for part in inner.values()]
-                missing += np.unique(np.concatenate([*parts, [start] * (begin < 0.0 < stop)])).size
-            rest = distinct - sizes[stream.topic] - missing
-            held, interpolated = (0, rest) if messages.linear else (rest, 0)
-            found[name] = Instants(sizes[stream.topic], held, interpolated, missing)
-        return found
-
 
 class _Lazy(Mapping[str, Course]):
     """Name → the course of a signal, made when it is read: those of many topics fill the memory."""
@@ -445,21 +408,3 @@ class _Lazy(Mapping[str, Course]):
 def snap_of(start: float, end: float) -> float:
     """Return the difference [s] below which two times are equal up to rounding."""
     return 16 * math.ulp(max(abs(start), abs(end), end - start))
-
-
-def _inside(times: FloatArray, start: float, end: float) -> FloatArray:
-    """Return the times from ``start`` to ``end``, both included."""
-    return times[np.searchsorted(times, start) : np.searchsorted(times, end, side="right")]
-
-
-def _distinct(parts: Sequence[FloatArray], start: float, end: float) -> int:
-    """Return the number of distinct times of sorted arrays, with the start; a piece of time after the other."""
-    pieces = sum(part.size for part in parts) // _PIECE + 1
-    borders = np.linspace(start, end, pieces + 1)[1:-1]
-    cuts = [[0, *np.searchsorted(part, borders).tolist(), part.size] for part in parts]
-    count = 0 if any(part.size and part[0] == start for part in parts) else 1
-    for k in range(pieces):
-        count += np.unique(
-            np.concatenate([part[at[k] : at[k + 1]] for part, at in zip(parts, cuts, strict=True)])
-        ).size
-    return count

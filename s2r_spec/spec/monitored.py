@@ -19,10 +19,11 @@ from s2r_spec.instants import instant
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.amounts import Amount
 from s2r_spec.printable import counted_messages
+from s2r_spec.robustness.account import Instants
 from s2r_spec.robustness.evaluation import Evaluation
 from s2r_spec.robustness.explain import Explanation
 from s2r_spec.robustness.grid import sent_on_change
-from s2r_spec.robustness.judge import Instants, Judgement
+from s2r_spec.robustness.judge import Judgement
 from s2r_spec.robustness.profiles import Profile, profile
 from s2r_spec.robustness.reading import Missing
 from s2r_spec.robustness.silence import silences_of
