@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -34,6 +34,28 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class _How:
+    """How a trace is evaluated; for the fields see :meth:`Spec.evaluate`.
+
+    Raises:
+        UsageError: a choice is none of those that there are.
+    """
+
+    params: Mapping[str, Amount] | None
+    interpolation: Interpolation | None = None
+    until: Witness = "open"
+    nan: Missing = "error"
+    partial: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the choices."""
+        if self.interpolation is not None:
+            _choice("interpolation", self.interpolation, ("samples", "hold", "linear"))
+        _choice("until", self.until, ("open", "closed"))
+        _choice("nan", self.nan, ("error", "hold"))
 
 
 class Spec(Declared):
@@ -93,7 +115,7 @@ class Spec(Declared):
                 ).value
                 for name in names
             }
-        signed = self._at_start(trace, params, only, interpolation, until, nan, partial)
+        signed = self._at_start(trace, names, _How(params, interpolation, until, nan, partial))
         return {name: plain_number(rho) for name, rho in signed.items()}
 
     def satisfied(
@@ -118,70 +140,40 @@ class Spec(Declared):
         trace = _as_trace(trace)
         if trace.failure is not None:
             return {name: self._fallen(name, trace.failure) > 0 for name in names}
-        signed = self._at_start(trace, params, only, interpolation, until, nan, partial)
+        signed = self._at_start(trace, names, _How(params, interpolation, until, nan, partial))
         return {name: rho > 0 for name, rho in signed.items()}
 
-    def _at_start(
-        self,
-        trace: Trace,
-        params: Mapping[str, Amount] | None,
-        only: str | None,
-        interpolation: Interpolation | None,
-        until: Witness,
-        nan: Missing,
-        partial: bool,
-    ) -> dict[str, float]:
+    def _at_start(self, trace: Trace, requirements: Sequence[str], how: _How) -> dict[str, float]:
         """Return requirement → ρ at the first time, never 0: its sign is the verdict."""
-        if trace.messages or (trace.origin is not None and only is None):
-            return {
-                name: self._of_messages(trace, params, name, interpolation, until, nan, partial)
-                for name in (tuple(self.formulas) if only is None else (only,))
-            }
-        trace = trace if only is None else self.own_trace(trace, only)
-        reading = self._reading(trace, params, only, interpolation, until, nan)
-        result = {}
-        for name in tuple(self.formulas) if only is None else (only,):
-            formula = reading.bound(self.formulas[name])
-            reading.refuse_short(formula)
-            if not partial:
-                self._long_enough(name, formula, reading)
-            bounds = None if partial else reading.bounds(formula)
-            result[name] = decided(name, bounds or float(reading.signed(formula)[0]))
-            if trace.origin is not None:
-                self._refuse_other_verdict(trace.origin, params, name, result[name], until, nan)
-        return result
+        if trace.messages or trace.origin is not None:
+            return {name: self._of_own(self.own_trace(trace, name), name, how) for name in requirements}
+        reading = self._reading(trace, requirements[0] if len(requirements) == 1 else None, how)
+        return {name: self._of_samples(reading, name, how) for name in requirements}
 
-    def _of_messages(
-        self,
-        trace: Trace,
-        params: Mapping[str, Amount] | None,
-        requirement: str,
-        interpolation: Interpolation | None,
-        until: Witness,
-        nan: Missing,
-        partial: bool,
-    ) -> float:
-        """Return ρ of one requirement at the begin of a trace of messages, never 0."""
-        own = self.own_trace(trace, requirement)
-        if not own.messages:
-            return self._at_start(own, params, requirement, interpolation, until, nan, partial)[requirement]
-        return self._at_instants(own, params, requirement, interpolation, until, nan, partial)
+    def _of_own(self, own: Trace, requirement: str, how: _How) -> float:
+        """Return ρ of one requirement at the begin of the trace that it reads, never 0."""
+        if own.messages:
+            return self._at_instants(own, requirement, how)
+        rho = self._of_samples(self._reading(own, requirement, how), requirement, how)
+        if own.origin is not None:
+            self._refuse_other_verdict(own.origin, requirement, rho, how)
+        return rho
 
-    def _at_instants(
-        self,
-        own: Trace,
-        params: Mapping[str, Amount] | None,
-        requirement: str,
-        interpolation: Interpolation | None,
-        until: Witness,
-        nan: Missing,
-        partial: bool,
-    ) -> float:
+    def _of_samples(self, reading: Reading, requirement: str, how: _How) -> float:
+        """Return ρ of one requirement at the first sample, never 0."""
+        formula = reading.bound(self.formulas[requirement])
+        reading.refuse_short(formula)
+        if not how.partial:
+            self._long_enough(requirement, formula, reading)
+        bounds = None if how.partial else reading.bounds(formula)
+        return decided(requirement, bounds or float(reading.signed(formula)[0]))
+
+    def _at_instants(self, own: Trace, requirement: str, how: _How) -> float:
         """Return ρ of one requirement at the begin of a trace of messages that it reads, at every instant, never 0."""
-        judge, formula = self._judge(own, params, requirement, interpolation, until, nan)
+        judge, formula = self._judge(own, requirement, how)
         judge.refuse_short(formula)
-        found = judge.judge(formula, partial)
-        if not (found.complete or partial):
+        found = judge.judge(formula, how.partial)
+        if not (found.complete or how.partial):
             raise TraceError(
                 f"{requirement!r} {judge.shortfall(formula)}; "
                 f"give a longer trace, or set partial=True to cut windows at the end of this one"
@@ -192,15 +184,7 @@ class Spec(Declared):
             )
         return found.signed
 
-    def _refuse_other_verdict(
-        self,
-        messages: Trace,
-        params: Mapping[str, Amount] | None,
-        requirement: str,
-        rho: float,
-        until: Witness,
-        nan: Missing,
-    ) -> None:
+    def _refuse_other_verdict(self, messages: Trace, requirement: str, rho: float, how: _How) -> None:
         """Refuse ρ at the stamps of one topic where every instant decides otherwise.
 
         Raises:
@@ -209,7 +193,7 @@ class Spec(Declared):
         if self.counts_samples(requirement):
             return
         own = messages.only(self.channels(requirement))
-        every = self._at_instants(own, params, requirement, None, until, nan, partial=True)
+        every = self._at_instants(own, requirement, replace(how, interpolation=None, partial=True))
         if (every > 0) != (rho > 0):
             raise UndecidedError(
                 f"{requirement!r} has ρ = {rho:.6g} at the samples, and {every:.6g} at every instant"
@@ -232,25 +216,19 @@ class Spec(Declared):
         """Return whether a requirement counts samples, so that it has no value between them."""
         return any(isinstance(node, f.Step | f.Count) for node in f.walk(self.formulas[requirement]))
 
-    def _judge(
-        self,
-        trace: Trace,
-        params: Mapping[str, Amount] | None,
-        requirement: str,
-        interpolation: Interpolation | None,
-        until: Witness,
-        nan: Missing,
-    ) -> tuple[Judge, f.Formula]:
+    def _judge(self, trace: Trace, requirement: str, how: _How) -> tuple[Judge, f.Formula]:
         """Return the judge of a trace of messages, and the formula with numbers for time bounds."""
-        if interpolation == "samples":
+        if how.interpolation == "samples":
             raise UsageError(
                 f"{requirement!r} reads signals with stamps of their own, which have no common samples: resample the "
                 f"trace, or give --clock with a topic"
             )
-        numbers = self._numbers(params, requirement)
+        numbers = self._numbers(how.params, requirement)
         signals = [self.signals[name] for name in self.channels(requirement)]
-        linear = {signal.name for signal in signals if interpolation == "linear" and not signal.boolean}
-        judge = Judge(read_streams(signals, trace, nan, linear), numbers, trace.since, trace.ends, until)
+        linear = {signal.name for signal in signals if how.interpolation == "linear" and not signal.boolean}
+        judge = Judge(
+            read_streams(signals, trace, how.nan, linear), numbers, trace.since, trace.ends, how.until
+        )
         return judge, bound(
             self._formula(requirement), {name: value.item() for name, value in numbers.items()}
         )
@@ -274,7 +252,7 @@ class Spec(Declared):
         For args and errors see :meth:`evaluate` and :meth:`explain`.
         """
         own = _as_trace(trace).only(self.channels(requirement))
-        judge, formula = self._judge(own, params, requirement, None, until, nan)
+        judge, formula = self._judge(own, requirement, _How(params, None, until, nan))
         if not sparse:
             judge.refuse_short(formula)
         found = judge.judge(formula, partial)
@@ -335,13 +313,14 @@ class Spec(Declared):
             UsageError: see :meth:`robustness`.
         """
         _choice("end", end, ("clip", "hold", "nan", "error"))
+        how = _How(params, interpolation, until, nan)
         trace = self.own_trace(trace, requirement)
         if trace.messages:
-            judge, formula = self._judge(trace, params, requirement, interpolation, until, nan)
+            judge, formula = self._judge(trace, requirement, how)
             if not sparse:
                 judge.refuse_short(formula)
             return judge.evaluate(formula, requirement, self.unit(requirement), end)
-        reading = self._reading(trace, params, requirement, interpolation, until, nan)
+        reading = self._reading(trace, requirement, how)
         formula = reading.bound(self._formula(requirement))
         if not sparse:
             reading.refuse_short(formula)
@@ -361,7 +340,7 @@ class Spec(Declared):
 
         For args and errors see :meth:`evaluate`.
         """
-        reading = self._reading(trace, params, requirement, "samples", until, nan)
+        reading = self._reading(trace, requirement, _How(params, "samples", until, nan))
         formula = reading.bound(self._formula(requirement))
         if not sparse:
             reading.refuse_short(formula)
@@ -491,7 +470,7 @@ class Spec(Declared):
             if why is None:
                 raise UndecidedError(f"{requirement!r} {judged.open or 'looks past the end of the trace'}")
             return why
-        reading = self._reading(trace, params, requirement, "samples", until, nan)
+        reading = self._reading(trace, requirement, _How(params, "samples", until, nan))
         formula = reading.bound(self._formula(requirement))
         if not sparse:
             reading.refuse_short(formula)
@@ -542,25 +521,13 @@ class Spec(Declared):
         if trace.messages:
             known = max(float(one.times[0]) for one in trace.messages.values())
             trace = trace.sampled_at(trace.times[trace.times >= known])
-        return tolerances(formula, self._reading(trace, params, requirement, "samples", "open", "hold"))
+        return tolerances(formula, self._reading(trace, requirement, _How(params, nan="hold")))
 
-    def _reading(
-        self,
-        trace: Trace,
-        params: Mapping[str, Amount] | None,
-        requirement: str | None,
-        interpolation: Interpolation | None,
-        until: Witness,
-        nan: Missing,
-    ) -> Reading:
-        interpolation = interpolation or "samples"
-        _choice("interpolation", interpolation, ("samples", "hold", "linear"))
-        _choice("until", until, ("open", "closed"))
-        _choice("nan", nan, ("error", "hold"))
+    def _reading(self, trace: Trace, requirement: str | None, how: _How) -> Reading:
         trace = _as_trace(trace)
-        numbers = self._numbers(params, requirement)
-        signals = read_signals([self.signals[name] for name in self.channels(requirement)], trace, nan)
-        return Reading.of(trace.times, signals, numbers, interpolation, until)
+        numbers = self._numbers(how.params, requirement)
+        signals = read_signals([self.signals[name] for name in self.channels(requirement)], trace, how.nan)
+        return Reading.of(trace.times, signals, numbers, how.interpolation or "samples", how.until)
 
     def _numbers(self, params: Mapping[str, Amount] | None, requirement: str | None) -> dict[str, FloatArray]:
         """Return name → (1, 1) of the parameters that a requirement (or any) uses."""
@@ -604,9 +571,9 @@ class Spec(Declared):
         """
         trace = self.own_trace(trace, requirement)
         if trace.messages:
-            judge, formula = self._judge(trace, params, requirement, None, "open", nan)
+            judge, formula = self._judge(trace, requirement, _How(params, nan=nan))
             return judge.shortfall(formula)
-        reading = self._reading(trace, params, requirement, "samples", "open", nan)
+        reading = self._reading(trace, requirement, _How(params, nan=nan))
         return shortfall(reading.bound(self._formula(requirement)), reading)
 
     def _fallen(self, requirement: str, failure: str) -> float:
