@@ -2,14 +2,21 @@
 
 A :data:`Choice` is a value: two choices with the same effects are equal and have the same hash, in any order of
 addition. A backend stores one, and calls :func:`settings` for its numbers when it builds a model.
+
+If all physical constants are fields of one frozen dataclass, an effect is a declaration: a :class:`ModelEffect` says
+which field each parameter changes, and how. :func:`add_effects` then builds the model.
 """
 
 from __future__ import annotations
 
 import math
+import operator
 import re
-from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
 
 from s2r_spec.backend import Backend, Effect, EffectParameter, HasChosen, HasEffects
 from s2r_spec.documentation import page
@@ -23,6 +30,76 @@ _SCALE = re.compile(
     r"(?:deviation |normal\b[^,]*, *)(?P<scale>\d*\.?\d+(?:[eE][-+]?\d+)?) *(?P<unit>.*)", re.IGNORECASE
 )
 _NORMAL = re.compile(r"\bnormal\b|\bdeviation\b", re.IGNORECASE)
+_Model = TypeVar("_Model")
+
+
+@dataclass(frozen=True)
+class Change:
+    """How the value of a parameter changes one field of a model; made by :func:`adds`, :func:`scales` and others.
+
+    Attributes:
+        field: name of the field, which holds a number, a tuple of numbers or an array of any shape.
+        combine: returns the new number from the old one and the value, which has the unit that the field needs.
+        at: components that change, as NumPy indexes them: ``2``, ``[2, 5]``, ``slice(2, None, 3)``; ``...`` for all.
+    """
+
+    field: str
+    combine: Callable[[Any, float], Any]
+    at: Any = ...
+
+    def of(self, before: Any, value: float) -> Any:
+        """Return the new content of the field, in the type and shape of the old one, which stays unchanged."""
+        after = np.array(before, dtype=np.float64)
+        after[self.at] = self.combine(after[self.at], value)
+        if isinstance(before, np.ndarray):
+            return after
+        return tuple(after.tolist()) if isinstance(before, tuple) else after.item()
+
+
+def adds(field: str, at: Any = ...) -> Change:
+    """Return the change that adds the value, in the field's unit; nominal is 0."""
+    return Change(field, operator.add, at)
+
+
+def scales(field: str, at: Any = ...) -> Change:
+    """Return the change that multiplies by the value, a factor; nominal is 1."""
+    return Change(field, operator.mul, at)
+
+
+def limits(field: str, at: Any = ...) -> Change:
+    """Return the change that takes the lower of field and value, both in the field's unit; nominal is the field."""
+    return Change(field, np.minimum, at)
+
+
+def sets(field: str, at: Any = ...) -> Change:
+    """Return the change to the value, in the field's unit; only one effect of a catalogue may set a field."""
+    return Change(field, _value, at)
+
+
+def _value(before: Any, value: float) -> float:
+    return value
+
+
+@dataclass(frozen=True)
+class ModelEffect(Effect):
+    """An effect that changes fields of a model; ``changes`` has one change for each parameter, in their order."""
+
+    changes: tuple[Change, ...] = ()
+
+    def apply(self, model: Any, **values: float) -> Any:
+        """Return a copy of a frozen dataclass with the effect in it; ``values`` has every parameter."""
+        for parameter, change in zip(self.parameters, self.changes, strict=True):
+            field = change.of(getattr(model, change.field), values[parameter.name])
+            model = replace(model, **{change.field: field})
+        return model
+
+
+def add_effects(model: _Model, catalogue: Iterable[ModelEffect], choice: Choice) -> _Model:
+    """Return a model, a frozen dataclass, with the chosen effects; a parameter that is not set is nominal."""
+    by_name = {effect.name: effect for effect in catalogue}
+    for name, values in settings(by_name.values(), choice).items():
+        model = by_name[name].apply(model, **values)
+    return model
 
 
 def choose(backend: str, catalogue: Iterable[Effect], before: Choice, values: Values) -> Choice:

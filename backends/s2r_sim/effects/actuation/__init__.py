@@ -1,1 +1,0 @@
-"""Effects of motors and gears: strength, friction, play, and errors of the reported torque."""

@@ -1,1 +1,0 @@
-"""Effects between feet and ground: friction, drag, and ground that gives way."""

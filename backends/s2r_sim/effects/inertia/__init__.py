@@ -1,1 +1,0 @@
-"""Effects of masses and inertias: a payload, the centre of mass, rotors."""

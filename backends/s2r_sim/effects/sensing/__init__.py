@@ -1,1 +1,0 @@
-"""Effects of sensors and of the velocity estimate: offsets, biases and wrong scales."""

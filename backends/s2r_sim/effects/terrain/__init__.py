@@ -1,1 +1,0 @@
-"""Effects of the shape of the ground: a slope, and unevenness."""

@@ -1,1 +1,0 @@
-"""Effects of delay between controller and motors."""
