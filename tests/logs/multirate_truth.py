@@ -374,10 +374,11 @@ def window(signals: Mapping[str, Signal], log_end: float = -INF) -> tuple[float,
     if all(np.isnan(one.period) for one in signals.values()):
         until = max(until, log_end)
     begin = max(one.times[0] for one in signals.values())
+    last = max(log_end, *(one.times[-1] for one in signals.values()))
     ends = [
         min(one.end, until)
         for one in signals.values()
-        if np.isnan(one.period) or until - one.times[-1] <= 5 * one.period
+        if np.isnan(one.period) or last - one.times[-1] <= 5 * one.period
     ]
     return begin, max(min(ends, default=until), begin), until
 
