@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.blind.table import markdown
 from s2r_spec.quantity import measured, quantity
 
 FOLDER = Path(__file__).parent
@@ -105,6 +105,11 @@ def go2() -> str:
 
 
 TABLES = (twins, axis, go2)
+
+
+def markdown(rows: Sequence[Sequence[str]]) -> str:
+    """Return rows of cells, the first of them the head, as a table in Markdown."""
+    return "\n".join(f"| {' | '.join(row)} |" for row in (rows[0], ["---"] * len(rows[0]), *rows[1:]))
 
 
 def _values(one: dict[str, Any]) -> list[str]:

@@ -39,8 +39,8 @@ from benchmarks.blind.emps.cases import plan, realise  # noqa: E402
 from benchmarks.blind.emps.generate import BATCH, BUDGETS, kinds_of, write_case  # noqa: E402
 from benchmarks.blind.outsiders.cases import make_case  # noqa: E402
 from benchmarks.blind.outsiders.generate import MACHINES as OUTSIDERS  # noqa: E402
+from benchmarks.blind.protocol.score import NOTHING, SMALLEST, ranked, truth  # noqa: E402
 from s2r_spec.backend import load_backend  # noqa: E402
-from s2r_spec.blind.score import NOTHING, SMALLEST, ranked, truth  # noqa: E402
 from s2r_spec.diagnose import diagnose  # noqa: E402
 from s2r_spec.diagnose.axes import Line, line  # noqa: E402
 from s2r_spec.effects import catalogue_of  # noqa: E402

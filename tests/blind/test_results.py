@@ -6,18 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.blind.table import HISTORY, SETS, history
 from benchmarks.diagnosis_tables import TABLES
 from s2r_spec.spec import load_spec
 
 ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "benchmarks" / "blind" / "results"
-
-
-def test_the_table_of_sealed_sets_is_what_the_committed_command_prints():
-    assert history() in HISTORY.read_text()
-    every = {f"{name}_scores.json" for names in SETS.values() for name in names}
-    assert every == {path.name for path in RESULTS.glob("*_scores.json")}
 
 
 def test_the_tables_of_twins_and_real_machines_can_be_printed():
@@ -73,17 +66,6 @@ def test_the_page_has_the_figures_of_the_calibration():
     ):
         cell = f"{round(one['are large'] * one['effects'])} of {one['effects']}"
         assert f"| effects with a probability {place} that are large | {cell} |" in page
-
-
-def test_every_set_was_frozen_before_it_was_opened():
-    found = sorted(RESULTS.glob("*_scores.json"))
-    assert found
-    for path in found:
-        kept = json.loads(path.read_text())
-        manifest = json.loads((RESULTS / path.name.replace("_scores", "_manifest")).read_text())
-        assert kept["frozen"] == manifest["frozen"] <= kept["opened"]
-        assert sorted(manifest["answers"]) == sorted(kept["cases"])
-        assert re.fullmatch(r"[0-9a-f]{64}", manifest["code"])
 
 
 @pytest.mark.xfail(
