@@ -1,4 +1,4 @@
-"""``python -m benchmarks.blind.protocol seal|freeze|open|score``: a blinded test of the diagnosis, for its developers."""
+"""``python -m benchmarks.blind.protocol seal|freeze|open|score``: a blinded test of the diagnosis."""
 
 from __future__ import annotations
 

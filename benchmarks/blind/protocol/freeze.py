@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import s2r_spec
 from benchmarks.blind.protocol.hashes import of_folder, read_json, write_json
 from benchmarks.blind.protocol.seal import cases
 from s2r_spec.errors import UsageError
@@ -48,7 +49,9 @@ def freeze(
     ids = cases(public)
     for name in ids:
         if not (public / f"{name}.commit").exists():
-            raise UsageError(f"{public / name} is not sealed; run python -m benchmarks.blind.protocol seal first")
+            raise UsageError(
+                f"{public / name} is not sealed; run python -m benchmarks.blind.protocol seal first"
+            )
     answers.mkdir(parents=True, exist_ok=True)
     code = _begun(answers, simulator)
     for number, name in enumerate(ids):
@@ -118,7 +121,7 @@ def check(public: Path, answers: Path) -> dict[str, Any]:
 
 def code_hash(simulator: str = "") -> str:
     """Return one hash of s2r's own source and the hash of the simulator's source."""
-    root = Path(__file__).parents[1]
+    root = Path(s2r_spec.__file__).parent
     digest = hashlib.sha256(simulator.encode())
     for path in sorted(root.rglob("*.py")):
         digest.update(f"{path.relative_to(root).as_posix()}\0".encode() + path.read_bytes())
