@@ -91,7 +91,7 @@ def test_s2r_check_from_end_to_end(tmp_path):
     assert result.certificate.label is s2r.Label.BUDGET
     assert (
         result.lower <= 0.097 <= result.upper
-    )  # the worst mean ρ of the pilot, benchmarks/certify/turtlebot_pilot.py
+    )  # the worst mean ρ of the pilot, benchmarks/turtlebot_pilot.py
     assert set(result.worst.params) == {"ox", "oy"}
     again = s2r.load_backend("turtlebot").rollout(result.lowest.params, result.lowest.seed)
     assert spec.robustness(again, result.lowest.params)["delivers"] == result.lowest.rho
