@@ -1,6 +1,6 @@
 """The pilot behind R and B of specs/turtlebot.stl: 13 × 25 tests, 200 rollouts each, on seeds of its own.
 
-    python benchmarks/turtlebot_pilot.py        # two minutes on one core
+    python -m benchmarks.turtlebot_pilot        # two minutes on one core
 
 A certificate's own rollouts never choose its R or B; those of this file are
 never used for a certificate.

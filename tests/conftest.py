@@ -31,7 +31,7 @@ if "S2R_EXAMPLES" not in os.environ:
 PLUGIN = Path(__file__).parent / "plugin"
 sys.path.append(str(PLUGIN))
 TIMES = Path(__file__).parents[1] / "benchmarks" / "results" / "suite_time.json"
-"""Seconds of every file of tests, as ``benchmarks/suite_time.py`` counted them."""
+"""Seconds of every file of tests, as ``tests/suite_time.py`` counted them."""
 
 
 @pytest.hookimpl(wrapper=True)

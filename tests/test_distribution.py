@@ -117,6 +117,8 @@ def test_no_message_has_a_command_of_its_own():
         (["rosbags.highlevel"], "logs"),
         (["distributed"], "dask"),
         (["piqp"], "sim"),
+        (["mujoco"], "mujoco"),
+        (["mujoco", "piqp"], "sim"),
     ],
 )
 def test_a_renamed_extra_has_its_new_name_in_the_command(modules, extra, declared, tmp_path):

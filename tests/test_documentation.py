@@ -122,13 +122,15 @@ def test_what_something_takes_stands_beside_a_command(page):
 def test_a_cost_without_a_command_is_noticed():
     page = "# A page\n\nA robot waits for 2 s.\n\n## Speed\n\nA rollout takes 0.1 s. It is quick.\n"
     assert unfounded(page) == ["A rollout takes 0.1 s."]
-    assert not unfounded(page + "`python benchmarks/a1_speed.py` prints it.\n")
+    assert not unfounded(page + "`python -m benchmarks.a1.speed` prints it.\n")
 
 
 def test_every_benchmark_that_a_page_names_exists():
     named = {name for page in PAGES for name in re.findall(r"\bbenchmarks/[\w./*]+\w", page.read_text())}
     assert len(named) > 10
-    for name in named:
+    commands = {name for page in PAGES for name in re.findall(r"-m (benchmarks(?:\.\w+)+)", page.read_text())}
+    assert len(commands) > 10
+    for name in named | {name.replace(".", "/") + ".py" for name in commands}:
         assert any(ROOT.glob(name)), name
 
 

@@ -8,8 +8,8 @@ import stat
 import numpy as np
 import pytest
 
+from benchmarks.blind.protocol.hashes import write_json
 from s2r_spec import files, logs
-from s2r_spec.blind.hashes import write_json
 from s2r_spec.errors import UsageError
 from s2r_spec.rollouts import patched
 from s2r_spec.trace import Trace

@@ -1,16 +1,13 @@
-"""Inputs of the fuzz benchmark, of all kinds: an answer or one clean sentence, and never exit 4."""
+"""Inputs of `python -m tests.fuzz`, of all kinds: an answer or one clean sentence, and never exit 4."""
 
 import importlib
 import json
-import sys
-from pathlib import Path
 
 import pytest
 
 from tests.examples import examples
 from tests.forked import FORKS
 
-BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 KINDS = ("spec", "trace", "log folder", "run folder", "same verdict")
 EACH = examples(10)
 """Inputs of each kind."""
@@ -18,8 +15,7 @@ EACH = examples(10)
 
 def fuzz(file):
     """Try the inputs, and write what came of them into a file."""
-    sys.path.insert(0, str(BENCHMARKS))
-    found = importlib.import_module("fuzz").fuzz(range(EACH * len(KINDS)), seed=1)
+    found = importlib.import_module("tests.fuzz.__main__").fuzz(range(EACH * len(KINDS)), seed=1)
     file.write_text(json.dumps(found))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import s2r_spec as s2r
-from benchmarks.real.go2_inair import CATALOGUE, GIVEN, SPEC, Go2InAir, recorded, segments
+from benchmarks.diagnose.go2_inair import CATALOGUE, GIVEN, SPEC, Go2InAir, recorded, segments
 from s2r_spec.backend import Backend, HasDuration, HasEffects, HasResiduals
 from s2r_spec.errors import TraceError, UsageError
 from tests.errors import naming

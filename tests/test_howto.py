@@ -1,6 +1,5 @@
 """The how-to pages do what they say."""
 
-import importlib
 import json
 import re
 from pathlib import Path
@@ -8,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.certify import sizing
 from s2r_spec import backend
 from s2r_spec.backend import Backend, HasEffects
 from s2r_spec.errors import UsageError
@@ -69,26 +69,20 @@ def test_the_page_on_clusters_quotes_what_is_said():
         assert re.sub(r"\bHOST\b", "…", quote) in said, quote
 
 
-@pytest.fixture
-def sizing(monkeypatch):
-    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
-    return importlib.import_module("sizing")
-
-
-def test_the_page_on_sizing_shows_what_was_measured(sizing):
+def test_the_page_on_sizing_shows_what_was_measured():
     page, found = sizing.PAGE.read_text(encoding="utf-8"), json.loads(sizing.RESULTS.read_text())
     assert sorted(re.findall(r"<!-- table: (\w+) -->", page)) == sorted(sizing.TABLES)
-    assert page == sizing.with_tables(page, found), "run: python benchmarks/sizing.py --write"
+    assert page == sizing.with_tables(page, found), "run: python -m benchmarks.certify.sizing --write"
 
 
-def test_the_batches_that_were_measured_are_those_of_the_page_s_table(sizing):
+def test_the_batches_that_were_measured_are_those_of_the_page_s_table():
     for check in json.loads(sizing.RESULTS.read_text())["checks"]:
         measured, expected = check["sizes"], sizing.batches(sum(check["sizes"]))
         assert all(size <= most for size, most in zip(measured, expected, strict=False))
         assert measured[-1] >= 8
 
 
-def test_the_speed_up_is_at_most_the_workers_and_the_mean_batch(sizing):
+def test_the_speed_up_is_at_most_the_workers_and_the_mean_batch():
     sizes = sizing.batches(600)
     for workers in sizing.WORKERS:
         assert 1 <= sizing.speed_up(sizes, workers) <= min(workers, sum(sizes) / len(sizes))

@@ -19,7 +19,6 @@ SIMULATOR = PACKAGE.parent / "backends" / "s2r_sim"
 # A module may import those on its own line and below.
 LAYERS = [
     {"__main__"},
-    {"blind"},
     {"cli"},
     {"report"},
     {"json_objects"},

@@ -1,29 +1,14 @@
 """The system of recorded rollouts is what `benchmarks/paper/bank.py` says: its mean, minimum, norm and R."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
 
+from benchmarks.paper import bank
 from s2r_spec.certify.kernels import Kernel
 
-FOLDER = Path(__file__).parents[1] / "benchmarks" / "paper"
 
-
-@pytest.fixture(scope="module")
-def bank():
-    with pytest.MonkeyPatch.context() as patch:
-        # It puts the benchmarks' own folder on the path, too.
-        patch.setattr(sys, "path", [str(FOLDER), *sys.path])
-        import bank as module
-
-        yield module
-        del sys.modules["bank"]
-
-
-def test_the_norm_of_a_kernel_section_is_1(bank):
+def test_the_norm_of_a_kernel_section_is_1():
     """‖k(·, c)‖² = k(c, c); the spline through it has its norm but for what it cannot follow."""
     kernel = Kernel("matern52", 0.2)
     at = np.clip(bank.SPEEDS, bank.LOW, bank.HIGH)  # their mean may round out of the box
@@ -33,7 +18,7 @@ def test_the_norm_of_a_kernel_section_is_1(bank):
         assert bank.matern52_norm(spline, 0.2) == pytest.approx(1, abs=2e-3)
 
 
-def test_no_function_through_the_same_values_has_a_smaller_norm(bank):
+def test_no_function_through_the_same_values_has_a_smaller_norm():
     mean = bank.Bank.read("sim").mean
     points = np.linspace(bank.LOW, bank.HIGH, 81)[:, None]
     gram = Kernel("matern52", 0.2).gram(points, points)
@@ -41,7 +26,7 @@ def test_no_function_through_the_same_values_has_a_smaller_norm(bank):
     assert 0.9 * bank.matern52_norm(mean, 0.2) < least < bank.matern52_norm(mean, 0.2)
 
 
-def test_draws_have_the_mean_and_the_range_that_are_claimed(bank):
+def test_draws_have_the_mean_and_the_range_that_are_claimed():
     one, rng = bank.Bank.read("twin:lab"), np.random.default_rng(0)
     for test in (-0.2, -0.013, 0.1, 0.2999, 0.3):
         drawn = one.draw(test, 20_000, rng)
@@ -49,7 +34,7 @@ def test_draws_have_the_mean_and_the_range_that_are_claimed(bank):
         assert np.ptp(drawn) <= 2 * one.proxy
 
 
-def test_the_minimum_is_that_of_a_fine_grid(bank):
+def test_the_minimum_is_that_of_a_fine_grid():
     for name in ("sim", "twin:lab"):
         mean = bank.Bank.read(name).mean
         lowest, where = bank.minimum(mean)

@@ -1,6 +1,6 @@
 """The tutorial on the gap and its cause does what it says.
 
-Its diagnosis takes minutes, so the page shows what `benchmarks/gap_and_cause.py` kept; a slow test runs it anew.
+Its diagnosis takes minutes, so the page shows what `benchmarks/diagnose/gap_and_cause.py` kept. A slow test repeats it.
 """
 
 import json

@@ -1,6 +1,6 @@
 """The blind generator beside the simulator: the same effect, the same numbers, other code.
 
-Run: OMP_NUM_THREADS=1 python benchmarks/blind/a1_compare.py [effect ...]
+Run: OMP_NUM_THREADS=1 python -m benchmarks.blind.a1_compare [effect ...]
 
 For every effect of the catalogue, at the values shown: the gap mean ρ(nominal) − mean ρ(with it) at three speeds,
 made by the catalogue (c) and by the generator (g), each against its own nominal and without background; then
@@ -15,30 +15,25 @@ and robots that have nothing but background: what a diagnosis must not take for 
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
 import numpy as np
 
-ROOT = Path(__file__).parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "backends"), str(ROOT / "benchmarks")]
-
-from a1_effects import MAGNITUDES, NAMES, features  # noqa: E402
-from a1_speed import processor  # noqa: E402
-from a1_trot import rho  # noqa: E402
-
-from benchmarks.blind.a1.cases import twin_of  # noqa: E402
-from benchmarks.blind.a1.effects import KNOWN, UNKNOWN  # noqa: E402
-from benchmarks.blind.a1.rollout import Runner  # noqa: E402
-from benchmarks.blind.a1.twin import Twin  # noqa: E402
-from s2r_sim import SimBackend  # noqa: E402
-from s2r_spec.trace import Trace  # noqa: E402
+from benchmarks.a1.effects import MAGNITUDES, NAMES, features
+from benchmarks.a1.trot import rho
+from benchmarks.blind.a1.cases import twin_of
+from benchmarks.blind.a1.effects import KNOWN, UNKNOWN
+from benchmarks.blind.a1.rollout import Runner
+from benchmarks.blind.a1.twin import Twin
+from benchmarks.machine import processor
+from s2r_sim import SimBackend
+from s2r_spec.trace import Trace
 
 SPEEDS = (-0.2, 0.0, 0.3)
 SEEDS = 3
 NOMINAL_SEEDS = 10
 ROBOTS = 10
 LARGE = {"torque_speed_line": 2, "shear_creep": 2}
-"""Which of the magnitudes of ``a1_effects.py`` is shown, if not the middle one: these hardly show at that."""
+"""Which of the magnitudes of ``a1/effects.py`` is shown, if not the middle one: these hardly show at that."""
 NOTHING = [np.nan] * len(NAMES)
 ZEROS = dict.fromkeys(("x", "y", "z", "hip", "thigh", "calf", "roll", "pitch", "forward", "left"), 0.0)
 Found = tuple[np.ndarray, np.ndarray, int]

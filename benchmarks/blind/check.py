@@ -1,8 +1,8 @@
 """A blind check of the diagnosis, in two steps with a commit between them.
 
-    python benchmarks/blind/check.py freeze emps --cases 120 --folder /tmp/blind
+    python -m benchmarks.blind.check freeze emps --cases 120 --folder /tmp/blind
     git add benchmarks/blind/results && git commit          # the manifest, before anything is opened
-    python benchmarks/blind/check.py open emps --folder /tmp/blind
+    python -m benchmarks.blind.check open emps --folder /tmp/blind
 
 The first makes twins with withheld causes (another code path than the catalogue's,
 seeded by the operating system), seals their labels, diagnoses every case and keeps
@@ -21,9 +21,9 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
-sys.path.insert(0, str(Path(__file__).parent))
-from opened import kept
+from benchmarks.machine import describe
 
 ROOT = Path(__file__).parents[2]
 RESULTS = Path(__file__).parent / "results"
@@ -71,7 +71,7 @@ def freeze(name: str, cases: int, folder: Path, workers: int) -> None:
             "--keys",
             folder / f"{name}-keys",
         )
-        print(run(name, "s2r_spec.blind", *sealing))
+        print(run(name, "benchmarks.blind.protocol", *sealing))
     answers = folder / f"{name}-answers"
     begin = time.perf_counter()
     freezing = (
@@ -84,7 +84,7 @@ def freeze(name: str, cases: int, folder: Path, workers: int) -> None:
         "--workers",
         workers,
     )
-    print(run(name, "s2r_spec.blind", *freezing))
+    print(run(name, "benchmarks.blind.protocol", *freezing))
     print(f"{time.perf_counter() - begin:.0f} s, bank and practice included where they were not on disk")
     RESULTS.mkdir(exist_ok=True)
     shutil.copy(answers / "manifest.json", RESULTS / f"{name}_manifest.json")
@@ -99,6 +99,28 @@ def committed(manifest: Path) -> None:
             raise SystemExit(f"{manifest} is not committed, or has changed since: commit it, then open")
 
 
+def kept(answers: Path) -> dict[str, dict[str, Any]]:
+    """Return of every opened case what is kept of it: its label and its frozen answer."""
+    cases = {}
+    for case, label in json.loads((answers / "opened.json").read_text())["labels"].items():
+        answer = json.loads((answers / f"{case}.json").read_text())
+        which = answer["which"]
+        cases[case] = {
+            "label": label,
+            "verdict": answer["verdict"],
+            "answer": which["answer"],
+            "set": which["set"],
+            "posterior": {k: p for k, p in which["posterior"].items() if p >= 0.05},
+            "pairs": which["pairs"][:3],
+            "parameters": which["parameters"],
+            "status": which.get("status"),
+            "how_far": answer["how_far"],
+            "left": answer.get("left", [])[:1],
+            "rollouts": answer["rollouts"],
+        }
+    return cases
+
+
 def open_(name: str, folder: Path) -> None:
     committed(RESULTS / f"{name}_manifest.json")
     answers = folder / f"{name}-answers"
@@ -111,27 +133,19 @@ def open_(name: str, folder: Path) -> None:
         answers,
     )
     if not (answers / "opened.json").exists():
-        print(run(name, "s2r_spec.blind", *opening))
-    scores = json.loads(run(name, "s2r_spec.blind", "score", answers, "--json"))
+        print(run(name, "benchmarks.blind.protocol", *opening))
+    scores = json.loads(run(name, "benchmarks.blind.protocol", "score", answers, "--json"))
     opened = json.loads((answers / "opened.json").read_text())
     cases = kept(answers)
-    machine = next(
-        (
-            line.split(":")[1].strip()
-            for line in Path("/proc/cpuinfo").read_text().splitlines()
-            if "model name" in line
-        ),
-        "unknown",
-    )
     found = {
-        "machine": machine,
+        "machine": describe("scipy"),
         "frozen": opened["frozen"],
         "opened": opened["opened"],
         "scores": scores,
         "cases": cases,
     }
     (RESULTS / f"{name}_scores.json").write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n")
-    print(run(name, "s2r_spec.blind", "score", answers))
+    print(run(name, "benchmarks.blind.protocol", "score", answers))
 
 
 def main() -> None:

@@ -31,20 +31,19 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.blind.emps.cases import plan, realise
+from benchmarks.blind.emps.generate import BATCH, BUDGETS, kinds_of, write_case
+from benchmarks.blind.outsiders.cases import make_case
+from benchmarks.blind.outsiders.generate import MACHINES as OUTSIDERS
+from benchmarks.blind.protocol.score import NOTHING, SMALLEST, ranked, truth
+from s2r_spec.backend import load_backend
+from s2r_spec.diagnose import diagnose
+from s2r_spec.diagnose.axes import Line, line
+from s2r_spec.effects import catalogue_of
+from s2r_spec.spec import load_spec
+
 ROOT = Path(__file__).parents[2]
 HERE = Path(__file__).parent
-sys.path[:0] = [str(ROOT), str(ROOT / "backends")]
-
-from benchmarks.blind.emps.cases import plan, realise  # noqa: E402
-from benchmarks.blind.emps.generate import BATCH, BUDGETS, kinds_of, write_case  # noqa: E402
-from benchmarks.blind.outsiders.cases import make_case  # noqa: E402
-from benchmarks.blind.outsiders.generate import MACHINES as OUTSIDERS  # noqa: E402
-from s2r_spec.backend import load_backend  # noqa: E402
-from s2r_spec.blind.score import NOTHING, SMALLEST, ranked, truth  # noqa: E402
-from s2r_spec.diagnose import diagnose  # noqa: E402
-from s2r_spec.diagnose.axes import Line, line  # noqa: E402
-from s2r_spec.effects import catalogue_of  # noqa: E402
-from s2r_spec.spec import load_spec  # noqa: E402
 
 MACHINES = ("axis", *OUTSIDERS)
 BLOCK = 20

@@ -1,6 +1,6 @@
 """The blind axis beside the simulator: the same effect, the same number, other code.
 
-Run: python benchmarks/blind/emps_compare.py        # a minute on one core
+Run: python -m benchmarks.blind.emps_compare        # a minute on one core
 
 For every effect of the catalogue at a middling size: how the voltage changes, in the generator against the
 catalogue. The correlation says whether the name means the same; the slope, whether the number does; neither is 1,
@@ -10,23 +10,18 @@ eight tests, in µm: what "material" means. Each generator run is against its ow
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-ROOT = Path(__file__).parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "backends")]
-
-from benchmarks.blind.emps.axis import run  # noqa: E402
-from benchmarks.blind.emps.kinds import KNOWN, NEAR, UNLIKE, Kind  # noqa: E402
-from benchmarks.blind.emps.machine import Machine, Nuisance  # noqa: E402
-from s2r_emps import EmpsBackend  # noqa: E402
-from s2r_emps.moves import Test, move, read_test  # noqa: E402
-from s2r_emps.noise import Noise  # noqa: E402
+from benchmarks.blind.emps.axis import run
+from benchmarks.blind.emps.kinds import KNOWN, NEAR, UNLIKE, Kind
+from benchmarks.blind.emps.machine import Machine, Nuisance
+from s2r_emps import EmpsBackend
+from s2r_emps.moves import Test, move, read_test
+from s2r_emps.noise import Noise
 
 FloatArray = NDArray[np.float64]
 SIDE = {"speed": 0.24, "accel": 2.0, "payload": 30.0}

@@ -15,8 +15,8 @@ probabilities, and then one of the ρ recorded there. Given the bank,
 
 So everything that a certificate assumes can be checked, and coverage needs no reference of its own. ::
 
-    OMP_NUM_THREADS=1 python benchmarks/paper/bank.py sim              # 5 minutes of one core
-    OMP_NUM_THREADS=1 python benchmarks/paper/bank.py twin:lab --seeds 40
+    OMP_NUM_THREADS=1 python -m benchmarks.paper.bank sim              # 5 minutes of one core
+    OMP_NUM_THREADS=1 python -m benchmarks.paper.bank twin:lab --seeds 40
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ from __future__ import annotations
 import argparse
 import csv
 import json
-import sys
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -37,13 +36,11 @@ from scipy.integrate import fixed_quad
 from scipy.interpolate import BSpline
 
 import s2r_spec as s2r
+from benchmarks.machine import describe
 from s2r_spec.rollouts.pools import process_pool
 from s2r_spec.rollouts.runner import Runner
 from s2r_spec.rollouts.scorer import Scorer
 from s2r_spec.rollouts.seeds import rollout_seed
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from machine import describe
 
 ROOT = Path(__file__).parents[2]
 

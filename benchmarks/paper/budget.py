@@ -4,7 +4,7 @@ Rollouts per second of the A1 with one and with two workers, what the framework 
 memory of a worker, and the time of `s2r --help`. Wall-clock numbers mean what they say on a quiet machine
 only: the load average before and after stands beside them, and processor time is given where it can be. ::
 
-    OMP_NUM_THREADS=1 python benchmarks/paper/budget.py          # about 2 minutes
+    OMP_NUM_THREADS=1 python -m benchmarks.paper.budget          # about 2 minutes
 """
 
 from __future__ import annotations
@@ -20,11 +20,9 @@ from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-import worker
-from machine import describe
-
 import s2r_spec as s2r
+from benchmarks import worker
+from benchmarks.machine import describe
 from s2r_spec.certify.search import Search
 from s2r_spec.rollouts.pools import process_pool
 from s2r_spec.rollouts.runner import Runner

@@ -9,7 +9,7 @@ Here ε of the gap is 0.04 m/s (R = 0.0122 m/s, that of one real rollout minus t
 `s2r plan` and a trial on recorded rollouts put at about 200 real rollouts a place. Search 1 is run once;
 all four promises use it, and each holds with probability ≥ 1 − 2e-6. ::
 
-    OMP_NUM_THREADS=1 python benchmarks/paper/environments.py          # about 10 minutes of one core
+    OMP_NUM_THREADS=1 python -m benchmarks.paper.environments          # about 10 minutes of one core
 """
 
 from __future__ import annotations
@@ -25,10 +25,8 @@ from typing import Any
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from machine import describe
-
 import s2r_spec as s2r
+from benchmarks.machine import describe
 from s2r_spec.certify.check import check_with
 from s2r_spec.certify.from_spec import search_for
 from s2r_spec.certify.gap import gap_search, gap_with

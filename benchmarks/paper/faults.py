@@ -5,7 +5,7 @@ to its speed, with habits: it dies, hangs, raises, or gives NaN). Then it is cou
 journal when the process was gone, how many of them are the same bytes after `--resume`, and whether the
 resumed certificate is the undisturbed one, bit for bit. ::
 
-    python benchmarks/paper/faults.py          # about 5 minutes of one core; Linux
+    python -m benchmarks.paper.faults          # about 5 minutes of one core; Linux
 
 As root a folder cannot be made unwritable by its mode, and so a read-only file system is mounted for it,
 and a small one for the full disk; without the right to mount, the mode and a limit on the size of files
@@ -31,8 +31,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from machine import describe
+from benchmarks.machine import describe
 
 ROOT = Path(__file__).parents[2]
 

@@ -10,8 +10,8 @@ instead (``bank.py``): given the bank they are independent, their mean is known 
 the test, and so are its minimum, its norm and a proven R. The statement is about that system, made of the
 A1's own ρ; complete runs on the simulator itself stand beside it. ::
 
-    OMP_NUM_THREADS=1 python benchmarks/paper/repeatability.py            # 5 minutes of one core
-    OMP_NUM_THREADS=1 python benchmarks/paper/repeatability.py --real     # and the complete runs, 4 more
+    OMP_NUM_THREADS=1 python -m benchmarks.paper.repeatability            # 5 minutes of one core
+    OMP_NUM_THREADS=1 python -m benchmarks.paper.repeatability --real     # and the complete runs, 4 more
 """
 
 from __future__ import annotations
@@ -28,18 +28,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bank import HIGH, LOW, SPEC, Bank, matern52_norm, minimum, noise_norm
 
 import s2r_spec as s2r
+from benchmarks.certify.random_functions import binomial_interval
+from benchmarks.machine import describe
+from benchmarks.paper.bank import HIGH, LOW, SPEC, Bank, matern52_norm, minimum, noise_norm
 from s2r_spec.certify.check import check_with
 from s2r_spec.certify.from_spec import search_for
 from s2r_spec.certify.options import RunOptions
 from s2r_spec.certify.search import Search
 from s2r_spec.rollouts.pools import process_pool
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from machine import describe
-from random_functions import binomial_interval
 
 RESULTS = Path(__file__).parent / "results" / "repeatability.json"
 BOUNDS = (0.5, 1.0, 1.5, 2.0, 3.0, 5.0)

@@ -15,27 +15,24 @@ what it gets right cancels in the gap, which is then smoother than ρ. With the 
 *more* rollouts than ρ, since a difference is noisier than its parts; that line is drawn, too. For the last
 two ways the best number of tests is chosen for them in hindsight. ::
 
-    OMP_NUM_THREADS=1 python benchmarks/paper/savings.py          # about 5 minutes of one core
+    OMP_NUM_THREADS=1 python -m benchmarks.paper.savings          # about 5 minutes of one core
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bank import HIGH, KNOTS, LOW, SPEC, Bank, matern52_norm, minimum
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from machine import describe
-
 import s2r_spec as s2r
+from benchmarks.machine import describe
+from benchmarks.paper.bank import HIGH, KNOTS, LOW, SPEC, Bank, matern52_norm, minimum
 from s2r_spec.certify.compose import compose
 from s2r_spec.certify.pairing import SIMULATED_PER_REAL
 from s2r_spec.certify.search import Query, Search

@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.diagnose.protocol_fit import EXPERIMENTS, SIM, responses
 from benchmarks.plants import PLANTS
 from benchmarks.plants.cases import KINDS, Kind, plant
-from benchmarks.protocol_fit import EXPERIMENTS, SIM, responses
 from benchmarks.rows import add_arguments, resumed
 from s2r_spec.diagnose.estimation import estimate
 from s2r_spec.diagnose.inference.estimates import named

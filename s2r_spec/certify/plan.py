@@ -10,7 +10,7 @@ Data: none. Known: the declaration. Unknown: the objective J; all else follows f
 ``low`` is the least over a few random functions of the kernel; ``high`` has no random part. Where one number is needed,
 it is their geometric mean. Two *floors* bound every search from below, in closed form.
 
-Units: B, R and ε are in the outcome's unit; rollouts are numbers. ``benchmarks/plan_calibration.py`` compares the range
+Units: B, R and ε are in the outcome's unit; rollouts are numbers. ``benchmarks/certify/plan.py`` compares the range
 with complete runs.
 """
 

@@ -27,7 +27,7 @@ PROFILES: dict[str, Profile] = {
     "stlrom": {"interpolation": "linear", "until": "closed", "end": "hold"},
     "tidystl": {"interpolation": "samples", "until": "closed", "end": "hold"},
 }
-"""benchmarks/language_conventions.py compares the profiles of RTAMT, STLRom, stlcgpp and tidystl with the tools."""
+"""benchmarks/lang/conventions.py compares the profiles of RTAMT, STLRom, stlcgpp and tidystl with the tools."""
 
 
 def profile(name: str) -> Profile:

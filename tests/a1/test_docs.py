@@ -1,6 +1,5 @@
 """The pages on the A1 itself say what the code does, and what they show to type can be typed."""
 
-import importlib.util
 import re
 import shlex
 import sys
@@ -8,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.a1 import hardware_tables
 from s2r_a1.guard import __main__ as guard
 from s2r_a1.options import NAMES, read_options
 from s2r_a1.twin import Twin, TwinSettings
@@ -22,13 +22,6 @@ HOW_TO, REFERENCE, EXPLANATION = PAGES = tuple(
 TEXT = "\n".join(page.read_text() for page in PAGES)
 
 
-def maker():
-    spec = importlib.util.spec_from_file_location("a1_hardware", ROOT / "benchmarks" / "a1_hardware.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 def commands(program):
     """The arguments of every command of a program that the pages show."""
     lines = re.findall(rf"^ *{re.escape(program)}(?: (.*))?$", HOW_TO.read_text(), re.M)
@@ -36,12 +29,12 @@ def commands(program):
 
 
 def test_the_tables_are_the_codes():
-    made = maker()
+    made = hardware_tables
     named = re.findall(r"<!-- table: (\w+) -->", TEXT)
     assert sorted(named) == sorted(made.TABLES)
     for page in (HOW_TO, REFERENCE):
         assert page.read_text() == made.with_tables(page.read_text()), (
-            "run: python benchmarks/a1_hardware.py --write"
+            "run: python -m benchmarks.a1.hardware_tables --write"
         )
 
 
@@ -49,7 +42,7 @@ def test_a_table_of_another_figure_would_be_noticed():
     page = HOW_TO.read_text()
     changed = page.replace("0.5 rad", "0.6 rad")
     assert changed != page
-    assert maker().with_tables(changed) == page
+    assert hardware_tables.with_tables(changed) == page
 
 
 def test_the_options_of_a_robot_are_all_there():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.a1_protocols import as_sent
+from benchmarks.a1.protocols import as_sent
 from s2r_a1 import attendance, hands, rawlog
 from s2r_a1.backend import A1Backend
 from s2r_a1.excitation import GOING, SHARES, Player, plan

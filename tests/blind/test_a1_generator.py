@@ -211,10 +211,9 @@ def test_a_case_on_disk_can_be_read_and_says_nothing_of_its_label(short_warm_up,
 
 def test_the_command_refuses_a_folder_that_is_not_empty(tmp_path):
     (tmp_path / "old").write_text("x")
-    script = ROOT / "benchmarks" / "blind" / "a1" / "generate.py"
     done = subprocess.run(
-        [sys.executable, str(script), "--cases", "1", "--seed", "1", "--out", str(tmp_path)],
-        capture_output=True, text=True, check=False,
+        [sys.executable, "-m", "benchmarks.blind.a1.generate", "--cases", "1", "--seed", "1", "--out", str(tmp_path)],
+        cwd=ROOT, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 2
     assert "empty" in done.stderr

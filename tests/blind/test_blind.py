@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import pytest
 
-from s2r_spec.blind import freeze as freezing
-from s2r_spec.blind.freeze import BEGUN, freeze
-from s2r_spec.blind.score import Rate, load, score
-from s2r_spec.blind.seal import seal
-from s2r_spec.blind.unseal import unseal
+from benchmarks.blind.protocol import freeze as freezing
+from benchmarks.blind.protocol.freeze import BEGUN, freeze
+from benchmarks.blind.protocol.score import Rate, load, score
+from benchmarks.blind.protocol.seal import seal
+from benchmarks.blind.protocol.unseal import unseal
 from s2r_spec.errors import UsageError
 from tests.errors import naming
 from tests.report.test_diagnosed import diagnosis

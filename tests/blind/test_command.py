@@ -1,9 +1,11 @@
-"""``python -m s2r_spec.blind``: a set of two machines from its sealing to its score."""
+"""``python -m benchmarks.blind.protocol``: a set of two machines from its sealing to its score."""
 
 import csv
 import json
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from s2r_cart import SPEC, real
 
 from s2r_spec import logs
 
+ROOT = Path(__file__).parents[2]
 WITHHELD = {"a": {"viscous": 2.5}, "b": {"tilt": -2.0}}
 
 
@@ -21,8 +24,16 @@ class Command:
         self.folder = folder
 
     def __call__(self, *words, code):
-        command = [sys.executable, "-m", "s2r_spec.blind", *map(str, words)]
-        done = subprocess.run(command, cwd=self.folder, capture_output=True, text=True, check=False)
+        command = [sys.executable, "-m", "benchmarks.blind.protocol", *map(str, words)]
+        path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
+        done = subprocess.run(
+            command,
+            cwd=self.folder,
+            env=os.environ | {"PYTHONPATH": path},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
         assert done.returncode == code, done.stderr + done.stdout
         return done
 

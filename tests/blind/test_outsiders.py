@@ -19,10 +19,10 @@ from benchmarks.blind.emps.generate import write_case
 from benchmarks.blind.outsiders import cases as outsiders
 from benchmarks.blind.outsiders.cases import SIZES, Case, drawn_tests, make_case, stratified
 from benchmarks.blind.outsiders.generate import main
+from benchmarks.blind.protocol.score import score
 from benchmarks.blind.quad import machine as quad
 from benchmarks.blind.segway import machine as segway
 from s2r_spec import backend, load_backend, load_spec
-from s2r_spec.blind.score import score
 from s2r_spec.diagnose.axes import lines
 from s2r_spec.diagnose.residuals.left import remainders
 from s2r_spec.diagnose.simulate import Bench

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks import protocol_signatures as signatures
 from benchmarks.blind.outsiders.lab import Lab
+from benchmarks.diagnose import protocol_signatures as signatures
 from s2r_spec import backend, load_backend
 from s2r_spec.errors import UsageError
 from s2r_spec.protocols import PROTOCOL, HasProtocols
@@ -77,7 +77,8 @@ def test_every_protocol_runs_on_both_and_follows_from_its_seed(name, pairs):
 
 
 @pytest.mark.parametrize(
-    # benchmarks/protocol_signatures.py prints 42 and 21 σ of one run in the chirp, at most 5 in six tests of the spec.
+    # benchmarks/diagnose/protocol_signatures.py prints 42 and 21 σ of one run in the chirp,
+    # and at most 5 in six tests of the spec.
     # The independent machine's lag is of second order, and so nearer to a delay; it needs twice the time.
     ("which", "time"),
     [(signatures.simulator, 0.008), (signatures.independent, 0.016)],

@@ -6,23 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.blind.table import HISTORY, SETS, history
-from benchmarks.diagnosis_tables import TABLES
 from s2r_spec.spec import load_spec
 
 ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "benchmarks" / "blind" / "results"
-
-
-def test_the_table_of_sealed_sets_is_what_the_committed_command_prints():
-    assert history() in HISTORY.read_text()
-    every = {f"{name}_scores.json" for names in SETS.values() for name in names}
-    assert every == {path.name for path in RESULTS.glob("*_scores.json")}
-
-
-def test_the_tables_of_twins_and_real_machines_can_be_printed():
-    for made in TABLES:
-        assert len(made().splitlines()) > 4
 
 
 def test_the_page_has_the_scores_of_development_cases():
@@ -75,23 +62,12 @@ def test_the_page_has_the_figures_of_the_calibration():
         assert f"| effects with a probability {place} that are large | {cell} |" in page
 
 
-def test_every_set_was_frozen_before_it_was_opened():
-    found = sorted(RESULTS.glob("*_scores.json"))
-    assert found
-    for path in found:
-        kept = json.loads(path.read_text())
-        manifest = json.loads((RESULTS / path.name.replace("_scores", "_manifest")).read_text())
-        assert kept["frozen"] == manifest["frozen"] <= kept["opened"]
-        assert sorted(manifest["answers"]) == sorted(kept["cases"])
-        assert re.fullmatch(r"[0-9a-f]{64}", manifest["code"])
-
-
 @pytest.mark.xfail(
     strict=True, reason="friction of hips and thighs, and the armature, of the real Go2 are not found"
 )
 def test_the_diagnosis_of_the_real_go2_agrees_with_a_least_squares_fit():
-    kept = json.loads((ROOT / "benchmarks" / "real" / "go2_diagnose.json").read_text())
-    fit = json.loads((ROOT / "benchmarks" / "real" / "go2_fit.json").read_text())
+    kept = json.loads((ROOT / "benchmarks" / "results" / "go2_diagnose.json").read_text())
+    fit = json.loads((ROOT / "benchmarks" / "results" / "go2_fit.json").read_text())
     dry, _, armature = fit["of_kinds"].values()
     pairs = [(kept["parameters"][f"{joint}_friction"]["torque"], value) for joint, value in dry.items()]
     pairs += [(kept["parameters"]["armature"][joint], value) for joint, value in armature.items()]
@@ -100,8 +76,8 @@ def test_the_diagnosis_of_the_real_go2_agrees_with_a_least_squares_fit():
 
 
 def test_the_diagnosis_of_the_real_go2_names_the_friction_of_the_calves():
-    kept = json.loads((ROOT / "benchmarks" / "real" / "go2_diagnose.json").read_text())
-    fit = json.loads((ROOT / "benchmarks" / "real" / "go2_fit.json").read_text())
+    kept = json.loads((ROOT / "benchmarks" / "results" / "go2_diagnose.json").read_text())
+    fit = json.loads((ROOT / "benchmarks" / "results" / "go2_fit.json").read_text())
     calf = kept["parameters"]["calf_friction"]
     assert [name for name, status in kept["status"].items() if status == "named"] == ["calf_friction"]
     legs = {name: x for name, x in fit["of_each_joint"]["dry_friction [N*m]"].items() if "calf" in name}
@@ -136,7 +112,7 @@ def test_what_the_readme_shows_of_a_diagnosis_is_what_the_committed_run_printed(
 
 @pytest.mark.xfail(strict=True, reason="the speed filter of the real axis comes out too short")
 def test_the_diagnosis_of_the_real_axis_contains_the_documented_friction():
-    kept = json.loads((ROOT / "benchmarks" / "real" / "emps_diagnose.json").read_text())
+    kept = json.loads((ROOT / "benchmarks" / "results" / "emps_diagnose.json").read_text())
     found = kept["friction"]["parameters"]
     for effect in ("viscous", "coulomb"):
         for name, value in kept["documented"][effect].items():

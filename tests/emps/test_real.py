@@ -17,7 +17,7 @@ needs_data = pytest.mark.skipif(not REAL.exists(), reason="the EMPS data set is 
 
 
 def run(*arguments):
-    command = [sys.executable, str(ROOT / "benchmarks" / "emps_real.py"), *map(str, arguments)]
+    command = [sys.executable, "-m", "benchmarks.diagnose.emps_recordings", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
 
 

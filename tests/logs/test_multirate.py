@@ -1,6 +1,6 @@
 """Random logs of several topics: s2r says what an evaluator of its own says of all messages, or unknown, or refuses.
 
-The cases are seeds (tests/logs/multirate_cases.py). ``benchmarks/multirate_logs.py`` tries ten thousand of them.
+The cases are seeds (tests/logs/multirate_cases.py). ``benchmarks/logs/multirate.py`` tries ten thousand of them.
 """
 
 from collections import Counter

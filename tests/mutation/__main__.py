@@ -1,201 +1,146 @@
-"""Mutation testing: are small faults in the code caught by its tests?
+"""Are small faults in a module caught by its tests? Cosmic Ray makes the faults and runs the tests.
 
-    python -m tests.mutation [PART | MODULE …] [--sample N | --all | --again] [--first LINE] [--minutes M] [--jobs N]
-        [--write]
+    python -m tests.mutation MODULE … [--tests FILE …] [--sample N] [--seed S]
 
-Needs the extra ``mutation``. PART is ``certify``, ``robustness`` or ``guard``; MODULE is a file of one. The working
-tree is copied, and each mutant meets the tests that run its line, the fastest first. Survivors are printed with what
-``judged.toml`` says of them. The exit code is 1 where one is not judged. ``--write`` keeps the results of these
-modules beside those of others in benchmarks/results/mutation.txt. ``--table`` prints these alone.
+Needs the extra ``mutation``. Faults go into a copy of the working tree, one at a time. By default the tests are those
+of the module's room that import it; one fault takes their time. Survivors are printed with what ``judged.toml`` says of
+them, and the exit code is 1 where one is not judged.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
+import ast
 import os
+import random
+import re
+import shlex
 import shutil
 import subprocess
 import sys
 import tempfile
 import time
-from concurrent.futures import ThreadPoolExecutor
+import tomllib
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
-from tests.mutation import results
-from tests.mutation.parts import PARTS, Part
-from tests.mutation.results import Row
+from cosmic_ray.commands import execute, init
+from cosmic_ray.config import ConfigDict
+from cosmic_ray.work_db import WorkDB, use_db
+from cosmic_ray.work_item import TestOutcome, WorkerOutcome, WorkResult
 
-EXAMPLES = 0.05
-"""Part of the random examples that a property is tried on (dimensionless, a budget): most faults fail on the first."""
-SAMPLE = 25
-"""Mutants of a module that are tried where its part does not say that all are (a budget)."""
-
-
-def copied(folder: Path) -> None:
-    """Copy the working tree, without what git ignores."""
-    listed = subprocess.run(
-        ["git", "ls-files", "-coz", "--exclude-standard"],
-        cwd=results.ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    for name in filter(None, listed.stdout.split("\0")):
-        if (results.ROOT / name).is_file():
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(results.ROOT / name, folder / name)
-    (folder / "build").mkdir()
-    # A mutant of the same length and second as its module must not be taken for it.
-    command = [
-        sys.executable,
-        "-m",
-        "compileall",
-        "-q",
-        "--invalidation-mode",
-        "checked-hash",
-        "s2r_spec",
-        "backends",
-    ]
-    subprocess.run(command, cwd=folder, check=True)
+ROOT = Path(__file__).parents[2]
+JUDGED = Path(__file__).with_name("judged.toml")
+OPERATORS = re.compile(
+    r"ReplaceBinaryOperator_(Add_Sub|Sub_Add|Mul_Div|Div_Mul|FloorDiv_Mul|Mod_Mul|Pow_Mul|BitAnd_BitOr|BitOr_BitAnd"
+    r"|LShift_RShift|RShift_LShift)|ReplaceComparisonOperator_(Lt_LtE|Lt_GtE|LtE_Lt|LtE_Gt|Gt_GtE|Gt_LtE|GtE_Gt|GtE_Lt"
+    r"|Eq_NotEq|NotEq_Eq|Is_IsNot|IsNot_Is)|ReplaceUnaryOperator_Delete_\w+|ReplaceTrueWithFalse|ReplaceFalseWithTrue"
+    r"|ReplaceAndWithOr|ReplaceOrWithAnd|AddNot|ReplaceBreakWithContinue|ReplaceContinueWithBreak|NumberReplacer"
+    r"|ExceptionReplacer|ZeroIterationForLoop"
+)
+"""Definition: faults that a person could make. Cosmic Ray's others replace an operator by one that fails at once."""
+EXAMPLES = "0.05"
+"""Budget: the part of the random examples that a property is tried on."""
+PATIENCE = 10.0
+"""Budget [s]: a mutant hangs if it takes four times the tests' own time and this."""
 
 
-def tried(
-    part: Part, modules: list[str], samples: dict[str, int | None], words: argparse.Namespace
-) -> list[Row]:
-    """Return the rows of a worker for modules of a part."""
-    task = {
-        "modules": modules,
-        "tests": words.tests or part.tests,
-        "early": part.early,
-        "again": words.survivors,
-        "part": part.modules(results.ROOT),
-        "samples": samples,
-        "seed": words.seed,
-        "first": words.first,
-        "most": words.seconds,
-        "minutes": words.minutes,
-    }
-    with tempfile.TemporaryDirectory(prefix="mutation-") as kept:
-        folder = Path(kept)
-        copied(folder)
-        path = os.pathsep.join(
-            [str(folder), str(folder / "backends"), *filter(None, [os.environ.get("PYTHONPATH")])]
-        )
-        own = {
-            "PYTHONPATH": path,
-            "S2R_EXAMPLES": str(EXAMPLES),
-            "OMP_NUM_THREADS": "1",
-            "TMPDIR": str(folder / "build"),
-        }
-        command = [sys.executable, "-m", "tests.mutation.worker"]
-        with subprocess.Popen(
-            command,
-            cwd=folder,
-            env=os.environ | own,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        ) as worker:
-            assert worker.stdin is not None
-            assert worker.stdout is not None
-            worker.stdin.write(json.dumps(task))
-            worker.stdin.close()
-            rows = []
-            for line in worker.stdout:
-                row = json.loads(line)
-                rows.append(row)
-                print(f"{time.strftime('%H:%M:%S')} {line.rstrip()}", flush=True)
-        if worker.returncode:
-            sys.exit(worker.returncode)
-    return rows
+def importing(module: str) -> list[str]:
+    """Return the tests that import a module, a path relative to the repository, in the folder of its room."""
+    parts = module.removeprefix("backends/").removesuffix(".py").split("/")
+    room = parts[1] if parts[0] == "s2r_spec" else parts[0].removeprefix("s2r_")
+    package, name = ".".join(parts[:-1]), parts[-1]
+    imports = re.compile(rf"\b{re.escape(package)}\.{name}\b|from {re.escape(package)} import .*\b{name}\b")
+    tests = sorted((ROOT / "tests" / room).rglob("test_*.py"))
+    found = [str(path.relative_to(ROOT)) for path in tests if imports.search(path.read_text())]
+    return found or sys.exit(f"no test in tests/{room} imports {module}; name them with --tests")
 
 
-def sampled(part: Part, module: str, words: argparse.Namespace) -> int | None:
-    """Return how many mutants of a module are tried; None for all."""
-    if words.all or words.again or (words.sample is None and Path(module).name in part.whole):
-        return None
-    return SAMPLE if words.sample is None else int(words.sample)
+def spared(code: str) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
+    """Yield where no test should catch a fault: text, annotations, decorators, and what only the type checker reads."""
+    for node in ast.walk(ast.parse(code)):
+        found: list[Any] = []
+        match node:
+            case ast.JoinedStr():
+                found = [node]
+            case ast.arg(annotation=ast.expr() as annotation) | ast.AnnAssign(annotation=annotation):
+                found = [annotation]
+            case ast.Call(func=ast.Name(id="zip"), keywords=[keyword]):
+                found = [keyword.value]
+            case ast.If(test=ast.Name(id="TYPE_CHECKING")):
+                found = [node]
+            case ast.FunctionDef():
+                found = [*node.decorator_list, *filter(None, [node.returns])]
+            case ast.ClassDef():
+                found = node.decorator_list
+        yield from (((one.lineno, one.col_offset), (one.end_lineno, one.end_col_offset)) for one in found)
 
 
-def words_of_the_command() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="python -m tests.mutation", description=__doc__.splitlines()[0])
-    parser.add_argument("wanted", nargs="*", metavar="PART | MODULE", help="without one, all parts")
-    parser.add_argument(
-        "--sample", type=int, help=f"mutants of each module ({SAMPLE}, or all where its part says so)"
-    )
-    parser.add_argument("--all", action="store_true", help="every mutant of every module")
-    parser.add_argument("--again", action="store_true", help="only the survivors that are kept")
-    parser.add_argument(
-        "--first",
-        type=int,
-        default=1,
-        metavar="LINE",
-        help="from this line on; adds to what is kept, and counts twice what was tried before",
-    )
-    parser.add_argument("--seed", type=int, default=0, help="of the random sample and of its order")
-    parser.add_argument(
-        "--seconds", type=float, default=20.0, help="of CPU, of the tests that a mutant meets at most"
-    )
-    parser.add_argument("--minutes", type=float, default=1e6, help="after which no further mutant is tried")
-    parser.add_argument("--tests", nargs="+", metavar="FILE", help="instead of those of the part")
-    parser.add_argument("--jobs", type=int, default=1, help="processes")
-    parser.add_argument("--write", action="store_true", help="to benchmarks/results, too")
-    parser.add_argument("--table", action="store_true", help="try nothing, and print what is kept")
-    return parser.parse_args()
+def chosen(session: WorkDB, code: str, sample: int | None, seed: int) -> int:
+    """Skip the mutants that are not tried; return how many remain."""
+    never = list(spared(code))
+    kept, skipped = [], []
+    for item in session.pending_work_items:
+        [one] = item.mutations
+        place = any(first <= one.start_pos < last for first, last in never)
+        (skipped if place or not OPERATORS.fullmatch(one.operator_name.split("/")[-1]) else kept).append(item)
+    random.Random(seed).shuffle(kept)
+    count = len(kept) if sample is None else min(sample, len(kept))
+    for item in skipped + kept[count:]:
+        session.set_result(item.job_id, WorkResult(worker_outcome=WorkerOutcome.SKIPPED))
+    return count
 
 
-def rows_of(words: argparse.Namespace) -> list[Row]:
-    """Return the rows of all workers."""
-    jobs = []
-    for name, part in PARTS.items():
-        modules = [
-            one for one in part.modules(results.ROOT) if not words.wanted or {name, one} & set(words.wanted)
-        ]
-        if words.again:
-            modules = [one for one in modules if one in {module for module, _, _ in words.survivors}]
-        samples = {one: sampled(part, one, words) for one in modules}
-        shares = [modules[k :: words.jobs] for k in range(words.jobs)]
-        jobs += [(part, share, samples, words) for share in shares if share]
-    with ThreadPoolExecutor(words.jobs) as pool:
-        return [row for found in pool.map(lambda job: tried(*job), jobs) for row in found]
+def survivors(module: str, tests: list[str], sample: int | None, seed: int) -> list[tuple[str, str, str]]:
+    """Try mutants in the working folder; return module, line and changed line of those that the tests let pass."""
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]
+    began = time.monotonic()
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    patience = 4 * (time.monotonic() - began) + PATIENCE
+    given = {"test-command": shlex.join(command), "timeout": patience, "distributor": {"name": "local"}}
+    with use_db("session.sqlite", WorkDB.Mode.create) as session:
+        init([Path(module)], session, {})
+        tried = chosen(session, Path(module).read_text(), sample, seed)
+        print(f"{module}: {tried} mutants, {patience:.0f} s each at most, by {' '.join(tests)}", flush=True)
+        execute(session, ConfigDict(given))
+        left = [found.diff for _, found in session.results if found.test_outcome == TestOutcome.SURVIVED]
+    Path("session.sqlite").unlink()
+    print(f"{module}: {tried - len(left)} killed, {len(left)} survived", flush=True)
+    return sorted((module, *changed(diff)) for diff in left)
 
 
-def about() -> list[str]:
-    """Return a line about the machine and the versions."""
-    sys.path.append(str(results.ROOT / "benchmarks"))
-    from machine import describe
-
-    found = describe("cosmic-ray", "coverage")
-    versions = ", ".join(f"{name} {version}" for name, version in found["versions"].items())  # type: ignore[attr-defined]
-    return [
-        f"{found['processor']}, {found['cores']} cores, Python {found['python']}, {found['date']}, {versions}"
-    ]
+def changed(diff: str) -> tuple[str, str]:
+    """Return the first line that a fault changes, without and with it."""
+    lines = [line for line in diff.splitlines() if line[:3] not in ("---", "+++")]
+    was, now = (next((x[1:].strip() for x in lines if x.startswith(sign)), "") for sign in "-+")
+    return was, now
 
 
 def main() -> None:
-    words, began = words_of_the_command(), time.monotonic()
-    kept = results.read() or {"about": [], "modules": {}}
-    if words.table:
-        print(results.table(kept), end="")
-        return
-    before = kept["modules"]
-    words.survivors = None
-    if words.again:
-        words.survivors = [
-            (module, row["was"], row["now"]) for module, one in before.items() for row in one["survivors"]
+    """Try the modules that are named, and print the survivors."""
+    parser = argparse.ArgumentParser(prog="python -m tests.mutation", description=__doc__.splitlines()[0])
+    parser.add_argument("modules", nargs="+", metavar="MODULE", help="a file, relative to the repository")
+    parser.add_argument("--tests", nargs="+", metavar="FILE", help="instead of those that import the module")
+    parser.add_argument("--sample", type=int, help="mutants of each module; without it, all")
+    parser.add_argument("--seed", type=int, default=0, help="of the sample")
+    words = parser.parse_args()
+    judged = tomllib.loads(JUDGED.read_text())["judged"]
+    reasons = {(one["module"], one["was"], one["now"]): one["because"] for one in judged}
+    with tempfile.TemporaryDirectory(prefix="mutation-") as folder:
+        shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(".*", "__pycache__"), dirs_exist_ok=True)
+        os.chdir(folder)
+        path = filter(None, [folder, f"{folder}/backends", os.environ.get("PYTHONPATH")])
+        os.environ |= {"PYTHONPATH": os.pathsep.join(path), "S2R_EXAMPLES": EXAMPLES, "OMP_NUM_THREADS": "1"}
+        left = [
+            row
+            for one in words.modules
+            for row in survivors(one, words.tests or importing(one), words.sample, words.seed)
         ]
-    fresh = results.scores(rows_of(words), before if words.again else None)
-    if words.first > 1:
-        fresh = {module: results.joined(before.get(module), one) for module, one in fresh.items()}
-    kept["modules"] = (before if words.write else {}) | fresh
-    if words.write:
-        kept["about"] = about()
-        results.RESULTS.write_text(json.dumps(kept, indent=1) + "\n")
-        results.TABLE.write_text(results.table(kept))
-    print(results.table(kept), end="")
-    print(f"{time.monotonic() - began:.0f} s")
-    sys.exit(1 if results.not_judged(fresh) else 0)
+        os.chdir(ROOT)
+    for module, was, now in left:
+        print(f"\n{module}\n  - {was}\n  + {now}\n  {reasons.get((module, was, now), 'NOT JUDGED')}")
+    sys.exit(any(row not in reasons for row in left))
 
 
 if __name__ == "__main__":

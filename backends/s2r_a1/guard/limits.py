@@ -145,7 +145,7 @@ class Limits:
     bridged: Annotated[
         int,
         Figure(
-            "ns", "ZZ; gaps on loopback are 7 ms at most (benchmarks/a1_gaps.py)", "torque acts on old states"
+            "ns", "ZZ; gaps on loopback are 7 ms at most (benchmarks/a1/gaps.py)", "torque acts on old states"
         ),
     ] = 10 * MS
     silence: Annotated[

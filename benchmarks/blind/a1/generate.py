@@ -1,6 +1,6 @@
 """Make a sealed set of A1 cases: a twin's rollouts in public/<id>/, what ails it in sealed/<id>.json.
 
-Run: OMP_NUM_THREADS=1 python benchmarks/blind/a1/generate.py --cases 200 --out FOLDER [--seed N] [--workers 2]
+Run: OMP_NUM_THREADS=1 python -m benchmarks.blind.a1.generate --cases 200 --out FOLDER [--seed N] [--workers 2]
 
 FOLDER/public/<id>/ is a folder of recorded rollouts with its spec, for ``s2r``;
 FOLDER/sealed/<id>.json is its label, and FOLDER/sealed/<id>/ further rollouts
@@ -16,7 +16,6 @@ import csv
 import json
 import secrets
 import shutil
-import sys
 import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -25,11 +24,8 @@ from pathlib import Path
 
 import numpy as np
 
-ROOT = Path(__file__).parents[3]
-sys.path[:0] = [str(ROOT), str(ROOT / "backends")]
-
-from benchmarks.blind.a1.cases import MIX, SPEC, Case, CaseKind, make_case  # noqa: E402
-from s2r_spec.trace import Trace  # noqa: E402
+from benchmarks.blind.a1.cases import MIX, SPEC, Case, CaseKind, make_case
+from s2r_spec.trace import Trace
 
 BUDGETS = (20, 30, 60)
 HELD_OUT = 20

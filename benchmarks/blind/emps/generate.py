@@ -21,12 +21,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-ROOT = Path(__file__).parents[3]
-sys.path[:0] = [str(ROOT), str(ROOT / "backends")]
-
-from benchmarks.blind.emps.cases import KINDS, MIX, SPEC, CaseKind, Rollouts, plan, realise  # noqa: E402
-from s2r_spec import logs  # noqa: E402
-from s2r_spec.spec import load_spec  # noqa: E402
+from benchmarks.blind.emps.cases import KINDS, MIX, SPEC, CaseKind, Rollouts, plan, realise
+from s2r_spec import logs
+from s2r_spec.spec import load_spec
 
 BUDGETS = (20, 30, 60)
 BATCH = 10

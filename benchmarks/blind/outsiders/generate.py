@@ -10,13 +10,9 @@ from __future__ import annotations
 import argparse
 import sys
 from importlib import import_module
-from pathlib import Path
 
-ROOT = Path(__file__).parents[3]
-sys.path[:0] = [str(ROOT), str(ROOT / "backends")]
-
-from benchmarks.blind.emps.generate import asked, kinds_of, write_case  # noqa: E402
-from benchmarks.blind.outsiders.cases import Machine, make_case  # noqa: E402
+from benchmarks.blind.emps.generate import asked, kinds_of, write_case
+from benchmarks.blind.outsiders.cases import Machine, make_case
 
 MACHINES = ("arm", "quad", "car", "segway")
 

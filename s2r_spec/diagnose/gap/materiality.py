@@ -58,8 +58,8 @@ HALF = 0.5
 change the sign of ρ, or double ρ."""
 RATIO = 0.4
 """Prior: standard deviation of the logarithm of the ratio r of both standard deviations, without its sign. Half of all
-machines scatter at most 1.3 times as much as their simulator, 19 of 20 at most 2.2 times. `python
-benchmarks/materiality.py --a1` prints this ratio for a twin of other code. Doubled, intervals of single real
+machines scatter at most 1.3 times as much as their simulator, 19 of 20 at most 2.2 times. `python -m
+benchmarks.diagnose.materiality --a1` prints this ratio for a twin of other code. Doubled, intervals of single real
 rollouts get 2.3 times as long; halved, 24 % shorter."""
 NODES = 16
 """Budget: values of r and of W over which p-values are averaged. Doubled, intervals change by 0.1 %."""

@@ -66,7 +66,7 @@ FloatArray = NDArray[np.float64]
 LAW_ERROR = 0.02
 """Prior: scale τ0 of the law error of a group, in typical sizes. With twice as much, many groups of a channel that
 follows every law count for more, and the few precise ones for less. Chosen among 0.01, 0.02, 0.05 by the errors on 20
-of the twins of `benchmarks/protocol_fit.py`, which are therefore validation."""
+of the twins of `benchmarks/diagnose/protocol_fit.py`, which are therefore validation."""
 LAW_SHARE = 0.1
 """Prior: part ρ0 of an effect's size by which its law is wrong in one kind of motion; ρ is ρ0 or half as much, which is
 equally probable. It is also the scale of ρ_g and κ_g. Twice as much makes intervals of large effects up to twice as
@@ -81,7 +81,7 @@ Twice as much lets one such observable raise s_g² of its group up to four times
 SHARED = 0.03
 """Prior: standard deviation σ_c of the error that all groups share at nominal, in typical sizes: two healthy machines
 of different authors differ by so much. Chosen among 0.02 to 0.05 by density of the true sizes and coverage of the
-intervals, in 35 twins of `benchmarks/protocol_fit.py` and 17 cases of each of four machines of
+intervals, in 35 twins of `benchmarks/diagnose/protocol_fit.py` and 17 cases of each of four machines of
 `benchmarks/blind/development.py`, which are therefore validation. Twice as much makes intervals of small effects up to
 twice as wide."""
 TINY = 1e-9
