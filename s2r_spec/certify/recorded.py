@@ -15,7 +15,7 @@ from s2r_spec.certify.search import Query, Search
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.rollouts.compatibility import Interface, check_compatibility
 from s2r_spec.rollouts.journal import Journal, Record
-from s2r_spec.rollouts.recorded import left_out, refuse_hidden, tests_of
+from s2r_spec.rollouts.recorded import left_out, refuse_hidden, refuse_unstated_times, tests_of
 from s2r_spec.rollouts.scorer import Scorer
 from s2r_spec.rollouts.task import Done
 from s2r_spec.spec import Spec
@@ -70,7 +70,9 @@ def fixed_design(spec: Spec, requirement: str, backend: Backend, recordings: Seq
             )
         )
     grouped = tuple((point, tuple(group)) for point, group in groups.values())
-    refuse_hidden(spec, backend, [recording for _, group in grouped for recording in group])
+    used = [recording for _, group in grouped for recording in group]
+    refuse_hidden(spec, backend, used)
+    refuse_unstated_times(spec, requirement, backend, used)
     notes = [sentence] if (sentence := left_out(recordings)) else []
     if outside:
         notes.append(

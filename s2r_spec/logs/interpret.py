@@ -16,7 +16,7 @@ from s2r_spec.lang.units import LONGEST
 from s2r_spec.logs import dates, times, values
 from s2r_spec.logs.account import Account
 from s2r_spec.logs.mapping import ANY, Channel, Plan, Request
-from s2r_spec.logs.own import restored
+from s2r_spec.logs.own import clock_of, restored
 from s2r_spec.logs.table import Column, Table, quoted
 from s2r_spec.logs.topics.order import ordered
 from s2r_spec.logs.topics.topic import Topic
@@ -75,6 +75,8 @@ def build_trace(
     if kept is not None:
         trace = replace(kept, units=read.units, meta=table.meta)
         accounts = {name: Account(count, count) for name, count in _counts(kept).items()}
+        if (clock := clock_of(stamps.seconds, table.own)) is not None:
+            trace = at_clock(trace, clock)
         return Loaded(trace, (*table.notes, *plan.notes), stamps.begins, lacking, accounts, stamps.stated)
     trace, account, notes = _of_rows(stamps.seconds, read, table, plan.times[0])
     if longest and not trace.messages:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import base64
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,16 @@ _NUMBERS = ("period", "longest", "log_end", "end")
 
 
 def rows(trace: Trace) -> tuple[FloatArray, Mapping[str, FloatArray], dict[str, Any]]:
-    """Return (times, channels, record) of a trace as a table; the record is empty if all samples are own."""
+    """Return (times, channels, record) of a trace as a table; the record is empty if all samples are own.
+
+    Of a trace at the stamps of a clock, the rows are its messages, and the record says which rows the clock has.
+    """
+    clock = None
+    if trace.origin is not None and any(
+        not np.array_equal(one.times, trace.times) for one in trace.origin.messages.values()
+    ):
+        clock = trace.times
+        trace = replace(trace.origin, units=trace.units, meta=trace.meta)
     if not trace.messages:
         masks = {name: _packed(mask) for name, mask in trace.masks.items() if not mask.all()}
         return trace.times, trace.channels, {"version": VERSION, "masks": masks} if masks else {}
@@ -37,7 +47,8 @@ def rows(trace: Trace) -> tuple[FloatArray, Mapping[str, FloatArray], dict[str, 
         stamps, number = np.unique(one.times, return_counts=True)
         for stamp in stamps[number > 1].tolist():
             counts[stamp] = max(counts.get(stamp, 1), int(number[np.searchsorted(stamps, stamp)]))
-    each = np.unique(np.concatenate([one.times for one in trace.messages.values()]))
+    stamps_of_all = [one.times for one in trace.messages.values()]
+    each = np.unique(np.concatenate(stamps_of_all if clock is None else [*stamps_of_all, clock]))
     times = np.repeat(each, [counts.get(stamp, 1) for stamp in each.tolist()] if counts else 1)
     channels, described = {}, {}
     for name, one in trace.messages.items():
@@ -56,9 +67,27 @@ def rows(trace: Trace) -> tuple[FloatArray, Mapping[str, FloatArray], dict[str, 
             **({"invalid": [[_or_none(at) for at in span] for span in one.invalid]} if one.invalid else {}),
             **{key: number for key, number in numbers.items() if math.isfinite(number)},
         }
-    return times, channels, {
-        "version": VERSION, "messages": described, "since": trace.since, "until": trace.until
-    }  # fmt: skip
+    record = {"version": VERSION, "messages": described, "since": trace.since, "until": trace.until}
+    return times, channels, record if clock is None else {**record, "clock": _packed(np.isin(times, clock))}
+
+
+def clock_of(times: FloatArray, record: Mapping[str, Any]) -> FloatArray | None:
+    """Return (m,) the stamps of the clock of a table with a record; None without a clock.
+
+    Args:
+        times: (n,) times of the rows [s].
+        record: the record.
+
+    Raises:
+        TraceError: the record does not fit the table.
+    """
+    if "clock" not in record:
+        return None
+    try:
+        stamps: FloatArray = np.unique(times[_unpacked(record["clock"], times.size)])
+    except (TypeError, ValueError) as error:
+        raise TraceError(f"its record of own samples does not fit the table: {error}") from None
+    return stamps
 
 
 def restored(
@@ -123,5 +152,7 @@ def _unpacked(text: str, count: int) -> BoolArray:
     """
     bits = np.unpackbits(np.frombuffer(base64.b64decode(text, validate=True), dtype=np.uint8))
     if not count <= bits.size < count + 8:
-        raise ValueError(f"{bits.size} bits for {count} rows")
+        raise ValueError(
+            f"{bits.size} bits for {count} rows; the rows of a part have no record: clear a frame's attrs"
+        )
     return bits[:count].astype(bool)

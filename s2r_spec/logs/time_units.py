@@ -19,15 +19,17 @@ SUB = {
     **dict.fromkeys(("us", "usec", "usecs", "micros", "microsec", "microsecs", "microsecond", "microseconds"), "us"),
     **dict.fromkeys(("min", "mins", "minute", "minutes"), "min"),
     **dict.fromkeys(("h", "hr", "hrs", "hour", "hours"), "h"),
+    **dict.fromkeys(("day", "days"), "day"),
     **dict.fromkeys(("ns", "nsec", "nsecs", "nanos", "nanosec", "nanosecs", "nanosecond", "nanoseconds"), "ns"),
 }  # fmt: skip
 """Definition: last words of a name that state a unit of time other than the second."""
 WHOLE = frozenset(("s", "sec", "secs", "second", "seconds"))
 """Definition: last words of a name that state seconds."""
 
-_EPOCH = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
-"""Definition: smallest stamp since 1970 in each unit. A stamp of 1e11 s would be in the year 5138; 1e11 ms, 1e14 us and
-1e17 ns are in 1973."""
+TOO_LARGE = 1e11
+"""Definition: smallest stamp that is not in seconds since 1970; it would be in the year 5138 [s]."""
+_YEARS = (946_684_800.0, 4_102_444_800.0)
+"""Definition: the begin of the years 2000 and 2100 since 1970 [s], between which robots are recorded."""
 
 
 def size(text: str) -> Fraction | None:
@@ -73,5 +75,8 @@ def unit_in_name(name: str) -> str | None:
 
 
 def looks_like(stamp: float) -> str | None:
-    """Return the probable unit of a stamp since 1970 that is too large for seconds; None if it may be in seconds."""
-    return next((unit for least, unit in _EPOCH if abs(stamp) >= least), None)
+    """Return the unit in which a large stamp since 1970 is between the years 2000 and 2100; None if there is none."""
+    return next(
+        (unit for unit in ("ms", "us", "ns") if _YEARS[0] <= abs(stamp) * float(_SIZES[unit]) <= _YEARS[1]),
+        None,
+    )

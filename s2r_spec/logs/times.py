@@ -221,14 +221,17 @@ def _whole(column: Column, head: Head) -> NDArray[np.int64]:
 def _counts(values: NDArray[Any], head: Head, unit: str | None, first: Any) -> Times:
     """Return the times of a column of plain numbers."""
     size, notes = _size(head, unit)
-    stated = size is not None or head.name == TIME  # the times of a trace are in seconds
+    stated = size is not None
     if size is None:
         ends = [values[0], values[-1]] if values.size and first is None else []
         likely = next(filter(None, (time_units.looks_like(float(end)) for end in ends)), None)
-        if likely is not None:
+        if likely is not None or any(abs(float(end)) >= time_units.TOO_LARGE for end in ends):
+            way = (
+                f"they look like {likely}: add --time-unit {likely}" if likely else "state their --time-unit"
+            )
             raise TraceError(
-                f"the times of {quoted(head.text)} begin at {values[0]}, too large for seconds since 1970; they look "
-                f"like {likely}: add --time-unit {likely} (or s for seconds)"
+                f"the times of {quoted(head.text)} begin at {values[0]}, too large for seconds since 1970; {way} "
+                f"(or s for seconds)"
             )
         size = Fraction(1)
         notes = _assumed(values, head) if first is None else ()

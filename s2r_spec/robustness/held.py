@@ -6,7 +6,8 @@ its own signals (:mod:`s2r_spec.robustness.curve`). No matrix of signals × stam
 
 Functions of the past look at a signal's own messages: ``deriv``, ``delay`` and ``count`` are computed at these and held
 between, so their operand must be of one topic. ``integral``, ``mean`` and ``duration`` of held signals are exact: an
-integral is a sum of rectangles, and a duration grows with time.
+integral is a sum of rectangles, and a duration grows with time. Sums, multiples, minima, ``if`` and products with held
+values are exact, too; a value that is no straight line between messages is refused.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from numpy.typing import NDArray
 from s2r_spec.errors import TraceError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness import history
-from s2r_spec.robustness.curve import Curve
+from s2r_spec.robustness.curve import Curve, aligned, split_at_zero
 from s2r_spec.robustness.dense import DenseAlgebra, Recording, Values
 from s2r_spec.robustness.evaluate import Walk, Witness
 from s2r_spec.robustness.numbers import Numbers, margin
@@ -31,6 +32,10 @@ from s2r_spec.robustness.sampled import Samples
 from s2r_spec.robustness.ticks import Ticks
 
 FloatArray = NDArray[np.float64]
+
+MEAN_ERROR = 1e-7
+"""Tolerance: error of a mean between two messages while its window grows, in parts of its change."""
+_PRODUCT = {"*": np.multiply, "/": np.divide}
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +108,10 @@ class Courses:
         signals = {name: self.signals[name].at(times) for name in read}
         return Samples(Ticks(times, self.snap), signals, self.params, self.until)
 
+    def needs_samples(self, node: f.Node) -> bool:
+        """Return whether a value is known at samples alone: a function of the past of several topics."""
+        return needs_samples(node, {name: self.signals[name].times for name in signals_of(node)})
+
     def walk(self) -> Walk[Curve]:
         """Return the walk that gives the robustness of a formula as a curve."""
         return Walk(HeldAlgebra(self), self.until)
@@ -141,6 +150,25 @@ class HeldAlgebra(DenseAlgebra):
         return self._last[1]
 
 
+def needs_samples(node: f.Node, times: Mapping[str, FloatArray]) -> bool:
+    """Return whether a value is known at samples alone: the next sample, or a function of the past of several topics.
+
+    Args:
+        node: a formula or a value.
+        times: signal → the stamps of its messages.
+    """
+    for part in f.walk(node):
+        if isinstance(part, f.Step):
+            return True
+        if isinstance(part, f.Count | f.Delayed | f.Derivative):
+            first, *others = (
+                (times[name] for name in signals_of(part)) if signals_of(part) else (np.zeros(0),)
+            )
+            if any(one is not first and not np.array_equal(one, first) for one in others):
+                return True
+    return False
+
+
 def signals_of(node: f.Node) -> frozenset[str]:
     """Return the signals that a formula or a value reads."""
     return frozenset(part.name for part in f.walk(node) if isinstance(part, f.SignalValue | f.Flag))
@@ -170,10 +198,54 @@ class HeldValues(Values):
                 return _duration(self.courses.walk()(node.operand))
             case f.Accumulated():
                 return self._accumulated(node)
+            case f.Derivative() | f.Delayed() | f.Count() | f.Initial():
+                return self._joined(node)
+            case f.Choice() if _grows(node):
+                return self._chosen(node)
+            case f.Arithmetic(operator="*" | "/") if _grows(node) and not self._has_steady_part(node):
+                return self._product(node)
+            case f.Elementary(function="sqrt") | f.Arithmetic(operator="^") | f.Norm() if _grows(node):
+                raise _curved(node)
             case _ if _grows(node):
                 return self._lines(node)
             case _:
                 return super()._value(node)
+
+    def _has_steady_part(self, node: f.Arithmetic) -> bool:
+        return self._steady(node.right) or (node.operator == "*" and self._steady(node.left))
+
+    def _product(self, node: f.Arithmetic) -> Curve:
+        """Return a product of curves, or a quotient.
+
+        Raises:
+            TraceError: it is not linear between two messages.
+        """
+        x, y = aligned(self(node.left), self(node.right), self.recording.snap)
+        flat = y.right == y.left
+        if node.operator == "*":
+            flat |= x.right == x.left
+        if not flat.all():
+            raise _curved(node)
+        with np.errstate(all="ignore"):
+            parts = [
+                _PRODUCT[node.operator](*pair)
+                for pair in ((x.at, y.at), (x.right, y.right), (x.left, y.left))
+            ]
+        return Curve(x.times, *parts)
+
+    def _chosen(self, node: f.Choice) -> Curve:
+        """Return the curve of ``if``, whose condition may change between two messages."""
+        snap = self.recording.snap
+        rho, x = aligned(split_at_zero(self.courses.walk()(node.condition), snap), self(node.left), snap)
+        x, y = aligned(x, self(node.right), snap)
+        rho = rho.refined(x.times)
+        at, between = rho.at > 0, rho.right + rho.left > 0
+        return Curve(
+            x.times,
+            np.where(at, x.at, y.at),
+            np.where(between, x.right, y.right),
+            np.where(between, x.left, y.left),
+        )
 
     def _lines(self, node: f.Value) -> Curve:
         """Return a value that is linear between messages although its signals are held."""
@@ -201,14 +273,43 @@ class HeldValues(Values):
         return Curve(times, samples, samples[:-1], left)
 
     def _accumulated(self, node: f.Accumulated) -> Curve:
+        if _grows(node.operand):
+            raise _curved(node)
         operand = self(node.operand)
         total = _integral(operand, node.seconds)
         if node.function == "integral":
             return total
+        total = total.refined(np.union1d(total.times, _along_hyperbolas(total.times, node.seconds)))
         elapsed = np.minimum(total.times, node.seconds)
         with np.errstate(invalid="ignore", divide="ignore"):
             at = np.where(elapsed > 0, total.at / elapsed, operand.at[0])
         return Curve.of(total.times, at, "linear")
+
+
+def _along_hyperbolas(times: FloatArray, seconds: float) -> FloatArray:
+    """Return instants between (n,) breakpoints at which a mean is computed, too.
+
+    While its window grows, the mean of a held signal is c + K / t between two messages. Between two instants whose
+    ratio is 1 + h, a line differs from it by h² K / 4 t.
+    """
+    inner = times[(times > 0.0) & (times <= seconds)]
+    if inner.size < 2:
+        return inner
+    ratio = 1.0 + math.sqrt(4.0 * MEAN_ERROR)
+    count = int(math.log(inner[-1] / inner[0]) / math.log(ratio)) + 1
+    grid = inner[0] * ratio ** np.arange(1, count)
+    piece = np.searchsorted(inner, grid, side="right") - 1
+    wide = inner[np.minimum(piece + 1, inner.size - 1)] > ratio * inner[piece]
+    result: FloatArray = grid[wide & (grid < inner[-1])]
+    return result
+
+
+def _curved(node: f.Value) -> TraceError:
+    """Return the error of a value that is no straight line between messages."""
+    return TraceError(
+        f"`{' '.join(node.span.text.split())}` ({node.span.place}) is no straight line between messages, so s2r has no "
+        f"exact value there; resample the trace"
+    )
 
 
 def _grows(node: f.Node) -> bool:

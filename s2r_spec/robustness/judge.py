@@ -36,7 +36,7 @@ from s2r_spec.robustness.held import Course, Courses, HeldAlgebra
 from s2r_spec.robustness.horizon import horizon, seconds_needed
 from s2r_spec.robustness.narrow import narrowest, refuse_short
 from s2r_spec.robustness.silence import HeldBounds, Span, edge_signals
-from s2r_spec.robustness.stream import Stream
+from s2r_spec.robustness.stream import Stream, in_one_turn
 from s2r_spec.robustness.ties import plain, plain_number
 
 FloatArray = NDArray[np.float64]
@@ -139,8 +139,8 @@ class Judge:
         )
         return Courses(signals, self.params, end - start, snap_of(start, end), self.witness)
 
-    def walk(self, start: float, end: float) -> Walk[Bounds[Curve]]:
-        """Return the walk that bounds ρ from ``start`` to ``end``."""
+    def walk(self, start: float, end: float, open_steps: bool = False) -> Walk[Bounds[Curve]]:
+        """Return the walk that bounds ρ from ``start`` to ``end``; see :class:`HeldBounds`."""
         most = {stream.topic: stream.most for stream in self.streams.values()}
         if math.prod(most.values()) > MOST_VARIANTS:
             raise TraceError(
@@ -153,7 +153,13 @@ class Judge:
             for numbers in product(*map(range, most.values()))
         ]
         silences = {name: stream.silences(start, end) for name, stream in self.streams.items()}
-        return HeldBounds(variants, silences, self.unseen(start)).walk()
+        return HeldBounds(variants, silences, self.unseen(start), open_steps).walk()
+
+    def contradicts(self, formula: f.Formula, satisfied: bool) -> bool:
+        """Return whether all messages contradict a verdict at samples, whatever is known at samples alone."""
+        start, end = self.start, self.end
+        lower, upper = bounds_at_start(formula, self.walk(start, end, open_steps=True), snap_of(start, end))
+        return upper < 0 if satisfied else lower > 0
 
     def unseen(self, start: float) -> frozenset[str]:
         """Return the signals whose first message is at a start, in a log that began before."""
@@ -369,7 +375,7 @@ class Judge:
                     f"{counted_messages(repeated, name, 'have')} another value with the same stamp: the worse decides"
                 )
             around = int((np.abs(np.diff(stream.values)) > stream.turn / 2).any(axis=0).sum())
-            if around and own.linear:
+            if around and own.linear and in_one_turn(stream.values, stream.turn):
                 notes.append(
                     f"{name} jumps by over half a turn {around} times, and is interpolated on the circle"
                 )

@@ -149,6 +149,11 @@ def conversion(signal: Signal, unit: str | None) -> Conversion:
             f"channel {signal.name!r} is in {found.text or repr(unit)}, which does not convert to {signal.measure}, "
             f"the unit in the spec. {why[0].upper()}{why[1:]}"
         )
+    if not signal.unit and not found.to(signal.measure).same:
+        raise TraceError(
+            f"channel {signal.name!r} is in {found.text or repr(unit)}, and the spec declares no unit: write "
+            f"`signal {signal.name} {{{found.text or unit}}}` there. {remedy}"
+        )
     return found.to(signal.measure)
 
 

@@ -80,19 +80,24 @@ class HeldBounds:
         variants: one algebra, or several that read the several values with one stamp.
         silences: signal → spans without a valid value, after the start [s].
         unseen: signals without a message before the start, in a log that began before.
+        open_steps: whether what is known at samples alone may have any value, instead of an error.
     """
 
     variants: Sequence[HeldAlgebra]
     silences: Mapping[str, Sequence[Span]]
     unseen: frozenset[str] = frozenset()
+    open_steps: bool = False
 
     def walk(self) -> Walk[Bounds[Curve]]:
         """Return the walk that gives bounds on the robustness of a formula."""
         first = self.variants[0]
-        return Walk(BoundedAlgebra(first, self._leaf), first.courses.until)
+        algebra = _OpenSteps if self.open_steps else BoundedAlgebra
+        return Walk(algebra(first, self._leaf), first.courses.until)
 
     def _leaf(self, node: f.Comparison | f.Flag) -> Bounds[Curve]:
         first = self.variants[0]
+        if self.open_steps and first.courses.needs_samples(node):
+            return Bounds(first.truth(False), first.truth(True))
         lower = upper = self._margin(first, node)
         for other in self.variants[1:]:
             margin = self._margin(other, node)
@@ -106,6 +111,14 @@ class HeldBounds:
     @staticmethod
     def _margin(algebra: HeldAlgebra, node: f.Comparison | f.Flag) -> Curve:
         return algebra.flag(node) if isinstance(node, f.Flag) else algebra.margin(node)
+
+
+class _OpenSteps(BoundedAlgebra[Curve]):
+    """Bounds where the next and the previous sample may have any value."""
+
+    def step(self, x: Bounds[Curve], node: f.Step) -> Bounds[Curve]:
+        """Return any value."""
+        return Bounds(self.inner.truth(False), self.inner.truth(True))
 
 
 def _replaced(x: Curve, spans: Iterable[Span], value: float, snap: float) -> Curve:

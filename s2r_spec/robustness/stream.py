@@ -18,6 +18,8 @@ from s2r_spec.robustness.held import Course
 from s2r_spec.robustness.silence import Span
 
 FloatArray = NDArray[np.float64]
+_SLACK = 1e-3
+"""Tolerance: by which a rounded angle may exceed the ends of its range [turns]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,11 +98,22 @@ class Stream:
         return int(np.unique(times, return_counts=True)[1].max())
 
 
+def in_one_turn(values: FloatArray, turn: float) -> bool:
+    """Return whether all (width, m) values of each angle lie in one turn, from 0 on or around 0, to within rounding."""
+    low, high, slack = values.min(axis=1), values.max(axis=1), _SLACK * turn
+    positive = (low >= -slack) & (high <= turn + slack)
+    around = (low >= -turn / 2 - slack) & (high <= turn / 2 + slack)
+    return bool((positive | around).all())
+
+
 def on_circle(times: FloatArray, values: FloatArray, turn: float) -> Course:
     """Return an angle that is linear between (width, m) values along the shorter way around the circle.
 
-    Where it passes the end of its range, 0 to a turn or half a turn around 0, it jumps to the other end.
+    Where it passes the end of its range, 0 to a turn or half a turn around 0, it jumps to the other end. An angle of
+    several turns, as of a wheel, has no such end: it is linear between its values.
     """
+    if not in_one_turn(values, turn):
+        return Course(times, values, True)
     high = np.where(values.min(axis=1) >= 0.0, turn, turn / 2)[:, np.newaxis]
     step = np.diff(values)
     short = step - turn * np.rint(step / turn)

@@ -149,7 +149,7 @@ def _entries(found: Excerpt, row: _Row, units: dict[str, str]) -> list[Entry]:
                 )
         values = {**row.params, **{name: value for name, (value, _) in episode.values.items()}}
         notes = (*found.notes, *found.silences)
-        loaded = Loaded(episode.trace, notes, found.dated, found.left_out, found.accounts)
+        loaded = Loaded(episode.trace, notes, found.dated, found.left_out, found.accounts, found.stated)
         entries.append(Entry(episode.name, values, loaded, _protocol(episode, row)))
     return entries
 

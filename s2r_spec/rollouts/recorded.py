@@ -28,6 +28,7 @@ from s2r_spec.rollouts.log_folder import Entry, LogError, digest, read
 from s2r_spec.rollouts.log_options import LogOptions
 from s2r_spec.rollouts.reading_rule import READING
 from s2r_spec.spec import Spec
+from s2r_spec.spec.monitored import refuse_unstated
 from s2r_spec.trace import Trace
 
 _BLOCK = 2**20
@@ -50,6 +51,7 @@ class LogBackend:
         recordings: all recordings, in the order of ``rollouts.csv``.
         lacking: channel that only some recordings have → why the backend leaves it out.
         accounts: file → channel → what became of its messages (:class:`s2r_spec.logs.account.Account`).
+        unstated: sources of the recordings whose times have no unit.
     """
 
     deterministic = True
@@ -76,6 +78,7 @@ class LogBackend:
             for entry in found.entries
             if entry.loaded.accounts
         }
+        self.unstated = frozenset(entry.source for entry in found.entries if not entry.loaded.stated)
         used = self._tests or self.recordings
         for note in _notes(found.entries, self.lacking):
             warnings.warn(note, TraceNote, stacklevel=2)
@@ -227,6 +230,21 @@ def refuse_hidden(
                 f"{parameter.unit}".rstrip()
                 + f", and {spec.name} does not declare it: declare a range to sweep, or one value"
             )
+
+
+def refuse_unstated_times(spec: Spec, requirement: str, backend: Backend, used: Iterable[Recording]) -> None:
+    """Refuse recordings whose times have no unit, and look like none in seconds.
+
+    Raises:
+        UsageError: there is one; see :func:`s2r_spec.spec.monitored.refuse_unstated`.
+    """
+    unstated = getattr(backend, "unstated", ())
+    for recording in used:
+        if recording.source in unstated:
+            try:
+                refuse_unstated(spec, recording.trace, requirement)
+            except UsageError as error:
+                raise UsageError(f"{recording.source}: {error}") from None
 
 
 def _words(params: Mapping[str, float]) -> str:

@@ -20,6 +20,7 @@ from s2r_spec.robustness.evaluate import Witness
 from s2r_spec.robustness.evaluation import End, Evaluation, Interpolation, Reading, evaluate
 from s2r_spec.robustness.explain import Explanation, explain
 from s2r_spec.robustness.grid import sent_on_change
+from s2r_spec.robustness.held import needs_samples
 from s2r_spec.robustness.judge import Judge, Judgement
 from s2r_spec.robustness.online.monitor import Followed, Monitor, RobustnessStream
 from s2r_spec.robustness.reading import Missing, read_params, read_signals, read_streams
@@ -190,9 +191,13 @@ class Spec(Declared):
         Raises:
             UndecidedError: they do.
         """
-        if self.counts_samples(requirement):
-            return
         own = messages.only(self.channels(requirement))
+        if self.needs_samples(requirement, own):
+            if self.contradicts(own, requirement, rho > 0, how.params, how.nan):
+                raise UndecidedError(
+                    f"{requirement!r} has ρ = {rho:.6g} at the samples; all messages contradict it"
+                )
+            return
         every = self._at_instants(own, requirement, replace(how, interpolation=None, partial=True))
         if (every > 0) != (rho > 0):
             raise UndecidedError(
@@ -212,9 +217,24 @@ class Spec(Declared):
             return own if own.messages or not sent_on_change(own.times) else replace(own, origin=messages)
         return trace if trace.origin is None else trace.only(self.channels(requirement)).known()
 
-    def counts_samples(self, requirement: str) -> bool:
-        """Return whether a requirement counts samples, so that it has no value between them."""
-        return any(isinstance(node, f.Step | f.Count) for node in f.walk(self.formulas[requirement]))
+    def needs_samples(self, requirement: str, messages: Trace) -> bool:
+        """Return whether some part of a requirement has no value between common samples of its messages."""
+        times = {name: one.times for name, one in messages.messages.items()}
+        return needs_samples(self.formulas[requirement], times)
+
+    def contradicts(
+        self,
+        messages: Trace,
+        requirement: str,
+        satisfied: bool,
+        params: Mapping[str, Amount] | None = None,
+        nan: Missing = "error",
+    ) -> bool:
+        """Return whether all messages contradict a verdict at samples, whatever is known at samples alone."""
+        judge, formula = self._judge(
+            messages.only(self.channels(requirement)), requirement, _How(params, nan=nan)
+        )
+        return judge.contradicts(formula, satisfied)
 
     def _judge(self, trace: Trace, requirement: str, how: _How) -> tuple[Judge, f.Formula]:
         """Return the judge of a trace of messages, and the formula with numbers for time bounds."""

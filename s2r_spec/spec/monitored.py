@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from s2r_spec.spec.evaluated import Spec
 
 
-SLOW = 2.0
-"""Tolerance: period in seconds from which times without a unit may be in another one [s]."""
+SLOW, FAST = 2.0, 1e-5
+"""Tolerance: periods from which, and below which, times without a unit may be in another one [s]."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,12 @@ def monitored(
     messages = own.as_messages() if own.origin is None and found.on_change else own.origin
     if messages is None or not found.decided:
         return found
-    if conventions.like != "s2r" or spec.counts_samples(requirement):
+    if conventions.like != "s2r" or spec.needs_samples(requirement, messages):
+        assert found.satisfied is not None
+        if spec.contradicts(messages, requirement, found.satisfied, params, conventions.nan):
+            head = f"{requirement} unknown: at its samples {_one_line(found)}, but all messages contradict it"
+            text = "\n".join((head, *found.text.split("\n")[1:]))
+            return replace(found, satisfied=None, text=text, reason=None)
         return _without_the_rest(found, own, messages)
     where = "at its samples" if found.on_change else "at the stamps of the clock"
     return _beside(found, _of_messages(spec, messages, requirement, params, conventions), where)
@@ -367,13 +372,14 @@ def refuse_unstated(spec: Spec, trace: Trace, requirement: str) -> None:
     Logs of robots have several samples a second. Whole numbers one apart are milliseconds as often as seconds.
 
     Raises:
-        UsageError: samples come every :data:`SLOW` or less often, or the times are whole numbers.
+        UsageError: samples come every :data:`SLOW` or less often, in less than :data:`FAST`, or the times are whole
+            numbers.
     """
     text, times = depends_on_unit_of_time(spec, requirement), trace.times
     if not text or len(times) < 2:
         return
     every = float(np.median(np.diff(times)))
-    if every < 1.0 or (every < SLOW and (times != np.rint(times)).any()):
+    if FAST < every < 1.0 or (1.0 <= every < SLOW and (times != np.rint(times)).any()):
         return
     raise UsageError(
         f"`{text}` depends on the unit of the times, and the file states none. As seconds, samples come every "

@@ -227,3 +227,87 @@ def test_two_episodes_with_the_same_values_at_a_clock_are_no_copies():
         messages = {"d": Messages.of(clock, np.ones(20)), "stop": stop}
         traces.append(at_clock(Trace.of_messages(messages, {"d": "m"}), clock))
     assert digest(traces[0]) != digest(traces[1])
+
+
+@pytest.mark.parametrize("kind", ["npz", "csv", "parquet", "pandas"])
+def test_a_trace_at_the_stamps_of_a_clock_keeps_its_messages_in_files(kind, tmp_path):
+    clock = np.arange(60) / 10
+    hit = Messages.of(np.array([0.0, 2.43, 2.47, 5.9]), np.array([0.0, 1.0, 0.0, 0.0]))
+    trace = at_clock(Trace.of_messages({"x": Messages.of(clock, np.full(60, 0.5)), "hit": hit}), clock)
+    if kind == "pandas":
+        again = Trace.from_dataframe(trace.to_dataframe())
+    else:
+        s2r.write_trace(trace, tmp_path / f"k.{kind}")
+        again = s2r.read_trace(tmp_path / f"k.{kind}")
+    spec = s2r.parse_spec("signal x\nsignal hit bool\nrequire r: always not hit and always x <= 1")
+    assert again.times.tolist() == trace.times.tolist()
+    assert (verdict(spec, trace), verdict(spec, again)) == (None, None)
+
+
+FORCE = "signal f {N}\nsignal v\n"
+
+
+@pytest.mark.parametrize(
+    ("requirement", "rho"),
+    [
+        ("if(f > 5 {N}, duration(f > 5 {N}), 0 {s}) <= 0.3 {s}", -0.5),
+        ("f * duration(f > 5 {N}) <= 10 {N s}", -6.0),
+        ("duration(f > 5 {N}) / (f + 1 {N}) <= 1 {s/N}", 1 - 0.8 / 21),
+        ("integral(f) * 2 <= 30 {N s}", -2.0),
+        ("mean(f, 10 {s}) <= 10 {N}", 10 - 16 / 1.3),
+    ],
+)
+def test_functions_of_integrals_are_exact_between_messages(requirement, rho):
+    times, force = np.array([0.0, 0.5, 1.3, 2.2]), np.array([0.0, 20.0, 0.0, 0.0])
+    messages = {"f": Messages.of(times, force), "v": Messages.of(np.array([0.0, 2.2]), np.zeros(2))}
+    trace = Trace.of_messages(messages, {"f": "N"})
+    spec = s2r.parse_spec(f"{FORCE}require r: always ({requirement}) and always v <= 1")
+    found = spec.judge(trace, "r")[0]
+    assert found.lower == pytest.approx(min(rho, 1.0), abs=1e-5)
+    assert found.satisfied is (rho > 0)
+
+
+def test_a_mean_between_two_messages_lies_on_its_hyperbola():
+    """At 2 s, half of the time since the begin had the value 10."""
+    messages = {"f": Messages.of(np.array([0.0, 1.0, 3.0, 4.0]), np.array([0.0, 10.0, 10.0, 10.0]))}
+    messages["v"] = Messages.of(np.array([0.0, 4.0]), np.zeros(2))
+    spec = s2r.parse_spec(f"{FORCE}require r: always[2, 2] mean(f) <= 4 {{N}} and v <= 1")
+    assert spec.judge(Trace.of_messages(messages, {"f": "N"}), "r")[0].lower == pytest.approx(-1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("value", ["sqrt(integral(f))", "integral(f)^2", "1 / (1 {s} + duration(f > 5 {N}))"])
+def test_a_value_that_is_no_straight_line_between_messages_is_refused(value):
+    messages = {
+        "f": Messages.of(np.arange(4.0), np.ones(4)),
+        "v": Messages.of(np.array([0.0, 2.2]), np.zeros(2)),
+    }
+    spec = s2r.parse_spec(f"{FORCE}require r: always ({value} == {value}) and always v <= 1")
+    with pytest.raises(TraceError, match="straight line"):
+        spec.judge(Trace.of_messages(messages, {"f": "N"}), "r")
+
+
+@pytest.mark.parametrize(
+    "counted", ["count(x > 1) <= 3", "x > 1 -> next x < 3", "count(x > 1 and not hit) <= 3"]
+)
+def test_a_press_between_the_stamps_of_a_clock_is_no_holds_beside_counted_samples(counted):
+    clock = np.arange(60) / 10
+    for press, expected in ((2.43, None), (2.4, False)):
+        hit = Messages.of(np.array([0.0, press, press + 0.04, 5.9]), np.array([0.0, 1.0, 0.0, 0.0]))
+        trace = at_clock(Trace.of_messages({"x": Messages.of(clock, np.full(60, 0.5)), "hit": hit}), clock)
+        spec = s2r.parse_spec(
+            f"signal x\nsignal hit bool\nrequire r: always (not hit) and always ({counted})"
+        )
+        assert verdict(spec, trace) is expected
+        if expected is None:
+            with pytest.raises(UndecidedError):
+                spec.robustness(trace)
+
+
+def test_a_wheel_of_many_turns_is_linear_between_its_messages():
+    times = np.arange(60) / 10
+    messages = {
+        "a": Messages.of(times, -(600.25 + 60 * times), linear=True),
+        "y": Messages.of(times + 0.03, times),
+    }
+    spec = s2r.parse_spec("signal a {rad}\nsignal y\nrequire r: always (a <= -500 {rad} or y > 99)")
+    assert verdict(spec, Trace.of_messages(messages, {"a": "rad"})) is True

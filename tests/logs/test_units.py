@@ -1,6 +1,8 @@
 """Units in names and attributes of real logs: each is used or refused, and one that ``--map`` states overrides it."""
 
 import io
+import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,10 +10,11 @@ import scipy.io
 
 import s2r_spec as s2r
 from s2r_spec import logs
-from s2r_spec.errors import TraceError
+from s2r_spec.errors import TraceError, TraceNote, UsageError
 from s2r_spec.logs.follow import follow
 from s2r_spec.logs.mapping import Request
 from s2r_spec.rollouts.excerpts import Excerpts, excerpt
+from s2r_spec.rollouts.recorded import LogBackend
 from tests.errors import naming, states
 from tests.logs import tables
 
@@ -59,7 +62,7 @@ def test_the_unit_in_a_name_is_used_whatever_the_map_says(path, name):
     ("name", "unit", "value"),
     [("v(m/s)", "m/s", 1), ("v(km/h)", "m/s", 1 / 3.6), ("AccX(g)", "m/s^2", 9.80665), ("a (mg)", "cm/s^2", 0.980665),
      ("temp(C)", "K", 274.15), ("temp (F)", "degC", (1 - 32) / 1.8), ("w(°/s)", "rad/s", np.pi / 180),
-     ("n (RPM)", "rpm", 1), ("duty (%)", "", 0.01), ("a(m/s²)", "cm/s^2", 100), ("m (g)", "kg", 0.001)],
+     ("n (RPM)", "rpm", 1), ("duty (%)", "%", 1), ("a(m/s²)", "cm/s^2", 100), ("m (g)", "kg", 0.001)],
 )  # fmt: skip
 def test_units_of_real_headers(tmp_path, name, unit, value):
     path = tables.written(tmp_path / "log.csv", {"t": TIMES, name: [1, 1]})
@@ -263,3 +266,41 @@ def test_a_name_that_ends_in_another_unit_is_refused_until_the_unit_is_stated(tm
 def test_minutes_in_the_name_of_the_times_are_minutes(tmp_path):
     (tmp_path / "log.csv").write_text("time_minutes,v\n0,1\n1,1\n2,1\n")
     assert logs.load(tmp_path / "log.csv", {"t": "time_minutes"}, {"v": None}).trace.times[-1] == 120.0
+
+
+@pytest.mark.parametrize("unit", ["%", "deg", "mrad"])
+def test_a_unit_that_the_specification_does_not_declare_converts_nothing(unit):
+    trace = s2r.Trace(range(3), {"soc": [95, 95, 95]}, {"soc": unit})
+    with pytest.raises(TraceError, match=naming("soc", unit)):
+        s2r.parse_spec("signal soc\nrequire r: always soc <= 80").satisfied(trace)
+    assert s2r.parse_spec("signal soc\nrequire r: soc <= 80").satisfied(replace(trace, units={"soc": "rad"}))
+
+
+def test_two_units_of_one_dataset_are_no_unit(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["t"], file["v"] = np.arange(5.0) / 10, np.ones(5)
+        file["v"].attrs["unit"], file["v"].attrs["units"] = "m/s", "km/h"
+    spec = s2r.parse_spec("signal v {m/s}\nrequire r: always v <= 2")
+    with (
+        warnings.catch_warnings(action="ignore", category=TraceNote),
+        pytest.raises(TraceError, match="v"),
+    ):
+        spec.satisfied(s2r.read_trace(tmp_path / "a.h5"))
+
+
+@pytest.mark.parametrize(("size", "name"), [(1000.0, "time"), (200.0, "t"), (1 / 86400, "when")])
+def test_recordings_whose_times_have_no_unit_are_no_certificate(size, name, tmp_path):
+    head = "certify r: delta = 1e-3, epsilon = 0.5, B = 8, R = 0.05, kernel = matern52(1), fall = -1"
+    spec = s2r.parse_spec(
+        f"signal v {{m/s}}\nparam vd in [0, 1]\nrequire r: always abs(deriv(v)) <= 2 {{m/s^2}}\n{head}\n"
+    )
+    rows = "".join(f"{(k / 50) * size},{0.3 if k < 20 else -0.7}\n" for k in range(40))
+    for k in range(8):
+        (tmp_path / f"r{k}.csv").write_text(f"{name},v\n{rows}{(40 + k) / 50 * size},0\n")
+    (tmp_path / "rollouts.csv").write_text("id,vd\n" + "".join(f"r{k},{k / 8}\n" for k in range(8)))
+    with (
+        warnings.catch_warnings(action="ignore", category=TraceNote),
+        pytest.raises(UsageError, match=naming("deriv", "time-unit")),
+    ):
+        s2r.check(spec, LogBackend(f"{tmp_path}?map=t={name}"), tmp_path / "run")

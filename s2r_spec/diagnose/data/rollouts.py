@@ -24,7 +24,7 @@ from s2r_spec.lang.conversion import Conversion
 from s2r_spec.lang.units import UnknownUnitError, parse_unit, unit_in_log
 from s2r_spec.protocols import PROTOCOL, protocol_of
 from s2r_spec.rollouts.compatibility import check_compatibility
-from s2r_spec.rollouts.recorded import refuse_hidden, tests_of
+from s2r_spec.rollouts.recorded import refuse_hidden, refuse_unstated_times, tests_of
 from s2r_spec.samples import Rule, period_of
 from s2r_spec.trace import Trace
 
@@ -152,6 +152,7 @@ def _of_backend(bench: Bench, real: Backend) -> list[Recording]:
     pairs = [(run, run.params if run.protocol else matched.to_spec(run.params)) for run in real.recordings]
     used = [run for run, params in pairs if params is not None]
     refuse_hidden(bench.spec, real, tests_of(used), {p.name for p in bench.backend.parameters})
+    refuse_unstated_times(bench.spec, bench.requirement, real, tests_of(used))
     return [replace(run, params=params) for run, params in pairs if params is not None]
 
 

@@ -35,8 +35,16 @@ class Element:
         self._names, self._vector, self._name = attrgetter(names), attrgetter(vector), name
 
     def __call__(self, message: Any) -> float | None:
-        """Return the element of a message."""
+        """Return the element of a message.
+
+        Raises:
+            TraceError: two elements have its name.
+        """
         names, values = self._names(message), self._vector(message)
+        if list(names).count(self._name) > 1:
+            raise TraceError(
+                f"a message has two elements that are called {self._name!r}; map one by its number"
+            )
         place = names.index(self._name) if self._name in names else len(values)
         return float(values[place]) if place < len(values) else None
 

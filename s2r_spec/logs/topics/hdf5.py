@@ -90,19 +90,17 @@ def open_hdf5(path: Path, asked: Asked | None = None) -> ArrayLog:
 
 def _unit(attributes: Any) -> str | None:
     """Return the unit that the attributes of a dataset state; bytes that are not UTF-8 and lists are no units."""
-    for key in attributes:
-        if key.lower() in ("unit", "units"):
-            value = attributes[key]
-            found = [] if getattr(value, "shape", ()) is None else np.asarray(value).ravel().tolist()
-            texts = (
-                one.decode("utf-8", "surrogateescape") if isinstance(one, bytes) else str(one)
-                for one in found
-            )
-            # a program in C ends a text by a zero byte
-            distinct = dict.fromkeys(one.partition("\0")[0].strip() for one in texts)
-            if text := "\n".join(distinct):
-                return text
-    return None
+    values = [attributes[key] for key in attributes if key.lower() in ("unit", "units")]
+    found = [
+        one
+        for value in values
+        if getattr(value, "shape", ()) is not None
+        for one in np.asarray(value).ravel().tolist()
+    ]
+    texts = (one.decode("utf-8", "surrogateescape") if isinstance(one, bytes) else str(one) for one in found)
+    # a program in C ends a text by a zero byte
+    distinct = dict.fromkeys(one.partition("\0")[0].strip() for one in texts)
+    return "\n".join(filter(None, distinct)) or None
 
 
 def _elements(references: Any, name: str) -> Iterator[tuple[str, Any]]:

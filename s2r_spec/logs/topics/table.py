@@ -57,8 +57,8 @@ def load(open_log: Callable[[Path], TopicLog], path: Path, choose: Chooser, join
     which, notes = _stamps([topics[name] for name in wanted], joining.stamps)
     read = {}
     for name, one in log.read(wanted, which).items():
-        read[name], left_out = _stamped(one)
-        notes += left_out
+        _refuse_unset(one)
+        read[name] = one
     _one_clock(read)
     # A topic whose elements come in different messages has several streams, each with a key of its own.
     streams = {(one.name, field): key for key, one in read.items() for field in one.columns}
@@ -126,28 +126,26 @@ def _stamps(topics: list[TopicHead], chosen: Stamps | None) -> tuple[Stamps, lis
     ]
 
 
-def _stamped(topic: Topic) -> tuple[Topic, list[str]]:
-    """Return a topic without the messages whose header has no stamp, and a note on these.
+def _refuse_unset(topic: Topic) -> None:
+    """Refuse headers without a stamp: the time of such a message is known by its receipt alone.
 
     The stamp 0 means that the sender set none, unless its clock began there.
 
     Raises:
-        TraceError: no header has a stamp.
+        TraceError: some header has no stamp.
     """
     if topic.age is None:
-        return topic, []
+        return
     counts = topic.stamps.astype("m8[ns]") if topic.stamps.dtype.kind == "M" else topic.stamps
     since = seconds(counts) if len(topic) else np.zeros(0)
     unset = since == 0.0
     if unset.any() and not unset.all() and since[~unset].min() <= APART:
         unset[:] = False
-    if unset.any() and unset.all():
-        raise TraceError(f"the headers of {topic.name} have no stamps, only zeros; use --stamps received")
-    if not unset.any():
-        return topic, []
-    note = f"{int(unset.sum())} messages of {topic.name} have no stamp in their header, and are left out"
-    dropped = {**topic.dropped, "no stamp in the header": int(unset.sum())}
-    return replace(topic.only(~unset), dropped=dropped), [note]
+    if unset.any():
+        raise TraceError(
+            f"{int(unset.sum()):,} of {len(topic):,} headers of {topic.name} have no stamp, only 0, first message "
+            f"{int(np.argmax(unset)) + 1}; use --stamps received"
+        )
 
 
 def _one_clock(topics: Mapping[str, Topic]) -> None:
