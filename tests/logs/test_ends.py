@@ -278,7 +278,7 @@ def test_a_mean_between_two_messages_lies_on_its_hyperbola():
 @pytest.mark.parametrize("value", ["sqrt(integral(f))", "integral(f)^2", "1 / (1 {s} + duration(f > 5 {N}))"])
 def test_a_value_that_is_no_straight_line_between_messages_is_refused(value):
     messages = {
-        "f": Messages.of(np.arange(4.0), np.ones(4)),
+        "f": Messages.of(np.arange(4.0), np.full(4, 9.0)),
         "v": Messages.of(np.array([0.0, 2.2]), np.zeros(2)),
     }
     spec = s2r.parse_spec(f"{FORCE}require r: always ({value} == {value}) and always v <= 1")
