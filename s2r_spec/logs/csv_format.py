@@ -24,6 +24,7 @@ from s2r_spec.logs import cells, csv_bulk, csv_head
 from s2r_spec.logs.csv_head import Row, is_number
 from s2r_spec.logs.own import rows
 from s2r_spec.logs.table import (
+    INDEX,
     TEXT_SIZE,
     Chooser,
     Column,
@@ -133,7 +134,13 @@ class Text:
             names, rows, first_line = names._replace(cells=above), chain([names], rows), None
         few(len(names.cells))
         text = cls(
-            tuple(map(head_of, names.cells)), meta, own, first_line, _lines=lines, _names=names, _rows=rows
+            tuple(map(head_of, [names.cells[0] or INDEX, *names.cells[1:]])),
+            meta,
+            own,
+            first_line,
+            _lines=lines,
+            _names=names,
+            _rows=rows,
         )
         text._read_units()
         return text

@@ -17,7 +17,7 @@ from difflib import get_close_matches
 from s2r_spec.errors import NoTimesError, TraceError, UsageError, one_of, suggest
 from s2r_spec.lang.units import UnknownUnitError, is_unit, parse_unit
 from s2r_spec.logs import time_units
-from s2r_spec.logs.table import Head, quoted
+from s2r_spec.logs.table import INDEX, Head, quoted
 from s2r_spec.logs.times import TIME, mapped
 
 ANY = -1
@@ -429,11 +429,11 @@ class _Names:
                 candidates[0],
                 candidates,
             )
-        likely = next(iter(self.candidates()), "time")
+        likely = next(iter(self.candidates()), INDEX if INDEX in names else "time")
         hint = ";" if text == TIME else suggest(text, names)
         raise NoTimesError(
             f"there is no column {text!r} with the times{hint} the columns are {one_of(names)}. "
-            f"Map another name, for example --map {TIME}={likely}",
+            f"Map another name, for example --map {mapped(likely)}",
             likely,
         )
 

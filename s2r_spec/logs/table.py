@@ -22,6 +22,10 @@ MOST_COLUMNS = 100_000
 """Budget: columns of one file. Twice as many take twice the time to list, 2 s."""
 
 
+INDEX = "Unnamed: 0"
+"""Definition: pandas' name of a first column without one, which is often the index of a frame."""
+
+
 @dataclass(frozen=True)
 class Head:
     """The head of a column.
