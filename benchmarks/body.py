@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +66,7 @@ def row(name: str, found: Body) -> dict[str, Any]:
         "cause": name,
         "parts": [part.name for part in found.shifted],
         "first": None if first is None else first.name,
-        "shift": None if first is None else first.shifts[0].to_json(),
+        "shift": None if first is None else asdict(first.shifts[0]),
     }
     words = "nothing"
     if first is not None:

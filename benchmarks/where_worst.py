@@ -207,7 +207,10 @@ def compare(sim: str, twin: bool, effect: str, case: int) -> dict[str, Any]:
         "true": worst,
         "moves": bool(true.max() > MOVES * found.floor),
         "inside": bool(
-            all(found.worst_in[n][0] - 1e-9 <= v <= found.worst_in[n][1] + 1e-9 for n, v in worst.items())
+            all(
+                found.worst_within[n][0] - 1e-9 <= v <= found.worst_within[n][1] + 1e-9
+                for n, v in worst.items()
+            )
         ),
         **{
             how: {"named": test, "away": away(test), "gap_there": round(float(at_named[how] / true.max()), 3)}

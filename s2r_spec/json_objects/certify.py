@@ -8,7 +8,7 @@ from typing import Literal
 from s2r_spec.certify.compose import Composition
 from s2r_spec.json_objects.check import CheckedRequirement
 from s2r_spec.json_objects.gap import BoundedGap
-from s2r_spec.json_objects.parts import ExitCode, Location
+from s2r_spec.json_values import ExitCode, Location
 from s2r_spec.verdict import Verdict
 
 

@@ -9,7 +9,8 @@ from annotated_types import MinLen
 
 from s2r_spec.certify.certificate import Certificate, Label
 from s2r_spec.certify.check_result import Tested
-from s2r_spec.json_objects.parts import (
+from s2r_spec.json_values import (
+    OPTIONAL,
     Count,
     ExitCode,
     Failures,
@@ -19,7 +20,6 @@ from s2r_spec.json_objects.parts import (
     Open,
     Probability,
 )
-from s2r_spec.json_values import OPTIONAL
 from s2r_spec.rollouts.journal import Record
 from s2r_spec.verdict import Verdict
 

@@ -10,8 +10,7 @@ from annotated_types import Ge, MinLen
 from s2r_spec.certify.certificate import Certificate, Label
 from s2r_spec.certify.gap_result import GapTested, Pair
 from s2r_spec.json_objects.check import BackendProvenance
-from s2r_spec.json_objects.parts import Count, ExitCode, Failures, Level, Location, Magnitude, Open
-from s2r_spec.json_values import OPTIONAL
+from s2r_spec.json_values import OPTIONAL, Count, ExitCode, Failures, Level, Location, Magnitude, Open
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,7 +19,7 @@ from s2r_spec.json_objects.check import (
     RobustnessSearch,
     WorstExpectedRobustness,
 )
-from s2r_spec.json_objects.parts import Location, extended
+from s2r_spec.json_values import Location, extended
 from s2r_spec.report.finding import Finding, Report
 from s2r_spec.spec import Spec
 from s2r_spec.verdict import Verdict, worst

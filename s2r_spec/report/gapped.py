@@ -9,7 +9,7 @@ from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.gap_result import GapResult
 from s2r_spec.certify.rounding import between, down
 from s2r_spec.json_objects.gap import Band, BoundedGap, GapObject, GapSearch, WorstExpectedGap
-from s2r_spec.json_objects.parts import extended
+from s2r_spec.json_values import extended
 from s2r_spec.report.checked import (
     effort,
     ladder,

@@ -18,6 +18,7 @@ from s2r_spec.diagnose.decision import Rule, Verdict
 from s2r_spec.diagnose.inference.estimates import Status
 from s2r_spec.diagnose.residuals.left import Remainder
 from s2r_spec.errors import BackendError, UsageError
+from s2r_spec.json_values import to_json
 from s2r_spec.report.advice import next_step
 from s2r_spec.rollouts.worker_process import WorkerDiedError
 from s2r_spec.trace import Trace
@@ -133,8 +134,8 @@ def test_an_accident_changes_nothing_that_is_said_of_the_others(find):
     runs[4] = (test, Trace(trace.times[:60], first, trace.units, {"failure": "fall"}))
     found, alone = find(runs), find([*runs[:4], *runs[5:]])
     assert states(found.notes[0], "1 of 16", "(fall)", "left out")
-    assert found.which.to_json() == alone.which.to_json()
-    assert found.how_far.to_json() == alone.how_far.to_json()
+    assert to_json(found.which) == to_json(alone.which)
+    assert found.how_far == alone.how_far
 
 
 class KilledError(BaseException):
