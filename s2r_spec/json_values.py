@@ -9,7 +9,18 @@ from dataclasses import dataclass, fields, is_dataclass
 from enum import Enum
 from functools import cache
 from operator import attrgetter
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar, cast, get_type_hints
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    ClassVar,
+    Literal,
+    NotRequired,
+    TypeVar,
+    cast,
+    get_args,
+    get_type_hints,
+)
 
 from annotated_types import Ge, Interval
 from typing_extensions import TypedDict
@@ -58,7 +69,7 @@ class Shown:
     """A record whose JSON object has other entries than the record has fields.
 
     ``JSON`` has these entries in their order: "name" of an attribute, "name=path" of an attribute of an attribute,
-    or "*name" of a mapping whose entries are the object's. A method of a path is called. The type of an entry is that
+    or "*name" of a mapping or record whose entries are the object's. A method of a path is called. The type of an entry is that
     of the attribute. Its description is its row in the record's docstring, or the docstring of the property.
     """
 
@@ -81,15 +92,16 @@ def _described(record: Any) -> Any:
     """Return a typed dictionary with the types of the entries, and descriptions of those that the record lacks."""
     types: dict[str, Any] = {}
     rows, bases = ["Attributes:"], []
-    own_fields = {each.name for each in fields(record)}
+    own_fields, optional = {each.name for each in fields(record)}, optional_fields(record)
     summary, _, own = (record.__doc__ or "").partition("\n\n")
     for name, path in _entries(record).items():
         kind, words = _kind(record, path.removeprefix("*"))
         if name.startswith("*"):
-            types |= get_type_hints(kind, include_extras=True)
-            bases.append(kind)
+            spread = _described(kind) if issubclass(kind, Shown) else kind
+            types |= get_type_hints(spread, include_extras=True)
+            bases.append(spread)
             continue
-        types[name] = kind
+        types[name] = NotRequired[_not_none(kind)] if name in optional else kind
         hidden = path != name and name in own_fields  # by an entry of the same name
         if words and (hidden or f" {name}: " not in own):
             rows.append(f"    {name}: {words}")
@@ -99,9 +111,16 @@ def _described(record: Any) -> Any:
     return made
 
 
+def _not_none(kind: Any) -> Any:
+    (other,) = (each for each in get_args(kind) if each is not type(None))
+    return other
+
+
 def _kind(record: type, path: str) -> tuple[Any, str]:
     """Return the type at the end of a path of attributes, and the docstring of a property there."""
     name, _, rest = path.partition(".")
+    if name == "__str__":
+        return str, ""
     found: Any = getattr(record, name, None)
     function = (
         getattr(found, "fget", None) or getattr(found, "func", None) or (found if callable(found) else None)
@@ -110,7 +129,7 @@ def _kind(record: type, path: str) -> tuple[Any, str]:
     kind = hints["return" if function else name]
     if rest:
         return _kind(kind, rest)
-    words = (function.__doc__ or "").split("\n\n")[0] if function else ""
+    words = "" if callable(found) or not function else (function.__doc__ or "").split("\n\n")[0]
     return kind, words[:1].lower() + words[1:]
 
 
@@ -134,12 +153,15 @@ def to_json(value: Any, infinite: bool = False) -> Any:
         infinite: whether a number that is not finite becomes its word: "inf", "-inf" or "nan".
     """
     if isinstance(value, Shown):
+        absent = optional_fields(value)
         shown: dict[str, Any] = {}
         digits = {
             each.name: each.metadata[DIGITS] for each in fields(cast(Any, value)) if DIGITS in each.metadata
         }
         for name, path in _entries(type(value)).items():
             one = attrgetter(path.removeprefix("*"))(value)
+            if one is None and name in absent:
+                continue
             one = to_json(one() if callable(one) else one, infinite)
             one = round(one, digits[path]) if path in digits else one
             shown |= one if name.startswith("*") else {name: one}

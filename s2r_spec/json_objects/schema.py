@@ -14,10 +14,8 @@ from typing_extensions import get_original_bases
 from s2r_spec.diagnose.diagnosis import Diagnosis
 from s2r_spec.errors import UsageError, one_of, suggest
 from s2r_spec.json_objects.backends import BackendObject, BackendsObject, ConformanceObject
-from s2r_spec.json_objects.certify import CertifyObject
-from s2r_spec.json_objects.check import CheckObject
+from s2r_spec.json_objects.certificates import CertifyObject, CheckObject, GapObject
 from s2r_spec.json_objects.error import ErrorObject
-from s2r_spec.json_objects.gap import GapObject
 from s2r_spec.json_objects.log import LogObject
 from s2r_spec.json_objects.monitor import ChangeObject, MonitorObject, OnlineObject
 from s2r_spec.json_objects.plan import PilotObject, PlanObject
