@@ -69,8 +69,9 @@ class Shown:
     """A record whose JSON object has other entries than the record has fields.
 
     ``JSON`` has these entries in their order: "name" of an attribute, "name=path" of an attribute of an attribute,
-    or "*name" of a mapping or record whose entries are the object's. A method of a path is called. The type of an entry is that
-    of the attribute. Its description is its row in the record's docstring, or the docstring of the property.
+    or "*name" of a mapping or record whose entries are the object's. A method of a path is called. The type of an
+    entry is that of the attribute. Its description is its row in the record's docstring, or the docstring of the
+    property.
     """
 
     JSON: ClassVar[str]
