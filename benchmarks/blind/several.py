@@ -50,7 +50,7 @@ def diagnosed(asked: tuple[int, int]) -> dict[str, Any]:
     rollouts = list(cases.realise([plan])[0].rollouts)
     found = diagnose(spec, "emps", rollouts, where=False, passive=True)
     (first, probability), far = found.which.ranked[0], found.how_far
-    closed = None if far is None or far.share is None else round(far.share[0], 3)
+    closed = None if far is None or far.share is None else round(far.share.estimate, 3)
     return {
         "effects": drawn.effects,
         "verdict": found.verdict.value,

@@ -86,7 +86,7 @@ def test_a_cause_is_named_with_its_size_and_closes_the_gap(find, rubbing, name, 
     assert name == "coulomb" or one.low <= value <= one.high
     assert found.patch == {name: {one.parameter: one.value}}
     # Dry friction of the machine grows with speed up to 0.02 m/s, so its size comes out smaller, and it closes less.
-    assert found.how_far.share[0] > (0.6 if name == "coulomb" else 0.8)
+    assert found.how_far.share.estimate > (0.6 if name == "coulomb" else 0.8)
     assert found.tuned[name]
 
 
@@ -186,7 +186,7 @@ def test_protocols_tell_apart_what_the_test_does_not(find):
         assert without.verdict is Verdict.CONFOUNDED
         assert {one.effect for one in without.which.possible} == {"a", "b"}
         assert states(next_step(without, TOY), "split")
-        assert without.how_far.tuned_share[0] > 0.9
+        assert without.how_far.tuned_share.estimate > 0.9
     passive = find(of, 24, Toy(), TOY, passive=True)
     assert (passive.verdict, passive.passive) == (Verdict.CONFOUNDED, True)
     status = {one.effect: one.status for one in passive.which.effects}
