@@ -29,6 +29,7 @@ from s2r_spec.backend import (
 )
 from s2r_spec.effects import catalogue_of
 from s2r_spec.errors import UsageError
+from s2r_spec.json_values import Shown
 from s2r_spec.protocols import PROTOCOL, HasPlayable, HasProtocols, Protocol
 from s2r_spec.rollouts.passed import PassedBackend
 from s2r_spec.rollouts.repeatability import check_here, difference
@@ -56,18 +57,22 @@ samples."""
 
 
 @dataclass
-class Check:
-    """The result of one check.
+class Check(Shown):
+    """The result of one requirement on a backend.
 
     Attributes:
         requirement: the requirement on the backend, as a sentence.
+        words: the requirement.
         violations: one sentence per violation.
-        remarks: sentences on properties that are allowed but may not be intended.
+        broken: one sentence for each violation of the requirement.
+        remarks: one sentence for each fact that is allowed, but may not be intended.
     """
 
     requirement: str
     violations: list[str] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
+
+    JSON = "words=requirement broken=violations remarks"
 
 
 def check_conformance(

@@ -103,7 +103,7 @@ def test_only_methods_that_users_look_for_reach_upwards():
     }
     assert found == {
         ("s2r_spec/diagnose/diagnosis.py", '"report.reason"'),
-        ("s2r_spec/diagnose/diagnosis.py", '"report.results"'),
+        ("s2r_spec/diagnose/diagnosis.py", '"report.advice"'),
         ("s2r_spec/result.py", "_FORMS"),
         ("s2r_spec/spec/evaluated.py", '"report.plot"'),
         ("s2r_spec/trace.py", '"logs.dataframe"'),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,17 +48,45 @@ class Part:
 
 @dataclass(frozen=True)
 class Window:
-    """A window of time and its part of Δρ.
+    """One of equal windows of time.
 
     Attributes:
-        begin: [s].
-        end: [s].
-        delta: the part of Δρ, in the unit of ρ.
+        begin: the start of the window [s].
+        end: the end of the window [s].
+        delta: the contribution of the window to Δρ.
     """
 
     begin: float
     end: float
     delta: float
+
+
+@dataclass(frozen=True)
+class BinnedChannel:
+    """One channel of both traces, in the spec's unit.
+
+    Attributes:
+        real: means over bins.
+        simulated: means over bins.
+        delta: the contribution of each bin to Δρ.
+    """
+
+    real: list[float]
+    simulated: list[float]
+    delta: list[float]
+
+
+@dataclass(frozen=True)
+class BinnedTraces:
+    """A real and a simulated trace, in bins of samples.
+
+    Attributes:
+        begin: the start of each bin [s].
+        channels: name of the channel → samples.
+    """
+
+    begin: list[float]
+    channels: dict[str, BinnedChannel]
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +128,11 @@ class Attribution:
         """(n,) part of each sample, summed over channels."""
         return sum(self.credit.values(), start=np.zeros(self.times.size))
 
+    @property
+    def channels(self) -> dict[str, float]:
+        """Name of a channel → its contribution to Δρ."""
+        return {name: float(values.sum()) for name, values in self.credit.items()}
+
     def windows(self) -> tuple[Window, ...]:
         """Return the parts of equal windows of time."""
         edges = np.linspace(self.times[0], self.times[-1], WINDOWS + 1)
@@ -114,41 +146,25 @@ class Attribution:
         largest = max(self.windows(), key=lambda each: abs(each.delta))
         return largest if abs(largest.delta) >= abs(self.ended) else None
 
-    def binned(self, most: int = BINS) -> dict[str, Any]:
-        """Return plain data for JSON: means of the samples and sums of their parts, over bins of equal size."""
+    def binned(self, most: int = BINS) -> BinnedTraces:
+        """Return means of the samples and sums of their parts, over bins of equal size."""
         starts = np.unique(np.linspace(0, self.times.size, min(most, self.times.size) + 1).astype(int)[:-1])
         counts = np.diff(np.append(starts, self.times.size))
 
         def plain(values: FloatArray) -> list[float]:
             return [float(f"{value:.6g}") for value in np.add.reduceat(values, starts)]
 
-        rows = {"real": labelled(self.real), "simulated": labelled(self.simulated)}
-        return {
-            "begin": [float(f"{time:.9g}") for time in self.times[starts]],
-            "channels": {
-                name: {
-                    side: plain(of[name].astype(float) / np.repeat(counts, counts))
-                    for side, of in rows.items()
-                }
-                | {"delta": plain(values)}
+        def means(samples: FloatArray) -> list[float]:
+            return plain(samples.astype(float) / np.repeat(counts, counts))
+
+        real, simulated = labelled(self.real), labelled(self.simulated)
+        return BinnedTraces(
+            [float(f"{time:.9g}") for time in self.times[starts]],
+            {
+                name: BinnedChannel(means(real[name]), means(simulated[name]), plain(values))
                 for name, values in self.credit.items()
             },
-        }
-
-    def to_json(self) -> dict[str, Any]:
-        """Return plain data for JSON, without the samples."""
-        return {
-            "requirement": self.requirement,
-            "unit": self.unit,
-            "delta": self.delta,
-            "channels": {name: float(values.sum()) for name, values in self.credit.items()},
-            "parts": [vars(part) | {"span": list(part.span)} for part in self.parts],
-            "ended": self.ended,
-            "reason": self.reason,
-            "jumps": self.jumps,
-            "error": self.error,
-            "switch": None if self.switch is None else self.switch.to_json() | {"words": str(self.switch)},
-        }
+        )
 
 
 def attribute(

@@ -10,11 +10,12 @@ traces exchanged. If ρ is a maximum of margins, the two bounds change places. O
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Literal
 
 from s2r_spec.attribution.path import Path
 from s2r_spec.attribution.place import instant
+from s2r_spec.json_values import Ends, Shown
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.deciding import Step
 
@@ -47,22 +48,25 @@ class Critical:
 
 
 @dataclass(frozen=True)
-class Switch:
-    """The critical predicates of both traces.
+class Switch(Shown):
+    """The critical predicates in simulation and on the real machine.
 
     Attributes:
-        simulated: decides ρ of the simulated trace.
-        real: decides ρ of the real trace.
-        bounds: (low, high) bounds on Δρ; None if ρ is neither a minimum nor a maximum of margins.
+        simulated: the predicate that decides ρ of the simulated trace.
+        real: the predicate that decides ρ of the real trace.
+        bounds: bounds on Δρ; None if ρ is neither a minimum nor a maximum of margins.
+        words: the same in a sentence.
     """
 
     simulated: Critical
     real: Critical
-    bounds: tuple[float, float] | None
+    bounds: Ends | None
+
+    JSON = "simulated real switches bounds words=__str__"
 
     @property
     def switches(self) -> bool:
-        """Whether the two traces have different critical predicates."""
+        """Whether the two predicates differ."""
         return (self.simulated.predicate, self.simulated.line) != (self.real.predicate, self.real.line)
 
     def __str__(self) -> str:
@@ -72,15 +76,6 @@ class Switch:
             return f"the critical predicate is {self.simulated} in both"
         later = f"{instant(self.real.time)} on the real machine"
         return f"the critical predicate is {self.simulated} in simulation and {later}"
-
-    def to_json(self) -> dict[str, Any]:
-        """Return plain data for JSON."""
-        return {
-            "simulated": asdict(self.simulated),
-            "real": asdict(self.real),
-            "switches": self.switches,
-            "bounds": None if self.bounds is None else list(self.bounds),
-        }
 
 
 def switch(path: Path) -> Switch | None:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, NotRequired, cast
 
 import numpy as np
+from annotated_types import MinLen
 
 from s2r_spec.certify.certificate import Certificate, Label
 from s2r_spec.certify.from_spec import rho_unit
@@ -16,6 +18,18 @@ from s2r_spec.certify.recorded import left_open
 from s2r_spec.certify.rounding import at_most
 from s2r_spec.certify.search import Search
 from s2r_spec.certify.voids import is_machine, machine_assumptions, void_counts, with_voids, without_too_many
+from s2r_spec.json_values import (
+    DIGITS,
+    OPTIONAL,
+    Count,
+    Failures,
+    Level,
+    Magnitude,
+    Open,
+    Probability,
+    Shown,
+    extended,
+)
 from s2r_spec.result import Result
 from s2r_spec.rollouts.journal import Journal, Record
 from s2r_spec.rollouts.stop_rule import BUDGET, stop_of
@@ -34,27 +48,109 @@ class Tested:
     highest: float
 
 
-@dataclass(frozen=True, repr=False)
-class CheckResult(Result):
-    """The worst expected robustness ρ̂* = min over D of E ρ lies in [lower, upper] with probability ≥ 1 − δ.
+@dataclass(frozen=True)
+class WorstExpectedRobustness:
+    """The minimum over the test space of the expected ρ lies in [lower, upper].
 
     Attributes:
-        requirement: the name of the requirement in the spec.
-        verdict: see :class:`Verdict`; never HOLDS or VIOLATED for a refused certificate.
+        lower: the lower bound, in the unit; not certified if the label is one-sided.
+        upper: the upper bound, in the unit.
+        unit: the unit of ρ; empty for none, 'mixed' if margins do not compare.
+        epsilon: upper − lower; negative only if the certificate is refused because its bounds contradict each other.
+        probability_at_least: 1 − delta.
+        delta: 1 − probability_at_least, without rounding.
+    """
+
+    lower: float
+    upper: float
+    unit: str
+    epsilon: float
+    probability_at_least: Probability
+    delta: Level
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Objective:
+    objective: Literal["-rho"] = "-rho"
+
+
+@dataclass(frozen=True)
+class RobustnessSearch(Certificate, _Objective):
+    """The certificate of the search, which maximises −ρ: its signs and bounds refer to −ρ.
+
+    Attributes:
+        objective: the quantity that the search maximises.
+    """
+
+
+class BackendProvenance(Open):
+    """The data that fix a backend's answers.
+
+    Attributes:
+        backend: the name of the backend, as in ``--backend``.
+        model_hash: the hash of the model, which changes whenever traces could.
+        assumptions: the assumptions of every statement about this backend.
+        void: the treatment of a void rollout; only for a machine.
+        reading: the number of the rule by which messages become samples; only for logs.
+    """
+
+    backend: str
+    model_hash: str
+    assumptions: NotRequired[list[str]]
+    void: NotRequired[Literal["again", "fall"]]
+    reading: NotRequired[Count]
+
+
+class Provenance(BackendProvenance):
+    """The data that fix the run: the first line of its journal.
+
+    Attributes:
+        s2r: version.
+        spec: name of the specification's file.
+        spec_hash: the hash of the specification.
+        requirement: the name of the requirement.
+        duration: the duration of a rollout [s].
+        seed: the seed of the run.
+        settings: the settings that were declared before the data.
+        stop: the stopping rule; absent for ``epsilon``.
+        recorded: the parts of recordings that were left out, each in one sentence; only for recordings.
+    """
+
+    s2r: str
+    spec: str
+    spec_hash: str
+    requirement: str
+    duration: Magnitude
+    seed: Count
+    settings: dict[str, Any]
+    stop: NotRequired[Literal["decided", "budget"]]
+    recorded: NotRequired[list[str]]
+
+
+@dataclass(frozen=True, repr=False)
+class CheckResult(Result, Shown):
+    """The result of one requirement.
+
+    The worst expected robustness ρ̂* = min over D of E ρ lies in [lower, upper] with probability ≥ 1 − δ.
+
+    Attributes:
+        requirement: the name of the requirement.
+        verdict: holds, violated or unknown.
         reason: one sentence for the verdict.
         lower: certified lower bound, in ``unit``; not certified if the label is one-sided.
         upper: certified upper bound, in ``unit``.
         unit: the unit of ρ; "" when the requirement mixes units.
-        worst: the tested point nearest to the one that bounds the worst expected ρ from above.
-        lowest: the rollout of the smallest ρ.
+        worst: all rollouts at the worst test.
+        lowest: the rollout of the lowest ρ.
         failures: word for a failure → number of rollouts that ended with it.
-        assumptions: each in one sentence.
+        assumptions: the assumptions, each in one sentence.
+        label: the label of the certificate.
         certificate: the certificate of the search, which maximises −ρ; the one-sided one if that shows a violation.
-        provenance: version, spec and model hashes, seed.
+        provenance: the data that fix the run.
         folder: the folder of the rollouts.
-        seconds: wall time of all rollouts [s], summed over workers and resumed processes.
+        seconds: wall time of the rollouts [s], summed over all workers and all resumed processes.
         spec: the specification.
-        voids: the number of void rollouts of a machine, by word; None for a simulator.
+        voids: word → number of rollouts that something other than the robot ended; only for a machine.
     """
 
     requirement: str
@@ -65,14 +161,46 @@ class CheckResult(Result):
     unit: str
     worst: Tested
     lowest: Record
-    failures: dict[str, int]
-    assumptions: tuple[str, ...]
+    failures: Failures
+    assumptions: Annotated[tuple[str, ...], MinLen(1)]
     certificate: Certificate
     provenance: dict[str, Any]
     folder: Path
-    seconds: float
+    seconds: Magnitude = field(metadata={DIGITS: 3})
     spec: Spec = field(compare=False)
-    voids: dict[str, int] | None = None
+    voids: Failures | None = field(default=None, metadata=OPTIONAL)
+
+    JSON = (
+        "requirement verdict reason worst_expected_robustness label=certificate.label worst lowest failures "
+        "assumptions search provenance=origin folder=folder.__str__ replay seconds voids"
+    )
+
+    @property
+    def worst_expected_robustness(self) -> WorstExpectedRobustness:
+        """The bounds."""
+        found = self.certificate
+        bounds = self.lower, self.upper, self.unit
+        return WorstExpectedRobustness(*bounds, found.epsilon, 1 - found.delta, found.delta)
+
+    @property
+    def search(self) -> RobustnessSearch:
+        """The certificate."""
+        return extended(RobustnessSearch, self.certificate)
+
+    @property
+    def origin(self) -> Provenance:
+        """The data that fix the run."""
+        return cast(Provenance, self.provenance)
+
+    @property
+    def replay(self) -> str:
+        """The command that runs the rollout of the lowest ρ again."""
+        return replay_line(self.folder, self.lowest.query, self.lowest.replicate)
+
+
+def replay_line(folder: Path, query: int, replicate: int) -> str:
+    """Return the shell command that runs a rollout again."""
+    return f"s2r replay {shlex.quote(str(folder))}#{query}.{replicate}"
 
 
 def conclude(

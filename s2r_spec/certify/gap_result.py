@@ -6,18 +6,30 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, NotRequired, cast
 
 import numpy as np
+from annotated_types import Ge, MinLen
 
 from s2r_spec.certify.certificate import Certificate
-from s2r_spec.certify.check_result import distance, left_out
+from s2r_spec.certify.check_result import BackendProvenance, distance, left_out, replay_line
 from s2r_spec.certify.from_spec import rho_unit
 from s2r_spec.certify.pairing import SIMULATED_PER_REAL
 from s2r_spec.certify.recorded import left_open
 from s2r_spec.certify.search import Search
 from s2r_spec.certify.voids import is_machine, machine_assumptions, void_counts, with_voids, without_too_many
 from s2r_spec.errors import UsageError
+from s2r_spec.json_values import (
+    DIGITS,
+    OPTIONAL,
+    Count,
+    Failures,
+    Level,
+    Magnitude,
+    Open,
+    Shown,
+    extended,
+)
 from s2r_spec.result import Result
 from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.layout import SYSTEMS
@@ -67,28 +79,110 @@ class Pair:
         object.__setattr__(self, "gap", self.real - self.simulated)
 
 
-@dataclass(frozen=True, repr=False)
-class GapResult(Result):
-    """With probability ≥ 1 − δ, E Δ lies in [low, high] at every test, and its minimum in [lower, upper].
+@dataclass(frozen=True)
+class WorstExpectedGap:
+    """The minimum over the test space of the expected gap Δ = ρ_real − ρ_sim lies in [lower, upper].
 
     Attributes:
-        requirement: the name of the requirement in the spec.
+        lower: the lower bound, in the unit.
+        upper: the upper bound, in the unit.
+        unit: the unit of ρ; empty for none.
+        epsilon: upper − lower.
+        delta: 1 − probability; null if there is no certificate.
+    """
+
+    lower: float
+    upper: float
+    unit: str
+    epsilon: float
+    delta: Level | None
+
+
+@dataclass(frozen=True)
+class Band:
+    """The expected gap lies in [low, high] at every test.
+
+    Attributes:
+        low: the lower end, in the unit.
+        high: the upper end, in the unit.
+        unit: the unit of ρ; empty for none.
+    """
+
+    low: float
+    high: float
+    unit: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Objective:
+    objective: Literal["-delta"] = "-delta"
+
+
+@dataclass(frozen=True)
+class GapSearch(Certificate, _Objective):
+    """The certificate of the search, which maximises −Δ: its signs and bounds refer to −Δ.
+
+    Attributes:
+        objective: the quantity that the search maximises.
+    """
+
+
+class GapProvenance(Open):
+    """The data that fix the run: the first lines of its journals.
+
+    Attributes:
+        s2r: version.
+        spec: name of the specification's file.
+        spec_hash: the hash of the specification.
+        requirement: the name of the requirement.
+        seed: the seed of the run.
+        simulated_per_real: number of simulated rollouts for each real rollout.
+        settings: the settings that were declared before the data.
+        sim: the simulator.
+        real: the real machine.
+        stop: the stopping rule; absent for ``epsilon``.
+        recorded: the parts of recordings that were left out, each in one sentence; only for recordings.
+    """
+
+    s2r: str
+    spec: str
+    spec_hash: str
+    requirement: str
+    seed: Count
+    simulated_per_real: Annotated[int, Ge(1)]
+    settings: dict[str, Any]
+    sim: BackendProvenance
+    real: BackendProvenance
+    stop: NotRequired[Literal["decided", "budget"]]
+    recorded: NotRequired[list[str]]
+
+
+@dataclass(frozen=True, repr=False)
+class GapResult(Result, Shown):
+    """The result of the search of a gap.
+
+    With probability ≥ 1 − δ, E Δ lies in [low, high] at every test, and its minimum in [lower, upper].
+
+    Attributes:
+        requirement: the name of the requirement.
         lower: lower bound of min_d E Δ: how much worse than simulated the real machine can be.
         upper: upper bound of the same minimum.
         low: lower bound of E Δ anywhere; equals ``lower``.
         high: upper bound of E Δ anywhere.
         unit: the unit of ρ.
-        worst: the tested point nearest to the one that shows the most negative gap.
+        worst: all pairs at the worst test.
         tested: every tested point.
-        lowest: the pair of the most negative Δ.
-        failures: the number of failures of real rollouts, by word.
-        assumptions: each in one sentence.
+        lowest: the pair of the most negative Δ; simulated is a mean.
+        failures: word for a failure → number of real rollouts that ended with it.
+        assumptions: the assumptions, each in one sentence.
+        label: the label of the certificate.
+        reason: the reason for a refusal, else empty.
         certificate: the certificate of the search, which maximises −Δ.
-        provenance: versions, hashes, seed.
+        provenance: the data that fix the run.
         folder: the folder of the rollouts.
-        seconds: wall time of all rollouts of both backends [s], summed over workers and resumed processes.
+        seconds: wall time of the rollouts [s], summed over all workers and all resumed processes.
         spec: the specification.
-        voids: the number of void rollouts of a machine, by word; None for a simulator.
+        voids: word → number of rollouts that something other than the robot ended; only for a machine.
     """
 
     requirement: str
@@ -98,20 +192,53 @@ class GapResult(Result):
     high: float
     unit: str
     worst: GapTested
-    tested: tuple[GapTested, ...]
+    tested: Annotated[tuple[GapTested, ...], MinLen(1)]
     lowest: Pair
-    failures: dict[str, int]
-    assumptions: tuple[str, ...]
+    failures: Failures
+    assumptions: Annotated[tuple[str, ...], MinLen(1)]
     certificate: Certificate
     provenance: dict[str, Any]
     folder: Path
-    seconds: float
+    seconds: Magnitude = field(metadata={DIGITS: 3})
     spec: Spec = field(compare=False)
-    voids: dict[str, int] | None = None
+    voids: Failures | None = field(default=None, metadata=OPTIONAL)
+
+    JSON = (
+        "requirement worst_expected_gap band label=certificate.label reason=certificate.reason worst lowest "
+        "largest_mean_absolute_gap=absolute failures assumptions tested search provenance=origin folder=folder.__str__ "
+        "replay seconds voids"
+    )
 
     @property
-    def absolute(self) -> float:
-        """The largest mean |Δ| at a tested point: an estimate for comparison with the paper, not a bound."""
+    def worst_expected_gap(self) -> WorstExpectedGap:
+        """The bounds at the worst test."""
+        found = self.certificate
+        delta = found.delta if found.label.bounds else None
+        return WorstExpectedGap(self.lower, self.upper, self.unit, found.epsilon, delta)
+
+    @property
+    def band(self) -> Band:
+        """The bounds at every test."""
+        return Band(self.low, self.high, self.unit)
+
+    @property
+    def search(self) -> GapSearch:
+        """The certificate."""
+        return extended(GapSearch, self.certificate)
+
+    @property
+    def origin(self) -> GapProvenance:
+        """The data that fix the run."""
+        return cast(GapProvenance, self.provenance)
+
+    @property
+    def replay(self) -> str:
+        """The command that runs the real rollout of the lowest Δ again."""
+        return replay_line(self.folder / "real", self.lowest.query, self.lowest.replicate)
+
+    @property
+    def absolute(self) -> Magnitude:
+        """Mean of abs(Δ), largest at a tested point: an estimate, not a bound."""
         return max(test.absolute for test in self.tested)
 
 

@@ -19,6 +19,7 @@ from s2r_spec.certify.options import RunKeywords, RunOptions
 from s2r_spec.certify.pairing import Pairing
 from s2r_spec.certify.resumed_options import refuse_rule, with_rule, with_seed
 from s2r_spec.certify.search import Search
+from s2r_spec.json_values import Shown
 from s2r_spec.result import Result
 from s2r_spec.rollouts.attendance import refuse_terms
 from s2r_spec.rollouts.layout import GAP, SIMULATION, SYSTEMS
@@ -29,16 +30,18 @@ from s2r_spec.verdict import Verdict
 
 
 @dataclass(frozen=True, repr=False)
-class CertifyResult(Result):
+class CertifyResult(Result, Shown):
     """Both searches, and the certificate of the real machine that follows from them.
 
     Attributes:
-        verdict: HOLDS if the combined interval is ≥ 0, VIOLATED if it is < 0, else UNKNOWN.
+        verdict: holds, violated or unknown.
         reason: one sentence for the verdict.
-        real: the real machine's backend.
+        real: the backend of the real machine, which the bounds cover.
         simulated: result of search 1.
-        gap: result of search 2; None if search 1 has no certificate, for then the real machine runs no rollout.
+        simulation: the check of the simulator.
+        gap: the gap between the two; None if the simulation was refused.
         composition: the combined interval; None if one of the searches has no certificate.
+        promise: the bounds on the worst expected robustness of the real machine; None if there are none.
     """
 
     verdict: Verdict
@@ -47,6 +50,8 @@ class CertifyResult(Result):
     simulated: CheckResult
     gap: GapResult | None
     composition: Composition | None
+
+    JSON = "verdict reason real promise=composition simulation=simulated gap"
 
 
 def certify(

@@ -90,13 +90,18 @@ def diagnose(
     with sentences(as_json or form == "json"):
         from s2r_spec.cli.stages import Stages
         from s2r_spec.diagnose import diagnose as find
+        from s2r_spec.json_values import document
         from s2r_spec.report import diagnosed, diagnosed_page
         from s2r_spec.report.diagnosed_markdown import markdown
         from s2r_spec.rollouts import patched
         from s2r_spec.rollouts.seeds import NEW_SEED
         from s2r_spec.spec import load_spec
 
-        forms = {"text": diagnosed.text, "json": diagnosed.as_json, "markdown": markdown}
+        forms = {
+            "text": diagnosed.text,
+            "json": lambda found, _: document(found),
+            "markdown": markdown,
+        }
         form = settle(form, as_json, output, forms)
         pageable(page)
         writable(apply)
@@ -133,7 +138,7 @@ def diagnose(
             interrupted(folder)
             raise
         folder.mkdir(parents=True, exist_ok=True)
-        save(folder / ANSWER, diagnosed.as_json(found, parsed) + "\n")
+        save(folder / ANSWER, document(found) + "\n")
         if apply is not None and (added := found.improved(tuned)):
             patched.write(apply, sim, added)
         if output is not None:
@@ -141,7 +146,7 @@ def diagnose(
         elif form == "text":
             console().print(diagnosed.markup(found, parsed))
         elif form == "json":
-            print_json(diagnosed.as_json(found, parsed))
+            print_json(document(found))
         else:
             print(forms[form](found, parsed))
         if page is not None:
@@ -153,7 +158,7 @@ def diagnose(
             errors.print(one_line(sentence), markup=False, soft_wrap=True)
         if following is not None:
             errors.print(one_line(_next(found, sim, machine, following)), markup=False, soft_wrap=True)
-        raise typer.Exit(diagnosed.exit_code(found))
+        raise typer.Exit(found.exit_code)
 
 
 def _next(found: Diagnosis, sim: str, machine: object, path: Path) -> str:

@@ -32,7 +32,7 @@ from s2r_spec.verdict import Verdict, worst
 
 if TYPE_CHECKING:
     from s2r_spec.json_objects.monitor import MonitoredKind, MonitoredTrace, UnreadTrace
-    from s2r_spec.json_objects.parts import ExitCode
+    from s2r_spec.json_values import ExitCode
     from s2r_spec.spec.monitored import Conventions, Monitored
 
 
@@ -197,7 +197,7 @@ def _printable(found: Monitored) -> MonitoredKind:
         Sampling,
         UnknownRequirement,
     )
-    from s2r_spec.json_objects.parts import extended
+    from s2r_spec.json_values import extended
 
     sampling = None if found.sampled is None else Sampling(**vars(found.sampled))
     if found.reason is None:

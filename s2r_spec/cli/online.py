@@ -203,7 +203,7 @@ def _fallen(spec: Spec, requirement: str, meta: Mapping[str, Any]) -> RobustInte
 def _record(spec: Spec, name: str, interval: RobustInterval) -> RequirementInterval:
     """Return the record of a requirement's interval."""
     from s2r_spec.json_objects.monitor import RequirementInterval
-    from s2r_spec.json_objects.parts import extended
+    from s2r_spec.json_values import extended
 
     unit, verdict = spec.unit(name), interval.verdict
     return extended(RequirementInterval, interval, requirement=name, unit=unit, verdict=verdict)
@@ -213,7 +213,7 @@ def _changed(spec: Spec, name: str, recent: Sequence[float], interval: RobustInt
     time = recent[-1]
     if as_json:
         from s2r_spec.json_objects.monitor import ChangeObject
-        from s2r_spec.json_objects.parts import extended
+        from s2r_spec.json_values import extended
 
         _print_json(extended(ChangeObject, _record(spec, name, interval), time=time))
     else:

@@ -93,8 +93,8 @@ def plan(
         from s2r_spec.certify.settings import Declared
         from s2r_spec.cli.stages import Stages
         from s2r_spec.errors import UsageError
-        from s2r_spec.json_objects.parts import extended
         from s2r_spec.json_objects.plan import PlanObject
+        from s2r_spec.json_values import extended
         from s2r_spec.rollouts.journal import Journal
         from s2r_spec.space import Space
         from s2r_spec.spec import load_spec

@@ -32,12 +32,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, Protocol
 
 from s2r_spec.diagnose.experiment_design.identifiability import Separation
 from s2r_spec.diagnose.gap.held_out import CLOSED, GONE, HeldOutGap
 from s2r_spec.diagnose.gap.materiality import Materiality
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, Status
+from s2r_spec.diagnose.inference.goodness_of_fit import GoodnessOfFit
 from s2r_spec.diagnose.inference.prior import SURE
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.residuals.left import Remainder
@@ -71,29 +71,14 @@ class Rule(Enum):
     NONE = "none", Verdict.NONE
 
     @property
+    def word(self) -> str:
+        """The rule behind the verdict."""
+        return self.value[0]
+
+    @property
     def verdict(self) -> Verdict:
         """What this rule answers."""
         return self.value[1]
-
-
-class GoodnessOfFit(Protocol):
-    """Whether the best set fits the traces as well as it fits machines of the catalogue."""
-
-    @property
-    def p(self) -> float:
-        """Conformal p-value over all experiments."""
-
-    @property
-    def level(self) -> float:
-        """Level of the alarm."""
-
-    @property
-    def alarm(self) -> bool:
-        """Whether the p-value is at most its level."""
-
-    @property
-    def worst(self) -> Any:
-        """Where the misfit is largest: experiment, quantity, statistic, part, begin and end [s]."""
 
 
 @dataclass(frozen=True)

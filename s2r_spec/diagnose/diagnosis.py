@@ -4,20 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Literal
 
-from s2r_spec.diagnose.decision import Evidence, GoodnessOfFit, Rule, Verdict
+from annotated_types import MinLen
+
+from s2r_spec.diagnose.decision import Evidence, Rule, Verdict
 from s2r_spec.diagnose.experiment_design.next_test import NextTest
 from s2r_spec.diagnose.gap.held_out import HeldOutGap
 from s2r_spec.diagnose.gap.materiality import Materiality
 from s2r_spec.diagnose.gap.where import Where
-from s2r_spec.diagnose.inference.estimates import EffectEstimate, Status, hidden_names, with_status
+from s2r_spec.diagnose.inference.estimates import (
+    EffectEstimate,
+    ParameterEstimate,
+    Status,
+    hidden_names,
+    with_status,
+)
 from s2r_spec.diagnose.residuals.left import Remainder
+from s2r_spec.json_values import Count, Open, Probability, Shown
 from s2r_spec.result import Result
 from s2r_spec.spec import Spec
 from s2r_spec.upper import upper
 
-SCHEMA = "s2r/diagnosis/2"
 SHOWN = 1e-3
 """Definition: probability from which on a set of several effects has an entry in the JSON object."""
 
@@ -25,18 +33,39 @@ Values = Mapping[str, Mapping[str, float]]
 
 
 @dataclass(frozen=True)
-class Which:
+class LikelySet:
+    """Two or more effects that together are the answer.
+
+    Attributes:
+        effects: the names of the effects.
+        probability: the probability that these are the causes.
+    """
+
+    effects: Annotated[tuple[str, ...], MinLen(2)]
+    probability: Probability
+
+
+@dataclass(frozen=True)
+class Which(Shown):
     """Which effects, with sizes and probabilities.
 
     Attributes:
         evidence: what the verdict rests on, with the estimate of every effect.
         sets: (effects, probability), most probable first; () for no cause.
-        next_test: the experiment to run next; None where none separates the sets.
+        posterior: none, or an effect → probability that nothing else is a cause.
+        set: effects named, then the possible ones.
+        separations: one for each possible effect: what other experiments would say about it.
+        next_test: the experiment to run next; None if none separates the candidates.
     """
 
     evidence: Evidence
     sets: tuple[tuple[tuple[str, ...], float], ...]
     next_test: NextTest | None = None
+
+    JSON = (
+        "posterior pairs others membership presence status answer set=asserted parameters nearest_family hidden "
+        "separations=evidence.separations next_test"
+    )
 
     @property
     def effects(self) -> tuple[EffectEstimate, ...]:
@@ -44,18 +73,55 @@ class Which:
         return self.evidence.effects
 
     @property
-    def answer(self) -> tuple[str, ...]:
-        """The effects that the verdict names."""
-        return self.evidence.answer
+    def posterior(self) -> dict[str, Probability]:
+        """The probability of no cause, and of each effect alone."""
+        sets = dict(self.sets)
+        alone = {one.effect: sets.get((one.effect,), 0.0) for one in self.effects}
+        return _rounded({"none": sets.get((), 0.0)} | alone)
+
+    @property
+    def pairs(self) -> tuple[LikelySet, ...]:
+        """Sets of two or more effects, each with a probability of at least one in a thousand."""
+        return tuple(LikelySet(names, round(p, 6)) for names, p in self._several.items() if p >= SHOWN)
+
+    @property
+    def others(self) -> float:
+        """Probability of all other sets of several effects."""
+        several = self._several.values()
+        return round(sum(several) - sum(p for p in several if p >= SHOWN), 6)
+
+    @property
+    def _several(self) -> dict[tuple[str, ...], float]:
+        return {names: p for names, p in dict(self.sets).items() if len(names) > 1}
 
     @property
     def membership(self) -> dict[str, float]:
-        """Return effect → probability that it is at least a quarter of typical, most probable first."""
-        return {one.effect: one.probability for one in sorted(self.effects, key=lambda e: -e.probability)}
+        """Effect → probability that it is at least a quarter of typical."""
+        return _rounded({e.effect: e.probability for e in sorted(self.effects, key=lambda e: -e.probability)})
+
+    @property
+    def presence(self) -> dict[str, float]:
+        """Effect → probability that it is at least an eighth of typical."""
+        return _rounded({one.effect: one.presence for one in self.effects})
+
+    @property
+    def status(self) -> dict[str, Status]:
+        """Effect → named, possible, ruled out, or hidden: ruled out by the prior alone."""
+        return {one.effect: one.status for one in self.effects}
+
+    @property
+    def answer(self) -> tuple[str, ...]:
+        """Effects named."""
+        return self.evidence.answer
+
+    @property
+    def asserted(self) -> tuple[str, ...]:
+        """The effects named, then the possible ones."""
+        return (*self.answer, *(one.effect for one in self.possible))
 
     @property
     def ranked(self) -> list[tuple[tuple[str, ...], float]]:
-        """Return every set with its probability, most probable first; ("none",) for no cause."""
+        """Every set with its probability, most probable first; ("none",) for no cause."""
         return [(names or ("none",), p) for names, p in self.sets]
 
     @property
@@ -64,8 +130,13 @@ class Which:
         return with_status(self.effects, Status.POSSIBLE)
 
     @property
+    def parameters(self) -> dict[str, dict[str, ParameterEstimate]]:
+        """Effect → parameter → its estimate, for every effect of the catalogue."""
+        return {one.effect: {each.parameter: each for each in one.parameters} for one in self.effects}
+
+    @property
     def hidden(self) -> tuple[str, ...]:
-        """The effects, or some of their parameters, that the data alone do not measure to a quarter of typical."""
+        """Effects, or some of their parameters, that the data alone do not measure to a quarter of typical."""
         return hidden_names(self.effects)
 
     @property
@@ -75,78 +146,90 @@ class Which:
 
     @property
     def nearest_family(self) -> str:
-        """The family of the nearest effects, of each if they differ."""
+        """The family of the most probable effects."""
         return " and ".join(dict.fromkeys(one.family for one in self.effects if one.effect in self.nearest))
 
-    def to_json(self) -> dict[str, Any]:
-        """Return a JSON object; sets of several below one in a thousand are summed up in ``others``."""
-        sets = dict(self.sets)
-        several = {names: p for names, p in sets.items() if len(names) > 1}
-        shown = {names: p for names, p in several.items() if p >= SHOWN}
-        names = [one.effect for one in self.effects]
-        return {
-            "posterior": {
-                "none": round(sets.get((), 0.0), 6),
-                **{name: round(sets.get((name,), 0.0), 6) for name in names},
-            },
-            "pairs": [{"effects": list(each), "probability": round(p, 6)} for each, p in shown.items()],
-            "others": round(sum(several.values()) - sum(shown.values()), 6),
-            "membership": {name: round(p, 6) for name, p in self.membership.items()},
-            "presence": {one.effect: round(one.presence, 6) for one in self.effects},
-            "status": {one.effect: one.status.value for one in self.effects},
-            "answer": list(self.answer),
-            "set": [*self.answer, *(one.effect for one in self.possible)],
-            "parameters": {
-                one.effect: {each.parameter: _parameter(vars(each)) for each in one.parameters}
-                for one in self.effects
-            },
-            "nearest_family": self.nearest_family,
-            "hidden": list(self.hidden),
-            "separations": [one.to_json() for one in self.evidence.separations],
-            "next_test": None if self.next_test is None else self.next_test.to_json(),
-        }
+
+def _rounded(probabilities: Mapping[str, float]) -> dict[str, float]:
+    return {name: round(p, 6) for name, p in probabilities.items()}
 
 
-def _goodness(found: GoodnessOfFit | None) -> dict[str, Any] | None:
-    if found is None:
-        return None
-    worst = {name: getattr(found.worst, name) for name in ("quantity", "statistic", "part", "begin", "end")}
-    place = {"experiment": str(found.worst.experiment), **worst}
-    return {"p": found.p, "level": found.level, "alarm": found.alarm, "worst": place}
+class Provenance(Open):
+    """The data that fix the answer.
 
+    Attributes:
+        s2r: the version of s2r.
+        seed: the seed of the diagnosis.
+        spec_hash: the hash of the specification.
+        requirement: the name of the requirement.
+        backend: the simulator.
+        model_hash: the hash of the simulator.
+        rollouts: number of real rollouts behind the answer.
+        held_out: number of real rollouts on which the gap is measured.
+    """
 
-def _parameter(fields: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        "estimate": fields["value"],
-        **{n: v for n, v in fields.items() if n not in ("value", "parameter")},
-    }
+    s2r: str
+    seed: Count
+    spec_hash: str
+    requirement: str
+    backend: str
+    model_hash: str
+    rollouts: Count
+    held_out: Count
 
 
 @dataclass(frozen=True, repr=False)
-class Diagnosis(Result):
-    """A whole diagnosis.
+class Diagnosis(Result, Shown):
+    """The result of ``s2r diagnose``. Further fields describe the origin of the answer.
 
     Attributes:
-        which: which effects, and what the verdict rests on.
-        where: the gap over tests, time, formula and body; None when it was not asked for.
-        tuned: effect → parameter → posterior mean.
+        schema: name and version of this object.
+        which: the effects, with sizes and probabilities.
+        where: where the gap lies; None if it was not asked for.
+        tuned: effect → parameter → posterior mean, for every effect.
         provenance: version, seed, hashes.
-        assumptions: what the answer rests on.
-        notes: limits of the real rollouts, a sentence each; those of the findings come first.
+        how_far: the gap on held-out real rollouts; None if there are too few.
+        materiality: whether the gap matters; None for a diagnosis that was put together by hand.
+        goodness_of_fit: whether the effects explain the traces; None where that was not tested.
+        findings: suspected mistakes of the recordings; correct these first.
+        assumptions: the assumptions, each in one sentence.
+        notes: limits of the real rollouts, each in one sentence.
         passive: whether the data are tests of the specification alone, without a protocol.
-        spec: the specification; None for a diagnosis that was put together by hand.
+        spec: the specification; None for a diagnosis that was put together by hand, which has no JSON object.
         real: name of the real machine; "" for rollouts without a name.
     """
 
     which: Which
     where: Where | None
     tuned: Values
-    provenance: Mapping[str, Any]
-    assumptions: tuple[str, ...]
+    provenance: Provenance
+    assumptions: Annotated[tuple[str, ...], MinLen(1)]
     notes: tuple[str, ...] = ()
     passive: bool = False
     spec: Spec | None = field(default=None, compare=False)
     real: str = ""
+
+    JSON = (
+        "schema *provenance verdict rule=rule.word reason which where how_far materiality "
+        "goodness_of_fit=evidence.goodness left patch tuned passive assumptions notes findings=evidence.findings "
+        "misread exit_code next"
+    )
+
+    @property
+    def schema(self) -> Literal["s2r/diagnosis/2"]:
+        """Name and version of this object."""
+        return "s2r/diagnosis/2"
+
+    @property
+    def exit_code(self) -> Literal[0, 3]:
+        """0 if a cause or no material gap is the answer; else 3."""
+        return 0 if self.verdict.exit_code == 0 and not self.misread else 3
+
+    @property
+    def next(self) -> str:
+        """The next step, in one sentence."""
+        words: str = upper("report.advice").next_step(self, self.spec)
+        return words
 
     @property
     def rule(self) -> Rule:
@@ -160,7 +243,7 @@ class Diagnosis(Result):
 
     @property
     def reason(self) -> str:
-        """The answer in a few sentences."""
+        """A few sentences for the verdict."""
         words: str = upper("report.reason").reason(self)
         return words
 
@@ -181,18 +264,18 @@ class Diagnosis(Result):
 
     @property
     def left(self) -> tuple[Remainder, ...]:
-        """Motion that no effect explains, the cause's place first."""
+        """Motion that no effect explains, the cause's place first; empty with fewer than five complete rollouts."""
         return tuple(self.evidence.left)
 
     @property
     def patch(self) -> dict[str, dict[str, float]]:
-        """Effect → parameter → value to add to the simulator; empty where nothing is named."""
+        """Effect → parameter → value to add to the simulator."""
         answer = self.which.answer
         return {one.effect: one.values for one in self.which.effects if one.effect in answer}
 
     @property
     def misread(self) -> tuple[str, ...]:
-        """The channels that seem to be recorded wrongly, each once; "the tests" and "the clock", too."""
+        """The channels of the findings, each once."""
         return tuple(dict.fromkeys(each.channel for each in self.evidence.findings))
 
     def __str__(self) -> str:
@@ -209,28 +292,3 @@ class Diagnosis(Result):
             return self.patch
         without_name = self.rule in (Rule.SPREAD, Rule.EITHER)
         return self.tuned if self.patch or without_name else {}
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the object that ``s2r diagnose --json`` prints, as plain values."""
-        where, far = self.where, self.how_far
-        own = {
-            "schema": SCHEMA,
-            **self.provenance,
-            "verdict": self.verdict.value,
-            "rule": self.rule.value[0],
-            "reason": self.reason,
-            "which": self.which.to_json(),
-            "where": None if where is None else where.to_json(),
-            "how_far": None if far is None else far.to_json(),
-            "materiality": None if self.materiality is None else self.materiality.to_json(),
-            "goodness_of_fit": _goodness(self.evidence.goodness),
-            "left": [each.to_json() for each in self.left],
-            "patch": self.patch,
-            "tuned": {name: dict(values) for name, values in self.tuned.items()},
-            "passive": self.passive,
-            "assumptions": list(self.assumptions),
-            "notes": list(self.notes),
-            "findings": [each.to_json() for each in self.evidence.findings],
-            "misread": list(self.misread),
-        }
-        return own if self.spec is None else own | upper("report.results").added(self)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from s2r_spec.backend import Channel, Effect, Option, Parameter
+from s2r_spec.conformance import Check
 from s2r_spec.json_values import OPTIONAL
 from s2r_spec.protocols import Protocol
 
@@ -53,21 +54,6 @@ class BackendObject:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ConformanceCheck:
-    """The result of one requirement on a backend.
-
-    Attributes:
-        words: the requirement.
-        broken: one sentence for each violation of the requirement.
-        remarks: one sentence for each fact that is allowed, but may not be intended.
-    """
-
-    words: str
-    broken: tuple[str, ...]
-    remarks: tuple[str, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
 class ConformanceObject:
     """The result of ``s2r backends NAME --check``.
 
@@ -79,4 +65,4 @@ class ConformanceObject:
 
     schema: Literal["s2r.promises/1"] = "s2r.promises/1"
     name: str
-    promises: tuple[ConformanceCheck, ...]
+    promises: tuple[Check, ...]

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from s2r_spec.json_objects.parts import ExitCode, Point
+from s2r_spec.json_values import ExitCode, Point
 from s2r_spec.logs.account import Account
 from s2r_spec.robustness.account import Instants
 from s2r_spec.robustness.explain import Explanation

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from s2r_spec.certify.failure_probability import FailureProbability
-from s2r_spec.json_objects.parts import Count, Magnitude, Point, Probability
+from s2r_spec.json_values import Count, Magnitude, Point, Probability
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,20 +11,17 @@ from pydantic import TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from typing_extensions import get_original_bases
 
+from s2r_spec.diagnose.diagnosis import Diagnosis
 from s2r_spec.errors import UsageError, one_of, suggest
 from s2r_spec.json_objects.backends import BackendObject, BackendsObject, ConformanceObject
-from s2r_spec.json_objects.certify import CertifyObject
-from s2r_spec.json_objects.check import CheckObject
-from s2r_spec.json_objects.diagnosis import DiagnosisObject
+from s2r_spec.json_objects.certificates import CertifyObject, CheckObject, GapObject
 from s2r_spec.json_objects.error import ErrorObject
-from s2r_spec.json_objects.gap import GapObject
 from s2r_spec.json_objects.log import LogObject
 from s2r_spec.json_objects.monitor import ChangeObject, MonitorObject, OnlineObject
-from s2r_spec.json_objects.parts import Open
 from s2r_spec.json_objects.plan import PilotObject, PlanObject
 from s2r_spec.json_objects.runs import ChoiceObject, OddsObject, ReplayObject
 from s2r_spec.json_objects.specs import ExamplesObject, FormatObject, LatexObject, LintObject
-from s2r_spec.json_values import optional_fields
+from s2r_spec.json_values import Open, optional_fields
 
 OBJECTS: Mapping[str, Any] = {
     "s2r.backend/1": BackendObject,
@@ -45,7 +42,7 @@ OBJECTS: Mapping[str, Any] = {
     "s2r.plan/1": PlanObject | PilotObject,
     "s2r.promises/1": ConformanceObject,
     "s2r.replay/1": ReplayObject,
-    "s2r/diagnosis/2": DiagnosisObject,
+    "s2r/diagnosis/2": Diagnosis,
 }
 """What an object calls itself → its record."""
 INFINITE = frozenset({"s2r.monitor/1", "s2r.online/1"})
@@ -127,5 +124,5 @@ def _lineage(record: type) -> list[type]:
 
 
 def _plain(record: type) -> str:
-    """Return a class's docstring without the roles of its links."""
-    return re.sub(r":\w+:`~?([^`]+)`", r"\1", cleandoc(record.__doc__ or ""))
+    """Return a class's docstring without the roles of its links, in JSON's words."""
+    return re.sub(r"\bNone\b", "null", re.sub(r":\w+:`~?([^`]+)`", r"\1", cleandoc(record.__doc__ or "")))

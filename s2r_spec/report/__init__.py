@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 
 from s2r_spec.errors import UsageError, one_of, suggest
-from s2r_spec.report import github, jsonform, junit, markdown, text
+from s2r_spec.json_values import document
+from s2r_spec.report import github, junit, markdown, text
 from s2r_spec.report.finding import Report
 
 REPORTERS: dict[str, Callable[[Report], str]] = {
     "text": text.render,
-    "json": jsonform.render,
+    "json": lambda report: document(report.record),
     "junit": junit.render,
     "github": github.render,
     "markdown": markdown.render,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from s2r_spec.backend import short
 from s2r_spec.certify.real_machine import CertifyResult
 from s2r_spec.certify.rounding import between, down
-from s2r_spec.json_objects.certify import CertifyObject
+from s2r_spec.json_objects.certificates import CertifyObject
 from s2r_spec.report import checked, gapped
 from s2r_spec.report.finding import Finding, Report
 from s2r_spec.spec import Spec
@@ -14,16 +14,7 @@ from s2r_spec.spec import Spec
 def report(spec: Spec, result: CertifyResult, command: str = "s2r certify") -> Report:
     """Return the report of both searches; every reporter renders it."""
     code, one = result.verdict.exit_code, finding(spec, result)
-    record = CertifyObject(
-        exit_code=code,
-        verdict=result.verdict,
-        reason=result.reason,
-        real=result.real,
-        promise=result.composition,
-        simulation=checked.requirement_record(result.simulated),
-        gap=gapped.gap_record(result.gap) if result.gap else None,
-        location=one.location,
-    )
+    record = CertifyObject(exit_code=code, result=result, location=one.location)
     return Report(command, (one,), code, record)
 
 
@@ -52,7 +43,7 @@ def finding(spec: Spec, result: CertifyResult) -> Finding:
             if gap
             else f"lowest ρ ({simulated.lowest.rho:+.4f}{unit})"
         ),
-        replay=checked.replay_line(gap, "real") if gap else checked.replay_line(simulated),
+        replay=gap.replay if gap else simulated.replay,
         location=checked.location(spec, simulated.requirement),
         seconds=simulated.seconds + (gap.seconds if gap else 0.0),
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -13,13 +12,8 @@ from s2r_spec.certify.check import CheckResult
 from s2r_spec.certify.gap_result import GapResult
 from s2r_spec.certify.rounding import at_least, at_most, between, down, up, wide
 from s2r_spec.certify.voids import void_words
-from s2r_spec.json_objects.check import (
-    CheckedRequirement,
-    CheckObject,
-    RobustnessSearch,
-    WorstExpectedRobustness,
-)
-from s2r_spec.json_objects.parts import Location, extended
+from s2r_spec.json_objects.certificates import CheckObject
+from s2r_spec.json_values import Location
 from s2r_spec.report.finding import Finding, Report
 from s2r_spec.spec import Spec
 from s2r_spec.verdict import Verdict, worst
@@ -33,31 +27,10 @@ def report(pairs: Sequence[tuple[Spec, CheckResult]], command: str = "s2r check"
     code = worst(result.verdict for _, result in pairs).exit_code
     record = CheckObject(
         exit_code=code,
-        results=tuple(requirement_record(result) for _, result in pairs),
+        results=tuple(result for _, result in pairs),
         locations={result.requirement: location(spec, result.requirement) for spec, result in pairs},
     )
     return Report(command, tuple(finding(*pair) for pair in pairs), code, record)
-
-
-def requirement_record(result: CheckResult) -> CheckedRequirement:
-    """Return the record of one requirement."""
-    certificate = result.certificate
-    return extended(
-        CheckedRequirement,
-        result,
-        worst_expected_robustness=extended(
-            WorstExpectedRobustness,
-            result,
-            epsilon=certificate.epsilon,
-            probability_at_least=1 - certificate.delta,
-            delta=certificate.delta,
-        ),
-        search=extended(RobustnessSearch, certificate),
-        label=certificate.label,
-        folder=str(result.folder),
-        replay=replay_line(result),
-        seconds=round(result.seconds, 3),
-    )
 
 
 def finding(spec: Spec, result: CheckResult) -> Finding:
@@ -90,7 +63,7 @@ def finding(spec: Spec, result: CheckResult) -> Finding:
         ladder=ladder(result, "ρ"),
         provenance=origin(source, f"model {short(source['model_hash'])}"),
         again=f"lowest ρ ({result.lowest.rho:+.4f}{unit})",
-        replay=replay_line(result),
+        replay=result.replay,
         location=location(spec, result.requirement),
         seconds=result.seconds,
     )
@@ -173,12 +146,6 @@ def refuted_words(certificate: Certificate, unit: str) -> str:
         f"the data refute every B < {at_least(certificate.B_low)} {unit}".rstrip()
         + f"; the e-value against R is {e_value:.3g} (1/δ refutes R)"
     )
-
-
-def replay_line(result: Result, system: str = "") -> str:
-    """Return the shell command that runs the rollout of the lowest ρ again; of a gap, the real one of the lowest Δ."""
-    folder = shlex.quote(str(result.folder / system))
-    return f"s2r replay {folder}#{result.lowest.query}.{result.lowest.replicate}"
 
 
 def location(spec: Spec, requirement: str) -> Location:

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
-from typing import cast
 
 from rich.markup import escape
 from rich.text import Text
 
 from s2r_spec.backend import short
-from s2r_spec.diagnose.decision import Verdict
 from s2r_spec.diagnose.diagnosis import Diagnosis
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, ParameterEstimate, Status, with_status
-from s2r_spec.json_objects.diagnosis import DiagnosisObject
 from s2r_spec.printable import one_line
 from s2r_spec.quantity import interval, measured, quantity
 from s2r_spec.report.advice import next_step, settled_words
@@ -146,22 +142,6 @@ def _possible(one: EffectEstimate, settled: str) -> str:
     p = one.largest
     words = f"{measured(p.value, p.low, p.high, p.unit)}, probability {one.probability:.2f}"
     return f"{words}; {settled}" if settled else words
-
-
-def record(found: Diagnosis, spec: Spec) -> DiagnosisObject:
-    """Return the whole diagnosis as plain JSON values."""
-    more = {"exit_code": exit_code(found), "next": next_step(found, spec)}
-    return cast(DiagnosisObject, found.to_json() | more)
-
-
-def exit_code(found: Diagnosis) -> int:
-    """Return 0 if the verdict is a cause or no material gap, and the recordings have no suspected mistake; else 3."""
-    return (Verdict.UNKNOWN if found.misread else found.verdict).exit_code
-
-
-def as_json(found: Diagnosis, spec: Spec) -> str:
-    """Return the record as JSON text; NaN and infinity raise ``ValueError``."""
-    return json.dumps(record(found, spec), allow_nan=False, indent=2, ensure_ascii=False)
 
 
 def text(found: Diagnosis, spec: Spec) -> str:

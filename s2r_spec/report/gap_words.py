@@ -49,7 +49,7 @@ def where_words(where: Where, spec: Spec) -> tuple[str, ...]:
         lines.append(str(where.pair.switch))
     if where.space is not None:
         place = test_words(where.space.worst, spec.space.units)
-        expected = measured(*where.space.largest, where.space.unit)
+        expected = measured(*vars(where.space.largest).values())
         lines.append(f"worst test of the whole space is probably {place}: expected |Δρ| {expected} at 95 %")
     return tuple(lines)
 
@@ -75,7 +75,7 @@ def _rho(where: Where) -> str:
 def body_words(where: Where) -> tuple[str, ...]:
     """Return one sentence for each part whose residuals the nominal model does not explain, the cause's place first."""
     if where.body is None:
-        return (where.no_body,)
+        return (str(where.no_body),)
     body, origin = where.body, where.body.origin
     if origin is None:
         return (
@@ -111,7 +111,7 @@ def shrink_rows(far: HeldOutGap) -> tuple[tuple[str, str], ...]:
         ("tuned", far.tuned_share, "with small amounts of every other effect"),
     ):
         if part is not None:
-            value, low, high = (round(100 * end) for end in part)
+            value, low, high = (round(100 * end) for end in (part.estimate, part.low, part.high))
             more = "; more than 100 % is scatter" if value > 100 else ""
             rows.append((name, f"{value} % {words} (95 %: {low} to {high} %{more})"))
     return tuple(rows)

@@ -8,15 +8,13 @@ from s2r_spec.backend import short
 from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.gap_result import GapResult
 from s2r_spec.certify.rounding import between, down
-from s2r_spec.json_objects.gap import Band, BoundedGap, GapObject, GapSearch, WorstExpectedGap
-from s2r_spec.json_objects.parts import extended
+from s2r_spec.json_objects.certificates import GapObject
 from s2r_spec.report.checked import (
     effort,
     ladder,
     location,
     origin,
     probability_words,
-    replay_line,
     test_words,
 )
 from s2r_spec.report.finding import Finding, Report
@@ -29,31 +27,8 @@ def report(spec: Spec, result: GapResult, command: str = "s2r gap") -> Report:
     """Return the report of a gap; every reporter renders it."""
     one = finding(spec, result)
     code = one.verdict.exit_code
-    record = extended(GapObject, gap_record(result), exit_code=code, location=one.location)
+    record = GapObject(exit_code=code, result=result, location=one.location)
     return Report(command, (one,), code, record)
-
-
-def gap_record(result: GapResult) -> BoundedGap:
-    """Return the record of a gap."""
-    certificate = result.certificate
-    return extended(
-        BoundedGap,
-        result,
-        worst_expected_gap=extended(
-            WorstExpectedGap,
-            result,
-            epsilon=certificate.epsilon,
-            delta=certificate.delta if certificate.label.bounds else None,
-        ),
-        band=extended(Band, result),
-        reason=certificate.reason,
-        largest_mean_absolute_gap=result.absolute,
-        search=extended(GapSearch, certificate),
-        label=certificate.label,
-        folder=str(result.folder),
-        replay=replay_line(result, "real"),
-        seconds=round(result.seconds, 3),
-    )
 
 
 def finding(spec: Spec, result: GapResult) -> Finding:
@@ -75,7 +50,7 @@ def finding(spec: Spec, result: GapResult) -> Finding:
         ladder=ladder(result, "Δ"),
         provenance=origin(source, ", ".join(f"{one} {short(source[one]['model_hash'])}" for one in SYSTEMS)),
         again=f"real rollout of the lowest Δ ({result.lowest.gap:+.4f}{unit})",
-        replay=replay_line(result, "real"),
+        replay=result.replay,
         location=location(spec, result.requirement),
         seconds=result.seconds,
     )

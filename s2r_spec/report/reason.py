@@ -86,11 +86,13 @@ def _closes(found: Diagnosis) -> list[str]:
     ends = [f"{name} is at the end of its range." for name in found.evidence.at_end]
     if far is not None and named and far.share is not None:
         subject = "it closes" if len(named) == 1 else "they close"
-        words = [f"Added to the simulator, {subject} {_part(far.share[0])} the held-out gap above scatter."]
+        words = [
+            f"Added to the simulator, {subject} {_part(far.share.estimate)} the held-out gap above scatter."
+        ]
         more = [f"The rest is more than {LITTLE} would leave."] if far.leaves_more else []
         return [*words, *more, *ends]
     if far is not None and not named and far.tuned_share is not None:
-        part = _part(far.tuned_share[0])
+        part = _part(far.tuned_share.estimate)
         return [f"Small amounts of all effects close {part} the held-out gap above scatter."]
     return ends
 

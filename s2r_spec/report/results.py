@@ -12,13 +12,12 @@ from s2r_spec.certify.check_result import CheckResult
 from s2r_spec.certify.gap_result import GapResult
 from s2r_spec.certify.real_machine import CertifyResult
 from s2r_spec.certify.rounding import between
-from s2r_spec.diagnose.diagnosis import SCHEMA as DIAGNOSIS
 from s2r_spec.diagnose.diagnosis import Diagnosis
 from s2r_spec.errors import UsageError
 from s2r_spec.files import save
-from s2r_spec.json_values import to_json
+from s2r_spec.json_values import document, to_json
 from s2r_spec.printable import html_table, html_text, one_line
-from s2r_spec.report import advice, certified, checked, diagnosed, gapped, jsonform
+from s2r_spec.report import certified, checked, diagnosed, gapped
 from s2r_spec.report.finding import Finding, Report
 
 Certified = CheckResult | GapResult | CertifyResult
@@ -112,16 +111,9 @@ def _report(result: Certified) -> Report:
     return certified.report(result.simulated.spec, result)
 
 
-def as_json(result: Certified) -> Any:
+def as_json(result: Known) -> Any:
     """Return the object of the command's ``--json`` as plain values."""
-    return to_json(_report(result).record)
-
-
-def added(result: Diagnosis) -> dict[str, Any]:
-    """Return what the command adds to a diagnosis: its exit code, and the next step."""
-    spec = result.spec
-    assert spec is not None
-    return {"exit_code": diagnosed.exit_code(result), "next": advice.next_step(result, spec)}
+    return to_json(result if isinstance(result, Diagnosis) else _report(result).record)
 
 
 def save_result(result: Known, path: str | os.PathLike[str]) -> Path:
@@ -136,11 +128,7 @@ def save_result(result: Known, path: str | os.PathLike[str]) -> Path:
     elif file.suffix.lower() != ".json":
         remedy = "; report() writes a page" if file.suffix.lower() in (".html", ".htm") else ""
         raise UsageError(f"{file.name!r}: the file name of a saved result ends in .json{remedy}")
-    if isinstance(result, Diagnosis):
-        text = json.dumps(result.to_json(), allow_nan=False, indent=2, ensure_ascii=False)
-    else:
-        text = jsonform.render(_report(result))
-    save(file, text + "\n")
+    save(file, document(result if isinstance(result, Diagnosis) else _report(result).record) + "\n")
     return file
 
 
@@ -201,7 +189,7 @@ def _folder_in(file: Path) -> Path:
     """
     try:
         found = json.loads(file.read_text(encoding="utf-8"))
-        if found["schema"] == DIAGNOSIS:
+        if found["schema"].startswith("s2r/diagnosis/"):
             raise UsageError(f"{file} is a diagnosis; read it as plain values: json.loads(path.read_text())")
         folder = Path(_RUNS[found["schema"]](found))
     except (OSError, ValueError, LookupError, TypeError):

@@ -1,6 +1,5 @@
 """Attribution adds up to Δρ, on random formulas and on real ones, and the sandwich holds."""
 
-import json
 import math
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from s2r_spec.attribution.attribute import attribute
 from s2r_spec.attribution.critical import kind
 from s2r_spec.attribution.path import Path as Straight
 from s2r_spec.errors import TraceError
+from s2r_spec.json_values import line
 from s2r_spec.spec import load_spec, parse_spec
 from s2r_spec.trace import Trace
 from tests.examples import examples
@@ -49,7 +49,7 @@ def test_parts_add_up_and_the_sandwich_holds(pair):
     assert found.parts[0].amount == pytest.approx(found.delta, abs=1e-9)
     predicates = sum(part.amount for part in found.parts if part.predicate)
     assert predicates == pytest.approx(found.delta, abs=1e-9)
-    json.dumps(found.to_json(), allow_nan=False)
+    line(found.switch)
     if found.switch is not None:
         if kind(spec.formulas["it"]) == "mixed":
             assert found.switch.bounds is None

@@ -1,7 +1,6 @@
 """The rules of the verdict, on records that are made by hand."""
 
-from dataclasses import dataclass, field, replace
-from types import SimpleNamespace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +10,7 @@ from s2r_spec.diagnose.experiment_design.identifiability import Candidate, Power
 from s2r_spec.diagnose.gap.held_out import compared, gap
 from s2r_spec.diagnose.gap.materiality import Failures, Materiality, RolloutsAtTest, materiality
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, ParameterEstimate
+from s2r_spec.diagnose.inference.goodness_of_fit import GoodnessOfFit, Misfit
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.residuals.left import Remainder
 from s2r_spec.diagnose.simulator.experiments import Experiment
@@ -34,19 +34,8 @@ def far(tuned, named=None, size=1.0, seen=None):
     return compared(real, [left[0], *(real - each for each in left[1:])], TESTS, 0.01, 0.1, "m", seen)
 
 
-@dataclass(frozen=True)
-class Fitness:
-    p: float
-    alarm: bool
-    level: float = 0.05
-    worst: SimpleNamespace = field(
-        default_factory=lambda: SimpleNamespace(
-            experiment=Experiment("chirp"), quantity="q", statistic="bin", part="FR calf", begin=0.2, end=0.4
-        )
-    )
-
-
-ALARM, FITS = Fitness(0.001, alarm=True), Fitness(0.4, alarm=False)
+WORST = Misfit(Experiment("chirp"), "q", "bin", "FR calf", 0.2, 0.4)
+ALARM, FITS = (GoodnessOfFit(p, 0.05, WORST) for p in (0.001, 0.4))
 PUSH = Remainder("force", 0, "", "q", 0.1, 0.12, 25.0, "N", "m", 1.4)
 CLOCK = Finding("late", "x", "x comes late", "a wrong clock")
 SAME = replace(CLOCK, same=True)

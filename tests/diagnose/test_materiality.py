@@ -19,6 +19,7 @@ from s2r_spec.diagnose.gap.materiality import (
 from s2r_spec.diagnose.gap.nominal import Nominal
 from s2r_spec.diagnose.simulate import Bench
 from s2r_spec.errors import UsageError
+from s2r_spec.json_values import to_json
 from s2r_turtlebot.effects import turtlebot
 from tests.errors import naming
 
@@ -79,7 +80,7 @@ def test_changes_of_sign_at_4_of_20_tests_are_found():
     assert found.matters
     assert sum(at.changes_sign for at in found.places) == sum(at.real < 0 for at in found.tests) >= 4
     assert found.largest.params["vd"] == found.places[0].params["vd"] >= 16.0
-    assert found.to_json()["places"][0]["high"] < 0.0
+    assert to_json(found)["places"][0]["high"] < 0.0
 
 
 def test_one_test_of_20_is_found_although_it_loses_less_than_half_of_its_margin():

@@ -8,7 +8,7 @@ import numpy as np
 import s2r_spec as s2r
 from s2r_spec.attribution.attribute import attribute
 from s2r_spec.diagnose.gap.materiality import RolloutsAtTest, materiality
-from s2r_spec.diagnose.gap.surface import Band, GapSurface
+from s2r_spec.diagnose.gap.surface import Band, GapSurface, LargestGap
 from s2r_spec.diagnose.gap.where import Pairs, Where, where
 from s2r_spec.diagnose.residuals.shifts import Body, BodyPart, Shift
 from s2r_spec.trace import Trace
@@ -64,7 +64,20 @@ def made_up(space, tests):
     ends = {name: (value, value) for name, value in worst.items()}
     exceeds = np.ones(len(grid))
     return GapSurface(
-        space, "m", gaps, grid, band, band, 0.01, worst, 0.9, ends, (0.05, 0.04, 0.06), 0.02, exceeds, ()
+        space,
+        "m",
+        gaps,
+        grid,
+        band,
+        band,
+        0.01,
+        worst,
+        0.9,
+        ends,
+        LargestGap(0.05, 0.04, 0.06, "m"),
+        0.02,
+        exceeds,
+        (),
     )
 
 

@@ -122,7 +122,7 @@ def test_the_replay_line_is_fit_for_a_shell(holds):
     import shlex
 
     _, result = holds
-    line = checked.replay_line(replace(result, folder=Path("runs/it's 5 o'clock; rm")))
+    line = replace(result, folder=Path("runs/it's 5 o'clock; rm")).replay
     assert shlex.split(line)[2].startswith("runs/it's 5 o'clock; rm#")
     assert len(shlex.split(line)) == 3
 

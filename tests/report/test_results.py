@@ -10,6 +10,7 @@ import pytest
 import s2r_spec as s2r
 from s2r_spec.errors import UsageError
 from s2r_spec.json_objects.schema import schema
+from s2r_spec.json_values import document
 from tests.cli.conftest import SPEC
 from tests.errors import naming, states
 from tests.report.test_diagnosed import diagnosis
@@ -100,20 +101,20 @@ def test_a_table_for_a_notebook_is_small_and_safe(results, kind):
 def test_a_diagnosis_has_the_same_forms(tmp_path):
     from dataclasses import replace
 
-    from s2r_spec.report import diagnosed, diagnosed_page
+    from s2r_spec.report import diagnosed_page
 
     plain, spec = diagnosis(1)
     one = replace(plain, spec=spec, real="twin:lab")
-    assert one.to_json() == json.loads(diagnosed.as_json(plain, spec))
+    assert one.to_json() == json.loads(document(plain))
     jsonschema.validate(one.to_json(), schema("s2r/diagnosis/2"))
-    assert one.save(tmp_path / "kept").read_text() == diagnosed.as_json(plain, spec) + "\n"
+    assert one.save(tmp_path / "kept").read_text() == document(plain) + "\n"
     assert one.report(tmp_path / "x.html").read_text() == diagnosed_page.render(plain, spec, "twin:lab")
     assert states(repr(one), "Diagnosis(confounded: ", "friction", "delay")
     assert "\n" not in repr(one)
     with pytest.raises(UsageError, match=naming("diagnosis")):
         s2r.load_result(tmp_path / "kept" / "diagnosis.json")
     with pytest.raises(UsageError, match="specification"):
-        plain.report(tmp_path / "y.html")
+        replace(plain, spec=None).report(tmp_path / "y.html")
 
 
 def test_files_of_another_kind_get_one_sentence(results, tmp_path, place):

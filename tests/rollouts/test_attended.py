@@ -15,8 +15,8 @@ from s2r_spec.certify.kernels import Kernel
 from s2r_spec.certify.measure import check_measure
 from s2r_spec.certify.real_machine import certify
 from s2r_spec.errors import BackendError, NotBegunError, StoppedError, UsageError
-from s2r_spec.json_values import to_json
-from s2r_spec.report import checked, gapped, jsonform
+from s2r_spec.json_values import document, to_json
+from s2r_spec.report import checked
 from s2r_spec.report.recompute import recompute, recompute_gap
 from s2r_spec.rollouts.attendance import Terms
 from s2r_spec.rollouts.journal import FILE, Journal, JournalError
@@ -151,7 +151,7 @@ def test_the_outcomes_are_those_of_a_simulator_bit_for_bit(robot, spec, tmp_path
     assert [record.rho for record in Journal.read(tmp_path / "r").records()] == [
         record.rho for record in Journal.read(tmp_path / "s").records()
     ]
-    assert "voids" not in to_json(checked.requirement_record(simulator))
+    assert "voids" not in to_json(simulator)
 
 
 def test_what_the_operator_answers_is_kept_with_the_rollout(alone, attended):
@@ -191,7 +191,7 @@ def test_a_void_rollout_is_kept_and_its_test_runs_again(robot, spec, tmp_path, h
         assert trace.meta["void"] == "link"
     # One question before each of 41 rollouts, the consent, and one more after the void one.
     assert sum("void" in text for text in operator.said) == 1
-    shown = json.loads(jsonform.render(checked.report([(spec, result)])))
+    shown = json.loads(document(checked.report([(spec, result)]).record))
     assert shown["results"][0]["voids"] == {word: 1}
     assert ("void", f"1 of 41 rollouts (1 × {word})") in checked.finding(spec, result).facts
     again = recompute(tmp_path / "r").result
@@ -319,7 +319,7 @@ def test_a_gap_counts_the_voids_of_the_machine(robot, spec, tmp_path):
     assert kinds(tmp_path / "g" / "sim").count("begun") == 0
     again = recompute_gap(tmp_path / "g").result
     assert (again.voids, again.assumptions) == (result.voids, result.assumptions)
-    assert to_json(gapped.gap_record(again))["voids"] == {"link": 1}
+    assert to_json(again)["voids"] == {"link": 1}
 
 
 def test_without_a_terminal_nothing_is_opened(robot, spec, tmp_path):

@@ -26,7 +26,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +45,7 @@ from s2r_spec.diagnose.inference.hierarchical import (
 )
 from s2r_spec.diagnose.inference.prior import NAMED, UNNAMED
 from s2r_spec.diagnose.simulator.experiments import Experiment
+from s2r_spec.json_values import Shown
 
 FloatArray = NDArray[np.float64]
 
@@ -80,12 +80,14 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class Power:
+class Power(Shown):
     """What one more run of an experiment says about a possible effect.
 
     Attributes:
         candidate: the experiment.
-        sigma: distance of the most probable sets with and without the effect.
+        experiment: the experiment in words.
+        allowed: whether the user allows it.
+        sigma: distance of the most probable sets with and without the effect, in standard deviations per run.
         settles: whether the effect is then named or ruled out.
     """
 
@@ -93,16 +95,18 @@ class Power:
     sigma: float
     settles: bool
 
+    JSON = "experiment=candidate.shown.__str__ allowed=candidate.allowed sigma settles"
+
 
 @dataclass(frozen=True)
 class Separation:
     """A possible effect, and the experiments that could settle it.
 
     Attributes:
-        effect: name.
+        effect: the name of the effect.
         included: the most probable set with the effect.
         excluded: the most probable set without it.
-        powers: of every candidate, largest distance first.
+        powers: the experiments, largest distance first.
     """
 
     effect: str
@@ -113,20 +117,6 @@ class Separation:
     def best(self, allowed: bool) -> Power | None:
         """Return the experiment that settles the effect, the most powerful one first; None where none does."""
         return next((one for one in self.powers if one.settles and one.candidate.allowed is allowed), None)
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields, with the experiments in words."""
-        powers = [
-            {
-                "experiment": str(one.candidate.shown),
-                "allowed": one.candidate.allowed,
-                "sigma": one.sigma,
-                "settles": one.settles,
-            }
-            for one in self.powers
-        ]
-        sets = {"included": list(self.included), "excluded": list(self.excluded)}
-        return {"effect": self.effect, **sets, "powers": powers}
 
 
 @dataclass(frozen=True)

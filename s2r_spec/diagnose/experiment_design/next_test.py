@@ -15,14 +15,14 @@ Source: Box & Hill, *Technometrics* 9 (1967) 57.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.estimation import Estimate
 from s2r_spec.diagnose.experiment_design.identifiability import Candidate, Forecast
+from s2r_spec.json_values import DIGITS, Shown
 
 FloatArray = NDArray[np.float64]
 
@@ -35,30 +35,24 @@ DRAWS = 200
 
 
 @dataclass(frozen=True)
-class NextTest:
+class NextTest(Shown):
     """The experiment to run next.
 
     Attributes:
         candidate: the experiment.
-        separates: the two sets that it separates, weighted by their probabilities.
-        sigma: by so many standard deviations per run.
-        entropy: expected fall of the entropy of the set [bit].
+        protocol: the name of the protocol; "" for a test of the specification.
+        params: its parameters.
+        separates: the two sets of effects that it separates.
+        sigma: their distance in standard deviations per run.
+        entropy: expected fall of the entropy of the set, in bits.
     """
 
     candidate: Candidate
     separates: tuple[tuple[str, ...], tuple[str, ...]]
-    sigma: float
-    entropy: float
+    sigma: float = field(metadata={DIGITS: 2})
+    entropy: float = field(metadata={DIGITS: 3})
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields."""
-        return {
-            "protocol": self.candidate.shown.protocol,
-            "params": dict(self.candidate.shown.params),
-            "separates": [list(names) for names in self.separates],
-            "sigma": round(self.sigma, 2),
-            "entropy": round(self.entropy, 3),
-        }
+    JSON = "protocol=candidate.shown.protocol params=candidate.shown.values separates sigma entropy"
 
 
 def next_test(found: Estimate, candidates: Sequence[Candidate]) -> NextTest | None:

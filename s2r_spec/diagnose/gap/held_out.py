@@ -19,9 +19,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from statistics import NormalDist
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +32,7 @@ from s2r_spec.diagnose.gap.nominal import Nominal
 from s2r_spec.diagnose.inference.prior import BACKGROUND
 from s2r_spec.diagnose.simulate import Bench, Test, places_of, table
 from s2r_spec.effects import catalogue_of
+from s2r_spec.json_values import Count, Probability, Shown
 from s2r_spec.rollouts.seeds import Stream
 from s2r_spec.space import key_of
 from s2r_spec.trace import Trace
@@ -47,8 +47,15 @@ CLOSED = 0.5
 """Level: part of a material gap that a named cause closes at least. Higher, fewer causes are named."""
 
 
-class Share(NamedTuple):
-    """A mean, or a part of a gap, with the ends of its 95 % interval."""
+@dataclass(frozen=True, order=True)
+class Share:
+    """An estimate with its interval.
+
+    Attributes:
+        estimate: the estimate of a share.
+        low: the lower end of the 95 % interval.
+        high: the upper end of the 95 % interval.
+    """
 
     estimate: float
     low: float
@@ -95,25 +102,25 @@ class HeldOut:
 
 
 @dataclass(frozen=True)
-class HeldOutGap:
-    """The gap before and after.
+class HeldOutGap(Shown):
+    """The gap on held-out rollouts, before and after the named effects were added to the simulator.
 
     Attributes:
-        rollouts: held-out real rollouts.
-        unit: of ρ.
-        before: gap of the nominal simulator.
-        after: gap with the named effects; None when nothing is named.
-        tuned: gap with the posterior mean of every effect.
-        floor: gap of a perfect simulator.
-        background: gap that a little of every effect makes at most, in 19 of 20 machines.
-        share: part of the gap above the floor that the named effects close; None where it is hardly above.
-        tuned_share: the same of ``tuned``.
-        beyond: at most this part of all tests has a larger gap than any held-out one, with 95 % confidence.
-        tests: the held-out ones, signed.
-        seen: gap of the nominal simulator at the tests that were not held out; None without any.
+        rollouts: number of held-out real rollouts.
+        unit: the unit of ρ.
+        before: the gap of the nominal simulator.
+        after: the gap with the named effects; None if nothing is named.
+        tuned: the gap with the posterior mean of every effect.
+        floor: the gap due to scatter alone.
+        background: the largest gap that small amounts of all effects make in 19 of 20 machines.
+        share: part of the gap above the floor that the named effects close.
+        tuned_share: the same share for the tuned simulator.
+        tests_with_a_larger_gap_at_most: part of all tests, with 95 % confidence.
+        tests: the signed gap of each held-out test.
+        seen: the gap of the nominal simulator at the tests that were not held out.
     """
 
-    rollouts: int
+    rollouts: Count
     unit: str
     before: Gap
     after: Gap | None
@@ -122,9 +129,14 @@ class HeldOutGap:
     background: float
     share: Share | None
     tuned_share: Share | None
-    beyond: float
+    tests_with_a_larger_gap_at_most: Probability
     tests: tuple[HeldOut, ...]
     seen: Gap | None = None
+
+    JSON = (
+        "rollouts unit before after tuned floor background share tuned_share tests seen material elsewhere "
+        "tests_with_a_larger_gap_at_most"
+    )
 
     @property
     def at_most(self) -> float:
@@ -135,7 +147,7 @@ class HeldOutGap:
 
     @property
     def material(self) -> bool:
-        """Whether the gap is more than scatter and background."""
+        """Whether the gap exceeds scatter and background."""
         return self.before.mean > self.at_most
 
     @property
@@ -159,7 +171,7 @@ class HeldOutGap:
         return self._gone(self.share)
 
     def _gone(self, share: Share | None) -> bool:
-        return self.material and share is not None and share[0] >= GONE and share[1] > 0.0
+        return self.material and share is not None and share.estimate >= GONE and share.low > 0.0
 
     def stays(self, least: float) -> bool:
         """Whether less than this part of a material gap is closed, and surely not all of it.
@@ -168,14 +180,14 @@ class HeldOutGap:
         """
         if not self.material or self.best is None:
             return False
-        part, low, high = self.best
-        surely = all(one[2] < 1.0 for one in (self.share, self.tuned_share) if one is not None)
+        part, low, high = self.best.estimate, self.best.low, self.best.high
+        surely = all(one.high < 1.0 for one in (self.share, self.tuned_share) if one is not None)
         return part < least and surely and not low < -1.0 < 0.0 < high
 
     @property
     def short(self) -> bool:
         """Whether the named effects surely leave a part of a material gap."""
-        return self.material and self.share is not None and self.share[2] < GONE
+        return self.material and self.share is not None and self.share.high < GONE
 
     @property
     def harmful(self) -> bool:
@@ -191,15 +203,9 @@ class HeldOutGap:
     @property
     def better_tuned(self) -> bool:
         """Whether all effects tuned surely close more than the named ones."""
-        return self.share is not None and self.tuned_share is not None and self.tuned_share[1] > self.share[2]
-
-    def to_json(self) -> dict[str, Any]:
-        """Return a JSON object."""
-        own = asdict(self) | {"material": self.material, "elsewhere": self.elsewhere}
-        own["tests_with_a_larger_gap_at_most"] = own.pop("beyond")
-        for name in ("share", "tuned_share"):
-            own[name] = own[name] and own[name]._asdict()
-        return own | {"tests": list(own["tests"])}
+        return (
+            self.share is not None and self.tuned_share is not None and self.tuned_share.low > self.share.high
+        )
 
 
 def held_out_gap(
@@ -343,7 +349,7 @@ def compared(
         background=background,
         share=share(patched[0]) if patched else None,
         tuned_share=share(tuned),
-        beyond=1.0 - LEVEL ** (1.0 / len(distinct)),
+        tests_with_a_larger_gap_at_most=1.0 - LEVEL ** (1.0 / len(distinct)),
         tests=tuple(HeldOut(*each) for each in zip(distinct, counts, signed[0], after, strict=True)),
         seen=seen,
     )
@@ -352,7 +358,8 @@ def compared(
 def gap(differences: FloatArray, groups: NDArray[np.intp]) -> Gap:
     """Return the mean of |differences| (n,) with an interval; ``groups`` (n,) has the number of each one's test."""
     worst = np.abs(np.bincount(groups, differences) / np.bincount(groups)).max()
-    return Gap(*Share.of(_resampled(np.abs(differences)[None], groups)[0]), float(worst))
+    mean = Share.of(_resampled(np.abs(differences)[None], groups)[0])
+    return Gap(mean.estimate, mean.low, mean.high, float(worst))
 
 
 def _resampled(values: FloatArray, groups: NDArray[np.intp]) -> FloatArray:

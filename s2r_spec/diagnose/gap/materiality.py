@@ -37,8 +37,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +46,7 @@ from s2r_spec.diagnose.gap import LEVEL, ROUNDING
 from s2r_spec.diagnose.gap.nominal import Nominal
 from s2r_spec.diagnose.simulate import Bench, Test, places_of, rho_and_end
 from s2r_spec.errors import UsageError
+from s2r_spec.json_values import Count, Probability, Shown
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.constants import constant
 from s2r_spec.trace import Trace
@@ -96,30 +96,32 @@ class RolloutsAtTest:
 
 
 @dataclass(frozen=True)
-class GapAtTest:
+class GapAtTest(Shown):
     """The gap at one test, in the unit of ρ.
 
     Attributes:
         params: the test.
-        rollouts: real rollouts that ran to their end.
+        rollouts: number of real rollouts that ran to their end.
         real: mean ρ of these.
-        simulated: mean ρ of the simulated ones.
-        low: lower end of the gap's interval; the intervals of all tests hold at once.
-        high: upper end.
-        p: p-value of no gap at this test alone.
+        simulated: mean ρ of the simulated rollouts; its size is the margin.
+        low: the lower end of the gap's interval; the intervals of all tests hold at once with probability 95 %.
+        high: the upper end.
+        p: p-value of no gap, at this test alone.
     """
 
     params: Mapping[str, float]
-    rollouts: int
+    rollouts: Count
     real: float
     simulated: float
     low: float
     high: float
-    p: float
+    p: Probability
+
+    JSON = "params rollouts real simulated low high p gap changes_sign"
 
     @property
     def gap(self) -> float:
-        """Mean real ρ less mean simulated ρ; negative where the machine is worse."""
+        """Mean real ρ minus mean simulated ρ."""
         return self.real - self.simulated
 
     @property
@@ -137,29 +139,24 @@ class GapAtTest:
         """Whether the gap is more than scatter, and one of both means is negative."""
         return self.differs and self.real * self.simulated < 0.0
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields."""
-        own = asdict(self) | {"gap": self.gap, "changes_sign": self.changes_sign}
-        return own | {"params": dict(self.params)}
-
 
 @dataclass(frozen=True)
 class Failures:
     """Rollouts that ended early, over all tests.
 
     Attributes:
-        real: number of real ones.
-        real_rollouts: of so many.
-        simulated: number of simulated ones.
-        simulated_rollouts: of so many.
-        p: p-value of both failing alike, times two.
+        real: number of real rollouts that ended early.
+        real_rollouts: number of real rollouts.
+        simulated: number of simulated rollouts that ended early.
+        simulated_rollouts: number of simulated rollouts.
+        p: p-value of both ending early alike, times two, because ρ has the other half of the level.
     """
 
-    real: int
-    real_rollouts: int
-    simulated: int
-    simulated_rollouts: int
-    p: float
+    real: Count
+    real_rollouts: Count
+    simulated: Count
+    simulated_rollouts: Count
+    p: Probability
 
     @property
     def matters(self) -> bool:
@@ -168,20 +165,32 @@ class Failures:
 
 
 @dataclass(frozen=True)
-class Materiality:
-    """Whether the gap matters.
+class Materiality(Shown):
+    """Whether the gap matters, over all real rollouts.
 
     Attributes:
         tests: the gap at each test with whole rollouts of both kinds, in the order of the data.
         failures: rollouts that ended early; None without any.
-        unit: of ρ.
-        tolerance: the smallest constant that the requirement compares a signal with, in this unit; None without one.
+        unit: the unit of ρ.
+        tolerance: the smallest constant that the requirement compares a signal with, in the unit; None without one.
     """
 
     tests: tuple[GapAtTest, ...]
     failures: Failures | None
     unit: str
     tolerance: float | None = None
+
+    JSON = "matters level tests=count unit tolerance largest places failures"
+
+    @property
+    def level(self) -> Probability:
+        """The probability of a material gap where there is none."""
+        return LEVEL
+
+    @property
+    def count(self) -> Count:
+        """Number of tests with whole rollouts of both kinds."""
+        return len(self.tests)
 
     @property
     def places(self) -> tuple[GapAtTest, ...]:
@@ -190,26 +199,13 @@ class Materiality:
 
     @property
     def matters(self) -> bool:
-        """Whether the gap matters at any test, or failures do."""
+        """Whether it matters at any test, or rollouts end early more often on one side."""
         return bool(self.places) or (self.failures is not None and self.failures.matters)
 
     @property
     def largest(self) -> GapAtTest | None:
         """The largest gap of those that matter, or of all where none does; None without tests."""
         return max(self.places or self.tests, key=lambda at: abs(at.gap), default=None)
-
-    def to_json(self) -> dict[str, Any]:
-        """Return plain data for JSON."""
-        return {
-            "matters": self.matters,
-            "level": LEVEL,
-            "tests": len(self.tests),
-            "unit": self.unit,
-            "tolerance": self.tolerance,
-            "largest": None if self.largest is None else self.largest.to_json(),
-            "places": [at.to_json() for at in self.places],
-            "failures": None if self.failures is None else asdict(self.failures),
-        }
 
 
 def compared_at_all_tests(

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from s2r_spec.diagnose.gap import DRAWS, LEVEL
 from s2r_spec.diagnose.gap.materiality import RolloutsAtTest, mean_difference
 from s2r_spec.errors import UsageError
+from s2r_spec.json_values import Ends, Probability, Shown
 from s2r_spec.space import Space
 
 FloatArray = NDArray[np.float64]
@@ -58,9 +59,64 @@ class Band(NamedTuple):
     upper: FloatArray
 
 
+@dataclass(frozen=True)
+class LargestGap:
+    """The expected |Δρ| at its worst test.
+
+    Attributes:
+        estimate: the estimate, in the unit.
+        low: the lower end of the 95 % interval.
+        high: the upper end of the 95 % interval.
+        unit: the unit of ρ.
+    """
+
+    estimate: float
+    low: float
+    high: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Beyond:
+    """Tests at which the gap exceeds the tolerance.
+
+    Attributes:
+        share: the share of the test space.
+        within: parameter → ends of the box that contains these tests.
+    """
+
+    share: Probability
+    within: dict[str, Ends]
+
+
+@dataclass(frozen=True)
+class GapOnLine:
+    """The gap on a line through the worst test, with bands of 95 %.
+
+    Attributes:
+        at: values of the parameter.
+        absolute: E|Δρ|.
+        absolute_low: end of its band.
+        absolute_high: end of its band.
+        signed: E Δρ.
+        signed_low: end of its band.
+        signed_high: end of its band.
+        exceeds: probability that E|Δρ| is above the tolerance; None if there is no tolerance.
+    """
+
+    at: list[float]
+    absolute: list[float]
+    absolute_low: list[float]
+    absolute_high: list[float]
+    signed: list[float]
+    signed_low: list[float]
+    signed_high: list[float]
+    exceeds: list[float] | None
+
+
 @dataclass(frozen=True, eq=False)
-class GapSurface:
-    """The gap over the test space.
+class GapSurface(Shown):
+    """Where in the test space the gap lies.
 
     Attributes:
         space: the test space.
@@ -69,14 +125,14 @@ class GapSurface:
         grid: (m, dim) places.
         absolute: E|Δρ| there.
         signed: E Δρ there; negative where the real machine is worse.
-        floor: E|Δρ| of the simulator against itself; NaN if no test was simulated twice.
+        floor: E|Δρ| of the simulator against itself; None if no test was simulated twice.
         worst: the test where E|Δρ| is probably largest.
-        near: probability that the largest E|Δρ| is within a tenth of every axis of ``worst``.
-        worst_in: name → (low, high), the box with the central 90 % of the posterior of the worst test.
-        largest: (estimate, low, high) of E|Δρ| at its worst, 95 %.
-        tolerance: twice the floor; None if the floor is not known.
+        worst_probability: the probability of being within a tenth of every axis of the worst test.
+        worst_within: parameter → central 90 % interval of the worst test.
+        largest: E|Δρ| at the worst test.
+        tolerance: twice the |Δρ| that scatter alone causes; None if no test was simulated twice.
         exceeds: (m,) probability that E|Δρ| is above the tolerance; None without a tolerance.
-        notes: limits of the data, in sentences.
+        notes: limits of the data, each in one sentence.
     """
 
     space: Space
@@ -85,14 +141,16 @@ class GapSurface:
     grid: FloatArray
     absolute: Band
     signed: Band
-    floor: float
+    floor: float | None
     worst: Mapping[str, float]
-    near: float
-    worst_in: Mapping[str, tuple[float, float]]
-    largest: tuple[float, float, float]
+    worst_probability: Probability
+    worst_within: Mapping[str, Ends]
+    largest: LargestGap
     tolerance: float | None
     exceeds: FloatArray | None
     notes: tuple[str, ...]
+
+    JSON = "worst worst_probability worst_within largest floor tolerance beyond=box_beyond along=lines notes"
 
     @property
     def beyond(self) -> NDArray[np.bool_] | None:
@@ -104,34 +162,25 @@ class GapSurface:
         same = np.isclose(self.grid, self.space.vector(self.worst))
         return np.flatnonzero(np.delete(same, axis, axis=1).all(axis=1))
 
-    def to_json(self) -> dict[str, Any]:
-        """Return plain data for JSON: of the band, a line along each axis through the worst test."""
-        return {
-            "worst": dict(self.worst),
-            "worst_probability": self.near,
-            "worst_within": {name: list(ends) for name, ends in self.worst_in.items()},
-            "largest": dict(zip(("estimate", "low", "high"), self.largest, strict=True))
-            | {"unit": self.unit},
-            "floor": None if np.isnan(self.floor) else self.floor,
-            "tolerance": self.tolerance,
-            "beyond": None if self.beyond is None else self._share_and_box(self.beyond),
-            "along": {name: self._line(place) for place, name in enumerate(self.space.names)},
-            "notes": list(self.notes),
-        }
-
-    def _share_and_box(self, beyond: NDArray[np.bool_]) -> dict[str, Any]:
-        """Return the part of the grid beyond the tolerance, and the smallest box around it."""
-        there = self.grid[beyond]
+    @property
+    def box_beyond(self) -> Beyond | None:
+        """Tests at which the gap exceeds the tolerance with probability 95 %; None if there is no tolerance."""
+        if self.beyond is None:
+            return None
+        there = self.grid[self.beyond]
         ends = np.array([there.min(axis=0), there.max(axis=0)]).T.tolist() if there.size else ()
-        return {"share": float(beyond.mean()), "within": dict(zip(self.space.names, ends, strict=False))}
+        return Beyond(float(self.beyond.mean()), dict(zip(self.space.names, ends, strict=False)))
 
-    def _line(self, axis: int) -> dict[str, list[float] | None]:
+    @property
+    def lines(self) -> dict[str, GapOnLine]:
+        """Parameter → the gap on the line along it through the worst test."""
+        return {name: self._line(axis) for axis, name in enumerate(self.space.names)}
+
+    def _line(self, axis: int) -> GapOnLine:
         on = self.along(axis)
-        found: dict[str, list[float] | None] = {"at": self.grid[on, axis].tolist()}
-        for name, band in (("absolute", self.absolute), ("signed", self.signed)):
-            for ending, values in zip(("", "_low", "_high"), band, strict=True):
-                found[name + ending] = values[on].tolist()
-        return found | {"exceeds": None if self.exceeds is None else self.exceeds[on].tolist()}
+        a, low, high, b, least, most = (each[on].tolist() for each in (*self.absolute, *self.signed))
+        exceeds = None if self.exceeds is None else self.exceeds[on].tolist()
+        return GapOnLine(self.grid[on, axis].tolist(), a, low, high, b, least, most, exceeds)
 
 
 def grid_of(space: Space) -> FloatArray:
@@ -187,8 +236,9 @@ def gap_surface(
     worst = space.at(distinct[near.argmax()])
     low, high = np.quantile(places, [0.05, 0.95], axis=0).tolist()
     perfect = floor(tests)
-    tolerance = 2.0 * perfect if np.isfinite(perfect) else None
+    tolerance = None if perfect is None else 2.0 * perfect
     absolute = _band(size)
+    least, most = np.quantile(largest, [LEVEL / 2, 1.0 - LEVEL / 2]).tolist()
     return GapSurface(
         space,
         unit,
@@ -200,7 +250,7 @@ def gap_surface(
         space.point(worst),
         float((np.abs(places - worst) <= 0.1 * (space.upper - space.lower) + 1e-12).all(axis=1).mean()),
         dict(zip(space.names, zip(low, high, strict=True), strict=True)),
-        (float(np.median(largest)), *np.quantile(largest, [LEVEL / 2, 1.0 - LEVEL / 2]).tolist()),
+        LargestGap(float(np.median(largest)), least, most, unit),
         tolerance,
         None if tolerance is None else (size > tolerance).mean(axis=0),
         _notes(space, tests),
@@ -313,13 +363,13 @@ def folded(mean: FloatArray, scatter: float) -> FloatArray:
     return np.asarray(scatter * np.sqrt(2 / np.pi) * np.exp(-np.square(z) / 2) + mean * erf(z / np.sqrt(2)))
 
 
-def floor(tests: Sequence[RolloutsAtTest]) -> float:
+def floor(tests: Sequence[RolloutsAtTest]) -> float | None:
     """Return E|ρ − ρ'| of two simulated rollouts of the same test: E|Δρ| of a perfect simulator.
 
-    NaN if no test was simulated twice.
+    None if no test was simulated twice.
     """
     several = [test.simulated for test in tests if test.simulated.size > 1]
-    return float(np.mean([mean_difference(one) for one in several])) if several else float("nan")
+    return float(np.mean([mean_difference(one) for one in several])) if several else None
 
 
 def _band(sampled: FloatArray) -> Band:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from s2r_spec.diagnose.residuals.shifts import Body, Residuals, shifts
 from s2r_spec.diagnose.simulate import Bench, Test, places_of, seeded, table
 from s2r_spec.documentation import page
 from s2r_spec.errors import TraceError
+from s2r_spec.json_values import Shown
 from s2r_spec.rollouts.seeds import Stream, rollout_seed
 from s2r_spec.space import key_of
 from s2r_spec.spec import Spec
@@ -33,39 +34,33 @@ NO_SIMULATOR = "no simulator with residuals was given, so the gap cannot be trac
 
 
 @dataclass(frozen=True, eq=False)
-class Where:
+class Where(Shown):
     """Where the gap lies.
 
     Attributes:
-        space: over the test space; None if the spec sweeps no parameter, or more than four.
-        test: the test with the largest mean gap, of those that were run.
-        pair: Δρ of a real and a simulated rollout of this test, in parts.
-        body: the parts of the machine with motion that their model does not explain; None if residuals are missing.
-        no_body: why ``body`` is missing, in a sentence; "" if it is there.
+        space: the gap over the test space; None if the spec sweeps no parameter, or more than four.
+        test: the worst of the tests that were run; the fields below describe a pair of rollouts at this test.
+        pair: the pair, with Δρ in parts.
+        delta: Δρ = ρ_real − ρ_sim.
+        time: the contributions of equal windows of time to Δρ.
+        formula: the contributions of the sub-formulas, in written order.
+        ended: part of Δρ that the common samples do not show.
+        switch: the critical predicates of both traces; None if ρ depends on no predicate.
+        trace: samples of both traces.
+        body: the parts of the machine whose motion their model does not explain; None if this is unknown.
+        no_body: the reason why body is null, in a sentence; None if there is a body.
     """
 
     space: GapSurface | None
     test: Mapping[str, float]
     pair: Attribution
     body: Body | None = None
-    no_body: str = NO_SIMULATOR
+    no_body: str | None = NO_SIMULATOR
 
-    def to_json(self) -> dict[str, Any]:
-        """Return plain data for JSON."""
-        apart = self.pair.to_json()
-        return {
-            "space": None if self.space is None else self.space.to_json(),
-            "test": dict(self.test),
-            "delta": apart["delta"],
-            "time": [asdict(window) for window in self.pair.windows()],
-            "formula": apart["parts"],
-            "channels": apart["channels"],
-            "ended": apart["ended"],
-            "switch": apart["switch"],
-            "trace": self.pair.binned(),
-            "body": None if self.body is None else self.body.to_json(),
-            "no_body": self.no_body or None,
-        }
+    JSON = (
+        "space test delta=pair.delta time=pair.windows formula=pair.parts channels=pair.channels ended=pair.ended "
+        "switch=pair.switch trace=pair.binned body no_body"
+    )
 
 
 class Pairs(NamedTuple):
@@ -140,7 +135,7 @@ def predict(
     return Predicted(gap[: len(tests)], between(in_cube(space, grid)))
 
 
-def body_of(bench: Bench, pairs: Pairs, seed: int) -> tuple[Body | None, str]:
+def body_of(bench: Bench, pairs: Pairs, seed: int) -> tuple[Body | None, str | None]:
     """Return the parts of the machine with motion that their model does not explain, or None and the reason in words.
 
     Each test is simulated once more, with a seed that follows from ``seed``.
@@ -167,4 +162,6 @@ def body_of(bench: Bench, pairs: Pairs, seed: int) -> tuple[Body | None, str]:
         return None, few + refused
     at = in_cube(space, np.array(tests))
     body = shifts(at, [own for own, *_ in found], [other for _, *other in found], backend.duration)
-    return (body, "") if body.asked else (None, f"no window of time has residuals of {FEWEST} real rollouts")
+    return (
+        (body, None) if body.asked else (None, f"no window of time has residuals of {FEWEST} real rollouts")
+    )

@@ -29,6 +29,7 @@ from s2r_spec.diagnose.axes import Line
 from s2r_spec.diagnose.inference.hierarchical import Likelihood
 from s2r_spec.diagnose.inference.model_search import ModelPosterior
 from s2r_spec.diagnose.inference.prior import LIKELY, NAMED, POSSIBLE, SLAB, SURE, UNNAMED
+from s2r_spec.json_values import Shown
 
 FloatArray = NDArray[np.float64]
 
@@ -48,21 +49,21 @@ class Status(Enum):
 
 
 @dataclass(frozen=True)
-class ParameterEstimate:
+class ParameterEstimate(Shown):
     """A parameter of an effect.
 
     Attributes:
         parameter: name.
-        unit: of the next three.
-        value: posterior median.
-        low: lower end of the 90 % interval.
-        high: upper end.
-        size: the median in typical sizes.
-        size_low: lower end of the interval in typical sizes.
-        size_high: upper end.
-        half_width: of the interval by the data alone, with all other sizes free, in typical sizes.
+        estimate: the posterior median, in the unit.
+        low: the lower end of the 90 % interval.
+        high: the upper end of the 90 % interval.
+        unit: the unit of the estimate and the interval.
+        size: the estimate in typical sizes; a typical size is twice the standard deviation of the parameter's prior.
+        size_low: the lower end in typical sizes.
+        size_high: the upper end in typical sizes.
+        half_width: half-width of the interval by the data alone, with all other sizes free, in typical sizes.
         at_end: whether the data ask for an end of the range, beyond which nothing was simulated.
-        dependent: whether it acts only beside another one, and only says how the effect acts.
+        dependent: whether it acts only beside another parameter, and only says how the effect acts.
     """
 
     parameter: str
@@ -76,6 +77,8 @@ class ParameterEstimate:
     half_width: float
     at_end: bool = False
     dependent: bool = False
+
+    JSON = "estimate=value unit low high size size_low size_high half_width at_end dependent"
 
     @property
     def hidden(self) -> bool:

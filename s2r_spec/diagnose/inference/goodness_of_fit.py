@@ -49,6 +49,7 @@ from s2r_spec.diagnose.inference.hierarchical import (
 )
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.observables import BINS, WINDOWS
+from s2r_spec.json_values import Probability, Shown
 
 FloatArray = NDArray[np.float64]
 
@@ -63,15 +64,16 @@ PARTS = 5
 
 
 @dataclass(frozen=True)
-class Misfit:
-    """A cell of one experiment.
+class Misfit(Shown):
+    """Where the misfit of the traces is largest.
 
     Attributes:
-        experiment: see there.
-        quantity: channel, residual or difference of channels.
-        statistic: of the quantity, such as "bin".
-        part: the column; "" if the quantity has one.
-        begin, end: of the cell [s].
+        experiment: the experiment in words.
+        quantity: the channel or the residual.
+        statistic: what of it is compared: its means over parts of the trace, its scatter, …
+        part: the column of the quantity; "" if it has one.
+        begin: the start of the place [s].
+        end: the end of the place [s].
     """
 
     experiment: Experiment
@@ -81,30 +83,34 @@ class Misfit:
     begin: float
     end: float
 
+    JSON = "experiment=experiment.__str__ quantity statistic part begin end"
+
 
 @dataclass(frozen=True)
-class Goodness:
-    """Whether the best set fits the data as well as it fits machines of the catalogue.
+class GoodnessOfFit(Shown):
+    """Whether the best set of effects fits the traces as well as it fits machines of the catalogue.
 
     Attributes:
         p: conformal p-value over all experiments.
-        level: of the alarm at this look.
-        worst: the cell with the largest misfit of the experiment with the largest one.
+        level: level of the alarm.
+        worst: where the misfit is largest.
     """
 
-    p: float
-    level: float
+    p: Probability
+    level: Probability
     worst: Misfit
+
+    JSON = "p level alarm worst"
 
     @property
     def alarm(self) -> bool:
-        """Whether the p-value is at most its level."""
+        """Whether the p-value is at most this level."""
         return self.p <= self.level
 
 
 def goodness_of_fit(
     problem: Problem, fit: Fit, looks: int = 1, columns: Mapping[str, Sequence[str]] | None = None
-) -> Goodness:
+) -> GoodnessOfFit:
     """Return whether a fit leaves more than machines of the catalogue do; nothing is simulated.
 
     Args:
@@ -122,7 +128,7 @@ def goodness_of_fit(
     both = [np.maximum(_standard(one.losses.sum(axis=0)), _standard(one.excess.max(axis=0))) for one in tests]
     extreme = np.max([*both, *map(_standard, quantities.values())], axis=0)
     worst = tests[int(np.argmax([each[0] for each in both]))]
-    return Goodness(float(np.mean(extreme >= extreme[0])), LEVEL / looks, worst.place(columns or {}))
+    return GoodnessOfFit(float(np.mean(extreme >= extreme[0])), LEVEL / looks, worst.place(columns or {}))
 
 
 @dataclass(frozen=True)

@@ -5,17 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from s2r_spec.json_values import Shown
 from s2r_spec.trace import SHOWN
 
 
 @dataclass(frozen=True)
-class Finding:
-    """One mistake that the recordings seem to have.
+class Finding(Shown):
+    """A mistake that the recordings seem to have.
 
     Attributes:
-        code: of the mistake ("late", "exchanged").
-        channel: that it is in ("x and y"); "the tests" or "the clock" where it is in no channel.
-        text: the sentence.
+        code: kind of mistake: late, begin, clock, hold, exchanged, sign, scale, frame, offset, labels, unit, …
+        channel: the channel with the mistake; 'the tests' or 'the clock' if it is in no channel.
+        text: the mistake and its remedy in a few sentences; the notes repeat it.
         imitates: what would do the same as an effect, in a few words ("a wrong clock"); "" where the mistake is no
             rival of any effect.
         same: whether an effect of the catalogue explains the recordings as well.
@@ -27,9 +28,7 @@ class Finding:
     imitates: str = ""
     same: bool = False
 
-    def to_json(self) -> dict[str, str]:
-        """Return code, channel and text."""
-        return {"code": self.code, "channel": self.channel, "text": self.text}
+    JSON = "code channel text"
 
 
 def listed(names: Sequence[str]) -> str:

@@ -26,7 +26,6 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +37,7 @@ from s2r_spec.diagnose.gap import FEWEST, LEVEL, SHOTS
 from s2r_spec.diagnose.residuals.cells import CELLS, Cell, Cells, Column, part_names, path, widths_of
 from s2r_spec.diagnose.simulate import Bench, Job, Test, evenly, places_of, run_jobs, seeded
 from s2r_spec.diagnose.simulator.experiments import RESIDUAL
+from s2r_spec.json_values import Ends, Shown
 from s2r_spec.printable import spelled
 from s2r_spec.rollouts.seeds import Stream
 from s2r_spec.space import key_of
@@ -60,23 +60,23 @@ REPORTED = 5
 
 
 @dataclass(frozen=True)
-class Remainder:
-    """What is left in one cell.
+class Remainder(Shown):
+    """A difference between the machine and the improved simulator in one place.
 
     Attributes:
-        quantity: of which: a residual, or a channel.
-        column: of it.
-        part: of the machine that the column is of, where the quantity is of several; else "".
-        along: channel whose values bound the cell; "" for time.
-        low: where the cell begins, in the channel's unit [or s]; -inf if nowhere.
-        high: where it ends.
-        size: mean of what is left, in the quantity's unit.
-        unit: of the quantity.
-        along_unit: of the channel, or of time.
-        surplus: size in units of what is allowed for.
-        recorded: whether the quantity is a channel, and what is left a difference from the simulator's.
-        times: from when until when the channel is in the cell [s]; None for all the time, or for a cell of time.
-        extent: lowest and highest value of the channel, in its unit; None if it is not known, or for a cell of time.
+        quantity: a recorded channel, or a residual of the nominal model.
+        column: the column of the channel.
+        part: the part of the machine; "" if the quantity belongs to no single part.
+        along: channel whose values bound the place; "" for time.
+        low: end of the place, in the channel's unit [or s]; -inf where it has no such end.
+        high: end of the place; inf where it has no such end.
+        size: the value of the machine minus the value of the improved simulator, in the quantity's unit.
+        unit: the unit of the quantity.
+        along_unit: the unit of the channel, or of time.
+        surplus: size divided by the largest size that needs no cause.
+        recorded: whether the quantity is a recorded channel.
+        times: first and last time [s] at which the channel has these values; None for all the time, or without channel.
+        extent: lowest and highest value of the channel; None if it is not known, or without channel.
     """
 
     quantity: str
@@ -90,8 +90,20 @@ class Remainder:
     along_unit: str
     surplus: float
     recorded: bool = False
-    times: tuple[float, float] | None = None
-    extent: tuple[float, float] | None = None
+    times: Ends | None = None
+    extent: Ends | None = None
+
+    JSON = "quantity column part along low=begin high=end size unit along_unit surplus recorded times extent"
+
+    @property
+    def begin(self) -> float | None:
+        """End of the place; None where it has no such end."""
+        return self.low if math.isfinite(self.low) else None
+
+    @property
+    def end(self) -> float | None:
+        """End of the place; None where it has no such end."""
+        return self.high if math.isfinite(self.high) else None
 
     @property
     def material(self) -> bool:
@@ -113,13 +125,6 @@ class Remainder:
         what = f"{f'{self.size:+.3g}'.replace('-', '−')} {spelled(self.unit)}".strip()
         what = f"a difference of {what} in {self.quantity}" if self.recorded else f"{what} of {self.quantity}"
         return f"{what} {self.place}"
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields; None for an end that is nowhere."""
-        plain = {
-            name: list(value) if isinstance(value, tuple) else value for name, value in vars(self).items()
-        }
-        return plain | {end: None for end in ("low", "high") if not math.isfinite(getattr(self, end))}
 
 
 def remainders(

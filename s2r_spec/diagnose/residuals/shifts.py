@@ -18,8 +18,8 @@ squares. Source: Wald 1943; Benjamini and Yekutieli 2001, theorem 1.3.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from s2r_spec.attribution.place import EXPLAINS, Place, Range, cause_first
 from s2r_spec.diagnose.gap import FEWEST, LEVEL, ROUNDING
 from s2r_spec.diagnose.residuals.cells import CELLS, averaged, part_names, widths_of
+from s2r_spec.json_values import Count, Probability, Shown
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
@@ -68,35 +69,39 @@ class Shift:
 
 
 @dataclass(frozen=True)
-class BodyPart:
+class BodyPart(Shown):
     """A part of the machine.
 
     Attributes:
-        name: its name in the backend, "FR calf".
-        shifts: one for each of its residuals that shifts, largest F first; () if none does.
+        part: the name of the part in the backend.
+        shifts: the shifts of its residuals, clearest first; empty if nothing shifts.
     """
 
     name: str
     shifts: tuple[Shift, ...]
 
+    JSON = "part=name shifts"
+
 
 @dataclass(frozen=True)
-class Body:
-    """The shifts of all parts of the machine.
+class Body(Shown):
+    """The parts of the machine whose motion their model does not explain.
 
     Attributes:
-        parts: largest F first, then those without a shift in the backend's order.
-        rollouts: number of real rollouts.
-        duration: of a rollout [s].
-        asked: number of tests: mean and rms of every column in every window that enough rollouts have.
+        parts: the parts, clearest first.
+        rollouts: number of compared real rollouts.
+        duration: the duration of a rollout [s].
+        asked: number of hypothesis tests: columns times two times windows.
         level: false-discovery rate.
     """
 
     parts: tuple[BodyPart, ...]
-    rollouts: int
+    rollouts: Count
     duration: float
-    asked: int
-    level: float = LEVEL
+    asked: Count
+    level: Probability = LEVEL
+
+    JSON = "level rollouts duration asked parts"
 
     @property
     def shifted(self) -> tuple[BodyPart, ...]:
@@ -118,12 +123,6 @@ class Body:
         channel = self.shifted[0].shifts[0].channel
         alike = [(part, shift) for part in self.shifted for shift in part.shifts if shift.channel == channel]
         return cause_first(alike, lambda one: self.place(*one), lambda one: one[1].size)[0]
-
-    def to_json(self) -> dict[str, Any]:
-        """Return plain data for JSON."""
-        parts = [{"part": one.name, "shifts": [asdict(shift) for shift in one.shifts]} for one in self.parts]
-        own = {name: getattr(self, name) for name in ("level", "rollouts", "duration", "asked")}
-        return own | {"parts": parts}
 
 
 class Residuals(NamedTuple):

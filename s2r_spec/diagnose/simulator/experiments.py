@@ -38,6 +38,11 @@ class Experiment:
         """Return the experiment of a recorded trace."""
         return cls(str(trace.meta.get(PROTOCOL, "")), tuple(sorted(params.items())))
 
+    @property
+    def values(self) -> dict[str, float]:
+        """Its parameters by name."""
+        return dict(self.params)
+
     def __str__(self) -> str:
         """Return its name in words, such as ``air_sine`` or ``vd = 0.2``."""
         params = ", ".join(f"{name} = {value:.4g}" for name, value in self.params)

@@ -12,6 +12,7 @@ from s2r_spec.diagnose.experiment_design.identifiability import Candidate, Forec
 from s2r_spec.diagnose.experiment_design.next_test import next_test
 from s2r_spec.diagnose.inference.estimates import Status, effect_estimates, hidden_names
 from s2r_spec.diagnose.simulator.library import library
+from s2r_spec.json_values import to_json
 from tests.diagnose.toy import SHOW, SPLIT, TEST, Toy
 
 
@@ -46,7 +47,7 @@ def test_only_the_protocol_with_both_shapes_settles_them(unclear):
         }
         assert one.effect in one.included
         assert one.effect not in one.excluded
-        assert json.loads(json.dumps(one.to_json())) == one.to_json()
+        assert json.loads(json.dumps(to_json(one))) == to_json(one)
 
 
 def test_a_protocol_that_is_not_allowed_is_named_as_missing(unclear):
@@ -65,7 +66,7 @@ def test_the_next_experiment_is_the_one_that_separates_and_its_forecast_comes_tr
     assert 0.7 < chosen.entropy < 1.5
     after = found(responses, {"a": 2.0}, TEST, SPLIT)
     assert after.posterior.beyond()[:2] == pytest.approx([1.0, 0.0], abs=0.05)
-    assert json.loads(json.dumps(chosen.to_json()))["protocol"] == "split"
+    assert json.loads(json.dumps(to_json(chosen)))["protocol"] == "split"
 
 
 def test_cost_counts_and_what_is_not_allowed_is_not_chosen(unclear):

@@ -10,6 +10,7 @@ from s2r_spec import parse_spec
 from s2r_spec.diagnose.gap.held_out import background_machines, compared, gap, held_out_gap, scatter
 from s2r_spec.diagnose.gap.nominal import Nominal
 from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.json_values import to_json
 from s2r_spec.rollouts.compatibility import check_compatibility
 
 TESTS = [{"v": k / 9} for k in range(9)]
@@ -26,10 +27,10 @@ def test_gap_share_and_floor():
     found = far(share=0.5)
     assert (found.before.mean, found.after.mean) == (1.0, 0.5)
     assert found.floor == pytest.approx(0.01 * np.sqrt(2 / np.pi * 4 / 3))
-    assert found.share[0] == pytest.approx(0.5 / (1.0 - found.floor))
+    assert found.share.estimate == pytest.approx(0.5 / (1.0 - found.floor))
     assert found.tests[0].after == 0.5
     # With nine tests, 28 % of all tests may have a larger gap.
-    assert found.beyond == pytest.approx(1 - 0.05 ** (1 / 9))
+    assert found.tests_with_a_larger_gap_at_most == pytest.approx(1 - 0.05 ** (1 / 9))
 
 
 @pytest.mark.parametrize(
@@ -69,10 +70,10 @@ def test_replicates_say_how_rho_scatters_where_there_are_enough():
 
 
 def test_the_json_object_has_plain_values():
-    found = far(0.7, seen=gap(np.ones(2), np.arange(2))).to_json()
+    found = to_json(far(0.7, seen=gap(np.ones(2), np.arange(2))))
     assert json.loads(json.dumps(found)) == found
     assert found["share"].keys() == {"estimate", "low", "high"}
-    assert far(named=False).to_json()["after"] is None
+    assert far(named=False).after is None
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,7 @@ from scipy.stats import norm
 from s2r_spec.diagnose.gap.materiality import RolloutsAtTest
 from s2r_spec.diagnose.gap.surface import Predicted, floor, folded, gap_surface, grid_of
 from s2r_spec.errors import UsageError
+from s2r_spec.json_values import to_json
 from s2r_spec.space import Space
 
 LINE = Space.of({"vd": (-0.2, 0.3)}, {"vd": "m/s"})
@@ -51,7 +52,7 @@ def test_the_band_holds_everywhere_at_once_and_the_worst_test_is_as_sure_as_it_s
         held += bool(((truth >= result.signed.lower) & (truth <= result.signed.upper)).all())
         held += bool(((size >= result.absolute.lower) & (size <= result.absolute.upper)).all())
         found += abs(result.worst["vd"] - result.grid[size.argmax(), 0]) <= 0.05 + 1e-9
-        claimed += result.near
+        claimed += result.worst_probability
     assert held >= 0.9 * 2 * trials
     assert found >= 0.75 * trials
     # as often right as it says, give or take three deviations
@@ -72,14 +73,14 @@ def test_a_gap_at_one_end_is_found_there_and_beyond_the_tolerance_there_only():
     )
     result = gap_surface(LINE, tests, unit="m/s")
     assert result.worst["vd"] > 0.25
-    assert result.near > 0.9
-    assert result.worst_in["vd"][0] > 0.2
+    assert result.worst_probability > 0.9
+    assert result.worst_within["vd"][0] > 0.2
     assert floor(tests) == pytest.approx(2 * NOISE / math.sqrt(math.pi), rel=0.3)
     assert result.tolerance == 2 * result.floor
     at = result.grid[result.beyond, 0]
     assert at.min() > 0.05
     assert at.max() == 0.3
-    plain = result.to_json()
+    plain = to_json(result)
     assert json.loads(json.dumps(plain)) == plain
     assert plain["beyond"]["within"]["vd"] == [at.min(), 0.3]
     assert plain["notes"] == []
@@ -90,7 +91,7 @@ def test_no_gap_is_beyond_no_tolerance():
     generator = np.random.default_rng(3)
     result = gap_surface(LINE, seen(LINE, lambda x: 0.0, np.linspace(-0.2, 0.3, 10), generator))
     assert not result.beyond.any()
-    assert result.to_json()["beyond"] == {"share": 0.0, "within": {}}
+    assert to_json(result)["beyond"] == {"share": 0.0, "within": {}}
     assert result.signed.lower.max() < 0 < result.signed.upper.min()
 
 
@@ -103,15 +104,15 @@ def test_a_corner_of_a_box(dim):
     assert result.worst["p0"] > 0.7
     assert result.worst["p1"] > 0.7
     assert any("0 of 25 tests" in note for note in result.notes)
-    assert set(result.to_json()["along"]) == set(space.names)
-    assert len(result.to_json()["along"]["p0"]["at"]) >= 5
+    assert set(to_json(result)["along"]) == set(space.names)
+    assert len(to_json(result)["along"]["p0"]["at"]) >= 5
 
 
 def test_one_rollout_at_one_test_says_so():
     result = gap_surface(LINE, (RolloutsAtTest({"vd": 0.1}, np.array([0.01]), np.array([0.02])),))
     assert any("at 1 test of a space with 1 parameter" in note for note in result.notes)
-    assert math.isnan(result.floor)
-    plain = result.to_json()
+    assert result.floor is None
+    plain = to_json(result)
     # What scatter alone would make is not known, so no gap is said to be beyond it.
     assert [plain[name] for name in ("floor", "tolerance", "beyond")] == [None] * 3
     assert plain["along"]["vd"]["exceeds"] is None
@@ -180,7 +181,7 @@ def test_a_simulator_that_foretells_everything_is_heard_three_quarters_at_most(m
     exact = Predicted(np.array([bumpy(x) for x in places]), np.array([bumpy(x) for x in grid_of(CUBE)]))
 
     def volume(answer):
-        return np.prod([1e-9 + high - low for low, high in answer.worst_in.values()])
+        return np.prod([1e-9 + high - low for low, high in answer.worst_within.values()])
 
     bounded = gap_surface(CUBE, tests, seed=1, predicted=exact)
     monkeypatch.setattr(importlib.import_module("s2r_spec.diagnose.gap.surface"), "MOST_PREDICTED", 1.0)

@@ -14,6 +14,7 @@ from s2r_spec.diagnose.gap import FEWEST
 from s2r_spec.diagnose.residuals.cells import CELLS, GRID, Cells, Column, path
 from s2r_spec.diagnose.residuals.left import Remainder, begin, label, ordered, remainders
 from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.json_values import to_json
 from s2r_spec.space import key_of
 from s2r_spec.trace import Trace, thinned
 from tests.errors import states
@@ -250,8 +251,8 @@ def test_an_end_that_is_nowhere_is_said_so_and_is_no_number_in_json():
     rest = replace(narrow, low=1.3e-5, high=0.000106, times=(0.7, 0.9), extent=(0.0, 2.0))
     assert str(rest) == "−3.2 N of u from 0.7 to 0.9 s, where x is about 0 m"
     assert str(replace(beyond, low=-np.inf, high=-4.0)) == "−3.2 N·m of motor where tau is below −4 N·m"
-    assert beyond.to_json()["high"] is None
-    assert beyond.to_json()["low"] == 10.0
+    assert to_json(beyond)["high"] is None
+    assert to_json(beyond)["low"] == 10.0
 
 
 def test_of_a_channel_the_first_window_is_told_that_is_itself_more_than_what_is_allowed_for():
