@@ -18,6 +18,8 @@ Rule = Literal["hold", "linear"]
 
 ROUNDING = 1e-6
 """Tolerance: rounding error of a time [sampling periods]. Twice as much changes nothing that is not rounding."""
+SLOW, FAST = 2.0, 1e-5
+"""Tolerance: periods from which, and below which, times without a unit may be in another one than seconds [s]."""
 MOST_SAMPLES = 2**25
 """Budget: samples of a trace that is resampled, 34 million. Twice as many take twice the memory, 0.5 GB a channel."""
 

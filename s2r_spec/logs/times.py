@@ -23,6 +23,7 @@ from s2r_spec.instants import DATES
 from s2r_spec.logs import cells, dates, durations, time_units
 from s2r_spec.logs.durations import Clock
 from s2r_spec.logs.table import Column, Head, quoted
+from s2r_spec.samples import FAST, SLOW
 
 TIME = "t"
 FloatArray = NDArray[np.float64]
@@ -221,7 +222,7 @@ def _whole(column: Column, head: Head) -> NDArray[np.int64]:
 def _counts(values: NDArray[Any], head: Head, unit: str | None, first: Any) -> Times:
     """Return the times of a column of plain numbers."""
     size, notes = _size(head, unit)
-    stated = size is not None
+    stated = size is not None or (head.name == TIME and _as_a_robot_samples(values))
     if size is None:
         ends = [values[0], values[-1]] if values.size and first is None else []
         likely = next(filter(None, (time_units.looks_like(float(end)) for end in ends)), None)
@@ -237,6 +238,11 @@ def _counts(values: NDArray[Any], head: Head, unit: str | None, first: Any) -> T
         notes = _assumed(values, head) if first is None else ()
     times = _since(values, size, first)
     return replace(times, notes=notes, stated=stated)
+
+
+def _as_a_robot_samples(values: NDArray[Any]) -> bool:
+    """Return whether the times of a trace, which are in seconds unless they say so, look like seconds."""
+    return len(values) < 2 or FAST < float(np.median(np.abs(np.diff(values.astype(np.float64))))) < SLOW
 
 
 def _assumed(values: NDArray[Any], head: Head) -> tuple[str, ...]:

@@ -27,14 +27,11 @@ from s2r_spec.robustness.judge import Judgement
 from s2r_spec.robustness.profiles import Profile, profile
 from s2r_spec.robustness.reading import Missing
 from s2r_spec.robustness.silence import silences_of
+from s2r_spec.samples import FAST, SLOW
 from s2r_spec.trace import Trace
 
 if TYPE_CHECKING:
     from s2r_spec.spec.evaluated import Spec
-
-
-SLOW, FAST = 2.0, 1e-5
-"""Tolerance: periods from which, and below which, times without a unit may be in another one [s]."""
 
 
 @dataclass(frozen=True)
@@ -372,7 +369,7 @@ def refuse_unstated(spec: Spec, trace: Trace, requirement: str) -> None:
     Logs of robots have several samples a second. Whole numbers one apart are milliseconds as often as seconds.
 
     Raises:
-        UsageError: samples come every :data:`SLOW` or less often, in less than :data:`FAST`, or the times are whole
+        UsageError: samples come every SLOW or less often, in less than FAST, or the times are whole
             numbers.
     """
     text, times = depends_on_unit_of_time(spec, requirement), trace.times
