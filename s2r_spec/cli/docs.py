@@ -12,7 +12,9 @@ from s2r_spec.errors import UsageError, one_of, suggest
 
 Name = Annotated[
     str | None,
-    typer.Argument(metavar="[PAGE]", help="Page to print, such as how-to/effects, or effects.", show_default="list all"),
+    typer.Argument(
+        metavar="[PAGE]", help="Page to print, such as how-to/effects or effects.", show_default="list all"
+    ),
 ]
 
 

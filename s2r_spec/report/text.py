@@ -11,24 +11,40 @@ from s2r_spec.verdict import Tone
 STYLES = {Tone.GOOD: "bold green", Tone.BAD: "bold red", Tone.OPEN: "bold yellow"}
 
 
-def render(report: Report) -> str:
-    """Return plain text."""
-    return Text.from_markup(markup(report)).plain
+def render(report: Report, verbose: bool = True) -> str:
+    """Return plain text; without ``verbose`` neither the assumptions nor the interval for each larger B."""
+    return Text.from_markup(markup(report, verbose)).plain
 
 
-def markup(report: Report) -> str:
+def markup(report: Report, verbose: bool = True) -> str:
     """Return the same as rich markup, for a terminal."""
+    words = body if verbose else summary
     return "\n\n".join(
         f"{escape(one.name)}  [{STYLES[one.verdict.tone]}]{one.word}[/]  ({escape(one.about)})\n"
-        f"{escape(body(one))}"
+        f"{escape(words(one))}"
         for one in report.findings
     )
 
 
 def body(finding: Finding) -> str:
     """Return all but the first line of a finding, as plain text."""
-    lines = [f"  {finding.reason}", "", *(f"  {name:17} {text}" for name, text in finding.facts), ""]
+    lines = [f"  {finding.reason}", "", *_facts(finding), ""]
     for title, rows in finding.sections:
         lines += [f"  {title}:", *(f"   - {row}" for row in rows)]
-    lines += ["", f"  {finding.provenance}", f"  replay the {finding.again}:  {finding.replay}"]
+    lines += ["", f"  {finding.provenance}", _again(finding)]
     return "\n".join(lines)
+
+
+def summary(finding: Finding) -> str:
+    """Return the same without the assumptions, the interval for each larger B and the hashes."""
+    count = len(finding.assumptions)
+    more = f"  -v prints the {count} assumptions and the interval for larger B"
+    return "\n".join([f"  {finding.reason}", *_facts(finding), _again(finding), more])
+
+
+def _facts(finding: Finding) -> list[str]:
+    return [f"  {name:17} {text}" for name, text in finding.facts]
+
+
+def _again(finding: Finding) -> str:
+    return f"  replay the {finding.again}:  {finding.replay}"

@@ -8,7 +8,7 @@ depends on a silence, and where samples at one topic's stamps decide otherwise t
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -104,6 +104,27 @@ class Conventions:
     def profile(self) -> Profile:
         """The conventions of the tool."""
         return profile(self.like)
+
+
+def monitor_trace(
+    spec: Spec,
+    trace: Trace,
+    requirements: Sequence[str],
+    params: Mapping[str, Amount],
+    conventions: Conventions,
+) -> list[Monitored]:
+    """Return the results of requirements on a trace; a unit of the times that matters must be stated.
+
+    Raises:
+        TraceError: see :func:`monitored`.
+        UsageError: see :func:`monitored` and :func:`refuse_unstated`.
+    """
+    found = []
+    for name in requirements:
+        if not conventions.stated:
+            refuse_unstated(spec, trace, name)
+        found.append(monitored(spec, trace, name, params, conventions))
+    return found
 
 
 def monitored(
