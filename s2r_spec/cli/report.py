@@ -60,7 +60,8 @@ def report(
 
 def _checks(folder: Path) -> tuple[list[Run], Report]:
     from s2r_spec.report import checked
-    from s2r_spec.report.recompute import recompute, runs_in
+    from s2r_spec.report.recompute import recompute
+    from s2r_spec.rollouts.layout import runs_in
 
     runs = [recompute(one) for one in runs_in(folder)]
     return [*runs], checked.report([(one.spec, one.result) for one in runs], NAME)

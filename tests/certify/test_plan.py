@@ -5,7 +5,7 @@ from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.effort import Effort, Objective
 from s2r_spec.certify.kernels import Kernel
 from s2r_spec.certify.pilot import read_pilot
-from s2r_spec.certify.plan import plan
+from s2r_spec.certify.plan_request import plan
 from s2r_spec.certify.sample_complexity import minimax, sequential_lower_bound
 from s2r_spec.certify.search import Search
 from s2r_spec.certify.settings import SearchSettings
