@@ -129,7 +129,7 @@ def emit(report: Report, name: str, output: Path | None, verbose: bool = False) 
         report: the report.
         name: the format's name.
         output: the file; None for stdout.
-        verbose: whether text has the assumptions and the interval for each larger B; other formats have them always.
+        verbose: whether text on stdout has the assumptions and the interval for each larger B; a file has them always.
 
     Raises:
         UsageError: the file cannot be written.
@@ -137,8 +137,7 @@ def emit(report: Report, name: str, output: Path | None, verbose: bool = False) 
     from s2r_spec.report import reporter, text
 
     if output is not None:
-        words = text.render(report, verbose) if name == "text" else reporter(name)(report)
-        save(output, words + "\n")
+        save(output, reporter(name)(report) + "\n")
     elif name == "text":
         terminal.console().print(text.markup(report, verbose))
     elif name == "github":

@@ -11,13 +11,13 @@ from s2r_spec.verdict import Tone
 STYLES = {Tone.GOOD: "bold green", Tone.BAD: "bold red", Tone.OPEN: "bold yellow"}
 
 
-def render(report: Report, verbose: bool = True) -> str:
-    """Return plain text; without ``verbose`` neither the assumptions nor the interval for each larger B."""
-    return Text.from_markup(markup(report, verbose)).plain
+def render(report: Report) -> str:
+    """Return plain text."""
+    return Text.from_markup(markup(report)).plain
 
 
 def markup(report: Report, verbose: bool = True) -> str:
-    """Return the same as rich markup, for a terminal."""
+    """Return the same as rich markup, for a terminal; without ``verbose`` each finding is a :func:`summary`."""
     words = body if verbose else summary
     return "\n\n".join(
         f"{escape(one.name)}  [{STYLES[one.verdict.tone]}]{one.word}[/]  ({escape(one.about)})\n"
@@ -36,10 +36,9 @@ def body(finding: Finding) -> str:
 
 
 def summary(finding: Finding) -> str:
-    """Return the same without the assumptions, the interval for each larger B and the hashes."""
-    count = len(finding.assumptions)
-    more = f"  -v prints the {count} assumptions and the interval for larger B"
-    return "\n".join([f"  {finding.reason}", *_facts(finding), _again(finding), more])
+    """Return the same without the assumptions and the interval for each larger B, and without empty lines."""
+    more = f"  {finding.provenance}; -v prints the {len(finding.assumptions)} assumptions, and larger B"
+    return "\n".join([f"  {finding.reason}", *_facts(finding), more, _again(finding)])
 
 
 def _facts(finding: Finding) -> list[str]:

@@ -18,7 +18,7 @@ def test_the_commands_take_a_log_as_the_real_machine(s2r):
     log = record_from("toy:drag", [vd / 40 for vd in range(-8, 13) for _ in range(8)], s2r.folder / "night")
     words = (s2r.spec(0.15, FINE), "--sim", "toy", "--real", "log:night", "-q")
     assert log.endswith("/night")
-    done = s2r("certify", *words, code=0)
+    done = s2r("certify", *words, "-v", code=0)
     assert states(done.stdout, "in [", "log:night", "1 − 0.002", "168 rollouts", "21 tests", "ε")
     done = s2r("gap", "spec.stl", "--sim", "log:night", "--real", "toy", code=2)
     assert "log:night" in done.stderr
