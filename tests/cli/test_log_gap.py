@@ -32,7 +32,7 @@ def test_the_page_shows_what_the_commands_print(s2r, monkeypatch):
     monkeypatch.chdir(s2r.folder)
     exec(re.search(r"```python\n(.*?)```", PAGE, re.S)[1], {})
     command = re.search(r"```sh\ns2r (gap .*?)\n```", PAGE)[1]
-    printed = s2r(*command.split(), "-q", code=3).stdout
+    printed = s2r(*command.split(), "-q", "-v", code=3).stdout
     for line in re.search(r"```text\n(.*?)```", PAGE, re.S)[1].splitlines():
         if re.match(r"  (worst expected Δ|worst gap at|largest mean|label) | {3}- the ", line):
             assert line in printed
