@@ -107,11 +107,7 @@ class Conventions:
 
 
 def monitor_trace(
-    spec: Spec,
-    trace: Trace,
-    requirements: Sequence[str],
-    params: Mapping[str, Amount],
-    conventions: Conventions,
+    spec: Spec, trace: Trace, names: Sequence[str], params: Mapping[str, Amount], conventions: Conventions
 ) -> list[Monitored]:
     """Return the results of requirements on a trace; a unit of the times that matters must be stated.
 
@@ -120,7 +116,7 @@ def monitor_trace(
         UsageError: see :func:`monitored` and :func:`refuse_unstated`.
     """
     found = []
-    for name in requirements:
+    for name in names:
         if not conventions.stated:
             refuse_unstated(spec, trace, name)
         found.append(monitored(spec, trace, name, params, conventions))
@@ -230,9 +226,8 @@ def _of_samples(
     if partial and not held:
         how = {**how, "end": "clip"}
     irregular = _irregular(trace, how)
-    if (
-        irregular and conventions.stated
-    ):  # values that are sent on change may be further apart than a window is long
+    if irregular and conventions.stated:
+        # Values that are sent on change may be further apart than a window is long.
         conventions = replace(conventions, sparse=True)
     found = spec.evaluate(trace, requirement, params, nan=conventions.nan, sparse=conventions.sparse, **how)
     instants = {name: _own_instants(trace, name) for name in spec.channels(requirement)}
