@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from s2r_spec.certify.gap_result import GapResult
     from s2r_spec.certify.kernels import Kernel
     from s2r_spec.certify.measure import check_measure
+    from s2r_spec.certify.plan import Plan
+    from s2r_spec.certify.plan_request import plan
     from s2r_spec.certify.real_machine import CertifyResult, certify
     from s2r_spec.certify.search import Query, Search
     from s2r_spec.diagnose import Diagnosis, diagnose
@@ -70,6 +72,7 @@ __all__ = [
     "Messages",
     "Monitor",
     "Parameter",
+    "Plan",
     "Query",
     "Replay",
     "RobustInterval",
@@ -91,6 +94,7 @@ __all__ = [
     "load_result",
     "load_spec",
     "parse_spec",
+    "plan",
     "profile",
     "read_episodes",
     "read_trace",
@@ -110,6 +114,8 @@ _HOMES = {
     "certify.gap_result": ("GapResult",),
     "certify.kernels": ("Kernel",),
     "certify.measure": ("check_measure",),
+    "certify.plan": ("Plan",),
+    "certify.plan_request": ("plan",),
     "certify.real_machine": ("CertifyResult", "certify"),
     "certify.search": ("Query", "Search"),
     "diagnose": ("Diagnosis", "diagnose"),

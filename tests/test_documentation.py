@@ -72,6 +72,7 @@ def test_the_command_lists_every_page_and_prints_one():
     assert all(len(line.split()) > 1 for line in listed)  # each with its title
     printed = forked.run(["docs", "how-to/effects"])
     assert printed.stdout == (ROOT / "docs" / "how-to" / "effects.md").read_text(encoding="utf-8")
+    assert forked.run(["docs", "effects"]).stdout == printed.stdout  # the only page of this name
     notebook = forked.run(["docs", "tutorials/ten-things"]).stdout
     assert notebook.startswith("# Ten everyday things\n")
     assert "<svg" not in notebook

@@ -30,9 +30,8 @@ from benchmarks import worker
 from benchmarks.a1.gaps import step_of_the_a1
 from benchmarks.machine import describe
 from s2r_spec.certify.observers import Silent
-from s2r_spec.cli.common import cores
 from s2r_spec.rollouts.journal import FILE, Record
-from s2r_spec.rollouts.pools import ExecutorFactory, dask_pool, process_pool
+from s2r_spec.rollouts.pools import ExecutorFactory, cores, dask_pool, process_pool
 from s2r_spec.rollouts.runner import Runner
 from s2r_spec.rollouts.scorer import Scorer
 from s2r_spec.rollouts.seeds import rollout_seed

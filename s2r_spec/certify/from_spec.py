@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from s2r_spec.certify.kernels import Kernel
 from s2r_spec.certify.options import RunOptions
 from s2r_spec.certify.search import Search
@@ -75,3 +77,17 @@ def only_requirement(spec: Spec) -> str:
     if len(spec.requirements) != 1:
         raise UsageError(f"{spec.name} has several requirements ({one_of(spec.requirements)}): name one")
     return spec.requirements[0]
+
+
+def certified_requirements(spec: Spec, names: Sequence[str] | None, options: RunOptions) -> list[str]:
+    """Return the requirements that a run checks: the named ones, or all with a certify line.
+
+    Raises:
+        UsageError: there is none, or one cannot be checked with these options.
+    """
+    found = list(dict.fromkeys(names or [name for name in spec.requirements if name in spec.certify]))
+    if not found:
+        raise UsageError(f"{spec.name} has no certify line, so there is nothing to certify")
+    for name in found:
+        search_for(spec, name, options)
+    return found

@@ -43,8 +43,7 @@ def check_measure(
             its units.
         search: new, over the test space.
         folder: the folder of the journal and the traces.
-        keywords: ``fall`` must be given, the others may be; see
-            :class:`~s2r_spec.certify.options.MeasureOptions`.
+        keywords: ``fall`` must be given, the others may be; see :class:`~s2r_spec.certify.options.MeasureOptions`.
 
     Raises:
         UsageError: backend, search and folder do not fit together, or there is no run to resume.
@@ -53,12 +52,7 @@ def check_measure(
     """
     options = MeasureOptions(**keywords)
     backend, folder = as_backend(backend), as_folder(folder)
-    if not callable(measure):
-        raise UsageError(f"measure must be a function of a trace and its test, not {measure!r}")
-    if not isinstance(name, str):
-        raise UsageError(f"name must be a string, the name of the measure in the journal, not {name!r}")
-    if not isinstance(search, Search):
-        raise UsageError(f"search must be an s2r.Search, not a value of type {type(search).__name__}")
+    _check_arguments(measure, name, search)
     if options.resume:
         require_begun([folder], folder)
     options = with_seed(options, folder)
@@ -88,3 +82,12 @@ def check_measure(
     return replace(
         certificate, assumptions=(*certificate.assumptions, *machine_assumptions(called, header, journal))
     )
+
+
+def _check_arguments(measure: object, name: object, search: object) -> None:
+    if not callable(measure):
+        raise UsageError(f"measure must be a function of a trace and its test, not {measure!r}")
+    if not isinstance(name, str):
+        raise UsageError(f"name must be a string, the name of the measure in the journal, not {name!r}")
+    if not isinstance(search, Search):
+        raise UsageError(f"search must be an s2r.Search, not a value of type {type(search).__name__}")

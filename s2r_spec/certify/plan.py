@@ -99,7 +99,7 @@ def settings_of(
         space: the test space.
         budgets: numbers of rollouts.
         most: the largest number of rollouts in a plan.
-        declared: as in :func:`plan`.
+        declared: the settings, see :class:`~s2r_spec.certify.settings.SearchSettings`.
 
     Raises:
         UsageError: a setting is out of its range, or no rollouts could give a certificate.
@@ -121,30 +121,21 @@ def floors(settings: SearchSettings) -> Floors:
     )
 
 
-def plan(
-    space: Space,
-    *,
+def plan_search(
+    settings: SearchSettings,
     budgets: tuple[int, ...] = (),
     real: tuple[int, ...] = (),
-    most: int = MOST,
     progress: Progress | None = None,
-    **declared: Unpack[Declared],
 ) -> Plan:
     """Estimate the rollouts of a search, with noise of sub-Gaussian proxy R.
 
     Args:
-        space: the test space.
+        settings: the settings of the search; their budget is the number beyond which an estimate is None.
         budgets: numbers of rollouts; the plan gives the reachable ε of each.
         real: numbers of real rollouts; the plan gives the reachable ε of a gap for each.
-        most: rollouts beyond which an estimate is None.
         progress: receives the number of finished estimates.
-        declared: ``kernel``, ``B``, ``R``, ``delta``, ``epsilon``, ``mode`` and ``seed``, see
-            :class:`~s2r_spec.certify.settings.SearchSettings`.
-
-    Raises:
-        UsageError: a setting is out of its range, or no rollouts could give a certificate.
     """
-    settings = settings_of(space, (*budgets, *real), most, **declared)
+    most = settings.budget or MOST
     count = 1 + len(budgets) + len(real)
 
     def report(done: int) -> None:

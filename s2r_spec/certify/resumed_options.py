@@ -1,13 +1,16 @@
-"""The stopping rule and the seed of a run: those of its options, or of the run that it resumes."""
+"""The stopping rule, the seed and the folders of a run: those of its options, or of the run that it resumes."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
+from s2r_spec.certify.arguments import require_begun
 from s2r_spec.certify.options import Execution, RunOptions
-from s2r_spec.errors import UsageError
+from s2r_spec.errors import UsageError, one_of
+from s2r_spec.rollouts import layout
 from s2r_spec.rollouts.journal import Journal
 from s2r_spec.rollouts.lines import is_count
 from s2r_spec.rollouts.seeds import NEW_SEED, inherited
@@ -55,6 +58,36 @@ def seed_of(given: int | None, *places: Path) -> int:
         if seed is not None and is_count(seed):  # the check of the whole header names a fault
             return inherited(place, seed, given)
     return NEW_SEED if given is None else given
+
+
+def places_of(folder: Path, requirements: Sequence[str], resume: bool) -> dict[str, Path]:
+    """Return requirement → folder of its journal, for a run that checks several requirements.
+
+    Args:
+        folder: the folder of the run; of a resumed one also that of one of its journals.
+        requirements: the names of the requirements.
+        resume: whether the run is resumed.
+
+    Raises:
+        UsageError: there is no run to resume, or the folder's journal is of something else.
+    """
+    if not resume:
+        return layout.places(folder, requirements, None)
+    found = layout.places(folder, requirements, _own(folder, requirements))
+    require_begun([*found.values()], folder)
+    return found
+
+
+def _own(folder: Path, requirements: Sequence[str]) -> str | None:
+    """Return the requirement whose journal lies directly in a folder; None if the folder holds a whole run."""
+    header = Journal.header_in(folder)
+    own = header.get("requirement")
+    if header and (own not in requirements or "side" in header):
+        of = f"of the requirement {own!r}" if own not in requirements else "a part of a gap"
+        raise UsageError(
+            f"the run in {folder} is {of}, but this command checks {one_of(requirements)}; begin a new run with --run"
+        )
+    return own
 
 
 def refuse_rule(stop: str, backend: str) -> None:

@@ -3,33 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import typer
 
-from s2r_spec.cli.common import begun, interrupted, refuse_without_operator, seconds, sentences
-from s2r_spec.cli.log_options import LogReading, reads_logs
-from s2r_spec.cli.options import (
-    OneRequirement,
-    Quiet,
-    RealBudget,
-    RealMachine,
-    Resume,
-    Run,
-    Scheduler,
-    Seed,
-    Simulator,
-    SpecFile,
-    Stop,
-    Timeout,
-    Void,
-    Workers,
-)
-from s2r_spec.cli.output import AsJson, Format, Output, Page, emit, pageable, settle
+from s2r_spec.cli.common import begun, refuse_without_operator, resumable, sentences
+from s2r_spec.cli.groups import grouped
+from s2r_spec.cli.log_options import LogReading
+from s2r_spec.cli.options import OneRequirement, RealBudget, RealMachine, Rules, Running, Simulator, SpecFile
+from s2r_spec.cli.output import Writing
 from s2r_spec.cli.terminal import console
-from s2r_spec.files import save
 
 
 @dataclass(frozen=True)
@@ -54,75 +39,69 @@ class Search:
 def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[..., None]:
     """Return a command: ``prefix`` begins the name of its runs' folders; ``search`` is loaded when it is called."""
 
-    @reads_logs
     def command(
         spec: SpecFile,
         real: RealMachine,
         sim: Simulator = "sim",
         requirement: OneRequirement = None,
-        seed: Seed = None,
         budget: RealBudget = None,
-        stop: Stop = None,
-        workers: Workers = None,
-        scheduler: Scheduler = None,
-        timeout: Timeout = None,
-        void: Void = "again",
         *,
+        rules: Rules,
         reading: LogReading,
-        run: Run = None,
-        resume: Resume = None,
-        as_json: AsJson = False,
-        form: Format = None,
-        output: Output = None,
-        page: Page = None,
-        quiet: Quiet = False,
+        running: Running,
+        writing: Writing,
     ) -> None:
-        with sentences(as_json or form == "json"):
+        with sentences(writing.json):
             refuse_without_operator(real)
-            from s2r_spec.certify.resumed_options import seed_of
-            from s2r_spec.cli.progress import Live
             from s2r_spec.report import html
-            from s2r_spec.rollouts.journal import Journal
-            from s2r_spec.rollouts.layout import with_any
             from s2r_spec.spec import load_spec
 
-            chosen = search()
-            form = settle(form, as_json, output)
-            pageable(page)
-            parsed = load_spec(spec)
-            name = f"{prefix}{spec.stem}-{sim}-{real}"
-            if resume is not None:
-                resume = with_any(resume, chosen.places, Journal.exists)
+            chosen, form, parsed = search(), writing.settled(), load_spec(spec)
             compared = [requirement] if requirement else list(parsed.requirements)
             simulator, machine = reading.backends([sim, real], parsed, compared)
-            places = [] if resume is None else [resume / place for place in chosen.journals]
-            seed = seed_of(seed, *places)
-            executor, folder, opening = begun(run, resume, name, seed, workers, scheduler, machine)
-            try:
-                with Live(console(stderr=True), quiet, opening=opening) as live:
-                    result = chosen.run(
-                        parsed,
-                        simulator,
-                        machine,
-                        folder,
-                        requirement=requirement,
-                        seed=seed,
-                        budget=budget,
-                        stop=stop,
-                        executor=executor,
-                        timeout=seconds(timeout),
-                        resume=resume is not None,
-                        observer=live,
-                        void=void,
-                    )
-            except KeyboardInterrupt:
-                interrupted(folder)
-                raise
+            run = _begun(chosen, f"{prefix}{spec.stem}-{sim}-{real}", rules, running, machine)
+            with resumable(run.folder), run.live(running.quiet) as live:
+                options = {"requirement": requirement, "budget": budget, "observer": live, **run.options}
+                result = chosen.run(parsed, simulator, machine, run.folder, **options)
             report = chosen.report(parsed, result)
-            emit(report, form, output)
-            if page is not None:
-                save(page, html.render([chosen.page(folder, machine)]))
+            writing.emit(report, form, lambda: html.render([chosen.page(run.folder, machine)]))
             raise typer.Exit(report.exit_code)
 
     command.__doc__ = help_
-    return command
+    return grouped(command)
+
+
+@dataclass(frozen=True)
+class _Begun:
+    folder: Path
+    opening: str
+    options: dict[str, Any]
+
+    def live(self, quiet: bool) -> Any:
+        """Return the view of the search's progress."""
+        from s2r_spec.cli.progress import Live
+
+        return Live(console(stderr=True), quiet, opening=self.opening)
+
+
+def _begun(search: Search, name: str, rules: Rules, running: Running, machine: str) -> _Begun:
+    """Return the folder of a run, new or resumed, and the options of its search."""
+    from s2r_spec.certify.resumed_options import seed_of
+    from s2r_spec.rollouts.journal import Journal
+    from s2r_spec.rollouts.layout import with_any
+
+    resume = running.resume
+    if resume is not None:
+        resume = with_any(resume, search.places, Journal.exists)
+        running = replace(running, resume=resume)
+    seed = seed_of(rules.seed, *([] if resume is None else [resume / place for place in search.journals]))
+    executor, folder, opening = begun(running, name, seed, machine)
+    options = {
+        "seed": seed,
+        "stop": rules.stop,
+        "executor": executor,
+        "timeout": rules.limit,
+        "resume": resume is not None,
+        "void": rules.void,
+    }
+    return _Begun(folder, opening, options)

@@ -5,27 +5,27 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
+from s2r_spec.cli.groups import output_option, search_option
 from s2r_spec.cli.output import writable
 from s2r_spec.errors import UsageError
 
 Protocols = Annotated[
     str | None,
-    typer.Option(
+    search_option(
         help="Protocols that may run, separated by commas; `s2r backends NAME` lists them.",
         show_default="all that the simulator and the machine have",
     ),
 ]
 NoProtocols = Annotated[
-    bool, typer.Option("--no-protocols", help="Run no protocols. Those in logs are still used.")
+    bool, search_option("--no-protocols", help="Run no protocols. Those in logs are still used.")
 ]
 Passive = Annotated[
-    bool, typer.Option("--passive", help="Use tests of the specification alone, from a machine or from logs.")
+    bool,
+    search_option("--passive", help="Use tests of the specification alone, from a machine or from logs."),
 ]
 Next = Annotated[
     Path | None,
-    typer.Option(
+    output_option(
         "--next",
         help="Print the experiment to run next. If it is a protocol, its references go to this .csv file.",
         show_default=False,

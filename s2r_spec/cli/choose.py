@@ -26,7 +26,8 @@ def choose(
         from s2r_spec.certify.choose import choose as pick
         from s2r_spec.certify.rounding import at_most, between, down, wide
         from s2r_spec.json_objects.runs import Candidate, ChoiceObject
-        from s2r_spec.report.recompute import recompute, runs_in
+        from s2r_spec.report.recompute import recompute
+        from s2r_spec.rollouts.layout import runs_in
 
         results = [recompute(folder).result for run in runs for folder in runs_in(run)]
         choice = pick(results)

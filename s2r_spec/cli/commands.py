@@ -17,6 +17,8 @@ import typer
 import typer.main
 from typer.core import TyperGroup
 
+from s2r_spec.cli import groups
+
 EXIT_CODES = "Exit codes: 0 holds, 1 violated, 2 usage or spec error, 3 unknown, 4 backend or internal error."
 EXAMPLES = {
     "check": "check specs/a1_velocity.stl --backend sim --budget 200",
@@ -81,7 +83,9 @@ class _Commands(UserDict[str, Any]):
 @cache
 def _command(name: str, example: str) -> Any:
     application = typer.Typer(add_completion=False, rich_markup_mode=None)
-    application.command(name, epilog=epilog(example, name in WITH_VERDICT))(_function(name))
+    application.command(name, cls=groups.Command, epilog=epilog(example, name in WITH_VERDICT))(
+        _function(name)
+    )
     return typer.main.get_command(application)
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import errno
 import itertools
-import math
-import os
 import re
 import sys
 import warnings
@@ -23,6 +21,7 @@ from s2r_spec.json_values import line
 from s2r_spec.printable import one_line
 
 if TYPE_CHECKING:
+    from s2r_spec.cli.options import Running
     from s2r_spec.rollouts.pools import ExecutorFactory
 
 _LONGEST_NAME = 150
@@ -110,18 +109,13 @@ def error_was_printed() -> bool:
     return _json_was_printed
 
 
-def cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def pool(workers: int | None, scheduler: str | None) -> tuple[ExecutorFactory, str]:
     """Return the factory of the pool that runs the rollouts, and the pool's name for messages.
 
     Raises:
         UsageError: both are given, or Dask is not installed.
     """
-    from s2r_spec.rollouts.pools import dask_pool, process_pool
+    from s2r_spec.rollouts.pools import cores, dask_pool, process_pool
 
     if scheduler is None:
         count = workers or cores()
@@ -161,11 +155,6 @@ def refuse_without_operator(name: str) -> None:
         require_terminal(operator)
 
 
-def seconds(timeout: float | None) -> float | None:
-    """Return the time limit of a rollout for the library [s]: 0 on the command line means no limit."""
-    return math.inf if timeout == 0 else timeout
-
-
 def new_or_old(run: Path | None, resume: Path | None, name: str, seed: int) -> Path:
     """Return the folder of a run: the one given, or a new one under ``s2r-runs`` that no other process has.
 
@@ -199,24 +188,16 @@ def _new_folder(root: Path, name: str, seed: int) -> Path:
     raise AssertionError  # itertools.count has no end
 
 
-def begun(
-    run: Path | None,
-    resume: Path | None,
-    name: str,
-    seed: int,
-    workers: int | None,
-    scheduler: str | None,
-    real: str,
-) -> tuple[ExecutorFactory, Path, str]:
+def begun(running: Running, name: str, seed: int, real: str) -> tuple[ExecutorFactory, Path, str]:
     """Return the pool and the folder of a run with a machine, and the line to print when it begins.
 
     Raises:
         UsageError: see :func:`pool` and :func:`new_or_old`.
         BackendError: the machine does not exist.
     """
-    executor, machines = pool(workers, scheduler)
+    executor, machines = pool(running.workers, running.scheduler)
     turns = f", one rollout of {real} at a time" if takes_turns(real) else ""
-    folder = new_or_old(run, resume, name, seed)
+    folder = new_or_old(running.run, running.resume, name, seed)
     return executor, folder, f"run {folder}, seed {seed}, {machines}{turns}"
 
 
@@ -232,9 +213,13 @@ def takes_turns(name: str) -> bool:
     return not name.startswith("log:") and is_exclusive(load_backend(name))
 
 
-def interrupted(folder: Path) -> None:
-    """Print how to continue an interrupted run."""
-    if any(path.is_file() for path in folder.rglob("*")):
-        say(f"interrupted; continue with --resume {folder}", error=True)
-    else:
-        say("interrupted; nothing was recorded", error=True)
+@contextmanager
+def resumable(folder: Path) -> Iterator[None]:
+    """Print how to continue an interrupted run, given its folder."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        recorded = any(path.is_file() for path in folder.rglob("*"))
+        words = f"continue with --resume {folder}" if recorded else "nothing was recorded"
+        say(f"interrupted; {words}", error=True)
+        raise

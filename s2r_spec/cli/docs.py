@@ -8,11 +8,13 @@ import typer
 
 from s2r_spec import documentation
 from s2r_spec.cli.common import sentences
-from s2r_spec.errors import UsageError, suggest
+from s2r_spec.errors import UsageError, one_of, suggest
 
 Name = Annotated[
     str | None,
-    typer.Argument(metavar="[PAGE]", help="Page to print, such as how-to/effects.", show_default="list all"),
+    typer.Argument(
+        metavar="[PAGE]", help="Page to print, such as how-to/effects or effects.", show_default="list all"
+    ),
 ]
 
 
@@ -27,10 +29,14 @@ def docs(name: Name = None) -> None:
             widest = max(map(len, pages))
             for each, path in pages.items():
                 print(f"{each:{widest}}  {_title(documentation.read(path))}")
-        elif (bare := name.removesuffix(".md").removesuffix(documentation.NOTEBOOK)) in pages:
-            print(documentation.read(pages[bare]), end="")
-        else:
+            return
+        bare = name.removesuffix(".md").removesuffix(documentation.NOTEBOOK)
+        found = [each for each in pages if each == bare or each.endswith(f"/{bare}")]
+        if len(found) > 1:
+            raise UsageError(f"several pages end in {bare}: {one_of(found)}; give one of them")
+        if not found:
             raise UsageError(f"no page {name!r}{suggest(name, pages)} `s2r docs` lists all pages")
+        print(documentation.read(pages[found[0]]), end="")
 
 
 def _title(text: str) -> str:

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import functools
-import inspect
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Literal
 from urllib.parse import quote
 
-import typer
-
+from s2r_spec.cli.groups import log_option
 from s2r_spec.errors import UsageError
 
 if TYPE_CHECKING:
+    from s2r_spec.rollouts.excerpts import Excerpts, Source
     from s2r_spec.spec import Spec
 
 READ = ("log:", "manual:")
@@ -24,7 +22,7 @@ _PLAIN = "=[]+/:.@"
 
 Nan = Annotated[
     str | None,
-    typer.Option(
+    log_option(
         "--nan",
         help="Missing samples of a log: error, or hold to repeat the sample before.",
         show_default="error",
@@ -32,7 +30,7 @@ Nan = Annotated[
 ]
 TimeUnit = Annotated[
     str | None,
-    typer.Option(
+    log_option(
         "--time-unit",
         help="Unit of times that a log gives as plain numbers: s, ms, us, ns or min.",
         show_default="the log's own, or else s",
@@ -40,7 +38,7 @@ TimeUnit = Annotated[
 ]
 Columns = Annotated[
     list[str] | None,
-    typer.Option(
+    log_option(
         "--map",
         "-m",
         help="Column or field of a log for a signal or the time t: vx=/odom.speed, 'q[0]=q_0', 'w=/imu.w (rad/s)', "
@@ -50,24 +48,24 @@ Columns = Annotated[
 ]
 When = Annotated[
     str | None,
-    typer.Option(
+    log_option(
         help="Condition on channels of a log, such as 'vx_cmd > 0.05'. An episode begins where it becomes true.",
         show_default="the whole log is one trace",
     ),
 ]
 Start = Annotated[
     float | None,
-    typer.Option(min=0, help="Time of a log before which no episode begins, in seconds.", show_default="0"),
+    log_option(min=0, help="Time of a log before which no episode begins, in seconds.", show_default="0"),
 ]
 Duration = Annotated[
     float | None,
-    typer.Option(
+    log_option(
         min=0, help="Length of an episode in seconds.", show_default="as long as the requirement looks ahead"
     ),
 ]
 Join = Annotated[
     Literal["hold", "linear"] | None,
-    typer.Option(
+    log_option(
         help="Values between the messages of a topic: hold the last one, or interpolate. For a table with empty cells, "
         "each column is a topic.",
         show_default="hold for a log of topics",
@@ -75,14 +73,14 @@ Join = Annotated[
 ]
 Clock = Annotated[
     str | None,
-    typer.Option(
+    log_option(
         help="Topic, or signal of a topic, whose stamps the trace has.",
         show_default="the one with the most messages",
     ),
 ]
 Stamped = Annotated[
     Literal["header", "received"] | None,
-    typer.Option(
+    log_option(
         "--stamps",
         help="Stamps of ROS messages: those in their headers, or the times of receipt.",
         show_default="header if all topics have one, else received",
@@ -90,14 +88,14 @@ Stamped = Annotated[
 ]
 Longest = Annotated[
     list[str] | None,
-    typer.Option(
+    log_option(
         help="Time for which a signal's value is valid, in seconds: hit=2. May be repeated.",
         show_default="5 periods of a periodic signal, no end for one sent on change",
     ),
 ]
 FromLog = Annotated[
     list[str] | None,
-    typer.Option(
+    log_option(
         "--param",
         "-p",
         help="Test parameter that a log holds: vd=/cmd.speed@0 is the value of this field at an episode's start. "
@@ -108,8 +106,8 @@ FromLog = Annotated[
 
 
 @dataclass(frozen=True, kw_only=True)
-class LogReading:
-    """How a command reads logs; each field is one of its options."""
+class LogForm:
+    """How a log becomes traces; each field is an option."""
 
     nan: Nan = None
     time_unit: TimeUnit = None
@@ -121,6 +119,32 @@ class LogReading:
     clock: Clock = None
     stamps: Stamped = None
     longest: Longest = None
+
+    def excerpts(self, sources: Mapping[str, Source]) -> Excerpts:
+        """Return how a log becomes traces, with the sources of its test parameters."""
+        from s2r_spec.logs.mapping import read_map
+        from s2r_spec.logs.topics.join import Joining
+        from s2r_spec.rollouts.excerpts import Excerpts, read_longest
+
+        chooses = any(option is not None for option in (self.clock, self.join, self.stamps))
+        joining = Joining(self.clock, self.join or "hold", self.stamps) if chooses else None
+        valid = read_longest(self.longest or [])
+        return Excerpts(
+            read_map(self.columns or []),
+            self.time_unit,
+            joining,
+            self.when,
+            self.start,
+            self.duration,
+            sources,
+            valid,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class LogReading(LogForm):
+    """How a command reads folders of logs; each field is an option."""
+
     sources: FromLog = None
 
     def backends(self, names: Sequence[str], spec: Spec, requirements: Sequence[str]) -> list[str]:
@@ -167,30 +191,6 @@ class LogReading:
 
 def _with(name: str, texts: Sequence[str]) -> str:
     return f"{name}{'&' if '?' in name else '?'}{'&'.join(texts)}" if texts else name
-
-
-def reads_logs(command: Callable[..., None]) -> Callable[..., None]:
-    """Return a command with the options of :class:`LogReading` in place of its keyword ``reading``."""
-    hints = get_type_hints(LogReading, include_extras=True)
-    options = [
-        inspect.Parameter(
-            one.name, inspect.Parameter.KEYWORD_ONLY, default=one.default, annotation=hints[one.name]
-        )
-        for one in fields(LogReading)
-    ]
-    signature = inspect.signature(command, eval_str=True)
-    parameters: list[inspect.Parameter] = []
-    for parameter in signature.parameters.values():
-        parameters += options if parameter.name == "reading" else [parameter]
-
-    @functools.wraps(command)
-    def run(**values: Any) -> None:
-        reading = LogReading(**{one.name: values.pop(one.name) for one in options})
-        command(reading=reading, **values)
-
-    run.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
-    run.__annotations__ = {one.name: one.annotation for one in parameters}
-    return run
 
 
 def missing(nan: str | None) -> Literal["error", "hold"]:

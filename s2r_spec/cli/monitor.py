@@ -3,223 +3,237 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from s2r_spec.cli import terminal
-from s2r_spec.cli.common import answered, sentences
-from s2r_spec.cli.log_options import (
-    Clock,
-    Columns,
-    Duration,
-    Join,
-    Longest,
-    Nan,
-    Stamped,
-    Start,
-    TimeUnit,
-    When,
-    missing,
-)
-from s2r_spec.cli.online import Settings, follow
-from s2r_spec.cli.reading import Request, named, read
+from s2r_spec.cli.common import answered, note, sentences
+from s2r_spec.cli.groups import grouped, output_option
+from s2r_spec.cli.log_options import LogForm, missing
+from s2r_spec.cli.options import SpecFile
 from s2r_spec.json_values import line
 from s2r_spec.printable import lines, one_line
-from s2r_spec.verdict import Verdict, worst
+from s2r_spec.verdict import Verdict
 
 if TYPE_CHECKING:
-    from s2r_spec.json_objects.monitor import MonitoredKind, MonitoredTrace, UnreadTrace
-    from s2r_spec.json_values import ExitCode
-    from s2r_spec.spec.monitored import Conventions, Monitored
+    from s2r_spec.json_objects.monitor import MonitoredTrace, UnreadTrace
+    from s2r_spec.robustness.online.monitor import RobustInterval
+    from s2r_spec.rollouts.spec_traces import Request
+    from s2r_spec.spec import Spec
+    from s2r_spec.spec.followed import Change, Ended, Stream
+    from s2r_spec.spec.monitored import Conventions
+
+TraceFiles = Annotated[
+    list[Path],
+    typer.Argument(
+        help="Files of recorded traces. With --online, one file, or - to read CSV rows from stdin.",
+        show_default=False,
+    ),
+]
+Params = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--param",
+        "-p",
+        help="Value of a test parameter: vd=0.3 in its declared unit, 'vd=30 cm/s'. vd=/cmd.speed@0 takes it from "
+        "a field of the log, 0 s after the start. May be repeated.",
+        show_default="as the trace says",
+    ),
+]
+Requirements = Annotated[
+    list[str] | None,
+    typer.Option("--requirement", "-r", help="Requirement to evaluate; may be repeated.", show_default="all"),
+]
+Partial = Annotated[
+    bool, typer.Option("--partial", help="Evaluate a trace that is too short, with windows cut at its end.")
+]
+Profile = Annotated[
+    str,
+    typer.Option(
+        "--profile",
+        help="Conventions of another tool: breach, moonlight, rtamt, rtamt-dense, stlcgpp, stlrom or tidystl.",
+    ),
+]
+Online = Annotated[
+    bool,
+    typer.Option(
+        "--online",
+        help="Follow one trace sample by sample; print the range of possible ρ whenever it changes.",
+    ),
+]
+Period = Annotated[
+    float | None,
+    typer.Option(help="With --online: sample period in seconds.", show_default="as the samples come"),
+]
+Ranges = Annotated[
+    bool, typer.Option(help="With --online: assume that signals stay in their declared ranges.")
+]
+AsJson = Annotated[
+    bool, output_option("--json", help="Print one JSON object on stdout; with --online, one on each line.")
+]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Following:
+    """Whether a trace is followed while it is recorded, and how; each field is an option."""
+
+    online: Online = False
+    period: Period = None
+    ranges: Ranges = True
+
+
+@grouped
 def monitor(
-    spec: Annotated[Path, typer.Argument(help="Specification, an .stl file.", show_default=False)],
-    traces: Annotated[
-        list[Path],
-        typer.Argument(
-            help="Files of recorded traces. With --online, one file, or - to read CSV rows from stdin.",
-            show_default=False,
-        ),
-    ],
-    params: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--param",
-            "-p",
-            help="Value of a test parameter: vd=0.3 in its declared unit, 'vd=30 cm/s'. vd=/cmd.speed@0 takes it from "
-            "a field of the log, 0 s after the start. May be repeated.",
-            show_default="as the trace says",
-        ),
-    ] = None,
-    columns: Columns = None,
-    time_unit: TimeUnit = None,
-    nan: Nan = None,
-    when: When = None,
-    start: Start = None,
-    duration: Duration = None,
-    join: Join = None,
-    clock: Clock = None,
-    stamps: Stamped = None,
-    longest: Longest = None,
-    requirement: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--requirement", "-r", help="Requirement to evaluate; may be repeated.", show_default="all"
-        ),
-    ] = None,
-    partial: Annotated[
-        bool,
-        typer.Option("--partial", help="Evaluate a trace that is too short, with windows cut at its end."),
-    ] = False,
-    online: Annotated[
-        bool,
-        typer.Option(
-            "--online",
-            help="Follow one trace sample by sample; print the range of possible ρ whenever it changes.",
-        ),
-    ] = False,
-    period: Annotated[
-        float | None,
-        typer.Option(help="With --online: sample period in seconds.", show_default="as the samples come"),
-    ] = None,
-    ranges: Annotated[
-        bool, typer.Option(help="With --online: assume that signals stay in their declared ranges.")
-    ] = True,
-    like: Annotated[
-        str,
-        typer.Option(
-            "--profile",
-            help="Conventions of another tool: breach, moonlight, rtamt, rtamt-dense, stlcgpp, stlrom or tidystl.",
-        ),
-    ] = "s2r",
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object on stdout; with --online, one on each line.")
-    ] = False,
+    spec: SpecFile,
+    traces: TraceFiles,
+    params: Params = None,
+    requirement: Requirements = None,
+    partial: Partial = False,
+    like: Profile = "s2r",
+    *,
+    following: Following,
+    reading: LogForm,
+    as_json: AsJson = False,
 ) -> None:
     """Evaluate requirements on recorded traces: robustness ρ, verdict, and the instant that decides."""
     with sentences(as_json):
         from s2r_spec.errors import UsageError
-        from s2r_spec.json_objects.monitor import MonitorObject, UnreadTrace
-        from s2r_spec.logs.mapping import read_map
-        from s2r_spec.logs.topics.join import Joining
         from s2r_spec.robustness.profiles import profile
-        from s2r_spec.rollouts.excerpts import Excerpts, read_longest, read_sources
-        from s2r_spec.spec import load_spec
         from s2r_spec.spec.monitored import Conventions
 
-        parsed = load_spec(spec)
-        given, sources = read_sources(params or [])
-        values = parsed.read_params(given)
-        chosen = tuple(requirement or parsed.requirements)
-        for name in chosen:
-            parsed.unit(name)  # report a wrong name before any file is read
-        chooses = any(option is not None for option in (clock, join, stamps))
-        joining = Joining(clock, join or "hold", stamps) if chooses else None
-        valid = read_longest(longest or [])
-        excerpts = Excerpts(
-            read_map(columns or []), time_unit, joining, when, start, duration, sources, valid
-        )
-        request = Request(parsed, chosen, values, excerpts, missing(nan))
-        conventions = Conventions(missing(nan), partial, time_unit is not None, like=like)
+        request = _request(spec, params or [], requirement, reading)
+        conventions = Conventions(request.nan, partial, reading.time_unit is not None, like=like)
         profile(like)
-        if online:
+        if following.online:
             if like != "s2r":
                 raise UsageError("--profile is for recorded traces; --online evaluates only at the samples")
             if len(traces) != 1:
                 raise UsageError("--online follows one trace: give one file, or - for stdin")
-            raise typer.Exit(follow(request, traces[0], Settings(period, ranges, partial, as_json)))
-        if period is not None or not ranges:
+            raise typer.Exit(_follow(request, traces[0], following, conventions, as_json))
+        if following.period is not None or not following.ranges:
             raise UsageError("--period and --no-ranges are for --online")
-        results: list[MonitoredTrace | UnreadTrace] = []
-        for path in traces:
-            try:
-                results += _evaluated(request, path, conventions)
-            except UsageError as error:
-                if len(traces) == 1:
-                    raise
-                print(f"error: {error}", file=sys.stderr)
-                results.append(UnreadTrace(trace=str(path), error=str(error)))
-        verdicts = [Verdict.of(one.satisfied) for result in results for one in result.requirements]
-        broken = any(isinstance(result, UnreadTrace) for result in results)
-        code: ExitCode | Literal[2] = 2 if broken else worst(verdicts).exit_code
-        if as_json:
-            answered()
-            record = MonitorObject(
-                exit_code=code,
-                spec=parsed.name,
-                hash=parsed.hash,
-                profile=like,
-                params=values,
-                results=tuple(results),
-            )
-            print(line(record, infinite=True))
-        else:
-            _print(results)
-        raise typer.Exit(code)
+        raise typer.Exit(_evaluate(request, traces, conventions, as_json))
 
 
-def _evaluated(request: Request, path: Path, conventions: Conventions) -> list[MonitoredTrace]:
-    """Return the results of one file, one for each episode; an error names the file."""
-    from s2r_spec.json_objects.monitor import MonitoredTrace
-    from s2r_spec.spec.monitored import monitored, refuse_unstated
+def _request(spec: Path, params: list[str], requirements: list[str] | None, reading: LogForm) -> Request:
+    """Return what is evaluated, and how files are read."""
+    from s2r_spec.rollouts.excerpts import read_sources
+    from s2r_spec.rollouts.spec_traces import Request
+    from s2r_spec.spec import load_spec
 
-    results = []
-    for recorded in read(request, path):
-        with named(path):
-            found = []
-            for name in request.requirements:
-                if not recorded.stated:
-                    refuse_unstated(request.spec, recorded.trace, name)
-                how = replace(conventions, stated=recorded.stated)
-                found.append(monitored(request.spec, recorded.trace, name, recorded.params, how))
-        results.append(
-            MonitoredTrace(
-                trace=recorded.name,
-                params=recorded.params,
-                from_trace=tuple(sorted(recorded.taken)),
-                notes=tuple(recorded.notes),
-                accounts=recorded.accounts,
-                requirements=tuple(map(_printable, found)),
-            )
-        )
-    return results
+    parsed = load_spec(spec)
+    stated, sources = read_sources(params)
+    values = parsed.read_params(stated)
+    chosen = tuple(requirements or parsed.requirements)
+    return Request(parsed, chosen, values, reading.excerpts(sources), missing(reading.nan))
 
 
-def _printable(found: Monitored) -> MonitoredKind:
-    """Return the object of one requirement."""
-    from s2r_spec.json_objects.monitor import (
-        FailedRequirement,
-        MonitoredRequirement,
-        Sampling,
-        UnknownRequirement,
-    )
-    from s2r_spec.json_values import extended
-
-    sampling = None if found.sampled is None else Sampling(**vars(found.sampled))
-    if found.reason is None:
-        assert sampling is not None
-        return extended(UnknownRequirement, sampling, requirement=found.requirement, text=found.text)
-    verdict = Verdict.of(found.satisfied).value
-    if sampling is None:
-        return extended(FailedRequirement, found.reason, verdict=verdict, text=found.text)
-    return extended(MonitoredRequirement, found.reason, verdict=verdict, text=found.text, **vars(sampling))
-
-
-def _print(results: list[MonitoredTrace | UnreadTrace]) -> None:
+def _evaluate(request: Request, traces: list[Path], conventions: Conventions, as_json: bool) -> int:
+    """Evaluate recorded traces, print their results, and return the exit code."""
+    from s2r_spec.errors import UsageError
     from s2r_spec.json_objects.monitor import UnreadTrace
+    from s2r_spec.report.monitored import monitor_file, monitor_record
 
-    console = terminal.console()
-    for result in results:
-        if isinstance(result, UnreadTrace):
-            continue  # printed on stderr
-        taken = ", ".join(f"{name} = {result.params[name]:g}" for name in result.from_trace)
-        from rich.text import Text
+    results: list[MonitoredTrace | UnreadTrace] = []
+    for path in traces:
+        try:
+            results += monitor_file(request, path, conventions)
+        except UsageError as error:
+            if len(traces) == 1:
+                raise
+            print(f"error: {error}", file=sys.stderr)
+            results.append(UnreadTrace(trace=str(path), error=str(error)))
+    record = monitor_record(request, results, conventions.like)
+    if as_json:
+        answered()
+        print(line(record, infinite=True))
+    else:
+        for result in results:
+            if not isinstance(result, UnreadTrace):  # printed on stderr
+                _print(result)
+    return record.exit_code
 
-        head = Text(one_line(result.trace), style="bold")
-        console.print(head.append(f", {taken} as recorded", style="not bold") if taken else head)
-        for one in result.requirements:
-            terminal.print_verdict(lines(one.text), Verdict.of(one.satisfied))
+
+def _print(result: MonitoredTrace) -> None:
+    from rich.text import Text
+
+    taken = ", ".join(f"{name} = {result.params[name]:g}" for name in result.from_trace)
+    head = Text(one_line(result.trace), style="bold")
+    terminal.console().print(head.append(f", {taken} as recorded", style="not bold") if taken else head)
+    for one in result.requirements:
+        terminal.print_verdict(lines(one.text), Verdict.of(one.satisfied))
+
+
+def _follow(
+    request: Request, source: Path, following: Following, conventions: Conventions, as_json: bool
+) -> int:
+    """Follow a file, or standard input if it is ``-``, to its end; print each change, and return the exit code."""
+    from s2r_spec.rollouts.spec_streams import stream_of_file, stream_of_rows
+    from s2r_spec.rollouts.spec_traces import named
+    from s2r_spec.spec.followed import Change, OnlineConventions, follow
+
+    how = OnlineConventions(
+        period=following.period,
+        ranges=following.ranges,
+        partial=conventions.partial,
+        nan=conventions.nan,
+        sparse=conventions.sparse,
+    )
+    naming: AbstractContextManager[None]
+    if str(source) != "-":
+        stream, naming = stream_of_file(request, source), named(source)
+    else:
+        if hasattr(sys.stdin, "reconfigure"):
+            sys.stdin.reconfigure(errors="replace")  # other columns may hold bytes that are not text
+        stream, naming = stream_of_rows(request, sys.stdin.readline), nullcontext()
+    ended: list[Ended] = []
+    with naming:
+        for one in follow(request.spec, request.requirements, stream, how):
+            if isinstance(one, Change):
+                _print_change(request.spec, one, as_json)
+            else:
+                ended.append(one)
+    return _print_end(request.spec, stream, ended, as_json)
+
+
+def _print_change(spec: Spec, change: Change, as_json: bool) -> None:
+    if as_json:
+        from s2r_spec.report.monitored import change_record
+
+        print(line(change_record(spec, change), infinite=True), flush=True)
+        return
+    from s2r_spec.instants import instant
+
+    name, interval = change.requirement, change.interval
+    when = instant(change.times, change.times[-1])
+    _write(f"t = {when}  {name} {interval.verdict}: {_words(interval, spec.unit(name))}", interval)
+
+
+def _print_end(spec: Spec, stream: Stream, ended: list[Ended], as_json: bool) -> int:
+    from s2r_spec.report.monitored import online_record
+
+    for sentence in stream.notes:
+        note(sentence)
+    record = online_record(spec, stream.params, ended)
+    if as_json:
+        print(line(record, infinite=True), flush=True)
+        return record.exit_code
+    for one in ended:
+        name, interval = one.requirement, one.interval
+        more = f" ({one.shortfall})" if one.shortfall else ""
+        _write(f"{name} {interval.verdict}: {_words(interval, spec.unit(name))}{more}", interval)
+    return record.exit_code
+
+
+def _words(interval: RobustInterval, unit: str) -> str:
+    if interval.decided:
+        return f"ρ = {interval.lower:+.6g} {unit}".rstrip()
+    return f"ρ in [{interval.lower:+.6g}, {interval.upper:+.6g}] {unit}".rstrip()
+
+
+def _write(text: str, interval: RobustInterval) -> None:
+    terminal.print_verdict(one_line(text), Verdict.of(interval.satisfied))

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from s2r_spec.cli import terminal
+from s2r_spec.cli.groups import output_option
 from s2r_spec.files import save
 
 if TYPE_CHECKING:
@@ -16,20 +16,58 @@ if TYPE_CHECKING:
 
 Format = Annotated[
     str | None,
-    typer.Option(
+    output_option(
         "--format", help="Format of the report: text, json, junit, github or markdown.", show_default="text"
     ),
 ]
 Output = Annotated[
-    Path | None, typer.Option("--output", "-o", help="File for the report.", show_default="stdout")
+    Path | None, output_option("--output", "-o", help="File for the report.", show_default="stdout")
 ]
 Page = Annotated[
     Path | None,
-    typer.Option("--report", help="Also write an HTML page with pictures to this file.", show_default=False),
+    output_option("--report", help="Also write an HTML page with pictures to this file.", show_default=False),
 ]
 AsJson = Annotated[
-    bool, typer.Option("--json", help="Print one JSON object on stdout, as --format json does.")
+    bool, output_option("--json", help="Print one JSON object on stdout, as --format json does.")
 ]
+Verbose = Annotated[
+    bool,
+    output_option(
+        "--verbose", "-v", help="Print the assumptions, too, and the interval for each larger norm bound B."
+    ),
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Writing:
+    """The form and the files of a report; each field is an option."""
+
+    as_json: AsJson = False
+    form: Format = None
+    output: Output = None
+    page: Page = None
+    verbose: Verbose = False
+
+    @property
+    def json(self) -> bool:
+        """Whether errors are printed as JSON, too."""
+        return self.as_json or self.form == "json"
+
+    def settled(self) -> str:
+        """Return the format's name, and check both files before anything runs.
+
+        Raises:
+            UsageError: see :func:`settle` and :func:`pageable`.
+        """
+        name = settle(self.form, self.as_json, self.output)
+        pageable(self.page)
+        return name
+
+    def emit(self, report: Report, name: str, page: Callable[[], str]) -> None:
+        """Write a report, and the HTML page if one is asked for."""
+        emit(report, name, self.output, self.verbose)
+        if self.page is not None:
+            save(self.page, page())
 
 
 def settle(
@@ -84,8 +122,14 @@ def writable(path: Path | None) -> None:
         raise UsageError(f"cannot write {path}: there is no folder {path.parent}")
 
 
-def emit(report: Report, name: str, output: Path | None) -> None:
+def emit(report: Report, name: str, output: Path | None, verbose: bool = False) -> None:
     """Write a report to a file or to stdout, in colour on a terminal.
+
+    Args:
+        report: the report.
+        name: the format's name.
+        output: the file; None for stdout.
+        verbose: whether text on stdout has the assumptions and the interval for each larger B; a file has them always.
 
     Raises:
         UsageError: the file cannot be written.
@@ -95,7 +139,7 @@ def emit(report: Report, name: str, output: Path | None) -> None:
     if output is not None:
         save(output, reporter(name)(report) + "\n")
     elif name == "text":
-        terminal.console().print(text.markup(report))
+        terminal.console().print(text.markup(report, verbose))
     elif name == "github":
         terminal.print_commands(reporter(name)(report))
     elif name == "json":

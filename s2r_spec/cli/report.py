@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from s2r_spec.cli.common import sentences
-from s2r_spec.cli.output import AsJson, Output, emit, settle, writable
+from s2r_spec.cli.groups import output_option
+from s2r_spec.cli.output import AsJson, Output, Verbose, emit, settle, writable
 from s2r_spec.cli.terminal import say
 from s2r_spec.files import save
 
@@ -26,7 +27,7 @@ def report(
     ],
     form: Annotated[
         str | None,
-        typer.Option(
+        output_option(
             "--format",
             help="Format of the report: html, text, json, junit, github or markdown.",
             show_default="html",
@@ -34,6 +35,7 @@ def report(
     ] = None,
     output: Output = None,
     as_json: AsJson = False,
+    verbose: Verbose = False,
 ) -> None:
     """Compute a run's certificate again from its rollouts, and report it; HTML goes to the run's folder."""
     with sentences(as_json or form == "json"):
@@ -52,13 +54,14 @@ def report(
             save(path, html.render(runs))
             say(path)
         else:
-            emit(found, form or "text", output)
+            emit(found, form or "text", output, verbose)
         raise typer.Exit(found.exit_code)
 
 
 def _checks(folder: Path) -> tuple[list[Run], Report]:
     from s2r_spec.report import checked
-    from s2r_spec.report.recompute import recompute, runs_in
+    from s2r_spec.report.recompute import recompute
+    from s2r_spec.rollouts.layout import runs_in
 
     runs = [recompute(one) for one in runs_in(folder)]
     return [*runs], checked.report([(one.spec, one.result) for one in runs], NAME)

@@ -91,15 +91,19 @@ def notes(
     if len(tests) == 1 and bench.spec.space.dim:
         found.append("all real rollouts repeat one test, so nothing is known about other tests")
     if not used.held_out:
-        takes, here = f"{used.least[1]} rollouts of {used.least[0]} different tests", f" of {len(tests)}"
-        if not bench.spec.space.dim:
-            # There is one test, and rollouts of it are all there is to hold out.
-            takes, here = f"{used.least[0]} rollouts", ""
-        found.append(
-            f"no rollouts were held out, so the reduction of the gap was not measured: it takes {takes}, and there are "
-            f"{len(used.rollouts)}{here}"
-        )
+        found.append(_none_held_out(bench, used, len(tests)))
     return tuple(found)
+
+
+def _none_held_out(bench: Bench, used: Used, tests: int) -> str:
+    takes, here = f"{used.least[1]} rollouts of {used.least[0]} different tests", f" of {tests}"
+    if not bench.spec.space.dim:
+        # There is one test, and rollouts of it are all there is to hold out.
+        takes, here = f"{used.least[0]} rollouts", ""
+    return (
+        f"no rollouts were held out, so the reduction of the gap was not measured: it takes {takes}, and there are "
+        f"{len(used.rollouts)}{here}"
+    )
 
 
 def _early(used: Used, why: Falls | None) -> Iterator[str]:

@@ -127,13 +127,7 @@ def diagnose(
     tell = Watched(progress or (lambda stage, done, of: None))
     able = executor if travels(bench) else None
     with kept_open(able) as pool, tell.watching():
-        work = _Work(
-            bench,
-            seed,
-            pool,
-            tell,
-            Cache.usual() if cache is None else Cache(cache),
-        )
+        work = _Work(bench, seed, pool, tell, Cache.usual() if cache is None else Cache(cache))
         if isinstance(real, Backend) and not isinstance(real, HasRecordings):
             data = _campaign(work, real, budget, folder, protocols, passive)
         else:

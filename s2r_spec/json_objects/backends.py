@@ -5,10 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-from s2r_spec.backend import Channel, Effect, Option, Parameter
+from s2r_spec.backend import (
+    Backend,
+    Channel,
+    Effect,
+    HasEffects,
+    Option,
+    Parameter,
+    assumptions_of,
+    is_exclusive,
+)
 from s2r_spec.conformance import Check
 from s2r_spec.json_values import OPTIONAL
-from s2r_spec.protocols import Protocol
+from s2r_spec.protocols import HasProtocols, Protocol
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +60,30 @@ class BackendObject:
     options: tuple[Option, ...] | None = field(default=None, metadata=OPTIONAL)
     exclusive: Literal[True] | None = field(default=None, metadata=OPTIONAL)
     assumptions: tuple[str, ...] | None = field(default=None, metadata=OPTIONAL)
+
+    @classmethod
+    def of(cls, machine: Backend, name: str, options: tuple[Option, ...]) -> BackendObject:
+        """Return what a backend declares.
+
+        Args:
+            machine: the backend.
+            name: the name by which it was found.
+            options: the options that may follow its name.
+        """
+        protocols = machine.protocols() if isinstance(machine, HasProtocols) else ()
+        effects = machine.effects() if isinstance(machine, HasEffects) else ()
+        return cls(
+            name=machine.name if options else name,
+            model_hash=machine.model_hash,
+            parameters=tuple(machine.parameters),
+            channels=tuple(machine.channels),
+            # A backend's own effects may have functions besides.
+            effects=tuple(Effect(e.name, e.family, e.physics, tuple(e.parameters)) for e in effects),
+            protocols=tuple(protocols) or None,
+            options=options or None,
+            exclusive=True if is_exclusive(machine) else None,
+            assumptions=assumptions_of(machine) or None,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -132,6 +132,8 @@ def _hint(source: Source, tokens: Sequence[Token], position: int, allowed: Set[s
     guess = suggestion(str(token), _KEYWORDS)
     if token.type == "NAME" and first_on_line and guess:
         return guess
+    if token == "|" and "NUMBER" in allowed:
+        return f"write `abs({_between_bars(source, tokens[position:])})`"
     if token.type in ("RSQB", "RPAR") and "COMMA" in allowed and "RPAR" not in allowed:
         return "an interval has two ends, such as [0, 0.5 s]"
     if first_on_line and token.type in ("TEMPORAL", "NOT", "STEP"):
@@ -157,6 +159,14 @@ def _hint(source: Source, tokens: Sequence[Token], position: int, allowed: Set[s
     if token.type == "UNIT" and tokens[0].type in ("SIGNAL", "PARAM", "CONST"):
         return "write the unit right after the name"
     return ""
+
+
+def _between_bars(source: Source, tokens: Sequence[Token]) -> str:
+    """Return what stands between the first token, a bar, and the next bar; "…" if there is none."""
+    closing = next((i for i, token in enumerate(tokens) if i > 1 and token == "|"), None)
+    if closing is None:
+        return "…"
+    return " ".join(span_of(source, tokens[1], tokens[closing - 1]).text.split())
 
 
 def _taken_alias(source: Source, tokens: Sequence[Token], position: int) -> Diagnostic | None:

@@ -19,8 +19,8 @@ from s2r_spec.certify.options import RunOptions
 from s2r_spec.certify.real_machine import CertifyResult, conclude_certify, judge, refused_in_simulation
 from s2r_spec.certify.search import Query, Search
 from s2r_spec.errors import UsageError
-from s2r_spec.rollouts.journal import FILE, Journal, Record
-from s2r_spec.rollouts.layout import GAP, SIMULATION, SYSTEMS
+from s2r_spec.rollouts.journal import Journal, Record
+from s2r_spec.rollouts.layout import FILE, GAP, SIMULATION, SYSTEMS, runs_in
 from s2r_spec.rollouts.repeatability import refuse_unrepeatable
 from s2r_spec.rollouts.spec_files import load_run_spec
 from s2r_spec.rollouts.stop_rule import DECIDED, stop_of
@@ -97,20 +97,6 @@ def kind(folder: Path) -> Kind:
         return Kind.CERTIFY
     runs_in(folder)
     return Kind.CHECK
-
-
-def runs_in(folder: Path) -> list[Path]:
-    """Return the folders of the checks of single requirements: this folder, or its subfolders.
-
-    Raises:
-        UsageError: there is none.
-    """
-    if (folder / FILE).exists():
-        return [folder]
-    found = sorted(path.parent for path in folder.glob(f"*/{FILE}"))
-    if not found:
-        raise UsageError(f"no run in {folder}: neither it nor a subfolder has a {FILE}")
-    return found
 
 
 def recompute(folder: Path) -> Recomputed:

@@ -163,7 +163,8 @@ def load_result(path: str | os.PathLike[str]) -> Certified:
     Raises:
         UsageError: there is no run, its files were changed, or the file is a diagnosis.
     """
-    from s2r_spec.report.recompute import Kind, kind, recompute, recompute_certify, recompute_gap, runs_in
+    from s2r_spec.report.recompute import Kind, kind, recompute, recompute_certify, recompute_gap
+    from s2r_spec.rollouts.layout import runs_in
 
     place = Path(path)
     folder = _folder_in(place) if place.is_file() else place

@@ -222,17 +222,10 @@ def excerpt(
         joining=excerpts.held(),
         longest=excerpts.longest,
     )
-    spans: list[tuple[Loaded, Stretch | None]]
+    spans: list[tuple[Loaded, Stretch | None]] = [(loaded, None) for loaded in found]
     sentences: list[str] = []
     if excerpts.cuts:
-        try:
-            spans, sentences = _stretches(found, signals, excerpts, horizon)
-        except TraceError as error:
-            raise TraceError(f"{path}: {error}") from None
-        if not spans:
-            raise TraceError(f"{path}: no complete episode: {'; '.join(dict.fromkeys(sentences))}")
-    else:
-        spans = [(loaded, None) for loaded in found]
+        spans, sentences = _cut_file(path, found, signals, excerpts, horizon)
     kept = _kept(path, found[0].trace, wanted, excerpts)
     several = excerpts.cuts or len(spans) > 1
     episodes = tuple(
@@ -259,6 +252,23 @@ def excerpt(
         found[0].accounts,
         all(loaded.stated for loaded in found),
     )
+
+
+def _cut_file(
+    path: Path,
+    found: Sequence[Loaded],
+    signals: Mapping[str, Signal],
+    excerpts: Excerpts,
+    horizon: float,
+) -> tuple[list[tuple[Loaded, Stretch | None]], list[str]]:
+    """Return the stretches of a file that are episodes, at least one, and how they were cut."""
+    try:
+        spans, sentences = _stretches(found, signals, excerpts, horizon)
+    except TraceError as error:
+        raise TraceError(f"{path}: {error}") from None
+    if not spans:
+        raise TraceError(f"{path}: no complete episode: {'; '.join(dict.fromkeys(sentences))}")
+    return spans, sentences
 
 
 def no_units(

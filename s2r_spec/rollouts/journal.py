@@ -33,14 +33,13 @@ from s2r_spec import logs
 from s2r_spec.errors import TraceError, one_of
 from s2r_spec.files import onto_disk
 from s2r_spec.rollouts import lines, machine_journal, reading_rule, stop_rule
-from s2r_spec.rollouts.layout import run_of
+from s2r_spec.rollouts.layout import FILE, run_of
 from s2r_spec.rollouts.lines import JournalError
 from s2r_spec.rollouts.machine_journal import Attempt, Attempts, Void
 from s2r_spec.trace import Trace
 
 SCHEMA = "s2r.journal/2"
 UNCHECKED = "s2r.journal/1"
-FILE = "journal.jsonl"
 LOCK = "lock"
 
 

@@ -12,6 +12,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from s2r_spec.errors import UsageError
+
+FILE = "journal.jsonl"
+"""Definition: name of a journal in its folder."""
 SYSTEMS = ("sim", "real")
 """The two systems of a gap, simulator and machine: folders of their journals, and fields of a journal's header."""
 SIMULATION, GAP = "simulation", "gap"
@@ -57,3 +61,17 @@ def places(folder: Path, requirements: Sequence[str], of: str | None) -> dict[st
     if folder.absolute().name == of:
         return {name: folder.parent / name for name in requirements}
     return {name: folder if name == of else folder / name for name in requirements}
+
+
+def runs_in(folder: Path) -> list[Path]:
+    """Return the folders of the checks of single requirements: this folder, or its subfolders.
+
+    Raises:
+        UsageError: there is none.
+    """
+    if (folder / FILE).exists():
+        return [folder]
+    found = sorted(path.parent for path in folder.glob(f"*/{FILE}"))
+    if not found:
+        raise UsageError(f"no run in {folder}: neither it nor a subfolder has a {FILE}")
+    return found

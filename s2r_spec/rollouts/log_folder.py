@@ -280,7 +280,8 @@ def _is_placeholder(trace: Trace) -> bool:
     return trace.failure is not None and digest(trace) is None
 
 
-def _table(path: Path) -> _Tests:
+def _lines(path: Path) -> list[tuple[int, list[str]]]:
+    """Return (number, cells) of each line of the table of tests that is not empty: a header and rows."""
     if not path.parent.is_dir():
         raise LogError(f"there is no folder {path.parent}; log:FOLDER needs one with recordings and {TABLE}")
     try:
@@ -304,7 +305,11 @@ def _table(path: Path) -> _Tests:
         raise LogError(f"{path} is not comma-separated UTF-8 text: {error}") from None
     if len(lines) < 2:
         raise LogError(f"{path} lists no recording; it needs a header id,<parameter>,… and rows")
-    (number, header), *body = lines
+    return lines
+
+
+def _table(path: Path) -> _Tests:
+    (number, header), *body = _lines(path)
     units: dict[str, str] = {}
     for place, text in enumerate(header):
         name, unit = _parameter(text)

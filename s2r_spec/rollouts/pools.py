@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
@@ -19,6 +20,11 @@ ExecutorFactory = Callable[[], Executor]
 ANSWER = 10.0
 """Budget: time for a scheduler to answer, and time for its first worker [s]. Twice as much waits twice as long for a
 wrong address."""
+
+
+def cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def process_pool(workers: int) -> ExecutorFactory:

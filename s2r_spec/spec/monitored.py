@@ -8,7 +8,7 @@ depends on a silence, and where samples at one topic's stamps decide otherwise t
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -101,6 +101,23 @@ class Conventions:
     def profile(self) -> Profile:
         """The conventions of the tool."""
         return profile(self.like)
+
+
+def monitor_trace(
+    spec: Spec, trace: Trace, names: Sequence[str], params: Mapping[str, Amount], conventions: Conventions
+) -> list[Monitored]:
+    """Return the results of requirements on a trace; a unit of the times that matters must be stated.
+
+    Raises:
+        TraceError: see :func:`monitored`.
+        UsageError: see :func:`monitored` and :func:`refuse_unstated`.
+    """
+    found = []
+    for name in names:
+        if not conventions.stated:
+            refuse_unstated(spec, trace, name)
+        found.append(monitored(spec, trace, name, params, conventions))
+    return found
 
 
 def monitored(
@@ -211,9 +228,8 @@ def _of_samples(
     if partial and not held:
         how = {**how, "end": "clip"}
     irregular = _irregular(trace, how)
-    if (
-        irregular and conventions.stated
-    ):  # values that are sent on change may be further apart than a window is long
+    if irregular and conventions.stated:
+        # Values that are sent on change may be further apart than a window is long.
         conventions = replace(conventions, sparse=True)
     found = spec.evaluate(trace, requirement, params, nan=conventions.nan, sparse=conventions.sparse, **how)
     instants = {name: _own_instants(trace, name) for name in spec.channels(requirement)}

@@ -6,7 +6,7 @@ import pytest
 import s2r_spec as s2r
 from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.kernels import Kernel
-from s2r_spec.certify.plan import plan
+from s2r_spec.certify.plan_request import plan
 from s2r_spec.certify.search import Search
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from s2r_spec.certify.kernels import Kernel
-from s2r_spec.certify.plan import plan
+from s2r_spec.certify.plan_request import plan
 from s2r_spec.certify.search import Search
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space

@@ -1,11 +1,12 @@
 import numpy as np
 import pytest
 
+import s2r_spec as s2r
 from s2r_spec.certify.certificate import Label
 from s2r_spec.certify.effort import Effort, Objective
 from s2r_spec.certify.kernels import Kernel
 from s2r_spec.certify.pilot import read_pilot
-from s2r_spec.certify.plan import plan
+from s2r_spec.certify.plan_request import plan
 from s2r_spec.certify.sample_complexity import minimax, sequential_lower_bound
 from s2r_spec.certify.search import Search
 from s2r_spec.certify.settings import SearchSettings
@@ -165,3 +166,43 @@ def test_any_measure_can_be_certified_and_resumed(tmp_path):
     assert again == first
     with pytest.raises(UsageError, match=naming("fall", "-1.0", "-2.0")):
         s2r.check_measure(*words, search(), tmp_path / "run", fall=-2.0, resume=True)
+
+
+SPEC = """
+signal x {m}
+param p {m} in [0, 1]
+require r: always (x <= p)
+certify r: delta = 1e-3, epsilon = 0.1, B = 0.5, R = 0.02, kernel = matern52(0.4 {m}), fall = -1
+"""
+
+
+def test_a_specification_is_planned_by_its_certify_line_and_by_what_the_caller_gives():
+    spec = s2r.parse_spec(SPEC)
+    own = {"kernel": Kernel("matern52", 0.4), "B": 0.5, "R": 0.02, "delta": 1e-3, "epsilon": 0.1}
+    assert s2r.plan(spec) == s2r.plan(spec.space, **own)
+    assert s2r.plan(spec, epsilon=0.2) == s2r.plan(spec.space, **own | {"epsilon": 0.2})
+    assert s2r.plan(spec.space, **own | {"R": None}, bounds=(0.0, 0.04)) == s2r.plan(spec)
+
+
+def test_the_time_on_a_backend_becomes_a_budget():
+    class Robot(s2r.FunctionBackend):
+        exclusive = True  # so one rollout at a time
+
+    robot = Robot(lambda params, seed: None, cost=100.0)
+    found = s2r.plan(s2r.parse_spec(SPEC), backend=robot, time="30min")
+    assert [rollouts for rollouts, _ in found.gaps] == [rollouts for rollouts, _ in found.reachable] == [18]
+
+
+@pytest.mark.parametrize(
+    ("keywords", "facts"),
+    [
+        ({"B": 1.0}, ["--R", "--eps", "--delta"]),
+        ({"bounds": (1.0, 0.0)}, ["--range"]),
+        ({"time": "30min"}, ["--time", "--backend"]),
+        ({"pilot": "nowhere"}, ["nowhere"]),
+    ],
+)
+def test_a_plan_without_its_settings_is_refused(keywords, facts):
+    of = s2r.parse_spec(SPEC) if "time" in keywords else LINE
+    with pytest.raises(UsageError, match=naming(*facts)):
+        s2r.plan(of, **keywords)

@@ -1,4 +1,5 @@
 import json
+import re
 import subprocess
 
 import pytest
@@ -20,8 +21,16 @@ def without_timing(result: dict) -> dict:
 
 def test_a_requirement_that_holds(s2r):
     done = s2r("check", s2r.spec(0.1), "--backend", "toy", "--workers", 2, code=0)
-    assert states(done.stdout, "walking  HOLDS", "1 − 0.001", "seed 0", "B = 0.5")
+    assert states(done.stdout, "walking  HOLDS", "1 − 0.001", "seed 0")
+    assert len(done.stdout.splitlines()) <= 8
     assert states(done.stderr, "rollouts", "ρ in [", "m/s")
+
+
+def test_the_assumptions_and_the_rows_for_larger_norms_are_printed_on_request_and_in_a_file(s2r):
+    words = ("check", s2r.spec(0.1), "--backend", "toy", "-q")
+    assert states(s2r(*words, "-v", code=0).stdout, "This assumes", "B = 0.5", "B = 4")
+    s2r(*words, "--output", "answer.txt", code=0)
+    assert states((s2r.folder / "answer.txt").read_text(), "This assumes", "B = 0.5", "B = 4")
 
 
 def test_a_requirement_that_is_violated_and_its_worst_case_again(s2r):
@@ -267,7 +276,11 @@ def test_backends_check_exits_with_one_if_a_promise_is_broken(s2r):
 
 
 def test_help_and_version(s2r):
-    assert "Exit codes" in s2r("check", "--help", code=0).stdout
+    shown = s2r("check", "--help", code=0).stdout
+    assert "Exit codes" in shown
+    assert re.findall(r"^(\w.*):$", shown, re.M) == ["What is asked", "The search", "The logs", "Output"]
+    logs = shown.partition("The logs:")[2].partition("Output:")[0]
+    assert len(re.findall(r"^  -", logs, re.M)) == 11
     assert s2r("--version", code=0).stdout.startswith("s2r ")
     assert "No such option" in s2r("check", "x.stl", "--sed", "1", code=2).stderr
 

@@ -165,3 +165,17 @@ PIECES = st.sampled_from(WORDS.split(" "))
 def test_any_text_is_a_specification_or_a_list_of_mistakes(text: str) -> None:
     with suppress(SpecError):
         parse_spec(text)
+
+
+@pytest.mark.parametrize(
+    ("condition", "meant"),
+    [
+        ("|x| <= 1 {m}", "`abs(x)`"),
+        ("2 {m} <= 3 * | x - 1 {m} |", "`abs(x - 1 {m})`"),
+        ("x >= 2 {m} | |x| <= 1 {m}", "`abs(x)`"),
+        ("|x <= 1 {m}", "`abs(…)`"),
+    ],
+)
+def test_the_bars_of_an_absolute_value_are_answered_with_its_function(condition, meant):
+    with pytest.raises(SpecError, match=naming(meant)):
+        parse_spec(f"signal x {{m}}\nrequire r: always ({condition})")

@@ -8,7 +8,8 @@ import pytest
 from s2r_spec import errors, logs
 from s2r_spec.errors import UsageError
 from s2r_spec.report import html
-from s2r_spec.report.recompute import recompute, runs_in
+from s2r_spec.report.recompute import recompute
+from s2r_spec.rollouts.layout import runs_in
 from tests.conftest import rewrite
 from tests.errors import naming, states
 from tests.report.conftest import invented, undrawn

@@ -8,8 +8,9 @@ import pytest
 
 import s2r_spec as s2r
 from s2r_spec.errors import UsageError
-from s2r_spec.report.recompute import kind, recompute, runs_in
+from s2r_spec.report.recompute import kind, recompute
 from s2r_spec.rollouts.journal import FILE
+from s2r_spec.rollouts.layout import runs_in
 from s2r_spec.rollouts.replay import replay
 from tests.cli.conftest import SPEC
 from tests.conftest import rewrite

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -32,15 +32,8 @@ def load(open_log: Callable[[Path], TopicLog], path: Path, choose: Chooser, join
     log = open_log(path)
     if not log.heads:
         raise TraceError("the file has no topics")
-    heads: list[Head] = [Head(TIME)]
-    fields: list[tuple[TopicHead, str]] = []
-    for topic in log.heads:
-        for field in topic.fields:
-            heads.append(_head(topic, field))
-            fields.append((topic, field))
-    for topic in log.heads:
-        without = {**topic.other, **topic.faults}
-        heads += [Head(topic.path(field), fault=fault) for field, fault in without.items()]
+    fields = [(topic, field) for topic in log.heads for field in topic.fields]
+    heads = _heads(log.heads, fields)
     chosen = sorted(number for number in choose(tuple(heads)) if number)
     wanted: dict[str, list[str]] = defaultdict(list)
     for number in chosen:
@@ -81,6 +74,15 @@ def load(open_log: Callable[[Path], TopicLog], path: Path, choose: Chooser, join
 
     notes = [*log.notes, *notes, *joined.notes]
     return Table(tuple(heads), columns, {}, place, notes, accounts, joined.clock)
+
+
+def _heads(topics: Sequence[TopicHead], fields: Sequence[tuple[TopicHead, str]]) -> list[Head]:
+    """Return the heads of the time, of the fields in their order, and of what cannot be read."""
+    heads = [Head(TIME), *(_head(topic, field) for topic, field in fields)]
+    for topic in topics:
+        without = {**topic.other, **topic.faults}
+        heads += [Head(topic.path(field), fault=fault) for field, fault in without.items()]
+    return heads
 
 
 def _owner(clock: str | None, topics: Mapping[str, TopicHead]) -> tuple[TopicHead, str] | None:

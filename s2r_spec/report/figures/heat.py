@@ -8,6 +8,7 @@ from s2r_spec.report.figures.canvas import INK, PAPER, Picture, draw, with_unit
 from s2r_spec.report.figures.field import Field
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _SIDE = 61
@@ -42,22 +43,7 @@ def heat(field: Field, name: str) -> Picture:
             )
             if values.min() < 0 < values.max():
                 axes.contour(values, [0.0], colors=["black"], linewidths=1.2, extent=extent, origin="lower")
-            axes.scatter(
-                [test.params[across.name] for test in tests],
-                [test.params[up.name] for test in tests],
-                s=7,
-                c="black",
-                lw=0,
-            )
-            axes.plot(
-                mark[across.name],
-                mark[up.name],
-                "v",
-                color=PAPER,
-                mec=INK,
-                ms=9,
-                clip_on=False,
-            )
+            _mark_tests(axes, field)
             axes.grid(False)
             axes.set_title(title)
             axes.set_xlabel(with_unit(across.name, across.unit))
@@ -77,3 +63,13 @@ def heat(field: Field, name: str) -> Picture:
         f"above 0, red below, the black line is 0. Dots are tests, the triangle is the {field.pointed}. {field.remark}"
     ).strip()
     return Picture(field.title, caption, alt, draw(name, alt, (7.2, 3.4), paint))
+
+
+def _mark_tests(axes: Axes, field: Field) -> None:
+    """Draw the tests, and the one to which the picture points."""
+    across, up = (axis.name for axis in field.space.axes)
+    tests, mark = field.tests, field.mark
+    axes.scatter(
+        [test.params[across] for test in tests], [test.params[up] for test in tests], s=7, c="black", lw=0
+    )
+    axes.plot(mark[across], mark[up], "v", color=PAPER, mec=INK, ms=9, clip_on=False)

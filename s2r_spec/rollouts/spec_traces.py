@@ -1,24 +1,25 @@
-"""Columns and parameters of recorded traces, for the commands that evaluate them."""
+"""The traces of a file for a specification: its channels, the parameters of each test, and what was left out.
+
+A warning (:class:`~s2r_spec.errors.TraceNote`) says what was left out of a file, and which value of two was used.
+"""
 
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from s2r_spec.cli.common import note
-from s2r_spec.errors import TraceError, UsageError, one_of, shortened
+from s2r_spec.errors import TraceError, TraceNote, UsageError, one_of, shortened
+from s2r_spec.logs.account import Account
 from s2r_spec.printable import one_line
-
-if TYPE_CHECKING:
-    from s2r_spec.logs.account import Account
-    from s2r_spec.robustness.reading import Missing
-    from s2r_spec.rollouts.excerpts import Excerpts
-    from s2r_spec.spec import Spec
-    from s2r_spec.trace import Trace
+from s2r_spec.robustness.reading import Missing
+from s2r_spec.rollouts.excerpts import Excerpt, Excerpts, assumed, excerpt
+from s2r_spec.spec import Spec
+from s2r_spec.trace import Trace
 
 
 @dataclass(frozen=True)
@@ -28,9 +29,12 @@ class Request:
     Args:
         spec: the specification.
         requirements: names of the requirements to evaluate.
-        params: parameter → value from the command line, in the declared unit.
+        params: parameter → value, in the declared unit; a recorded value that differs gives way.
         excerpts: how the files become traces.
         nan: "error" or "hold", for missing samples.
+
+    Raises:
+        UsageError: a requirement, or a signal in ``excerpts.longest``, is not in the specification.
     """
 
     spec: Spec
@@ -38,6 +42,11 @@ class Request:
     params: dict[str, float]
     excerpts: Excerpts
     nan: Missing
+
+    def __post_init__(self) -> None:
+        """Report a wrong name before any file is read."""
+        for name in self.requirements:
+            self.spec.unit(name)
 
     @property
     def wanted(self) -> dict[str, int | None]:
@@ -48,13 +57,13 @@ class Request:
 
 
 @dataclass(frozen=True)
-class Recorded:
+class SpecTrace:
     """A trace with the parameters of its test.
 
     Args:
         name: the file, with the number of the episode if it was cut.
         trace: the trace.
-        params: parameter of the spec → value: from the command line, else from the trace.
+        params: parameter of the spec → value: as requested, else from the trace.
         taken: names of the parameters whose values come from the trace.
         notes: sentences on what was left out of the file, and on the date from which its times count.
         accounts: signal → what became of its messages in the file.
@@ -70,19 +79,32 @@ class Recorded:
     stated: bool
 
 
-def read(request: Request, path: Path) -> list[Recorded]:
-    """Return the traces of a file; print a note on stderr for each thing left out.
+def read_spec_traces(request: Request, path: Path) -> list[SpecTrace]:
+    """Return the traces of a file, one for each episode.
 
     Raises:
         TraceError: the file cannot be read; the message names it.
+        UsageError: the request does not fit the specification.
     """
-    from s2r_spec.rollouts.excerpts import assumed, excerpt
-
     if unknown := sorted(set(request.excerpts.longest) - set(request.spec.signals)):
         known = one_of(request.spec.signals)
         raise UsageError(f"--longest names {unknown[0]!r}, which is no signal; the signals are {known}")
     horizon = max(request.spec.horizon(name) for name in request.requirements)
     found = excerpt(path, request.spec.signals, request.wanted, horizon, request.excerpts)
+    notes = _notes(request, found)
+    for sentence in notes:
+        warnings.warn(f"{path}: {sentence}", TraceNote, stacklevel=2)
+    accounts = {name: one for name, one in found.accounts.items() if name in request.wanted}
+    traces = []
+    for episode in found.episodes:
+        with named(path):
+            values = request.spec.read_params(episode.texts())
+            params, taken = params_of(request, episode.trace.meta, episode.name, values)
+        traces.append(SpecTrace(episode.name, episode.trace, params, taken, notes, accounts, found.stated))
+    return traces
+
+
+def _notes(request: Request, found: Excerpt) -> tuple[str, ...]:
     notes = list(found.notes)
     for name, (_, unit) in found.episodes[0].values.items():
         if name in request.spec.params and not unit:
@@ -91,26 +113,21 @@ def read(request: Request, path: Path) -> list[Recorded]:
             notes += filter(None, [assumed(source.column, request.spec.params[name].unit, remedy)])
     if found.dated:
         notes.append(f"times count from the first sample, at {found.dated}")
-    for sentence in notes:
-        note(f"{path}: {sentence}")
-    recorded = []
-    for episode in found.episodes:
-        with named(path):
-            read = request.spec.read_params(episode.texts())
-            params, taken = parameters(request, episode.trace.meta, episode.name, read)
-        accounts = {name: one for name, one in found.accounts.items() if name in request.wanted}
-        recorded.append(
-            Recorded(episode.name, episode.trace, params, taken, tuple(notes), accounts, found.stated)
-        )
-    return recorded
+    return tuple(notes)
 
 
-def parameters(
-    request: Request, meta: Mapping[str, Any], source: str, read: Mapping[str, float] | None = None
+def params_of(
+    request: Request, meta: Mapping[str, Any], source: str, values: Mapping[str, float] | None = None
 ) -> tuple[dict[str, float], frozenset[str]]:
     """Return parameter → value, and the names of the parameters whose values come from the trace.
 
-    A value of the command line goes before the trace's; if they differ, a note is printed.
+    A value of the request goes before the trace's; if they differ, a warning says so.
+
+    Args:
+        request: the request.
+        meta: the metadata of the trace.
+        source: the trace in words.
+        values: parameter → value in a column of the trace's file.
 
     Raises:
         TraceError: the trace's value of a parameter is not a number.
@@ -119,11 +136,13 @@ def parameters(
     if not isinstance(recorded, Mapping):
         raise TraceError('its meta "params" must map names of parameters to numbers')
     found = {name: _number(name, recorded[name]) for name in request.spec.params if name in recorded}
-    found |= read or {}
+    found |= values or {}
     for name, value in request.params.items():
         if name in found and not math.isclose(value, found[name], rel_tol=1e-9, abs_tol=1e-12):
-            note(
-                f"{source} was recorded with {name} = {found[name]:g}; it is evaluated with {value:g}, as given"
+            warnings.warn(
+                f"{source} was recorded with {name} = {found[name]:g}; it is evaluated with {value:g}, as given",
+                TraceNote,
+                stacklevel=3,
             )
     return found | request.params, frozenset(found) - frozenset(request.params)
 

@@ -1,0 +1,72 @@
+"""Groups of options: sections of a command's help, and records that stand for several options of a command."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import fields, is_dataclass
+from typing import Any, get_type_hints
+
+import typer
+from typer.core import TyperCommand
+
+ASKED, SEARCH, LOGS, OUTPUT = "What is asked", "The search", "The logs", "Output"
+"""Definition: titles of the groups, in the order of the help. What has no group is in the first."""
+
+search_option = functools.partial(typer.Option, rich_help_panel=SEARCH)
+log_option = functools.partial(typer.Option, rich_help_panel=LOGS)
+output_option = functools.partial(typer.Option, rich_help_panel=OUTPUT)
+
+
+class Command(TyperCommand):
+    """A command whose help lists arguments and options by group."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write the groups."""
+        groups: dict[str, list[tuple[str, str]]] = {title: [] for title in (ASKED, SEARCH, LOGS, OUTPUT)}
+        for parameter in self.get_params(ctx):
+            record = parameter.get_help_record(ctx)
+            if record is not None:
+                usual = OUTPUT if parameter.name == "help" else ASKED
+                groups[getattr(parameter, "rich_help_panel", None) or usual].append(record)
+        for title, records in groups.items():
+            if records:
+                with formatter.section(title):
+                    formatter.write_dl(records)
+
+
+def grouped(command: Callable[..., None]) -> Callable[..., None]:
+    """Return a command that has the fields of each record among its parameters as options in the record's place."""
+    signature = inspect.signature(command, eval_str=True)
+    records = {
+        name: _options(one.annotation)
+        for name, one in signature.parameters.items()
+        if is_dataclass(one.annotation)
+    }
+    parameters: list[inspect.Parameter] = []
+    for name, one in signature.parameters.items():
+        parameters += records[name].values() if name in records else [one]
+
+    @functools.wraps(command)
+    def run(**values: Any) -> None:
+        made = {
+            name: signature.parameters[name].annotation(**{key: values.pop(key) for key in options})
+            for name, options in records.items()
+        }
+        command(**made, **values)
+
+    run.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    run.__annotations__ = {one.name: one.annotation for one in parameters}
+    return run
+
+
+def _options(record: Any) -> Mapping[str, inspect.Parameter]:
+    """Return field → option of the command line."""
+    hints = get_type_hints(record, include_extras=True)
+    return {
+        one.name: inspect.Parameter(
+            one.name, inspect.Parameter.KEYWORD_ONLY, default=one.default, annotation=hints[one.name]
+        )
+        for one in fields(record)
+    }

@@ -1,0 +1,91 @@
+"""The failure probability at the worst test, from the rollouts of a check on disk; runs no rollout."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from s2r_spec.certify.failure_probability import FailureProbability, bound_failure_probability
+from s2r_spec.certify.rounding import at_least, at_most
+from s2r_spec.json_objects.runs import OddsObject, RequirementOdds
+from s2r_spec.report.recompute import recompute
+from s2r_spec.rollouts.layout import runs_in
+
+
+@dataclass(frozen=True)
+class Odds:
+    """Bounds on the probability that ρ of a requirement is below a level.
+
+    Attributes:
+        requirement: the name of the requirement.
+        unit: the unit of ρ.
+        B: bound on the norm of each probability.
+        delta: probability that any of the bounds is wrong.
+        levels: one bound for each level.
+    """
+
+    requirement: str
+    unit: str
+    B: float
+    delta: float
+    levels: tuple[FailureProbability, ...]
+
+
+def odds(run: Path, levels: Sequence[float], B: float, delta: float | None = None) -> list[Odds]:
+    """Bound the failure probability of each requirement of a check.
+
+    Args:
+        run: the folder of the check, finished or not.
+        levels: the levels of ρ, in its unit, chosen before any rollout was seen.
+        B: bound on the RKHS norm of the probability as a function of the test.
+        delta: probability that any of the bounds is wrong; None for the specification's.
+
+    Raises:
+        UsageError: the folder has no run that can be evaluated, or a setting is out of its range.
+    """
+    results = []
+    for folder in runs_in(run):
+        found = recompute(folder)
+        requirement = found.result.requirement
+        risk = found.spec.certify[requirement].delta if delta is None else delta
+        assert risk is not None  # recompute has searched with it
+        # In an unfinished batch, which rollouts are on disk may depend on their outcomes.
+        counted = found.records[: len(found.records) - found.waiting]
+        bounds = bound_failure_probability(
+            found.spec.space,
+            [(record.params, [record.rho]) for record in counted],
+            levels,
+            kernel=found.search.kernel,
+            B=B,
+            delta=risk,
+        )
+        results.append(Odds(requirement, found.result.unit, B, risk, tuple(bounds)))
+    return results
+
+
+def record(results: Sequence[Odds]) -> OddsObject:
+    """Return the record of all requirements."""
+    return OddsObject(
+        results={one.requirement: RequirementOdds(delta=one.delta, levels=one.levels) for one in results}
+    )
+
+
+def lines(result: Odds) -> Iterator[str]:
+    """Yield the bounds of a requirement in words, and what they assume."""
+    unit = f" {result.unit}" if result.unit else ""
+    yield f"{result.requirement}: {result.levels[0].rollouts} rollouts, with probability ≥ 1 − {result.delta:g}"
+    for one in result.levels:
+        observed = f"observed in {one.seen} of {one.rollouts} rollouts"
+        if one.refused:
+            yield f"  P(ρ < {one.level:g}{unit}): no bound, {observed}; {one.refused}"
+            continue
+        bounds = f"≤ {at_most(one.upper)} at every test, ≥ {at_least(one.lower)} at the worst one"
+        yield f"  P(ρ < {one.level:g}{unit}) {bounds}; {observed}"
+    yield "  This assumes:"
+    yield (
+        f"   - each of these probabilities, as a function of the test, has norm ≤ B = {result.B:g} in the RKHS of the "
+        f"check's kernel; no data can prove this"
+    )
+    yield "   - rollouts are independent given the tests, and the levels were chosen before any was seen"
+    yield "   - the noise of a yes-or-no outcome is ½-sub-Gaussian, which is proven (Hoeffding's lemma)"

@@ -1,0 +1,158 @@
+"""The verdict on requirements of a trace while it is recorded: the range of possible ρ, sample by sample."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from s2r_spec.lang.conversion import Conversion
+from s2r_spec.robustness.online.monitor import RobustInterval
+from s2r_spec.robustness.reading import Missing, conversion
+from s2r_spec.spec.evaluated import Spec
+from s2r_spec.trace import Trace
+
+Sample = tuple[float, Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class Stream:
+    """A stream of samples, in the units of the input.
+
+    Args:
+        units: channel → unit.
+        meta: the metadata of the trace; see :class:`s2r_spec.trace.Trace`.
+        samples: (time [s], channel → sample).
+        period: sample period [s] if the samples are known to lie on a regular grid, else None.
+        params: parameter → value.
+        notes: a sentence on each thing left out so far; the list grows while samples are read.
+    """
+
+    units: Mapping[str, str]
+    meta: Mapping[str, Any]
+    samples: Iterator[Sample]
+    period: float | None
+    params: dict[str, float]
+    notes: Sequence[str] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class OnlineConventions:
+    """How requirements are evaluated on a stream.
+
+    Args:
+        period: sample period [s]; None to take it from the stream, if it has one.
+        ranges: whether signals stay in their declared ranges.
+        partial: whether a trace that ends too early is evaluated on its samples.
+        nan: the treatment of a missing sample.
+        sparse: whether windows may be shorter than the time between two samples.
+    """
+
+    period: float | None = None
+    ranges: bool = True
+    partial: bool = False
+    nan: Missing = "error"
+    sparse: bool = False
+
+
+@dataclass(frozen=True)
+class Change:
+    """A requirement's interval or verdict has changed.
+
+    Args:
+        requirement: its name.
+        interval: the range of ρ that is still possible.
+        times: the first time, the last but one and the last [s]; fewer at the begin.
+    """
+
+    requirement: str
+    interval: RobustInterval
+    times: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Ended:
+    """The result of a requirement at the end of the stream.
+
+    Args:
+        requirement: its name.
+        interval: the range of ρ.
+        shortfall: what the stream lacks, where the verdict is unknown; else "".
+    """
+
+    requirement: str
+    interval: RobustInterval
+    shortfall: str
+
+
+def follow(
+    spec: Spec, requirements: Sequence[str], stream: Stream, conventions: OnlineConventions
+) -> Iterator[Change | Ended]:
+    """Yield each change of an interval or a verdict as its sample is read, and the results at the end.
+
+    Raises:
+        TraceError: a sample does not fit, as for :meth:`s2r_spec.spec.Spec.monitor`.
+    """
+    monitors = {
+        name: spec.monitor(
+            stream.params,
+            name,
+            period=stream.period if conventions.period is None else conventions.period,
+            ranges=conventions.ranges,
+            nan=conventions.nan,
+            sparse=conventions.sparse,
+        )
+        for name in requirements
+    }
+    scales = _scales(spec, requirements, stream.units)
+    shown: dict[str, RobustInterval] = {}
+    latest: dict[str, RobustInterval] = {}
+    recent: tuple[float, ...] = ()
+    for last, sample in stream.samples:
+        recent = (*recent[:1], *recent[-1:], last)
+        for name, monitor in monitors.items():
+            (interval,) = monitor.update(last, _converted(sample, scales)).values()
+            latest[name] = interval
+            if interval != shown.get(name) and (name in shown or interval.bounded):
+                shown[name] = interval
+                yield Change(name, interval, recent)
+    ended: dict[str, RobustInterval] = {}
+    for name, monitor in monitors.items():
+        failure = _failed(spec, name, stream.meta)
+        ended |= {name: failure} if failure else monitor.finish(partial=conventions.partial)
+        if conventions.partial and math.isinf(ended[name].lower) and ended[name].decided and name in latest:
+            ended[name] = latest[name]  # windows that the trace cuts to nothing decide nothing
+    for name, interval in ended.items():
+        short = "" if interval.satisfied is not None else monitors[name].shortfall(name)
+        yield Ended(name, interval, short)
+
+
+def _scales(spec: Spec, requirements: Iterable[str], units: Mapping[str, str]) -> dict[str, Conversion]:
+    """Return channel → conversion of a sample of the input to the declared unit."""
+    names = {name for requirement in requirements for name in spec.channels(requirement)}
+    found = {name: conversion(spec.signals[name], units.get(name)) for name in names}
+    return {name: scale for name, scale in found.items() if not scale.same}
+
+
+def _converted(sample: Mapping[str, Any], scales: Mapping[str, Conversion]) -> Mapping[str, Any]:
+    if not scales:
+        return sample
+    found = dict(sample)
+    for name, scale in scales.items():
+        if name in found:
+            value = found[name]
+            vector = hasattr(value, "__len__")
+            found[name] = [scale(x) for x in value] if vector else scale(value)
+    return found
+
+
+def _failed(spec: Spec, requirement: str, meta: Mapping[str, Any]) -> RobustInterval | None:
+    """Return the declared ρ of a failure if the trace ended in one, else None."""
+    trace = Trace(np.zeros(1), {}, meta=meta)
+    if trace.failure is None:
+        return None
+    rho = spec.robustness(trace, only=requirement)[requirement]
+    return RobustInterval(rho, rho, satisfied=rho > 0)
