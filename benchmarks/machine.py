@@ -8,7 +8,7 @@ from datetime import date
 from importlib.metadata import version
 from pathlib import Path
 
-from s2r_spec import distribution
+from s2r_spec.base import distribution
 
 
 def processor() -> str:

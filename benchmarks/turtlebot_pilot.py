@@ -9,8 +9,8 @@ never used for a certificate.
 import numpy as np
 
 import s2r_spec as s2r
-from s2r_spec.certify.confidence import smallest_norm
-from s2r_spec.certify.kernels import Kernel
+from s2r_spec.certify.bound.confidence import smallest_norm
+from s2r_spec.certify.bound.kernels import Kernel
 
 ROLLOUTS = 200
 FIRST_SEED = 10**6

@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from time import process_time
 
-from s2r_spec.rollouts.task import open_backend
-from s2r_spec.rollouts.worker_process import WorkerProcess
+from s2r_spec.runs.task import open_backend
+from s2r_spec.workers.worker_process import WorkerProcess
 
 
 def rollouts(backend: str, duration: float, count: int) -> dict[str, float]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from pygments.lexers.special import TextLexer
 from sphinx.application import Sphinx
 
-from s2r_spec import distribution, documentation
+from s2r_spec.base import distribution, documentation
 from s2r_spec.lang.highlight import StlLexer
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -13,29 +13,28 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from s2r_spec.asserting import assert_robust
     from s2r_spec.backend import Backend, Channel, Effect, EffectParameter, Parameter, load_backend
-    from s2r_spec.certify.certificate import Certificate, Label
+    from s2r_spec.backend.function import FunctionBackend
+    from s2r_spec.base.errors import S2RError
+    from s2r_spec.base.verdict import Verdict
+    from s2r_spec.certify.bound.certificate import Certificate, Label
+    from s2r_spec.certify.bound.kernels import Kernel
     from s2r_spec.certify.check import CheckResult, check
-    from s2r_spec.certify.compose import Composition, compose
     from s2r_spec.certify.gap import gap
-    from s2r_spec.certify.gap_result import GapResult
-    from s2r_spec.certify.kernels import Kernel
     from s2r_spec.certify.measure import check_measure
-    from s2r_spec.certify.plan import Plan
-    from s2r_spec.certify.plan_request import plan
     from s2r_spec.certify.real_machine import CertifyResult, certify
-    from s2r_spec.certify.search import Query, Search
+    from s2r_spec.certify.result.compose import Composition, compose
+    from s2r_spec.certify.result.gap_result import GapResult
+    from s2r_spec.certify.search.plan import Plan
+    from s2r_spec.certify.search.plan_request import plan
+    from s2r_spec.certify.search.search import Query, Search
     from s2r_spec.diagnose import Diagnosis, diagnose
-    from s2r_spec.errors import S2RError
-    from s2r_spec.function_backend import FunctionBackend
     from s2r_spec.logs import read as read_trace
     from s2r_spec.logs import write as write_trace
-    from s2r_spec.messages import Messages
+    from s2r_spec.recordings.read_episodes import read_episodes
     from s2r_spec.report.results import load_result
     from s2r_spec.robustness.profiles import profile
-    from s2r_spec.rollouts.read_episodes import read_episodes
-    from s2r_spec.rollouts.replay import Replay, replay
+    from s2r_spec.runs.replay import Replay, replay
     from s2r_spec.space import Axis, Space
     from s2r_spec.spec import (
         Evaluation,
@@ -47,8 +46,9 @@ if TYPE_CHECKING:
         load_spec,
         parse_spec,
     )
+    from s2r_spec.testing.assertion import assert_robust
     from s2r_spec.trace import Trace
-    from s2r_spec.verdict import Verdict
+    from s2r_spec.trace.messages import Messages
 
     __version__: str
 
@@ -105,27 +105,27 @@ __all__ = [
 # Where each name is found when it is first asked for: the help and every worker process import this package,
 # and need next to none of it.
 _HOMES = {
-    "asserting": ("assert_robust",),
+    "testing.assertion": ("assert_robust",),
     "backend": ("Backend", "Channel", "Effect", "EffectParameter", "Parameter", "load_backend"),
-    "certify.certificate": ("Certificate", "Label"),
+    "certify.bound.certificate": ("Certificate", "Label"),
     "certify.check": ("CheckResult", "check"),
-    "certify.compose": ("Composition", "compose"),
+    "certify.result.compose": ("Composition", "compose"),
     "certify.gap": ("gap",),
-    "certify.gap_result": ("GapResult",),
-    "certify.kernels": ("Kernel",),
+    "certify.result.gap_result": ("GapResult",),
+    "certify.bound.kernels": ("Kernel",),
     "certify.measure": ("check_measure",),
-    "certify.plan": ("Plan",),
-    "certify.plan_request": ("plan",),
+    "certify.search.plan": ("Plan",),
+    "certify.search.plan_request": ("plan",),
     "certify.real_machine": ("CertifyResult", "certify"),
-    "certify.search": ("Query", "Search"),
+    "certify.search.search": ("Query", "Search"),
     "diagnose": ("Diagnosis", "diagnose"),
-    "errors": ("S2RError",),
-    "function_backend": ("FunctionBackend",),
+    "base.errors": ("S2RError",),
+    "backend.function": ("FunctionBackend",),
     "logs": ("read_trace", "write_trace"),
     "report.results": ("load_result",),
     "robustness.profiles": ("profile",),
-    "rollouts.read_episodes": ("read_episodes",),
-    "rollouts.replay": ("Replay", "replay"),
+    "recordings.read_episodes": ("read_episodes",),
+    "runs.replay": ("Replay", "replay"),
     "space": ("Axis", "Space"),
     "spec": (
         "Evaluation",
@@ -137,9 +137,9 @@ _HOMES = {
         "load_spec",
         "parse_spec",
     ),
-    "messages": ("Messages",),
+    "trace.messages": ("Messages",),
     "trace": ("Trace",),
-    "verdict": ("Verdict",),
+    "base.verdict": ("Verdict",),
 }
 _RENAMED = {"read_trace": "read", "write_trace": "write"}
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
@@ -159,7 +159,7 @@ sys.modules[__name__].__class__ = _Package
 def __getattr__(name: str) -> Any:
     """Import what is asked for."""
     if name == "__version__":
-        from s2r_spec.distribution import version
+        from s2r_spec.base.distribution import version
 
         return version()
     if name not in _HOME:

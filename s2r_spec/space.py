@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import UsageError, one_of, suggest
-from s2r_spec.magnitude import beyond, number
+from s2r_spec.base.errors import UsageError, one_of, suggest
+from s2r_spec.base.magnitude import beyond, number
 
 FloatArray = NDArray[np.float64]
 

@@ -20,8 +20,8 @@ for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(threads, "1")
 
 from s2r_spec import backend  # noqa: E402
-from s2r_spec.rollouts import lines, task  # noqa: E402
-from s2r_spec.rollouts.journal import FILE  # noqa: E402
+from s2r_spec.runs import lines, task  # noqa: E402
+from s2r_spec.runs.journal import FILE  # noqa: E402
 from tests.processes import lives  # noqa: E402
 
 settings.register_profile("again", derandomize=True)

@@ -103,7 +103,7 @@ def _command(
     os.sched_getaffinity = lambda _: {0}  # type: ignore[assignment]
     os.fsync = lambda _: None
     from s2r_spec.cli import main
-    from s2r_spec.rollouts import pools
+    from s2r_spec.workers import pools
 
     if "--workers" not in words:
         pools.process_pool = lambda workers: partial(ThreadPoolExecutor, 1)

@@ -10,8 +10,8 @@ from s2r_cart import Cart
 from s2r_toy import COUNT, KEPT, Toy
 
 from s2r_spec.backend import Channel, Effect, EffectParameter, load_backend
+from s2r_spec.backend.function import FunctionBackend
 from s2r_spec.conformance import check_conformance
-from s2r_spec.function_backend import FunctionBackend
 from s2r_spec.spec import parse_spec
 from s2r_spec.trace import Trace
 from tests.cli.conftest import SPEC

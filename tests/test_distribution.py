@@ -13,8 +13,8 @@ from packaging.markers import default_environment
 from packaging.requirements import Requirement
 
 import s2r_spec
-from s2r_spec import distribution
-from s2r_spec.distribution import installing
+from s2r_spec.base import distribution
+from s2r_spec.base.distribution import installing
 from s2r_spec.errors import MissingPackageError, UsageError, require
 from tests.errors import states
 
@@ -138,7 +138,7 @@ def test_a_package_without_an_extra_is_named_itself(declared):
 
 def test_without_metadata_the_packages_are_named():
     assert installing(["pinocchio", "PIL"], None) == "pip install pillow pin"
-    code = "from s2r_spec import errors; errors.require('x needs', 'no_such_module')"
+    code = "from s2r_spec.base import errors; errors.require('x needs', 'no_such_module')"
     # -S: no site-packages, as with a source tree on the path of an interpreter without s2r.
     done = subprocess.run(
         [sys.executable, "-S", "-c", code],

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from s2r_spec import documentation, shipped
+from s2r_spec.base import documentation, shipped
 from tests import forked
 
 ROOT = Path(__file__).parents[1]

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from benchmarks.blind.protocol.hashes import write_json
-from s2r_spec import files, logs
+from s2r_spec import logs
+from s2r_spec.base import files
 from s2r_spec.errors import UsageError
-from s2r_spec.rollouts import patched
+from s2r_spec.runs import patched
 from s2r_spec.trace import Trace
 from tests.errors import naming
 

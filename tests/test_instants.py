@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from s2r_spec.instants import instant
+from s2r_spec.trace.instants import instant
 
 EPOCH = 1718000000.0
 

@@ -99,14 +99,14 @@ def test_only_methods_that_users_look_for_reach_upwards():
         (place(path), name)
         for path in PACKAGE.rglob("*.py")
         for name in re.findall(r"\bupper\((\S+?)\)", path.read_text())
-        if "from s2r_spec.upper import upper" in path.read_text()
+        if "from s2r_spec.base.upper import upper" in path.read_text()
     }
     assert found == {
         ("s2r_spec/diagnose/diagnosis.py", '"report.reason"'),
         ("s2r_spec/diagnose/diagnosis.py", '"report.advice"'),
-        ("s2r_spec/result.py", "_FORMS"),
-        ("s2r_spec/spec/evaluated.py", '"report.plot"'),
-        ("s2r_spec/trace.py", '"logs.dataframe"'),
+        ("s2r_spec/base/result.py", "_FORMS"),
+        ("s2r_spec/spec/evaluated.py", '"spec.plot"'),
+        ("s2r_spec/trace/trace.py", '"logs.formats.dataframe"'),
     }
 
 
@@ -209,7 +209,7 @@ def test_workers_and_the_language_need_neither_torch_nor_a_simulator():
     names = [
         "s2r_spec.lang",
         "s2r_spec.robustness",
-        "s2r_spec.rollouts.runner",
+        "s2r_spec.runs.runner",
         "s2r_spec.spec",
         "s2r_spec.logs",
     ]
@@ -226,7 +226,7 @@ def test_every_public_name_is_found_where_it_is_said_to_be():
 
 
 def test_a_worker_loads_next_to_nothing_before_its_backend():
-    code = "import s2r_spec.rollouts.worker, sys; print(' '.join(sys.modules))"
+    code = "import s2r_spec.workers.worker, sys; print(' '.join(sys.modules))"
     assert not {"numpy", "rich", "s2r_spec.spec"} & printed(code)
 
 
@@ -241,7 +241,9 @@ def wide(path: Path) -> set[str]:
     return found
 
 
-COMMANDS = {f"s2r_spec/cli/{name}.py": {name} for name in EXAMPLES} | {"s2r_spec/cli/against.py": {"command"}}
+COMMANDS = {f"s2r_spec/cli/{name}.py": {name} for name in EXAMPLES} | {
+    "s2r_spec/cli/options/against.py": {"command"}
+}
 """File → its function whose parameters are the arguments and options of a command."""
 WIDE = {
     "s2r_spec/spec/evaluated.py": {"robustness", "evaluate"},

@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 from benchmarks.paper import bank
-from s2r_spec.certify.kernels import Kernel
+from s2r_spec.certify.bound.kernels import Kernel
 
 
 def test_the_norm_of_a_kernel_section_is_1():

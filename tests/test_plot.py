@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from s2r_spec import errors
+from s2r_spec.base import errors
 from s2r_spec.errors import UsageError
-from s2r_spec.report import plot as module
 from s2r_spec.spec import parse_spec
+from s2r_spec.spec import plot as module
 from s2r_spec.trace import Trace
 from tests.errors import naming
 

@@ -11,7 +11,7 @@ from s2r_spec.backend import Parameter
 from s2r_spec.conformance import check_conformance
 from s2r_spec.errors import BackendError, UsageError
 from s2r_spec.protocols import HasProtocols, Protocol, named, run_protocol, write_playable
-from s2r_spec.rollouts.task import Task, run_task
+from s2r_spec.runs.task import Task, run_task
 from s2r_spec.trace import Trace
 from tests.errors import naming, states
 

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from s2r_spec.printable import spelled
-from s2r_spec.quantity import Scale, interval, measured, quantity
+from s2r_spec.base.printable import spelled
+from s2r_spec.base.quantity import Scale, interval, measured, quantity
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import s2r_spec as s2r
-from s2r_spec.certify.rounding import between
+from s2r_spec.certify.bound.rounding import between
 from tests import forked
 from tests.errors import states
 

@@ -8,7 +8,7 @@ import pytest
 
 from s2r_spec import backend
 from s2r_spec.errors import UsageError
-from s2r_spec.rollouts import task
+from s2r_spec.runs import task
 from tests import forked
 
 ROOT = Path(__file__).parents[1]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from s2r_spec.certify.rounding import between
+from s2r_spec.certify.bound.rounding import between
 from tests import forked
 
 ROOT = Path(__file__).parents[1]

@@ -14,7 +14,7 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from s2r_spec.json_objects.schema import schema
+from s2r_spec.report.records.schema import schema
 from tests.errors import states
 
 ROOT = Path(__file__).parents[1]

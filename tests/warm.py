@@ -18,7 +18,7 @@ with suppress(ImportError):  # an extra
     import matplotlib.figure  # noqa: F401
 
 import s2r_spec.certify.check
-import s2r_spec.cli.progress
+import s2r_spec.cli.terminal.progress
 import s2r_spec.report.html  # noqa: F401
 from s2r_spec.cli import app
 

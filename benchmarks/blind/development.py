@@ -8,8 +8,8 @@ specification alone. Answers are kept, one file a case, in a folder named after 
 case. The first cases of a larger set are those of a smaller one.
 
 Truth is by label, and by size: an effect of at least a quarter of typical must be named, one below an eighth must not.
-Sizes are in typical sizes of the catalogue (``s2r_spec.diagnose.axes``), background included. The size of an effect is
-its first parameter; others, such as a phase, say how it acts.
+Sizes are in typical sizes of the catalogue (``s2r_spec.diagnose.simulator.axes``), background included. The size of an
+effect is its first parameter; others, such as a phase, say how it acts.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from benchmarks.blind.outsiders.generate import MACHINES as OUTSIDERS
 from benchmarks.blind.protocol.score import NOTHING, SMALLEST, ranked, truth
 from s2r_spec.backend import load_backend
 from s2r_spec.diagnose import diagnose
-from s2r_spec.diagnose.axes import Line, line
+from s2r_spec.diagnose.simulator.axes import Line, line
 from s2r_spec.effects import catalogue_of
 from s2r_spec.spec import load_spec
 

@@ -24,7 +24,7 @@ import numpy as np
 
 from benchmarks.certify.random_functions import Case, Outcome, binomial_interval, seeds, solve, solve_all
 from benchmarks.machine import describe
-from s2r_spec.certify import confidence, modes, posterior
+from s2r_spec.certify.bound import confidence, modes, posterior
 
 RESULTS = Path(__file__).parents[1] / "results" / "certify_calibration.json"
 USUAL = Case(seed=0, norm=1.5, B=1.5, R=0.05, delta=0.1, epsilon=0.06, budget=20_000)

@@ -20,10 +20,10 @@ import numpy as np
 
 import s2r_spec as s2r
 from benchmarks.machine import describe
-from s2r_spec.rollouts.pools import process_pool
-from s2r_spec.rollouts.runner import Runner
-from s2r_spec.rollouts.seeds import rollout_seed
-from s2r_spec.rollouts.task import Task
+from s2r_spec.runs.runner import Runner
+from s2r_spec.runs.seeds import rollout_seed
+from s2r_spec.runs.task import Task
+from s2r_spec.workers.pools import process_pool
 
 ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "benchmarks" / "results" / "dense_reference.json"

@@ -29,12 +29,12 @@ from rich.console import Console
 import s2r_spec as s2r
 from benchmarks.a1.gaps import step_of_the_a1
 from benchmarks.machine import describe
-from s2r_spec.certify.certificate import Certificate
+from s2r_spec.certify.bound.certificate import Certificate
 from s2r_spec.certify.from_spec import only_requirement, search_for
 from s2r_spec.certify.options import RunOptions
-from s2r_spec.certify.plan import rollouts
-from s2r_spec.certify.search import Query
-from s2r_spec.cli.progress import Live
+from s2r_spec.certify.search.plan import rollouts
+from s2r_spec.certify.search.search import Query
+from s2r_spec.cli.terminal.progress import Live
 
 ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "benchmarks" / "results"

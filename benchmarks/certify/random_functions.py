@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from s2r_spec.certify.kernels import Kernel
-from s2r_spec.certify.search import Search
+from s2r_spec.certify.bound.kernels import Kernel
+from s2r_spec.certify.search.search import Search
 from s2r_spec.space import Space
 
 Noise = Callable[[np.random.Generator, int], np.ndarray]

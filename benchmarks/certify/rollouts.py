@@ -18,7 +18,7 @@ import numpy as np
 
 from benchmarks.certify.random_functions import Case, seeds, solve_all
 from benchmarks.machine import describe
-from s2r_spec.certify.sample_complexity import minimax, sequential_lower_bound
+from s2r_spec.certify.bound.sample_complexity import minimax, sequential_lower_bound
 
 RESULTS = Path(__file__).parents[1] / "results" / "certify_rollouts.json"
 USUAL = Case(seed=0, norm=0.4, B=1.5, R=0.05, delta=1e-6, epsilon=0.02, budget=2_000_000)

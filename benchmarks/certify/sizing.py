@@ -29,13 +29,13 @@ import s2r_spec as s2r
 from benchmarks import worker
 from benchmarks.a1.gaps import step_of_the_a1
 from benchmarks.machine import describe
-from s2r_spec.certify.observers import Silent
-from s2r_spec.rollouts.journal import FILE, Record
-from s2r_spec.rollouts.pools import ExecutorFactory, cores, dask_pool, process_pool
-from s2r_spec.rollouts.runner import Runner
-from s2r_spec.rollouts.scorer import Scorer
-from s2r_spec.rollouts.seeds import rollout_seed
-from s2r_spec.rollouts.task import Task
+from s2r_spec.certify.search.observers import Silent
+from s2r_spec.runs.journal import FILE, Record
+from s2r_spec.runs.runner import Runner
+from s2r_spec.runs.scorer import Scorer
+from s2r_spec.runs.seeds import rollout_seed
+from s2r_spec.runs.task import Task
+from s2r_spec.workers.pools import ExecutorFactory, cores, dask_pool, process_pool
 
 ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "benchmarks" / "results" / "sizing.json"

@@ -15,8 +15,8 @@ from time import thread_time
 import numpy as np
 
 from benchmarks.machine import describe
-from s2r_spec.certify.kernels import Kernel
-from s2r_spec.certify.search import Search
+from s2r_spec.certify.bound.kernels import Kernel
+from s2r_spec.certify.search.search import Search
 
 RESULTS = Path(__file__).parents[1] / "results" / "certify_speed.json"
 KERNEL = Kernel("rbf", 0.2)

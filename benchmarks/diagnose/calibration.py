@@ -38,7 +38,7 @@ from s2r_spec.diagnose.data.space_filling import star
 from s2r_spec.diagnose.estimation import estimate, size_prior
 from s2r_spec.diagnose.inference.hierarchical import LAW_SHARE, SHARED
 from s2r_spec.diagnose.inference.prior import SizePrior
-from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import ResponseLibrary, library
 from s2r_spec.protocols import HasProtocols

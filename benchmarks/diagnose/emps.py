@@ -21,7 +21,7 @@ from benchmarks.diagnose.emps_recordings import DOCUMENTED, FILES, SPEC, segment
 from benchmarks.machine import describe
 from s2r_emps import EmpsBackend
 from s2r_spec.effects import Values
-from s2r_spec.report.diagnosed import text
+from s2r_spec.report.diagnosis import text
 
 RESULTS = Path(__file__).parents[1] / "results" / "emps_diagnose.json"
 

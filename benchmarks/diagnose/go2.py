@@ -16,7 +16,7 @@ from pathlib import Path
 import s2r_spec as s2r
 from benchmarks.diagnose.go2_inair import GIVEN, SPEC, Go2InAir, segments
 from benchmarks.machine import describe
-from s2r_spec.report.diagnosed import text
+from s2r_spec.report.diagnosis import text
 from s2r_spec.spec import Spec, parse_spec
 
 SECONDS = 1.0

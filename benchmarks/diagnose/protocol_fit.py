@@ -42,7 +42,7 @@ from s2r_spec.diagnose.data.space_filling import star
 from s2r_spec.diagnose.estimation import Estimate, estimate
 from s2r_spec.diagnose.inference.estimates import named
 from s2r_spec.diagnose.inference.prior import NAMED, UNNAMED
-from s2r_spec.diagnose.simulate import Bench as SimulatorBench
+from s2r_spec.diagnose.simulator.bench import Bench as SimulatorBench
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import ResponseLibrary, library
 from s2r_spec.spec import load_spec

@@ -37,10 +37,10 @@ from scipy.interpolate import BSpline
 
 import s2r_spec as s2r
 from benchmarks.machine import describe
-from s2r_spec.rollouts.pools import process_pool
-from s2r_spec.rollouts.runner import Runner
-from s2r_spec.rollouts.scorer import Scorer
-from s2r_spec.rollouts.seeds import rollout_seed
+from s2r_spec.runs.runner import Runner
+from s2r_spec.runs.scorer import Scorer
+from s2r_spec.runs.seeds import rollout_seed
+from s2r_spec.workers.pools import process_pool
 
 ROOT = Path(__file__).parents[2]
 

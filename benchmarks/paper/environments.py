@@ -31,10 +31,10 @@ from s2r_spec.certify.check import check_with
 from s2r_spec.certify.from_spec import search_for
 from s2r_spec.certify.gap import gap_search, gap_with
 from s2r_spec.certify.options import RunOptions
-from s2r_spec.certify.pairing import Pairing
 from s2r_spec.certify.real_machine import conclude_certify
-from s2r_spec.rollouts.pools import process_pool
+from s2r_spec.certify.search.pairing import Pairing
 from s2r_spec.spec import parse_spec
+from s2r_spec.workers.pools import process_pool
 
 ROOT = Path(__file__).parents[2]
 RESULTS = Path(__file__).parent / "results" / "environments.json"

@@ -36,8 +36,8 @@ from benchmarks.paper.bank import HIGH, LOW, SPEC, Bank, matern52_norm, minimum,
 from s2r_spec.certify.check import check_with
 from s2r_spec.certify.from_spec import search_for
 from s2r_spec.certify.options import RunOptions
-from s2r_spec.certify.search import Search
-from s2r_spec.rollouts.pools import process_pool
+from s2r_spec.certify.search.search import Search
+from s2r_spec.workers.pools import process_pool
 
 RESULTS = Path(__file__).parent / "results" / "repeatability.json"
 BOUNDS = (0.5, 1.0, 1.5, 2.0, 3.0, 5.0)

@@ -33,9 +33,9 @@ from scipy.interpolate import BSpline
 import s2r_spec as s2r
 from benchmarks.machine import describe
 from benchmarks.paper.bank import HIGH, KNOTS, LOW, SPEC, Bank, matern52_norm, minimum
-from s2r_spec.certify.compose import compose
-from s2r_spec.certify.pairing import SIMULATED_PER_REAL
-from s2r_spec.certify.search import Query, Search
+from s2r_spec.certify.result.compose import compose
+from s2r_spec.certify.search.pairing import SIMULATED_PER_REAL
+from s2r_spec.certify.search.search import Query, Search
 
 RESULTS = Path(__file__).parent / "results" / "savings.json"
 REAL = "twin:lab"

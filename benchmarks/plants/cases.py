@@ -5,7 +5,8 @@
 
 Of an effect with several parameters one is drawn, uniformly, and the others are nominal; a payload sits at the centre.
 Its size |θ| is log-uniform from 0.5 to 1 typical. Its sign is drawn from the sides on which the range reaches that far.
-*Typical* is twice the standard deviation of the parameter's prior, at most its range (``s2r_spec.diagnose.axes``).
+*Typical* is twice the standard deviation of the parameter's prior, at most its range
+(``s2r_spec.diagnose.simulator.axes``).
 
 The rollouts of a case are ``Case.trots`` and ``Case.protocols``. ``Case.label`` is the truth: no diagnosis may read it.
 """
@@ -23,7 +24,7 @@ from numpy.random import Generator
 from benchmarks.plants import PLANTS, Plant
 from benchmarks.plants.machine import EFFECTS, Machine, healthy
 from benchmarks.plants.robot import CATALOGUE, PROTOCOLS
-from s2r_spec.diagnose.axes import Line, line
+from s2r_spec.diagnose.simulator.axes import Line, line
 from s2r_spec.trace import Trace
 
 Kind = Literal["null", "single"]

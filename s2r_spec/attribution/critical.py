@@ -15,7 +15,7 @@ from typing import Literal
 
 from s2r_spec.attribution.path import Path
 from s2r_spec.attribution.place import instant
-from s2r_spec.json_values import Ends, Shown
+from s2r_spec.base.json_values import Ends, Shown
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.deciding import Step
 

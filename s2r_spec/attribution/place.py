@@ -13,7 +13,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from s2r_spec.quantity import Scale
+from s2r_spec.base.quantity import Scale
 from s2r_spec.trace import Trace
 
 T = TypeVar("T")

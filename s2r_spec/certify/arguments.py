@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from s2r_spec.backend import Backend, fault
-from s2r_spec.errors import UsageError
-from s2r_spec.rollouts.journal import Journal
+from s2r_spec.base.errors import UsageError
+from s2r_spec.runs.journal import Journal
 from s2r_spec.spec import Spec
 
 

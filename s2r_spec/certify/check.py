@@ -10,24 +10,24 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from s2r_spec.backend import Backend, HasRecordings, is_exclusive
+from s2r_spec.base.distribution import version
+from s2r_spec.base.errors import UsageError
 from s2r_spec.certify.arguments import as_backend, as_folder, as_spec, require_begun
-from s2r_spec.certify.check_result import CheckResult, conclude, of_recordings
-from s2r_spec.certify.experiments import Rollouts, run_search
 from s2r_spec.certify.from_spec import only_requirement, rho_unit, search_for
-from s2r_spec.certify.observers import Phase
 from s2r_spec.certify.options import RunKeywords, RunOptions
-from s2r_spec.certify.recorded import Design, Recorded, fixed_design, observe
+from s2r_spec.certify.result.check_result import CheckResult, conclude, of_recordings
+from s2r_spec.certify.result.voids import machine_fields
 from s2r_spec.certify.resumed_options import refuse_rule, with_rule, with_seed
-from s2r_spec.certify.search import Search
-from s2r_spec.certify.voids import machine_fields
-from s2r_spec.distribution import version
-from s2r_spec.errors import UsageError
-from s2r_spec.rollouts.attendance import refuse_terms
-from s2r_spec.rollouts.journal import Journal
-from s2r_spec.rollouts.machine_runner import runner_for
-from s2r_spec.rollouts.scorer import Scorer
-from s2r_spec.rollouts.spec_files import spec_texts
-from s2r_spec.rollouts.stop_rule import header_fields
+from s2r_spec.certify.search.experiments import Rollouts, run_search
+from s2r_spec.certify.search.observers import Phase
+from s2r_spec.certify.search.recorded import Design, Recorded, fixed_design, observe
+from s2r_spec.certify.search.search import Search
+from s2r_spec.machine.attendance import refuse_terms
+from s2r_spec.machine.machine_runner import runner_for
+from s2r_spec.runs.journal import Journal
+from s2r_spec.runs.scorer import Scorer
+from s2r_spec.runs.spec_files import spec_texts
+from s2r_spec.runs.stop_rule import header_fields
 from s2r_spec.spec import Spec
 
 __all__ = ["CheckResult", "check", "check_with"]

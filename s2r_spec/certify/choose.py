@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from s2r_spec.base.errors import UsageError
 from s2r_spec.certify.check import CheckResult
-from s2r_spec.errors import UsageError
 
 
 @dataclass(frozen=True)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from s2r_spec.certify.kernels import Kernel
+from s2r_spec.base.errors import UsageError, one_of
+from s2r_spec.certify.bound.kernels import Kernel
+from s2r_spec.certify.bound.settings import SearchSettings
 from s2r_spec.certify.options import RunOptions
-from s2r_spec.certify.search import Search
-from s2r_spec.certify.settings import SearchSettings
-from s2r_spec.errors import UsageError, one_of
-from s2r_spec.rollouts.stop_rule import EPSILON
+from s2r_spec.certify.search.search import Search
+from s2r_spec.runs.stop_rule import EPSILON
 from s2r_spec.spec import CertifySettings, Spec
 
 

@@ -13,27 +13,27 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from s2r_spec.backend import Backend, is_exclusive
+from s2r_spec.base.distribution import version
+from s2r_spec.base.errors import UsageError
 from s2r_spec.certify.arguments import as_backend, as_folder, as_spec, require_begun
-from s2r_spec.certify.experiments import Experiment, Pairs, Rollouts, run_search
+from s2r_spec.certify.bound.settings import SearchSettings
 from s2r_spec.certify.from_spec import only_requirement, rho_unit, search_for
-from s2r_spec.certify.gap_result import GapResult, conclude_gap
-from s2r_spec.certify.observers import Phase
 from s2r_spec.certify.options import RunKeywords, RunOptions
-from s2r_spec.certify.pairing import SIMULATED_PER_REAL, Pairing
-from s2r_spec.certify.recorded import Recorded, observe
+from s2r_spec.certify.result.gap_result import GapResult, conclude_gap
+from s2r_spec.certify.result.voids import machine_fields
 from s2r_spec.certify.resumed_options import refuse_rule, with_rule, with_seed
-from s2r_spec.certify.search import Search
-from s2r_spec.certify.settings import SearchSettings
-from s2r_spec.certify.voids import machine_fields
-from s2r_spec.distribution import version
-from s2r_spec.errors import UsageError
-from s2r_spec.rollouts.attendance import refuse_terms
-from s2r_spec.rollouts.journal import Journal
-from s2r_spec.rollouts.layout import SYSTEMS
-from s2r_spec.rollouts.machine_runner import runner_for
-from s2r_spec.rollouts.seeds import Stream
-from s2r_spec.rollouts.spec_files import spec_texts
-from s2r_spec.rollouts.stop_rule import DECIDED, EPSILON, header_fields
+from s2r_spec.certify.search.experiments import Experiment, Pairs, Rollouts, run_search
+from s2r_spec.certify.search.observers import Phase
+from s2r_spec.certify.search.pairing import SIMULATED_PER_REAL, Pairing
+from s2r_spec.certify.search.recorded import Recorded, observe
+from s2r_spec.certify.search.search import Search
+from s2r_spec.machine.attendance import refuse_terms
+from s2r_spec.machine.machine_runner import runner_for
+from s2r_spec.runs.journal import Journal
+from s2r_spec.runs.layout import SYSTEMS
+from s2r_spec.runs.seeds import Stream
+from s2r_spec.runs.spec_files import spec_texts
+from s2r_spec.runs.stop_rule import DECIDED, EPSILON, header_fields
 from s2r_spec.spec import Spec
 
 

@@ -7,19 +7,19 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from s2r_spec.backend import Backend
+from s2r_spec.base.distribution import version
+from s2r_spec.base.errors import UsageError
 from s2r_spec.certify.arguments import as_backend, as_folder, require_begun
-from s2r_spec.certify.certificate import Certificate
-from s2r_spec.certify.experiments import Rollouts, run_search
+from s2r_spec.certify.bound.certificate import Certificate
 from s2r_spec.certify.options import MeasureKeywords, MeasureOptions
+from s2r_spec.certify.result.voids import machine_assumptions, machine_fields, without_too_many
 from s2r_spec.certify.resumed_options import with_seed
-from s2r_spec.certify.search import Search
-from s2r_spec.certify.voids import machine_assumptions, machine_fields, without_too_many
-from s2r_spec.distribution import version
-from s2r_spec.errors import UsageError
-from s2r_spec.rollouts.attendance import Terms, refuse_terms
-from s2r_spec.rollouts.journal import Journal
-from s2r_spec.rollouts.machine_runner import runner_for
-from s2r_spec.rollouts.scorer import Measure, Scorer, opened, passing
+from s2r_spec.certify.search.experiments import Rollouts, run_search
+from s2r_spec.certify.search.search import Search
+from s2r_spec.machine.attendance import Terms, refuse_terms
+from s2r_spec.machine.machine_runner import runner_for
+from s2r_spec.runs.journal import Journal
+from s2r_spec.runs.scorer import Measure, Scorer, opened, passing
 
 
 def check_measure(

@@ -7,15 +7,15 @@ from dataclasses import dataclass, field
 from typing import Required, TypedDict
 
 from s2r_spec.backend import Operator
-from s2r_spec.certify.observers import Observer, Silent
-from s2r_spec.errors import UsageError
-from s2r_spec.rollouts.attendance import Terms, terms_of
-from s2r_spec.rollouts.machine_journal import AGAIN
-from s2r_spec.rollouts.passed import PassedBackend
-from s2r_spec.rollouts.pools import ExecutorFactory, in_this_process, process_pool
-from s2r_spec.rollouts.runner import Runner
-from s2r_spec.rollouts.seeds import NEW_SEED
-from s2r_spec.rollouts.stop_rule import as_stop
+from s2r_spec.base.errors import UsageError
+from s2r_spec.certify.search.observers import Observer, Silent
+from s2r_spec.machine.attendance import Terms, terms_of
+from s2r_spec.runs.machine_journal import AGAIN
+from s2r_spec.runs.passed import PassedBackend
+from s2r_spec.runs.runner import Runner
+from s2r_spec.runs.seeds import NEW_SEED
+from s2r_spec.runs.stop_rule import as_stop
+from s2r_spec.workers.pools import ExecutorFactory, in_this_process, process_pool
 
 
 class ExecutionKeywords(TypedDict, total=False):
@@ -57,7 +57,7 @@ class Execution:
             thread of this process for a backend object that no other process can load (a class of a notebook).
         timeout: a rollout that uses more CPU time, or ten times as much wall time, is ended, and counts as a crash
             [s]; on a machine it is wall time. ``inf`` for never, None for
-            :func:`s2r_spec.rollouts.scorer.default_timeout`.
+            :func:`s2r_spec.runs.scorer.default_timeout`.
         resume: go on with the run in the folder.
         observer: receives batches and rollouts, to show them.
     """
@@ -94,8 +94,8 @@ class RunOptions(Execution):
         budget: most rollouts; None for as many as the specification's ε takes. Of a gap it bounds the real rollouts.
         stop: when the search ends: "epsilon" (the interval is ε wide), "decided" (the verdict is known) or "budget".
             None is the rule of a resumed search, and "epsilon" for a new one. The bound holds under every rule.
-        mode: the mode of the confidence set, see :class:`~s2r_spec.certify.settings.SearchSettings`.
-        engine: the engine of the Gaussian process, see :class:`~s2r_spec.certify.settings.SearchSettings`.
+        mode: the mode of the confidence set, see :class:`~s2r_spec.certify.bound.settings.SearchSettings`.
+        engine: the engine of the Gaussian process, see :class:`~s2r_spec.certify.bound.settings.SearchSettings`.
         void: the treatment of a void rollout, on a machine only: "again" repeats the test, "fall" counts
             the rollout as a fall.
         operator: the person who answers, for a machine; whoever is at this process's terminal if None.

@@ -7,26 +7,26 @@ from pathlib import Path
 from typing import Unpack
 
 from s2r_spec.backend import Backend
+from s2r_spec.base.json_values import Shown
+from s2r_spec.base.result import Result
+from s2r_spec.base.verdict import Verdict
 from s2r_spec.certify.arguments import as_backend, as_folder, as_spec, require_begun
-from s2r_spec.certify.certificate import Label
+from s2r_spec.certify.bound.certificate import Label
 from s2r_spec.certify.check import check_with
-from s2r_spec.certify.check_result import CheckResult, when_decided
-from s2r_spec.certify.compose import Composition, compose
 from s2r_spec.certify.from_spec import only_requirement, search_for
 from s2r_spec.certify.gap import gap_search, gap_with
-from s2r_spec.certify.gap_result import GapResult
 from s2r_spec.certify.options import RunKeywords, RunOptions
-from s2r_spec.certify.pairing import Pairing
+from s2r_spec.certify.result.check_result import CheckResult, when_decided
+from s2r_spec.certify.result.compose import Composition, compose
+from s2r_spec.certify.result.gap_result import GapResult
 from s2r_spec.certify.resumed_options import refuse_rule, with_rule, with_seed
-from s2r_spec.certify.search import Search
-from s2r_spec.json_values import Shown
-from s2r_spec.result import Result
-from s2r_spec.rollouts.attendance import refuse_terms
-from s2r_spec.rollouts.layout import GAP, SIMULATION, SYSTEMS
-from s2r_spec.rollouts.machine_journal import AGAIN
-from s2r_spec.rollouts.stop_rule import BUDGET, EPSILON, stop_of
+from s2r_spec.certify.search.pairing import Pairing
+from s2r_spec.certify.search.search import Search
+from s2r_spec.machine.attendance import refuse_terms
+from s2r_spec.runs.layout import GAP, SIMULATION, SYSTEMS
+from s2r_spec.runs.machine_journal import AGAIN
+from s2r_spec.runs.stop_rule import BUDGET, EPSILON, stop_of
 from s2r_spec.spec import Spec
-from s2r_spec.verdict import Verdict
 
 
 @dataclass(frozen=True, repr=False)

@@ -7,14 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
+from s2r_spec.base.errors import UsageError, one_of
 from s2r_spec.certify.arguments import require_begun
 from s2r_spec.certify.options import Execution, RunOptions
-from s2r_spec.errors import UsageError, one_of
-from s2r_spec.rollouts import layout
-from s2r_spec.rollouts.journal import Journal
-from s2r_spec.rollouts.lines import is_count
-from s2r_spec.rollouts.seeds import NEW_SEED, inherited
-from s2r_spec.rollouts.stop_rule import BUDGET, EPSILON, stop_of
+from s2r_spec.runs import layout
+from s2r_spec.runs.journal import Journal
+from s2r_spec.runs.lines import is_count
+from s2r_spec.runs.seeds import NEW_SEED, inherited
+from s2r_spec.runs.stop_rule import BUDGET, EPSILON, stop_of
 
 Options = TypeVar("Options", bound=Execution)
 

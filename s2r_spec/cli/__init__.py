@@ -12,9 +12,9 @@ import traceback
 
 import typer
 
-from s2r_spec import distribution
-from s2r_spec.cli import common, terminal
+from s2r_spec.base import distribution
 from s2r_spec.cli.commands import Group, epilog
+from s2r_spec.cli.terminal import common, terminal
 
 UNREAD = 141
 """Definition: exit code of a command whose output nobody reads any more, as in a shell: 128 + SIGPIPE."""

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from s2r_spec.cli.common import sentences
-from s2r_spec.cli.options import AsJson
-from s2r_spec.cli.terminal import say
-from s2r_spec.errors import UsageError
-from s2r_spec.json_values import line
+from s2r_spec.base.errors import UsageError
+from s2r_spec.base.json_values import line
+from s2r_spec.cli.options.search import AsJson
+from s2r_spec.cli.terminal.common import sentences
+from s2r_spec.cli.terminal.terminal import say
 
 if TYPE_CHECKING:
     from s2r_spec.backend import Backend, Effect, Option, Parameter
-    from s2r_spec.json_objects.backends import BackendObject
-    from s2r_spec.protocols import Protocol
+    from s2r_spec.backend.protocols import Protocol
+    from s2r_spec.report.records.backends import BackendObject
 
 Name = Annotated[
     str | None,
@@ -37,7 +37,7 @@ def backends(name: Name = None, check: Check = False, as_json: AsJson = False) -
     """List the installed backends, or describe one of them."""
     with sentences(as_json):
         from s2r_spec.backend import described
-        from s2r_spec.json_objects.backends import BackendObject
+        from s2r_spec.report.records.backends import BackendObject
 
         if name is None and check:
             raise UsageError("--check needs the name of a backend: s2r backends NAME --check")
@@ -63,7 +63,7 @@ def backends(name: Name = None, check: Check = False, as_json: AsJson = False) -
 def _list(as_json: bool) -> None:
     """Print the installed backends."""
     from s2r_spec.backend import installed
-    from s2r_spec.json_objects.backends import BackendsObject
+    from s2r_spec.report.records.backends import BackendsObject
 
     found = {key: point.value for key, point in installed().items()}
     if as_json:
@@ -125,8 +125,8 @@ def _effect_lines(effects: tuple[Effect, ...]) -> Iterator[str]:
 
 def _checked(machine: Backend, as_json: bool) -> int:
     """Print the result of each conformance check as soon as it is known, and return the exit code."""
-    from s2r_spec.conformance import check_conformance
-    from s2r_spec.json_objects.backends import ConformanceObject
+    from s2r_spec.report.records.backends import ConformanceObject
+    from s2r_spec.testing.conformance import check_conformance
 
     found = []
     for check in check_conformance(machine):

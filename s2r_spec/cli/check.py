@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import typer
 
-from s2r_spec.cli.common import new_or_old, pool, refuse_without_operator, resumable, sentences, takes_turns
-from s2r_spec.cli.groups import grouped
-from s2r_spec.cli.log_options import LogReading
-from s2r_spec.cli.options import (
+from s2r_spec.cli.options.groups import grouped
+from s2r_spec.cli.options.logs import LogReading
+from s2r_spec.cli.options.output import Writing
+from s2r_spec.cli.options.search import (
     CheckBudget,
     CheckedRequirements,
     Engine,
@@ -17,8 +17,15 @@ from s2r_spec.cli.options import (
     SpecFile,
     Traces,
 )
-from s2r_spec.cli.output import Writing
-from s2r_spec.cli.terminal import console
+from s2r_spec.cli.terminal.common import (
+    new_or_old,
+    pool,
+    refuse_without_operator,
+    resumable,
+    sentences,
+    takes_turns,
+)
+from s2r_spec.cli.terminal.terminal import console
 
 
 @grouped
@@ -43,10 +50,11 @@ def check(
         from s2r_spec.certify.from_spec import certified_requirements
         from s2r_spec.certify.options import RunKeywords, RunOptions
         from s2r_spec.certify.resumed_options import places_of, seed_of
-        from s2r_spec.cli.progress import Live
-        from s2r_spec.report import checked, html
-        from s2r_spec.rollouts.journal import Journal
-        from s2r_spec.rollouts.layout import run_of
+        from s2r_spec.cli.terminal.progress import Live
+        from s2r_spec.report import check as check_report
+        from s2r_spec.report import html
+        from s2r_spec.runs.journal import Journal
+        from s2r_spec.runs.layout import run_of
         from s2r_spec.spec import load_spec
 
         form, parsed, resume = writing.settled(), load_spec(spec), running.resume is not None
@@ -77,6 +85,6 @@ def check(
                 # In an interrupted run the next requirement may not have begun.
                 asked |= {"requirement": name, "resume": resume and Journal.exists(place), "observer": live}
                 results.append(checking.check(parsed, machine, place, **asked))
-        report = checked.report([(parsed, result) for result in results])
+        report = check_report.report([(parsed, result) for result in results])
         writing.emit(report, form, lambda: html.from_runs([result.folder for result in results]))
         raise typer.Exit(report.exit_code)

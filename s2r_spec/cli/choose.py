@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from s2r_spec.cli.common import sentences
-from s2r_spec.cli.terminal import say
-from s2r_spec.json_values import line
+from s2r_spec.base.json_values import line
+from s2r_spec.cli.terminal.common import sentences
+from s2r_spec.cli.terminal.terminal import say
 
 
 def choose(
@@ -23,11 +23,11 @@ def choose(
 ) -> None:
     """Choose the controller with the largest certified worst expected ρ, from the folders of finished checks."""
     with sentences(as_json):
+        from s2r_spec.certify.bound.rounding import at_most, between, down, wide
         from s2r_spec.certify.choose import choose as pick
-        from s2r_spec.certify.rounding import at_most, between, down, wide
-        from s2r_spec.json_objects.runs import Candidate, ChoiceObject
         from s2r_spec.report.recompute import recompute
-        from s2r_spec.rollouts.layout import runs_in
+        from s2r_spec.report.records.runs import Candidate, ChoiceObject
+        from s2r_spec.runs.layout import runs_in
 
         results = [recompute(folder).result for run in runs for folder in runs_in(run)]
         choice = pick(results)

@@ -17,7 +17,7 @@ import typer
 import typer.main
 from typer.core import TyperGroup
 
-from s2r_spec.cli import groups
+from s2r_spec.cli.options import groups
 
 EXIT_CODES = "Exit codes: 0 holds, 1 violated, 2 usage or spec error, 3 unknown, 4 backend or internal error."
 EXAMPLES = {

@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from s2r_spec.cli.campaign_options import Next, NoProtocols, Passive, Protocols, playable, protocol_names
-from s2r_spec.cli.common import begun, resumable, sentences
-from s2r_spec.cli.groups import grouped, output_option, search_option
-from s2r_spec.cli.log_options import LogReading
-from s2r_spec.cli.options import OneRequirement, RealMachine, Running, Seed, Simulator, SpecFile
-from s2r_spec.cli.output import AsJson, Output, Page, pageable, settle, writable
-from s2r_spec.cli.terminal import console, print_json
-from s2r_spec.errors import UsageError
-from s2r_spec.files import save
-from s2r_spec.json_values import document
-from s2r_spec.printable import one_line
+from s2r_spec.base.errors import UsageError
+from s2r_spec.base.files import save
+from s2r_spec.base.json_values import document
+from s2r_spec.base.printable import one_line
+from s2r_spec.cli.options.groups import grouped, output_option, search_option
+from s2r_spec.cli.options.logs import LogReading
+from s2r_spec.cli.options.output import AsJson, Output, Page, pageable, settle, writable
+from s2r_spec.cli.options.protocols import Next, NoProtocols, Passive, Protocols, playable, protocol_names
+from s2r_spec.cli.options.search import OneRequirement, RealMachine, Running, Seed, Simulator, SpecFile
+from s2r_spec.cli.terminal.common import begun, resumable, sentences
+from s2r_spec.cli.terminal.terminal import console, print_json
 
 if TYPE_CHECKING:
     from s2r_spec.diagnose import Diagnosis
@@ -106,7 +106,7 @@ def diagnose(
 ) -> None:
     """Find where the gap is, which effect of the catalogue causes it, and how far that effect closes it."""
     with sentences(writing.json):
-        from s2r_spec.cli.stages import Stages
+        from s2r_spec.cli.terminal.stages import Stages
         from s2r_spec.diagnose import diagnose as find
         from s2r_spec.diagnose.resumed import REAL, begun_in, seed_of
         from s2r_spec.spec import load_spec
@@ -149,10 +149,10 @@ def diagnose(
 
 def _forms() -> dict[str, Callable[[Diagnosis, Spec], str]]:
     """Return name → form of a diagnosis, as ``--format`` takes it."""
-    from s2r_spec.report import diagnosed
-    from s2r_spec.report.diagnosed_markdown import markdown
+    from s2r_spec.report import diagnosis as diagnosis_report
+    from s2r_spec.report.diagnosis_markdown import markdown
 
-    return {"text": diagnosed.text, "json": lambda found, _: document(found), "markdown": markdown}
+    return {"text": diagnosis_report.text, "json": lambda found, _: document(found), "markdown": markdown}
 
 
 def _keep(found: Diagnosis, spec: Spec, folder: Path) -> None:
@@ -165,7 +165,7 @@ def _keep(found: Diagnosis, spec: Spec, folder: Path) -> None:
 
 def _patch(found: Diagnosis, sim: str, campaign: Campaign) -> str:
     """Write the simulator with the named effects if it is asked for; return a sentence on it."""
-    from s2r_spec.rollouts import patched
+    from s2r_spec.runs import patched
 
     if campaign.apply is None:
         return ""
@@ -177,25 +177,26 @@ def _patch(found: Diagnosis, sim: str, campaign: Campaign) -> str:
 
 def _emit(found: Diagnosis, spec: Spec, real: str, form: str, writing: Writing) -> None:
     """Write the diagnosis to a file or to stdout, and the HTML page if one is asked for."""
-    from s2r_spec.report import diagnosed, diagnosed_page
+    from s2r_spec.report import diagnosis as diagnosis_report
+    from s2r_spec.report import diagnosis_page
 
     if writing.output is not None:
         save(writing.output, _forms()[form](found, spec) + "\n")
     elif form == "text":
-        console().print(diagnosed.markup(found, spec))
+        console().print(diagnosis_report.markup(found, spec))
     elif form == "json":
         print_json(document(found))
     else:
         print(_forms()[form](found, spec))
     if writing.page is not None:
-        save(writing.page, diagnosed_page.render(found, spec, real))
+        save(writing.page, diagnosis_page.render(found, spec, real))
 
 
 def _next(found: Diagnosis, sim: str, machine: object, path: Path | None) -> str:
     """Return which experiment to run next; write the references of a protocol to a file if the robot has them."""
+    from s2r_spec.backend.protocols import HasPlayable
     from s2r_spec.diagnose.data.protocols import next_words
-    from s2r_spec.diagnose.simulate import Bench
-    from s2r_spec.protocols import HasPlayable
+    from s2r_spec.diagnose.simulator.bench import Bench
 
     if path is None:
         return ""

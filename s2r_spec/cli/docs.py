@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 
-from s2r_spec import documentation
-from s2r_spec.cli.common import sentences
-from s2r_spec.errors import UsageError, one_of, suggest
+from s2r_spec.base import documentation
+from s2r_spec.base.errors import UsageError, one_of, suggest
+from s2r_spec.cli.terminal.common import sentences
 
 Name = Annotated[
     str | None,

@@ -7,13 +7,13 @@ from typing import Annotated
 
 import typer
 
-from s2r_spec.cli.common import sentences
-from s2r_spec.cli.options import AsJson
-from s2r_spec.cli.terminal import say
-from s2r_spec.errors import UsageError
-from s2r_spec.files import save
-from s2r_spec.json_values import line
-from s2r_spec.shipped import shipped
+from s2r_spec.base.errors import UsageError
+from s2r_spec.base.files import save
+from s2r_spec.base.json_values import line
+from s2r_spec.base.shipped import shipped
+from s2r_spec.cli.options.search import AsJson
+from s2r_spec.cli.terminal.common import sentences
+from s2r_spec.cli.terminal.terminal import say
 
 _FIRST = "a1_velocity.stl", "traces/a1_velocity_fails.csv"
 """Definition: specification and trace of the first command to try."""
@@ -26,7 +26,7 @@ def examples(folder: Folder = Path("specs"), as_json: AsJson = False) -> None:
     with sentences(as_json):
         from shlex import join
 
-        from s2r_spec.json_objects.specs import ExamplesObject
+        from s2r_spec.report.records.specs import ExamplesObject
 
         contents = _contents()
         targets = {folder / name: content for name, content in contents.items()}

@@ -8,10 +8,10 @@ from typing import Annotated
 
 import typer
 
-from s2r_spec.cli.common import sentences
-from s2r_spec.cli.terminal import say
-from s2r_spec.files import save
-from s2r_spec.json_values import line
+from s2r_spec.base.files import save
+from s2r_spec.base.json_values import line
+from s2r_spec.cli.terminal.common import sentences
+from s2r_spec.cli.terminal.terminal import say
 
 
 class Target(StrEnum):
@@ -34,10 +34,10 @@ def fmt(
 ) -> None:
     """Format specifications in the standard layout; comments stay."""
     with sentences(as_json):
-        from s2r_spec.json_objects.specs import FormatObject, LatexObject
         from s2r_spec.lang.files import read_text
         from s2r_spec.lang.latex import to_latex
         from s2r_spec.lang.printing import format_text
+        from s2r_spec.report.records.specs import FormatObject, LatexObject
 
         texts = {path: read_text(path) for path in specs}
         if to is Target.latex:

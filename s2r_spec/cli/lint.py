@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from s2r_spec.cli.common import sentences
-from s2r_spec.files import save
-from s2r_spec.json_values import line
+from s2r_spec.base.files import save
+from s2r_spec.base.json_values import line
+from s2r_spec.cli.terminal.common import sentences
 
 if TYPE_CHECKING:
     from s2r_spec.lang.diagnostics import Diagnostic
@@ -28,9 +28,9 @@ def lint(
 ) -> None:
     """Report mistakes, and parts of a specification that are easily misread. Exit code 1 if there are any."""
     with sentences(as_json):
-        from s2r_spec.json_objects.specs import LintFinding, LintObject
         from s2r_spec.lang.files import read_text
         from s2r_spec.lang.lints import fixed
+        from s2r_spec.report.records.specs import LintFinding, LintObject
 
         texts = {path: read_text(path) for path in specs}
         flat: list[Finding | Diagnostic] = []

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from s2r_spec.cli.common import note, sentences
-from s2r_spec.cli.log_options import Columns, TimeUnit
-from s2r_spec.cli.options import AsJson
-from s2r_spec.cli.terminal import say
-from s2r_spec.json_values import line
+from s2r_spec.base.json_values import line
+from s2r_spec.cli.options.logs import Columns, TimeUnit
+from s2r_spec.cli.options.search import AsJson
+from s2r_spec.cli.terminal.common import note, sentences
+from s2r_spec.cli.terminal.terminal import say
 
 SHOWN = 8
 """Definition: episodes of a topic that are listed."""
@@ -34,9 +34,9 @@ def log(
 ) -> None:
     """List the topics of a log, with their fields, rates, gaps and units."""
     with sentences(as_json):
-        from s2r_spec.json_objects.log import LogObject
         from s2r_spec.logs.mapping import read_map
         from s2r_spec.logs.summary import summary
+        from s2r_spec.report.records.log import LogObject
 
         found = summary(file, read_map(columns or []), time_unit)
         if as_json:

@@ -10,19 +10,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from s2r_spec.cli import terminal
-from s2r_spec.cli.common import answered, note, sentences
-from s2r_spec.cli.groups import grouped, output_option
-from s2r_spec.cli.log_options import LogForm, missing
-from s2r_spec.cli.options import SpecFile
-from s2r_spec.json_values import line
-from s2r_spec.printable import lines, one_line
-from s2r_spec.verdict import Verdict
+from s2r_spec.base.json_values import line
+from s2r_spec.base.printable import lines, one_line
+from s2r_spec.base.verdict import Verdict
+from s2r_spec.cli.options.groups import grouped, output_option
+from s2r_spec.cli.options.logs import LogForm, missing
+from s2r_spec.cli.options.search import SpecFile
+from s2r_spec.cli.terminal import terminal
+from s2r_spec.cli.terminal.common import answered, note, sentences
 
 if TYPE_CHECKING:
-    from s2r_spec.json_objects.monitor import MonitoredTrace, UnreadTrace
+    from s2r_spec.recordings.spec_traces import Request
+    from s2r_spec.report.records.monitor import MonitoredTrace, UnreadTrace
     from s2r_spec.robustness.online.monitor import RobustInterval
-    from s2r_spec.rollouts.spec_traces import Request
     from s2r_spec.spec import Spec
     from s2r_spec.spec.followed import Change, Ended, Stream
     from s2r_spec.spec.monitored import Conventions
@@ -101,7 +101,7 @@ def monitor(
 ) -> None:
     """Evaluate requirements on recorded traces: robustness ρ, verdict, and the instant that decides."""
     with sentences(as_json):
-        from s2r_spec.errors import UsageError
+        from s2r_spec.base.errors import UsageError
         from s2r_spec.robustness.profiles import profile
         from s2r_spec.spec.monitored import Conventions
 
@@ -121,8 +121,8 @@ def monitor(
 
 def _request(spec: Path, params: list[str], requirements: list[str] | None, reading: LogForm) -> Request:
     """Return what is evaluated, and how files are read."""
-    from s2r_spec.rollouts.excerpts import read_sources
-    from s2r_spec.rollouts.spec_traces import Request
+    from s2r_spec.recordings.excerpts import read_sources
+    from s2r_spec.recordings.spec_traces import Request
     from s2r_spec.spec import load_spec
 
     parsed = load_spec(spec)
@@ -134,9 +134,9 @@ def _request(spec: Path, params: list[str], requirements: list[str] | None, read
 
 def _evaluate(request: Request, traces: list[Path], conventions: Conventions, as_json: bool) -> int:
     """Evaluate recorded traces, print their results, and return the exit code."""
-    from s2r_spec.errors import UsageError
-    from s2r_spec.json_objects.monitor import UnreadTrace
-    from s2r_spec.report.monitored import monitor_file, monitor_record
+    from s2r_spec.base.errors import UsageError
+    from s2r_spec.report.monitor import monitor_file, monitor_record
+    from s2r_spec.report.records.monitor import UnreadTrace
 
     results: list[MonitoredTrace | UnreadTrace] = []
     for path in traces:
@@ -172,8 +172,8 @@ def _follow(
     request: Request, source: Path, following: Following, conventions: Conventions, as_json: bool
 ) -> int:
     """Follow a file, or standard input if it is ``-``, to its end; print each change, and return the exit code."""
-    from s2r_spec.rollouts.spec_streams import stream_of_file, stream_of_rows
-    from s2r_spec.rollouts.spec_traces import named
+    from s2r_spec.recordings.spec_streams import stream_of_file, stream_of_rows
+    from s2r_spec.recordings.spec_traces import named
     from s2r_spec.spec.followed import Change, OnlineConventions, follow
 
     how = OnlineConventions(
@@ -202,11 +202,11 @@ def _follow(
 
 def _print_change(spec: Spec, change: Change, as_json: bool) -> None:
     if as_json:
-        from s2r_spec.report.monitored import change_record
+        from s2r_spec.report.monitor import change_record
 
         print(line(change_record(spec, change), infinite=True), flush=True)
         return
-    from s2r_spec.instants import instant
+    from s2r_spec.trace.instants import instant
 
     name, interval = change.requirement, change.interval
     when = instant(change.times, change.times[-1])
@@ -214,7 +214,7 @@ def _print_change(spec: Spec, change: Change, as_json: bool) -> None:
 
 
 def _print_end(spec: Spec, stream: Stream, ended: list[Ended], as_json: bool) -> int:
-    from s2r_spec.report.monitored import online_record
+    from s2r_spec.report.monitor import online_record
 
     for sentence in stream.notes:
         note(sentence)

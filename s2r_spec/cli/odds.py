@@ -6,10 +6,10 @@ from typing import Annotated
 
 import typer
 
-from s2r_spec.cli.common import sentences
-from s2r_spec.cli.options import AsJson, RunFolder
-from s2r_spec.cli.terminal import say
-from s2r_spec.json_values import line
+from s2r_spec.base.json_values import line
+from s2r_spec.cli.options.search import AsJson, RunFolder
+from s2r_spec.cli.terminal.common import sentences
+from s2r_spec.cli.terminal.terminal import say
 
 Norm = Annotated[
     float,

@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from s2r_spec.cli.common import sentences
-from s2r_spec.cli.groups import grouped, search_option
-from s2r_spec.cli.options import AsJson, Mode, OneRequirement, Quiet
-from s2r_spec.cli.terminal import console, say
-from s2r_spec.json_values import line
+from s2r_spec.base.json_values import line
+from s2r_spec.cli.options.groups import grouped, search_option
+from s2r_spec.cli.options.search import AsJson, Mode, OneRequirement, Quiet
+from s2r_spec.cli.terminal.common import sentences
+from s2r_spec.cli.terminal.terminal import console, say
 
 if TYPE_CHECKING:
-    from s2r_spec.certify.kernels import Kernel
-    from s2r_spec.certify.pilot import Pilot
-    from s2r_spec.certify.plan import Plan
-    from s2r_spec.certify.plan_request import PlanRequest
+    from s2r_spec.certify.bound.kernels import Kernel
+    from s2r_spec.certify.search.pilot import Pilot
+    from s2r_spec.certify.search.plan import Plan
+    from s2r_spec.certify.search.plan_request import PlanRequest
 
 SpecOfPlan = Annotated[
     Path | None, typer.Argument(help="Specification, an .stl file, whose certify line gives the settings.")
@@ -93,7 +93,7 @@ class Declaration:
     @property
     def shape(self) -> Kernel:
         """The kernel of a spec that declares none."""
-        from s2r_spec.certify.kernels import Kernel
+        from s2r_spec.certify.bound.kernels import Kernel
 
         return Kernel(self.kernel, self.lengthscale)
 
@@ -113,9 +113,9 @@ def plan(
 ) -> None:
     """Estimate the rollouts that a certificate takes, and the ε that a budget reaches."""
     with sentences(as_json):
-        from s2r_spec.certify.pilot import Pilot
-        from s2r_spec.certify.plan_request import PlanOptions, plan_request
-        from s2r_spec.cli.stages import Stages
+        from s2r_spec.certify.search.pilot import Pilot
+        from s2r_spec.certify.search.plan_request import PlanOptions, plan_request
+        from s2r_spec.cli.terminal.stages import Stages
         from s2r_spec.space import Space
         from s2r_spec.spec import load_spec
 
@@ -155,8 +155,8 @@ def plan(
 
 
 def _print_json(request: PlanRequest, result: Plan) -> None:
-    from s2r_spec.json_objects.plan import PlanObject
-    from s2r_spec.json_values import extended
+    from s2r_spec.base.json_values import extended
+    from s2r_spec.report.records.plan import PlanObject
 
     of = request.settings
     values = {"R": of.R, "epsilon": of.epsilon, "delta": of.delta, "B": of.B}
@@ -173,7 +173,7 @@ def _print_request(request: PlanRequest, cost: Cost) -> None:
 
 
 def _print_plan(result: Plan, cost: Cost) -> None:
-    from s2r_spec.certify.plan import VARIATION
+    from s2r_spec.certify.search.plan import VARIATION
 
     low, high = cost.count(result.peaked), cost.count(result.flat)
     say(f"  expected              {cost.between(result.peaked, result.flat)}:")
@@ -185,7 +185,7 @@ def _print_plan(result: Plan, cost: Cost) -> None:
 
 def _print_pilot(noise: Pilot, as_json: bool) -> None:
     if as_json:
-        from s2r_spec.json_objects.plan import PilotObject
+        from s2r_spec.report.records.plan import PilotObject
 
         print(line(PilotObject(pilot=noise)))
         return

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from s2r_spec.cli.common import sentences
-from s2r_spec.cli.terminal import say
-from s2r_spec.json_values import line
+from s2r_spec.base.json_values import line
+from s2r_spec.cli.terminal.common import sentences
+from s2r_spec.cli.terminal.terminal import say
 
 if TYPE_CHECKING:
-    from s2r_spec.rollouts.replay import Replay
+    from s2r_spec.runs.replay import Replay
 
 
 def replay(
@@ -34,8 +34,8 @@ def replay(
     """Run a recorded rollout again and compare ρ. A machine's rollout is only shown."""
     with sentences(as_json):
         from s2r_spec import logs
-        from s2r_spec.json_objects.runs import ReplayObject
-        from s2r_spec.rollouts.replay import replay as again
+        from s2r_spec.report.records.runs import ReplayObject
+        from s2r_spec.runs.replay import replay as again
 
         result = again(rollout)
         if save is not None:
@@ -71,8 +71,8 @@ def replay(
 
 def _plot(result: Replay, path: Path) -> None:
     """Plot the replayed rollout against its requirement."""
-    from s2r_spec.errors import BackendError
-    from s2r_spec.report.plot import plot
+    from s2r_spec.base.errors import BackendError
+    from s2r_spec.spec.plot import plot
 
     if result.trace is None:
         raise BackendError("the rollout crashed again: there is no trace to plot")

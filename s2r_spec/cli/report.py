@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from s2r_spec.cli.common import sentences
-from s2r_spec.cli.groups import output_option
-from s2r_spec.cli.output import AsJson, Output, Verbose, emit, settle, writable
-from s2r_spec.cli.terminal import say
-from s2r_spec.files import save
+from s2r_spec.base.files import save
+from s2r_spec.cli.options.groups import output_option
+from s2r_spec.cli.options.output import AsJson, Output, Verbose, emit, settle, writable
+from s2r_spec.cli.terminal.common import sentences
+from s2r_spec.cli.terminal.terminal import say
 
 if TYPE_CHECKING:
     from s2r_spec.report.finding import Report
@@ -59,25 +59,25 @@ def report(
 
 
 def _checks(folder: Path) -> tuple[list[Run], Report]:
-    from s2r_spec.report import checked
+    from s2r_spec.report import check as check_report
     from s2r_spec.report.recompute import recompute
-    from s2r_spec.rollouts.layout import runs_in
+    from s2r_spec.runs.layout import runs_in
 
     runs = [recompute(one) for one in runs_in(folder)]
-    return [*runs], checked.report([(one.spec, one.result) for one in runs], NAME)
+    return [*runs], check_report.report([(one.spec, one.result) for one in runs], NAME)
 
 
 def _gap(folder: Path) -> tuple[list[Run], Report]:
-    from s2r_spec.report import gapped
+    from s2r_spec.report import gap as gap_report
     from s2r_spec.report.recompute import recompute_gap
 
     run = recompute_gap(folder)
-    return [run], gapped.report(run.spec, run.result, NAME)
+    return [run], gap_report.report(run.spec, run.result, NAME)
 
 
 def _certify(folder: Path) -> tuple[list[Run], Report]:
-    from s2r_spec.report import certified
+    from s2r_spec.report import certify as certify_report
     from s2r_spec.report.recompute import recompute_certify
 
     run = recompute_certify(folder)
-    return [run], certified.report(run.spec, run.result, NAME)
+    return [run], certify_report.report(run.spec, run.result, NAME)

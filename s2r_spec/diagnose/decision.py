@@ -33,6 +33,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
+from s2r_spec.base.verdict import Tone, Toned
 from s2r_spec.diagnose.experiment_design.identifiability import Separation
 from s2r_spec.diagnose.gap.held_out import CLOSED, GONE, HeldOutGap
 from s2r_spec.diagnose.gap.materiality import Materiality
@@ -41,7 +42,6 @@ from s2r_spec.diagnose.inference.goodness_of_fit import GoodnessOfFit
 from s2r_spec.diagnose.inference.prior import SURE
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.residuals.left import Remainder
-from s2r_spec.verdict import Tone, Toned
 
 
 class Verdict(Toned):

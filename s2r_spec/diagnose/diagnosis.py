@@ -8,6 +8,9 @@ from typing import Annotated, Literal
 
 from annotated_types import MinLen
 
+from s2r_spec.base.json_values import Count, Open, Probability, Shown
+from s2r_spec.base.result import Result
+from s2r_spec.base.upper import upper
 from s2r_spec.diagnose.decision import Evidence, Rule, Verdict
 from s2r_spec.diagnose.experiment_design.next_test import NextTest
 from s2r_spec.diagnose.gap.held_out import HeldOutGap
@@ -21,10 +24,7 @@ from s2r_spec.diagnose.inference.estimates import (
     with_status,
 )
 from s2r_spec.diagnose.residuals.left import Remainder
-from s2r_spec.json_values import Count, Open, Probability, Shown
-from s2r_spec.result import Result
 from s2r_spec.spec import Spec
-from s2r_spec.upper import upper
 
 SHOWN = 1e-3
 """Definition: probability from which on a set of several effects has an entry in the JSON object."""

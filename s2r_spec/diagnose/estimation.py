@@ -21,16 +21,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend
-from s2r_spec.diagnose.axes import Values
+from s2r_spec.base.errors import BackendError, UsageError, one_of
 from s2r_spec.diagnose.inference.gauss_newton import CLOSE, Errors, Fit, Observation, Problem, fit, search
 from s2r_spec.diagnose.inference.hierarchical import LAW_SHARE, Likelihood
 from s2r_spec.diagnose.inference.model_search import ModelPosterior, Set, combined, nearest, posterior
 from s2r_spec.diagnose.inference.prior import SizePrior
+from s2r_spec.diagnose.simulator.axes import Values
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import ResponseLibrary, simulated
-from s2r_spec.errors import BackendError, UsageError, one_of
-from s2r_spec.rollouts.pools import in_this_process
 from s2r_spec.trace import Trace
+from s2r_spec.workers.pools import in_this_process
 
 FloatArray = NDArray[np.float64]
 

@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.axes import Line, Values
 from s2r_spec.diagnose.gap import SHOTS
 from s2r_spec.diagnose.gap.nominal import Nominal
-from s2r_spec.diagnose.simulate import Bench, Test, evenly, places_of, table
+from s2r_spec.diagnose.simulator.axes import Line, Values
+from s2r_spec.diagnose.simulator.bench import Bench, Test, evenly, places_of, table
 from s2r_spec.trace import Trace
 
 HALVINGS = 6

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from s2r_spec.backend import HasResiduals
+from s2r_spec.base.errors import TraceError
 from s2r_spec.diagnose.falls import Falls
 from s2r_spec.diagnose.quality.finding import Finding
-from s2r_spec.diagnose.simulate import Bench, Test, places_of
-from s2r_spec.errors import TraceError
+from s2r_spec.diagnose.simulator.bench import Bench, Test, places_of
 from s2r_spec.trace import SHOWN, Trace
 
 CUT = "cut at"

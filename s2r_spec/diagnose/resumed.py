@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from s2r_spec.base.errors import UsageError
 from s2r_spec.diagnose.data.journal import Journal
-from s2r_spec.errors import UsageError
-from s2r_spec.rollouts.seeds import NEW_SEED, inherited
+from s2r_spec.runs.seeds import NEW_SEED, inherited
 
 REAL, ANSWER = "real", "diagnosis.json"
 """In the folder of a run: the folder of the real rollouts, and the file of the diagnosis."""

@@ -20,11 +20,13 @@ from pathlib import Path
 import numpy as np
 
 from s2r_spec.backend import Backend, HasRecordings, load_backend
+from s2r_spec.backend.effects import catalogue_of
+from s2r_spec.backend.protocols import HasProtocols, protocol_of
+from s2r_spec.base.distribution import version
+from s2r_spec.base.errors import S2RError, UsageError
 from s2r_spec.certify.arguments import as_folder, as_rollouts, as_simulator, as_spec
-from s2r_spec.diagnose.axes import Values
-from s2r_spec.diagnose.cache import Cache
-from s2r_spec.diagnose.cost import Cost, Expected, of_library, on_machine, planned_held_out
 from s2r_spec.diagnose.data.campaign import BUDGET, campaign, plan, smallest_with_held_out
+from s2r_spec.diagnose.data.cost import Cost, Expected, of_library, on_machine, planned_held_out
 from s2r_spec.diagnose.data.journal import Journal
 from s2r_spec.diagnose.data.protocols import allowed
 from s2r_spec.diagnose.data.rollouts import RealRollouts, Rollouts, as_experiment, recorded
@@ -54,21 +56,19 @@ from s2r_spec.diagnose.inference.goodness_of_fit import goodness_of_fit
 from s2r_spec.diagnose.notes import Used, notes
 from s2r_spec.diagnose.quality import findings
 from s2r_spec.diagnose.residuals.left import remainders
-from s2r_spec.diagnose.simulate import Bench, Test, refuse_machine, travels
+from s2r_spec.diagnose.simulator.axes import Values
+from s2r_spec.diagnose.simulator.bench import Bench, Test, refuse_machine, travels
+from s2r_spec.diagnose.simulator.cache import Cache
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import ResponseLibrary, library, most_rollouts
 from s2r_spec.diagnose.threads import one_thread
 from s2r_spec.diagnose.watched import Progress, Watched
-from s2r_spec.distribution import version
-from s2r_spec.effects import catalogue_of
-from s2r_spec.errors import S2RError, UsageError
-from s2r_spec.protocols import HasProtocols, protocol_of
-from s2r_spec.rollouts.pools import kept_open
-from s2r_spec.rollouts.repeatability import check_here, repeated
-from s2r_spec.rollouts.seeds import NEW_SEED, Stream, inherited, rollout_seed
+from s2r_spec.runs.repeatability import check_here, repeated
+from s2r_spec.runs.seeds import NEW_SEED, Stream, inherited, rollout_seed
 from s2r_spec.space import key_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
+from s2r_spec.workers.pools import kept_open
 
 ASSUMPTIONS = (
     "the real rollouts were run at the recorded tests, and only those named in a note were left out",

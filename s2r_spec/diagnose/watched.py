@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from s2r_spec.diagnose.cost import Cost, TellsCost
-from s2r_spec.diagnose.simulate import WATCH
+from s2r_spec.diagnose.data.cost import Cost, TellsCost
+from s2r_spec.diagnose.simulator.bench import WATCH
 
 Progress = Callable[[str, int, int], None]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any, Protocol, runtime_checkable
 
-from s2r_spec.errors import UsageError
+from s2r_spec.base.errors import UsageError
 from s2r_spec.lang.units import Unit, UnknownUnitError, parse_unit
 
 NUMBER_AND_UNIT = r"(?P<number>[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?)\s*\{?\s*(?P<unit>[^{}]*?)\s*\}?\s*"

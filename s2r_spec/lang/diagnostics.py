@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from s2r_spec.errors import UsageError, did_you_mean
+from s2r_spec.base.errors import UsageError, did_you_mean
+from s2r_spec.base.printable import lines, one_line
 from s2r_spec.lang.source import Span
-from s2r_spec.printable import lines, one_line
 
 CODES = {
     "E01": "the text does not follow the grammar",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import stat
 from pathlib import Path
 
-from s2r_spec.errors import UsageError
+from s2r_spec.base.errors import UsageError
 
 LONGEST = 2**18
 """Budget: bytes of a specification, 262 144, some hundred times those shipped; twice as many parse twice as long."""

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from os.path import dirname, join, normpath
 
-from s2r_spec.errors import UsageError
+from s2r_spec.base.errors import UsageError
 from s2r_spec.lang import syntax
 from s2r_spec.lang.diagnostics import Diagnostic
 from s2r_spec.lang.files import read_text

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from s2r_spec.base.magnitude import beyond
 from s2r_spec.lang import formula as f
 from s2r_spec.lang import syntax
 from s2r_spec.lang.declarations import CertifySettings, KernelChoice, KernelName, Param
@@ -12,7 +13,6 @@ from s2r_spec.lang.expressions import value
 from s2r_spec.lang.quantities import quantity
 from s2r_spec.lang.scope import Scope, each, fail
 from s2r_spec.lang.units import PLAIN
-from s2r_spec.magnitude import beyond
 
 _KERNELS: dict[str, KernelName] = {
     "rbf": "rbf",

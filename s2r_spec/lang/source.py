@@ -6,7 +6,7 @@ from bisect import bisect_right
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from s2r_spec.printable import one_line
+from s2r_spec.base.printable import one_line
 
 _WIDEST_LINE = 110
 

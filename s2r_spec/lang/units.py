@@ -17,8 +17,8 @@ from fractions import Fraction
 from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any
 
+from s2r_spec.base.magnitude import LARGEST, SMALLEST
 from s2r_spec.lang.conversion import Conversion
-from s2r_spec.magnitude import LARGEST, SMALLEST
 
 if TYPE_CHECKING:
     import pint

@@ -12,12 +12,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from s2r_spec.errors import NoTimesError, TraceError, TraceNote
-from s2r_spec.files import replacing
-from s2r_spec.logs import candidates, csv_format, npz_format, parquet_format, split, times
+from s2r_spec.base.errors import NoTimesError, TraceError, TraceNote
+from s2r_spec.base.files import replacing
+from s2r_spec.logs import split
+from s2r_spec.logs.formats import csv_format, npz_format, parquet_format
 from s2r_spec.logs.interpret import Loaded, build_trace, request
 from s2r_spec.logs.mapping import Plan, Request, plan_columns
 from s2r_spec.logs.table import Chooser, Head, Table
+from s2r_spec.logs.times import candidates, times
 from s2r_spec.logs.topics import formats, sparse
 from s2r_spec.logs.topics import table as topic_table
 from s2r_spec.logs.topics.arrays import Asked

@@ -10,18 +10,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec import stamps as exact
-from s2r_spec.errors import TraceError
+from s2r_spec.base.errors import TraceError
 from s2r_spec.lang.units import LONGEST
-from s2r_spec.logs import dates, times, values
+from s2r_spec.logs import values
 from s2r_spec.logs.account import Account
 from s2r_spec.logs.mapping import ANY, Channel, Plan, Request
 from s2r_spec.logs.own import clock_of, restored
 from s2r_spec.logs.table import Column, Table, quoted
+from s2r_spec.logs.times import dates, times
 from s2r_spec.logs.topics.order import ordered
 from s2r_spec.logs.topics.topic import Topic
-from s2r_spec.messages import SILENT, Messages, joined
 from s2r_spec.trace import Trace
+from s2r_spec.trace import stamps as exact
+from s2r_spec.trace.messages import SILENT, Messages, joined
 
 FloatArray = NDArray[np.float64]
 

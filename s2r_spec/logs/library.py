@@ -5,8 +5,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from s2r_spec.distribution import own
-from s2r_spec.errors import TraceError, not_installed
+from s2r_spec.base.distribution import own
+from s2r_spec.base.errors import TraceError, not_installed
 
 
 def library(name: str, what: str) -> Any:

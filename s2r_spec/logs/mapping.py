@@ -14,11 +14,11 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 
-from s2r_spec.errors import NoTimesError, TraceError, UsageError, one_of, suggest
+from s2r_spec.base.errors import NoTimesError, TraceError, UsageError, one_of, suggest
 from s2r_spec.lang.units import UnknownUnitError, is_unit, parse_unit
-from s2r_spec.logs import time_units
 from s2r_spec.logs.table import INDEX, Head, quoted
-from s2r_spec.logs.times import TIME, mapped
+from s2r_spec.logs.times import time_units
+from s2r_spec.logs.times.times import TIME, mapped
 
 ANY = -1
 """Definition: width of a channel that may be a number or a vector."""

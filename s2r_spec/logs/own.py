@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import TraceError
-from s2r_spec.messages import Messages
+from s2r_spec.base.errors import TraceError
 from s2r_spec.trace import Trace
+from s2r_spec.trace.messages import Messages
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import TraceError
+from s2r_spec.base.errors import TraceError
 from s2r_spec.logs.table import Column, Head, Table
 
 EPISODE = "episode_index"

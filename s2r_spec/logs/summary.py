@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec import logs
-from s2r_spec.errors import NoTimesError, TraceError
-from s2r_spec.logs.times import TIME, mapped, unit_of_option
+from s2r_spec.base.errors import NoTimesError, TraceError
+from s2r_spec.logs.times.times import TIME, mapped, unit_of_option
 from s2r_spec.logs.topics import formats
 from s2r_spec.logs.topics.arrays import Asked
 from s2r_spec.logs.topics.order import resets

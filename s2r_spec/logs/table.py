@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import TraceError, shortened
+from s2r_spec.base.errors import TraceError, shortened
 from s2r_spec.logs.account import Account
 
 MOST_NUMBERS = 2**25

@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec import stamps
-from s2r_spec.errors import TraceError, shortened
+from s2r_spec.base.errors import TraceError, shortened
 from s2r_spec.logs import cells
 from s2r_spec.logs.table import Column
+from s2r_spec.trace import stamps
 
 FloatArray = NDArray[np.float64]
 

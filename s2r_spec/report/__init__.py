@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 
-from s2r_spec.errors import UsageError, one_of, suggest
-from s2r_spec.json_values import document
+from s2r_spec.base.errors import UsageError, one_of, suggest
+from s2r_spec.base.json_values import document
 from s2r_spec.report import github, junit, markdown, text
 from s2r_spec.report.finding import Report
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from s2r_spec.base.documentation import page
 from s2r_spec.diagnose.decision import Rule
 from s2r_spec.diagnose.diagnosis import Diagnosis
 from s2r_spec.diagnose.experiment_design.identifiability import Candidate, Separation
 from s2r_spec.diagnose.experiment_design.next_test import NextTest
-from s2r_spec.documentation import page
-from s2r_spec.report.checked import test_words
+from s2r_spec.report.check import test_words
 from s2r_spec.report.gap_words import listed, place_words
 from s2r_spec.spec import Spec
 

@@ -1,6 +1,6 @@
 """The input of every reporter: one finding for each requirement, from any command.
 
-A command turns its own result record into findings (:mod:`s2r_spec.report.checked` for ``s2r check``,
+A command turns its own result record into findings (:mod:`s2r_spec.report.check` for ``s2r check``,
 ``gapped`` and ``certified`` for the other two). A reporter reads only findings.
 """
 
@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any
 
-from s2r_spec.json_values import Location
-from s2r_spec.printable import one_line
-from s2r_spec.verdict import Verdict
+from s2r_spec.base.json_values import Location
+from s2r_spec.base.printable import one_line
+from s2r_spec.base.verdict import Verdict
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,11 @@ import math
 from collections.abc import Sequence
 
 from s2r_spec.attribution.place import Place, Range, cause_first
+from s2r_spec.base.quantity import Scale, measured, quantity
 from s2r_spec.diagnose.gap.held_out import Gap, HeldOutGap
 from s2r_spec.diagnose.gap.where import Where
 from s2r_spec.diagnose.residuals.left import Remainder
-from s2r_spec.quantity import Scale, measured, quantity
-from s2r_spec.report.checked import test_words
+from s2r_spec.report.check import test_words
 from s2r_spec.report.figures.robot import amount
 from s2r_spec.spec import Spec
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from s2r_spec.printable import one_line
+from s2r_spec.base.printable import one_line
+from s2r_spec.base.verdict import Tone
 from s2r_spec.report.finding import Finding, Report
-from s2r_spec.verdict import Tone
 
 
 def render(report: Report) -> str:

@@ -7,10 +7,10 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from s2r_spec.errors import require
+from s2r_spec.base.errors import require
+from s2r_spec.base.verdict import Tone
 from s2r_spec.report.parts import Run, part
 from s2r_spec.report.recompute import recompute
-from s2r_spec.verdict import Tone
 
 PACKAGES = ("jinja2", "matplotlib")
 SIGNS = {Tone.GOOD: ("✓", "holds"), Tone.BAD: ("✗", "violated"), Tone.OPEN: ("?", "unknown")}

@@ -9,10 +9,10 @@ import re
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from s2r_spec.printable import one_line
+from s2r_spec.base.printable import one_line
+from s2r_spec.base.verdict import Verdict
 from s2r_spec.report import text
 from s2r_spec.report.finding import Finding, Report
-from s2r_spec.verdict import Verdict
 
 # Characters that XML 1.0 forbids and ElementTree does not refuse.
 _FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 
-from s2r_spec.printable import one_line
+from s2r_spec.base.printable import one_line
+from s2r_spec.base.verdict import Tone
 from s2r_spec.report.finding import Finding, Report
-from s2r_spec.verdict import Tone
 
 SIGNS = {Tone.GOOD: "✅", Tone.BAD: "❌", Tone.OPEN: "❓"}
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from s2r_spec.base.quantity import quantity
 from s2r_spec.diagnose.gap import LEVEL
 from s2r_spec.diagnose.gap.materiality import Failures, GapAtTest, Materiality
-from s2r_spec.quantity import quantity
-from s2r_spec.report.checked import test_words
+from s2r_spec.report.check import test_words
 
 PLACES = 3
 """Definition: tests that are printed, largest gap first; doubled, twice as many are printed."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from s2r_spec.certify.rounding import between
+from s2r_spec.certify.bound.rounding import between
 
 
 @dataclass(frozen=True)

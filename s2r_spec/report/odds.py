@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from s2r_spec.certify.failure_probability import FailureProbability, bound_failure_probability
-from s2r_spec.certify.rounding import at_least, at_most
-from s2r_spec.json_objects.runs import OddsObject, RequirementOdds
+from s2r_spec.certify.bound.rounding import at_least, at_most
+from s2r_spec.certify.result.failure_probability import FailureProbability, bound_failure_probability
 from s2r_spec.report.recompute import recompute
-from s2r_spec.rollouts.layout import runs_in
+from s2r_spec.report.records.runs import OddsObject, RequirementOdds
+from s2r_spec.runs.layout import runs_in
 
 
 @dataclass(frozen=True)

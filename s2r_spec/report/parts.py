@@ -6,13 +6,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from s2r_spec.certify.certificate import Certificate, Label
-from s2r_spec.certify.check_result import Tested, tested
-from s2r_spec.certify.compose import Composition
-from s2r_spec.certify.gap_result import Pair
-from s2r_spec.certify.pairing import SIMULATED_PER_REAL
-from s2r_spec.certify.search import Search
-from s2r_spec.report import certified, checked, gapped
+from s2r_spec.certify.bound.certificate import Certificate, Label
+from s2r_spec.certify.result.check_result import Tested, tested
+from s2r_spec.certify.result.compose import Composition
+from s2r_spec.certify.result.gap_result import Pair
+from s2r_spec.certify.search.pairing import SIMULATED_PER_REAL
+from s2r_spec.certify.search.search import Search
+from s2r_spec.report import certify as certify_report
+from s2r_spec.report import check as check_report
+from s2r_spec.report import gap as gap_report
 from s2r_spec.report.figures.band import band
 from s2r_spec.report.figures.canvas import Picture
 from s2r_spec.report.figures.field import Field, FloatArray
@@ -21,7 +23,7 @@ from s2r_spec.report.figures.traces import Runs, pair_picture, trace_picture, wo
 from s2r_spec.report.finding import Finding
 from s2r_spec.report.numberline import Bars, bars
 from s2r_spec.report.recompute import Recomputed, RecomputedCertify, RecomputedGap
-from s2r_spec.rollouts.journal import Record
+from s2r_spec.runs.journal import Record
 
 Run = Recomputed | RecomputedGap | RecomputedCertify
 _WIDE = "The search spends few rollouts where the worst case cannot lie, so the band stays wide there."
@@ -47,10 +49,10 @@ def part(run: Run, name: str) -> Part:
         return _certify(run, name)
     result = run.result
     if isinstance(run, Recomputed):
-        command, symbol, finding = "s2r check", "ρ", checked.finding(run.spec, run.result)
+        command, symbol, finding = "s2r check", "ρ", check_report.finding(run.spec, run.result)
         worst = _worst_traces(run, name)
     else:
-        command, symbol, finding = "s2r gap", "Δ", gapped.finding(run.spec, run.result)
+        command, symbol, finding = "s2r gap", "Δ", gap_report.finding(run.spec, run.result)
         worst = _worst_pairs(run, name)
     return Part(
         command,
@@ -85,7 +87,7 @@ def _certify(run: RecomputedCertify, name: str) -> Part:
         pictures += _worst_traces(run.simulated, name)
     return Part(
         "s2r certify",
-        certified.finding(run.spec, result),
+        certify_report.finding(run.spec, result),
         note,
         tuple(bars),
         tuple(pictures),
@@ -229,7 +231,7 @@ def _ladder(what: str, certificate: Certificate, unit: str) -> Bars:
             [(f"B = {rung.B:g} {unit}".rstrip(), -rung.upper, -rung.lower) for rung in certificate.ladder],
             unit,
         ),
-        checked.refuted_words(certificate, unit),
+        check_report.refuted_words(certificate, unit),
     )
 
 

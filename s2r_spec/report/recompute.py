@@ -8,24 +8,24 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
-from s2r_spec.certify.certificate import Certificate
-from s2r_spec.certify.check_result import CheckResult, conclude, of_recordings
-from s2r_spec.certify.compose import compose
-from s2r_spec.certify.experiments import following
+from s2r_spec.base.errors import UsageError
+from s2r_spec.base.verdict import Verdict
+from s2r_spec.certify.bound.certificate import Certificate
 from s2r_spec.certify.from_spec import search_for
 from s2r_spec.certify.gap import gap_search
-from s2r_spec.certify.gap_result import GapResult, Pair, conclude_gap, pairs_of
 from s2r_spec.certify.options import RunOptions
 from s2r_spec.certify.real_machine import CertifyResult, conclude_certify, judge, refused_in_simulation
-from s2r_spec.certify.search import Query, Search
-from s2r_spec.errors import UsageError
-from s2r_spec.rollouts.journal import Journal, Record
-from s2r_spec.rollouts.layout import FILE, GAP, SIMULATION, SYSTEMS, runs_in
-from s2r_spec.rollouts.repeatability import refuse_unrepeatable
-from s2r_spec.rollouts.spec_files import load_run_spec
-from s2r_spec.rollouts.stop_rule import DECIDED, stop_of
+from s2r_spec.certify.result.check_result import CheckResult, conclude, of_recordings
+from s2r_spec.certify.result.compose import compose
+from s2r_spec.certify.result.gap_result import GapResult, Pair, conclude_gap, pairs_of
+from s2r_spec.certify.search.experiments import following
+from s2r_spec.certify.search.search import Query, Search
+from s2r_spec.runs.journal import Journal, Record
+from s2r_spec.runs.layout import FILE, GAP, SIMULATION, SYSTEMS, runs_in
+from s2r_spec.runs.repeatability import refuse_unrepeatable
+from s2r_spec.runs.spec_files import load_run_spec
+from s2r_spec.runs.stop_rule import DECIDED, stop_of
 from s2r_spec.spec import Spec
-from s2r_spec.verdict import Verdict
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The forms of a result in Python; they are methods of :class:`s2r_spec.result.Result`."""
+"""The forms of a result in Python; they are methods of :class:`s2r_spec.base.result.Result`."""
 
 from __future__ import annotations
 
@@ -8,16 +8,19 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from s2r_spec.certify.check_result import CheckResult
-from s2r_spec.certify.gap_result import GapResult
+from s2r_spec.base.errors import UsageError
+from s2r_spec.base.files import save
+from s2r_spec.base.json_values import document, to_json
+from s2r_spec.base.printable import html_table, html_text, one_line
+from s2r_spec.certify.bound.rounding import between
 from s2r_spec.certify.real_machine import CertifyResult
-from s2r_spec.certify.rounding import between
+from s2r_spec.certify.result.check_result import CheckResult
+from s2r_spec.certify.result.gap_result import GapResult
 from s2r_spec.diagnose.diagnosis import Diagnosis
-from s2r_spec.errors import UsageError
-from s2r_spec.files import save
-from s2r_spec.json_values import document, to_json
-from s2r_spec.printable import html_table, html_text, one_line
-from s2r_spec.report import certified, checked, diagnosed, gapped
+from s2r_spec.report import certify as certify_report
+from s2r_spec.report import check as check_report
+from s2r_spec.report import diagnosis as diagnosis_report
+from s2r_spec.report import gap as gap_report
 from s2r_spec.report.finding import Finding, Report
 
 Certified = CheckResult | GapResult | CertifyResult
@@ -58,7 +61,8 @@ def _bound(symbol: str, result: CheckResult | GapResult) -> str:
     if not certificate.label.certifies:
         return f"no certificate: {certificate.reason}"
     return (
-        f"worst expected {symbol} {checked.interval_words(result)}, {checked.probability_words(certificate)}, "
+        f"worst expected {symbol} {check_report.interval_words(result)}, "
+        f"{check_report.probability_words(certificate)}, "
         f"{certificate.rollouts} rollouts"
     )
 
@@ -84,7 +88,7 @@ def _diagnosed(result: Diagnosis) -> list[tuple[str, str]]:
     """Return the (name, text) rows of a diagnosis."""
     if result.spec is None:
         return [("note", note) for note in result.notes]
-    words = diagnosed.describe(result, result.spec)
+    words = diagnosis_report.describe(result, result.spec)
     rows = [("hidden", words.passive)] if words.passive else []
     rows += [("note", note) for note in (*words.mistakes, *words.notes)]
     rows += [("matters", "; ".join(words.matters))] if words.matters else []
@@ -105,10 +109,10 @@ def _finding(result: Certified) -> Finding:
 def _report(result: Certified) -> Report:
     """Return the report that the command makes of a result."""
     if isinstance(result, CheckResult):
-        return checked.report([(result.spec, result)])
+        return check_report.report([(result.spec, result)])
     if isinstance(result, GapResult):
-        return gapped.report(result.spec, result)
-    return certified.report(result.simulated.spec, result)
+        return gap_report.report(result.spec, result)
+    return certify_report.report(result.simulated.spec, result)
 
 
 def as_json(result: Known) -> Any:
@@ -117,7 +121,7 @@ def as_json(result: Known) -> Any:
 
 
 def save_result(result: Known, path: str | os.PathLike[str]) -> Path:
-    """Write a result as JSON, the same bytes as ``--json --output``; see :meth:`s2r_spec.result.Result.save`."""
+    """Write a result as JSON, the same bytes as ``--json --output``; see :meth:`s2r_spec.base.result.Result.save`."""
     file = Path(path)
     if file.is_dir() or not file.suffix:
         file = file / _FILES[type(result)]
@@ -133,8 +137,8 @@ def save_result(result: Known, path: str | os.PathLike[str]) -> Path:
 
 
 def save_page(result: Known, path: str | os.PathLike[str]) -> Path:
-    """Write the page of a result; see :meth:`s2r_spec.result.Result.report`."""
-    from s2r_spec.report import diagnosed_page, html, recompute
+    """Write the page of a result; see :meth:`s2r_spec.base.result.Result.report`."""
+    from s2r_spec.report import diagnosis_page, html, recompute
 
     file = Path(path)
     if file.suffix.lower() not in (".html", ".htm"):
@@ -143,7 +147,7 @@ def save_page(result: Known, path: str | os.PathLike[str]) -> Path:
     if isinstance(result, Diagnosis):
         if result.spec is None:
             raise UsageError("this diagnosis has no specification, so there is no page of it")
-        text = diagnosed_page.render(result, result.spec, result.real)
+        text = diagnosis_page.render(result, result.spec, result.real)
     elif isinstance(result, CheckResult):
         text = html.render([recompute.recompute(result.folder)])
     elif isinstance(result, GapResult):
@@ -164,7 +168,7 @@ def load_result(path: str | os.PathLike[str]) -> Certified:
         UsageError: there is no run, its files were changed, or the file is a diagnosis.
     """
     from s2r_spec.report.recompute import Kind, kind, recompute, recompute_certify, recompute_gap
-    from s2r_spec.rollouts.layout import runs_in
+    from s2r_spec.runs.layout import runs_in
 
     place = Path(path)
     folder = _folder_in(place) if place.is_file() else place

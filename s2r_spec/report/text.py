@@ -5,8 +5,8 @@ from __future__ import annotations
 from rich.markup import escape
 from rich.text import Text
 
+from s2r_spec.base.verdict import Tone
 from s2r_spec.report.finding import Finding, Report
-from s2r_spec.verdict import Tone
 
 STYLES = {Tone.GOOD: "bold green", Tone.BAD: "bold red", Tone.OPEN: "bold yellow"}
 

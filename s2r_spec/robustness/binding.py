@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, TypeVar, cast
 
-from s2r_spec.errors import UsageError
+from s2r_spec.base.errors import UsageError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.once import once
 

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import UsageError
+from s2r_spec.base.errors import UsageError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness import windows
 from s2r_spec.robustness.curve import Curve, added, maximum, minimum, sign, split_at_zero

@@ -10,8 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import TraceError, UsageError
-from s2r_spec.instants import instant
+from s2r_spec.base.errors import TraceError, UsageError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.binding import bound
 from s2r_spec.robustness.dense import Recording, snap_of, walk_curves
@@ -23,6 +22,7 @@ from s2r_spec.robustness.sampled import Samples, walk_samples
 from s2r_spec.robustness.silence import Span, bounded_samples, silences_of
 from s2r_spec.robustness.ticks import Ticks, clock_of
 from s2r_spec.robustness.ties import plain
+from s2r_spec.trace.instants import instant
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.instants import DATES, instant
-from s2r_spec.json_values import to_json
+from s2r_spec.base.json_values import to_json
+from s2r_spec.base.printable import html_text, one_line
 from s2r_spec.lang import formula as f
-from s2r_spec.printable import html_text, one_line
 from s2r_spec.robustness.deciding import Step, descend
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.evaluation import Reading
 from s2r_spec.robustness.responsible import responsible
 from s2r_spec.robustness.sampled import SampledAlgebra, Samples
 from s2r_spec.robustness.ties import plain_number
+from s2r_spec.trace.instants import DATES, instant
 
 FloatArray = NDArray[np.float64]
 

@@ -12,10 +12,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import TraceError
+from s2r_spec.base.errors import TraceError
 from s2r_spec.lang.formula import Interval
-from s2r_spec.messages import INTERVALS, period_of_messages
 from s2r_spec.robustness.kernels import until, window_max, window_min
+from s2r_spec.trace.messages import INTERVALS, period_of_messages
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]

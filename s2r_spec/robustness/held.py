@@ -1,8 +1,8 @@
 """Robustness of channels that have messages of their own, at every instant from a start to an end.
 
-Data: for each signal its messages (t_i, y_i) of shape (m,), (width, m); see :mod:`s2r_spec.messages`. Model: between
-two messages a signal holds the last value, or is linear. So a predicate is a curve with breakpoints at the messages of
-its own signals (:mod:`s2r_spec.robustness.curve`). No matrix of signals × stamps is made.
+Data: for each signal its messages (t_i, y_i) of shape (m,), (width, m); see :mod:`s2r_spec.trace.messages`. Model:
+between two messages a signal holds the last value, or is linear. So a predicate is a curve with breakpoints at the
+messages of its own signals (:mod:`s2r_spec.robustness.curve`). No matrix of signals × stamps is made.
 
 Functions of the past look at a signal's own messages: ``deriv``, ``delay`` and ``count`` are computed at these and held
 between, so their operand must be of one topic. ``integral``, ``mean`` and ``duration`` of held signals are exact: an
@@ -21,7 +21,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import TraceError
+from s2r_spec.base.errors import TraceError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness import history
 from s2r_spec.robustness.curve import Curve, aligned, split_at_zero

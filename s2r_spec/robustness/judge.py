@@ -19,11 +19,9 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import TraceError
-from s2r_spec.instants import instant
+from s2r_spec.base.errors import TraceError
+from s2r_spec.base.printable import counted_messages
 from s2r_spec.lang import formula as f
-from s2r_spec.messages import union
-from s2r_spec.printable import counted_messages
 from s2r_spec.robustness.account import Instants, instants_of
 from s2r_spec.robustness.at_start import bounds_at_start
 from s2r_spec.robustness.bounds import Bounds
@@ -38,6 +36,8 @@ from s2r_spec.robustness.narrow import narrowest, refuse_short
 from s2r_spec.robustness.silence import HeldBounds, Span, edge_signals
 from s2r_spec.robustness.stream import Stream, in_one_turn
 from s2r_spec.robustness.ties import plain, plain_number
+from s2r_spec.trace.instants import instant
+from s2r_spec.trace.messages import union
 
 FloatArray = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from s2r_spec.errors import SamplingError
+from s2r_spec.base.errors import SamplingError
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.source import Span
 from s2r_spec.robustness.grid import SNAP

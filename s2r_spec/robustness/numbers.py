@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import TraceError
+from s2r_spec.base.errors import TraceError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness import history
 from s2r_spec.robustness.ties import signed

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TypedDict
 
-from s2r_spec.errors import UsageError, one_of, suggest
+from s2r_spec.base.errors import UsageError, one_of, suggest
 from s2r_spec.robustness.evaluate import Witness
 from s2r_spec.robustness.evaluation import End, Interpolation
 

@@ -11,14 +11,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import TraceError, UsageError, one_of, suggest
-from s2r_spec.instants import instant
+from s2r_spec.base.errors import TraceError, UsageError, one_of, suggest
 from s2r_spec.lang.amounts import NUMBER_AND_UNIT, Amount, converted, read_amount
 from s2r_spec.lang.conversion import Conversion
 from s2r_spec.lang.declarations import Param, Signal
 from s2r_spec.lang.units import UnknownUnitError, unit_in_log
 from s2r_spec.robustness.stream import Stream, on_circle
 from s2r_spec.trace import Trace
+from s2r_spec.trace.instants import instant
 
 FloatArray = NDArray[np.float64]
 HOLD = 'nan="hold" (--nan hold) repeats the sample before it; --join hold joins columns of different rates'

@@ -1,9 +1,9 @@
 """Times at which a signal has no valid value, and bounds on ρ there.
 
 Data: for each signal, open intervals (a, b) of time without a valid value: a periodic signal has no message for more
-than :data:`s2r_spec.messages.SILENT` periods, has had none yet, or has ended. Model: the margin of a predicate that
-reads the signal there is any number, −inf to +inf (:mod:`s2r_spec.robustness.bounds`). A predicate with functions of
-the past reads the signal also later, and one with a condition on the future also earlier.
+than :data:`s2r_spec.trace.messages.SILENT` periods, has had none yet, or has ended. Model: the margin of a predicate
+that reads the signal there is any number, −inf to +inf (:mod:`s2r_spec.robustness.bounds`). A predicate with functions
+of the past reads the signal also later, and one with a condition on the future also earlier.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
-from s2r_spec.messages import SILENT, period_of_messages
 from s2r_spec.robustness.bounds import BoundedAlgebra, Bounds
 from s2r_spec.robustness.curve import Curve
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.held import HeldAlgebra, signals_of
 from s2r_spec.robustness.sampled import SampledAlgebra, Samples
 from s2r_spec.robustness.ticks import Ticks
+from s2r_spec.trace.messages import SILENT, period_of_messages
 
 FloatArray = NDArray[np.float64]
 Span = tuple[float, float]

@@ -1,7 +1,7 @@
 """A signal with messages of its own, as a requirement reads it.
 
-Data: messages (t_i, y_i), (m,) and (width, m), in the declared unit; see :mod:`s2r_spec.messages`. From a start to an
-end it gives the spans without a valid value, and a course: one value for each stamp
+Data: messages (t_i, y_i), (m,) and (width, m), in the declared unit; see :mod:`s2r_spec.trace.messages`. From a start
+to an end it gives the spans without a valid value, and a course: one value for each stamp
 (:class:`s2r_spec.robustness.held.Course`).
 """
 
@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.messages import Messages
 from s2r_spec.robustness.held import Course
 from s2r_spec.robustness.silence import Span
+from s2r_spec.trace.messages import Messages
 
 FloatArray = NDArray[np.float64]
 _SLACK = 1e-3

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from s2r_spec.errors import UsageError, one_of
+from s2r_spec.base.errors import UsageError, one_of
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.declarations import Param, Signal
 from s2r_spec.robustness.binding import names

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from s2r_spec.errors import UsageError
+from s2r_spec.base.errors import UsageError
 from s2r_spec.lang import formula as f
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import TraceError
+from s2r_spec.base.errors import TraceError
 from s2r_spec.lang.formula import Interval
 from s2r_spec.robustness.grid import Grid
 from s2r_spec.robustness.kernels import range_min, range_until

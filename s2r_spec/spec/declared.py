@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from s2r_spec.errors import UsageError, one_of, suggest
+from s2r_spec.base.errors import UsageError, one_of, suggest
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.declarations import CertifySettings, Param, Signal
 from s2r_spec.robustness.binding import names

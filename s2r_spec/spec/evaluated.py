@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import TraceError, UndecidedError, UsageError
+from s2r_spec.base.errors import TraceError, UndecidedError, UsageError
+from s2r_spec.base.printable import one_line
+from s2r_spec.base.upper import upper
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.amounts import Amount
 from s2r_spec.lang.declarations import Param, Signal
-from s2r_spec.printable import one_line
 from s2r_spec.robustness.binding import bound, names
 from s2r_spec.robustness.evaluate import Witness
 from s2r_spec.robustness.evaluation import End, Evaluation, Interpolation, Reading, evaluate
@@ -29,7 +30,6 @@ from s2r_spec.robustness.ties import plain_number
 from s2r_spec.robustness.tolerances import Tolerances, tolerances
 from s2r_spec.spec.declared import Declared
 from s2r_spec.trace import Trace
-from s2r_spec.upper import upper
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -508,7 +508,7 @@ class Spec(Declared):
     ) -> Any:
         """Return a plot of the signals that a requirement reads, and of the values that it allows.
 
-        The :class:`~s2r_spec.report.plot.Plot` is shown by a notebook, and its ``save`` writes a file. A line marks the
+        The :class:`~s2r_spec.spec.plot.Plot` is shown by a notebook, and its ``save`` writes a file. A line marks the
         instant that decides ρ. Needs the extra ``pictures``.
 
         Args:
@@ -521,7 +521,7 @@ class Spec(Declared):
             TraceError: see :meth:`robustness`.
             UsageError: see :meth:`robustness`; or matplotlib is not installed.
         """
-        drawn = upper("report.plot").drawn
+        drawn = upper("spec.plot").drawn
         reason = self.explain(trace, requirement, params, partial=True)
         return drawn(self.tolerances(trace, requirement, params), reason, title)
 

@@ -14,11 +14,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from s2r_spec.errors import UsageError
-from s2r_spec.instants import instant
+from s2r_spec.base.errors import UsageError
+from s2r_spec.base.printable import counted_messages
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.amounts import Amount
-from s2r_spec.printable import counted_messages
 from s2r_spec.robustness.account import Instants
 from s2r_spec.robustness.evaluation import Evaluation
 from s2r_spec.robustness.explain import Explanation
@@ -27,8 +26,9 @@ from s2r_spec.robustness.judge import Judgement
 from s2r_spec.robustness.profiles import Profile, profile
 from s2r_spec.robustness.reading import Missing
 from s2r_spec.robustness.silence import silences_of
-from s2r_spec.samples import FAST, SLOW
 from s2r_spec.trace import Trace
+from s2r_spec.trace.instants import instant
+from s2r_spec.trace.samples import FAST, SLOW
 
 if TYPE_CHECKING:
     from s2r_spec.spec.evaluated import Spec

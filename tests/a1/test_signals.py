@@ -14,7 +14,7 @@ import pytest
 from s2r_a1.guard.place import Robot, hold, place
 from s2r_a1.guard.start import attach
 from s2r_a1.twin import TwinSettings
-from s2r_spec.rollouts.journal import FILE, Journal
+from s2r_spec.runs.journal import FILE, Journal
 from tests.a1.realtime import TooBusyError, Walking, first_damped, moves_after
 from tests.a1.rig import damping, limp
 from tests.a1.robots import Steered, served

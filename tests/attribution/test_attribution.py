@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from s2r_spec.attribution.attribute import attribute
 from s2r_spec.attribution.critical import kind
 from s2r_spec.attribution.path import Path as Straight
+from s2r_spec.base.json_values import line
 from s2r_spec.errors import TraceError
-from s2r_spec.json_values import line
 from s2r_spec.spec import load_spec, parse_spec
 from s2r_spec.trace import Trace
 from tests.examples import examples

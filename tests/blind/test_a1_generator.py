@@ -19,7 +19,7 @@ from s2r_sim import SimBackend
 from s2r_sim.effects import CATALOGUE
 from s2r_sim.plant.channels import CHANNELS
 from s2r_spec import load_spec
-from s2r_spec.rollouts.recorded import LogBackend
+from s2r_spec.recordings.recorded import LogBackend
 
 ROOT = Path(__file__).parents[2]
 SPEC = load_spec(ROOT / "specs" / "a1_velocity.stl")

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.blind import development
 from benchmarks.blind.development import Scored, generate, paired, scores
 from s2r_spec.backend import Effect, EffectParameter
-from s2r_spec.diagnose.axes import line
+from s2r_spec.diagnose.simulator.axes import line
 
 
 def effect(name):

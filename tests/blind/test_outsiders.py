@@ -23,10 +23,10 @@ from benchmarks.blind.protocol.score import score
 from benchmarks.blind.quad import machine as quad
 from benchmarks.blind.segway import machine as segway
 from s2r_spec import backend, load_backend, load_spec
-from s2r_spec.diagnose.axes import lines
 from s2r_spec.diagnose.residuals.left import remainders
-from s2r_spec.diagnose.simulate import Bench
-from s2r_spec.rollouts.recorded import LogBackend
+from s2r_spec.diagnose.simulator.axes import lines
+from s2r_spec.diagnose.simulator.bench import Bench
+from s2r_spec.recordings.recorded import LogBackend
 
 BLIND = Path(__file__).parents[2] / "benchmarks" / "blind"
 MACHINES = {"arm": arm, "quad": quad, "car": car, "segway": segway}

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from s2r_spec.certify.kernels import Kernel
-from s2r_spec.certify.search import Search
+from s2r_spec.certify.bound.kernels import Kernel
+from s2r_spec.certify.search.search import Search
 from s2r_spec.space import Space
 
 

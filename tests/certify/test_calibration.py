@@ -18,11 +18,11 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2
 
-from s2r_spec.certify import confidence, modes, posterior
-from s2r_spec.certify.certificate import Label
-from s2r_spec.certify.kernels import Kernel
-from s2r_spec.certify.modes import MODES
-from s2r_spec.certify.search import Search
+from s2r_spec.certify.bound import confidence, modes, posterior
+from s2r_spec.certify.bound.certificate import Label
+from s2r_spec.certify.bound.kernels import Kernel
+from s2r_spec.certify.bound.modes import MODES
+from s2r_spec.certify.search.search import Search
 from s2r_spec.space import Space
 from tests.certify.rkhs import RandomFunction, near_zero, run
 

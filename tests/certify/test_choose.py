@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from s2r_spec.certify.certificate import Label
+from s2r_spec.certify.bound.certificate import Label
 from s2r_spec.certify.choose import choose
 from s2r_spec.errors import UsageError
 from tests.errors import naming

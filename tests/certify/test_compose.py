@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 import s2r_spec as s2r
-from s2r_spec.certify.kernels import Kernel
-from s2r_spec.certify.search import Search
+from s2r_spec.certify.bound.kernels import Kernel
+from s2r_spec.certify.search.search import Search
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space
 from tests.certify.rkhs import RandomFunction, run

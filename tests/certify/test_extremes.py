@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from s2r_spec.certify.kernels import Kernel
-from s2r_spec.certify.plan_request import plan
-from s2r_spec.certify.search import Search
+from s2r_spec.certify.bound.kernels import Kernel
+from s2r_spec.certify.search.plan_request import plan
+from s2r_spec.certify.search.search import Search
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space
 from s2r_spec.spec import parse_spec

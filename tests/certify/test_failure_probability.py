@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from s2r_spec.certify import failure_probability as module
-from s2r_spec.certify.failure_probability import bound_failure_probability
-from s2r_spec.certify.kernels import Kernel
-from s2r_spec.certify.search import Search
+from s2r_spec.certify.bound.kernels import Kernel
+from s2r_spec.certify.result import failure_probability as module
+from s2r_spec.certify.result.failure_probability import bound_failure_probability
+from s2r_spec.certify.search.search import Search
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space
 

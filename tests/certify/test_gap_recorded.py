@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import s2r_spec as s2r
-from s2r_spec.certify.certificate import Label
+from s2r_spec.certify.bound.certificate import Label
 from s2r_spec.certify.gap import gap
 from s2r_spec.certify.real_machine import certify
 from s2r_spec.errors import UsageError
-from s2r_spec.rollouts.journal import Journal
-from s2r_spec.rollouts.replay import replay
-from s2r_spec.rollouts.task import open_backend
+from s2r_spec.runs.journal import Journal
+from s2r_spec.runs.replay import replay
+from s2r_spec.runs.task import open_backend
 from tests.certify.logs import record_from
 from tests.errors import naming, states
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from s2r_spec.certify.kernels import Kernel
+from s2r_spec.certify.bound.kernels import Kernel
 from s2r_spec.errors import UsageError
 from tests.errors import naming
 

@@ -9,14 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import s2r_spec as s2r
-from s2r_spec.certify import confidence
-from s2r_spec.certify.certificate import Label
-from s2r_spec.certify.kernels import Kernel
-from s2r_spec.certify.search import Search
-from s2r_spec.report import checked
+from s2r_spec.base.verdict import Verdict
+from s2r_spec.certify.bound import confidence
+from s2r_spec.certify.bound.certificate import Label
+from s2r_spec.certify.bound.kernels import Kernel
+from s2r_spec.certify.search.search import Search
+from s2r_spec.report import check as check_report
 from s2r_spec.report.recompute import recompute
 from s2r_spec.space import Space
-from s2r_spec.verdict import Verdict
 from tests.examples import examples
 
 LINE = Space.of({"vd": (0.0, 1.0)})
@@ -127,7 +127,7 @@ class TestCheck:
 
     def test_the_report_names_no_lower_end(self, tmp_path):
         result = check(tmp_path, 0.05)
-        report = checked.report([(result.spec, result)])
+        report = check_report.report([(result.spec, result)])
         (finding,) = report.findings
         assert report.exit_code == 1
         assert not finding.refused

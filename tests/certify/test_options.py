@@ -6,8 +6,8 @@ from typing import Required, get_args, get_origin, get_type_hints
 import pytest
 
 import s2r_spec as s2r
+from s2r_spec.certify.bound.settings import SearchKeywords, SearchSettings
 from s2r_spec.certify.options import MeasureKeywords, MeasureOptions, RunKeywords, RunOptions
-from s2r_spec.certify.settings import SearchKeywords, SearchSettings
 from s2r_spec.errors import UsageError
 
 

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from s2r_spec.certify import gap_result
-from s2r_spec.certify.gap_result import pairs_of
+from s2r_spec.certify.result import gap_result
+from s2r_spec.certify.result.gap_result import pairs_of
 
 
 def record(query, replicate, rho):

@@ -10,9 +10,9 @@ import s2r_toy
 import s2r_spec as s2r
 from s2r_spec.backend import Channel, Parameter
 from s2r_spec.errors import BackendError, UsageError
-from s2r_spec.rollouts.passed import PassedBackend
-from s2r_spec.rollouts.pools import process_pool
+from s2r_spec.runs.passed import PassedBackend
 from s2r_spec.trace import Trace
+from s2r_spec.workers.pools import process_pool
 from tests.cli.conftest import SPEC
 from tests.errors import naming, states
 

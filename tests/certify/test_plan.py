@@ -2,14 +2,14 @@ import numpy as np
 import pytest
 
 import s2r_spec as s2r
-from s2r_spec.certify.certificate import Label
-from s2r_spec.certify.effort import Effort, Objective
-from s2r_spec.certify.kernels import Kernel
-from s2r_spec.certify.pilot import read_pilot
-from s2r_spec.certify.plan_request import plan
-from s2r_spec.certify.sample_complexity import minimax, sequential_lower_bound
-from s2r_spec.certify.search import Search
-from s2r_spec.certify.settings import SearchSettings
+from s2r_spec.certify.bound.certificate import Label
+from s2r_spec.certify.bound.kernels import Kernel
+from s2r_spec.certify.bound.sample_complexity import minimax, sequential_lower_bound
+from s2r_spec.certify.bound.settings import SearchSettings
+from s2r_spec.certify.search.effort import Effort, Objective
+from s2r_spec.certify.search.pilot import read_pilot
+from s2r_spec.certify.search.plan_request import plan
+from s2r_spec.certify.search.search import Search
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space
 from tests.certify.rkhs import RandomFunction, run

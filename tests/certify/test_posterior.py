@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from s2r_spec.certify import confidence
-from s2r_spec.certify.confidence import Evidence
-from s2r_spec.certify.kernels import Kernel
-from s2r_spec.certify.modes import MODES
-from s2r_spec.certify.posterior import GPyTorch, Spectral
-from s2r_spec.certify.samples import Samples
+from s2r_spec.certify.bound import confidence
+from s2r_spec.certify.bound.confidence import Evidence
+from s2r_spec.certify.bound.kernels import Kernel
+from s2r_spec.certify.bound.modes import MODES
+from s2r_spec.certify.bound.posterior import GPyTorch, Spectral
+from s2r_spec.certify.bound.samples import Samples
 
 
 def problem(name, dim, most):

@@ -5,12 +5,12 @@ import pytest
 import s2r_spec as s2r
 from s2r_spec.certify.gap import gap
 from s2r_spec.errors import UsageError
+from s2r_spec.machine.manual.backend import ManualBackend
+from s2r_spec.recordings import reading_rule
+from s2r_spec.recordings.reading_rule import FIRST, READING
+from s2r_spec.recordings.recorded import LogBackend
 from s2r_spec.report.recompute import recompute, recompute_gap
-from s2r_spec.rollouts import reading_rule
-from s2r_spec.rollouts.journal import Journal
-from s2r_spec.rollouts.manual.backend import ManualBackend
-from s2r_spec.rollouts.reading_rule import FIRST, READING
-from s2r_spec.rollouts.recorded import LogBackend
+from s2r_spec.runs.journal import Journal
 from tests.certify.test_recorded import SPEC, check, design, record
 from tests.errors import naming, states
 

@@ -5,11 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from s2r_spec.certify.certificate import Label
-from s2r_spec.certify.check_result import Verdict
-from s2r_spec.certify.kernels import Kernel
+from s2r_spec.certify.bound.certificate import Label
+from s2r_spec.certify.bound.kernels import Kernel
 from s2r_spec.certify.real_machine import conclude_certify
-from s2r_spec.certify.search import Search
+from s2r_spec.certify.result.check_result import Verdict
+from s2r_spec.certify.search.search import Search
 from s2r_spec.space import Space
 from tests.certify.rkhs import run
 

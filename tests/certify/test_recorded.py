@@ -6,9 +6,9 @@ import pytest
 import s2r_spec as s2r
 from s2r_spec.errors import UsageError
 from s2r_spec.report.recompute import recompute
-from s2r_spec.rollouts.journal import Journal
-from s2r_spec.rollouts.replay import replay
-from s2r_spec.rollouts.task import open_backend
+from s2r_spec.runs.journal import Journal
+from s2r_spec.runs.replay import replay
+from s2r_spec.runs.task import open_backend
 from tests.errors import naming, states
 
 SPEC = """\

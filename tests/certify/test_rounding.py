@@ -3,7 +3,7 @@ from decimal import Decimal
 import numpy as np
 import pytest
 
-from s2r_spec.certify.rounding import at_least, at_most, between, down, up, wide
+from s2r_spec.certify.bound.rounding import at_least, at_most, between, down, up, wide
 
 
 def test_a_bound_is_never_printed_tighter_than_it_is():

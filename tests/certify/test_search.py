@@ -3,10 +3,10 @@ import json
 import numpy as np
 import pytest
 
-from s2r_spec.certify import confidence
-from s2r_spec.certify.certificate import Label
-from s2r_spec.certify.kernels import Kernel
-from s2r_spec.certify.search import Query, Search
+from s2r_spec.certify.bound import confidence
+from s2r_spec.certify.bound.certificate import Label
+from s2r_spec.certify.bound.kernels import Kernel
+from s2r_spec.certify.search.search import Query, Search
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space
 from tests.certify.rkhs import RandomFunction, run

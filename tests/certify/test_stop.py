@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 import s2r_spec as s2r
-from s2r_spec.certify.certificate import Label
+from s2r_spec.base.verdict import Verdict
+from s2r_spec.certify.bound.certificate import Label
+from s2r_spec.certify.bound.kernels import Kernel
 from s2r_spec.certify.gap import gap
-from s2r_spec.certify.kernels import Kernel
 from s2r_spec.certify.real_machine import certify
-from s2r_spec.certify.search import Search
+from s2r_spec.certify.search.search import Search
 from s2r_spec.errors import UsageError
 from s2r_spec.report.recompute import recompute, recompute_certify, recompute_gap
-from s2r_spec.rollouts.journal import Journal
+from s2r_spec.runs.journal import Journal
 from s2r_spec.space import Space
-from s2r_spec.verdict import Verdict
 from tests.certify.rkhs import run
 from tests.errors import naming
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from s2r_spec.json_objects.schema import schema
+from s2r_spec.report.records.schema import schema
 from tests import forked
 
 SPEC = """\

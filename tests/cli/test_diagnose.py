@@ -7,7 +7,7 @@ import pytest
 from s2r_cart import SPEC
 
 from s2r_spec import load_backend, logs
-from s2r_spec.json_objects.schema import schema
+from s2r_spec.report.records.schema import schema
 from tests.errors import states
 
 CART = ("diagnose", "cart.stl", "--sim", "cart")

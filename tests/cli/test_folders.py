@@ -11,8 +11,8 @@ import pytest
 
 import s2r_spec as s2r_
 from s2r_spec.certify.gap import gap
-from s2r_spec.cli import common
-from s2r_spec.rollouts.journal import FILE
+from s2r_spec.cli.terminal import common
+from s2r_spec.runs.journal import FILE
 from tests.cli.conftest import SPEC
 from tests.conftest import rewrite
 from tests.errors import states

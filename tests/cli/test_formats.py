@@ -6,7 +6,7 @@ from xml.etree import ElementTree as ET
 import jsonschema
 import pytest
 
-from s2r_spec.json_objects.schema import schema
+from s2r_spec.report.records.schema import schema
 from tests.errors import states
 
 

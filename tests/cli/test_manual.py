@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import s2r_spec as s2r_library
-from s2r_spec.rollouts.journal import Journal
-from s2r_spec.rollouts.recorded import LogBackend
+from s2r_spec.recordings.recorded import LogBackend
+from s2r_spec.runs.journal import Journal
 from s2r_spec.trace import Trace
 from tests.forked import started
 from tests.terminals import person

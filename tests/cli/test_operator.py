@@ -7,7 +7,7 @@ import signal
 
 import pytest
 
-from s2r_spec.rollouts.journal import FILE, Journal
+from s2r_spec.runs.journal import FILE, Journal
 from tests.errors import states
 from tests.forked import started
 from tests.processes import lives, until

@@ -8,13 +8,13 @@ import pytest
 from rich.console import Console
 
 import s2r_spec as s2r
-from s2r_spec.certify.kernels import Kernel
-from s2r_spec.certify.observers import Phase
-from s2r_spec.certify.plan import rollouts
-from s2r_spec.certify.search import Query
-from s2r_spec.cli.progress import Live
-from s2r_spec.cli.stages import Stages
-from s2r_spec.rollouts.journal import Record
+from s2r_spec.certify.bound.kernels import Kernel
+from s2r_spec.certify.search.observers import Phase
+from s2r_spec.certify.search.plan import rollouts
+from s2r_spec.certify.search.search import Query
+from s2r_spec.cli.terminal.progress import Live
+from s2r_spec.cli.terminal.stages import Stages
+from s2r_spec.runs.journal import Record
 from tests.errors import states
 
 SEARCH = s2r.Search({"vd": (-0.2, 0.3)}, kernel=Kernel("rbf", 0.2), B=0.5, R=0.02, delta=1e-3, epsilon=0.05)

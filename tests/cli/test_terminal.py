@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 
 import s2r_spec as s2r
-from s2r_spec.cli import output, terminal
+from s2r_spec.base.printable import lines, one_line
+from s2r_spec.cli.options import output
+from s2r_spec.cli.terminal import terminal
 from s2r_spec.errors import BackendError, UsageError
-from s2r_spec.printable import lines, one_line
-from s2r_spec.report import REPORTERS, checked, reporter
+from s2r_spec.report import REPORTERS, reporter
+from s2r_spec.report import check as check_report
 from tests.cli.conftest import SPEC
 
 STEP = "signal v {m/s}\nrequire slow: always (v <= 1 {m/s})\n"
@@ -126,7 +128,7 @@ def test_reports_of_hostile_names_are_safe_in_every_form(toy, tmp_path, streams)
         assumptions=(HOSTILE, "::set-env::"),
         provenance=result.provenance | {"backend": HOSTILE, "spec": HOSTILE},
     )
-    found = checked.report([(replace(spec, name=HOSTILE), nasty)])
+    found = check_report.report([(replace(spec, name=HOSTILE), nasty)])
     for name in REPORTERS:
         shown = reporter(name)(found)
         if name == "json":

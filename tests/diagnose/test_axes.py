@@ -3,7 +3,7 @@
 import pytest
 
 from s2r_spec.backend import Effect, EffectParameter
-from s2r_spec.diagnose.axes import lines
+from s2r_spec.diagnose.simulator.axes import lines
 
 PLACE = EffectParameter("place", "m", -0.2, 0.2, 0.0, "normal, 0.05 m")
 MASS = EffectParameter("mass", "kg", 0.0, 3.0, 0.0, "half-normal, 0.7 kg")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import s2r_spec as s2r
-from s2r_spec.diagnose.cache import Cache
+from s2r_spec.diagnose.simulator.cache import Cache
 from s2r_spec.diagnose.simulator.library import library
 from tests.diagnose.toy import SHOW, TEST, Toy
 

@@ -14,14 +14,14 @@ import s2r_cart
 from s2r_cart import EFFECTS, SPEC, Cart, Machine, real
 
 import s2r_spec as s2r
+from s2r_spec.base.json_values import to_json
 from s2r_spec.diagnose.decision import Rule, Verdict
 from s2r_spec.diagnose.inference.estimates import Status
 from s2r_spec.diagnose.residuals.left import Remainder
 from s2r_spec.errors import BackendError, UsageError
-from s2r_spec.json_values import to_json
 from s2r_spec.report.advice import next_step
-from s2r_spec.rollouts.worker_process import WorkerDiedError
 from s2r_spec.trace import Trace
+from s2r_spec.workers.worker_process import WorkerDiedError
 from tests.diagnose.toy import Toy
 from tests.errors import naming, states
 

@@ -8,11 +8,11 @@ import pytest
 import s2r_cart
 from s2r_cart import EFFECTS, Cart, real
 
-from s2r_spec.diagnose.cache import Cache
 from s2r_spec.diagnose.estimation import estimate, rivals
 from s2r_spec.diagnose.inference.hierarchical import Likelihood
 from s2r_spec.diagnose.inference.model_search import posterior
 from s2r_spec.diagnose.inference.prior import SizePrior
+from s2r_spec.diagnose.simulator.cache import Cache
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import library
 from s2r_spec.errors import BackendError, UsageError

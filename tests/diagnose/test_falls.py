@@ -7,10 +7,10 @@ import pytest
 from s2r_cart import SPEC, Cart
 
 import s2r_spec as s2r
-from s2r_spec.diagnose.axes import lines
 from s2r_spec.diagnose.falls import falls, falls_alone
 from s2r_spec.diagnose.gap.nominal import Nominal
-from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.diagnose.simulator.axes import lines
+from s2r_spec.diagnose.simulator.bench import Bench
 
 TRIPS = 0.35
 """Speed [m/s] that the measured one may be off from what is wanted, from 0.4 s on."""

@@ -7,7 +7,7 @@ from s2r_cart import SPEC, Cart, real
 import s2r_spec as s2r
 from s2r_spec.diagnose.quality.channels import by_channel
 from s2r_spec.diagnose.quality.recordings import Recordings
-from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.report.advice import next_step
 from s2r_spec.trace import Trace
 

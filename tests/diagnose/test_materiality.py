@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import s2r_spec as s2r
+from s2r_spec.base.json_values import to_json
 from s2r_spec.diagnose.gap.materiality import (
     RolloutsAtTest,
     compared_at_all_tests,
@@ -17,9 +18,8 @@ from s2r_spec.diagnose.gap.materiality import (
     tail,
 )
 from s2r_spec.diagnose.gap.nominal import Nominal
-from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.errors import UsageError
-from s2r_spec.json_values import to_json
 from s2r_turtlebot.effects import turtlebot
 from tests.errors import naming
 

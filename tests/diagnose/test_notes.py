@@ -9,14 +9,14 @@ from s2r_cart import SPEC, Cart, Machine, real
 import s2r_spec as s2r
 from s2r_spec import logs
 from s2r_spec.backend import Channel
-from s2r_spec.diagnose.axes import line, lines
 from s2r_spec.diagnose.data.rollouts import as_simulated, cut, recorded
 from s2r_spec.diagnose.data.split import ENOUGH
 from s2r_spec.diagnose.notes import Used, notes
 from s2r_spec.diagnose.quality import findings
 from s2r_spec.diagnose.quality.channels import wrapped as jumping
 from s2r_spec.diagnose.quality.recordings import Recordings
-from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.diagnose.simulator.axes import line, lines
+from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.effects import catalogue_of
 from s2r_spec.errors import BackendError, TraceError, UsageError
 from s2r_spec.report.advice import next_step

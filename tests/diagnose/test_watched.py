@@ -3,7 +3,7 @@
 from s2r_cart import SPEC, Cart, Machine
 
 import s2r_spec as s2r
-from s2r_spec.diagnose.simulate import Bench, Job, run_jobs
+from s2r_spec.diagnose.simulator.bench import Bench, Job, run_jobs
 from s2r_spec.diagnose.watched import Watched
 
 BENCH = Bench.of(s2r.parse_spec(SPEC), "tracking", Cart())

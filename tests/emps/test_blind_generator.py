@@ -13,7 +13,7 @@ from benchmarks.blind.emps.machine import STEP, TICK, Machine, arrivals
 from benchmarks.blind.emps_compare import SIDE, voltages, without_noise
 from s2r_emps import EmpsBackend
 from s2r_emps.noise import Noise
-from s2r_spec.rollouts.recorded import LogBackend
+from s2r_spec.recordings.recorded import LogBackend
 from s2r_spec.spec import load_spec
 
 ROOT = Path(__file__).parents[2]

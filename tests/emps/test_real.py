@@ -9,7 +9,7 @@ import pytest
 
 import s2r_spec as s2r
 from s2r_emps import EmpsBackend
-from s2r_spec.rollouts.recorded import LogBackend
+from s2r_spec.recordings.recorded import LogBackend
 
 ROOT = Path(__file__).parents[2]
 REAL = ROOT.parent / "shared" / "data" / "emps"

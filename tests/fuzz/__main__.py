@@ -42,8 +42,9 @@ PATIENCE = 60.0
 """Wall time after which a command is ended [s]: it waits for something that never comes."""
 LIBRARIES = (
     "tests.warm", "pydantic", "matplotlib.pyplot", "matplotlib.backends.backend_agg", "pyarrow.parquet", "numpy.random",
-    "s2r_spec.lang.lints", "s2r_spec.lang.printing", "s2r_spec.lang.latex", "s2r_spec.certify.failure_probability",
-    "s2r_spec.certify.gap", "s2r_spec.cli.progress", "s2r_spec.report.plot", "s2r_spec.rollouts.replay",
+    "s2r_spec.lang.lints", "s2r_spec.lang.printing", "s2r_spec.lang.latex",
+    "s2r_spec.certify.result.failure_probability",
+    "s2r_spec.certify.gap", "s2r_spec.cli.terminal.progress", "s2r_spec.spec.plot", "s2r_spec.runs.replay",
 )  # fmt: skip
 """What commands import: once, so that no fork does."""
 COMMANDS_TERMINAL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")

@@ -20,7 +20,7 @@ import numpy as np
 
 from s2r_spec import logs
 from s2r_spec.errors import UsageError
-from s2r_spec.logs.follow import follow
+from s2r_spec.logs.formats.follow import follow
 from s2r_spec.logs.interpret import request
 from s2r_spec.logs.mapping import Request
 from tests.logs import tables

@@ -20,7 +20,7 @@ import numpy as np
 from s2r_spec import parse_spec
 from s2r_spec.errors import UsageError
 from s2r_spec.logs.topics.join import Joining
-from s2r_spec.rollouts.excerpts import Excerpt, Excerpts, excerpt
+from s2r_spec.recordings.excerpts import Excerpt, Excerpts, excerpt
 from s2r_spec.spec.monitored import Conventions, Monitored, monitored
 from tests.logs.multirate_cases import Case
 from tests.logs.multirate_files import FORMATS

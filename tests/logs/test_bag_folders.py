@@ -7,11 +7,11 @@ import pytest
 from s2r_cart import SPEC as CART
 
 import s2r_spec as s2r_package
+from s2r_spec.base.verdict import Verdict
 from s2r_spec.certify.real_machine import certify
 from s2r_spec.errors import TraceError, UsageError
-from s2r_spec.rollouts.log_folder import LogError
-from s2r_spec.rollouts.recorded import LogBackend
-from s2r_spec.verdict import Verdict
+from s2r_spec.recordings.log_folder import LogError
+from s2r_spec.recordings.recorded import LogBackend
 from tests.cli.conftest import FINE
 from tests.cli.conftest import s2r as s2r  # the command line in a folder of its own
 from tests.errors import states

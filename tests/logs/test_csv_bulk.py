@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from s2r_spec import logs
 from s2r_spec.errors import UsageError
-from s2r_spec.logs import csv_bulk
+from s2r_spec.logs.formats import csv_bulk
 
 SMALL = csv_bulk.FROM
 CELLS = st.sampled_from(

@@ -7,7 +7,7 @@ import pytest
 
 from s2r_spec import logs
 from s2r_spec.errors import TraceError
-from s2r_spec.logs.follow import follow
+from s2r_spec.logs.formats.follow import follow
 from s2r_spec.logs.interpret import request
 from tests.errors import naming
 

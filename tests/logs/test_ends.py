@@ -14,12 +14,12 @@ from s2r_spec.logs.table import Column
 from s2r_spec.logs.topics.join import Joining
 from s2r_spec.logs.topics.order import ordered
 from s2r_spec.logs.topics.topic import Topic
-from s2r_spec.messages import Messages, joined
-from s2r_spec.rollouts.episodes import cut
-from s2r_spec.rollouts.log_folder import digest
-from s2r_spec.rollouts.recorded import LogBackend
+from s2r_spec.recordings.episodes import cut
+from s2r_spec.recordings.log_folder import digest
+from s2r_spec.recordings.recorded import LogBackend
 from s2r_spec.spec.monitored import Conventions, monitored
 from s2r_spec.trace import Trace
+from s2r_spec.trace.messages import Messages, joined
 
 FAR = s2r.parse_spec("signal d {m}\nrequire far: always (d > 0.3 {m})")
 BOTH = s2r.parse_spec("signal d[2] {m}\nrequire far: always (d[0] > 0.3 {m} and d[1] > 0.3 {m})")

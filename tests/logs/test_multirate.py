@@ -9,7 +9,7 @@ import pytest
 
 from s2r_spec import parse_spec
 from s2r_spec.logs.topics.join import Joining
-from s2r_spec.rollouts.excerpts import Excerpts, excerpt
+from s2r_spec.recordings.excerpts import Excerpts, excerpt
 from s2r_spec.spec.monitored import Conventions, monitored
 from tests.examples import examples
 from tests.logs.multirate import Log, Sent

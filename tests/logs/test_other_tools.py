@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from s2r_spec import logs
 from s2r_spec.errors import NoTimesError, TraceError
-from s2r_spec.logs.follow import follow
+from s2r_spec.logs.formats.follow import follow
 from s2r_spec.logs.interpret import request
 from s2r_spec.logs.summary import summary
 from s2r_spec.trace import Trace
@@ -70,7 +70,7 @@ def test_a_row_of_units_below_the_names_is_one(tmp_path, head, first, unit):
 
 
 def test_a_row_of_units_is_no_row_of_a_large_file(tmp_path, monkeypatch):
-    monkeypatch.setattr("s2r_spec.logs.csv_bulk.FROM", 1)
+    monkeypatch.setattr("s2r_spec.logs.formats.csv_bulk.FROM", 1)
     trace, _ = both(tmp_path / "a.csv", "t,v\nms,m/s\n0,0.4\n20,1.6\n40,0.4\n")
     assert (trace.times.tolist(), trace["v"].tolist()) == ([0, 0.02, 0.04], [0.4, 1.6, 0.4])
     with (tmp_path / "a.csv").open("a") as stream:

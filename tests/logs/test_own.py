@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from s2r_spec import Trace, logs
-from s2r_spec.messages import Messages
+from s2r_spec.trace.messages import Messages
 
 REPEATED = np.array([0.0, 0.1, 0.1, 0.4])
 

@@ -9,8 +9,8 @@ from s2r_spec import load_backend, logs, parse_spec, read_trace
 from s2r_spec.errors import TraceError, UndecidedError, UsageError
 from s2r_spec.logs.summary import summary
 from s2r_spec.logs.topics.join import Joining
-from s2r_spec.rollouts.excerpts import Excerpts, Source, excerpt, read_sources
-from s2r_spec.rollouts.log_folder import LogError
+from s2r_spec.recordings.excerpts import Excerpts, Source, excerpt, read_sources
+from s2r_spec.recordings.log_folder import LogError
 from tests.errors import naming, states
 from tests.logs import robot_logs
 

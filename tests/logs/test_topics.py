@@ -11,10 +11,10 @@ from s2r_spec import logs, parse_spec, read_episodes
 from s2r_spec.errors import TraceError
 from s2r_spec.logs.interpret import at_clock
 from s2r_spec.logs.topics.join import Joining
-from s2r_spec.messages import Messages
-from s2r_spec.rollouts.episodes import cut
-from s2r_spec.rollouts.excerpts import Excerpts, Source, excerpt
+from s2r_spec.recordings.episodes import cut
+from s2r_spec.recordings.excerpts import Excerpts, Source, excerpt
 from s2r_spec.trace import Trace
+from s2r_spec.trace.messages import Messages
 from tests.logs import robot_logs
 from tests.logs.robot_logs import RHO
 

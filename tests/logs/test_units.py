@@ -11,10 +11,10 @@ import scipy.io
 import s2r_spec as s2r
 from s2r_spec import logs
 from s2r_spec.errors import TraceError, TraceNote, UsageError
-from s2r_spec.logs.follow import follow
+from s2r_spec.logs.formats.follow import follow
 from s2r_spec.logs.mapping import Request
-from s2r_spec.rollouts.excerpts import Excerpts, excerpt
-from s2r_spec.rollouts.recorded import LogBackend
+from s2r_spec.recordings.excerpts import Excerpts, excerpt
+from s2r_spec.recordings.recorded import LogBackend
 from tests.errors import naming, states
 from tests.logs import tables
 

@@ -13,9 +13,9 @@ import s2r_spec as s2r
 from s2r_spec import backend
 from s2r_spec.certify.real_machine import certify as certify_both
 from s2r_spec.report.recompute import Recomputed, recompute
-from s2r_spec.rollouts import task
-from s2r_spec.rollouts.journal import Journal, Record
-from s2r_spec.rollouts.spec_files import SPEC_FILE
+from s2r_spec.runs import task
+from s2r_spec.runs.journal import Journal, Record
+from s2r_spec.runs.spec_files import SPEC_FILE
 from tests.conftest import PLUGIN
 
 SPEC = """\

@@ -7,6 +7,7 @@ import jsonschema
 import numpy as np
 import pytest
 
+from s2r_spec.base.json_values import document
 from s2r_spec.diagnose.decision import Evidence, Rule
 from s2r_spec.diagnose.diagnosis import Diagnosis, Which
 from s2r_spec.diagnose.experiment_design.identifiability import Candidate, Power, Separation
@@ -16,12 +17,12 @@ from s2r_spec.diagnose.inference.estimates import EffectEstimate, ParameterEstim
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.residuals.left import Remainder
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.json_objects.schema import schema
-from s2r_spec.json_values import document
-from s2r_spec.report import diagnosed, diagnosed_page
+from s2r_spec.report import diagnosis as diagnosis_report
+from s2r_spec.report import diagnosis_page
 from s2r_spec.report.advice import next_step
-from s2r_spec.report.diagnosed_markdown import markdown
+from s2r_spec.report.diagnosis_markdown import markdown
 from s2r_spec.report.figures.robot import is_quadruped, robot
+from s2r_spec.report.records.schema import schema
 from tests.diagnose.test_decision import ALARM, CLOCK, FELL, MATTERS, SAME
 from tests.errors import states
 from tests.report.made import body_of, materiality_of, page_of, spec_of, where_of
@@ -81,7 +82,7 @@ def diagnosis(dim=0, effects=EFFECTS, separation=SETTLED, test=NEXT, passive=Fal
 
 def test_the_first_screen_has_the_answer_in_order():
     found, spec = diagnosis()
-    said = diagnosed.text(found, spec)
+    said = diagnosis_report.text(found, spec)
     order = (
         "CONFOUNDED", "friction explains the data best", "delay may be there, too", "largest gap", "12 µm",
         "friction.force", "1.50 ± 0.20 N", "0.75 ± 0.10", "possible", "\n  delay ", "4.0 ± 3.0 ms", "probability 0.30",
@@ -96,7 +97,7 @@ def test_the_first_screen_has_the_answer_in_order():
 
 def test_every_size_is_in_markdown_page_and_json():
     found, spec = diagnosis()
-    page = page_of(diagnosed_page.render, found, spec).text
+    page = page_of(diagnosis_page.render, found, spec).text
     for name in ("friction.force", "delay.time", "payload.mass"):
         assert name in page
         assert f"| {name} |" in markdown(found, spec)
@@ -124,9 +125,9 @@ def test_a_possible_effect_comes_with_the_experiment_that_settles_it_or_the_one_
 ):
     found, spec = diagnosis(separation=separation)
     for said in (
-        diagnosed.text(found, spec),
+        diagnosis_report.text(found, spec),
         markdown(found, spec),
-        page_of(diagnosed_page.render, found, spec).text,
+        page_of(diagnosis_page.render, found, spec).text,
     ):
         assert words in said
 
@@ -138,7 +139,7 @@ def test_a_test_is_told_in_the_units_of_the_specification():
         1, separation=replace(SETTLED, powers=(Power(own, 4.0, True),)), test=replace(NEXT, candidate=own)
     )
     assert "run vd = 0.5 m/s, which separates" in next_step(found, spec)
-    assert "vd = 0.5 m/s would settle it" in diagnosed.text(found, spec)
+    assert "vd = 0.5 m/s would settle it" in diagnosis_report.text(found, spec)
     which = found.to_json()["which"]
     assert which["next_test"]["params"] == {"vd": 0.5}
     assert which["separations"][0]["powers"][0]["experiment"] == "vd = 0.5"
@@ -147,7 +148,7 @@ def test_a_test_is_told_in_the_units_of_the_specification():
 def test_an_effect_that_the_data_do_not_show_is_not_said_to_be_ruled_out():
     slip = effect("slip", "factor", "", 0.03, 0.02, 0.1, width=0.9)
     found, spec = diagnosis(effects=(*EFFECTS, slip))
-    said = diagnosed.text(found, spec)
+    said = diagnosis_report.text(found, spec)
     assert "not visible in these data: slip" in said
     assert "ruled out: payload\n" in said
     assert found.to_json()["which"]["hidden"] == ["delay", "slip"]
@@ -155,11 +156,11 @@ def test_an_effect_that_the_data_do_not_show_is_not_said_to_be_ruled_out():
 
 def test_logs_of_tests_alone_say_first_what_they_cannot_tell():
     found, spec = diagnosis(passive=True)
-    second = diagnosed.text(found, spec).splitlines()[1]
+    second = diagnosis_report.text(found, spec).splitlines()[1]
     assert "delay" in second
     assert "friction" not in second
-    assert "tests of the specification alone" not in diagnosed.text(*diagnosis())
-    assert "Tests of the specification alone" in page_of(diagnosed_page.render, found, spec).text
+    assert "tests of the specification alone" not in diagnosis_report.text(*diagnosis())
+    assert "Tests of the specification alone" in page_of(diagnosis_page.render, found, spec).text
 
 
 PUSH = Remainder("torque", 1, "FR calf", "", 0.5, 0.6, -3.25, "N*m", "s", 1.8)
@@ -246,7 +247,7 @@ def test_every_rule_has_a_reason_an_exit_code_and_a_next_step(more, rule, code, 
     assert reason in record["reason"]
     assert step in record["next"]
     assert record["exit_code"] == code
-    said = diagnosed.text(found, spec)
+    said = diagnosis_report.text(found, spec)
     assert record["reason"] in said
     assert record["next"] in said
     assert bool(record["patch"]) is bool(found.which.answer)
@@ -299,7 +300,7 @@ def test_the_forms_of_a_result_in_python(tmp_path):
     one = replace(plain, spec=spec, real="twin:lab")
     assert one.to_json() == plain.to_json()
     assert one.save(tmp_path / "kept").read_text() == document(plain) + "\n"
-    assert one.report(tmp_path / "x.html").read_text() == diagnosed_page.render(plain, spec, "twin:lab")
+    assert one.report(tmp_path / "x.html").read_text() == diagnosis_page.render(plain, spec, "twin:lab")
     assert repr(one).startswith("Diagnosis(confounded: The gap is material.")
     assert "friction.force" in one._repr_html_()
     assert "This assumes" in plain._repr_html_()
@@ -310,8 +311,8 @@ def test_the_page_is_whole_small_and_offline():
     found = replace(
         found, where=replace(found.where, body=body_of(["FR calf", "FR foot", "base"]), no_body=None)
     )
-    text = diagnosed_page.render(found, spec, "twin:lab")
-    assert diagnosed_page.render(found, spec, "twin:lab") == text
+    text = diagnosis_page.render(found, spec, "twin:lab")
+    assert diagnosis_page.render(found, spec, "twin:lab") == text
     assert len(text.encode()) < 1_000_000
     page = Page(text)
     assert not page.fetched
@@ -329,9 +330,9 @@ def test_the_page_is_whole_small_and_offline():
 def test_names_of_users_do_not_break_a_form():
     nasty = effect(NASTY, "p", "N", 0.999, 1.5, 0.2)
     found, spec = diagnosis(effects=(nasty,), separation=None)
-    assert "<script>" not in diagnosed_page.render(found, spec)
+    assert "<script>" not in diagnosis_page.render(found, spec)
     assert all(line.count("| ") < 20 for line in markdown(found, spec).splitlines())
-    assert NASTY.split(" ")[0] in diagnosed.text(found, spec)
+    assert NASTY.split(" ")[0] in diagnosis_report.text(found, spec)
 
 
 @pytest.mark.parametrize(
@@ -340,14 +341,14 @@ def test_names_of_users_do_not_break_a_form():
      (3, ["Δρ along vd, load, slope", "|Δρ| of 10 held-out"])],
 )  # fmt: skip
 def test_the_gap_is_drawn_over_any_test_space(dim, starts):
-    page = Page(diagnosed_page.render(*diagnosis(dim)))
+    page = Page(diagnosis_page.render(*diagnosis(dim)))
     for start in starts:
         assert sum(alt.startswith(start) for alt in page.pictures) == 1
     assert page.pictures[-1].startswith(starts[-1])
 
 
 def test_over_one_parameter_held_out_tests_stand_on_the_curve():
-    page = Page(diagnosed_page.render(*diagnosis(1)))
+    page = Page(diagnosis_page.render(*diagnosis(1)))
     assert states(page.pictures[0], "Δρ", "vd", "0", "1 m/s", "10 held-out tests")
     assert states(page.text, "before", "after")
 
@@ -367,6 +368,6 @@ def test_four_legs_are_drawn_and_any_other_machine_is_rows():
 
 def test_without_where_or_held_out_tests_the_page_says_so():
     found, spec = diagnosis(held_out=None)
-    page = page_of(diagnosed_page.render, replace(found, where=None), spec)
+    page = page_of(diagnosis_page.render, replace(found, where=None), spec)
     assert "No real rollouts were held out" in page.text
     assert page.pictures == []

@@ -10,15 +10,17 @@ from xml.etree import ElementTree as ET
 import jsonschema
 import pytest
 
+from s2r_spec.base.verdict import Verdict
+from s2r_spec.certify.bound.rounding import between, down
 from s2r_spec.certify.gap import gap as bound
-from s2r_spec.certify.rounding import between, down
 from s2r_spec.errors import UsageError
-from s2r_spec.json_objects.schema import schema
-from s2r_spec.report import REPORTERS, certified, gapped, html, reporter
+from s2r_spec.report import REPORTERS, html, reporter
+from s2r_spec.report import certify as certify_report
+from s2r_spec.report import gap as gap_report
 from s2r_spec.report.numberline import bars
 from s2r_spec.report.recompute import Kind, kind, recompute_certify, recompute_gap
-from s2r_spec.rollouts.task import open_backend
-from s2r_spec.verdict import Verdict
+from s2r_spec.report.records.schema import schema
+from s2r_spec.runs.task import open_backend
 from tests.certify.logs import record_from
 from tests.errors import naming, states
 from tests.report.conftest import one_thread, plugin, spec_of, undrawn
@@ -54,10 +56,10 @@ def test_what_kind_of_run_a_folder_holds(promised, holds, tmp_path):
 
 def test_json_is_what_the_schema_says(promised, unpromised, refused_in_simulation):
     for spec, result, _ in (promised, unpromised, refused_in_simulation):
-        found = json.loads(reporter("json")(certified.report(spec, result)))
+        found = json.loads(reporter("json")(certify_report.report(spec, result)))
         jsonschema.validate(found, schema("s2r.certify/1"))
         if result.gap is not None:
-            found = json.loads(reporter("json")(gapped.report(spec, result.gap)))
+            found = json.loads(reporter("json")(gap_report.report(spec, result.gap)))
             jsonschema.validate(found, schema("s2r.gap/1"))
 
 
@@ -73,7 +75,7 @@ def test_json_is_what_the_schema_says(promised, unpromised, refused_in_simulatio
 )
 def test_the_schema_notices_a_damaged_object(promised, damage):
     spec, result, _ = promised
-    found = json.loads(reporter("json")(certified.report(spec, result)))
+    found = json.loads(reporter("json")(certify_report.report(spec, result)))
     damage(found)
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate(found, schema("s2r.certify/1"))
@@ -83,10 +85,10 @@ def test_every_format_tells_the_verdict_and_the_bound(promised):
     spec, result, _ = promised
     bound = f"≥ {down(result.composition.lower)} m/s", "1 − 0.002"
     for name, render in REPORTERS.items():
-        shown = render(certified.report(spec, result))
+        shown = render(certify_report.report(spec, result))
         assert "walking" in shown
         assert name in ("json", "text", "junit") or states(shown, *bound), name
-    text = reporter("text")(certified.report(spec, result))
+    text = reporter("text")(certify_report.report(spec, result))
     assert states(text.splitlines()[0], "walking  HOLDS", "a spec.stl", "toy", "toy:drag")
     promise = result.composition
     assert states(text, f"{between(promise.lower, promise.upper)} m/s", "toy:drag", "1 − 0.002", "B = 4 m/s")
@@ -94,7 +96,7 @@ def test_every_format_tells_the_verdict_and_the_bound(promised):
 
 def test_a_gap_is_bounded_and_neither_holds_nor_fails(promised, unpromised):
     spec = promised[0]
-    close, wide = (gapped.report(spec, one.gap) for one in (promised[1], unpromised[1]))
+    close, wide = (gap_report.report(spec, one.gap) for one in (promised[1], unpromised[1]))
     assert (close.exit_code, wide.exit_code) == (0, 3)
     assert "walking  BOUNDED  (" in reporter("text")(close)
     case = ET.fromstring(reporter("junit")(close)).find("testsuite/testcase")
@@ -132,7 +134,7 @@ def test_the_page_of_a_gap_and_of_a_refusal(promised, refused_in_simulation):
 def test_a_fall_of_the_real_side_is_told(unpromised):
     spec, result, folder = unpromised
     assert result.gap.failures
-    assert "fell [/leg]" in reporter("text")(certified.report(spec, result))
+    assert "fell [/leg]" in reporter("text")(certify_report.report(spec, result))
     with undrawn():
         page = Page(html.render([recompute_certify(folder)])).text
     assert "fell [/leg]" in page
@@ -168,7 +170,9 @@ def test_recordings_are_drawn_where_they_lie(tmp_path):
         open_backend.cache_clear()
         page = Page(html.render([run]))
     assert len(page.pictures) == 2
-    jsonschema.validate(json.loads(reporter("json")(gapped.report(run.spec, result))), schema("s2r.gap/1"))
+    jsonschema.validate(
+        json.loads(reporter("json")(gap_report.report(run.spec, result))), schema("s2r.gap/1")
+    )
 
 
 def test_nothing_in_a_name_is_markup(promised):
@@ -176,9 +180,9 @@ def test_nothing_in_a_name_is_markup(promised):
     gap = replace(result.gap, folder=Path(f"runs/{NASTY}"))
     nasty = replace(result, reason=NASTY, real=NASTY, gap=gap)
     for name, render in REPORTERS.items():
-        assert "漢字🤖" in render(certified.report(spec, nasty)), name
-    assert len(reporter("github")(certified.report(spec, nasty)).splitlines()) == 1
-    assert certified.finding(spec, nasty).replay.count("'") == 2  # fit for a shell
+        assert "漢字🤖" in render(certify_report.report(spec, nasty)), name
+    assert len(reporter("github")(certify_report.report(spec, nasty)).splitlines()) == 1
+    assert certify_report.finding(spec, nasty).replay.count("'") == 2  # fit for a shell
 
 
 def test_bars_share_one_line_with_0_on_it():

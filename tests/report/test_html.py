@@ -5,11 +5,12 @@ from html.parser import HTMLParser
 
 import pytest
 
-from s2r_spec import errors, logs
+from s2r_spec import logs
+from s2r_spec.base import errors
 from s2r_spec.errors import UsageError
 from s2r_spec.report import html
 from s2r_spec.report.recompute import recompute
-from s2r_spec.rollouts.layout import runs_in
+from s2r_spec.runs.layout import runs_in
 from tests.conftest import rewrite
 from tests.errors import naming, states
 from tests.report.conftest import invented, undrawn

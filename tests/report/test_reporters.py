@@ -7,10 +7,11 @@ from xml.etree import ElementTree as ET
 import jsonschema
 import pytest
 
-from s2r_spec.certify.rounding import between
+from s2r_spec.certify.bound.rounding import between
 from s2r_spec.errors import UsageError
-from s2r_spec.json_objects.schema import schema
-from s2r_spec.report import REPORTERS, checked, reporter
+from s2r_spec.report import REPORTERS, reporter
+from s2r_spec.report import check as check_report
+from s2r_spec.report.records.schema import schema
 from tests.errors import naming, states
 
 NASTY = 'a<b & "c" | `d` *e* [f] %0A::error $x$ \x07 é漢字🤖\nsecond line'
@@ -25,7 +26,7 @@ def nasty(pair):
 
 @pytest.fixture
 def report(holds, violated, undecided, refused):
-    return checked.report([holds, violated, undecided, refused])
+    return check_report.report([holds, violated, undecided, refused])
 
 
 def test_every_format_tells_every_requirement_and_the_worst_exit_code(report):
@@ -36,7 +37,7 @@ def test_every_format_tells_every_requirement_and_the_worst_exit_code(report):
 
 def test_the_text_is_what_the_record_says(holds):
     _, result = holds
-    shown = reporter("text")(checked.report([holds]))
+    shown = reporter("text")(check_report.report([holds]))
     assert states(shown.splitlines()[0], "walking  HOLDS", "a spec.stl", "toy")
     assert states(shown, f"{between(result.lower, result.upper)} m/s", "1 − 0.001")
     assert f"s2r replay {result.folder}#{result.lowest.query}.{result.lowest.replicate}" in shown
@@ -61,7 +62,7 @@ def test_json_is_what_the_schema_says(report):
     ],
 )
 def test_the_schema_notices_a_damaged_object(holds, damage):
-    found = json.loads(reporter("json")(checked.report([holds])))
+    found = json.loads(reporter("json")(check_report.report([holds])))
     damage(found["results"][0])
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate(found, schema("s2r.check/1"))
@@ -70,7 +71,7 @@ def test_the_schema_notices_a_damaged_object(holds, damage):
 def test_json_never_holds_nan(holds):
     spec, result = holds
     with pytest.raises(ValueError, match="nan"):
-        reporter("json")(checked.report([(spec, replace(result, lower=float("nan")))]))
+        reporter("json")(check_report.report([(spec, replace(result, lower=float("nan")))]))
 
 
 def test_junit_counts_and_places_failures_and_errors(report):
@@ -106,7 +107,7 @@ def test_markdown_has_a_table_and_the_replay_lines(report):
 
 
 def test_nothing_in_a_name_is_markup(holds):
-    report = checked.report([nasty(holds)])
+    report = check_report.report([nasty(holds)])
     for name, render in REPORTERS.items():
         assert "漢字🤖" in render(report), name
     assert "[f]" in reporter("text")(report)

@@ -8,9 +8,9 @@ import jsonschema
 import pytest
 
 import s2r_spec as s2r
+from s2r_spec.base.json_values import document
 from s2r_spec.errors import UsageError
-from s2r_spec.json_objects.schema import schema
-from s2r_spec.json_values import document
+from s2r_spec.report.records.schema import schema
 from tests.cli.conftest import SPEC
 from tests.errors import naming, states
 from tests.report.test_diagnosed import diagnosis
@@ -101,14 +101,14 @@ def test_a_table_for_a_notebook_is_small_and_safe(results, kind):
 def test_a_diagnosis_has_the_same_forms(tmp_path):
     from dataclasses import replace
 
-    from s2r_spec.report import diagnosed_page
+    from s2r_spec.report import diagnosis_page
 
     plain, spec = diagnosis(1)
     one = replace(plain, spec=spec, real="twin:lab")
     assert one.to_json() == json.loads(document(plain))
     jsonschema.validate(one.to_json(), schema("s2r/diagnosis/2"))
     assert one.save(tmp_path / "kept").read_text() == document(plain) + "\n"
-    assert one.report(tmp_path / "x.html").read_text() == diagnosed_page.render(plain, spec, "twin:lab")
+    assert one.report(tmp_path / "x.html").read_text() == diagnosis_page.render(plain, spec, "twin:lab")
     assert states(repr(one), "Diagnosis(confounded: ", "friction", "delay")
     assert "\n" not in repr(one)
     with pytest.raises(UsageError, match=naming("diagnosis")):

@@ -7,8 +7,8 @@ import s2r_spec as s2r
 from s2r_spec import Trace, parse_spec
 from s2r_spec.errors import SamplingError, TraceError, UndecidedError, UsageError
 from s2r_spec.logs.interpret import at_clock
-from s2r_spec.messages import Messages
 from s2r_spec.spec.monitored import Conventions, monitored
+from s2r_spec.trace.messages import Messages
 
 
 def sent(*pairs, **options):

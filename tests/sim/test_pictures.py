@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from s2r_sim import SimBackend, pictures
-from s2r_spec import errors
+from s2r_spec.base import errors
 from s2r_spec.errors import UsageError
 from tests.errors import naming
 

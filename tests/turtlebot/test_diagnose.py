@@ -8,7 +8,7 @@ import pytest
 
 import s2r_spec as s2r
 from s2r_spec.diagnose.diagnosis import Verdict
-from s2r_spec.json_objects.schema import schema
+from s2r_spec.report.records.schema import schema
 from s2r_turtlebot.effects import CATALOGUE, TurtlebotWithEffects
 
 SPEC = (Path(__file__).parents[2] / "specs" / "turtlebot.stl").read_text()

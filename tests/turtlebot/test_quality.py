@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import s2r_spec as s2r
-from s2r_spec.diagnose.axes import lines
 from s2r_spec.diagnose.quality.channels import hold
 from s2r_spec.diagnose.quality.comparison import compare
 from s2r_spec.diagnose.quality.decide import suspected
 from s2r_spec.diagnose.quality.recordings import Recordings
-from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.diagnose.simulator.axes import lines
+from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.effects import catalogue_of
 from s2r_turtlebot.effects import TurtlebotWithEffects
 

@@ -9,9 +9,9 @@ from typing import Annotated
 import typer
 
 from s2r_spec.cli import main
-from s2r_spec.cli.common import pool, sentences
-from s2r_spec.cli.options import AsJson, Quiet, Scheduler, Seed, Simulator, Workers
-from s2r_spec.cli.terminal import console, print_json, say
+from s2r_spec.cli.options.search import AsJson, Quiet, Scheduler, Seed, Simulator, Workers
+from s2r_spec.cli.terminal.common import pool, sentences
+from s2r_spec.cli.terminal.terminal import console, print_json, say
 
 app = typer.Typer(
     help="A blinded test of the diagnosis: seal labels, freeze the answers, open the labels, score.",
@@ -55,10 +55,10 @@ def freeze(
     with sentences():
         from benchmarks.blind.protocol.freeze import freeze as fix
         from s2r_spec.backend import load_backend
-        from s2r_spec.cli.stages import Stages
+        from s2r_spec.cli.terminal.stages import Stages
         from s2r_spec.diagnose import diagnose
-        from s2r_spec.diagnose.cache import source_of
-        from s2r_spec.rollouts.recorded import LogBackend
+        from s2r_spec.diagnose.simulator.cache import source_of
+        from s2r_spec.recordings.recorded import LogBackend
         from s2r_spec.spec import load_spec
 
         executor, _ = pool(workers, scheduler)

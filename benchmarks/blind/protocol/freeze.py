@@ -11,8 +11,8 @@ from typing import Any
 import s2r_spec
 from benchmarks.blind.protocol.hashes import of_folder, read_json, write_json
 from benchmarks.blind.protocol.seal import cases
+from s2r_spec.base.files import save
 from s2r_spec.errors import UsageError
-from s2r_spec.files import save
 
 MANIFEST = "manifest.json"
 BEGUN = "code.sha256"

@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from s2r_spec.base.files import save
 from s2r_spec.errors import UsageError
-from s2r_spec.files import save
 
 
 def of_folder(folder: Path) -> str:

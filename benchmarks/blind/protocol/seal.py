@@ -11,8 +11,8 @@ import secrets
 from pathlib import Path
 
 from benchmarks.blind.protocol.hashes import of_folder, of_label, read_json, write_json
+from s2r_spec.base.files import save
 from s2r_spec.errors import UsageError
-from s2r_spec.files import save
 
 
 def cases(public: Path) -> list[str]:

@@ -24,16 +24,16 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from s2r_spec.backend import Backend, HasDuration, Recording
+from s2r_spec.backend.protocols import HasProtocols, protocol_of
+from s2r_spec.base.errors import UsageError
 from s2r_spec.diagnose.data.journal import Journal
 from s2r_spec.diagnose.data.rollouts import FEWEST, RealRollouts, as_experiment
 from s2r_spec.diagnose.data.space_filling import spread
 from s2r_spec.diagnose.data.split import LEAST, number_held_out
-from s2r_spec.diagnose.simulate import Bench, Test, refuse_machine
+from s2r_spec.diagnose.simulator.bench import Bench, Test, refuse_machine
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.errors import UsageError
-from s2r_spec.protocols import HasProtocols, protocol_of
-from s2r_spec.rollouts.compatibility import check_compatibility
-from s2r_spec.rollouts.seeds import Stream, rollout_seed
+from s2r_spec.runs.compatibility import check_compatibility
+from s2r_spec.runs.seeds import Stream, rollout_seed
 
 BUDGET = 30
 """Budget: real rollouts of a machine when the user gives no number. Twice as many halve the variance of an estimate."""

@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from s2r_spec import logs
+from s2r_spec.backend.protocols import PROTOCOL
+from s2r_spec.base.errors import NotBegunError, UsageError
+from s2r_spec.base.files import save
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.errors import NotBegunError, UsageError
-from s2r_spec.files import save
-from s2r_spec.protocols import PROTOCOL
-from s2r_spec.rollouts.seeds import inherited
+from s2r_spec.runs.seeds import inherited
 from s2r_spec.trace import Trace
 
 FILE, TABLE, SCHEMA = "campaign.json", "rollouts.csv", "s2r.campaign/1"

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from s2r_spec.backend import Backend
-from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.backend.protocols import HasPlayable, HasProtocols, Protocol, protocol_of, write_playable
+from s2r_spec.base.errors import UsageError
+from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.errors import UsageError
-from s2r_spec.protocols import HasPlayable, HasProtocols, Protocol, protocol_of, write_playable
 
 
 def canonical(protocol: Protocol, params: Mapping[str, float]) -> Experiment:

@@ -15,18 +15,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from s2r_spec.backend import Backend, HasRecordings, Recording
+from s2r_spec.backend.protocols import PROTOCOL, protocol_of
+from s2r_spec.base.errors import SamplingError, TraceError, UsageError
 from s2r_spec.diagnose.data.protocols import canonical
 from s2r_spec.diagnose.notes import CUT, READ_AT
-from s2r_spec.diagnose.simulate import Bench, blamed
+from s2r_spec.diagnose.simulator.bench import Bench, blamed
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.errors import SamplingError, TraceError, UsageError
 from s2r_spec.lang.conversion import Conversion
 from s2r_spec.lang.units import UnknownUnitError, parse_unit, unit_in_log
-from s2r_spec.protocols import PROTOCOL, protocol_of
-from s2r_spec.rollouts.compatibility import check_compatibility
-from s2r_spec.rollouts.recorded import refuse_hidden, refuse_unstated_times, tests_of
-from s2r_spec.samples import Rule, period_of
+from s2r_spec.recordings.recorded import refuse_hidden, refuse_unstated_times, tests_of
+from s2r_spec.runs.compatibility import check_compatibility
 from s2r_spec.trace import Trace
+from s2r_spec.trace.samples import Rule, period_of
 
 Rollouts = Iterable[tuple[Mapping[str, float], Trace]]
 TestRun = tuple[dict[str, float], Trace]

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from s2r_spec.diagnose.simulate import Test
+from s2r_spec.diagnose.simulator.bench import Test
 from s2r_spec.space import Space
 
 TESTS = 10

@@ -30,7 +30,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.axes import Line
+from s2r_spec.base.json_values import Shown
 from s2r_spec.diagnose.estimation import Estimate
 from s2r_spec.diagnose.inference.estimates import COVER
 from s2r_spec.diagnose.inference.gauss_newton import Fit, Observation
@@ -44,8 +44,8 @@ from s2r_spec.diagnose.inference.hierarchical import (
     without_variants,
 )
 from s2r_spec.diagnose.inference.prior import NAMED, UNNAMED
+from s2r_spec.diagnose.simulator.axes import Line
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.json_values import Shown
 
 FloatArray = NDArray[np.float64]
 

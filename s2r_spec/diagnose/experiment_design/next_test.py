@@ -20,9 +20,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.base.json_values import DIGITS, Shown
 from s2r_spec.diagnose.estimation import Estimate
 from s2r_spec.diagnose.experiment_design.identifiability import Candidate, Forecast
-from s2r_spec.json_values import DIGITS, Shown
 
 FloatArray = NDArray[np.float64]
 

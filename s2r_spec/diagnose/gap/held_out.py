@@ -25,15 +25,15 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.axes import Values, lines
+from s2r_spec.backend.effects import catalogue_of
+from s2r_spec.base.json_values import Count, Probability, Shown
 from s2r_spec.diagnose.gap import DRAWS, FEWEST, LEVEL, SHOTS
 from s2r_spec.diagnose.gap.materiality import mean_difference
 from s2r_spec.diagnose.gap.nominal import Nominal
 from s2r_spec.diagnose.inference.prior import BACKGROUND
-from s2r_spec.diagnose.simulate import Bench, Test, places_of, table
-from s2r_spec.effects import catalogue_of
-from s2r_spec.json_values import Count, Probability, Shown
-from s2r_spec.rollouts.seeds import Stream
+from s2r_spec.diagnose.simulator.axes import Values, lines
+from s2r_spec.diagnose.simulator.bench import Bench, Test, places_of, table
+from s2r_spec.runs.seeds import Stream
 from s2r_spec.space import key_of
 from s2r_spec.trace import Trace
 

@@ -42,11 +42,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.base.errors import UsageError
+from s2r_spec.base.json_values import Count, Probability, Shown
 from s2r_spec.diagnose.gap import LEVEL, ROUNDING
 from s2r_spec.diagnose.gap.nominal import Nominal
-from s2r_spec.diagnose.simulate import Bench, Test, places_of, rho_and_end
-from s2r_spec.errors import UsageError
-from s2r_spec.json_values import Count, Probability, Shown
+from s2r_spec.diagnose.simulator.bench import Bench, Test, places_of, rho_and_end
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.constants import constant
 from s2r_spec.trace import Trace

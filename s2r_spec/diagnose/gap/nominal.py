@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.gap import SHOTS
-from s2r_spec.diagnose.simulate import Bench, Job, Test, places_of, run_jobs, seeded
-from s2r_spec.rollouts.seeds import Stream
+from s2r_spec.diagnose.simulator.bench import Bench, Job, Test, places_of, run_jobs, seeded
+from s2r_spec.runs.seeds import Stream
 from s2r_spec.space import Key, key_of
 
 FloatArray = NDArray[np.float64]

@@ -21,10 +21,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.base.errors import UsageError
+from s2r_spec.base.json_values import Ends, Probability, Shown
 from s2r_spec.diagnose.gap import DRAWS, LEVEL
 from s2r_spec.diagnose.gap.materiality import RolloutsAtTest, mean_difference
-from s2r_spec.errors import UsageError
-from s2r_spec.json_values import Ends, Probability, Shown
 from s2r_spec.space import Space
 
 FloatArray = NDArray[np.float64]

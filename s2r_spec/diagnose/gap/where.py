@@ -11,16 +11,16 @@ import numpy as np
 
 from s2r_spec.attribution.attribute import Attribution, attribute
 from s2r_spec.backend import HasResiduals
-from s2r_spec.diagnose.axes import Values
+from s2r_spec.base.documentation import page
+from s2r_spec.base.errors import TraceError
+from s2r_spec.base.json_values import Shown
 from s2r_spec.diagnose.gap import FEWEST
 from s2r_spec.diagnose.gap.materiality import RolloutsAtTest
 from s2r_spec.diagnose.gap.surface import COUNTS, GapSurface, Predicted, gap_surface, grid_of, in_cube
 from s2r_spec.diagnose.residuals.shifts import Body, Residuals, shifts
-from s2r_spec.diagnose.simulate import Bench, Test, places_of, seeded, table
-from s2r_spec.documentation import page
-from s2r_spec.errors import TraceError
-from s2r_spec.json_values import Shown
-from s2r_spec.rollouts.seeds import Stream, rollout_seed
+from s2r_spec.diagnose.simulator.axes import Values
+from s2r_spec.diagnose.simulator.bench import Bench, Test, places_of, seeded, table
+from s2r_spec.runs.seeds import Stream, rollout_seed
 from s2r_spec.space import key_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace

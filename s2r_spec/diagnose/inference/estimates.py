@@ -25,11 +25,11 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.axes import Line
+from s2r_spec.base.json_values import Shown
 from s2r_spec.diagnose.inference.hierarchical import Likelihood
 from s2r_spec.diagnose.inference.model_search import ModelPosterior
 from s2r_spec.diagnose.inference.prior import LIKELY, NAMED, POSSIBLE, SLAB, SURE, UNNAMED
-from s2r_spec.json_values import Shown
+from s2r_spec.diagnose.simulator.axes import Line
 
 FloatArray = NDArray[np.float64]
 

@@ -39,6 +39,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.base.json_values import Probability, Shown
 from s2r_spec.diagnose.inference.gauss_newton import Fit, Observation, Problem
 from s2r_spec.diagnose.inference.hierarchical import (
     DEGREES,
@@ -49,7 +50,6 @@ from s2r_spec.diagnose.inference.hierarchical import (
 )
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.observables import BINS, WINDOWS
-from s2r_spec.json_values import Probability, Shown
 
 FloatArray = NDArray[np.float64]
 

@@ -15,9 +15,10 @@ from s2r_spec.backend import Channel
 from s2r_spec.diagnose.quality.faults import PER_RADIAN
 from s2r_spec.diagnose.quality.finding import Finding, called, listed
 from s2r_spec.diagnose.quality.recordings import Recordings, rms, wide
-from s2r_spec.samples import period_of
 from s2r_spec.space import key_of
-from s2r_spec.trace import Trace, between
+from s2r_spec.trace import Trace
+from s2r_spec.trace.samples import period_of
+from s2r_spec.trace.trace import between
 
 FloatArray = NDArray[np.float64]
 

@@ -10,12 +10,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.axes import Line, Values
 from s2r_spec.diagnose.data.space_filling import TESTS
 from s2r_spec.diagnose.quality.recordings import Rollout, wide
-from s2r_spec.diagnose.simulate import Bench, Job, Test, evenly, places_of, run_jobs
-from s2r_spec.samples import period_of
+from s2r_spec.diagnose.simulator.axes import Line, Values
+from s2r_spec.diagnose.simulator.bench import Bench, Job, Test, evenly, places_of, run_jobs
 from s2r_spec.trace import Trace
+from s2r_spec.trace.samples import period_of
 
 FloatArray = NDArray[np.float64]
 

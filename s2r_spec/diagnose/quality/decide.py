@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.axes import Line
 from s2r_spec.diagnose.quality.channels import by_channel, hold
 from s2r_spec.diagnose.quality.comparison import CLEAR, Comparison, compare
 from s2r_spec.diagnose.quality.faults import Fault, Undone, faults
@@ -17,7 +16,8 @@ from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.quality.labels import labels
 from s2r_spec.diagnose.quality.machine import nearest
 from s2r_spec.diagnose.quality.recordings import Recordings, Rollout
-from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.diagnose.simulator.axes import Line
+from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.diagnose.simulator.library import CAUSES
 
 FloatArray = NDArray[np.float64]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.diagnose.quality.comparison import Comparison
 from s2r_spec.diagnose.quality.finding import Finding, listed
-from s2r_spec.samples import period_of
+from s2r_spec.trace.samples import period_of
 
 FloatArray = NDArray[np.float64]
 Group = frozenset[str]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from s2r_spec.json_values import Shown
+from s2r_spec.base.json_values import Shown
 from s2r_spec.trace import SHOWN
 
 

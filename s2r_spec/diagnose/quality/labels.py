@@ -14,12 +14,12 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.axes import Values
 from s2r_spec.diagnose.quality.comparison import SEEDS, Comparison, affordable
 from s2r_spec.diagnose.quality.faults import Fault, Group, Undone, search
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.quality.recordings import Rollout
-from s2r_spec.diagnose.simulate import Bench, Test
+from s2r_spec.diagnose.simulator.axes import Values
+from s2r_spec.diagnose.simulator.bench import Bench, Test
 from s2r_spec.space import key_of
 
 FloatArray = NDArray[np.float64]

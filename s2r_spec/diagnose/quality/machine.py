@@ -13,9 +13,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.axes import Values
 from s2r_spec.diagnose.quality.comparison import SEEDS, Comparison, affordable
-from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.diagnose.simulator.axes import Values
+from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.diagnose.simulator.library import CAUSES
 
 FloatArray = NDArray[np.float64]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.data.space_filling import TESTS
-from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.space import Key, key_of
 from s2r_spec.trace import Trace
 

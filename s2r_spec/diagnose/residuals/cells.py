@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.diagnose.simulate import Bench, Test
+from s2r_spec.diagnose.simulator.bench import Bench, Test
 from s2r_spec.diagnose.simulator.experiments import RESIDUAL
 from s2r_spec.space import Key, key_of
 from s2r_spec.trace import Trace

@@ -32,14 +32,14 @@ from numpy.typing import NDArray
 
 from s2r_spec.attribution.place import EXPLAINS, Place, Range, cause_first, visited
 from s2r_spec.backend import HasResiduals, HasVariants
-from s2r_spec.diagnose.axes import Line, Values
+from s2r_spec.base.json_values import Ends, Shown
+from s2r_spec.base.printable import spelled
 from s2r_spec.diagnose.gap import FEWEST, LEVEL, SHOTS
 from s2r_spec.diagnose.residuals.cells import CELLS, Cell, Cells, Column, part_names, path, widths_of
-from s2r_spec.diagnose.simulate import Bench, Job, Test, evenly, places_of, run_jobs, seeded
+from s2r_spec.diagnose.simulator.axes import Line, Values
+from s2r_spec.diagnose.simulator.bench import Bench, Job, Test, evenly, places_of, run_jobs, seeded
 from s2r_spec.diagnose.simulator.experiments import RESIDUAL
-from s2r_spec.json_values import Ends, Shown
-from s2r_spec.printable import spelled
-from s2r_spec.rollouts.seeds import Stream
+from s2r_spec.runs.seeds import Stream
 from s2r_spec.space import key_of
 from s2r_spec.trace import Trace, thinned
 

@@ -25,9 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.attribution.place import EXPLAINS, Place, Range, cause_first
+from s2r_spec.base.json_values import Count, Probability, Shown
 from s2r_spec.diagnose.gap import FEWEST, LEVEL, ROUNDING
 from s2r_spec.diagnose.residuals.cells import CELLS, averaged, part_names, widths_of
-from s2r_spec.json_values import Count, Probability, Shown
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]

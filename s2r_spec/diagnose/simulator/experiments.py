@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from s2r_spec.backend import Backend, HasResiduals
-from s2r_spec.errors import TraceError, UsageError
-from s2r_spec.protocols import PROTOCOL, HasProtocols
+from s2r_spec.backend.protocols import PROTOCOL, HasProtocols
+from s2r_spec.base.errors import TraceError, UsageError
 from s2r_spec.trace import Trace
 
 RESIDUAL = "residual."

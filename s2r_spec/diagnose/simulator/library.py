@@ -27,17 +27,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend, HasEffects, HasVariants
-from s2r_spec.diagnose.axes import Line, lines
-from s2r_spec.diagnose.axes import line as line_of
-from s2r_spec.diagnose.cache import Cache, source_of
+from s2r_spec.backend.effects import catalogue_of
+from s2r_spec.base.errors import BackendError
 from s2r_spec.diagnose.inference.prior import BACKGROUND
+from s2r_spec.diagnose.simulator.axes import Line, lines
+from s2r_spec.diagnose.simulator.axes import line as line_of
+from s2r_spec.diagnose.simulator.cache import Cache, source_of
 from s2r_spec.diagnose.simulator.curve import Curve, Turn
 from s2r_spec.diagnose.simulator.experiments import RESIDUAL, Experiment
 from s2r_spec.diagnose.simulator.observables import Group, Observables, Quantity
-from s2r_spec.effects import catalogue_of
-from s2r_spec.errors import BackendError
-from s2r_spec.rollouts.pools import in_this_process
 from s2r_spec.trace import Trace
+from s2r_spec.workers.pools import in_this_process
 
 FloatArray = NDArray[np.float64]
 Values = Mapping[str, Mapping[str, float]]

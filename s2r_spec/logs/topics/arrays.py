@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import TraceError, one_of
-from s2r_spec.logs import candidates, times
-from s2r_spec.logs.dates import LAST
+from s2r_spec.base.errors import TraceError, one_of
 from s2r_spec.logs.mapping import TIME_WORDS, Request, plan_columns
 from s2r_spec.logs.table import Column, Head, affordable, few, quoted
+from s2r_spec.logs.times import candidates, times
+from s2r_spec.logs.times.dates import LAST
 from s2r_spec.logs.topics.topic import Stamps, Topic, TopicHead
 
 _UNITS = ("unit", "units")

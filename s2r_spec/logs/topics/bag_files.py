@@ -28,10 +28,10 @@ from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 from rosbags.typesys import Stores, get_typestore
 from ruamel.yaml import YAML
 
-from s2r_spec.errors import TraceError, one_of, shortened
+from s2r_spec.base.errors import TraceError, one_of, shortened
+from s2r_spec.base.printable import one_line
 from s2r_spec.logs.topics.bag_parts import Parts, mcap, remedy, ros1
 from s2r_spec.logs.topics.rosbag import METADATA
-from s2r_spec.printable import one_line
 
 _JOURNALS = ("-wal", "-journal")
 """Definition: endings of SQLite's journals."""

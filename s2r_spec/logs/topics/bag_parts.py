@@ -25,7 +25,7 @@ from rosbags.rosbag2.metadata import ReaderMetadata
 from rosbags.rosbag2.storage_mcap import Schema, decompress, get_msgdef, get_qos, read_string
 from rosbags.typesys.msg import normalize_msgtype
 
-from s2r_spec.logs.dates import text
+from s2r_spec.logs.times.dates import text
 
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _FOOTER, _DATA_END = 0x03, 0x04, 0x05, 0x06, 0x02, 0x0F
 """Definition: opcodes of MCAP, https://mcap.dev/spec. There is no record 0, so that zeros are a lost end."""

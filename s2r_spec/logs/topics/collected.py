@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import TraceError, one_of, shortened
+from s2r_spec.base.errors import TraceError, one_of, shortened
+from s2r_spec.base.printable import one_line
 from s2r_spec.logs.table import Column
 from s2r_spec.logs.topics.layout import Layout, layout
 from s2r_spec.logs.topics.topic import Topic, jump_of
-from s2r_spec.printable import one_line
 
 _BATCH = 4096
 """Budget: messages that are decoded together. Each takes a few hundred bytes until then."""

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from s2r_spec.errors import one_of
+from s2r_spec.base.errors import one_of
 from s2r_spec.logs.topics.arrays import Asked
 from s2r_spec.logs.topics.hdf5 import open_hdf5
 from s2r_spec.logs.topics.matlab import open_matlab

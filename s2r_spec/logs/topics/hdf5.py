@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import TraceError, shortened
+from s2r_spec.base.errors import TraceError, shortened
+from s2r_spec.base.printable import one_line
 from s2r_spec.lang.units import LONGEST
 from s2r_spec.logs.library import library
 from s2r_spec.logs.table import few, quoted, regular
@@ -28,7 +29,6 @@ from s2r_spec.logs.topics.arrays import (
     squeezed,
     with_units,
 )
-from s2r_spec.printable import one_line
 
 _MATLAB = "MATLAB_class"
 _PACKED = ("scale_factor", "add_offset", "_FillValue")

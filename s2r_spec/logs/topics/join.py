@@ -19,12 +19,12 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import TraceError, one_of, suggest
+from s2r_spec.base.errors import TraceError, one_of, suggest
 from s2r_spec.logs.account import Account
 from s2r_spec.logs.table import Column
 from s2r_spec.logs.topics.order import ordered
 from s2r_spec.logs.topics.topic import Stamps, Topic
-from s2r_spec.samples import Rule
+from s2r_spec.trace.samples import Rule
 
 RULES: tuple[Rule, ...] = get_args(Rule)
 

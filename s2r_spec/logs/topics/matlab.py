@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from s2r_spec.errors import TraceError, shortened
+from s2r_spec.base.errors import TraceError, shortened
+from s2r_spec.base.printable import one_line
 from s2r_spec.logs.table import regular
 from s2r_spec.logs.topics.arrays import (
     Array,
@@ -25,7 +26,6 @@ from s2r_spec.logs.topics.arrays import (
     with_units,
 )
 from s2r_spec.logs.topics.hdf5 import open_hdf5
-from s2r_spec.printable import one_line
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _BLOCK = 512

@@ -21,11 +21,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import TraceError
+from s2r_spec.base.errors import TraceError
+from s2r_spec.base.printable import counted_messages
 from s2r_spec.logs.table import Column
 from s2r_spec.logs.topics.topic import Topic, seconds, stamp_text
-from s2r_spec.messages import SILENT, period_of_messages
-from s2r_spec.printable import counted_messages
+from s2r_spec.trace.messages import SILENT, period_of_messages
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]

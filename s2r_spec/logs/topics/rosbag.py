@@ -20,7 +20,7 @@ from weakref import finalize
 
 import numpy as np
 
-from s2r_spec.errors import TraceError
+from s2r_spec.base.errors import TraceError
 from s2r_spec.logs.library import library
 from s2r_spec.logs.table import affordable, few
 from s2r_spec.logs.topics.collected import Codec, Collected, Element, NamedVector

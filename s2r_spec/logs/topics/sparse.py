@@ -10,18 +10,18 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from s2r_spec.errors import TraceError, UsageError, one_of, suggest
-from s2r_spec.logs import times
+from s2r_spec.base.errors import TraceError, UsageError, one_of, suggest
 from s2r_spec.logs.account import Account
 from s2r_spec.logs.interpret import Loaded, at_clock, channels, left_out
 from s2r_spec.logs.mapping import Plan, Request
 from s2r_spec.logs.table import Column, Table
+from s2r_spec.logs.times import times
 from s2r_spec.logs.topics.join import Joining, whole
 from s2r_spec.logs.topics.order import ordered
 from s2r_spec.logs.topics.topic import Topic
-from s2r_spec.messages import Messages
-from s2r_spec.messages import joined as together
 from s2r_spec.trace import Trace
+from s2r_spec.trace.messages import Messages
+from s2r_spec.trace.messages import joined as together
 
 
 def joined(

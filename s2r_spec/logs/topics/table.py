@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from s2r_spec.errors import TraceError, one_of
+from s2r_spec.base.errors import TraceError, one_of
 from s2r_spec.logs.account import Account
 from s2r_spec.logs.table import Chooser, Column, Head, Table
-from s2r_spec.logs.times import TIME
+from s2r_spec.logs.times.times import TIME
 from s2r_spec.logs.topics.join import Joining, join
 from s2r_spec.logs.topics.topic import APART, Stamps, Topic, TopicHead, TopicLog, seconds
 

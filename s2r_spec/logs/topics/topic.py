@@ -15,9 +15,9 @@ from typing import Any, Literal, Protocol, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec import stamps as exact
-from s2r_spec.logs.dates import text
 from s2r_spec.logs.table import Column
+from s2r_spec.logs.times.dates import text
+from s2r_spec.trace import stamps as exact
 
 FloatArray = NDArray[np.float64]
 NANOSECOND = Fraction(1, 10**9)

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from s2r_spec.errors import TraceError, shortened
+from s2r_spec.base.errors import TraceError, shortened
+from s2r_spec.base.printable import one_line
 from s2r_spec.logs.library import library
 from s2r_spec.logs.table import Column, affordable, few, regular
 from s2r_spec.logs.topics.topic import Stamps, Topic, TopicHead
-from s2r_spec.printable import one_line
 
 _STAMP = "timestamp"
 _FILE_HEADER, _MESSAGE_HEADER = 16, 3

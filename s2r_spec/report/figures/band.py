@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.certify.check_result import Tested
-from s2r_spec.certify.rounding import down, up
+from s2r_spec.certify.bound.rounding import down, up
+from s2r_spec.certify.result.check_result import Tested
 from s2r_spec.report.figures.canvas import (
     BAND,
     INK,

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.attribution.attribute import Attribution, labelled
+from s2r_spec.base.errors import S2RError
 from s2r_spec.diagnose.gap.where import Where
-from s2r_spec.errors import S2RError
-from s2r_spec.report.checked import test_words
+from s2r_spec.report.check import test_words
 from s2r_spec.report.figures.canvas import BAD, BAND, GOOD, INK, Picture, draw, with_unit
 from s2r_spec.report.figures.tolerance import Component, Margins, held, margins, reads
 from s2r_spec.report.figures.traces import Panel, limits, paint_panel

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.certify.check_result import Tested
+from s2r_spec.certify.result.check_result import Tested
 from s2r_spec.space import Space
 
 FloatArray = NDArray[np.float64]

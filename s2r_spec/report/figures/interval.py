@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from s2r_spec.certify.certificate import Certificate
-from s2r_spec.certify.rounding import between, down, wide
+from s2r_spec.certify.bound.certificate import Certificate
+from s2r_spec.certify.bound.rounding import between, down, wide
 from s2r_spec.report.figures.canvas import BAND, INK, Picture, draw, shade_violation, with_unit
 
 if TYPE_CHECKING:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from s2r_spec.base.printable import spelled
 from s2r_spec.diagnose.residuals.shifts import Body, BodyPart, Shift
-from s2r_spec.printable import spelled
 from s2r_spec.report.figures.canvas import BAND, INK, MUTED, RULE, Picture, draw, shorten
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import numpy as np
 
 from s2r_spec.diagnose.gap.held_out import HeldOut, HeldOutGap
 from s2r_spec.diagnose.gap.surface import GapSurface
-from s2r_spec.report.checked import test_words
+from s2r_spec.report.check import test_words
 from s2r_spec.report.figures.canvas import (
     BAD,
     BAND,

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec import logs
-from s2r_spec.errors import S2RError
-from s2r_spec.report.checked import test_words
+from s2r_spec.base.errors import S2RError
+from s2r_spec.report.check import test_words
 from s2r_spec.report.figures.canvas import BAD, BAND, INK, MUTED, Picture, draw, with_unit
 from s2r_spec.report.figures.tolerance import Component, Margins, held, margins, reads
-from s2r_spec.rollouts.journal import Record
-from s2r_spec.rollouts.scorer import Scorer
-from s2r_spec.rollouts.task import run_task
+from s2r_spec.runs.journal import Record
+from s2r_spec.runs.scorer import Scorer
+from s2r_spec.runs.task import run_task
 from s2r_spec.spec import Explanation, Spec
 from s2r_spec.trace import Trace
 

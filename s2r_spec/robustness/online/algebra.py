@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from s2r_spec.errors import TraceError
+from s2r_spec.base.errors import TraceError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.evaluate import Walk, Witness
 from s2r_spec.robustness.numbers import no_value

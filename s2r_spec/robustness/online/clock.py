@@ -10,12 +10,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import TraceError, UsageError
-from s2r_spec.instants import instant
+from s2r_spec.base.errors import TraceError, UsageError
 from s2r_spec.lang.formula import Interval
 from s2r_spec.robustness import grid, ticks
 from s2r_spec.robustness.grid import Grid
 from s2r_spec.robustness.online.tape import Tape
+from s2r_spec.trace.instants import instant
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from s2r_spec.errors import TraceError, UsageError, one_of, suggest
+from s2r_spec.base.errors import TraceError, UsageError, one_of, suggest
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.declarations import Signal
 from s2r_spec.robustness.evaluate import Witness

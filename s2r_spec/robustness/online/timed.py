@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import UsageError
+from s2r_spec.base.errors import UsageError
 from s2r_spec.lang.source import Span as Place
 from s2r_spec.robustness.kernels import range_min, range_until, until
 from s2r_spec.robustness.online.clock import Clock, Reach

@@ -6,10 +6,10 @@ import numpy as np
 
 import s2r_spec as s2r
 from s2r_spec.backend import Channel, Parameter
-from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.errors import UsageError
 from s2r_spec.protocols import Protocol, named
-from s2r_spec.rollouts.compatibility import check_compatibility
+from s2r_spec.runs.compatibility import check_compatibility
 from s2r_spec.trace import Trace
 
 SPEC = s2r.parse_spec("""

@@ -4,7 +4,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from s2r_spec.cli.campaign_options import Next, NoProtocols, Passive, Protocols, protocol_names
+from s2r_spec.cli.options.protocols import Next, NoProtocols, Passive, Protocols, protocol_names
 from s2r_spec.errors import UsageError
 from tests.errors import naming
 

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from s2r_spec.diagnose.cache import Cache
+from s2r_spec.base.json_values import to_json
 from s2r_spec.diagnose.estimation import estimate
 from s2r_spec.diagnose.experiment_design.identifiability import Candidate, Forecast, separations
 from s2r_spec.diagnose.experiment_design.next_test import next_test
 from s2r_spec.diagnose.inference.estimates import Status, effect_estimates, hidden_names
+from s2r_spec.diagnose.simulator.cache import Cache
 from s2r_spec.diagnose.simulator.library import library
-from s2r_spec.json_values import to_json
 from tests.diagnose.toy import SHOW, SPLIT, TEST, Toy
 
 

@@ -7,11 +7,11 @@ import pytest
 from s2r_cart import SPEC, Cart, real
 
 from s2r_spec import parse_spec
+from s2r_spec.base.json_values import to_json
 from s2r_spec.diagnose.gap.held_out import background_machines, compared, gap, held_out_gap, scatter
 from s2r_spec.diagnose.gap.nominal import Nominal
-from s2r_spec.diagnose.simulate import Bench
-from s2r_spec.json_values import to_json
-from s2r_spec.rollouts.compatibility import check_compatibility
+from s2r_spec.diagnose.simulator.bench import Bench
+from s2r_spec.runs.compatibility import check_compatibility
 
 TESTS = [{"v": k / 9} for k in range(9)]
 

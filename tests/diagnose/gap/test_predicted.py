@@ -8,8 +8,8 @@ from s2r_cart import SPEC, Cart
 import s2r_spec as s2r
 from s2r_spec.diagnose.gap.surface import grid_of
 from s2r_spec.diagnose.gap.where import predict
-from s2r_spec.diagnose.simulate import Bench
-from s2r_spec.rollouts.seeds import Stream, rollout_seed
+from s2r_spec.diagnose.simulator.bench import Bench
+from s2r_spec.runs.seeds import Stream, rollout_seed
 
 ADDED = {"coulomb": {"force": 1.5}}
 TESTS = [{"vd": 0.25, "acc": 3.5}, {"vd": 0.9, "acc": 1.2}]

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from s2r_spec.base.json_values import to_json
 from s2r_spec.diagnose.gap.materiality import RolloutsAtTest
 from s2r_spec.diagnose.gap.surface import Predicted, floor, folded, gap_surface, grid_of
 from s2r_spec.errors import UsageError
-from s2r_spec.json_values import to_json
 from s2r_spec.space import Space
 
 LINE = Space.of({"vd": (-0.2, 0.3)}, {"vd": "m/s"})

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from s2r_spec.backend import Effect, EffectParameter
-from s2r_spec.diagnose.axes import lines
 from s2r_spec.diagnose.inference.estimates import (
     EffectEstimate,
     ParameterEstimate,
@@ -21,6 +20,7 @@ from s2r_spec.diagnose.inference.estimates import (
 from s2r_spec.diagnose.inference.hierarchical import Likelihood
 from s2r_spec.diagnose.inference.model_search import ModelPosterior
 from s2r_spec.diagnose.inference.prior import SizePrior
+from s2r_spec.diagnose.simulator.axes import lines
 
 EFFECTS = (
     Effect("friction", "actuation", "", (EffectParameter("force", "N", 0.0, 4.0, 0.0, "half-normal, 1 N"),)),

@@ -9,12 +9,12 @@ import pytest
 import s2r_spec as s2r
 from s2r_emps import EmpsBackend
 from s2r_spec.backend import Channel
-from s2r_spec.diagnose.axes import lines
+from s2r_spec.base.json_values import to_json
 from s2r_spec.diagnose.gap import FEWEST
 from s2r_spec.diagnose.residuals.cells import CELLS, GRID, Cells, Column, path
 from s2r_spec.diagnose.residuals.left import Remainder, begin, label, ordered, remainders
-from s2r_spec.diagnose.simulate import Bench
-from s2r_spec.json_values import to_json
+from s2r_spec.diagnose.simulator.axes import lines
+from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.space import key_of
 from s2r_spec.trace import Trace, thinned
 from tests.errors import states

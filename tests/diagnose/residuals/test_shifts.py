@@ -8,14 +8,14 @@ import pytest
 from s2r_cart import DAMPING, GAIN, MASS, SPEC, Cart, real
 
 import s2r_spec as s2r
+from s2r_spec.base.json_values import to_json
 from s2r_spec.diagnose.gap.where import Pairs, body_of, where
 from s2r_spec.diagnose.residuals.cells import CELLS
 from s2r_spec.diagnose.residuals.shifts import Residuals, shifts, windows
-from s2r_spec.diagnose.simulate import Bench
+from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.errors import TraceError
-from s2r_spec.json_values import to_json
-from s2r_spec.rollouts.compatibility import check_compatibility
-from s2r_spec.rollouts.seeds import Stream, rollout_seed
+from s2r_spec.runs.compatibility import check_compatibility
+from s2r_spec.runs.seeds import Stream, rollout_seed
 from s2r_spec.trace import Trace
 
 UNITS = {"torque": "N*m", "speed": "m/s"}

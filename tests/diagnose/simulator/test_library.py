@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from s2r_cart import Cart
 
-from s2r_spec.diagnose.cache import Cache
+from s2r_spec.diagnose.simulator.cache import Cache
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import library
 

@@ -1,0 +1,209 @@
+"""Experiments: they answer the queries of a search with outcomes.
+
+Every rollout is written to its journal first. Only then does the search get its outcome.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, NoReturn, Protocol
+
+import numpy as np
+
+from s2r_spec.base.errors import BackendError, S2RError
+from s2r_spec.certify.search.observers import Observer, OnlyCrashes, Silent
+from s2r_spec.certify.search.search import Query, Search
+from s2r_spec.runs.journal import Journal, Record
+from s2r_spec.runs.machine_journal import Void
+from s2r_spec.runs.repeatability import check_run, repeated
+from s2r_spec.runs.runner import Runner
+from s2r_spec.runs.scorer import Scorer
+from s2r_spec.runs.seeds import Stream, rollout_seed
+from s2r_spec.runs.task import Done, Task
+
+UNSCORED = "unscored"
+"""Definition: word for a machine's rollout whose trace the requirement cannot evaluate."""
+
+
+class Runs(Protocol):
+    """Runs tasks: a :class:`s2r_spec.runs.runner.Runner`, or a machine with its operator."""
+
+    def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
+        """Yield the result of every task."""
+        ...
+
+
+class Experiment(Protocol):
+    """Answers queries; every outcome is on disk before it is returned."""
+
+    def outcomes(self, queries: Sequence[Query], observer: Observer) -> dict[int, list[float]]:
+        """Return query index → (replicates,) outcomes."""
+        ...
+
+    def on_disk(self, index: int, replicates: int) -> bool:
+        """Return whether the first outcomes of a query need no further rollout."""
+        ...
+
+
+@dataclass(frozen=True)
+class Rollouts:
+    """Rollouts on one backend. The outcome is −ρ, so its maximum is the worst case.
+
+    Attributes:
+        scorer: evaluates ρ of a rollout.
+        seed: the seed of the run.
+        journal: records every rollout.
+        runner: runs the rollouts.
+        stream: the stream of seeds.
+        each: rollouts per replicate; the outcome is their mean.
+    """
+
+    scorer: Scorer
+    seed: int
+    journal: Journal
+    runner: Runs
+    stream: Stream = Stream.CHECK
+    each: int = 1
+
+    def outcomes(self, queries: Sequence[Query], observer: Observer) -> dict[int, list[float]]:
+        """Run the rollouts that the journal lacks; see :class:`Experiment`.
+
+        Raises:
+            BackendError: a rollout raised, or the journal belongs to a search with other tests.
+            UsageError: a rollout of a simulator that is declared as deterministic cannot be repeated.
+        """
+        points = {query.index: query.point for query in queries}
+        records: dict[tuple[int, int], Record] = {}
+        tasks = {}
+        for query in queries:
+            for replicate in range(query.replicates * self.each):
+                key = query.index, replicate
+                task = self.scorer.task(*key, query.point, rollout_seed(self.seed, *key, self.stream))
+                tasks[key] = task
+                before = self._recorded(task, query.point)
+                if before is not None:
+                    records[key] = before
+                    observer.rollout(before, new=False)
+        for done in self.runner.run([task for key, task in tasks.items() if key not in records]):
+            record = self._record(done, points[done.task.query])
+            records[record.query, record.replicate] = record
+            observer.rollout(record)
+            if done.trace is None:
+                observer.crash(record)
+        if isinstance(self.runner, Runner) and repeated(self.scorer.backend):
+            check_run(self.journal, self.runner, [(task, records[key]) for key, task in tasks.items()])
+        return {
+            query.index: [
+                float(np.mean([-records[query.index, r * self.each + i].rho for i in range(self.each)]))
+                for r in range(query.replicates)
+            ]
+            for query in queries
+        }
+
+    def on_disk(self, index: int, replicates: int) -> bool:
+        """Return whether the journal has the rollouts of the first outcomes of a query."""
+        return self.journal.has(index, replicates * self.each)
+
+    def _recorded(self, task: Task, point: Mapping[str, float]) -> Record | None:
+        """Return the journal's record of a task, None if there is none.
+
+        Raises:
+            BackendError: the record has a different test or seed.
+        """
+        before = self.journal.get(task.query, task.replicate)
+        if before is not None and (before.params != point or before.seed != task.seed):
+            raise BackendError(
+                f"rollout {task.query}.{task.replicate} of {self.journal.folder} was run at {before.params}, but "
+                f"the search now asks for {point}: the numerical libraries must have changed in between"
+            )
+        return before
+
+    def _record(self, done: Done, point: dict[str, float]) -> Record:
+        """Evaluate a rollout and write it to the journal.
+
+        Raises:
+            BackendError: the requirement cannot be evaluated on its trace.
+        """
+        try:
+            rho, failure = self.scorer.score(point, done)
+        except S2RError as error:
+            self._refuse(done, point, error)
+        key = done.task.query, done.task.replicate
+        record = Record(*key, point, done.task.seed, rho, failure, trace=None, seconds=round(done.seconds, 4))
+        return self.journal.append(record, done.trace)
+
+    def _refuse(self, done: Done, point: Mapping[str, float], error: S2RError) -> NoReturn:
+        """Keep the trace of a rollout without ρ, and raise a BackendError that names it."""
+        key = done.task.query, done.task.replicate
+        kept = self.journal.keep(key, done.trace)
+        for attempt in self.journal.open:  # a machine's rollout ends here, without an outcome
+            if attempt.key == key:
+                self.journal.void(Void(attempt, UNSCORED, str(error), None, done.seconds), done.trace)
+        test = ", ".join(f"{name} = {value:.6g}" for name, value in point.items())
+        raise BackendError(
+            f"rollout {key[0]}.{key[1]} at {test} cannot be scored: {error}; its trace is kept in {kept}"
+        ) from error
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """A simulated and a real rollout for each replicate. The outcome is −Δ = ρ_sim − ρ_real.
+
+    Attributes:
+        simulated: rollouts of the simulator.
+        real: rollouts of the real machine.
+        watched: the backend whose rollouts the observer receives; from the other one it receives only crashes.
+    """
+
+    simulated: Experiment
+    real: Experiment
+    watched: Literal["real", "simulated"] = "real"
+
+    def outcomes(self, queries: Sequence[Query], observer: Observer) -> dict[int, list[float]]:
+        """Run the real machine first: its rollouts are then on disk if the simulator raises."""
+        watched = {self.watched: observer}
+        others = OnlyCrashes(observer)
+        real = self.real.outcomes(queries, watched.get("real", others))
+        simulated = self.simulated.outcomes(queries, watched.get("simulated", others))
+        return {index: [r - s for r, s in zip(real[index], simulated[index], strict=True)] for index in real}
+
+    def on_disk(self, index: int, replicates: int) -> bool:
+        """Return whether both journals have the rollouts of the first outcomes of a query."""
+        return self.real.on_disk(index, replicates) and self.simulated.on_disk(index, replicates)
+
+
+def following(search: Search, on_disk: Callable[[int, int], bool]) -> list[Query]:
+    """Return the queries to answer next; none once the search is over.
+
+    A run may have more rollouts on disk than its stopping rule or its budget now needs. The bound holds at every time,
+    so the search takes them all, and its result is about the whole run. A search that is done leaves out an incomplete
+    last batch: which of its rollouts are on disk may depend on their outcomes.
+
+    Args:
+        search: the search.
+        on_disk: whether the first outcomes (number) of a query (index) need no further rollout.
+    """
+    if not search.done:
+        return search.ask()
+    if not on_disk(search.answered, 1):
+        return []
+    queries = search.ask(beyond=True)
+    if all(on_disk(query.index, query.replicates) for query in queries):
+        return queries
+    search.withdraw()
+    return []
+
+
+def run_search(search: Search, experiment: Experiment, observer: Observer | None = None) -> None:
+    """Run the search to its end, with every complete batch on disk.
+
+    Raises:
+        BackendError: a rollout raised; every rollout before it is on disk.
+    """
+    observer = observer or Silent()
+    while queries := following(search, experiment.on_disk):
+        observer.batch(queries, search.certificate())
+        outcomes = experiment.outcomes(queries, observer)
+        for query in queries:
+            search.tell(query, outcomes[query.index])

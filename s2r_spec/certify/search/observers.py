@@ -1,0 +1,82 @@
+"""Observers of a search: they show its progress and change nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+from s2r_spec.certify.bound.certificate import Certificate
+from s2r_spec.certify.bound.settings import SearchSettings
+from s2r_spec.certify.search.search import Query
+from s2r_spec.runs.journal import Record
+
+
+@dataclass(frozen=True)
+class Phase:
+    """One search, as an observer shows it.
+
+    Attributes:
+        symbol: the symbol of the bounded quantity, "ρ" or "Δ".
+        unit: the unit of that quantity.
+        backend: the backend whose rollouts are counted.
+        units: unit of each test parameter.
+        budget: largest number of rollouts, if there is one.
+        settings: the settings of the search; None if nobody forecasts its end.
+        attended: whether the backend is a machine, whose operator answers at the terminal during the search.
+    """
+
+    symbol: str
+    unit: str
+    backend: str
+    units: Mapping[str, str]
+    budget: int | None
+    attended: bool = False
+    settings: SearchSettings | None = None
+
+
+class Observer(Protocol):
+    """Receives each step of a search."""
+
+    def begin(self, phase: Phase) -> None:
+        """Receive the search that begins."""
+        ...
+
+    def batch(self, queries: list[Query], certificate: Certificate) -> None:
+        """Receive the next batch, and the certificate from all batches before it."""
+        ...
+
+    def rollout(self, record: Record, new: bool = True) -> None:
+        """Receive a rollout that is on disk; ``new`` is false if an earlier process ran it."""
+        ...
+
+    def crash(self, record: Record) -> None:
+        """Receive a rollout without a trace: its worker died, or did not end in time."""
+        ...
+
+
+class Silent:
+    """An observer that shows nothing."""
+
+    def begin(self, phase: Phase) -> None:
+        """Do nothing."""
+
+    def batch(self, queries: list[Query], certificate: Certificate) -> None:
+        """Do nothing."""
+
+    def rollout(self, record: Record, new: bool = True) -> None:
+        """Do nothing."""
+
+    def crash(self, record: Record) -> None:
+        """Do nothing."""
+
+
+@dataclass(frozen=True)
+class OnlyCrashes(Silent):
+    """Passes crashes to another observer, and nothing else."""
+
+    observer: Observer
+
+    def crash(self, record: Record) -> None:
+        """Pass the crash on."""
+        self.observer.crash(record)

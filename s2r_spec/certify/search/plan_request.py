@@ -1,0 +1,238 @@
+"""What a plan is made for: a specification's certify line, and the settings and times that the caller gives."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypedDict, Unpack
+
+from s2r_spec.backend import Backend, is_exclusive, load_backend
+from s2r_spec.base.errors import UsageError, one_of
+from s2r_spec.certify.arguments import as_backend
+from s2r_spec.certify.bound.kernels import Kernel
+from s2r_spec.certify.bound.settings import Declared, SearchSettings
+from s2r_spec.certify.from_spec import only_requirement
+from s2r_spec.certify.search.pilot import Pilot, read_pilot
+from s2r_spec.certify.search.plan import MOST, Floors, Plan, Progress, floors, plan_search, settings_of
+from s2r_spec.lang.units import UnknownUnitError, parse_unit
+from s2r_spec.runs.journal import Journal
+from s2r_spec.runs.layout import runs_in
+from s2r_spec.space import Space
+from s2r_spec.spec import Spec
+from s2r_spec.workers.pools import cores
+
+USUAL = Kernel("matern52", 0.4)
+"""Definition: kernel of a plan without a certify line."""
+FEWEST = 8
+"""Definition: rollouts of the first batch, without which there is no search."""
+
+
+class PlanKeywords(TypedDict, total=False):
+    """Keywords of :func:`plan`; :class:`PlanOptions` describes them and has their defaults."""
+
+    requirement: str | None
+    kernel: Kernel
+    B: float | None
+    R: float | None
+    bounds: tuple[float, float] | None
+    delta: float | None
+    epsilon: float | None
+    mode: str
+    budgets: tuple[int, ...]
+    most: int
+    backend: Backend | str | None
+    time: str | None
+    pilot: Path | str | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanOptions:
+    """Options of a plan. A setting that is given goes before that of the certify line.
+
+    Args:
+        requirement: the name of the requirement; None if the specification has only one.
+        kernel: the kernel, if the certify line has none.
+        B: bound on the RKHS norm of E ρ, in the unit of ρ.
+        R: sub-Gaussian proxy of one rollout's noise, in the unit of ρ.
+        bounds: proven least and greatest ρ, in place of R, which is then half the width.
+        delta: probability that the interval is wrong.
+        epsilon: width of the interval, in the unit of ρ.
+        mode: the mode of the confidence set, see :class:`~s2r_spec.certify.bound.settings.SearchSettings`.
+        budgets: numbers of rollouts; the plan gives the ε that each reaches.
+        most: rollouts beyond which an estimate is None.
+        backend: the backend whose declared cost gives the times.
+        time: the time available on it, such as "30min"; the plan gives the ε that can be reached in it.
+        pilot: the folder of a pilot run, from which R is judged.
+    """
+
+    requirement: str | None = None
+    kernel: Kernel = USUAL
+    B: float | None = None
+    R: float | None = None
+    bounds: tuple[float, float] | None = None
+    delta: float | None = None
+    epsilon: float | None = None
+    mode: str = "rigorous"
+    budgets: tuple[int, ...] = ()
+    most: int = MOST
+    backend: Backend | str | None = None
+    time: str | None = None
+    pilot: Path | str | None = None
+
+
+@dataclass(frozen=True)
+class PlanRequest:
+    """A plan whose settings are complete.
+
+    Attributes:
+        settings: the settings of the search.
+        budgets: numbers of rollouts.
+        afforded: the number of rollouts that fit in the time, (); if none is given.
+        seconds: time of a rollout, with as many at once as the backend allows [s]; None without a backend.
+        at_once: rollouts that run at once.
+        pilot: what the pilot says about R; None without a pilot.
+    """
+
+    settings: SearchSettings
+    budgets: tuple[int, ...]
+    afforded: tuple[int, ...]
+    seconds: float | None
+    at_once: int
+    pilot: Pilot | None
+
+    @property
+    def floors(self) -> Floors:
+        """The rollouts below which no search can end, in closed form."""
+        return floors(self.settings)
+
+    def plan(self, progress: Progress | None = None) -> Plan:
+        """Estimate the rollouts."""
+        return plan_search(self.settings, (*self.budgets, *self.afforded), self.afforded, progress)
+
+
+def plan(of: Spec | Space, *, progress: Progress | None = None, **keywords: Unpack[PlanKeywords]) -> Plan:
+    """Estimate the rollouts that a certificate takes, and the ε that a budget reaches, before anything runs.
+
+    Args:
+        of: a specification, whose certify line gives the settings, or a test space.
+        progress: receives the stage, the number of finished estimates, and the number of all.
+        keywords: see :class:`~s2r_spec.certify.search.plan_request.PlanOptions`.
+
+    Raises:
+        UsageError: a setting is missing or out of its range, or no rollouts could give a certificate.
+    """
+    found = plan_request(of, PlanOptions(**keywords))
+    if isinstance(found, Pilot):
+        raise UsageError(
+            "a plan needs epsilon, delta and B beside the pilot's R; declare them in a certify line"
+        )
+    return found.plan(progress)
+
+
+def plan_request(of: Spec | Space, options: PlanOptions) -> PlanRequest | Pilot:
+    """Return a plan with complete settings; the pilot alone if they are not complete.
+
+    Raises:
+        UsageError: as for :func:`plan`; or settings are missing, and there is no pilot.
+    """
+    pilot = None if options.pilot is None else pilot_of(Path(options.pilot), options.requirement)
+    options = _declared(of, _with_proxy(options))
+    R, epsilon, delta, B = options.R, options.epsilon, options.delta, options.B
+    if R is None or epsilon is None or delta is None or B is None:
+        if pilot is not None:
+            return pilot
+        values = {"--R": R, "--eps": epsilon, "--delta": delta, "--B": B}
+        missing = [name for name, value in values.items() if value is None]
+        raise UsageError(f"give {', '.join(missing)}, or a spec whose certify line declares them")
+    backend = None if options.backend is None else as_backend(options.backend)
+    machine = load_backend(backend) if isinstance(backend, str) else backend
+    # A machine runs one rollout at a time; a simulator runs one on each core.
+    at_once = 1 if is_exclusive(machine) else cores()
+    seconds = None if machine is None else machine.cost / at_once
+    afforded = rollouts_in(options.time, seconds)
+    budgets = options.budgets
+    declared: Declared = {"kernel": options.kernel, "B": B, "R": R, "delta": delta, "epsilon": epsilon}
+    declared["mode"] = options.mode
+    space = of.space if isinstance(of, Spec) else of
+    settings = settings_of(space, (*budgets, *afforded), options.most, **declared)
+    return PlanRequest(settings, budgets, afforded, seconds, at_once, pilot)
+
+
+def _with_proxy(options: PlanOptions) -> PlanOptions:
+    """Return options with the R of proven bounds."""
+    if options.bounds is None:
+        return options
+    low, high = options.bounds
+    if options.R is not None or not low < high:
+        raise UsageError("--range takes the least and the greatest ρ, in this order, in place of --R")
+    return replace(options, R=(high - low) / 2)
+
+
+def _declared(of: Spec | Space, options: PlanOptions) -> PlanOptions:
+    """Return options with the settings of the certify line in the place of those that are not given."""
+    if not isinstance(of, Spec):
+        return options
+    line = of.certify.get(options.requirement or only_requirement(of))
+    if line is None:
+        return options
+    kernel = options.kernel if line.kernel is None else Kernel(line.kernel.name, line.kernel.lengthscales)
+    return replace(
+        options,
+        R=options.R or line.R,
+        epsilon=options.epsilon or line.epsilon,
+        delta=options.delta or line.delta,
+        B=options.B or line.B,
+        kernel=kernel,
+    )
+
+
+def rollouts_in(time: str | None, seconds: float | None) -> tuple[int, ...]:
+    """Return the number of rollouts that fit in a time; () if no time is given.
+
+    Args:
+        time: such as "30min"; a number alone is in seconds.
+        seconds: duration of a rollout [s]; None without a backend.
+
+    Raises:
+        UsageError: the text is not a time, there is no backend, or the time is too short for a search.
+    """
+    if time is None:
+        return ()
+    if not seconds:
+        raise UsageError("--time needs a --backend that declares its cost")
+    found = re.fullmatch(r"\s*([0-9]+(?:\.[0-9]*)?)\s*([a-zA-Z]*)\s*", time)
+    try:
+        unit, of = parse_unit(found[2] or "s") if found else None, parse_unit("s")
+    except UnknownUnitError:
+        unit = None
+    if found is None or unit is None or not unit.fits(of):
+        raise UsageError(f"--time {time} is not a time such as 30min or 1.5h")
+    rollouts = int(unit.to(of)(float(found[1])) / seconds + 1e-9)
+    if rollouts < FEWEST:
+        raise UsageError(
+            f"--time {time} allows {rollouts} rollouts of {seconds:.3g} s; a search needs at least {FEWEST}"
+        )
+    return (rollouts,)
+
+
+def pilot_of(folder: Path, requirement: str | None) -> Pilot:
+    """Return what a pilot run says about R.
+
+    Args:
+        folder: the folder of a check.
+        requirement: the requirement of the journal, if the run has several.
+
+    Raises:
+        UsageError: the folder has no journal, or those of several requirements, or too few outcomes.
+    """
+    found = {path.name: path for path in runs_in(folder)}
+    if len(found) > 1 and requirement not in found:
+        raise UsageError(
+            f"{folder} holds runs of {one_of(found)}: choose one with --requirement, or give its folder"
+        )
+    place = next(iter(found.values())) if len(found) == 1 else found[str(requirement)]
+    groups: dict[int, list[float]] = {}
+    for record in Journal.read(place).records():
+        groups.setdefault(record.query, []).append(record.rho)
+    return read_pilot(list(groups.values()))

@@ -1,0 +1,150 @@
+"""When a search ends, and the label of its certificate at any time.
+
+The band of :mod:`s2r_spec.certify.bound.confidence` holds at all times at once, with probability ≥ 1 − δ. So a search
+may end at any time, for any reason that depends on its outcomes. Its rule (``settings.stop``) is one of:
+
+- ``epsilon``: the interval is at most ε wide.
+- ``decided``: the same, or the verdict is known. The test of R then has 20 degrees of freedom, because an error of R
+  makes intervals narrow and would otherwise go unseen. Every test on axes shorter than their lengthscale is done.
+- ``budget``: only the budget ends it.
+
+Under every rule it also ends when no test can be added, and when the outcomes refute B or R.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from s2r_spec.certify.bound.certificate import Label
+from s2r_spec.certify.bound.modes import PAPER
+from s2r_spec.certify.bound.rounding import at_least
+from s2r_spec.certify.bound.sample_complexity import sequential_lower_bound
+from s2r_spec.certify.search.acquisition import batch_size, coverage_tests
+from s2r_spec.certify.search.state import State
+from s2r_spec.runs.stop_rule import BUDGET
+
+
+def label(state: State) -> tuple[Label, str]:
+    """Return the label, and the reason in one sentence if the certificate is refused or model-based, else ""."""
+    if refusal := next(filter(None, _refusals(state)), None):
+        return Label.REFUSED, refusal.sentence
+    if not settled(state):
+        return Label.RUNNING, ""
+    if state.settings.fitted:
+        return Label.MODEL_BASED, f"{', '.join(state.settings.fitted)} fitted on the certificate's own data"
+    reached = state.confidence.width <= state.settings.epsilon
+    if not reached and decided(state):
+        return Label.DECIDED, ""
+    return (Label.CERTIFIED if reached else Label.BUDGET), ""
+
+
+def settled(state: State) -> bool:
+    """Return whether the search needs no further test, unless the certificate is refused before."""
+    if state.final or state.confidence.smallest_norm > state.settings.B:
+        return True
+    lacking = sum(replicates for _, replicates in coverage_tests(state))
+    size = lacking or batch_size(state)
+    spent = state.budget is not None and state.outcomes.rollouts + size > state.budget
+    if spent or lacking or state.settings.stop == BUDGET:
+        return spent
+    return state.confidence.width <= state.settings.epsilon or state.decided
+
+
+def decided(state: State) -> bool:
+    """Return whether the verdict is known, R was tested, and no test on a long axis is missing."""
+    return state.decided and not coverage_tests(state)
+
+
+def needs_no_norm(state: State) -> bool:
+    """Return whether a refused certificate may still state what holds for every B and every kernel.
+
+    Noise, independence and completeness remain assumed. So no such statement follows if R is refuted, if rollouts are
+    missing, or if a setting was fitted; nor in the mode ``paper``, whose band rests on another event of probability δ.
+    """
+    first = next(filter(None, _refusals(state)), None)
+    if first is None or not first.of_norm or state.settings.fitted or state.settings.mode == PAPER:
+        return False
+    return not (_left_out(state) or _refuted_noise(state) or state.confidence.norm_free_empty)
+
+
+class _Refusal(NamedTuple):
+    """A reason to refuse a certificate, and whether it concerns only B and the kernel."""
+
+    sentence: str
+    of_norm: bool = False
+
+
+def _refusals(state: State) -> Iterator[_Refusal | None]:
+    """Yield every reason to refuse the certificate, or None where there is none.
+
+    The first one counts. Those after it are not computed: with bounds that contradict each other they mean nothing.
+    """
+    yield _of_norm(state.obstacles.constant)
+    yield None if state.final else _of_norm(state.obstacles.too_many)
+    yield _of_data(_left_out(state))
+    yield _of_data(_refuted_noise(state))
+    yield _of_norm(_contradiction(state))
+    over = settled(state)
+    yield _of_norm(_refuted_norm(state)) if over else None
+    yield _of_data(_impossible(state))
+    uncovered = state.coverage.uncovered(state.tested, state.outcomes.samples.counts) if over else ""
+    yield _of_norm(uncovered)
+
+
+def _of_norm(sentence: str) -> _Refusal | None:
+    return _Refusal(sentence, of_norm=True) if sentence else None
+
+
+def _of_data(sentence: str) -> _Refusal | None:
+    return _Refusal(sentence) if sentence else None
+
+
+def _left_out(state: State) -> str:
+    return (
+        f"rollouts are missing: {state.missing}; leaving out rollouts biases the bound"
+        if state.missing
+        else ""
+    )
+
+
+def _refuted_noise(state: State) -> str:
+    delta, log_e = state.settings.delta, state.outcomes.log_e
+    if log_e < math.log(1 / delta):
+        return ""
+    return (
+        f"R = {state.settings.R:g} is refuted by the scatter of replicates (e-value 10^{log_e / math.log(10):.1f} "
+        f"≥ 1/δ = {1 / delta:.3g}); declare a larger R from a pilot and begin a new run"
+    )
+
+
+def _contradiction(state: State) -> str:
+    if not state.confidence.bounds.empty:
+        return ""
+    return (
+        "the bounds of different times contradict each other: B, the kernel or R is wrong "
+        "(with all of them right this happens with probability ≤ δ)"
+    )
+
+
+def _refuted_norm(state: State) -> str:
+    B, B_low = state.settings.B, state.confidence.smallest_norm
+    if 2 * B_low <= B:
+        return ""
+    remedy = (
+        f"the lengthscale of {state.coverage.names} may be wrong: it is longer than the range"
+        if state.coverage.axes
+        else "use the interval of a larger B, if you can justify that B"
+    )
+    return f"B = {B:g} is less than twice the norm that the data already show (B_low = {at_least(B_low)}); {remedy}"
+
+
+def _impossible(state: State) -> str:
+    settings, width, rollouts = state.settings, state.confidence.width, state.outcomes.rollouts
+    if width > settings.B or rollouts >= sequential_lower_bound(settings.R, width, settings.delta):
+        return ""
+    return (
+        f"an interval of {width:.3g} after {rollouts} rollouts is below what any method can claim: "
+        f"this is a defect of s2r, please report it"
+    )

@@ -1,0 +1,206 @@
+"""Options for reading logs, the same in every command that takes ``log:FOLDER``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Literal
+from urllib.parse import quote
+
+from s2r_spec.base.errors import UsageError
+from s2r_spec.cli.options.groups import log_option
+
+if TYPE_CHECKING:
+    from s2r_spec.recordings.excerpts import Excerpts, Source
+    from s2r_spec.spec import Spec
+
+READ = ("log:", "manual:")
+"""Definition: prefixes of the backends that read logs."""
+_PLAIN = "=[]+/:.@"
+"""Definition: characters that stay as they are in the text after a backend's ``?``."""
+
+Nan = Annotated[
+    str | None,
+    log_option(
+        "--nan",
+        help="Missing samples of a log: error, or hold to repeat the sample before.",
+        show_default="error",
+    ),
+]
+TimeUnit = Annotated[
+    str | None,
+    log_option(
+        "--time-unit",
+        help="Unit of times that a log gives as plain numbers: s, ms, us, ns or min.",
+        show_default="the log's own, or else s",
+    ),
+]
+Columns = Annotated[
+    list[str] | None,
+    log_option(
+        "--map",
+        "-m",
+        help="Column or field of a log for a signal or the time t: vx=/odom.speed, 'q[0]=q_0', 'w=/imu.w (rad/s)', "
+        "t=sec+nanosec. `s2r log FILE` lists the names. May be repeated.",
+        show_default="the signal's own name",
+    ),
+]
+When = Annotated[
+    str | None,
+    log_option(
+        help="Condition on channels of a log, such as 'vx_cmd > 0.05'. An episode begins where it becomes true.",
+        show_default="the whole log is one trace",
+    ),
+]
+Start = Annotated[
+    float | None,
+    log_option(min=0, help="Time of a log before which no episode begins, in seconds.", show_default="0"),
+]
+Duration = Annotated[
+    float | None,
+    log_option(
+        min=0, help="Length of an episode in seconds.", show_default="as long as the requirement looks ahead"
+    ),
+]
+Join = Annotated[
+    Literal["hold", "linear"] | None,
+    log_option(
+        help="Values between the messages of a topic: hold the last one, or interpolate. For a table with empty cells, "
+        "each column is a topic.",
+        show_default="hold for a log of topics",
+    ),
+]
+Clock = Annotated[
+    str | None,
+    log_option(
+        help="Topic, or signal of a topic, whose stamps the trace has.",
+        show_default="the one with the most messages",
+    ),
+]
+Stamped = Annotated[
+    Literal["header", "received"] | None,
+    log_option(
+        "--stamps",
+        help="Stamps of ROS messages: those in their headers, or the times of receipt.",
+        show_default="header if all topics have one, else received",
+    ),
+]
+Longest = Annotated[
+    list[str] | None,
+    log_option(
+        help="Time for which a signal's value is valid, in seconds: hit=2. May be repeated.",
+        show_default="5 periods of a periodic signal, no end for one sent on change",
+    ),
+]
+FromLog = Annotated[
+    list[str] | None,
+    log_option(
+        "--param",
+        "-p",
+        help="Test parameter that a log holds: vd=/cmd.speed@0 is the value of this field at an episode's start. "
+        "May be repeated.",
+        show_default="as rollouts.csv says",
+    ),
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LogForm:
+    """How a log becomes traces; each field is an option."""
+
+    nan: Nan = None
+    time_unit: TimeUnit = None
+    columns: Columns = None
+    when: When = None
+    start: Start = None
+    duration: Duration = None
+    join: Join = None
+    clock: Clock = None
+    stamps: Stamped = None
+    longest: Longest = None
+
+    def excerpts(self, sources: Mapping[str, Source]) -> Excerpts:
+        """Return how a log becomes traces, with the sources of its test parameters."""
+        from s2r_spec.logs.mapping import read_map
+        from s2r_spec.logs.topics.join import Joining
+        from s2r_spec.recordings.excerpts import Excerpts, read_longest
+
+        chooses = any(option is not None for option in (self.clock, self.join, self.stamps))
+        joining = Joining(self.clock, self.join or "hold", self.stamps) if chooses else None
+        valid = read_longest(self.longest or [])
+        return Excerpts(
+            read_map(self.columns or []),
+            self.time_unit,
+            joining,
+            self.when,
+            self.start,
+            self.duration,
+            sources,
+            valid,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class LogReading(LogForm):
+    """How a command reads folders of logs; each field is an option."""
+
+    sources: FromLog = None
+
+    def backends(self, names: Sequence[str], spec: Spec, requirements: Sequence[str]) -> list[str]:
+        """Return the names of backends, with these options after each that reads logs.
+
+        An episode is as long as the requirements look ahead, unless its length is given.
+
+        Raises:
+            UsageError: an option is given but no backend reads logs, or its value is invalid.
+        """
+        texts = self._texts()
+        if texts and not any(name.startswith(READ) for name in names):
+            raise UsageError(
+                "the options for reading logs need a folder of logs, log:FOLDER or manual:FOLDER, and none is given"
+            )
+        horizon = max((spec.horizon(name) for name in requirements), default=math.inf)
+        if (
+            (self.when is not None or self.start is not None)
+            and self.duration is None
+            and math.isfinite(horizon)
+        ):
+            texts.append(f"duration={horizon!r}")
+        return [_with(name, texts) if name.startswith(READ) else name for name in names]
+
+    def _texts(self) -> list[str]:
+        """Return the options as they stand after a ``?``."""
+        values = {
+            "nan": None if self.nan is None else missing(self.nan),
+            "time-unit": self.time_unit,
+            "when": self.when,
+            "start": self.start,
+            "duration": self.duration,
+            "join": self.join,
+            "clock": self.clock,
+            "stamps": self.stamps,
+        }
+        texts = [
+            f"{key}={quote(str(value), safe=_PLAIN)}" for key, value in values.items() if value is not None
+        ]
+        for key, repeated in (("map", self.columns), ("param", self.sources), ("longest", self.longest)):
+            texts += [f"{key}={quote(text, safe=_PLAIN)}" for text in repeated or ()]
+        return texts
+
+
+def _with(name: str, texts: Sequence[str]) -> str:
+    return f"{name}{'&' if '?' in name else '?'}{'&'.join(texts)}" if texts else name
+
+
+def missing(nan: str | None) -> Literal["error", "hold"]:
+    """Return the value of ``--nan``: "error" or "hold".
+
+    Raises:
+        UsageError: it is neither.
+    """
+    if nan is None or nan == "error":
+        return "error"
+    if nan == "hold":
+        return "hold"
+    raise UsageError(f"--nan must be error or hold, not {nan!r}")

@@ -1,0 +1,136 @@
+"""Arguments and options that have the same meaning in every command that runs rollouts."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from s2r_spec.cli.options.groups import output_option, search_option
+
+SpecFile = Annotated[Path, typer.Argument(help="Specification, an .stl file.", show_default=False)]
+Simulator = Annotated[str, typer.Option(help="Backend that simulates; see `s2r backends`.")]
+RealMachine = Annotated[
+    str,
+    typer.Option(
+        help="Backend of the real machine: a robot, its logs as log:FOLDER, or a twin.", show_default=False
+    ),
+]
+OneRequirement = Annotated[
+    str | None,
+    typer.Option("--requirement", "-r", help="Requirement of the spec.", show_default="the only one"),
+]
+Seed = Annotated[
+    int | None,
+    search_option(
+        min=0,
+        help="Seed of all random numbers: the same seed repeats the run.",
+        show_default="0, or the seed of the resumed run",
+    ),
+]
+RealBudget = Annotated[
+    int | None, search_option(min=1, help="Most real rollouts.", show_default="until the interval is ε wide")
+]
+Stop = Annotated[
+    str | None,
+    search_option(
+        help="When the search ends: epsilon (the interval is ε wide), decided (the verdict is known) or budget. The "
+        "interval is valid under every rule.",
+        show_default="epsilon, or the rule of the resumed run",
+    ),
+]
+Workers = Annotated[
+    int | None,
+    search_option(
+        min=1,
+        help="Number of parallel rollouts. It does not change the results.",
+        show_default="one for each core",
+    ),
+]
+Scheduler = Annotated[
+    str | None,
+    search_option(
+        help="Address of a Dask scheduler, tcp://HOST:PORT, whose workers run the rollouts.",
+        show_default=False,
+    ),
+]
+Timeout = Annotated[
+    float | None,
+    search_option(
+        min=0,
+        help="Time limit of a rollout in seconds; 0 for no limit. A simulated rollout may use this much CPU time, and "
+        "ten times as much wall time. A machine's rollout has this limit in wall time. A rollout that takes longer is "
+        "ended: it counts as a crash in simulation, and is void on a machine.",
+        show_default="60 s plus 100 times the backend's declared cost; no limit for a backend that is not repeatable",
+    ),
+]
+Void = Annotated[
+    str,
+    search_option(
+        help="How to treat a void rollout: one that ended because of the link, the operator or a killed process, and "
+        "not the robot. With again, its test is repeated. With fall, it counts as a fall; a single one usually refutes "
+        "R and the certificate.",
+    ),
+]
+Run = Annotated[
+    Path | None, search_option(help="Folder for the rollouts.", show_default="a new one in s2r-runs")
+]
+Resume = Annotated[Path | None, search_option(help="Folder of a run to continue.")]
+AsJson = Annotated[bool, output_option("--json", help="Print one JSON object on stdout.")]
+Quiet = Annotated[bool, output_option("--quiet", "-q", help="Print no progress.")]
+
+Traces = Annotated[
+    str,
+    typer.Option(
+        "--backend",
+        "-b",
+        help="Simulator, machine or folder of logs that gives the traces; see `s2r backends`.",
+    ),
+]
+CheckedRequirements = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--requirement",
+        "-r",
+        help="Requirement to check; may be repeated.",
+        show_default="all with a certify line",
+    ),
+]
+CheckBudget = Annotated[
+    int | None,
+    search_option(
+        min=1, help="Most rollouts for each requirement.", show_default="until the interval is ε wide"
+    ),
+]
+Mode = Annotated[str, search_option(help="Method of the bound: rigorous, rigorous-simple or paper.")]
+Engine = Annotated[str, search_option(help="Implementation of the Gaussian process: spectral or gpytorch.")]
+RunFolder = Annotated[Path, typer.Argument(help="Folder of a check, finished or not.", show_default=False)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rules:
+    """When a search ends, and how rollouts without a result count; each field is an option."""
+
+    seed: Seed = None
+    stop: Stop = None
+    timeout: Timeout = None
+    void: Void = "again"
+
+    @property
+    def limit(self) -> float | None:
+        """The time limit of a rollout for the library [s]: 0 on the command line means no limit."""
+        return math.inf if self.timeout == 0 else self.timeout
+
+
+@dataclass(frozen=True, kw_only=True)
+class Running:
+    """Where rollouts run, and where they are kept; each field is an option."""
+
+    workers: Workers = None
+    scheduler: Scheduler = None
+    run: Run = None
+    resume: Resume = None
+    quiet: Quiet = False

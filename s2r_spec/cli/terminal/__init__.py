@@ -1,0 +1,1 @@
+"""The terminal: its output, its errors and the progress of a long command."""

@@ -1,0 +1,94 @@
+"""What a diagnosis will cost, known before its first rollout.
+
+The number of rollouts on the machine is a largest one: a campaign ends earlier when nothing is open. The simulator's is
+that of the library of responses, also a largest one; the fits after it run as many more as they need. Times are sums
+of the costs that backends and protocols declare [s].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+from s2r_spec.backend import Backend
+from s2r_spec.backend.protocols import HasProtocols
+from s2r_spec.diagnose.data.campaign import Plan
+from s2r_spec.diagnose.data.journal import TRACES
+from s2r_spec.diagnose.data.split import number_held_out
+from s2r_spec.diagnose.simulator.experiments import Experiment
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Rollouts on one backend: their largest number, and their time on one core [s]."""
+
+    backend: str
+    rollouts: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a diagnosis will cost.
+
+    Attributes:
+        real: the rollouts that the machine still has to run; None for recordings.
+        simulated: the rollouts of the simulator's library.
+        held_out: number of held-out tests; without any, no held-out gap is measured.
+        enough: smallest budget that holds tests out; None for recordings.
+    """
+
+    real: Expected | None
+    simulated: Expected
+    held_out: int
+    enough: int | None = None
+
+
+@runtime_checkable
+class TellsCost(Protocol):
+    """A progress that is also told the cost, before the first rollout."""
+
+    def expect(self, cost: Cost) -> None:
+        """Take the cost."""
+        ...
+
+
+def on_machine(machine: Backend, plan: Plan, folder: Path | None) -> Expected:
+    """Return the rollouts of a campaign that are not on disk yet.
+
+    Args:
+        machine: the real machine.
+        plan: the campaign's plan.
+        folder: the folder of its traces.
+    """
+    done = 0 if folder is None else len(list(folder.glob(TRACES)))
+    ahead = plan.steps[done:]
+    chosen = plan.chosen - max(0, done - len(plan.steps))
+    counts = dict.fromkeys(ahead, 0)
+    for step in ahead:
+        counts[step] += 1
+    return Expected(
+        machine.name, len(ahead) + chosen, _seconds(machine, counts) + chosen * float(machine.cost)
+    )
+
+
+def of_library(backend: Backend, rollouts: Mapping[Experiment, int]) -> Expected:
+    """Return the rollouts of a library: experiment → number."""
+    return Expected(backend.name, sum(rollouts.values()), _seconds(backend, rollouts))
+
+
+def planned_held_out(plan: Plan) -> int:
+    """Return the number of tests that a campaign will hold out."""
+    if plan.held_out:
+        return plan.held_out
+    return number_held_out(len(set(plan.steps)), len(plan.steps))
+
+
+def _seconds(backend: Backend, rollouts: Mapping[Experiment, int]) -> float:
+    """Return the time of experiment → number of rollouts on one core [s]."""
+    protocols = backend.protocols() if isinstance(backend, HasProtocols) else ()
+    costs = {protocol.name: float(protocol.cost) for protocol in protocols}
+    usual = float(backend.cost)
+    return sum(count * costs.get(experiment.protocol, usual) for experiment, count in rollouts.items())

@@ -1,0 +1,154 @@
+"""The catalogue as lines through the nominal simulator: one a parameter of an effect."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+
+from s2r_spec.backend import Effect, EffectParameter
+from s2r_spec.backend.effects import prior_scale
+
+Values = Mapping[str, Mapping[str, float]]
+
+TURN = {"rad": 2.0 * math.pi, "deg": 360.0}
+"""Definition: unit of an angle → a whole turn. An angle whose range is a turn has no ends."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """One parameter of one effect, varied while the effect's others stay put.
+
+    Attributes:
+        effect: its name.
+        parameter: its name.
+        unit: of the parameter.
+        nominal: the value that does nothing.
+        typical: a distance from nominal that is large, but not rare, in the coordinate that is stepped; half a turn of
+            an angle that may be any.
+        low: end of the parameter's range.
+        high: the other end.
+        logarithmic: whether that coordinate is the parameter's logarithm.
+        base: other parameters of the effect that are held off nominal, so that this one acts at all.
+    """
+
+    effect: str
+    parameter: str
+    unit: str
+    nominal: float
+    typical: float
+    low: float
+    high: float
+    logarithmic: bool = False
+    base: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """``payload.mass``."""
+        return f"{self.effect}.{self.parameter}"
+
+    def coordinate(self, value: float) -> float:
+        """Return the distance of a value from nominal, as a part of the typical one."""
+        far = math.log(value / self.nominal) if self.logarithmic else value - self.nominal
+        return far / self.typical
+
+    def value(self, coordinate: float) -> float:
+        """Return the value at this coordinate."""
+        far = coordinate * self.typical
+        value = self.nominal * math.exp(far) if self.logarithmic else self.nominal + far
+        if self.is_turn:
+            value = self.low + (value - self.low) % (self.high - self.low)
+        return min(max(value, self.low), self.high)
+
+    def interval(self, middle: float, low: float, high: float) -> tuple[float, float, float]:
+        """Return the values at three rising coordinates; of an angle, the outer two may lie beyond its range."""
+        if not self.is_turn:
+            return self.value(middle), self.value(low), self.value(high)
+        value = self.value(middle)
+        return value, value - (middle - low) * self.typical, value + (high - middle) * self.typical
+
+    @property
+    def is_turn(self) -> bool:
+        """Whether it is an angle whose range is a whole turn, so that both ends are the same place."""
+        turn = TURN.get(self.unit, math.nan)
+        return abs(self.high - self.low - turn) < 1e-3 * turn
+
+    @property
+    def is_phase(self) -> bool:
+        """Whether it is an angle that may be any and only says how the effect acts, as the phase of a ripple does."""
+        return self.is_turn and bool(self.base)
+
+    def at_typical(self) -> float:
+        """Return the value that is typically high, on the upper side if there is one."""
+        return self.value(1.0 if self.high > self.nominal else -1.0)
+
+    def coordinates(self, points: Iterable[float]) -> list[float]:
+        """Return coordinates, rising: of the ends of the range, and these on either side, as far as it reaches."""
+        low, high = self.coordinate(self.low), self.coordinate(self.high)
+        inside = {sign * point for sign in (-1.0, 1.0) for point in points if low < sign * point < high}
+        return sorted((inside | {low, high}) - {0.0})
+
+    def at(self, value: float) -> dict[str, dict[str, float]]:
+        """Return what :meth:`HasEffects.with_effects` takes."""
+        return {self.effect: {**self.base, self.parameter: float(value)}}
+
+
+def coordinate(parameter: EffectParameter) -> tuple[Callable[[float], float], Callable[[float], float]]:
+    """Return the map to the coordinate in which the parameter is stepped, and the way back.
+
+    That is the logarithm for a prior that says so ("log-uniform"), else the number itself.
+    """
+    if parameter.prior.startswith("log") and parameter.low > 0:
+        return math.log, math.exp
+    return float, float
+
+
+def scale_of(parameter: EffectParameter) -> float:
+    """Return the scale of the parameter's prior: its standard deviation where the text has one, else a third.
+
+    In the coordinate of :func:`coordinate`. "half-normal, 0.4 N*m*s/rad" and "normal around 1, standard deviation 0.15"
+    are read, and no more than that side of the range is believed; any other text counts as a third of it.
+    """
+    to, _ = coordinate(parameter)
+    reach = max(abs(to(end) - to(parameter.nominal)) for end in (parameter.low, parameter.high))
+    scale = prior_scale(parameter)
+    return min(scale, reach) if scale else reach / 3.0
+
+
+def line(effect: Effect, parameter: EffectParameter, base: Mapping[str, float] | None = None) -> Line:
+    """Return the line of one parameter."""
+    to, _ = coordinate(parameter)
+    middle = to(parameter.nominal)
+    reach = max(abs(to(end) - middle) for end in (parameter.low, parameter.high))
+    made = Line(
+        effect.name,
+        parameter.name,
+        parameter.unit,
+        parameter.nominal,
+        min(2.0 * scale_of(parameter), reach),
+        parameter.low,
+        parameter.high,
+        to is math.log,
+        dict(base or {}),
+    )
+    return replace(made, typical=(made.high - made.low) / 2.0) if made.is_turn else made
+
+
+def lines(effects: Iterable[Effect], acts: Mapping[str, frozenset[str]] | None = None) -> tuple[Line, ...]:
+    """Return every line of a catalogue.
+
+    Args:
+        effects: the catalogue.
+        acts: effect → parameters that change something while the effect's others are nominal, when
+            that was tried; the rest of its parameters are varied with the first of these off nominal.
+    """
+    out = []
+    for effect in effects:
+        able = (acts or {}).get(effect.name, frozenset(p.name for p in effect.parameters))
+        acting = [p for p in effect.parameters if p.name in able]
+        out += [line(effect, parameter) for parameter in acting]
+        if acting:
+            # These only say how the first acts, and come after it, whatever the catalogue's order is.
+            held = {acting[0].name: line(effect, acting[0]).at_typical()}
+            out += [line(effect, p, held) for p in effect.parameters if p.name not in able]
+    return tuple(out)

@@ -1,0 +1,1 @@
+"""Formats of tables: CSV, NPZ, Parquet, and data frames."""

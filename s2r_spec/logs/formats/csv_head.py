@@ -1,0 +1,176 @@
+"""Tell names, units and samples apart in the first rows of comma-separated text.
+
+A sample has a time, so one of its cells is a number, a date or a duration. A row without any is no sample. It states
+the units of the columns if every cell with text is a unit, or a mark for none. Lines above the names are refused, not
+skipped: they may state the units of the columns, as those of OptiTrack do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import zip_longest
+from typing import NamedTuple
+
+from s2r_spec.base.errors import TraceError, shortened
+from s2r_spec.lang.units import UnknownUnitError, parse_unit
+from s2r_spec.logs.table import Head, quoted
+from s2r_spec.logs.times import dates, durations, time_units
+
+AHEAD = 100
+"""Budget: rows that are read in search of the line of the names."""
+_NONE = frozenset(("", "-", "--", "–", "—", "[-]", "(-)"))
+"""Definition: cells in a row of units below a column without one."""
+_SEPARATORS = (";", "\t", "|", " ")
+"""Definition: marks that other tools write between values, the surest first."""
+
+
+class Row(NamedTuple):
+    """A row of the file.
+
+    Args:
+        cells: its cells.
+        line: number of its last line, from 1.
+        cut: whether this line has no line break.
+        torn: whether it ends inside quotes.
+    """
+
+    cells: list[str]
+    line: int
+    cut: bool = False
+    torn: bool = False
+
+    @property
+    def blank(self) -> bool:
+        """Whether it has no text."""
+        return not any(map(str.strip, self.cells))
+
+    @property
+    def width(self) -> int:
+        """Number of cells up to the last one with text."""
+        return max((number for number, cell in enumerate(self.cells, 1) if cell.strip()), default=0)
+
+
+def is_number(text: str) -> bool:
+    """Return whether a cell is a number."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def is_time(text: str) -> bool:
+    """Return whether a cell may be the time of a sample: a number, a date or a duration."""
+    return is_number(text) or dates.is_date(text) or durations.is_one(text)
+
+
+def sampled(row: Row) -> bool:
+    """Return whether a row may be a sample, as far as its cells tell."""
+    return any(is_time(cell.strip()) for cell in row.cells)
+
+
+def with_units(heads: Sequence[Head], row: Row) -> tuple[Head, ...] | None:
+    """Return the heads with the units of a row; None if a cell of the row is no unit.
+
+    Raises:
+        TraceError: the row contradicts a unit in the names.
+    """
+    units = [_unit(cell) for cell in row.cells]
+    if row.width > len(heads) or not any(units) or None in units:
+        return None
+    return tuple(_stated(head, unit, row) for head, unit in zip_longest(heads, units[: len(heads)]))
+
+
+def _stated(head: Head, unit: str | None, row: Row) -> Head:
+    """Return a head with the unit of a cell."""
+    if not unit:
+        return head
+    split = time_units.bracketed(head.name)
+    named = head.unit if head.unit is not None or split is None else split[1]
+    if named is not None and named != unit and _unit(named):
+        raise TraceError(
+            f"line {row.line} states {quoted(unit)} for {quoted(head.text)}, whose name states {quoted(named)}; "
+            f"keep one of the two units"
+        )
+    return replace(head, unit=unit)
+
+
+def _unit(cell: str) -> str | None:
+    """Return the unit of a cell, "" for a mark of none, or None if it is neither."""
+    text = cell.strip()
+    if text in _NONE:
+        return ""
+    if text[:1] + text[-1:] in ("[]", "()"):
+        text = text[1:-1].strip()
+    if time_units.size(text) is not None:
+        return text
+    try:
+        parse_unit(text)
+    except UnknownUnitError:
+        return None
+    return text
+
+
+def refuse_almost_units(heads: Sequence[Head], row: Row) -> None:
+    """Refuse a row below the names that is no sample, and most of whose texts are units.
+
+    Raises:
+        TraceError: it is such a row; the message says how to state the units.
+    """
+    units = [_unit(cell) for cell in row.cells]
+    known = next((number for number, unit in enumerate(units[: len(heads)]) if unit), None)
+    if known is not None and None in units and units.count(None) < len(list(filter(None, units))):
+        other = row.cells[units.index(None)].strip()
+        raise TraceError(
+            f"line {row.line} looks like a row of units, but {quoted(other)} is no unit. Delete the line, and "
+            f"write the units into the names, such as {shortened(heads[known].text)} [{units[known]}]"
+        )
+
+
+def begins_sample(row: Row) -> bool:
+    """Return whether a row begins with a number or a time, and has another cell."""
+    first = row.cells[0].strip() if row.width > 1 else ""
+    return is_time(first)
+
+
+def refuse_above(names: Row, rows: Sequence[Row]) -> None:
+    """Refuse a file whose names are missing, or seem to stand below other lines.
+
+    The line of the names is the one above the first row that begins as a sample, or above its row of units. It has no
+    number itself, and as many cells as the row.
+
+    Args:
+        names: the row that was taken for the names.
+        rows: the rows with text below it, up to the first that begins as a sample.
+
+    Raises:
+        TraceError: the names are in a later line, or there are none.
+    """
+    if all(is_time(cell.strip()) for cell in names.cells):
+        raise TraceError(
+            f"line {names.line} holds values, not the names of columns; write a line of names above it, such as t,v"
+        )
+    *lines, first = (names, *rows)
+    texts = {_unit(cell) for cell in lines[-1].cells} if lines else set()
+    above = lines[:-1] if any(texts) and None not in texts else lines
+    if len(above) > 1 and begins_sample(first) and not sampled(above[-1]) and above[-1].width >= first.width:
+        raise TraceError(
+            f"line {names.line} does not name the columns; the names seem to be in line {above[-1].line}. Delete the "
+            f"lines above it, but mind the units that they state; name each column differently"
+        )
+
+
+def refuse_separators(names: Row, below: Row | None) -> None:
+    """Refuse a file whose values are separated by something else than commas.
+
+    Raises:
+        TraceError: the names are one cell, and have another mark in it that the row below them has, too.
+    """
+    text = "" if below is None else ",".join(below.cells)
+    for mark in _SEPARATORS:
+        if mark in names.cells[0] and (below is None or mark in text):
+            raise TraceError(
+                f"line {names.line} separates names by {mark!r}. Separate names and values by commas, and write "
+                f"decimal points: 0.5, not 0,5"
+            )

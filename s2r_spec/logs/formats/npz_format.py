@@ -1,0 +1,221 @@
+"""NumPy's zip archive: an array ``t`` [s], one array per channel, and ``s2r.json`` with units and meta.
+
+Only the chosen arrays are read, according to their headers. No content of a file is ever unpickled.
+"""
+
+from __future__ import annotations
+
+import ast
+import json
+import lzma
+import math
+import zipfile
+import zlib
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.base.errors import TraceError, shortened
+from s2r_spec.logs import cells
+from s2r_spec.logs.own import rows
+from s2r_spec.logs.table import (
+    TEXT_SIZE,
+    Chooser,
+    Column,
+    Head,
+    Table,
+    affordable,
+    described,
+    few,
+    quoted,
+    regular,
+)
+from s2r_spec.trace import Trace
+
+_NOTES = "s2r.json"
+_NOTE_LENGTH = 2**24
+"""Budget: bytes of ``s2r.json``, 16 million. Twice as many take 0.2 GB more."""
+_HEADER_LENGTH = 10_000
+"""Budget: bytes of an array's header, numpy's own limit; a longer header is slow to parse."""
+_BROKEN = (
+    ValueError,
+    EOFError,
+    KeyError,
+    NotImplementedError,
+    RuntimeError,
+    MemoryError,
+    RecursionError,
+    SyntaxError,
+    TypeError,
+    zipfile.BadZipFile,
+    zlib.error,
+    lzma.LZMAError,
+)
+
+
+def load(path: Path, choose: Chooser) -> Table:
+    """Read the chosen arrays of a file.
+
+    Raises:
+        TraceError: the file is not an archive, or an array in it is damaged.
+        OSError: the file cannot be read.
+    """
+    regular(path)
+    try:
+        if not zipfile.is_zipfile(path):
+            raise TraceError("this is not an .npz archive")
+        with zipfile.ZipFile(path) as archive:
+            return _table(archive, choose)
+    except _BROKEN as error:
+        reason = shortened(str(error) or type(error).__name__)
+        raise TraceError(f"this is not an .npz archive of arrays: {reason}") from None
+
+
+def _table(archive: zipfile.ZipFile, choose: Chooser) -> Table:
+    members = {name.removesuffix(".npy"): name for name in archive.namelist()}
+    few(len(members))
+    units, meta, own = _notes(archive, members.pop(_NOTES, None))
+    names = list(members)
+    heads = tuple(Head(name, None, units.get(name)) for name in names)
+    needed = sorted(set(choose(heads)))
+    arrays = {number: _Member.of(archive, members[names[number]]) for number in needed}
+    affordable(sum(one.numbers for one in arrays.values()))
+    columns = {number: _column(archive, one) for number, one in arrays.items()}
+
+    def place(sample: int, number: int) -> str:
+        return f"sample {sample} of the array {quoted(heads[number].name)}"
+
+    unknown = set(units) - set(names)
+    if unknown:
+        raise TraceError(f"{_NOTES} has a unit for {quoted(min(unknown))}, which is not an array of the file")
+    return Table(heads, columns, meta, place, own=own)
+
+
+@dataclass(frozen=True)
+class _Member:
+    """The header of an array in the archive."""
+
+    name: str
+    dtype: np.dtype[Any] | None
+    shape: tuple[int, ...]
+    fortran: bool
+    start: int
+    fault: str = ""
+
+    @classmethod
+    def of(cls, archive: zipfile.ZipFile, name: str) -> _Member:
+        """Read the header of an array, and check that the archive holds enough bytes for it.
+
+        Raises:
+            ValueError: the header is not valid.
+        """
+        size = archive.getinfo(name).file_size
+        with archive.open(name) as stream:
+            version = np.lib.format.read_magic(stream)
+            wide = 2 if version == (1, 0) else 4
+            length = int.from_bytes(stream.read(wide), "little")
+            if length > _HEADER_LENGTH:
+                raise ValueError(f"the header of {name} is too long")
+            header = ast.literal_eval(stream.read(length).decode("utf-8" if version >= (3, 0) else "latin1"))
+        dtype = np.lib.format.descr_to_dtype(header["descr"])
+        shape, start = header["shape"], 8 + wide + length
+        if not isinstance(shape, tuple) or not all(isinstance(n, int) and n >= 0 for n in shape):
+            raise ValueError(f"the shape of {name} is {str(shape)[:40]}")
+        fortran = bool(header["fortran_order"])
+        if dtype.hasobject:
+            return cls(name, None, shape, fortran, start, "holds Python objects, which s2r does not read")
+        if dtype.names is not None or not dtype.itemsize:
+            return cls(name, None, shape, fortran, start, "holds records, not numbers")
+        if math.prod(shape) * dtype.itemsize > size - start:
+            raise ValueError(
+                f"the header of {name} states the shape {str(shape)[:60]}, but its data are shorter"
+            )
+        return cls(name, dtype, shape, fortran, start)
+
+    @property
+    def numbers(self) -> int:
+        """Memory for the array, in numbers of 8 bytes."""
+        if self.dtype is None:
+            return 0
+        size = TEXT_SIZE if self.dtype.kind in "US" else 1
+        return math.prod(self.shape) * max(size, self.dtype.itemsize // 8)
+
+
+def _array(archive: zipfile.ZipFile, member: _Member, dtype: np.dtype[Any]) -> NDArray[Any]:
+    with archive.open(member.name) as stream:
+        _skip(stream, member.start)
+        data = stream.read(math.prod(member.shape) * dtype.itemsize)
+        stream.read(1)  # the archive compares the checksum at the end
+    flat = np.frombuffer(data, dtype=dtype)
+    return flat.reshape(member.shape, order="F" if member.fortran else "C")
+
+
+def _skip(stream: IO[bytes], count: int) -> None:
+    if len(stream.read(count)) != count:
+        raise EOFError("it ends inside a header")
+
+
+def _column(archive: zipfile.ZipFile, member: _Member) -> Column:
+    if member.dtype is None:
+        return Column.without(member.fault)
+    values = _array(archive, member, member.dtype)
+    if values.ndim == 0:
+        return Column.without("is one value for the whole file, not one per sample")
+    if values.ndim > 2:
+        return Column.without(f"has the shape {values.shape}, not one number or one vector per sample")
+    if values.dtype.kind == "S":
+        values = np.char.decode(values, "utf-8", "replace")
+    if values.dtype.kind == "U":
+        words = np.empty(values.shape, dtype=object)
+        words[...] = np.char.strip(values)
+        return Column(words, cells.missing(words) if values.ndim == 1 else None)
+    if values.dtype.kind in "Mm":
+        return Column(values)
+    if values.dtype.kind not in "biuf":
+        return Column.without(f"holds values of the type {values.dtype}, not numbers")
+    return Column(values)
+
+
+def _notes(
+    archive: zipfile.ZipFile, name: str | None
+) -> tuple[dict[str, str], dict[str, Any], dict[str, Any]]:
+    if name is None:
+        return {}, {}, {}
+    member = _Member.of(archive, name)
+    if (
+        member.dtype is None
+        or member.dtype.kind != "U"
+        or member.shape
+        or member.dtype.itemsize > _NOTE_LENGTH
+    ):
+        raise TraceError(f"the array {_NOTES!r} is not a string")
+    try:
+        record = json.loads(str(_array(archive, member, member.dtype)[()]))
+    except (ValueError, RecursionError) as error:
+        raise TraceError(f"the array {_NOTES!r} is not JSON: {error}") from None
+    return described(record, f"the array {_NOTES!r}")
+
+
+def write(trace: Trace, path: Path) -> None:
+    """Write a trace."""
+    for name in ("t", _NOTES):
+        if name in trace.channels:
+            raise TraceError(f"a channel cannot be called {name!r} in an .npz file")
+    times, channels, record = rows(trace)
+    own = {"own": record} if record else {}
+    notes = json.dumps({"units": dict(trace.units), "meta": dict(trace.meta), **own})
+    arrays = {"t": times, **channels, _NOTES: np.array(notes)}
+    # numpy.savez takes names as keywords, so a channel called "file" would break it. And one write of the whole file
+    # takes half the time of many small writes and seeks.
+    whole = BytesIO()
+    with zipfile.ZipFile(whole, "w", zipfile.ZIP_STORED) as archive:
+        for name, array in arrays.items():
+            one = BytesIO()
+            np.lib.format.write_array(one, array, allow_pickle=False)
+            # Without a time of day, so that the same trace makes the same file.
+            archive.writestr(zipfile.ZipInfo(f"{name}.npy"), one.getbuffer())
+    path.write_bytes(whole.getbuffer())

@@ -1,0 +1,1 @@
+"""Times of a log: its stamps, dates, durations and their units."""

@@ -1,0 +1,75 @@
+"""Ask which of several columns has the times: each candidate with its first time and its period."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from s2r_spec.base.errors import NoTimesError, TraceError
+from s2r_spec.logs.table import Column, Head, Table, quoted
+from s2r_spec.logs.times import time_units, times
+
+Readable = tuple[Sequence[Column], Sequence[Head]]
+"""One or two columns of times, with their heads."""
+
+
+def question(candidates: Mapping[str, Readable], unit: str | None) -> NoTimesError:
+    """Return the error that asks which candidate has the times.
+
+    Args:
+        candidates: name as ``--map t=`` takes it → its columns, two or more.
+        unit: unit of plain numbers that the user states; None if not stated.
+    """
+    found = {name: text for name, one in candidates.items() if (text := _described(*one, unit)) is not None}
+    names = tuple(found) or tuple(candidates)
+    if len(found) < 2:
+        return NoTimesError(
+            f"there is no column {times.TIME!r} with the times: add --map {times.mapped(names[0])}", names[0]
+        )
+    shown = ", or ".join(f"{quoted(name)} ({text})" for name, text in found.items())
+    return NoTimesError(
+        f"the times may be {shown}. Choose one, as in --map {times.mapped(names[0])}", names[0], names
+    )
+
+
+def of_table(table: Table, columns: Mapping[str, Sequence[int]], unit: str | None) -> NoTimesError:
+    """Return :func:`question` for columns of a table, by their numbers."""
+    candidates = {
+        name: ([table.columns[number] for number in numbers], [table.heads[number] for number in numbers])
+        for name, numbers in columns.items()
+    }
+    return question(candidates, unit)
+
+
+def _described(columns: Sequence[Column], heads: Sequence[Head], unit: str | None) -> str | None:
+    """Return the first time and the period of a candidate; None if its values are no times."""
+    found = _read(columns, heads, unit, lambda sample: f"sample {sample}")
+    if found is None or not found.seconds.size:
+        return None
+    begins = found.begins or f"{found.seconds[0]:.9g} s"
+    if found.seconds.size < 2:
+        return f"at {begins}"
+    return f"from {begins}, every {np.median(np.diff(found.seconds)):.4g} s"
+
+
+def _read(
+    columns: Sequence[Column], heads: Sequence[Head], unit: str | None, place: Callable[[int], str]
+) -> times.Times | None:
+    """Return the times of a candidate, with the likely unit where numbers need one; None if they are no times."""
+    first = columns[0].values.flat[0] if columns[0].values.size else 0.0
+    likely = (
+        None
+        if isinstance(first, str | np.generic) and not _plain(first)
+        else time_units.looks_like(float(first))
+    )
+    for one in dict.fromkeys((unit, None, likely)):
+        try:
+            return times.read(columns, heads, one, place)
+        except TraceError:
+            continue
+    return None
+
+
+def _plain(value: object) -> bool:
+    return isinstance(value, int | float | np.integer | np.floating)

@@ -1,0 +1,298 @@
+"""Read the times of a trace from one or two columns, and decide their unit.
+
+Data: counts, numbers, durations or dates, typed or as text. The unit comes from the type, the header or
+``--time-unit``; else from the name of the column. Otherwise it is the second, unless the numbers are too large for
+seconds since 1970. Dates, times of day, and counts since 1970 in a unit other than the second count from the first
+sample: whole numbers are subtracted before they are rounded. Numbers in seconds stay unchanged.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.base.errors import TraceError, UsageError
+from s2r_spec.logs import cells
+from s2r_spec.logs.table import Column, Head, quoted
+from s2r_spec.logs.times import dates, durations, time_units
+from s2r_spec.logs.times.durations import Clock
+from s2r_spec.trace import stamps
+from s2r_spec.trace.instants import DATES
+from s2r_spec.trace.samples import FAST, SLOW
+
+TIME = "t"
+FloatArray = NDArray[np.float64]
+Place = Callable[[int], str]
+
+
+@dataclass(frozen=True)
+class Times:
+    """The times of a trace.
+
+    Args:
+        seconds: (n,) times [s].
+        first: the first stamp as in the file; later rows of a followed trace count from it.
+        begins: the date or clock time from which the times count; "" if they are unchanged.
+        notes: a note if the unit comes from the name of the column.
+        since: the date from which the times count, in seconds since 1970, exactly; None if they are no dates.
+        stated: whether the type, the header, the name or the user states the unit; else it is taken to be the second.
+    """
+
+    seconds: FloatArray
+    first: Any
+    begins: str = ""
+    notes: tuple[str, ...] = ()
+    since: Fraction | None = None
+    stated: bool = True
+
+
+def mapped(name: str) -> str:
+    """Return the argument of ``--map`` that takes the times from a column, in quotes where a shell needs them."""
+    return shlex.quote(f"{TIME}={name}")
+
+
+def unit_of_option(text: str | None) -> str | None:
+    """Return the unit after a check that it is a unit of time.
+
+    Raises:
+        UsageError: the text is not a unit of time.
+    """
+    if text is not None and time_units.size(text) is None:
+        raise UsageError(f"time-unit {text!r} is not a unit of time; write s, ms, us, ns or min")
+    return text
+
+
+def read(
+    columns: Sequence[Column], heads: Sequence[Head], unit: str | None, place: Place, first: Any = None
+) -> Times:
+    """Return the times in one column, or in two with whole seconds and fractions.
+
+    Args:
+        columns: one or two columns.
+        heads: their heads.
+        unit: unit of plain numbers that the user states; None if not stated.
+        place: sample number → its place in the file.
+        first: :attr:`Times.first` of a trace whose first samples were read before; else None.
+
+    Raises:
+        TraceError: a stamp is missing or no time, units contradict each other, or the numbers are too large for
+            seconds.
+    """
+    columns = [_flat(column) for column in columns]
+    for column, head in zip(columns, heads, strict=True):
+        _usable(column, head, place)
+    if len(columns) == 2:
+        return _pair(columns, heads, unit, first)
+    (column,), (head,) = columns, heads
+    values = column.values
+    if column.texts:
+        numbers = cells.parsed(list(values))
+        if numbers.dtype == object and durations.is_one(values[0]):
+            return _durations(values, unit, place, first)
+        if numbers.dtype == object:
+            _refuse_odd_cell(values, place)
+            numbers = dates.nanoseconds(values, place)
+        values = numbers
+    _same_form(values, first, column.values, place)
+    if values.dtype.kind == "b":
+        raise TraceError(f"the column {quoted(head.text)} holds truth values; map t to a column of times")
+    if stamps.is_typed(values):
+        return _typed(values, unit, first)
+    if values.dtype.kind == "f" and not np.isfinite(values).all():
+        bad = int(np.argmin(np.isfinite(values)))
+        fault = "has no time" if np.isnan(values[bad]) else f"is {values[bad]}, not a time"
+        raise TraceError(f"{place(bad)} {fault}")
+    return _counts(values, head, unit, first)
+
+
+def _refuse_odd_cell(texts: NDArray[Any], place: Place) -> None:
+    """Refuse a text among numbers.
+
+    Raises:
+        TraceError: most of the texts are numbers.
+    """
+    number = np.array([cells.parsed([text]).dtype != object for text in texts])
+    if 2 * number.sum() > number.size:
+        bad = int(np.argmin(number))
+        raise TraceError(f"{place(bad)} is {quoted(str(texts[bad]))}, and the other times are numbers")
+
+
+def _flat(column: Column) -> Column:
+    """Return a column of vectors with one component, the form of Matlab, as a column of numbers."""
+    one = column.values.ndim == 2 and column.values.shape[1] == 1
+    return replace(column, values=column.values[:, 0]) if one else column
+
+
+def _usable(column: Column, head: Head, place: Place) -> None:
+    if column.fault:
+        raise TraceError(f"{quoted(head.text)} {column.fault}; map t to a column of times")
+    if column.values.ndim != 1:
+        raise TraceError(f"{quoted(head.text)} holds vectors; map t to a column of times")
+    if column.missing is not None and column.missing.any():
+        raise TraceError(f"{place(int(np.argmax(column.missing)))} has no time")
+
+
+def _typed(values: NDArray[Any], unit: str | None, first: Any) -> Times:
+    """Return the times of a column of dates or durations."""
+    dated = values.dtype.kind == "M"
+    if unit is not None:
+        raise TraceError(
+            f"the times are {'dates' if dated else 'durations'}, which state their unit; leave out time-unit {unit!r}"
+        )
+    seconds = stamps.seconds(values, first)
+    start = values[0] if first is None and values.size else first
+    if not dated or start is None:
+        return Times(seconds, start)
+    since = Fraction(int(start.astype("M8[ns]").astype(np.int64)), 10**9)
+    return Times(seconds, start, dates.text(start), since=since)
+
+
+def _durations(texts: NDArray[Any], unit: str | None, place: Place, first: Any) -> Times:
+    """Return the times of durations as text; those of a clock without a date count from the first one.
+
+    Raises:
+        TraceError: a time of day is before the one above it, or the texts have several forms.
+    """
+    values = durations.nanoseconds(texts, place)
+    clock = durations.of_clock(texts[0])
+    _same_form(Clock(0) if clock else values, first, texts, place)
+    if not clock:
+        return _typed(values, unit, first)
+    start = Clock(int(values[0].astype(np.int64))) if first is None else first
+    counts = np.concatenate(([start.count], values.astype(np.int64)))
+    if (np.diff(counts) < 0).any():
+        back = int(np.argmax(np.diff(counts) < 0))
+        raise TraceError(
+            f"{place(back)} is {texts[back]!r}, before the time of day above it. If midnight lies between, write the "
+            f"date before each time"
+        )
+    times = _typed(values - np.timedelta64(start.count, "ns"), unit, np.timedelta64(0, "ns"))
+    return replace(times, first=start, begins=str(start))
+
+
+def _same_form(values: Any, first: Any, written: NDArray[Any], place: Place) -> None:
+    """Refuse a time of another form than the first one of a trace that is read row by row."""
+    if first is not None and _form(values) != _form(first):
+        raise TraceError(
+            f"{place(0)} is {str(written[0])!r}, and the first time is {str(first)!r}; write all times in one form"
+        )
+
+
+def _form(values: Any) -> str:
+    """Return the form of times: of a clock, dates (M), durations (m) or numbers ("")."""
+    return "clock" if isinstance(values, Clock) else np.asarray(values).dtype.kind.strip("iufb")
+
+
+def _pair(columns: Sequence[Column], heads: Sequence[Head], unit: str | None, first: Any) -> Times:
+    """Return the times of two columns with whole seconds and fractions."""
+    if unit is not None:
+        raise TraceError(
+            f"the times are in {quoted(heads[0].text)} and {quoted(heads[1].text)}, which state their units; "
+            f"leave out time-unit {unit!r}"
+        )
+    below = time_units.SUB.get(time_units.last_word(heads[1].name), "ns")
+    size = Fraction(time_units.size(heads[1].unit or below) or Fraction(1, 10**9))
+    most = int(1 / size)
+    whole, parts = (_whole(column, head) for column, head in zip(columns, heads, strict=True))
+    if ((parts < 0) | (parts >= most)).any():
+        bad = int(np.argmax((parts < 0) | (parts >= most)))
+        raise TraceError(
+            f"{quoted(heads[1].text)} is {parts[bad]} at sample {bad}; a fraction of a second must be from 0 to "
+            f"{most - 1}"
+        )
+    if whole.size and np.abs(whole).max() > 2**62 // most:
+        raise TraceError(f"{quoted(heads[0].text)} holds numbers too large for seconds since 1970")
+    return _since(whole * most + parts, size, first)
+
+
+def _whole(column: Column, head: Head) -> NDArray[np.int64]:
+    values = cells.parsed(list(column.values)) if column.texts else column.values
+    if values.dtype.kind == "f" and np.isfinite(values).all() and (values == np.round(values)).all():
+        values = values.astype(np.int64)
+    if values.dtype.kind not in "iu":
+        raise TraceError(f"{quoted(head.text)} is one of two columns of times; it must hold whole numbers")
+    return values.astype(np.int64)
+
+
+def _counts(values: NDArray[Any], head: Head, unit: str | None, first: Any) -> Times:
+    """Return the times of a column of plain numbers."""
+    size, notes = _size(head, unit)
+    stated = size is not None or (head.name == TIME and _as_a_robot_samples(values))
+    if size is None:
+        ends = [values[0], values[-1]] if values.size and first is None else []
+        likely = next(filter(None, (time_units.looks_like(float(end)) for end in ends)), None)
+        if likely is not None or any(abs(float(end)) >= time_units.TOO_LARGE for end in ends):
+            way = (
+                f"they look like {likely}: add --time-unit {likely}" if likely else "state their --time-unit"
+            )
+            raise TraceError(
+                f"the times of {quoted(head.text)} begin at {values[0]}, too large for seconds since 1970; {way} "
+                f"(or s for seconds)"
+            )
+        size = Fraction(1)
+        notes = _assumed(values, head) if first is None else ()
+    times = _since(values, size, first)
+    return replace(times, notes=notes, stated=stated)
+
+
+def _as_a_robot_samples(values: NDArray[Any]) -> bool:
+    """Return whether the times of a trace, which are in seconds unless they say so, look like seconds."""
+    return len(values) < 2 or FAST < float(np.median(np.abs(np.diff(values.astype(np.float64))))) < SLOW
+
+
+def _assumed(values: NDArray[Any], head: Head) -> tuple[str, ...]:
+    """Return a note if whole numbers without a unit are taken for seconds, as those of a column ``t`` are."""
+    if head.name == TIME or values.size < 2 or not (values == np.round(values)).all():
+        return ()
+    step = float(np.median(np.diff(values)))
+    return (
+        f"the times of {quoted(head.text)} are whole numbers without a unit, {step:g} apart, and are read in seconds; "
+        f"if they are in ms, add --time-unit ms",
+    )
+
+
+def _since(values: NDArray[Any], size: Fraction, first: Any) -> Times:
+    """Return the times of counts, from the first one if they are dates."""
+    start = values[0] if first is None and values.size else first
+    dated = start is not None and stamps.dates(np.array([start]), size)
+    seconds = stamps.counted(values, size, from_first=dated, first=start)
+    if not dated:
+        return Times(seconds, start)
+    since = Fraction(start.item()) * size
+    if DATES <= since < dates.LAST:
+        return Times(seconds, start, dates.text(np.datetime64(int(since * 10**9), "ns")), since=since)
+    return Times(seconds, start, f"{float(since):.9g} s", since=since)
+
+
+def _size(head: Head, unit: str | None) -> tuple[Fraction | None, tuple[str, ...]]:
+    """Return the unit of a column's numbers [s], or None; and a note if only the column's name states it."""
+    stated = None if unit is None else time_units.size(unit)
+    declared = head.unit if head.unit is not None else time_units.in_brackets(head.name)
+    if declared is not None:
+        size = time_units.size(declared)
+        if size is None:
+            raise TraceError(
+                f"the times are in {quoted(declared)}, which is not a unit of time; write a header such as t [ms]"
+            )
+        if stated is not None and stated != size:
+            raise TraceError(
+                f"the file has its times in {declared}, but time-unit is {unit}: leave time-unit out"
+            )
+        return size, ()
+    if stated is not None:
+        return stated, ()
+    name = time_units.unit_in_name(head.name)
+    if name is None:
+        return None, ()
+    note = (
+        ()
+        if name == "s"
+        else (f"the times are read in {name}, the unit in the column name {quoted(head.name)}",)
+    )
+    return time_units.size(name), note

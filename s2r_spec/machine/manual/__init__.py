@@ -1,0 +1,5 @@
+"""A person as the backend: ``--real manual:FOLDER``."""
+
+from s2r_spec.machine.manual.backend import ManualBackend
+
+__all__ = ["ManualBackend"]

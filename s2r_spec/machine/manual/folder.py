@@ -1,0 +1,341 @@
+"""The folder of tests that a person runs: the pending test, its log, and the recorded rollouts.
+
+    rollouts.csv  0001.csv  0002.npz …   recorded rollouts, in the form that ``log:FOLDER`` reads
+    incoming/      the person puts a log here
+    originals/     accepted logs, unchanged, as <id>-<name>
+    refused/       refused logs, unchanged
+    manual.json    channels and parameters of the specification
+    next.json      the pending test and its state
+    skipped.txt    tests that did not begin because the robot was broken
+
+Every file is replaced whole or not at all. A trace is written before its row. A kill in between leaves a trace without
+a row; the next start removes it and makes it again from the log.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import warnings
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from s2r_spec import logs
+from s2r_spec.backend import Channel, Parameter
+from s2r_spec.base.errors import TraceError, TraceNote, UsageError
+from s2r_spec.base.files import replacing, save
+from s2r_spec.machine.manual import table
+from s2r_spec.machine.manual.checks import within_horizon
+from s2r_spec.recordings.log_folder import TABLE, digest
+from s2r_spec.recordings.recorded import LogBackend
+from s2r_spec.trace import Trace
+
+SCHEMA = "s2r.manual/1"
+INCOMING, ORIGINALS, REFUSED = "incoming", "originals", "refused"
+DECLARED, NEXT, SKIPPED, LOCK = "manual.json", "next.json", "skipped.txt", "lock"
+
+State = Literal["asked", "accepted", "recorded"]
+_locks: dict[Path, int] = {}
+"""Locked folder → file descriptor of its lock; the system releases the locks when this process ends."""
+
+
+@dataclass(frozen=True)
+class PendingTest:
+    """The test that the person is to run, and its state.
+
+    Attributes:
+        id: id of its row and its trace.
+        params: parameters of the test.
+        state: "asked"; "accepted", with a valid log or a word for its failure; or "recorded", in the table.
+        log: name of the log in ``originals``; None if there is none.
+        failure: word for the failure that the person reports; None if there is none.
+        void: word for the reason why it has no outcome; None if it has one.
+        seed: seed of its recorded rollout; None before it is recorded.
+    """
+
+    id: str
+    params: dict[str, float]
+    state: State = "asked"
+    log: str | None = None
+    failure: str | None = None
+    void: str | None = None
+    seed: int | None = None
+
+
+@dataclass(frozen=True)
+class TestFolder:
+    """The folder of tests; :meth:`prepare` makes it."""
+
+    root: Path
+
+    def prepare(
+        self, channels: tuple[Channel, ...], parameters: tuple[Parameter, ...], seconds: float
+    ) -> list[bytes]:
+        """Prepare the folder for a run, and return a digest of each recorded trace within the horizon.
+
+        Raises:
+            UsageError: another process uses the folder, it has other parameters, or it cannot be written.
+            LogError: the recordings are not valid.
+        """
+        try:
+            for folder in (INCOMING, ORIGINALS, REFUSED):
+                (self.root / folder).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise UsageError(f"cannot make the folder {self.root}: {error.strerror or error}") from None
+        self._lock()
+        columns, expected = table.read(self.root / TABLE)[0], table.header(parameters)
+        if columns and columns != expected:
+            raise UsageError(
+                f"{self.root / TABLE} belongs to another specification: its columns are {', '.join(columns)}, and this "
+                f"one needs {', '.join(expected)}; use another folder"
+            )
+        if (test := self.pending()) is not None:
+            self._remove_unlisted(test)
+        if (self.root / TABLE).exists():
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", TraceNote)  # the log backend shows them later
+                LogBackend(str(self.root))  # refuses a folder that is not valid
+        record = {
+            "schema": SCHEMA,
+            "channels": [{"name": c.name, "unit": c.unit, "width": c.width} for c in channels],
+            "parameters": [asdict(parameter) for parameter in parameters],
+        }
+        save(self.root / DECLARED, json.dumps(record, indent=2) + "\n")
+        traces = (within_horizon(logs.load(path, gather=True).trace, seconds) for path in self._traces())
+        return [key for trace in traces if (key := digest(trace)) is not None]
+
+    def declared(self) -> tuple[tuple[Channel, ...], tuple[Parameter, ...]]:
+        """Return the channels and parameters of the last prepared run; none if there was none.
+
+        Raises:
+            UsageError: their file is damaged.
+        """
+        record = _json(self.root / DECLARED)
+        if record is None:
+            return (), ()
+        try:
+            return (
+                tuple(
+                    Channel(one["name"], one["unit"], "as the spec reads it", one["width"])
+                    for one in record["channels"]
+                ),
+                tuple(Parameter(**one) for one in record["parameters"]),
+            )
+        except (KeyError, TypeError):
+            raise _damaged(self.root / DECLARED) from None
+
+    def recorded(self) -> int:
+        """Return the number of recorded rollouts."""
+        return len(table.ids(self.root / TABLE))
+
+    def pending(self) -> PendingTest | None:
+        """Return the pending test; None if there is none.
+
+        Raises:
+            UsageError: its file is damaged.
+        """
+        record = _json(self.root / NEXT)
+        if record is None:
+            return None
+        try:
+            return PendingTest(**{name: record[name] for name in PendingTest.__dataclass_fields__})
+        except (KeyError, TypeError):
+            raise _damaged(self.root / NEXT) from None
+
+    def write(self, test: PendingTest, about: Mapping[str, Any]) -> PendingTest:
+        """Write the pending test, with further facts for the lab's scripts."""
+        save(self.root / NEXT, json.dumps({"schema": SCHEMA, **asdict(test), **about}, indent=2) + "\n")
+        return test
+
+    def close(self) -> None:
+        """Remove the pending test."""
+        (self.root / NEXT).unlink(missing_ok=True)
+
+    def new(self, params: Mapping[str, float]) -> PendingTest:
+        """Return a new test with the next free id."""
+        ids = table.ids(self.root / TABLE)
+        ids += [path.name.partition("-")[0] for path in (self.root / ORIGINALS).iterdir()]
+        last = max((int(one) for one in ids if one.isascii() and one.isdigit()), default=0)
+        return PendingTest(f"{last + 1:04d}", dict(params))
+
+    def waiting(self) -> list[Path]:
+        """Return the logs in ``incoming``."""
+        return sorted(
+            path
+            for path in (self.root / INCOMING).iterdir()
+            if path.suffix.lower() in logs.READABLE and not path.name.startswith(".")
+        )
+
+    def taken(self, test: PendingTest) -> Path | None:
+        """Return the log in ``originals`` of a test that a kill interrupted before it was accepted; else None."""
+        return next(iter(sorted((self.root / ORIGINALS).glob(f"{test.id}-*"))), None)
+
+    def take(self, path: Path, test: PendingTest) -> Path:
+        """Move a log from ``incoming`` to ``originals``, or copy a log from elsewhere. Return its new path.
+
+        Raises:
+            UsageError: the file cannot be moved or copied.
+        """
+        kept = self.root / ORIGINALS / f"{test.id}-{path.name}"
+        linked = path.is_symlink()  # a move would keep the link, not the file
+        _moved(path, kept, move=path.parent == self.root / INCOMING and not linked)
+        if linked and path.parent == self.root / INCOMING:
+            path.unlink()
+        return kept
+
+    def refuse(self, path: Path) -> Path:
+        """Move a refused log to ``refused``; a log from elsewhere stays. Return its path.
+
+        Raises:
+            UsageError: the file cannot be moved.
+        """
+        if path.parent not in (self.root / INCOMING, self.root / ORIGINALS):
+            return path
+        name = path.name.partition("-")[2] if path.parent == self.root / ORIGINALS else path.name
+        kept = self.root / REFUSED / name
+        number = 1
+        while kept.exists():
+            number += 1
+            kept = kept.with_name(f"{Path(name).stem}-{number}{path.suffix}")
+        _moved(path, kept, move=True)
+        return kept
+
+    def record(
+        self,
+        test: PendingTest,
+        trace: Trace,
+        seed: int,
+        channels: tuple[Channel, ...],
+        parameters: tuple[Parameter, ...],
+    ) -> Trace:
+        """Write a trace and its row, and return the trace as read back.
+
+        A channel that no format can hold stays only in the original; every format can hold the spec's channels.
+
+        Raises:
+            UsageError: a file cannot be written.
+        """
+        path = self.root / f"{test.id}{Path(test.log or 'none.csv').suffix.lower()}"
+        try:
+            logs.write(trace, path)
+        except TraceError:
+            path = path.with_suffix(".npz")
+            try:
+                logs.write(trace, path)
+            except TraceError:
+                logs.write(trace.only(channel.name for channel in channels), path)
+        if test.id not in table.ids(self.root / TABLE):
+            row = [test.id, *(repr(test.params[p.name]) for p in parameters), str(seed)]
+            table.add(self.root / TABLE, table.header(parameters), row)
+        return logs.load(path, gather=True).trace
+
+    def trace(self, test: PendingTest) -> Trace:
+        """Return the trace of a recorded test.
+
+        Raises:
+            UsageError: the file is missing.
+        """
+        for ending in logs.FORMATS:
+            if (path := self.root / f"{test.id}{ending}").exists():
+                return logs.load(path, gather=True).trace
+        raise UsageError(f"the recording {test.id} is missing in {self.root}; restore it from a copy")
+
+    def skip(self, test: PendingTest) -> None:
+        """Record that a test did not begin because the robot was broken."""
+        now = datetime.now(UTC).isoformat(timespec="seconds")
+        row = [now, *(repr(value) for value in test.params.values())]
+        table.add(self.root / SKIPPED, ["time", *test.params], row)
+
+    def release(self) -> None:
+        """Release the folder for another process."""
+        handle = _locks.pop(self.root.resolve(), None)
+        if handle is not None:
+            os.close(handle)
+
+    def _remove_unlisted(self, test: PendingTest) -> None:
+        """Remove the trace of an accepted test without a row, which a kill left; it is made again from the log."""
+        if test.state == "accepted" and test.id not in table.ids(self.root / TABLE):
+            for ending in logs.FORMATS:
+                (self.root / f"{test.id}{ending}").unlink(missing_ok=True)
+
+    def _traces(self) -> list[Path]:
+        """Return the files of the recorded traces, in order."""
+        ids = table.ids(self.root / TABLE)
+        paths = (self.root / f"{one}{ending}" for one in ids for ending in logs.FORMATS)
+        return [path for path in paths if path.exists()]
+
+    def _lock(self) -> None:
+        """Lock the folder for this process: two runs would take each other's logs.
+
+        Raises:
+            UsageError: another process holds the lock.
+        """
+        try:
+            import fcntl
+        except ImportError:  # not a POSIX system: there is no such lock
+            return
+        if self.root.resolve() in _locks:
+            return
+        handle = os.open(self.root / LOCK, os.O_CREAT | os.O_RDWR, 0o644)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            os.close(handle)
+            raise UsageError(
+                f"another run uses the folder {self.root}; wait for it, or use another folder"
+            ) from None
+        _locks[self.root.resolve()] = handle
+
+
+def placeholder(word: str, channels: tuple[Channel, ...]) -> Trace:
+    """Return the trace of a failed rollout without a log: one sample, NaN in every channel."""
+    samples = {c.name: np.full((1, c.width) if c.width > 1 else 1, np.nan) for c in channels}
+    return Trace(np.zeros(1), samples, {c.name: c.unit for c in channels if c.unit}, {"failure": word})
+
+
+def recorded(test: PendingTest, seed: int) -> PendingTest:
+    """Return the test in the state "recorded", with the seed of its rollout."""
+    return replace(test, state="recorded", seed=seed)
+
+
+def _moved(path: Path, kept: Path, *, move: bool) -> None:
+    """Move or copy a file, whole or not at all.
+
+    Raises:
+        UsageError: the file cannot be moved or copied.
+    """
+    try:
+        if move:
+            os.replace(path, kept)
+            return
+        with replacing(kept) as temporary:
+            shutil.copyfile(path, temporary)
+    except OSError as error:
+        raise UsageError(f"cannot store {path} as {kept}: {error.strerror or error}") from None
+
+
+def _json(path: Path) -> dict[str, Any] | None:
+    """Return the object in a file of the manual backend; None if there is no file.
+
+    Raises:
+        UsageError: the file is damaged, or another program wrote it.
+    """
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, RecursionError):
+        raise _damaged(path) from None
+    if not isinstance(record, dict) or record.get("schema") != SCHEMA:
+        raise _damaged(path)
+    return record
+
+
+def _damaged(path: Path) -> UsageError:
+    return UsageError(f"{path} is damaged; move it away, and s2r requests the test again")

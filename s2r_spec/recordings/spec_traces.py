@@ -1,0 +1,164 @@
+"""The traces of a file for a specification: its channels, the parameters of each test, and what was left out.
+
+A warning (:class:`~s2r_spec.base.errors.TraceNote`) says what was left out of a file, and which value of two was used.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from s2r_spec.base.errors import TraceError, TraceNote, UsageError, one_of, shortened
+from s2r_spec.base.printable import one_line
+from s2r_spec.logs.account import Account
+from s2r_spec.recordings.excerpts import Excerpt, Excerpts, assumed, excerpt
+from s2r_spec.robustness.reading import Missing
+from s2r_spec.spec import Spec
+from s2r_spec.trace import Trace
+
+
+@dataclass(frozen=True)
+class Request:
+    """The requirements to evaluate on recorded traces, and how the traces are read.
+
+    Args:
+        spec: the specification.
+        requirements: names of the requirements to evaluate.
+        params: parameter → value, in the declared unit; a recorded value that differs gives way.
+        excerpts: how the files become traces.
+        nan: "error" or "hold", for missing samples.
+
+    Raises:
+        UsageError: a requirement, or a signal in ``excerpts.longest``, is not in the specification.
+    """
+
+    spec: Spec
+    requirements: tuple[str, ...]
+    params: dict[str, float]
+    excerpts: Excerpts
+    nan: Missing
+
+    def __post_init__(self) -> None:
+        """Report a wrong name before any file is read."""
+        for name in self.requirements:
+            self.spec.unit(name)
+
+    @property
+    def wanted(self) -> dict[str, int | None]:
+        """Signal → number of components of a vector, None for a scalar."""
+        names = {name: None for one in self.requirements for name in self.spec.channels(one)}
+        signals = [self.spec.signals[name] for name in names]
+        return {signal.name: signal.dim if signal.vector else None for signal in signals}
+
+
+@dataclass(frozen=True)
+class SpecTrace:
+    """A trace with the parameters of its test.
+
+    Args:
+        name: the file, with the number of the episode if it was cut.
+        trace: the trace.
+        params: parameter of the spec → value: as requested, else from the trace.
+        taken: names of the parameters whose values come from the trace.
+        notes: sentences on what was left out of the file, and on the date from which its times count.
+        accounts: signal → what became of its messages in the file.
+        stated: whether the file or the user states the unit of the times.
+    """
+
+    name: str
+    trace: Trace
+    params: dict[str, float]
+    taken: frozenset[str]
+    notes: tuple[str, ...]
+    accounts: Mapping[str, Account]
+    stated: bool
+
+
+def read_spec_traces(request: Request, path: Path) -> list[SpecTrace]:
+    """Return the traces of a file, one for each episode.
+
+    Raises:
+        TraceError: the file cannot be read; the message names it.
+        UsageError: the request does not fit the specification.
+    """
+    if unknown := sorted(set(request.excerpts.longest) - set(request.spec.signals)):
+        known = one_of(request.spec.signals)
+        raise UsageError(f"--longest names {unknown[0]!r}, which is no signal; the signals are {known}")
+    horizon = max(request.spec.horizon(name) for name in request.requirements)
+    found = excerpt(path, request.spec.signals, request.wanted, horizon, request.excerpts)
+    notes = _notes(request, found)
+    for sentence in notes:
+        warnings.warn(f"{path}: {sentence}", TraceNote, stacklevel=2)
+    accounts = {name: one for name, one in found.accounts.items() if name in request.wanted}
+    traces = []
+    for episode in found.episodes:
+        with named(path):
+            values = request.spec.read_params(episode.texts())
+            params, taken = params_of(request, episode.trace.meta, episode.name, values)
+        traces.append(SpecTrace(episode.name, episode.trace, params, taken, notes, accounts, found.stated))
+    return traces
+
+
+def _notes(request: Request, found: Excerpt) -> tuple[str, ...]:
+    notes = list(found.notes)
+    for name, (_, unit) in found.episodes[0].values.items():
+        if name in request.spec.params and not unit:
+            source = request.excerpts.sources[name]
+            remedy = f"--param '{name}={source.column} [UNIT]@{source.at:g}'"
+            notes += filter(None, [assumed(source.column, request.spec.params[name].unit, remedy)])
+    if found.dated:
+        notes.append(f"times count from the first sample, at {found.dated}")
+    return tuple(notes)
+
+
+def params_of(
+    request: Request, meta: Mapping[str, Any], source: str, values: Mapping[str, float] | None = None
+) -> tuple[dict[str, float], frozenset[str]]:
+    """Return parameter → value, and the names of the parameters whose values come from the trace.
+
+    A value of the request goes before the trace's; if they differ, a warning says so.
+
+    Args:
+        request: the request.
+        meta: the metadata of the trace.
+        source: the trace in words.
+        values: parameter → value in a column of the trace's file.
+
+    Raises:
+        TraceError: the trace's value of a parameter is not a number.
+    """
+    recorded = meta.get("params", {})
+    if not isinstance(recorded, Mapping):
+        raise TraceError('its meta "params" must map names of parameters to numbers')
+    found = {name: _number(name, recorded[name]) for name in request.spec.params if name in recorded}
+    found |= values or {}
+    for name, value in request.params.items():
+        if name in found and not math.isclose(value, found[name], rel_tol=1e-9, abs_tol=1e-12):
+            warnings.warn(
+                f"{source} was recorded with {name} = {found[name]:g}; it is evaluated with {value:g}, as given",
+                TraceNote,
+                stacklevel=3,
+            )
+    return found | request.params, frozenset(found) - frozenset(request.params)
+
+
+def _number(name: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise TraceError(f"its parameter {name} = {shortened(repr(value))} is not a finite number")
+    return float(value)
+
+
+@contextmanager
+def named(path: Path) -> Iterator[None]:
+    """Add the file's name to every UsageError that does not have it."""
+    try:
+        yield
+    except UsageError as error:
+        if one_line(path) in str(error):
+            raise
+        raise type(error)(f"{path}: {error}") from None

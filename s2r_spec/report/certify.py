@@ -1,0 +1,108 @@
+"""The result of ``s2r certify`` as a finding, and as one JSON object."""
+
+from __future__ import annotations
+
+from s2r_spec.backend import short
+from s2r_spec.certify.bound.rounding import between, down
+from s2r_spec.certify.real_machine import CertifyResult
+from s2r_spec.report import check as check_report
+from s2r_spec.report import gap as gap_report
+from s2r_spec.report.finding import Finding, Report
+from s2r_spec.report.records.certificates import CertifyObject
+from s2r_spec.spec import Spec
+
+
+def report(spec: Spec, result: CertifyResult, command: str = "s2r certify") -> Report:
+    """Return the report of both searches; every reporter renders it."""
+    code, one = result.verdict.exit_code, finding(spec, result)
+    record = CertifyObject(exit_code=code, result=result, location=one.location)
+    return Report(command, (one,), code, record)
+
+
+def finding(spec: Spec, result: CertifyResult) -> Finding:
+    """Return the bound for the real machine in words, with both of its parts."""
+    simulated, gap = result.simulated, result.gap
+    source = simulated.provenance
+    model = f"{source['backend']} {short(source['model_hash'])}"
+    if gap is not None:
+        model += f", {result.real} {short(gap.provenance['real']['model_hash'])}"
+    unit = f" {simulated.unit}" if simulated.unit else ""
+    return Finding(
+        name=simulated.requirement,
+        verdict=result.verdict,
+        word=result.verdict.name,
+        refused=result.composition is None,
+        about=f"{source['spec']}: {source['backend']} against {result.real}",
+        reason=result.reason,
+        headline=_headline(result),
+        facts=_facts(spec, result),
+        assumptions=_assumptions(result),
+        ladder=_ladder(result),
+        provenance=check_report.origin(source, model),
+        again=(
+            f"real rollout of the lowest Δ ({gap.lowest.gap:+.4f}{unit})"
+            if gap
+            else f"lowest ρ ({simulated.lowest.rho:+.4f}{unit})"
+        ),
+        replay=gap.replay if gap else simulated.replay,
+        location=check_report.location(spec, simulated.requirement),
+        seconds=simulated.seconds + (gap.seconds if gap else 0.0),
+    )
+
+
+def _headline(result: CertifyResult) -> str:
+    composed = result.composition
+    if composed is None:
+        return f"no bound for {result.real}"
+    unit = f" {result.simulated.unit}" if result.simulated.unit else ""
+    bound = check_report.bound(result.verdict, composed.lower, composed.upper)
+    return f"worst expected ρ of {result.real} {bound}{unit}, with probability ≥ 1 − {composed.delta:g}"
+
+
+def _facts(spec: Spec, result: CertifyResult) -> tuple[tuple[str, str], ...]:
+    simulated, gap, composed = result.simulated, result.gap, result.composition
+    unit = f" {simulated.unit}" if simulated.unit else ""
+    bound: tuple[tuple[str, str], ...] = (("worst expected ρ", "no bound for the real machine"),)
+    if composed is not None:
+        bound = (
+            (
+                "worst expected ρ",
+                f"in {between(composed.lower, composed.upper)}{unit} for {result.real}, "
+                f"with probability ≥ 1 − {composed.delta:g}",
+            ),
+            ("worst test", check_report.test_words(composed.worst, spec.space.units)),
+            (
+                "the paper's sum",
+                f"≥ {down(composed.paper_lower)}{unit} (the worst cases of both searches, added)",
+            ),
+        )
+    return (
+        *bound,
+        (
+            "in simulation",
+            f"worst expected ρ {check_report.interval_words(simulated)}, "
+            f"{simulated.certificate.rollouts} rollouts, {simulated.certificate.label.value}",
+        ),
+        *(gap_report.facts(gap, spec.space.units) if gap else (("gap", "not searched"),)),
+    )
+
+
+def _assumptions(result: CertifyResult) -> tuple[str, ...]:
+    # The simulation's last assumption says that it does not cover the real machine; the gap covers it here.
+    both = (*result.simulated.assumptions[:-1], *(result.gap.assumptions if result.gap else ()))
+    return tuple(dict.fromkeys(both))
+
+
+def _ladder(result: CertifyResult) -> tuple[str, ...]:
+    simulated, gap = result.simulated, result.gap
+    unit = f" {simulated.unit}" if simulated.unit else ""
+    rows = [f"in simulation, {row}" for row in check_report.ladder(simulated, "ρ")]
+    if gap is None:
+        return tuple(rows)
+    rows += [f"the gap, {row}" for row in check_report.ladder(gap, "Δ")]
+    if result.composition is not None:
+        rows += [
+            f"the paper's sum, if B = {of_sim.B:g}{unit}: ρ ≥ {down(-of_sim.upper - of_gap.upper)}{unit}"
+            for of_sim, of_gap in zip(simulated.certificate.ladder, gap.certificate.ladder, strict=True)
+        ]
+    return tuple(rows)

@@ -1,0 +1,191 @@
+"""A diagnosis as text and as one JSON object, and the sentences that every form of it contains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rich.markup import escape
+from rich.text import Text
+
+from s2r_spec.backend import short
+from s2r_spec.base.printable import one_line
+from s2r_spec.base.quantity import interval, measured, quantity
+from s2r_spec.diagnose.diagnosis import Diagnosis
+from s2r_spec.diagnose.inference.estimates import EffectEstimate, ParameterEstimate, Status, with_status
+from s2r_spec.report.advice import next_step, settled_words
+from s2r_spec.report.gap_words import body_words, gap_title, left_words, listed, shrink_rows, where_words
+from s2r_spec.report.materiality import matters_words
+from s2r_spec.report.text import STYLES
+from s2r_spec.spec import Spec
+
+
+@dataclass(frozen=True)
+class SizeRow:
+    """The estimate of one parameter, in words.
+
+    Attributes:
+        name: of effect and parameter.
+        value: with its unit.
+        interval: of 90 %.
+        whole: value and interval.
+        size: in typical sizes, with its interval.
+        probability: that the effect is at least a quarter of typical.
+        status: of the effect.
+        parameter: the numbers.
+    """
+
+    name: str
+    value: str
+    interval: str
+    whole: str
+    size: str
+    probability: str
+    status: str
+    parameter: ParameterEstimate
+
+
+@dataclass(frozen=True)
+class Description:
+    """What every form of a diagnosis says; a form adds its layout and its figures.
+
+    Attributes:
+        passive: what tests of the specification alone cannot tell; "" where protocols were run, or nothing is hidden.
+        mistakes: sentences on suspected mistakes of the recordings.
+        notes: other sentences on the recordings.
+        matters: sentences on whether the gap matters; none for a diagnosis without that test.
+        named: the parameters of the named effects.
+        possible: (effect, its size, its probability, and the experiment that would settle it).
+        ruled_out: names of effects; "" for none.
+        hidden: names of the effects that the data do not show; "" for none.
+        sizes: of every parameter of the catalogue: named, possible, ruled out.
+        gap_title: the title of ``gap``.
+        gap: (name, text) rows on the gap of held-out rollouts; none without such rollouts.
+        where: sentences on the worst test; none if the place of the gap was not asked for.
+        parts: sentences on the parts of the machine, and on motion that no effect explains.
+        next: the next step.
+        provenance: rollouts, seed, backend and model hash.
+    """
+
+    passive: str
+    mistakes: tuple[str, ...]
+    notes: tuple[str, ...]
+    matters: tuple[str, ...]
+    named: tuple[SizeRow, ...]
+    possible: tuple[tuple[str, str], ...]
+    ruled_out: str
+    hidden: str
+    sizes: tuple[SizeRow, ...]
+    gap_title: str
+    gap: tuple[tuple[str, str], ...]
+    where: tuple[str, ...]
+    parts: tuple[str, ...]
+    next: str
+    provenance: str
+
+
+def describe(found: Diagnosis, spec: Spec) -> Description:
+    """Return what every form of a diagnosis says."""
+    which, where, far = found.which, found.where, found.how_far
+    mistakes = tuple(each.text for each in found.evidence.findings)
+    by_status = {status: with_status(which.effects, status) for status in Status}
+    settled = {one.effect: settled_words(one, spec) for one in which.evidence.separations}
+    names = {status: listed(sorted(one.effect for one in of)) for status, of in by_status.items()}
+    return Description(
+        passive=passive_words(found),
+        mistakes=mistakes,
+        notes=tuple(note for note in found.notes if note not in mistakes),
+        matters=() if found.materiality is None else matters_words(found.materiality, spec.space.units),
+        named=tuple(row for one in by_status[Status.NAMED] for row in _rows(one)),
+        possible=tuple(
+            (one.effect, _possible(one, settled.get(one.effect, ""))) for one in by_status[Status.POSSIBLE]
+        ),
+        ruled_out=names[Status.RULED_OUT],
+        hidden=names[Status.HIDDEN],
+        sizes=tuple(row for status in Status for one in by_status[status] for row in _rows(one)),
+        gap_title="" if far is None else gap_title(far),
+        gap=() if far is None else shrink_rows(far),
+        where=() if where is None else where_words(where, spec),
+        parts=() if where is None else (*body_words(where), *left_words(found.left)),
+        next=next_step(found, spec),
+        provenance=provenance(found),
+    )
+
+
+def passive_words(found: Diagnosis) -> str:
+    """Return what tests of the specification alone cannot tell; "" where protocols were run, or nothing is hidden."""
+    hidden = found.which.hidden
+    if not found.passive or not hidden:
+        return ""
+    return (
+        f"tests of the specification alone cannot measure {listed(hidden, 'or')}: with all other sizes free, the 90 % "
+        f"interval reaches more than a quarter of typical either way"
+    )
+
+
+def _rows(one: EffectEstimate) -> list[SizeRow]:
+    return [
+        SizeRow(
+            f"{one.effect}.{p.parameter}",
+            quantity(p.value, p.unit, (p.high - p.low) / 2),
+            interval(p.low, p.high, p.unit),
+            measured(p.value, p.low, p.high, p.unit),
+            measured(p.size, p.size_low, p.size_high, ""),
+            f"{one.probability:.3f}",
+            one.status.value,
+            p,
+        )
+        for p in one.parameters
+    ]
+
+
+def _possible(one: EffectEstimate, settled: str) -> str:
+    p = one.largest
+    words = f"{measured(p.value, p.low, p.high, p.unit)}, probability {one.probability:.2f}"
+    return f"{words}; {settled}" if settled else words
+
+
+def text(found: Diagnosis, spec: Spec) -> str:
+    """Return plain text."""
+    return Text.from_markup(markup(found, spec)).plain
+
+
+def markup(found: Diagnosis, spec: Spec) -> str:
+    """Return rich markup: mistakes of the recordings, the answer, then its details."""
+    first = "".join(f"{escape(one_line(f'note: {each.text}'))}\n" for each in found.evidence.findings)
+    headline = (
+        f"[{STYLES[found.verdict.tone]}]{found.verdict.value.upper()}[/]  {escape(one_line(found.reason))}"
+    )
+    return f"{first}{headline}\n{escape(body(found, spec))}"
+
+
+def body(found: Diagnosis, spec: Spec) -> str:
+    """Return whether the gap matters, its causes, how far it shrinks, where it lies, and what to do next."""
+    words = describe(found, spec)
+    lines = [f"  {words.passive}"] if words.passive else []
+    lines += [f"  {line}" for line in words.matters] + [f"  note: {line}" for line in words.notes]
+    if words.named:
+        lines += ["", f"  {'named':36} {'value (90 %)':28} parts of typical"]
+        lines += [f"  {row.name:36} {row.whole:28} {row.size}" for row in words.named]
+    if words.possible:
+        lines += ["", f"  {'possible':36} value (90 %)"]
+        lines += [f"  {name:36} {row}" for name, row in words.possible]
+    if words.ruled_out:
+        lines += ["", f"  ruled out: {words.ruled_out}"]
+    if words.hidden:
+        lines += ["", f"  not visible in these data: {words.hidden}"]
+    if words.gap:
+        lines += ["", f"  {words.gap_title}", *(f"    {name:6} {row}" for name, row in words.gap)]
+    if words.where:
+        first, *rest = words.where + words.parts
+        lines += ["", f"  where: {first}", *(f"    {line}" for line in rest)]
+    lines += ["", f"  next: {words.next}", "", *(f"  - {line}" for line in found.assumptions)]
+    return "\n".join(map(one_line, [*lines, "", f"  {words.provenance}"]))
+
+
+def provenance(found: Diagnosis) -> str:
+    """Return the numbers of rollouts, the seed, the backend and the model hash in one line."""
+    p = found.provenance
+    return (
+        f"{p['rollouts']} real rollouts, {p['held_out']} of them held out, seed {p['seed']}, "
+        f"backend {p['backend']}, model {short(str(p['model_hash']))}"
+    )

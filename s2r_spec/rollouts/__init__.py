@@ -1,1 +1,0 @@
-"""Seeds, the journal, and running rollouts in parallel: nothing recorded is ever lost."""

@@ -1,5 +1,0 @@
-"""A person as the backend: ``--real manual:FOLDER``."""
-
-from s2r_spec.rollouts.manual.backend import ManualBackend
-
-__all__ = ["ManualBackend"]

@@ -1,0 +1,77 @@
+"""The folders of a run's journals, and the folder to pass to ``--resume``.
+
+s2r check      RUN/<requirement>
+s2r gap        RUN/sim  RUN/real
+s2r certify    RUN/simulation  RUN/gap/sim  RUN/gap/real
+from Python    the argument ``folder`` of ``check`` and ``check_measure``
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from s2r_spec.base.errors import UsageError
+
+FILE = "journal.jsonl"
+"""Definition: name of a journal in its folder."""
+SYSTEMS = ("sim", "real")
+"""The two systems of a gap, simulator and machine: folders of their journals, and fields of a journal's header."""
+SIMULATION, GAP = "simulation", "gap"
+"""Folders of the two searches of ``s2r certify``."""
+
+
+def run_of(journal: Path, header: Mapping[str, Any]) -> Path:
+    """Return the folder of the run that contains a journal.
+
+    Args:
+        journal: folder of the journal.
+        header: header of the journal.
+    """
+    if "side" in header:
+        run = journal.parent
+        of_certify = run.name == GAP and (run.parent / SIMULATION).is_dir()
+        return run.parent if of_certify else run
+    return journal.parent if journal.name in (SIMULATION, header.get("requirement")) else journal
+
+
+def with_any(folder: Path, places: Sequence[str], is_run: Callable[[Path], bool]) -> Path:
+    """Return the folder of a run, from that folder or from the folder of one of its journals.
+
+    Args:
+        folder: either of the two.
+        places: folders of the journals, relative to the run's folder.
+        is_run: returns whether a folder contains a journal.
+    """
+    up = (folder, *folder.absolute().parents[:2]) if is_run(folder) or folder.name == GAP else (folder,)
+    return next((one for one in up if any(is_run(one / place) for place in places)), folder)
+
+
+def places(folder: Path, requirements: Sequence[str], of: str | None) -> dict[str, Path]:
+    """Return requirement → folder of its journal, for a run of ``s2r check``.
+
+    Args:
+        folder: folder of the run, or of one of its requirements.
+        requirements: names of the checked requirements.
+        of: the requirement whose journal lies in ``folder`` itself; None if there is none.
+    """
+    if of is None:
+        return {name: folder / name for name in requirements}
+    if folder.absolute().name == of:
+        return {name: folder.parent / name for name in requirements}
+    return {name: folder if name == of else folder / name for name in requirements}
+
+
+def runs_in(folder: Path) -> list[Path]:
+    """Return the folders of the checks of single requirements: this folder, or its subfolders.
+
+    Raises:
+        UsageError: there is none.
+    """
+    if (folder / FILE).exists():
+        return [folder]
+    found = sorted(path.parent for path in folder.glob(f"*/{FILE}"))
+    if not found:
+        raise UsageError(f"no run in {folder}: neither it nor a subfolder has a {FILE}")
+    return found

@@ -1,0 +1,178 @@
+"""The lines of a journal. The reader checks everything, because a file may be damaged, edited or something else."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+from s2r_spec.base.errors import UsageError
+
+LONGEST = 1 << 20
+"""Budget: bytes of a line, a thousand times the size of a usual one. Twice as many take twice the memory."""
+TRACE_SUM = "trace_crc32"
+"""Definition: field with the CRC-32 of the line's trace file, as hex digits."""
+_CHECKED = re.compile(rb'(?P<body>.*), "crc32": "(?P<sum>[0-9a-f]{8})"\}')
+_REMEDY = "restore the journal from a copy, or begin a new run"
+
+
+class JournalError(UsageError):
+    """The journal of a run is missing or damaged, or belongs to another run."""
+
+
+def read(path: Path) -> tuple[list[bytes], bytes]:
+    """Return the complete lines of a file, and the text after the last line feed.
+
+    Raises:
+        OSError: the file cannot be read.
+        JournalError: the path is not a file, or a line is longer than ``LONGEST``.
+    """
+    if path.exists() and not path.is_file():
+        raise JournalError(f"{path} is not a file, so there is no run to resume at {path.parent}")
+    whole: list[bytes] = []
+    with path.open("rb") as file:
+        while line := file.readline(LONGEST + 1):
+            if len(line) > LONGEST:
+                raise JournalError(
+                    f"{path}:{len(whole) + 1}: the line is longer than {LONGEST} bytes; {_REMEDY}"
+                )
+            if not line.endswith(b"\n"):
+                return whole, line
+            whole.append(line[:-1])
+    return whole, b""
+
+
+def parse(path: Path, number: int, line: bytes) -> dict[str, Any]:
+    """Return the JSON object of a line.
+
+    Raises:
+        JournalError: the line is not a JSON object.
+    """
+    try:
+        value = json.loads(line, parse_constant=_no_number)
+    except RecursionError:
+        raise JournalError(f"{path}:{number}: damaged line (nested too deeply); {_REMEDY}") from None
+    except ValueError as error:
+        raise JournalError(f"{path}:{number}: damaged line ({error}); {_REMEDY}") from None
+    if not isinstance(value, dict):
+        raise JournalError(f"{path}:{number}: the line is not a JSON object; {_REMEDY}")
+    return value
+
+
+def written(value: Mapping[str, Any], before: int | None) -> tuple[bytes, int | None]:
+    """Return a line and its checksum, continued from the checksum ``before``; without a checksum if that is None."""
+    body = json.dumps(value, allow_nan=False).encode()[:-1]
+    if before is None:
+        return body + b"}", None
+    checksum = zlib.crc32(body, before)
+    return body + b', "crc32": "%08x"}' % checksum, checksum
+
+
+def check(path: Path, lines: Sequence[bytes]) -> int:
+    """Return the checksum of all lines.
+
+    Raises:
+        JournalError: a line was changed or removed.
+    """
+    checksum = 0
+    for number, line in enumerate(lines, 1):
+        match = _CHECKED.fullmatch(line)
+        if match is not None:
+            checksum = zlib.crc32(match["body"], checksum)
+        if match is None or int(match["sum"], 16) != checksum:
+            raise JournalError(
+                f"{path}:{number}: the checksum crc32 is wrong: this line was changed, or a line before it was "
+                f"removed; {_REMEDY}"
+            )
+    return checksum
+
+
+Test = Callable[[Any], bool]
+"""Returns whether a JSON value is valid for a field."""
+
+
+def fault(values: Mapping[str, Any], schema: Mapping[str, tuple[Test, str]]) -> str:
+    """Return the fault in the first invalid field of an object; "" if all are valid.
+
+    Args:
+        values: fields of the object; fields outside the schema are ignored.
+        schema: field → (test, description of valid values).
+    """
+    for name, (is_valid, description) in schema.items():
+        if name not in values:
+            return f"{name} is missing"
+        if not is_valid(values[name]):
+            return f"{name} must be {description}, not {shown(values[name])}"
+    return ""
+
+
+def is_number(value: Any) -> bool:
+    """Return whether a value is a finite number within the range of a float."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False
+
+
+def is_count(value: Any) -> bool:
+    """Return whether a value is a whole number from 0 to 2⁶⁴ − 1, the range of seeds."""
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 64
+
+
+def is_length(value: Any) -> bool:
+    """Return whether a value is a finite number ≥ 0."""
+    return is_number(value) and value >= 0
+
+
+def is_text(value: Any) -> bool:
+    """Return whether a value is a string."""
+    return isinstance(value, str)
+
+
+def is_text_or_none(value: Any) -> bool:
+    """Return whether a value is a string or null."""
+    return value is None or isinstance(value, str)
+
+
+def is_trace_name(value: Any) -> bool:
+    """Return whether a value is null or the name of a file in the run's folder ``traces``."""
+    return value is None or (
+        isinstance(value, str) and bool(re.fullmatch(r"traces/[0-9]{5,}\.[0-9]{4,}\.npz", value))
+    )
+
+
+def is_point(value: Any) -> bool:
+    """Return whether a value is an object of finite numbers."""
+    return isinstance(value, dict) and all(map(is_number, value.values()))
+
+
+ROLLOUT: Mapping[str, tuple[Test, str]] = {
+    "query": (is_count, "a whole number"),
+    "replicate": (is_count, "a whole number"),
+    "params": (is_point, "an object with a number for each parameter"),
+    "seed": (is_count, "a whole number"),
+    "rho": (is_number, "a finite number"),
+    "failure": (is_text_or_none, "a text or null"),
+    "trace": (is_trace_name, "the name of a file in traces/, or null"),
+    "seconds": (is_length, "a number that is not negative"),
+}
+"""Fields of a rollout's line."""
+
+
+def _no_number(word: str) -> NoReturn:
+    raise ValueError(f"{word} is not a finite number")
+
+
+def shown(value: object) -> str:
+    """Return a value as JSON for a message, shortened if it is long."""
+    try:
+        text = json.dumps(value)
+    except ValueError:  # an integer with thousands of digits
+        text = "a number of many digits"
+    return text if len(text) <= 60 else text[:57] + "..."

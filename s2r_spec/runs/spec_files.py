@@ -1,0 +1,200 @@
+"""The specification's files in a run's folder: how they are written, read and checked for changes.
+
+    spec.stl          the specification, unchanged
+    imports.json      name of the specification, and import → file and SHA-256; only if it imports anything
+    imports/0.stl     text of the first import, …
+
+Files of imports have numbers instead of names. A name such as ``journal.jsonl`` would break the run, and a path above
+the specification's folder would lie outside it. Older runs store each import under its own name.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from s2r_spec.base.errors import one_of
+from s2r_spec.lang.files import read_text
+from s2r_spec.recordings.reading_rule import KEY, READING
+from s2r_spec.runs.journal import Journal, Record
+from s2r_spec.runs.layout import SYSTEMS
+from s2r_spec.runs.lines import JournalError, fault, is_count, is_length, is_text
+from s2r_spec.runs.machine_journal import AGAIN, FALL
+from s2r_spec.runs.stop_rule import STOPS, stop_of
+from s2r_spec.spec import Spec, load_spec, parse_spec
+from s2r_spec.spec.declared import hash_of
+
+SPEC_FILE = "spec.stl"
+IMPORTS_FILE = "imports.json"
+IMPORTS = "imports"
+SCHEMA = "s2r.imports/1"
+
+_HEADER = {
+    "s2r": (is_text, "a text"),
+    "spec": (is_text, "a text"),
+    "spec_hash": (is_text, "a text"),
+    "requirement": (is_text, "a text"),
+    "backend": (is_text, "a text"),
+    "duration": (is_length, "a number of seconds"),
+    "seed": (is_count, "a whole number"),
+    "settings": (lambda value: isinstance(value, dict), "an object"),
+}
+_SETTINGS = {"mode": (is_text, "a text"), "engine": (is_text, "a text")}
+_SYSTEM = {"backend": (is_text, "a text"), "model_hash": (is_text, "a text")}
+
+
+def spec_texts(spec: Spec) -> dict[str, str]:
+    """Return file → text of all files of a specification in a run's folder."""
+    if not spec.imported:
+        return {SPEC_FILE: spec.text}
+    imports = {
+        name: {"file": f"{IMPORTS}/{number}.stl", "sha256": _sha256(text)}
+        for number, (name, text) in enumerate(spec.imported.items())
+    }
+    table = {"schema": SCHEMA, "spec": spec.name, "files": imports}
+    return {
+        SPEC_FILE: spec.text,
+        IMPORTS_FILE: json.dumps(table, indent=2) + "\n",
+        **{imports[name]["file"]: text for name, text in spec.imported.items()},
+    }
+
+
+def load_run_spec(journal: Journal) -> Spec:
+    """Return the specification of a run, read only from the run's folder.
+
+    Raises:
+        JournalError: the run has no specification, or a file was changed after the run began.
+        UsageError: a file is missing, or is not a specification.
+    """
+    header, path = checked_header(journal), journal.folder / SPEC_FILE
+    if (path.parent / IMPORTS_FILE).exists():
+        spec = _with_imports(path, header["spec_hash"])
+    else:
+        spec = load_spec(path)
+        if spec.hash != header["spec_hash"]:
+            raise _changed(path)
+    if header["requirement"] not in spec.requirements:
+        raise JournalError(
+            f"{journal.path}:1: requirement is {header['requirement']!r}, and {path} has no such requirement; "
+            f"restore both from a copy, or begin a new run"
+        )
+    for record in journal.records():
+        _check_test(spec, journal, record)
+    return spec
+
+
+def checked_header(journal: Journal) -> dict[str, Any]:
+    """Return the header of a journal after a check of its fields.
+
+    Raises:
+        JournalError: a field is missing or of a wrong type, or the run has a measure instead of a specification.
+    """
+    header = journal.header
+    if "measure" in header:
+        raise JournalError(
+            f"{journal.folder} is a run of the measure {header['measure']!r}, which check_measure began in Python; "
+            f"call check_measure again with resume=True for its certificate"
+        )
+    wrong = fault(header, _HEADER) or fault(header["settings"], _SETTINGS)
+    if not wrong and "side" in header:
+        wrong = "" if header["side"] in SYSTEMS else "side must be sim or real"
+        if not wrong and header.get("simulated_per_real") not in (1, 2):
+            wrong = "simulated_per_real must be 1 or 2"
+        for side in SYSTEMS:
+            about = header.get(side)
+            wrong = wrong or (
+                fault(about, _SYSTEM) if isinstance(about, dict) else f"{side} must be an object"
+            )
+    elif not wrong:
+        wrong = fault(header, {"model_hash": (is_text, "a text")})
+    systems = [about for side in SYSTEMS if isinstance(about := header.get(side), dict)]
+    for name, objects in [("recorded", [header]), ("assumptions", [header, *systems])]:
+        for notes in (one.get(name, []) for one in objects):
+            if not wrong and not (isinstance(notes, list) and all(map(is_text, notes))):
+                wrong = f"{name} must be a list of texts"
+    if not wrong and any(one.get("void", AGAIN) not in (AGAIN, FALL) for one in [header, *systems]):
+        wrong = f"void must be {AGAIN} or {FALL}"
+    if not wrong and not all(is_count(one.get(KEY, READING)) for one in [header, *systems]):
+        wrong = f"{KEY} must be a whole number"
+    if not wrong and stop_of(header) not in STOPS:
+        wrong = f"stop must be one of {one_of(STOPS)}"
+    if wrong:
+        raise JournalError(f"{journal.path}:1: {wrong}; restore the journal from a copy, or begin a new run")
+    return header
+
+
+def _check_test(spec: Spec, journal: Journal, record: Record) -> None:
+    """Check that a rollout's test belongs to the test space of the specification.
+
+    Raises:
+        JournalError: it has other parameters, or a value outside its range.
+    """
+    axes, remedy = spec.space.axes, "restore the journal from a copy, or begin a new run"
+    if record.params.keys() != set(spec.space.names):
+        raise JournalError(
+            f"{journal.place(record)}: params are {', '.join(record.params) or 'none'}, but the specification has "
+            f"{', '.join(spec.space.names) or 'none'}; {remedy}"
+        )
+    for axis in axes:
+        value = record.params[axis.name]
+        if not axis.low <= value <= axis.high:
+            raise JournalError(
+                f"{journal.place(record)}: {axis.name} = {value:g} {axis.unit}".rstrip()
+                + f" is outside the range [{axis.low:g}, {axis.high:g}] of the specification; {remedy}"
+            )
+
+
+def _with_imports(path: Path, expected: str) -> Spec:
+    """Return a specification whose imports are stored beside it.
+
+    Raises:
+        JournalError: the list of imports is damaged, or a file does not have its recorded hash.
+        UsageError: an import cannot be read.
+    """
+    name, imports = _read_imports(path.parent / IMPORTS_FILE)
+    text = _plain(read_text(path))
+    stored = {}
+    for key, (file, digest) in imports.items():
+        stored[key] = _plain(read_text(path.parent / file))
+        if _sha256(stored[key]) != digest:
+            raise _changed(path.parent / file)
+    if hash_of(text, stored.values()) != expected:
+        raise _changed(path)
+    return replace(parse_spec(text, name, imports=stored), name=str(path))
+
+
+def _read_imports(path: Path) -> tuple[str, dict[str, tuple[str, str]]]:
+    """Return the name of a specification, and import → (file, SHA-256)."""
+    try:
+        table = json.loads(read_text(path))
+        files = {str(key): (str(one["file"]), str(one["sha256"])) for key, one in table["files"].items()}
+        name = str(table["spec"])
+    except (ValueError, RecursionError, KeyError, TypeError, AttributeError):
+        raise JournalError(
+            f"{path} is not a list of imports; restore it from a copy, or begin a new run"
+        ) from None
+    if any(not re.fullmatch(rf"{IMPORTS}/[0-9]+\.stl", file) for file, _ in files.values()):
+        raise JournalError(
+            f"{path} lists a file outside {IMPORTS}/; restore {path} from a copy, or begin a new run"
+        )
+    return name, files
+
+
+def _changed(path: Path) -> JournalError:
+    return JournalError(
+        f"{path} was changed after the run began: the journal has another hash; restore it from a copy, or begin a "
+        f"new run"
+    )
+
+
+def _plain(text: str) -> str:
+    """Return a text with line feeds as its only line breaks, the form that is hashed."""
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def _sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -1,0 +1,51 @@
+"""Stopping rules of a search by name, and the line of a journal that changes the rule of its run.
+
+A journal's header holds the rule as ``stop``, unless it is the usual one. The tests of a search are the same under
+every rule, so a run may be resumed under another one. The journal then has a further line:
+
+    {"kind": "stop", "stop": "epsilon"}
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from s2r_spec.base.errors import UsageError, one_of
+
+EPSILON, DECIDED, BUDGET = "epsilon", "decided", "budget"
+STOPS = (EPSILON, DECIDED, BUDGET)
+"""Definition: a search ends when its interval is ε wide, when its verdict is known, or when its budget is spent."""
+KIND = "stop"
+"""Definition: kind of the journal's line, and name of the header's field."""
+
+
+def as_stop(stop: Any) -> str:
+    """Return the name of a stopping rule.
+
+    Raises:
+        UsageError: there is no such rule.
+    """
+    if stop not in STOPS:
+        raise UsageError(f"stop = {stop!r}; it must be one of {one_of(STOPS)}")
+    return str(stop)
+
+
+def stop_of(header: Mapping[str, Any]) -> str:
+    """Return the stopping rule of a run from its header."""
+    return str(header.get(KIND, EPSILON))
+
+
+def header_fields(stop: str) -> dict[str, Any]:
+    """Return the header's field for a rule; the usual rule has none."""
+    return {} if stop == EPSILON else {KIND: stop}
+
+
+def line_of(stop: str) -> dict[str, Any]:
+    """Return the journal's line that changes the rule."""
+    return {"kind": KIND, KIND: stop}
+
+
+def with_line(header: Mapping[str, Any], line: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a header after a line that changes its rule."""
+    return {key: value for key, value in header.items() if key != KIND} | header_fields(line[KIND])

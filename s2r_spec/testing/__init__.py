@@ -1,0 +1,1 @@
+"""Tests of traces and of backends: for users of pytest, and for authors of backends."""
