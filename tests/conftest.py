@@ -19,7 +19,7 @@ from hypothesis import settings
 for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(threads, "1")
 
-from s2r_spec import backend  # noqa: E402
+from s2r_spec.backend import registry  # noqa: E402
 from s2r_spec.runs import lines, task  # noqa: E402
 from s2r_spec.runs.journal import FILE  # noqa: E402
 from tests.processes import lives  # noqa: E402
@@ -85,10 +85,10 @@ def toy(monkeypatch):
     """Another package's backends, installed for this test and for the workers it starts."""
     monkeypatch.syspath_prepend(str(PLUGIN))
     monkeypatch.setenv("PYTHONPATH", str(PLUGIN), prepend=os.pathsep)
-    for cached in (backend._factory, task.open_backend):
+    for cached in (registry._factory, task.open_backend):
         cached.cache_clear()
     yield
-    for cached in (backend._factory, task.open_backend):
+    for cached in (registry._factory, task.open_backend):
         cached.cache_clear()
 
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.certify import sizing
-from s2r_spec import backend
-from s2r_spec.backend import Backend, HasEffects
+from s2r_spec.backend import Backend, HasEffects, registry
 from s2r_spec.errors import UsageError
 
 ROOT = Path(__file__).parents[1]
@@ -53,15 +52,16 @@ def test_its_options_are_read_and_a_class_without_any_refuses_them(cart, monkeyp
     with pytest.raises(UsageError, match="the backend 'cart' has no effect 'drug'"):
         cart["with_options"]("drug")
     # The class keeps its effects in its first field, where an option would land.
-    monkeypatch.setattr(backend, "_factory", lambda name: cart["Cart"])
-    assert backend.load_backend("cart") == cart["Cart"]()
+    monkeypatch.setattr(registry, "_factory", lambda name: cart["Cart"])
+    assert registry.load_backend("cart") == cart["Cart"]()
     with pytest.raises(UsageError, match="'worn'"):
-        backend.load_backend("cart:worn")
+        registry.load_backend("cart:worn")
 
 
 def test_the_page_on_clusters_quotes_what_is_said():
-    source = Path(__file__).parents[1] / "s2r_spec" / "rollouts"
-    code = "".join((source / name).read_text() for name in ("pools.py", "runner.py", "task.py", "crashes.py"))
+    source = Path(__file__).parents[1] / "s2r_spec"
+    names = ("workers/pools.py", "runs/runner.py", "runs/task.py", "runs/crashes.py")
+    code = "".join((source / name).read_text() for name in names)
     said = re.sub(r"\{[^{}]*\}", "…", re.sub(r'"\n\s*f?"', "", code))
     quotes = re.findall(r"\*([^*]+)\*", (PAGES / "cluster.md").read_text().split("## What can go wrong")[1])
     assert len(quotes) == 5

@@ -1,6 +1,7 @@
 """Imports go one way, and the light modules stay light."""
 
 import ast
+import importlib
 import json
 import re
 import subprocess
@@ -11,6 +12,7 @@ import pytest
 
 import s2r_spec as s2r
 from s2r_spec.cli.commands import EXAMPLES
+from tests.rooms import arrows, floors, imported, loose, rooms
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "s2r_spec"
@@ -21,29 +23,15 @@ LAYERS = [
     {"__main__"},
     {"cli"},
     {"report"},
-    {"json_objects"},
     {"diagnose"},
-    {"attribution"},
-    {"conformance"},
-    {"certify"},
-    {"rollouts"},
-    {"pytest_plugin"},
-    {"asserting"},
-    {"spec"},
-    {"protocols"},
-    {"backend", "effects", "function_backend", "space"},
-    {"robustness"},
-    {"logs"},
-    {"lang"},
-    {"trace"},
-    {"messages", "samples"},
-    {"files"},
-    {"stamps"},
-    {"instants"},
-    {"errors", "compiled", "magnitude"},
-    {"result", "quantity"},
-    {"documentation", "json_values", "printable", "upper", "verdict"},
-    {"distribution", "shipped"},
+    {"certify", "conformance", "pytest_plugin"},
+    {"machine", "testing"},
+    {"runs"},
+    {"attribution", "effects", "protocols", "recordings"},
+    {"backend", "spec"},
+    {"logs", "robustness"},
+    {"errors", "lang", "space", "trace", "workers"},
+    {"base", "compiled"},
 ]
 SIMULATOR_LAYERS = [
     {"twins"},
@@ -56,17 +44,6 @@ SIMULATOR_LAYERS = [
     {"controller"},
     {"robot"},
 ]
-
-
-def imported(path: Path, package: str = "s2r_spec") -> set[str]:
-    """Return every module of a package that a file imports, at any depth of nesting."""
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            found |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
-    return {name.split(".")[1] for name in found if name.startswith(f"{package}.")}
 
 
 def modules() -> list[tuple[Path, Path]]:
@@ -93,6 +70,23 @@ def test_imports_go_down(package, path):
     assert not upwards, f"{path.name} imports upwards: {upwards}"
 
 
+def test_the_package_stays_small_enough_to_look_through():
+    """`python -m tests.rooms` prints these numbers, and which room stands on which."""
+    below = arrows(PACKAGE)
+    assert len(rooms(PACKAGE)) <= 17
+    assert len(loose(PACKAGE)) <= 8
+    assert {name for names in floors(below) for name in names} == {*below}, (
+        "rooms import each other in a circle"
+    )
+
+
+def test_no_name_of_a_package_hides_one_of_its_folders():
+    for path in PACKAGE.glob("*/*/__init__.py"):
+        room, name = path.parts[-3:-1]
+        folder = importlib.import_module(f"s2r_spec.{room}.{name}")
+        assert getattr(sys.modules[f"s2r_spec.{room}"], name) is folder, f"{room}/{name}"
+
+
 def test_only_methods_that_users_look_for_reach_upwards():
     """A method finds the work of a higher layer by name, when it is called; see `upper.py`."""
     found = {
@@ -105,7 +99,6 @@ def test_only_methods_that_users_look_for_reach_upwards():
         ("s2r_spec/diagnose/diagnosis.py", '"report.reason"'),
         ("s2r_spec/diagnose/diagnosis.py", '"report.advice"'),
         ("s2r_spec/base/result.py", "_FORMS"),
-        ("s2r_spec/spec/evaluated.py", '"spec.plot"'),
         ("s2r_spec/trace/trace.py", '"logs.formats.dataframe"'),
     }
 

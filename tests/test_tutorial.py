@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from s2r_spec import backend
+from s2r_spec.backend import registry
 from s2r_spec.errors import UsageError
 from s2r_spec.runs import task
 from tests import forked
@@ -43,10 +43,10 @@ def installed(folder, monkeypatch):
     monkeypatch.syspath_prepend(str(folder))
     monkeypatch.setenv("PYTHONPATH", str(folder), prepend=":")
     monkeypatch.chdir(folder)
-    for cached in (backend._factory, task.open_backend):
+    for cached in (registry._factory, task.open_backend):
         cached.cache_clear()
     yield folder
-    for cached in (backend._factory, task.open_backend):
+    for cached in (registry._factory, task.open_backend):
         cached.cache_clear()
 
 
@@ -88,7 +88,7 @@ def test_an_option_that_the_lift_does_not_have_is_refused(installed, options):
 
 
 def test_a_parameter_that_the_lift_does_not_have_is_refused(installed):
-    lift = backend.load_backend("lift")
+    lift = registry.load_backend("lift")
     for test in ({"laod": 100.0}, {"load": 100.0, "people": 2.0}, {"load": "heavy"}, {"load": 1e4}):
         with pytest.raises(UsageError, match=next(reversed(test))):
             lift.rollout(test, 0)

@@ -13,9 +13,9 @@ from s2r_spec.backend import Backend, HasRecordings, is_exclusive
 from s2r_spec.base.distribution import version
 from s2r_spec.base.errors import UsageError
 from s2r_spec.certify.arguments import as_backend, as_folder, as_spec, require_begun
-from s2r_spec.certify.from_spec import only_requirement, rho_unit, search_for
+from s2r_spec.certify.from_spec import only_requirement, search_for
 from s2r_spec.certify.options import RunKeywords, RunOptions
-from s2r_spec.certify.result.check_result import CheckResult, conclude, of_recordings
+from s2r_spec.certify.result.check_result import CheckResult, conclude, of_recordings, rho_unit
 from s2r_spec.certify.result.voids import machine_fields
 from s2r_spec.certify.resumed_options import refuse_rule, with_rule, with_seed
 from s2r_spec.certify.search.experiments import Rollouts, run_search

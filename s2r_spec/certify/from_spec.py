@@ -8,6 +8,7 @@ from s2r_spec.base.errors import UsageError, one_of
 from s2r_spec.certify.bound.kernels import Kernel
 from s2r_spec.certify.bound.settings import SearchSettings
 from s2r_spec.certify.options import RunOptions
+from s2r_spec.certify.result.check_result import rho_unit
 from s2r_spec.certify.search.search import Search
 from s2r_spec.runs.stop_rule import EPSILON
 from s2r_spec.spec import CertifySettings, Spec
@@ -60,12 +61,6 @@ def search_for(spec: Spec, requirement: str, options: RunOptions, noise: float =
             unit=rho_unit(spec, requirement),
         )
     )
-
-
-def rho_unit(spec: Spec, requirement: str) -> str:
-    """Return the unit of ρ, "" when the requirement mixes units that do not compare."""
-    unit = spec.unit(requirement)
-    return "" if unit == "mixed" else unit
 
 
 def only_requirement(spec: Spec) -> str:

@@ -14,7 +14,8 @@ import typer
 
 from s2r_spec.base import distribution
 from s2r_spec.cli.commands import Group, epilog
-from s2r_spec.cli.terminal import common, terminal
+from s2r_spec.cli.terminal import common
+from s2r_spec.cli.terminal.terminal import prepare
 
 UNREAD = 141
 """Definition: exit code of a command whose output nobody reads any more, as in a shell: 128 + SIGPIPE."""
@@ -44,7 +45,7 @@ def _root(
 def main(application: typer.Typer = app) -> None:
     """Run a command line, ``s2r`` by default; an unexpected exception is a bug and exits with 4."""
     as_json = "--json" in sys.argv
-    terminal.prepare()
+    prepare()
     try:
         application()
     except SystemExit as end:

@@ -19,8 +19,10 @@ from s2r_spec.logs.formats import csv_format, npz_format, parquet_format
 from s2r_spec.logs.interpret import Loaded, build_trace, request
 from s2r_spec.logs.mapping import Plan, Request, plan_columns
 from s2r_spec.logs.table import Chooser, Head, Table
-from s2r_spec.logs.times import candidates, times
-from s2r_spec.logs.topics import formats, sparse
+from s2r_spec.logs.times import candidates
+from s2r_spec.logs.times.times import TIME, unit_of_option
+from s2r_spec.logs.topics import formats as topic_formats
+from s2r_spec.logs.topics import sparse
 from s2r_spec.logs.topics import table as topic_table
 from s2r_spec.logs.topics.arrays import Asked
 from s2r_spec.logs.topics.join import Joining
@@ -36,7 +38,7 @@ _WRITERS: dict[str, Callable[[Trace, Path], None]] = {
 
 FORMATS = tuple(sorted(_PARSERS))
 """Endings that can be read and written."""
-READABLE = tuple(sorted({*_PARSERS, *formats.FORMATS}))
+READABLE = tuple(sorted({*_PARSERS, *topic_formats.FORMATS}))
 """Endings that can be read."""
 
 
@@ -147,9 +149,9 @@ class _What:
 
 def _load(path: Path, what: _What) -> list[Loaded]:
     names, joining = dict(what.columns), what.joining
-    arrays = path.suffix.lower() in formats.ARRAYS
-    unit = times.unit_of_option(what.time_unit)
-    open_log = formats.opener(path, Asked(unit, names.pop(times.TIME, None)) if arrays else None)
+    arrays = path.suffix.lower() in topic_formats.ARRAYS
+    unit = unit_of_option(what.time_unit)
+    open_log = topic_formats.opener(path, Asked(unit, names.pop(TIME, None)) if arrays else None)
     if open_log is None:
         parser = _PARSERS[_ending(path, READABLE)]
     else:
@@ -193,7 +195,7 @@ def _question(
 
     def choose(heads: tuple[Head, ...]) -> set[int]:
         for name in error.candidates:
-            columns[name] = plan_columns(heads, Request({times.TIME: name}, {})).times
+            columns[name] = plan_columns(heads, Request({TIME: name}, {})).times
         return {number for numbers in columns.values() for number in numbers}
 
     try:
@@ -234,7 +236,7 @@ def _of_topics(open_log: Callable[[Path], TopicLog], joining: Joining) -> Callab
 def _ending(path: Path, allowed: Sequence[str]) -> str:
     ending = path.suffix.lower()
     if ending not in allowed and path.is_dir():
-        raise TraceError(formats.why_not_a_bag(path))
+        raise TraceError(topic_formats.why_not_a_bag(path))
     if ending not in allowed:
         raise TraceError(
             f"{path}: the ending {ending!r} is not a trace format; use one of {', '.join(allowed)}"

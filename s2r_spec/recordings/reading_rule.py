@@ -10,12 +10,11 @@ without a number were read by rule 1.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Protocol, runtime_checkable
 
 from s2r_spec.backend import Backend
 from s2r_spec.base.json_values import to_json
-from s2r_spec.runs.layout import SYSTEMS
 
 READING = 2
 """Definition: the rule of this version. A change of ρ of any recorded log needs the next number."""
@@ -54,14 +53,17 @@ def rule_of(about: Mapping[str, Any]) -> int | None:
     return found
 
 
-def changes(header: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[tuple[str, int, int]]:
+def changes(
+    header: Mapping[str, Any], now: Mapping[str, Any], systems: Iterable[str]
+) -> Iterator[tuple[str, int, int]]:
     """Yield (backend, its rule, the rule now) of each system of a run that another rule read.
 
     Args:
         header: the header of the run.
         now: the header that the run would have now.
+        systems: fields of a header with a part for each system.
     """
-    for before, after in [(header, now), *((header.get(side), now.get(side)) for side in SYSTEMS)]:
+    for before, after in [(header, now), *((header.get(side), now.get(side)) for side in systems)]:
         if isinstance(before, Mapping) and isinstance(after, Mapping):
             old, new = rule_of(before), rule_of(after)
             if old is not None and new is not None and old != new:

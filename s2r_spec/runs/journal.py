@@ -34,7 +34,7 @@ from s2r_spec.base.errors import TraceError, one_of
 from s2r_spec.base.files import onto_disk
 from s2r_spec.recordings import reading_rule
 from s2r_spec.runs import lines, machine_journal, stop_rule
-from s2r_spec.runs.layout import FILE, run_of
+from s2r_spec.runs.layout import FILE, SYSTEMS, run_of
 from s2r_spec.runs.lines import JournalError
 from s2r_spec.runs.machine_journal import Attempt, Attempts, Void
 from s2r_spec.trace import Trace
@@ -220,7 +220,7 @@ class Journal:
         except OSError as error:
             raise JournalError(f"cannot write to {folder}: {error.strerror or error}") from error
         current = json.loads(json.dumps(dict(header)))
-        for backend, before, now in reading_rule.changes(journal.header, current):
+        for backend, before, now in reading_rule.changes(journal.header, current, SYSTEMS):
             raise JournalError(
                 f"the logs of {backend} in {folder} were read by reading rule {before}, and this s2r has rule {now}. "
                 f"Begin a new run, or resume with the s2r that began this one"

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError, UndecidedError, UsageError
 from s2r_spec.base.printable import one_line
-from s2r_spec.base.upper import upper
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.amounts import Amount
 from s2r_spec.lang.declarations import Param, Signal
@@ -29,6 +28,7 @@ from s2r_spec.robustness.shortfall import shortfall
 from s2r_spec.robustness.ties import plain_number
 from s2r_spec.robustness.tolerances import Tolerances, tolerances
 from s2r_spec.spec.declared import Declared
+from s2r_spec.spec.plot import Plot, drawn
 from s2r_spec.trace import Trace
 
 if TYPE_CHECKING:
@@ -505,7 +505,7 @@ class Spec(Declared):
         params: Mapping[str, Amount] | None = None,
         *,
         title: str = "",
-    ) -> Any:
+    ) -> Plot:
         """Return a plot of the signals that a requirement reads, and of the values that it allows.
 
         The :class:`~s2r_spec.spec.plot.Plot` is shown by a notebook, and its ``save`` writes a file. A line marks the
@@ -521,7 +521,6 @@ class Spec(Declared):
             TraceError: see :meth:`robustness`.
             UsageError: see :meth:`robustness`; or matplotlib is not installed.
         """
-        drawn = upper("spec.plot").drawn
         reason = self.explain(trace, requirement, params, partial=True)
         return drawn(self.tolerances(trace, requirement, params), reason, title)
 

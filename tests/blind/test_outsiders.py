@@ -22,7 +22,8 @@ from benchmarks.blind.outsiders.generate import main
 from benchmarks.blind.protocol.score import score
 from benchmarks.blind.quad import machine as quad
 from benchmarks.blind.segway import machine as segway
-from s2r_spec import backend, load_backend, load_spec
+from s2r_spec import load_backend, load_spec
+from s2r_spec.backend import registry
 from s2r_spec.diagnose.residuals.left import remainders
 from s2r_spec.diagnose.simulator.axes import lines
 from s2r_spec.diagnose.simulator.bench import Bench
@@ -43,9 +44,9 @@ def simulators():
     with pytest.MonkeyPatch.context() as patch:
         for name in MACHINES:
             patch.syspath_prepend(str(BLIND / name / "simulator"))
-        backend._factory.cache_clear()
+        registry._factory.cache_clear()
         yield {name: load_backend(name) for name in MACHINES}
-    backend._factory.cache_clear()
+    registry._factory.cache_clear()
 
 
 def few(patch):

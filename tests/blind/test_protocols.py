@@ -9,7 +9,8 @@ import pytest
 
 from benchmarks.blind.outsiders.lab import Lab
 from benchmarks.diagnose import protocol_signatures as signatures
-from s2r_spec import backend, load_backend
+from s2r_spec import load_backend
+from s2r_spec.backend import registry
 from s2r_spec.errors import UsageError
 from s2r_spec.protocols import PROTOCOL, HasProtocols
 from tests.errors import naming
@@ -29,9 +30,9 @@ def pairs():
     with pytest.MonkeyPatch.context() as patch:
         for name in MACHINES:
             patch.syspath_prepend(str(BLIND / name / "simulator"))
-        backend._factory.cache_clear()
+        registry._factory.cache_clear()
         yield {name: (load_backend(name), Lab(module(name))) for name in MACHINES}
-    backend._factory.cache_clear()
+    registry._factory.cache_clear()
 
 
 def module(name):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import s2r_spec as s2r
-from s2r_spec import backend
+from s2r_spec.backend import registry
 from s2r_spec.certify.real_machine import certify as certify_both
 from s2r_spec.report.recompute import Recomputed, recompute
 from s2r_spec.runs import task
@@ -32,10 +32,10 @@ def plugin():
     """Offer the toy's backends in this process."""
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(PLUGIN))
-        for cached in (backend._factory, task.open_backend):
+        for cached in (registry._factory, task.open_backend):
             cached.cache_clear()
         yield
-    for cached in (backend._factory, task.open_backend):
+    for cached in (registry._factory, task.open_backend):
         cached.cache_clear()
 
 

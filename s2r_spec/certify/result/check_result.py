@@ -28,7 +28,6 @@ from s2r_spec.base.result import Result
 from s2r_spec.base.verdict import Verdict
 from s2r_spec.certify.bound.certificate import Certificate, Label
 from s2r_spec.certify.bound.rounding import at_most
-from s2r_spec.certify.from_spec import rho_unit
 from s2r_spec.certify.result.voids import (
     is_machine,
     machine_assumptions,
@@ -344,3 +343,9 @@ def _judge(certificate: Certificate, lower: float, upper: float, stop: str) -> t
     return Verdict.UNKNOWN, (
         f"the interval contains 0 after {certificate.rollouts} rollouts; {way} may decide it"
     )
+
+
+def rho_unit(spec: Spec, requirement: str) -> str:
+    """Return the unit of ρ, "" when the requirement mixes units that do not compare."""
+    unit = spec.unit(requirement)
+    return "" if unit == "mixed" else unit

@@ -25,8 +25,7 @@ from s2r_spec.base.json_values import (
 )
 from s2r_spec.base.result import Result
 from s2r_spec.certify.bound.certificate import Certificate
-from s2r_spec.certify.from_spec import rho_unit
-from s2r_spec.certify.result.check_result import BackendProvenance, distance, left_out, replay_line
+from s2r_spec.certify.result.check_result import BackendProvenance, distance, left_out, replay_line, rho_unit
 from s2r_spec.certify.result.voids import (
     is_machine,
     machine_assumptions,

@@ -1,0 +1,120 @@
+"""The installed backends by name: a package offers them in the entry-point group ``s2r.backends``."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Mapping
+from functools import cache
+from hashlib import sha256
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+from s2r_spec.backend.capabilities import (
+    Backend,
+    HasOptions,
+    Option,
+)
+from s2r_spec.backend.model import Channel, Parameter
+from s2r_spec.base.distribution import BACKENDS
+from s2r_spec.base.errors import (
+    BackendError,
+    MissingPackageError,
+    S2RError,
+    UnknownBackendError,
+)
+
+
+def installed() -> dict[str, EntryPoint]:
+    """Return name → entry point of every installed backend, without any import of them."""
+    points: dict[str, EntryPoint] = {}
+    for point in entry_points(group=BACKENDS):
+        if point.name in points and point.value != points[point.name].value:
+            raise BackendError(
+                f"two installed packages offer a backend named {point.name!r}: "
+                f"{points[point.name].value} and {point.value}; uninstall one of them"
+            )
+        points[point.name] = point
+    return dict(sorted(points.items()))
+
+
+@cache
+def _factory(name: str) -> Any:
+    points = installed()
+    if name not in points:
+        raise UnknownBackendError(name, points)
+    try:
+        return points[name].load()
+    except ModuleNotFoundError as error:
+        raise MissingPackageError(name, error.name or str(error)) from error
+
+
+def short(model_hash: str) -> str:
+    """Return at most twelve digits of a model hash, for people; a hash with other characters is hashed first."""
+    if len(model_hash) > 12 and not re.fullmatch("[0-9a-f]+", model_hash):
+        model_hash = sha256(model_hash.encode()).hexdigest()
+    return model_hash[:12]
+
+
+def load_backend(name: str) -> Backend:
+    """Make the backend called ``name``; the backend gets the text after a colon as its argument.
+
+    ``load_backend("sim")`` calls the class of the entry point ``sim`` without arguments, and
+    ``load_backend("twin:lab")`` calls ``twin`` with ``"lab"``.
+
+    Raises:
+        UnknownBackendError: no installed package offers it; the message lists the installed backends.
+        MissingPackageError: the backend imports a package that is not installed.
+        BackendError: the entry point raised an error, or its result is not a backend.
+    """
+    kind, colon, argument = name.partition(":")
+    factory = _factory(kind)
+    try:
+        backend = factory(argument) if colon else factory()
+        if colon and hasattr(backend, "chosen"):
+            backend.chosen()  # a class without options stores them in its first field, and fails much later
+    except S2RError:
+        raise
+    except Exception as error:
+        raise BackendError(f"backend {name!r} cannot be opened: {type(error).__name__}: {error}") from error
+    if words := fault(backend):
+        raise BackendError(f"backend {name!r} ({type(backend).__name__}) {words}")
+    found: Backend = backend
+    return found
+
+
+def described(name: str) -> tuple[Backend, tuple[Option, ...]]:
+    """Return a backend to describe, and its options; it gets its example's options if required ones are missing.
+
+    Raises:
+        BackendError: as :func:`load_backend`.
+    """
+    kind, colon, _ = name.partition(":")
+    factory = _factory(kind)
+    if not isinstance(factory, HasOptions):
+        return load_backend(name), ()
+    return load_backend(name if colon else f"{kind}:{factory.example}"), factory.offered
+
+
+def fault(backend: object) -> str:
+    """Return how an object breaks the protocol :class:`Backend`, as words after its name; "" if it keeps it."""
+    lacking = [word for word in _REQUIRED if not hasattr(backend, word)]
+    if lacking:
+        return f"lacks {', '.join(lacking)} of the protocol Backend"
+    assert isinstance(backend, Backend)
+    try:
+        signature = inspect.signature(backend.rollout)
+    except (TypeError, ValueError):  # not a function; or one of a library, which does not tell
+        return "" if callable(backend.rollout) else "has a rollout that is not a method"
+    try:
+        signature.bind({}, 0)
+    except TypeError:
+        return f"has rollout{signature}, but it is called with a test and a seed: rollout(params, seed)"
+    for word, kind in (("channels", Channel), ("parameters", Parameter)):
+        declared = getattr(backend, word)
+        if isinstance(declared, str | Mapping) or not all(isinstance(one, kind) for one in declared):
+            return f"has {word} = {declared!r}; they must be a tuple of s2r.{kind.__name__}"
+    return ""
+
+
+_REQUIRED = ("name", "channels", "parameters", "deterministic", "duration", "cost", "model_hash", "rollout")
