@@ -3,26 +3,57 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from s2r_spec.backend import Backend, fault
-from s2r_spec.base.errors import UsageError
+from s2r_spec.base.errors import UsageError, one_of, suggest
+from s2r_spec.certify.options import Execution
 from s2r_spec.runs.journal import Journal
-from s2r_spec.spec import Spec
+from s2r_spec.runs.layout import new_run
+from s2r_spec.spec import Spec, load_spec
+
+_Options = TypeVar("_Options")
 
 
 def as_spec(spec: Any) -> Spec:
-    """Return the specification.
+    """Return the specification, or that of a file.
 
     Raises:
-        UsageError: it is a path, a text or another value.
+        UsageError: it is a text or another value.
     """
     if isinstance(spec, Spec):
         return spec
-    what = f"{spec!r}" if isinstance(spec, str | Path) else _kind(spec)
-    raise UsageError(f"a specification is needed, not {what}; s2r.load_spec reads one from a file")
+    if isinstance(spec, str) and "\n" in spec:
+        raise UsageError("a specification is needed, not a text of several lines; s2r.parse_spec reads one")
+    if isinstance(spec, str | os.PathLike):
+        return load_spec(Path(os.fspath(spec)))
+    raise UsageError(f"a specification is needed, not {_kind(spec)}; s2r.load_spec reads one from a file")
+
+
+def options_from(kind: Callable[..., _Options], keywords: Mapping[str, Any]) -> _Options:
+    """Return the options of a run from keywords.
+
+    Args:
+        kind: a dataclass.
+        keywords: some of its fields.
+
+    Raises:
+        UsageError: a keyword is not one of its fields, or one without a default is missing.
+    """
+    known = {one.name: one for one in fields(kind) if one.init}  # type: ignore[arg-type]
+    for name in keywords:
+        if name not in known:
+            raise UsageError(
+                f"there is no keyword {name!r}{suggest(name, known)} the keywords are {one_of(known)}"
+            )
+    for name, one in known.items():
+        if one.default is MISSING and one.default_factory is MISSING and name not in keywords:
+            raise UsageError(f"the keyword {name!r} is needed")
+    return kind(**keywords)
 
 
 def as_backend(backend: Any, what: str = "backend") -> Backend | str:
@@ -73,6 +104,31 @@ def as_rollouts(real: Any) -> Any:
     )
 
 
+@contextmanager
+def run_folder(folder: Any, name: str, options: Execution) -> Iterator[Path]:
+    """Give the folder of a run; for None a new one in ``s2r-runs``, which goes again if nothing was written into it.
+
+    Args:
+        folder: the folder, or None.
+        name: what is run, for the name of a new folder.
+        options: its options.
+
+    Raises:
+        UsageError: it is not a path, or a run is resumed whose folder is not given.
+    """
+    if folder is not None:
+        yield as_folder(folder)
+        return
+    if options.resume:
+        raise UsageError("to resume a run, give its folder")
+    new = new_run(name, options.fixed_seed)
+    try:
+        yield new
+    finally:
+        with suppress(OSError):  # it has files
+            new.rmdir()
+
+
 def as_folder(folder: Any) -> Path:
     """Return the folder of a run as a path.
 
@@ -99,6 +155,11 @@ def require_begun(places: list[Path], run: Path) -> None:
         raise UsageError(
             f"no run to resume in {run}: there is no journal in {looked}; begin one without resume"
         )
+
+
+def name_of(backend: Backend | str) -> str:
+    """Return the name of a backend for the name of a folder."""
+    return backend if isinstance(backend, str) else backend.name
 
 
 def _kind(value: Any) -> str:

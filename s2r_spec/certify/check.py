@@ -12,7 +12,7 @@ from typing import Any, Unpack
 from s2r_spec.backend import Backend, HasRecordings, is_exclusive
 from s2r_spec.base.distribution import version
 from s2r_spec.base.errors import UsageError
-from s2r_spec.certify.arguments import as_backend, as_folder, as_spec, require_begun
+from s2r_spec.certify.arguments import as_backend, as_spec, name_of, options_from, require_begun, run_folder
 from s2r_spec.certify.from_spec import only_requirement, search_for
 from s2r_spec.certify.options import RunKeywords, RunOptions
 from s2r_spec.certify.result.check_result import CheckResult, conclude, of_recordings, rho_unit
@@ -34,28 +34,32 @@ __all__ = ["CheckResult", "check", "check_with"]
 
 
 def check(
-    spec: Spec, backend: Backend | str, folder: Path | str, **keywords: Unpack[RunKeywords]
+    spec: Spec | Path | str,
+    backend: Backend | str,
+    folder: Path | str | None = None,
+    **keywords: Unpack[RunKeywords],
 ) -> CheckResult:
     """Certify the worst expected robustness of one requirement over the spec's test space.
 
     Args:
-        spec: a specification with a test space and a certify line.
+        spec: a specification with a test space and a certify line, or its file.
         backend: a backend object, or the name of an installed one. Every worker process has its own copy.
-        folder: the folder of the journal and the traces.
+        folder: the folder of the journal and the traces; by default a new one in ``s2r-runs``.
         keywords: see :class:`~s2r_spec.certify.options.RunOptions`; all of them may be left out.
 
     Raises:
         UsageError: the spec, the backend and the folder do not fit together, or there is no run to resume.
         BackendError: a rollout raised; every rollout before it is in the journal.
     """
-    options = RunOptions(**keywords)
-    spec, backend, folder = as_spec(spec), as_backend(backend), as_folder(folder)
+    options = options_from(RunOptions, keywords)
+    spec, backend = as_spec(spec), as_backend(backend)
     requirement = options.requirement or only_requirement(spec)
-    if options.resume:
-        require_begun([folder], folder)
-    options = with_seed(with_rule(options, folder), folder)
-    search = search_for(spec, requirement, options)
-    return check_with(search, spec, requirement, backend, folder, options)
+    with run_folder(folder, f"{Path(spec.name).stem}-{name_of(backend)}", options) as run:
+        if options.resume:
+            require_begun([run], run)
+        options = with_seed(with_rule(options, run), run)
+        search = search_for(spec, requirement, options)
+        return check_with(search, spec, requirement, backend, run, options)
 
 
 def check_with(

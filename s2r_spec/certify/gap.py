@@ -15,7 +15,7 @@ from typing import Any, Unpack
 from s2r_spec.backend import Backend, is_exclusive
 from s2r_spec.base.distribution import version
 from s2r_spec.base.errors import UsageError
-from s2r_spec.certify.arguments import as_backend, as_folder, as_spec, require_begun
+from s2r_spec.certify.arguments import as_backend, as_spec, name_of, options_from, require_begun, run_folder
 from s2r_spec.certify.bound.settings import SearchSettings
 from s2r_spec.certify.from_spec import only_requirement, search_for
 from s2r_spec.certify.options import RunKeywords, RunOptions
@@ -50,42 +50,44 @@ def gap_search(
 
 
 def gap(
-    spec: Spec,
+    spec: Spec | Path | str,
     simulated: Backend | str,
     real: Backend | str,
-    folder: Path | str,
+    folder: Path | str | None = None,
     **keywords: Unpack[RunKeywords],
 ) -> GapResult:
     """Bound the signed gap between two backends over the spec's test space.
 
     Args:
-        spec: a specification with a test space and a certify line.
+        spec: a specification with a test space and a certify line, or its file.
         simulated: the simulator: a backend object, or the name of an installed one.
         real: the real machine, as an object or a name: a robot, its logs, a twin. Every recording inside the test space
             counts once, and the simulator runs at the same tests (or its own logs are read). The search then chooses
             no test.
-        folder: the folder of the journals and traces of both backends.
+        folder: the folder of the journals and traces of both backends; by default a new one in ``s2r-runs``.
         keywords: see :class:`~s2r_spec.certify.options.RunOptions`; all of them may be left out.
 
     Raises:
         UsageError: spec, backends and folder do not fit together, or there is no run to resume.
         BackendError: a rollout raised; every rollout before it is in the journals.
     """
-    options = RunOptions(**keywords)
-    spec, folder = as_spec(spec), as_folder(folder)
+    options = options_from(RunOptions, keywords)
+    spec = as_spec(spec)
     simulated, real = as_backend(simulated, "simulated"), as_backend(real, "real")
     requirement = options.requirement or only_requirement(spec)
-    if options.resume:
-        require_begun([folder / side for side in SYSTEMS], folder)
-    places = [folder / side for side in SYSTEMS]
-    options = with_seed(with_rule(options, *places), *places)
-    if options.stop == DECIDED:
-        raise UsageError(
-            "a gap has no verdict that stop = 'decided' could wait for; use 'epsilon' or 'budget', or run certify"
-        )
-    pairing = Pairing.for_spec(spec, requirement, simulated, real, options.budget)
-    search = gap_search(spec, requirement, options, pairing.per_real)
-    return gap_with(search, spec, requirement, pairing, folder, options)
+    name = f"gap-{Path(spec.name).stem}-{name_of(simulated)}-{name_of(real)}"
+    with run_folder(folder, name, options) as run:
+        if options.resume:
+            require_begun([run / side for side in SYSTEMS], run)
+        places = [run / side for side in SYSTEMS]
+        options = with_seed(with_rule(options, *places), *places)
+        if options.stop == DECIDED:
+            raise UsageError(
+                "a gap has no verdict that stop = 'decided' could wait for; use 'epsilon' or 'budget', or run certify"
+            )
+        pairing = Pairing.for_spec(spec, requirement, simulated, real, options.budget)
+        search = gap_search(spec, requirement, options, pairing.per_real)
+        return gap_with(search, spec, requirement, pairing, run, options)
 
 
 def gap_with(

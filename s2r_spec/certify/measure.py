@@ -9,7 +9,7 @@ from typing import Any, Unpack
 from s2r_spec.backend import Backend
 from s2r_spec.base.distribution import version
 from s2r_spec.base.errors import UsageError
-from s2r_spec.certify.arguments import as_backend, as_folder, require_begun
+from s2r_spec.certify.arguments import as_backend, as_folder, options_from, require_begun
 from s2r_spec.certify.bound.certificate import Certificate
 from s2r_spec.certify.options import MeasureKeywords, MeasureOptions
 from s2r_spec.certify.result.voids import machine_assumptions, machine_fields, without_too_many
@@ -50,7 +50,7 @@ def check_measure(
         BackendError: a rollout raised, or the measure of one did or gave no finite number; the message names the
             rollout and its test. Every rollout before it is in the journal, and that trace is kept.
     """
-    options = MeasureOptions(**keywords)
+    options = options_from(MeasureOptions, keywords)
     backend, folder = as_backend(backend), as_folder(folder)
     _check_arguments(measure, name, search)
     if options.resume:

@@ -23,6 +23,7 @@ class ExecutionKeywords(TypedDict, total=False):
 
     seed: int | None
     executor: ExecutorFactory | None
+    workers: int | None
     timeout: float | None
     resume: bool
     observer: Observer | None
@@ -55,6 +56,7 @@ class Execution:
         seed: the seed of the whole run; None for the seed of a resumed run, and 0 for a new one.
         executor: a function that makes the pool of workers. By default two processes of this computer, or one
             thread of this process for a backend object that no other process can load (a class of a notebook).
+        workers: how many processes of this computer run rollouts, in place of ``executor``.
         timeout: a rollout that uses more CPU time, or ten times as much wall time, is ended, and counts as a crash
             [s]; on a machine it is wall time. ``inf`` for never, None for
             :func:`s2r_spec.runs.scorer.default_timeout`.
@@ -64,14 +66,24 @@ class Execution:
 
     seed: int | None = None
     executor: ExecutorFactory | None = None
+    workers: int | None = None
     timeout: float | None = None
     resume: bool = False
     observer: Observer | None = None
 
+    def __post_init__(self) -> None:
+        """Refuse two pools, or one without workers."""
+        if self.workers is not None and self.executor is not None:
+            raise UsageError("give either workers or executor")
+        if self.workers is not None and self.workers < 1:
+            raise UsageError(f"workers = {self.workers}; at least 1 is needed")
+
     def runner(self, *passed: PassedBackend | None) -> Runner:
         """Return a runner with a pool of its own, for these backend objects; close it."""
         portable = all(one is None or one.portable for one in passed)
-        usual = process_pool(2) if portable else in_this_process
+        if not portable and (self.workers or 1) > 1:
+            raise UsageError("no other process can load this backend object; leave out workers")
+        usual = process_pool(self.workers or 2) if portable else in_this_process
         return Runner(self.executor or usual, self.timeout)
 
     @property
@@ -115,6 +127,7 @@ class RunOptions(Execution):
 
     def __post_init__(self) -> None:
         """Settle how the rollouts of a machine are attended to."""
+        super().__post_init__()
         object.__setattr__(self, "terms", terms_of(self.void, self.operator))
         if self.stop is not None:
             as_stop(self.stop)
@@ -137,6 +150,7 @@ class MeasureOptions(Execution):
 
     def __post_init__(self) -> None:
         """Refuse a fall that is not a number."""
+        super().__post_init__()
         if not isinstance(self.fall, int | float) or not math.isfinite(self.fall):
             raise UsageError(
                 f"fall, the value of a failed rollout, must be a finite number, not {self.fall!r}"

@@ -10,7 +10,7 @@ from s2r_spec.backend import Backend
 from s2r_spec.base.json_values import Shown
 from s2r_spec.base.result import Result
 from s2r_spec.base.verdict import Verdict
-from s2r_spec.certify.arguments import as_backend, as_folder, as_spec, require_begun
+from s2r_spec.certify.arguments import as_backend, as_spec, name_of, options_from, require_begun, run_folder
 from s2r_spec.certify.bound.certificate import Label
 from s2r_spec.certify.check import check_with
 from s2r_spec.certify.from_spec import only_requirement, search_for
@@ -55,10 +55,10 @@ class CertifyResult(Result, Shown):
 
 
 def certify(
-    spec: Spec,
+    spec: Spec | Path | str,
     simulated: Backend | str,
     real: Backend | str,
-    folder: Path | str,
+    folder: Path | str | None = None,
     **keywords: Unpack[RunKeywords],
 ) -> CertifyResult:
     """Run both searches and combine them; for the arguments see :func:`s2r_spec.certify.gap.gap`.
@@ -71,29 +71,31 @@ def certify(
         UsageError: spec, backends and folder do not fit together, or there is no run to resume.
         BackendError: a rollout raised; every rollout before it is in the journals.
     """
-    options = RunOptions(**keywords)
-    spec, folder = as_spec(spec), as_folder(folder)
+    options = options_from(RunOptions, keywords)
+    spec = as_spec(spec)
     simulated, real = as_backend(simulated, "simulated"), as_backend(real, "real")
     requirement = options.requirement or only_requirement(spec)
-    if options.resume:
-        require_begun([folder / SIMULATION], folder)
-    places = [folder / GAP / side for side in SYSTEMS]
-    options = with_seed(with_rule(options, *places), folder / SIMULATION, *places)
-    pairing = Pairing.for_spec(spec, requirement, simulated, real, options.budget)
-    refuse_terms(pairing.real.backend, options.terms)
-    of_simulator = replace(options, budget=None, stop=EPSILON, void=AGAIN, operator=None)
-    first = search_for(spec, requirement, of_simulator)
-    second = gap_search(spec, requirement, options, pairing.per_real)
-    if pairing.recorded is None:
-        second.refuse_hopeless()
-    else:
-        refuse_rule(second.settings.stop, pairing.real.name)
-    second.end_when(lambda: judge(compose(first, second)) is not Verdict.UNKNOWN)
-    checked = check_with(first, spec, requirement, simulated, folder / SIMULATION, of_simulator)
-    if not checked.certificate.label.bounds:
-        return refused_in_simulation(checked, pairing.real.name)
-    bounded = gap_with(second, spec, requirement, pairing, folder / GAP, options)
-    return conclude_certify(first, second, checked, bounded)
+    name = f"certify-{Path(spec.name).stem}-{name_of(simulated)}-{name_of(real)}"
+    with run_folder(folder, name, options) as run:
+        if options.resume:
+            require_begun([run / SIMULATION], run)
+        places = [run / GAP / side for side in SYSTEMS]
+        options = with_seed(with_rule(options, *places), run / SIMULATION, *places)
+        pairing = Pairing.for_spec(spec, requirement, simulated, real, options.budget)
+        refuse_terms(pairing.real.backend, options.terms)
+        of_simulator = replace(options, budget=None, stop=EPSILON, void=AGAIN, operator=None)
+        first = search_for(spec, requirement, of_simulator)
+        second = gap_search(spec, requirement, options, pairing.per_real)
+        if pairing.recorded is None:
+            second.refuse_hopeless()
+        else:
+            refuse_rule(second.settings.stop, pairing.real.name)
+        second.end_when(lambda: judge(compose(first, second)) is not Verdict.UNKNOWN)
+        checked = check_with(first, spec, requirement, simulated, run / SIMULATION, of_simulator)
+        if not checked.certificate.label.bounds:
+            return refused_in_simulation(checked, pairing.real.name)
+        bounded = gap_with(second, spec, requirement, pairing, run / GAP, options)
+        return conclude_certify(first, second, checked, bounded)
 
 
 def judge(composition: Composition) -> Verdict:

@@ -79,7 +79,7 @@ ASSUMPTIONS = (
 
 @one_thread()
 def diagnose(
-    spec: Spec,
+    spec: Spec | Path | str,
     sim: Backend | str,
     real: Rollouts | Backend | str,
     budget: int | None = None,
@@ -97,7 +97,7 @@ def diagnose(
     """Say where a sim-to-real gap lies, which unmodelled effect causes it, and how far it shrinks.
 
     Args:
-        spec: what is required, and over which tests.
+        spec: what is required, and over which tests; or its file.
         sim: the simulator; it must declare effects.
         real: (test in the spec's units, trace) of each real rollout, or a backend: a folder of recordings, or a
             machine, which then runs a campaign of tests and protocols.

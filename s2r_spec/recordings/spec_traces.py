@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from s2r_spec.base.errors import TraceError, TraceNote, UsageError, one_of, shortened
+from s2r_spec.base.errors import TraceNote, UsageError, one_of
 from s2r_spec.base.printable import one_line
 from s2r_spec.logs.account import Account
 from s2r_spec.recordings.excerpts import Excerpt, Excerpts, assumed, excerpt
@@ -132,11 +132,7 @@ def params_of(
     Raises:
         TraceError: the trace's value of a parameter is not a number.
     """
-    recorded = meta.get("params", {})
-    if not isinstance(recorded, Mapping):
-        raise TraceError('its meta "params" must map names of parameters to numbers')
-    found = {name: _number(name, recorded[name]) for name in request.spec.params if name in recorded}
-    found |= values or {}
+    found = request.spec.recorded_params(meta) | dict(values or {})
     for name, value in request.params.items():
         if name in found and not math.isclose(value, found[name], rel_tol=1e-9, abs_tol=1e-12):
             warnings.warn(
@@ -145,12 +141,6 @@ def params_of(
                 stacklevel=3,
             )
     return found | request.params, frozenset(found) - frozenset(request.params)
-
-
-def _number(name: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise TraceError(f"its parameter {name} = {shortened(repr(value))} is not a finite number")
-    return float(value)
 
 
 @contextmanager

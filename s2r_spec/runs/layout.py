@@ -8,7 +8,11 @@ from Python    the argument ``folder`` of ``check`` and ``check_measure``
 
 from __future__ import annotations
 
+import itertools
+import re
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +24,33 @@ SYSTEMS = ("sim", "real")
 """The two systems of a gap, simulator and machine: folders of their journals, and fields of a journal's header."""
 SIMULATION, GAP = "simulation", "gap"
 """Folders of the two searches of ``s2r certify``."""
+
+
+RUNS = Path("s2r-runs")
+"""Definition: the folder of new runs, in the folder in which s2r was started."""
+_LONGEST_NAME = 150
+"""Budget: letters of the spec's and backends' names in the name of a run's folder; a file name has 255 bytes."""
+
+
+def new_run(name: str, seed: int) -> Path:
+    """Make a new folder below :data:`RUNS`, named by the time to the second; a number is added if the name is taken.
+
+    Raises:
+        UsageError: the folder cannot be made.
+    """
+    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
+    # The name of a backend may be a path, as in log:FOLDER.
+    plain = re.sub(r"[^\w.,+=-]", "-", name, flags=re.ASCII)[:_LONGEST_NAME]
+    try:
+        RUNS.mkdir(parents=True, exist_ok=True)
+        for number in itertools.count(1):
+            folder = RUNS / f"{stamp}-{plain}-seed{seed}{f'-{number}' if number > 1 else ''}"
+            with suppress(FileExistsError):
+                folder.mkdir()
+                return folder
+    except OSError as error:
+        raise UsageError(f"cannot make a folder for the run in {RUNS}: {error.strerror or error}") from None
+    raise AssertionError  # itertools.count has no end
 
 
 def run_of(journal: Path, header: Mapping[str, Any]) -> Path:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
-from s2r_spec.base.errors import UsageError, one_of, suggest
+from s2r_spec.base.errors import TraceError, UsageError, one_of, shortened, suggest
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.declarations import CertifySettings, Param, Signal
 from s2r_spec.robustness.binding import names
@@ -61,6 +63,21 @@ class Declared:
             UsageError: a text is not of this form, a name is unknown, or a unit does not fit.
         """
         return dict(read_param(self.params, text) for text in texts)
+
+    def recorded_params(self, meta: Mapping[str, Any]) -> dict[str, float]:
+        """Return parameter → value in the metadata of a trace, in the declared unit.
+
+        Raises:
+            TraceError: ``meta["params"]`` maps no names to numbers.
+        """
+        recorded = meta.get("params", {})
+        if not isinstance(recorded, Mapping):
+            raise TraceError('its meta "params" must map names of parameters to numbers')
+        values = {name: recorded[name] for name in self.params if name in recorded}
+        for name, value in values.items():
+            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+                raise TraceError(f"its parameter {name} = {shortened(repr(value))} is not a finite number")
+        return {name: float(value) for name, value in values.items()}
 
     def unit(self, requirement: str) -> str:
         """Return the unit of ρ: "" if it has none, "mixed" if ρ combines margins of different dimensions."""

@@ -89,9 +89,10 @@ class Spec(Declared):
         fall) has the ρ that the ``certify`` line declares for it, whatever its samples are.
 
         Args:
-            trace: a trace with every channel of :meth:`channels`.
-            params: name → value, for every parameter used that has no default: a number in the declared unit, a text
-                with a unit ("30 cm/s"), or a pint Quantity.
+            trace: a trace with every channel of :meth:`channels`, or a data frame, as
+                :meth:`s2r_spec.Trace.from_dataframe` reads it.
+            params: name → value: a number in the declared unit, a text with a unit ("30 cm/s"), or a pint Quantity. A
+                parameter without one has the value in ``trace.meta["params"]``, or else its default.
             interpolation: see :meth:`evaluate`.
             until: see :meth:`evaluate`.
             end: see :meth:`evaluate`; without it a trace that is shorter than the horizon is refused.
@@ -243,7 +244,7 @@ class Spec(Declared):
                 f"{requirement!r} reads signals with stamps of their own, which have no common samples: resample the "
                 f"trace, or give --clock with a topic"
             )
-        numbers = self._numbers(how.params, requirement)
+        numbers = self._numbers(self._given(trace, how), requirement)
         signals = [self.signals[name] for name in self.channels(requirement)]
         linear = {signal.name for signal in signals if how.interpolation == "linear" and not signal.boolean}
         judge = Judge(
@@ -544,9 +545,13 @@ class Spec(Declared):
 
     def _reading(self, trace: Trace, requirement: str | None, how: _How) -> Reading:
         trace = _as_trace(trace)
-        numbers = self._numbers(how.params, requirement)
+        numbers = self._numbers(self._given(trace, how), requirement)
         signals = read_signals([self.signals[name] for name in self.channels(requirement)], trace, how.nan)
         return Reading.of(trace.times, signals, numbers, how.interpolation or "samples", how.until)
+
+    def _given(self, trace: Trace, how: _How) -> Mapping[str, Amount]:
+        """Return parameter → value: as given, or else as the trace was recorded with."""
+        return {**self.recorded_params(trace.meta), **(how.params or {})}
 
     def _numbers(self, params: Mapping[str, Amount] | None, requirement: str | None) -> dict[str, FloatArray]:
         """Return name → (1, 1) of the parameters that a requirement (or any) uses."""
@@ -626,16 +631,16 @@ def _declared(one: Signal | Param) -> str:
 
 
 def _as_trace(trace: Any) -> Trace:
-    """Return a trace.
+    """Return a trace, also of a data frame.
 
     Raises:
         TraceError: it is another value.
     """
     if isinstance(trace, Trace):
         return trace
-    remedy = (
-        "s2r.Trace.from_dataframe(frame) makes one" if hasattr(trace, "columns") else "s2r.Trace makes one"
-    )
+    if hasattr(trace, "columns"):
+        return Trace.from_dataframe(trace)
+    remedy = "s2r.Trace makes one"
     if isinstance(trace, str | PathLike):
         remedy = "s2r.read_trace(path) reads one"
     raise TraceError(f"a trace is needed, not a value of type {type(trace).__name__}; {remedy}")

@@ -61,15 +61,61 @@ def test_a_diagnosis_is_of_a_simulator_and_of_rollouts(spec, given):
         s2r.diagnose(spec, "toy", given)
 
 
-@pytest.mark.parametrize("given", ["spec.stl", Path("spec.stl"), None])
-def test_what_is_no_specification_names_load_spec(tmp_path, given):
-    with pytest.raises(UsageError, match="load_spec"):
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (None, "load_spec"),
+        (3, "load_spec"),
+        ("signal v\nrequire r: v > 0", "parse_spec"),
+        ("no.stl", "no.stl"),
+    ],
+)
+def test_what_is_no_specification_names_what_reads_one(tmp_path, given, words):
+    with pytest.raises(UsageError, match=words):
         s2r.check(given, "toy", tmp_path)
-    with pytest.raises(UsageError, match="load_spec"):
+    with pytest.raises(UsageError, match=words):
         s2r.diagnose(given, "toy", "toy:drag")
 
 
-@pytest.mark.parametrize("given", [None, 3, b"bytes"])
+def test_a_file_is_a_specification_and_a_run_without_a_folder_gets_a_new_one(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("walk.stl").write_text(SPEC.replace("LIMIT", "0.1"))
+    first, second = (
+        s2r.check(given, "toy", budget=8, executor=one_thread) for given in ("walk.stl", Path("walk.stl"))
+    )
+    assert first.folder != second.folder
+    assert {first.folder.parent, second.folder.parent} == {Path("s2r-runs")}
+    assert "walk-toy-seed0" in first.folder.name
+    assert first.certificate.upper == second.certificate.upper
+    with pytest.raises(UsageError, match="folder"):
+        s2r.check("walk.stl", "toy", resume=True)
+    with pytest.raises(UsageError, match="stop"):
+        gap("walk.stl", "toy", "toy:drag", stop="decided")
+    assert len(list(Path("s2r-runs").iterdir())) == 2  # what is refused leaves no folder
+
+
+def test_a_keyword_that_does_not_exist_is_answered_with_the_right_one(spec, tmp_path):
+    for call in (
+        lambda: s2r.check(spec, "toy", tmp_path, bugdet=8),
+        lambda: gap(spec, "toy", "toy:drag", tmp_path, bugdet=8),
+        lambda: certify(spec, "toy", "toy:drag", tmp_path, bugdet=8),
+    ):
+        with pytest.raises(UsageError, match="budget"):
+            call()
+    with pytest.raises(UsageError, match="fall"):
+        s2r.check_measure(lambda trace, test: 1.0, "m", "toy", search(), tmp_path)
+
+
+def test_workers_are_processes_in_place_of_an_executor(spec, tmp_path):
+    with pytest.raises(UsageError, match=naming("workers", "executor")):
+        s2r.check(spec, "toy", tmp_path, workers=1, executor=one_thread)
+    with pytest.raises(UsageError, match="workers = 0"):
+        s2r.check(spec, "toy", tmp_path, workers=0)
+    found = s2r.check(spec, "toy", tmp_path / "run", budget=8, workers=1)
+    assert found.certificate.rollouts == 8
+
+
+@pytest.mark.parametrize("given", [3, b"bytes"])
 def test_what_is_no_folder_is_said(spec, given):
     with pytest.raises(UsageError, match=naming("folder")):
         s2r.check(spec, "toy", given)

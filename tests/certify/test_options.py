@@ -43,7 +43,7 @@ def test_an_unknown_keyword_and_a_missing_one_are_refused(tmp_path):
         s2r.Search({"x": (0, 1)}, kernel=s2r.Kernel("rbf", 0.2), B=1, R=1, delta=0.1, epsilon=1, bugdet=8)
     with pytest.raises(TypeError, match="epsilon"):
         s2r.Search({"x": (0, 1)}, kernel=s2r.Kernel("rbf", 0.2), B=1, R=1, delta=0.1)
-    with pytest.raises(TypeError, match="bugdet"):
+    with pytest.raises(UsageError, match=r"bugdet.*budget"):
         s2r.check(s2r.parse_spec("signal x\nrequire low: x <= 1"), "toy", tmp_path, bugdet=8)
 
 

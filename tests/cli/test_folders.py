@@ -12,6 +12,7 @@ import pytest
 import s2r_spec as s2r_
 from s2r_spec.certify.gap import gap
 from s2r_spec.cli.terminal import common
+from s2r_spec.runs import layout
 from s2r_spec.runs.journal import FILE
 from tests.cli.conftest import SPEC
 from tests.conftest import rewrite
@@ -61,7 +62,7 @@ def test_runs_that_begin_in_the_same_second_have_folders_of_their_own(tmp_path, 
         def now(cls, tz=None):
             return cls(2026, 1, 2, 3, 4, 5)
 
-    monkeypatch.setattr(common, "datetime", Stopped)
+    monkeypatch.setattr(layout, "datetime", Stopped)
     monkeypatch.chdir(tmp_path)
     made = [common.new_or_old(None, None, "spec-log:/a/b\n\x1b[2J", 0) for _ in range(3)]
     assert len(set(made)) == 3

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import errno
-import itertools
-import re
 import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -23,9 +20,6 @@ from s2r_spec.cli.terminal.terminal import say
 if TYPE_CHECKING:
     from s2r_spec.cli.options.search import Running
     from s2r_spec.workers.pools import ExecutorFactory
-
-_LONGEST_NAME = 150
-"""Budget: letters of the spec's and backends' names in the name of a run's folder; a file name has 255 bytes."""
 
 _json_was_printed = False
 _new: list[Path] = []
@@ -167,25 +161,13 @@ def new_or_old(run: Path | None, resume: Path | None, name: str, seed: int) -> P
         raise UsageError(f"no run to resume at {resume}: the folder does not exist")
     if run is not None and run.exists() and not run.is_dir():
         raise UsageError(f"cannot begin a run in {run}: it is not a folder")
-    return resume or run or _new_folder(Path("s2r-runs"), name, seed)
+    if (given := resume or run) is not None:
+        return given
+    from s2r_spec.runs.layout import new_run
 
-
-def _new_folder(root: Path, name: str, seed: int) -> Path:
-    """Make a new folder, named by the time to the second; a number is added if the name is taken."""
-    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
-    # The name of a backend may be a path, as in log:FOLDER.
-    plain = re.sub(r"[^\w.,+=-]", "-", name, flags=re.ASCII)[:_LONGEST_NAME]
-    try:
-        root.mkdir(parents=True, exist_ok=True)
-        for number in itertools.count(1):
-            folder = root / f"{stamp}-{plain}-seed{seed}{f'-{number}' if number > 1 else ''}"
-            with suppress(FileExistsError):
-                folder.mkdir()
-                _new.append(folder)
-                return folder
-    except OSError as error:
-        raise UsageError(f"cannot make a folder for the run in {root}: {error.strerror or error}") from None
-    raise AssertionError  # itertools.count has no end
+    folder = new_run(name, seed)
+    _new.append(folder)
+    return folder
 
 
 def begun(running: Running, name: str, seed: int, real: str) -> tuple[ExecutorFactory, Path, str]:
