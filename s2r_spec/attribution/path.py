@@ -180,9 +180,9 @@ class Path:
                 credit[name] = credit.get(name, 0.0) + way * (
                     self.pair.real[name] - self.pair.simulated[name]
                 )
-        found = sum(float(part.sum()) for part in credit.values())
+        credited = sum(float(part.sum()) for part in credit.values())
         size = sum(float(np.abs(part).sum()) for part in credit.values())
-        if abs(found - amount) <= _EXACT * max(1.0, size, abs(a.rho), abs(b.rho)):
+        if abs(credited - amount) <= _EXACT * max(1.0, size, abs(a.rho), abs(b.rho)):
             yield Piece(steps, amount, credit)
         elif b.at - a.at <= _NARROW:
             yield from self._jump(a, b)

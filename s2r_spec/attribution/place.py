@@ -158,20 +158,20 @@ def instant(time: float) -> str:
     return Range(time, time).in_time()
 
 
-def cause_first(found: Sequence[T], place: Callable[[T], Place], strength: Callable[[T], float]) -> list[T]:
-    """Return what was found, with the place where a difference begins before the places that react to it.
+def cause_first(items: Sequence[T], place: Callable[[T], Place], strength: Callable[[T], float]) -> list[T]:
+    """Return items with a difference, with the place where a difference begins before the places that react to it.
 
     In a closed loop a difference goes on after its cause, and the controller's reaction may be larger than the cause.
     So all that have at least :data:`EXPLAINS` of the largest strength come first, and none of them before one that
     surely begins earlier. Otherwise strength decides.
 
     Args:
-        found: places with a difference.
+        items: places with a difference.
         place: of each.
         strength: of each, on one scale; those of 0 keep their order.
     """
-    by_strength = sorted(found, key=lambda one: -strength(one))
-    least = EXPLAINS * max(map(strength, found), default=0.0)
+    by_strength = sorted(items, key=lambda one: -strength(one))
+    least = EXPLAINS * max(map(strength, items), default=0.0)
     count = sum(strength(one) >= least > 0.0 for one in by_strength)
     large, ordered = by_strength[:count], []
     while large:

@@ -47,8 +47,8 @@ def folder() -> Path | None:
 def pages(place: Path) -> dict[str, Path]:
     """Return name → file of every page below a folder, in the order of their names."""
     paths = [path for path in place.rglob("*") if path.suffix in (".md", NOTEBOOK)]
-    found = {path.relative_to(place).with_suffix("").as_posix(): path for path in paths}
-    return dict(sorted(found.items()))
+    pages_by_name = {path.relative_to(place).with_suffix("").as_posix(): path for path in paths}
+    return dict(sorted(pages_by_name.items()))
 
 
 def read(path: Path) -> str:

@@ -122,15 +122,15 @@ def _kind(record: type, path: str) -> tuple[Any, str]:
     name, _, rest = path.partition(".")
     if name == "__str__":
         return str, ""
-    found: Any = getattr(record, name, None)
-    function = (
-        getattr(found, "fget", None) or getattr(found, "func", None) or (found if callable(found) else None)
-    )
+    attribute: Any = getattr(record, name, None)
+    function = getattr(attribute, "fget", None) or getattr(attribute, "func", None)
+    if function is None and callable(attribute):
+        function = attribute
     hints = get_type_hints(function or record, include_extras=True)
     kind = hints["return" if function else name]
     if rest:
         return _kind(kind, rest)
-    words = "" if callable(found) or not function else (function.__doc__ or "").split("\n\n")[0]
+    words = "" if callable(attribute) or not function else (function.__doc__ or "").split("\n\n")[0]
     return kind, words[:1].lower() + words[1:]
 
 
@@ -169,10 +169,10 @@ def to_json(value: Any, infinite: bool = False) -> Any:
         return shown
     if is_dataclass(value):
         absent = optional_fields(value)
-        found = {each.name: getattr(value, each.name) for each in fields(value)}
+        entries = {each.name: getattr(value, each.name) for each in fields(value)}
         return {
             name: to_json(one, infinite)
-            for name, one in found.items()
+            for name, one in entries.items()
             if one is not None or name not in absent
         }
     if isinstance(value, Enum):

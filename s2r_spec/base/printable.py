@@ -39,7 +39,7 @@ def lines(text: object) -> str:
 
 def spelled(unit: str) -> str:
     """Return a unit as people write it: ``N*m*s/rad`` as ``N·m·s/rad``, ``m/s^2`` as ``m/s²``."""
-    return _POWER.sub(lambda found: found[1].translate(_RAISED), unit).replace("*", "·")
+    return _POWER.sub(lambda power: power[1].translate(_RAISED), unit).replace("*", "·")
 
 
 def without_controls(text: str) -> str:

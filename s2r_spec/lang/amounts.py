@@ -78,12 +78,12 @@ def converted(number: float, written: str, unit: Unit, what: str, name: str) -> 
     if not written:
         return number
     try:
-        found = parse_unit(written)
+        source = parse_unit(written)
     except UnknownUnitError:
         raise UsageError(f"{what}: {written!r} is not a unit") from None
-    if not found.fits(unit):
-        readings = found.two_readings(unit)
+    if not source.fits(unit):
+        readings = source.two_readings(unit)
         raise UsageError(
             f"{what}: {written} does not convert to {unit}, the unit of {name!r}{readings and f'. {readings}'}"
         )
-    return found.to(unit)(number)
+    return source.to(unit)(number)

@@ -34,12 +34,12 @@ def check_text(text: str, name: str = "<string>", stored: Mapping[str, str] | No
         SpecError: the text has mistakes; the error lists all of them.
     """
     parsed, imports = gather(Source.of(text, name), stored)
-    if any(found.code == "E22" for found in parsed.diagnostics):
+    if any(mistakes.code == "E22" for mistakes in parsed.diagnostics):
         raise SpecError(parsed.diagnostics)  # the rest of a text that is too long was not read
     checker = _Checker(parsed, imports)
-    found = {*parsed.diagnostics, *(mistake for rule in RULES for mistake in rule(parsed)), *checker.run()}
-    if found:
-        raise SpecError(found)
+    mistakes = {*parsed.diagnostics, *(mistake for rule in RULES for mistake in rule(parsed)), *checker.run()}
+    if mistakes:
+        raise SpecError(mistakes)
     return checker.document()
 
 
@@ -96,12 +96,12 @@ class _Checker:
 
     def document(self) -> Document:
         """Return the checked document; valid only if there were no mistakes."""
-        found = self.scope.declared
+        declared = self.scope.declared
         return Document(
             self.parsed.source,
             self.imports,
-            {name: item for name, item in found.items() if isinstance(item, Signal)},
-            {name: item for name, item in found.items() if isinstance(item, Param)},
+            {name: item for name, item in declared.items() if isinstance(item, Signal)},
+            {name: item for name, item in declared.items() if isinstance(item, Param)},
             self.requirements,
             self.certify,
         )

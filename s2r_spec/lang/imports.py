@@ -28,7 +28,7 @@ def gather(source: Source, stored: Mapping[str, str] | None = None) -> tuple[Par
     """
     gathering = _Gathering(stored)
     parsed = gathering.gather(source, (normpath(source.name),))
-    return parsed, tuple(found.source for found in gathering.files.values())
+    return parsed, tuple(file.source for file in gathering.files.values())
 
 
 def declared_outside(source: Source) -> frozenset[str]:
@@ -60,9 +60,9 @@ class _Gathering:
                 except UsageError as error:
                     mistakes.append(Diagnostic("E21", str(error), line.path.span))
                     continue
-                found = self.gather(Source.of(text, name), (*chain, name))
-                self.files[name] = replace(found, source=Source.of(text, name))
-                parts.append(found)
+                imported = self.gather(Source.of(text, name), (*chain, name))
+                self.files[name] = replace(imported, source=Source.of(text, name))
+                parts.append(imported)
         if own.imports:
             # parsed again with the imported names: a declared letter is not an operator
             own = parse(source, frozenset(_declared(self.files.values())))

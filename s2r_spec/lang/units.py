@@ -184,11 +184,11 @@ def unit_in_log(text: str, declared: Unit) -> Unit:
     Raises:
         UnknownUnitError: the text is not a unit.
     """
-    found = parse_unit(text)
-    if not found.fits(declared) and text.strip() in _SECOND_MEANING:
+    logged = parse_unit(text)
+    if not logged.fits(declared) and text.strip() in _SECOND_MEANING:
         other = parse_unit(_SECOND_MEANING[text.strip()])
-        return replace(other, text=text.strip()) if other.fits(declared) else found
-    return found
+        return replace(other, text=text.strip()) if other.fits(declared) else logged
+    return logged
 
 
 @lru_cache(1024)
@@ -282,8 +282,8 @@ def _spelled(name: str) -> Unit:
 
 def _root(quantity: Any) -> tuple[Fraction, dict[str, Any]]:
     """Return a quantity in base units: its number, and base unit → exponent; an angle's base unit is the radian."""
-    found = quantity.to_root_units()
-    return Fraction(found.magnitude), dict(found.unit_items())
+    root = quantity.to_root_units()
+    return Fraction(root.magnitude), dict(root.unit_items())
 
 
 @cache

@@ -98,13 +98,13 @@ def load(
         TraceError: see :func:`read`; also if the file has several episodes.
         UsageError: see :func:`read`.
     """
-    found = load_episodes(path, columns, wanted, time_unit=time_unit, gather=gather, joining=joining)
-    if len(found) > 1:
+    episodes = load_episodes(path, columns, wanted, time_unit=time_unit, gather=gather, joining=joining)
+    if len(episodes) > 1:
         raise TraceError(
-            f"{path}: the file has {len(found)} episodes, numbered by {split.EPISODE!r}, and a trace is one; "
+            f"{path}: the file has {len(episodes)} episodes, numbered by {split.EPISODE!r}, and a trace is one; "
             f"save each in its own file, or evaluate all by `s2r monitor`"
         )
-    return replace(found[0], trace=found[0].trace.known())
+    return replace(episodes[0], trace=episodes[0].trace.known())
 
 
 def load_episodes(

@@ -99,15 +99,15 @@ def _of_rows(
     if (steps > 0).all():
         return Trace(seconds, read.samples, read.units, table.meta), Account(seconds.size, seconds.size), ()
     topic = Topic("", seconds, {name: Column(one) for name, one in read.samples.items()})
-    found = ordered(topic, sortable=False, place=lambda sample: table.place(sample, number))
-    times = found.topic.stamps
-    samples = {name: column.values for name, column in found.topic.columns.items()}
+    sorted_rows = ordered(topic, sortable=False, place=lambda sample: table.place(sample, number))
+    times = sorted_rows.topic.stamps
+    samples = {name: column.values for name, column in sorted_rows.topic.columns.items()}
     if (np.diff(times) > 0).all():
         trace = Trace(times, samples, read.units, table.meta)
     else:
         messages = {name: Messages.of(times, one) for name, one in samples.items()}
         trace = Trace.of_messages(messages, read.units, table.meta)
-    return trace, Account(seconds.size, times.size, found.merged), found.notes
+    return trace, Account(seconds.size, times.size, sorted_rows.merged), sorted_rows.notes
 
 
 def _stated(trace: Trace, longest: Mapping[str, float]) -> Trace:
@@ -142,7 +142,7 @@ def left_out(table: Table, plan: Plan, request: Request, faults: Mapping[str, st
 def _of_topics(table: Table, plan: Plan, request: Request, longest: Mapping[str, float]) -> Loaded:
     """Return the trace of columns with stamps of their own."""
     clock = _Clock.of(table)
-    found: dict[str, Messages] = {}
+    messages: dict[str, Messages] = {}
     units: dict[str, str] = {}
     accounts: dict[str, Account] = {}
     faults: dict[str, str] = {}
@@ -150,19 +150,19 @@ def _of_topics(table: Table, plan: Plan, request: Request, longest: Mapping[str,
     for channel in plan.channels:
         try:
             valid = longest.get(channel.name, math.nan)
-            found[channel.name], unit = _messages(table, channel, clock, valid, notes)
+            messages[channel.name], unit = _messages(table, channel, clock, valid, notes)
         except TraceError as error:
             faults[channel.name] = str(error)
             continue
         if unit is not None:
             units[channel.name] = unit
-        accounts[channel.name] = _account(table, channel, len(found[channel.name]))
+        accounts[channel.name] = _account(table, channel, len(messages[channel.name]))
     lacking = left_out(table, plan, request, faults)
-    if not found:
+    if not messages:
         stamps = clock.seconds(next(one.stamps for one in table.columns.values() if one.stamps is not None))
         trace = Trace(np.unique(stamps), {}, {}, table.meta)
     else:
-        trace = Trace.of_messages(found, units, table.meta).common()
+        trace = Trace.of_messages(messages, units, table.meta).common()
         if table.clock is not None:
             trace = at_clock(trace, clock.seconds(table.clock))
     return Loaded(trace, tuple(notes), clock.begins, lacking, accounts, clock.typed)

@@ -190,8 +190,8 @@ class _Names:
         if any(key != text for key, text in parts.items()):
             return self._by_parts(name, width, parts)
         text = columns.get(name, name)
-        if (found := self._found(name, text, width) or self._stated(name, text, width)) is not None:
-            return found
+        if (channel := self._found(name, text, width) or self._stated(name, text, width)) is not None:
+            return channel
         hint = ""
         if width is None and any((text, separator) in self.numbered for separator in _SEPARATORS):
             hint = f"; {name!r} is one number: map it to a component, such as --map {name}={text}[0]"
@@ -211,9 +211,9 @@ class _Names:
         """Return the columns with this name, else the one column (or all components) with it and a unit in brackets."""
         if exact := self.by_name.get(text, []):
             return exact
-        found = [number for number in self.by_stem.get(text, []) if number not in self.taken]
-        indexed = all(self.heads[number].index is not None for number in found)
-        return found if len(found) == 1 or indexed else []
+        numbers = [number for number in self.by_stem.get(text, []) if number not in self.taken]
+        indexed = all(self.heads[number].index is not None for number in numbers)
+        return numbers if len(numbers) == 1 or indexed else []
 
     def _part(self, number: int, component: int | None = None) -> Part:
         """Return a column, or a component of it, with the unit in brackets in its name."""
@@ -263,10 +263,10 @@ class _Names:
                 raise TraceError(
                     f"--map {key}={text}: {digits!r} is not the number of a component; numbers begin at 0"
                 )
-            found = self._found(key, text, None) or self._stated(key, text, None)
-            if found is None or len(found.parts) != 1:
+            component = self._found(key, text, None) or self._stated(key, text, None)
+            if component is None or len(component.parts) != 1:
                 raise self._missing(text, key)
-            parts[int(digits)] = found.parts[0]
+            parts[int(digits)] = component.parts[0]
         if width is None:
             raise TraceError(
                 f"{name!r} is one number per sample, but --map gives it components: leave out the [ ]"
@@ -331,8 +331,8 @@ class _Names:
         if split is None or split[1].isdigit():
             return None
         column, unit = split
-        found = self._found(name, column, width) or self._stated(name, column, width)
-        if found is None:
+        channel = self._found(name, column, width) or self._stated(name, column, width)
+        if channel is None:
             return None
         if not is_unit(unit):
             written = next((head.unit for head in self.heads if f"{head.text} [{head.unit}]" == text), None)
@@ -340,13 +340,13 @@ class _Names:
                 raise TraceError(
                     f"{quoted(unit)} is not a unit: write --map '{name}={column}', or a unit such as [m/s]"
                 )
-            return found
-        files = {part.unit or self.heads[part.number].unit for part in found.parts}
+            return channel
+        files = {part.unit or self.heads[part.number].unit for part in channel.parts}
         for written in sorted(one for one in files if one is not None and not _alike(one, unit)):
             self.notes.append(
                 f"{name!r} is read in {unit}, as --map states; the file writes the unit {quoted(written)}"
             )
-        return replace(found, parts=tuple(replace(part, unit=unit) for part in found.parts))
+        return replace(channel, parts=tuple(replace(part, unit=unit) for part in channel.parts))
 
     def _group(self, text: str, width: int) -> tuple[Part, ...] | None:
         """Return the numbered columns of a vector; None if there are none.

@@ -125,8 +125,8 @@ def summary(path: Path, columns: Mapping[str, str] | None = None, time_unit: str
     except NoTimesError as error:
         if not error.candidates or TIME in columns:
             raise NoTimesError(f"{path}: {error}", error.likely) from None
-        found = summary(path, {**columns, TIME: error.likely}, time_unit)
-        return LogSummary(found.topics, (str(error), _taken(error), *found.notes))
+        likely = summary(path, {**columns, TIME: error.likely}, time_unit)
+        return LogSummary(likely.topics, (str(error), _taken(error), *likely.notes))
     except TraceError as error:
         raise TraceError(f"{path}: {error}") from None
     return LogSummary(

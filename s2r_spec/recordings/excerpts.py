@@ -86,7 +86,7 @@ def read_longest(texts: Iterable[str]) -> dict[str, float]:
     Raises:
         UsageError: a text is not of this form, or a signal has two times.
     """
-    found: dict[str, float] = {}
+    longest: dict[str, float] = {}
     for text in texts:
         name, _, value = (part.strip() for part in text.partition("="))
         try:
@@ -95,9 +95,9 @@ def read_longest(texts: Iterable[str]) -> dict[str, float]:
             seconds = math.nan
         if not name or not 0.0 < seconds < math.inf:
             raise UsageError(f"longest={text!r} is not a signal and seconds, such as --longest hit=2")
-        if found.setdefault(name, seconds) != seconds:
-            raise UsageError(f"longest gives {name} twice, {found[name]:g} s and {seconds:g} s; give one")
-    return found
+        if longest.setdefault(name, seconds) != seconds:
+            raise UsageError(f"longest gives {name} twice, {longest[name]:g} s and {seconds:g} s; give one")
+    return longest
 
 
 @dataclass(frozen=True)
@@ -213,7 +213,7 @@ def excerpt(
         SpecError: the condition is not valid.
         UsageError: the length of an episode is not known.
     """
-    found = logs.load_episodes(
+    loads = logs.load_episodes(
         path,
         {**{source.column: source.column for source in excerpts.sources.values()}, **excerpts.columns},
         _read(wanted, excerpts),
@@ -222,17 +222,17 @@ def excerpt(
         joining=excerpts.held(),
         longest=excerpts.longest,
     )
-    spans: list[tuple[Loaded, Stretch | None]] = [(loaded, None) for loaded in found]
+    spans: list[tuple[Loaded, Stretch | None]] = [(loaded, None) for loaded in loads]
     sentences: list[str] = []
     if excerpts.cuts:
-        spans, sentences = _cut_file(path, found, signals, excerpts, horizon)
-    kept = _kept(path, found[0].trace, wanted, excerpts)
+        spans, sentences = _cut_file(path, loads, signals, excerpts, horizon)
+    kept = _kept(path, loads[0].trace, wanted, excerpts)
     several = excerpts.cuts or len(spans) > 1
     episodes = tuple(
         _episode(f"{path}#{number}" if several else str(path), loaded.trace, span, kept, excerpts)
         for number, (loaded, span) in enumerate(spans, 1)
     )
-    notes = dict.fromkeys(note for loaded in found for note in loaded.notes)
+    notes = dict.fromkeys(note for loaded in loads for note in loaded.notes)
     measured = {name: signals[name] for name in kept if name in signals}
     refuse_unit_in_name(measured, episodes[0].trace.units, excerpts.columns)
     assumed = no_units(measured, episodes[0].trace.units, excerpts.columns)
@@ -245,25 +245,25 @@ def excerpt(
     return Excerpt(
         episodes,
         (*notes, *assumed, *sentences),
-        found[0].begins,
+        loads[0].begins,
         tuple(sentences),
-        found[0].left_out,
+        loads[0].left_out,
         tuple(silences),
-        found[0].accounts,
-        all(loaded.stated for loaded in found),
+        loads[0].accounts,
+        all(loaded.stated for loaded in loads),
     )
 
 
 def _cut_file(
     path: Path,
-    found: Sequence[Loaded],
+    loads: Sequence[Loaded],
     signals: Mapping[str, Signal],
     excerpts: Excerpts,
     horizon: float,
 ) -> tuple[list[tuple[Loaded, Stretch | None]], list[str]]:
     """Return the stretches of a file that are episodes, at least one, and how they were cut."""
     try:
-        spans, sentences = _stretches(found, signals, excerpts, horizon)
+        spans, sentences = _stretches(loads, signals, excerpts, horizon)
     except TraceError as error:
         raise TraceError(f"{path}: {error}") from None
     if not spans:
@@ -408,7 +408,7 @@ def _read(wanted: Mapping[str, int | None] | None, excerpts: Excerpts) -> dict[s
 
 
 def _stretches(
-    found: Sequence[Loaded], signals: Mapping[str, Signal], excerpts: Excerpts, horizon: float
+    loads: Sequence[Loaded], signals: Mapping[str, Signal], excerpts: Excerpts, horizon: float
 ) -> tuple[list[tuple[Loaded, Stretch | None]], list[str]]:
     """Return the episodes of traces, and sentences on how they were cut.
 
@@ -420,7 +420,7 @@ def _stretches(
         raise UsageError("the length of an episode is not known; state it, such as --duration 2")
     stretches: list[tuple[Loaded, Stretch | None]] = []
     sentences: list[str] = []
-    for loaded in found:
+    for loaded in loads:
         episodes, notes = _cut(loaded.trace, signals, excerpts, duration)
         stretches += [(loaded, episode) for episode in episodes]
         sentences += notes
@@ -432,8 +432,8 @@ def _cut(
 ) -> tuple[list[Stretch], list[str]]:
     """Return the episodes of a log, and sentences on how they were cut."""
     if trace.origin is not None:  # an episode begins with the message that makes the condition true
-        found, sentences = _cut(trace.origin, signals, excerpts, duration)
-        return [_sampled(trace, one) for one in found], sentences
+        ranges, sentences = _cut(trace.origin, signals, excerpts, duration)
+        return [_sampled(trace, one) for one in ranges], sentences
     start = excerpts.start or 0.0
     if excerpts.when is None:
         one = _one(trace, start, duration)
@@ -465,16 +465,16 @@ def _sampled(trace: Trace, stretch: Stretch) -> Stretch:
 def _truth(condition: Spec, trace: Trace, begin: float) -> tuple[FloatArray, BoolArray]:
     """Return (n,) times and whether a condition is true; before the first value of a channel it is not."""
     if trace.messages:
-        found = condition.evaluate(trace, _CONDITION)
-        early = [begin] if begin < found.times[0] else []
-        times = np.concatenate((early, found.times))
-        return times, np.concatenate((np.zeros(len(early), bool), found.truth & found.complete))
+        evaluation = condition.evaluate(trace, _CONDITION)
+        early = [begin] if begin < evaluation.times[0] else []
+        times = np.concatenate((early, evaluation.times))
+        return times, np.concatenate((np.zeros(len(early), bool), evaluation.truth & evaluation.complete))
     truth = np.zeros(len(trace), dtype=bool)
     first = _known(trace)
     if first < len(trace):
         rest = part(trace, Stretch(float(trace.times[first]), math.inf, slice(first, None), failed=True))
-        found = condition.evaluate(rest, _CONDITION)
-        truth[first:] = found.truth & found.complete
+        evaluation = condition.evaluate(rest, _CONDITION)
+        truth[first:] = evaluation.truth & evaluation.complete
     return trace.times, truth
 
 

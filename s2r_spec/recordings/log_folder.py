@@ -115,11 +115,11 @@ def read(options: LogOptions) -> Folder:
     sentences: list[str] = []
     origins: list[_Row] = []
     for path, row in tests:
-        found = excerpt(path, {}, None, math.inf, wanted)
-        made = _entries(found, row, units)
+        extract = excerpt(path, {}, None, math.inf, wanted)
+        made = _entries(extract, row, units)
         entries += made
         origins += [row] * len(made)
-        sentences += [f"{path.name}: {note}" for note in found.cut]
+        sentences += [f"{path.name}: {note}" for note in extract.cut]
     if listed:
         _refuse_empty(root / TABLE, table, list(zip(origins, entries, strict=True)))
     if listed and not wanted.cuts:
@@ -134,22 +134,24 @@ def read(options: LogOptions) -> Folder:
     )
 
 
-def _entries(found: Excerpt, row: _Row, units: dict[str, str]) -> list[Entry]:
+def _entries(extract: Excerpt, row: _Row, units: dict[str, str]) -> list[Entry]:
     """Return the recordings of a log; add the units of its parameters.
 
     Raises:
         LogError: a parameter has several units, or the table names another protocol than the trace.
     """
     entries = []
-    for episode in found.episodes:
+    for episode in extract.episodes:
         for name, (_, unit) in episode.values.items():
             if units.setdefault(name, unit) != unit:
                 raise LogError(
                     f"{episode.name}: the parameter {name} is in {unit!r}, and before in {units[name]!r}"
                 )
         values = {**row.params, **{name: value for name, (value, _) in episode.values.items()}}
-        notes = (*found.notes, *found.silences)
-        loaded = Loaded(episode.trace, notes, found.dated, found.left_out, found.accounts, found.stated)
+        notes = (*extract.notes, *extract.silences)
+        loaded = Loaded(
+            episode.trace, notes, extract.dated, extract.left_out, extract.accounts, extract.stated
+        )
         entries.append(Entry(episode.name, values, loaded, _protocol(episode, row)))
     return entries
 
@@ -380,11 +382,11 @@ def _files(root: Path, rows: Sequence[_Row], paths: Sequence[Path]) -> dict[str,
     for path in paths:
         by_id.setdefault(path.name if path.is_dir() else path.stem, []).append(path)
     for row in rows:
-        found = by_id.get(row.id, [])
-        if len(found) != 1:
+        matches = by_id.get(row.id, [])
+        if len(matches) != 1:
             endings = ", ".join(f"{row.id}{ending}" for ending in logs.READABLE)
-            fault = f"has no file; there must be one of {endings}" if not found else (
-                f"has several files: {one_of(path.name for path in found)}; keep one"
+            fault = f"has no file; there must be one of {endings}" if not matches else (
+                f"has several files: {one_of(path.name for path in matches)}; keep one"
             )  # fmt: skip
             raise LogError(f"{root / TABLE}, line {row.line}: the id {row.id!r} {fault}")
     for name in by_id.keys() - {row.id for row in rows}:

@@ -46,7 +46,7 @@ def read_episodes(
     values = spec.read_params(stated)
     wanted = {signal.name: signal.dim if signal.vector else None for signal in spec.signals.values()}
     reading = Excerpts(columns or {}, None, joining, when, None, duration, sources)
-    found = excerpt(Path(path), spec.signals, wanted, spec.horizon(), reading)
-    for note in (*found.notes, *found.silences):
+    extract = excerpt(Path(path), spec.signals, wanted, spec.horizon(), reading)
+    for note in (*extract.notes, *extract.silences):
         warnings.warn(f"{path}: {note}", TraceNote, stacklevel=2)
-    return [({**values, **spec.read_params(one.texts())}, one.trace) for one in found.episodes]
+    return [({**values, **spec.read_params(one.texts())}, one.trace) for one in extract.episodes]

@@ -62,39 +62,39 @@ class LogBackend:
         if not folder:
             raise UsageError("the log backend needs a folder: --backend log:FOLDER")
         options = LogOptions.parse("log", folder)
-        found = read(options)
+        recorded = read(options)
         self.name = f"log:{folder}"
-        tests = [entry for entry in found.entries if not entry.protocol]
+        tests = [entry for entry in recorded.entries if not entry.protocol]
         self.lacking = _lacking([(entry.source, entry.loaded) for entry in tests])
         self.recordings = tuple(
             Recording(
                 entry.source, entry.params, options.fill_gaps(_own(entry, self.lacking)), entry.protocol
             )
-            for entry in found.entries
+            for entry in recorded.entries
         )
         self._tests = tests_of(self.recordings)
         self.accounts = {
             entry.source.partition("#")[0]: dict(entry.loaded.accounts)
-            for entry in found.entries
+            for entry in recorded.entries
             if entry.loaded.accounts
         }
-        self.unstated = frozenset(entry.source for entry in found.entries if not entry.loaded.stated)
+        self.unstated = frozenset(entry.source for entry in recorded.entries if not entry.loaded.stated)
         used = self._tests or self.recordings
-        for note in _notes(found.entries, self.lacking):
+        for note in _notes(recorded.entries, self.lacking):
             warnings.warn(note, TraceNote, stacklevel=2)
         _refuse_copies(self.recordings)
         self.channels = _channels(used)
-        self.assumptions = found.assumptions
+        self.assumptions = recorded.assumptions
         self.parameters = tuple(
             Parameter(name, unit, min(values), max(values), values[0], "as recorded")
-            for name, unit in found.units.items()
+            for name, unit in recorded.units.items()
             for values in [[r.params[name] for r in self._tests if name in r.params]]
             if values
         )
         # The last value of messages is valid up to the end of the recording.
         self.duration = max(recording.trace.ends - recording.trace.begin for recording in used)
         content = hashlib.sha256(f"reading {self.reading}\0{options.text}".encode())
-        for path in found.files:
+        for path in recorded.files:
             content.update(f"{path.name}\0{path.stat().st_size}\0".encode())
             with path.open("rb") as stream:
                 while block := stream.read(_BLOCK):

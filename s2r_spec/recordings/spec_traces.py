@@ -90,29 +90,29 @@ def read_spec_traces(request: Request, path: Path) -> list[SpecTrace]:
         known = one_of(request.spec.signals)
         raise UsageError(f"--longest names {unknown[0]!r}, which is no signal; the signals are {known}")
     horizon = max(request.spec.horizon(name) for name in request.requirements)
-    found = excerpt(path, request.spec.signals, request.wanted, horizon, request.excerpts)
-    notes = _notes(request, found)
+    extract = excerpt(path, request.spec.signals, request.wanted, horizon, request.excerpts)
+    notes = _notes(request, extract)
     for sentence in notes:
         warnings.warn(f"{path}: {sentence}", TraceNote, stacklevel=2)
-    accounts = {name: one for name, one in found.accounts.items() if name in request.wanted}
+    accounts = {name: one for name, one in extract.accounts.items() if name in request.wanted}
     traces = []
-    for episode in found.episodes:
+    for episode in extract.episodes:
         with named(path):
             values = request.spec.read_params(episode.texts())
             params, taken = params_of(request, episode.trace.meta, episode.name, values)
-        traces.append(SpecTrace(episode.name, episode.trace, params, taken, notes, accounts, found.stated))
+        traces.append(SpecTrace(episode.name, episode.trace, params, taken, notes, accounts, extract.stated))
     return traces
 
 
-def _notes(request: Request, found: Excerpt) -> tuple[str, ...]:
-    notes = list(found.notes)
-    for name, (_, unit) in found.episodes[0].values.items():
+def _notes(request: Request, extract: Excerpt) -> tuple[str, ...]:
+    notes = list(extract.notes)
+    for name, (_, unit) in extract.episodes[0].values.items():
         if name in request.spec.params and not unit:
             source = request.excerpts.sources[name]
             remedy = f"--param '{name}={source.column} [UNIT]@{source.at:g}'"
             notes += filter(None, [assumed(source.column, request.spec.params[name].unit, remedy)])
-    if found.dated:
-        notes.append(f"times count from the first sample, at {found.dated}")
+    if extract.dated:
+        notes.append(f"times count from the first sample, at {extract.dated}")
     return tuple(notes)
 
 
@@ -135,16 +135,16 @@ def params_of(
     recorded = meta.get("params", {})
     if not isinstance(recorded, Mapping):
         raise TraceError('its meta "params" must map names of parameters to numbers')
-    found = {name: _number(name, recorded[name]) for name in request.spec.params if name in recorded}
-    found |= values or {}
+    values_read = {name: _number(name, recorded[name]) for name in request.spec.params if name in recorded}
+    values_read |= values or {}
     for name, value in request.params.items():
-        if name in found and not math.isclose(value, found[name], rel_tol=1e-9, abs_tol=1e-12):
+        if name in values_read and not math.isclose(value, values_read[name], rel_tol=1e-9, abs_tol=1e-12):
             warnings.warn(
-                f"{source} was recorded with {name} = {found[name]:g}; it is evaluated with {value:g}, as given",
+                f"{source} was recorded with {name} = {values_read[name]:g}; it is evaluated with {value:g}, as given",
                 TraceNote,
                 stacklevel=3,
             )
-    return found | request.params, frozenset(found) - frozenset(request.params)
+    return values_read | request.params, frozenset(values_read) - frozenset(request.params)
 
 
 def _number(name: str, value: Any) -> float:

@@ -49,8 +49,8 @@ class _Start:
                 return self._split(node, self.value) or self._first(node)
 
     def _first(self, node: f.Formula) -> Pair:
-        found = curves_of(node, self.walk)
-        return float(found.lower.at[0]), float(found.upper.at[0])
+        curves = curves_of(node, self.walk)
+        return float(curves.lower.at[0]), float(curves.upper.at[0])
 
     def _split(self, node: f.Formula, of: Callable[[f.Formula], Pair]) -> Pair | None:
         """Return the bounds of a formula from those of its parts at the same instant; None if it has no such parts."""
@@ -96,11 +96,11 @@ class _Start:
                 )
                 return self.extreme(node.operand, total, least)
             case _:
-                found = curves_of(node, self.walk)
+                curves = curves_of(node, self.walk)
                 sign = 1.0 if least else -1.0
                 low, high = (
                     sign * infimum_over(x if least else -x, interval, self.snap)
-                    for x in (found.lower, found.upper)
+                    for x in (curves.lower, curves.upper)
                 )
                 return low, high
 

@@ -111,18 +111,18 @@ class _Descent:
     def _until(self, node: f.Until, t: int, factor: float) -> Step | None:
         # release is the dual of until, so the search runs on −ρ
         sign = -1.0 if node.operator == "release" else 1.0
-        found = best_witness(node, t, self.walk, self.clock, sign)
+        witness = best_witness(node, t, self.walk, self.clock, sign)
         if node.operator == "unless":
             stays = self._extreme(node.left, self._window(up_to(node.interval), t, False), factor, least=True)
-            if stays and (found is None or self.rho(node.left, stays.sample) >= found.rho):
+            if stays and (witness is None or self.rho(node.left, stays.sample) >= witness.rho):
                 return stays
-        if found is None:
+        if witness is None:
             return None
         left, right = sign * self.walk(node.left), sign * self.walk(node.right)
-        before = found.before
-        if before.size and left[before].min() < right[found.witness]:
+        before = witness.before
+        if before.size and left[before].min() < right[witness.witness]:
             return Step(node.left, int(before[np.argmin(left[before])]), factor)
-        return Step(node.right, found.witness, factor)
+        return Step(node.right, witness.witness, factor)
 
 
 @dataclass(frozen=True, eq=False)

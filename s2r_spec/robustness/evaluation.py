@@ -171,8 +171,8 @@ class Reading:
         if not self.silences:
             return None
         samples = Samples(self.clock, self.signals, self.params, self.until)
-        found = bounded_samples(samples, self.silences, self.period or 0.0)(formula)
-        return float(found.lower[0]), float(found.upper[0])
+        bounds = bounded_samples(samples, self.silences, self.period or 0.0)(formula)
+        return float(bounds.lower[0]), float(bounds.upper[0])
 
     def refuse_short(self, formula: f.Formula) -> None:
         """Refuse windows shorter than the median period if conditions are evaluated only at the samples.
@@ -212,17 +212,17 @@ class Reading:
         """Return a sentence for each end of a window that lies between two samples of the grid."""
         if self.grid is None:
             return ()
-        found: dict[str, None] = {}
+        sentences: dict[str, None] = {}
         for node in f.walk(formula):
             if isinstance(node, f.Temporal | f.Until):
                 for end in (node.interval.low, node.interval.high):
                     if self.grid.between(end):
                         span = node.interval.span
-                        found[
+                        sentences[
                             f"{end:g} s in `{' '.join(span.text.split())}` ({span.place}) lies between two samples: "
                             f"the window has the samples inside it, {self.grid.step:.6g} s apart"
                         ] = None
-        return tuple(found)
+        return tuple(sentences)
 
     def held(self, formula: f.Formula) -> Reading:
         """Return a reading extended by the formula's horizon; each signal holds its last sample.

@@ -267,7 +267,7 @@ def _observed(node: f.Value, algebra: SampledAlgebra, sample: int) -> Observed:
 
 def _signals(predicate: f.Comparison, algebra: SampledAlgebra, sample: int) -> tuple[Observed, ...]:
     """Return the signals and parameters in a predicate, each once, vectors by component."""
-    found: dict[str, Observed] = {}
+    observed: dict[str, Observed] = {}
     for node in f.walk(predicate):
         if not isinstance(node, f.SignalValue | f.ParamValue):
             continue
@@ -280,8 +280,8 @@ def _signals(predicate: f.Comparison, algebra: SampledAlgebra, sample: int) -> t
                 else f"{node.name}[{k if index is None else index}]"
             )
             value = float(component[min(sample, component.size - 1)])
-            found.setdefault(name, Observed(name, value, _unit(node)))
-    return tuple(found.values())
+            observed.setdefault(name, Observed(name, value, _unit(node)))
+    return tuple(observed.values())
 
 
 def _stretch(times: FloatArray, start: float, end: float) -> str:

@@ -197,8 +197,8 @@ class HeldExplainer:
             (curve.times[first // 2], curve.times[np.minimum(stop // 2, curve.times.size - 1)]), axis=1
         )
         both = [np.clip(own[(own[:, 1] >= begin) & (own[:, 0] <= end)], begin, end) for begin, end in runs]
-        found = np.concatenate(both)
-        return found if len(found) else runs
+        agreeing = np.concatenate(both)
+        return agreeing if len(agreeing) else runs
 
     def _extreme(
         self, node: f.Formula, step: _Step, interval: f.Interval, past: bool, least: bool

@@ -381,15 +381,15 @@ class _OwnNumbers(Numbers):
         numbers = _OwnNumbers(samples, self._courses)
         match node:
             case f.Count():
-                found = history.count(numbers.holds(node.operand), own, node.seconds, self.clock.snap)
+                past = history.count(numbers.holds(node.operand), own, node.seconds, self.clock.snap)
             case f.Delayed():
-                found = history.delayed(numbers._along(node.operand), own, node.seconds, self.clock.snap)
+                past = history.delayed(numbers._along(node.operand), own, node.seconds, self.clock.snap)
             case f.Derivative():
-                found = history.derivative(numbers._along(node.operand), own)
+                past = history.derivative(numbers._along(node.operand), own)
             case _:
                 raise AssertionError(node)
         index = np.searchsorted(own, times, side="right") - 1
-        return np.where(index < 0, 0.0 if isinstance(node, f.Count) else found[..., :1], found[..., index])
+        return np.where(index < 0, 0.0 if isinstance(node, f.Count) else past[..., :1], past[..., index])
 
     def _own_stamps(self, node: f.Value) -> FloatArray:
         """Return (n,) the stamps of the one topic that an operand reads, from the last one before the start on.

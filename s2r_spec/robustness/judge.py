@@ -207,14 +207,14 @@ class Judge:
             tuple(self._notes(silent, start, end, unevaluated)),
         )
 
-    def explain(self, formula: f.Formula, found: Judgement, requirement: str, unit: str) -> Explanation:
+    def explain(self, formula: f.Formula, judgement: Judgement, requirement: str, unit: str) -> Explanation:
         """Return the explanation of a verdict on a formula whose time bounds are numbers."""
-        silent = any(stream.silences(found.start, found.end) for stream in self.streams.values())
+        silent = any(stream.silences(judgement.start, judgement.end) for stream in self.streams.values())
         worse = not (
-            silent and found.satisfied is False
+            silent and judgement.satisfied is False
         )  # beside a silence, only the upper bound is sure to be < 0
-        walk = self.walk(found.start, found.end)
-        return HeldExplainer(walk, found.start, worse).explain(formula, requirement, unit)
+        walk = self.walk(judgement.start, judgement.end)
+        return HeldExplainer(walk, judgement.start, worse).explain(formula, requirement, unit)
 
     def evaluate(self, formula: f.Formula, requirement: str, unit: str, end: End) -> Evaluation:
         """Return ρ along the window, its lower bound where there are two; for ``end`` see :meth:`Spec.evaluate`."""

@@ -41,13 +41,13 @@ def windows(formula: f.Formula) -> Iterator[Window]:
         match node:
             case f.Temporal() | f.Until():
                 past = node.operator in ("historically", "once", "since")
-                found = Window(node.interval, past, node.interval.span)
+                window = Window(node.interval, past, node.interval.span)
             case f.Count() | f.Accumulated() | f.Delayed():
-                found = Window(f.Interval(0.0, node.seconds, True, True, node.span), True, node.span)
+                window = Window(f.Interval(0.0, node.seconds, True, True, node.span), True, node.span)
             case _:
                 continue
-        if 0.0 < found.length < math.inf:
-            yield found
+        if 0.0 < window.length < math.inf:
+            yield window
 
 
 def narrowest(formula: f.Formula) -> Window | None:

@@ -106,8 +106,8 @@ def _rows(signal: Signal, channel: FloatArray) -> FloatArray:
     width = channel.shape[1] if channel.ndim == 2 else 1
     if width != signal.dim or (channel.ndim == 2) != signal.vector:
         declared = f"a vector of {signal.dim}" if signal.vector else "one number"
-        found = f"a vector of {width}" if channel.ndim == 2 else "one number"
-        raise TraceError(f"channel {signal.name!r} has {found} per sample, but the spec declares {declared}")
+        shape = f"a vector of {width}" if channel.ndim == 2 else "one number"
+        raise TraceError(f"channel {signal.name!r} has {shape} per sample, but the spec declares {declared}")
     if signal.boolean and not np.isin(channel[~np.isnan(channel)], (0, 1)).all():
         raise TraceError(f"channel {signal.name!r} is declared bool, but its samples are not all 0 or 1")
     return channel.T if channel.ndim == 2 else channel[np.newaxis, :]
@@ -140,21 +140,21 @@ def conversion(signal: Signal, unit: str | None) -> Conversion:
         return Conversion()
     remedy = f"--map '{signal.name}=COLUMN [{signal.unit or '-'}]' states the unit of its column in a log"
     try:
-        found = unit_in_log(unit, signal.measure)
+        logged = unit_in_log(unit, signal.measure)
     except UnknownUnitError:
         raise TraceError(f"channel {signal.name!r} is in {unit!r}, which is not a unit; {remedy}") from None
-    if not found.fits(signal.measure):
-        why = found.two_readings(signal.measure) or remedy
+    if not logged.fits(signal.measure):
+        why = logged.two_readings(signal.measure) or remedy
         raise TraceError(
-            f"channel {signal.name!r} is in {found.text or repr(unit)}, which does not convert to {signal.measure}, "
+            f"channel {signal.name!r} is in {logged.text or repr(unit)}, which does not convert to {signal.measure}, "
             f"the unit in the spec. {why[0].upper()}{why[1:]}"
         )
-    if not signal.unit and not found.to(signal.measure).same:
+    if not signal.unit and not logged.to(signal.measure).same:
         raise TraceError(
-            f"channel {signal.name!r} is in {found.text or repr(unit)}, and the spec declares no unit: write "
-            f"`signal {signal.name} {{{found.text or unit}}}` there. {remedy}"
+            f"channel {signal.name!r} is in {logged.text or repr(unit)}, and the spec declares no unit: write "
+            f"`signal {signal.name} {{{logged.text or unit}}}` there. {remedy}"
         )
-    return found.to(signal.measure)
+    return logged.to(signal.measure)
 
 
 def read_params(

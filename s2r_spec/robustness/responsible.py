@@ -111,9 +111,9 @@ class _Causes:
     def _one(self, node: f.Until, t: int, sign: float, until_holds: bool) -> tuple[BoolArray, BoolArray]:
         """Return the samples at which an until at sample t depends on its left and on its right side."""
         left, right = np.zeros((2, self.clock.count), dtype=bool)
-        found = best_witness(node, t, self.walk, self.clock, sign)
-        if until_holds and found is not None and (node.operator != "unless" or found.rho > 0):
-            left[found.before], right[found.witness] = True, True
+        witness = best_witness(node, t, self.walk, self.clock, sign)
+        if until_holds and witness is not None and (node.operator != "unless" or witness.rho > 0):
+            left[witness.before], right[witness.witness] = True, True
             return left, right
         past = node.operator == "since"
         first, last = (int(end[t]) for end in self.clock.windows(node.interval, past))

@@ -31,12 +31,12 @@ def shortfall(formula: f.Formula, reading: Reading) -> str:
     algebra = SampledAlgebra(Samples(reading.clock, reading.signals, reading.params, reading.until))
     walk = Walk(algebra, reading.until)
     walk(formula)
-    found = reading.needs(formula), 0
+    longest = reading.needs(formula), 0
     for step in descend(formula, walk, reading.clock):
         reach = reading.needs(step.node)
         if reach > 0 and times[step.sample] + reach > times[-1]:
-            found = reach, step.sample
-    reach, sample = found
+            longest = reach, step.sample
+    reach, sample = longest
     return (
         f"looks {reach:g} s past t = {float(times[sample] - times[0]):.6g} s, "
         f"but the trace ends at {float(times[-1] - times[0]):.6g} s"

@@ -173,17 +173,16 @@ class Spec(Declared):
         """Return ρ of one requirement at the begin of a trace of messages that it reads, at every instant, never 0."""
         judge, formula = self._judge(own, requirement, how)
         judge.refuse_short(formula)
-        found = judge.judge(formula, how.partial)
-        if not (found.complete or how.partial):
+        judgement = judge.judge(formula, how.partial)
+        if not (judgement.complete or how.partial):
             raise TraceError(
                 f"{requirement!r} {judge.shortfall(formula)}; "
                 f"give a longer trace, or set partial=True to cut windows at the end of this one"
             )
-        if found.satisfied is None or (found.lower != found.upper and not found.several):
-            raise UndecidedError(
-                f"{requirement!r} {found.open or 'is not known exactly: a signal was silent, or began after the log'}"
-            )
-        return found.signed
+        if judgement.satisfied is None or (judgement.lower != judgement.upper and not judgement.several):
+            why = judgement.open or "is not known exactly: a signal was silent, or began after the log"
+            raise UndecidedError(f"{requirement!r} {why}")
+        return judgement.signed
 
     def _refuse_other_verdict(self, messages: Trace, requirement: str, rho: float, how: _How) -> None:
         """Refuse ρ at the stamps of one topic where every instant decides otherwise.
@@ -275,10 +274,10 @@ class Spec(Declared):
         judge, formula = self._judge(own, requirement, _How(params, None, until, nan))
         if not sparse:
             judge.refuse_short(formula)
-        found = judge.judge(formula, partial)
-        if found.satisfied is None:
-            return found, None
-        return found, judge.explain(formula, found, requirement, self.unit(requirement))
+        judgement = judge.judge(formula, partial)
+        if judgement.satisfied is None:
+            return judgement, None
+        return judgement, judge.explain(formula, judgement, requirement, self.unit(requirement))
 
     def robustness_signal(
         self,

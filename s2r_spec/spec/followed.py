@@ -133,20 +133,20 @@ def follow(
 def _scales(spec: Spec, requirements: Iterable[str], units: Mapping[str, str]) -> dict[str, Conversion]:
     """Return channel → conversion of a sample of the input to the declared unit."""
     names = {name for requirement in requirements for name in spec.channels(requirement)}
-    found = {name: conversion(spec.signals[name], units.get(name)) for name in names}
-    return {name: scale for name, scale in found.items() if not scale.same}
+    scales = {name: conversion(spec.signals[name], units.get(name)) for name in names}
+    return {name: scale for name, scale in scales.items() if not scale.same}
 
 
 def _converted(sample: Mapping[str, Any], scales: Mapping[str, Conversion]) -> Mapping[str, Any]:
     if not scales:
         return sample
-    found = dict(sample)
+    values = dict(sample)
     for name, scale in scales.items():
-        if name in found:
-            value = found[name]
+        if name in values:
+            value = values[name]
             vector = hasattr(value, "__len__")
-            found[name] = [scale(x) for x in value] if vector else scale(value)
-    return found
+            values[name] = [scale(x) for x in value] if vector else scale(value)
+    return values
 
 
 def _failed(spec: Spec, requirement: str, meta: Mapping[str, Any]) -> RobustInterval | None:

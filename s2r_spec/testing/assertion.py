@@ -45,17 +45,17 @@ def assert_robust(
     if not isinstance(trace, Trace):
         trace = logs.read(_path(trace, "trace"))
     values = {**_recorded(spec, trace), **(params or {})}
-    found: dict[str, float] = {}
+    robustness: dict[str, float] = {}
     failures: list[str] = []
     for name in names:
         one = spec.explain(trace, name, values, nan=nan)
-        found[name] = one.rho
+        robustness[name] = one.rho
         if not one.satisfied or one.rho < at_least:
             wanted = f"\n  but ρ must be at least {at_least:g} {one.unit}".rstrip() if one.satisfied else ""
             failures.append(f"{one}{wanted}")
     if failures:
         raise AssertionError("\n".join(failures))
-    return found
+    return robustness
 
 
 def _path(value: Any, what: str) -> str:

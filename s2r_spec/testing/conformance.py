@@ -275,8 +275,8 @@ def _repeated(subject: _Subject, out: Check) -> None:
     # The default test has run first in this process, so another one shows state of the first. An end that cannot run is
     # told by another check.
     other = next((end for end in ends if end != test and _try(Check(""), "", backend, end) is not None), test)
-    if found := check_here(backend, other, test, SEED):
-        out.violations.append(found)
+    if violation := check_here(backend, other, test, SEED):
+        out.violations.append(violation)
     if not PassedBackend(backend).portable:
         out.remarks.append("no other process can load it, so its rollouts were repeated in this one alone")
 

@@ -276,9 +276,9 @@ def _combined(parts: list[Messages], begin: float) -> tuple[FloatArray, FloatArr
             for one in parts
         ]
         kinds = [part if len(part) else values[here, [k]] for k, part in enumerate(own)]
-        found = [*product(*kinds)]
-        times += [at] * len(found)
-        rows += found
+        combinations = [*product(*kinds)]
+        times += [at] * len(combinations)
+        rows += combinations
     kept = ~np.isin(stamps, [*repeated])
     all_times, all_rows = (
         np.concatenate((stamps[kept], times)),

@@ -403,13 +403,13 @@ class Trace:
         inner = {
             name: [
                 (start, min(end, self.ends))
-                for start, end in found
+                for start, end in silent
                 if start > self.begin and self.ends > start
             ]
-            for name, found in spans.items()
+            for name, silent in spans.items()
         }
         return {
-            name: max(found, key=lambda span: span[1] - span[0]) for name, found in inner.items() if found
+            name: max(silent, key=lambda span: span[1] - span[0]) for name, silent in inner.items() if silent
         }
 
     def sampled_at(self, times: FloatArray, rules: Mapping[str, str] | None = None) -> Trace:

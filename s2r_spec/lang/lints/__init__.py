@@ -36,8 +36,8 @@ def lint(text: str, name: str = "<string>") -> tuple[Finding, ...]:
     document = check_text(text, name)
     source = Source.of(text, name)
     parsed = parse(source, declared_outside(source))
-    found = [finding for rule in LINTS for finding in rule(parsed, document)]
-    return tuple(sorted(found, key=lambda finding: (finding.span.start, finding.code)))
+    findings = [finding for rule in LINTS for finding in rule(parsed, document)]
+    return tuple(sorted(findings, key=lambda finding: (finding.span.start, finding.code)))
 
 
 def fixed(text: str, findings: Iterable[Finding]) -> str:

@@ -53,11 +53,11 @@ def _alternatives(unit: Unit) -> Iterator[Unit]:
         return
     for text in (_TURNED.get(unit.text, ""), *(prefix + unit.text for prefix in _PREFIXES)):
         try:
-            found = parse_unit(text)
+            other = parse_unit(text)
         except UnknownUnitError:
             continue
-        if text and found.fits(unit) and not found.offset:
-            yield found
+        if text and other.fits(unit) and not other.offset:
+            yield other
 
 
 def _with_unit(number: float, unit: str) -> str:

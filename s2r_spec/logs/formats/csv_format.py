@@ -61,10 +61,10 @@ def load(path: Path, choose: Chooser) -> Table:
         text = Text.of(lambda: stream.readline(LONGEST))
         needed = sorted(set(text.chosen(choose)))
         first = text.first_line
-        found = None if first is None else csv_bulk.numbers(path, first - 1, len(text.heads), needed)
-        if first is None or found is None:
+        bulk = None if first is None else csv_bulk.numbers(path, first - 1, len(text.heads), needed)
+        if first is None or bulk is None:
             return _table(text, needed)
-    columns = {number: Column(values) for number, values in found.items()}
+    columns = {number: Column(values) for number, values in bulk.items()}
     return Table(
         text.heads,
         columns,

@@ -131,10 +131,10 @@ def _pandas(frame: Any, time: str | None) -> tuple[tuple[Head, ...], list[Column
 def _of_series(arrow: Any, values: Any) -> Column:
     """Return a column of a pandas frame, or its index."""
     try:
-        found = arrow.array(values, from_pandas=True)
+        array = arrow.array(values, from_pandas=True)
     except (arrow.ArrowException, TypeError, ValueError, OverflowError):
         return Column.without("holds Python objects that are not numbers; convert it by pd.to_numeric")
-    return _column(arrow, found)
+    return _column(arrow, array)
 
 
 def _arrow(frame: Any) -> tuple[tuple[Head, ...], list[Column], dict[str, Any]]:

@@ -85,15 +85,15 @@ def _table(arrow: Any, file: Any, choose: Chooser) -> Table:
 
 def _units(file: Any) -> dict[str, str]:
     """Return column → unit, as the metadata of a field, or the ``attrs`` of a pandas frame, state it."""
-    found: dict[str, str] = {}
+    units: dict[str, str] = {}
     with suppress(ValueError, AttributeError):  # other metadata
         attributes = json.loads((file.metadata.metadata or {}).get(b"pandas", b"{}")).get("attributes") or {}
-        found |= {name: unit for name, unit in attributes.get("units", {}).items() if isinstance(unit, str)}
+        units |= {name: unit for name, unit in attributes.get("units", {}).items() if isinstance(unit, str)}
     for field in file.schema_arrow:
         for key, value in (field.metadata or {}).items():
             if key.lower() in (b"unit", b"units"):
-                found[field.name] = value.decode(errors="replace").strip()
-    return found
+                units[field.name] = value.decode(errors="replace").strip()
+    return units
 
 
 def _leaves(arrow: Any, schema: Any) -> list[tuple[str, tuple[str, ...]]]:

@@ -101,7 +101,7 @@ class ArrayLog:
                 f"no array of the file has times; {_advice(arrays, self._mapped, objects or {})}"
             )
         self._describe_others(objects or {})
-        self.heads = tuple(self._head(topic, found) for topic, found in self._topics.items())
+        self.heads = tuple(self._head(topic, fields) for topic, fields in self._topics.items())
 
     def _found(self) -> dict[str, _Found]:
         """Return topic → its clock and fields. A topic has one clock: the user's, ``t``, or the first."""
@@ -115,19 +115,19 @@ class ArrayLog:
         topics: dict[str, _Found] = {}
         for path, clock in clocks.items():
             topic = _topic(path, clock)
-            found = topics.setdefault(topic, _Found(first[topic]))
+            own = topics.setdefault(topic, _Found(first[topic]))
             name = _below(path, topic)
-            if clock != found.clock:
-                found.other[name] = (
-                    f"has the times {_named(clock)}, and other arrays beside it have {_named(found.clock)}; "
+            if clock != own.clock:
+                own.other[name] = (
+                    f"has the times {_named(clock)}, and other arrays beside it have {_named(own.clock)}; "
                     f"choose by --map {times.TIME}={'+'.join(clock)}"
                 )
             elif path == times.TIME:  # a trace has one t
-                found.other[name] = f"is not the times, which are {_named(clock)}"
+                own.other[name] = f"is not the times, which are {_named(clock)}"
             else:
-                found.fields.append(name)
-                found.rivals = found.rivals or self._rivals(clock)
-        return {topic: found for topic, found in topics.items() if found.fields}
+                own.fields.append(name)
+                own.rivals = own.rivals or self._rivals(clock)
+        return {topic: own for topic, own in topics.items() if own.fields}
 
     def _rank(self, clock: Clock) -> tuple[bool, bool]:
         return clock not in self._mapped, _last(clock[0]) != times.TIME
@@ -153,8 +153,8 @@ class ArrayLog:
         """Return the arrays that may be the times as well as a clock that nobody chose, with the clock."""
         if clock in self._mapped or _last(clock[0]) == times.TIME:
             return ()
-        found = self._words(_folder(clock[0]), self._arrays[clock[0]].shape)
-        return found if len(found) > 1 else ()
+        rivals = self._words(_folder(clock[0]), self._arrays[clock[0]].shape)
+        return rivals if len(rivals) > 1 else ()
 
     def _words(self, folder: str, shape: tuple[int, ...]) -> tuple[str, ...]:
         """Return the arrays of a folder that are called ``t`` or by a word for times, and have a shape; t first."""
@@ -163,9 +163,9 @@ class ArrayLog:
 
     def _describe_others(self, objects: Mapping[str, str]) -> None:
         """Say of each array below a topic that is not one of its fields why."""
-        known = {path for topic, found in self._topics.items() for path in found.clock}
-        known |= {_path(topic, name) for topic, found in self._topics.items() for name in found.fields}
-        known |= {_path(topic, name) for topic, found in self._topics.items() for name in found.other}
+        known = {path for topic, fields in self._topics.items() for path in fields.clock}
+        known |= {_path(topic, name) for topic, fields in self._topics.items() for name in fields.fields}
+        known |= {_path(topic, name) for topic, fields in self._topics.items() for name in fields.other}
         others = {
             path: f"has {_shape(array)} numbers, and no array of times has as many samples"
             for path, array in self._arrays.items()
@@ -176,13 +176,15 @@ class ArrayLog:
             if topic is not None:
                 self._topics[topic].other[_below(path, topic)] = text
 
-    def _head(self, topic: str, found: _Found) -> TopicHead:
+    def _head(self, topic: str, fields: _Found) -> TopicHead:
         units = {
-            name: unit for name in found.fields if (unit := self._arrays[_path(topic, name)].unit) is not None
+            name: unit
+            for name in fields.fields
+            if (unit := self._arrays[_path(topic, name)].unit) is not None
         }
-        count = self._arrays[found.clock[0]].shape[0]
+        count = self._arrays[fields.clock[0]].shape[0]
         return TopicHead(
-            topic, tuple(found.fields), count, units=units, faults=found.other, other=found.other
+            topic, tuple(fields.fields), count, units=units, faults=fields.other, other=fields.other
         )
 
     def read(self, wanted: Mapping[str, Sequence[str]], stamps: Stamps) -> dict[str, Topic]:
@@ -200,15 +202,15 @@ class ArrayLog:
         topics: dict[str, Topic] = {}
         dated: dict[bool, str] = {}
         for topic, names in wanted.items():
-            found = self._stamps(topic)
-            dated.setdefault(found.dtype.kind == "M", topic)
+            own = self._stamps(topic)
+            dated.setdefault(own.dtype.kind == "M", topic)
             if len(dated) == 2:
                 raise TraceError(
                     f"the times of {quoted(dated[True])} are dates and those of {quoted(dated[False])} are not, so "
                     f"they come from different clocks; save both with the same clock"
                 )
             columns = {name: Column(self._arrays[_path(topic, name)].read()) for name in names}
-            topics[topic] = Topic(topic, found, columns)
+            topics[topic] = Topic(topic, own, columns)
         end = self._end(topics)
         return {name: replace(topic, log_end=end) for name, topic in topics.items()}
 
@@ -253,20 +255,22 @@ class ArrayLog:
     def _stamps(self, topic: str) -> NDArray[Any]:
         """Return (n,) dates to the nanosecond, or seconds of a clock without a date."""
         clock = self._topics[topic].clock
-        found = times.read(
+        times_read = times.read(
             [Column(self._arrays[path].read()) for path in clock],
             [self._time(path) for path in clock],
             self._asked.unit,
             lambda sample: f"sample {sample} of {_named(clock)}",
             None,
         )
-        self.notes += found.notes
-        if found.since is None:
-            return found.seconds
+        self.notes += times_read.notes
+        if times_read.since is None:
+            return times_read.seconds
         # Dates of two topics must be comparable, whatever unit each is in.
-        if found.since >= LAST:
-            raise TraceError(f"the times of {_named(clock)} begin at {found.begins}, which is no date")
-        stamps: NDArray[Any] = round(found.since * 10**9) + np.rint(found.seconds * 1e9).astype(np.int64)
+        if times_read.since >= LAST:
+            raise TraceError(f"the times of {_named(clock)} begin at {times_read.begins}, which is no date")
+        stamps: NDArray[Any] = round(times_read.since * 10**9) + np.rint(times_read.seconds * 1e9).astype(
+            np.int64
+        )
         return stamps.view("M8[ns]")
 
 
@@ -289,7 +293,7 @@ def with_units(arrays: Mapping[str, Array], texts: Mapping[str, str]) -> dict[st
         arrays: path → array.
         texts: path → text: ``s.units`` is for all arrays of ``s`` but the times, and ``s.units.gap`` for ``s.gap``.
     """
-    found = dict(arrays)
+    labelled = dict(arrays)
     for path, text in texts.items():
         folder, _, name = path.rpartition(".")
         if name.lower() in _UNITS:
@@ -297,8 +301,8 @@ def with_units(arrays: Mapping[str, Array], texts: Mapping[str, str]) -> dict[st
             chosen = [one for one in beside if not is_word(one)]
         else:
             chosen = [one for one in (_path(folder.rpartition(".")[0], name),) if one in arrays]
-        found |= {one: replace(arrays[one], unit=text.strip() or None) for one in chosen}
-    return found
+        labelled |= {one: replace(arrays[one], unit=text.strip() or None) for one in chosen}
+    return labelled
 
 
 def as_object(kind: str) -> str:
@@ -317,9 +321,9 @@ def _mapped(arrays: Mapping[str, Array], name: str | None) -> tuple[Clock, ...]:
     """
     if name is None:
         return ()
-    found = tuple((path,) for path in arrays if path == name or path.endswith(f".{name}"))
-    if found:
-        return found
+    clocks = tuple((path,) for path in arrays if path == name or path.endswith(f".{name}"))
+    if clocks:
+        return clocks
     heads = [Head(path, None, array.unit) for path, array in arrays.items()]
     numbers = plan_columns(heads, Request({times.TIME: name}, {})).times
     return (tuple(heads[number].name for number in numbers),)

@@ -306,5 +306,5 @@ class _Folder(DirectoryReader):
     def _surplus(self) -> list[str]:
         """Return the files of bags that the folder holds and ``metadata.yaml`` does not list."""
         listed = {name.removesuffix(".zstd") for name in self._listed_files()}
-        found = sorted(one.name for one in Path(str(self.path)).iterdir() if one.suffix in (".db3", ".mcap"))
-        return [name for name in found if name not in listed] if listed else []
+        files = sorted(one.name for one in Path(str(self.path)).iterdir() if one.suffix in (".db3", ".mcap"))
+        return [name for name in files if name not in listed] if listed else []

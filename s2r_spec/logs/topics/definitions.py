@@ -49,13 +49,13 @@ def fitting(kind: str, messages: Iterable[bytes], distribution: str) -> tuple[Ty
 
 def versions(kind: str) -> list[list[str]]:
     """Return the distributions that know a type, newest first, those with the same definition together."""
-    found: dict[Any, list[str]] = {}
+    names: dict[Any, list[str]] = {}
     for store in reversed(Stores):
         if store.value.startswith(_ROS2):
             definitions = get_typestore(store).fielddefs
             if kind in definitions:
-                found.setdefault(_expanded(definitions, kind), []).append(store.value.removeprefix(_ROS2))
-    return list(found.values())
+                names.setdefault(_expanded(definitions, kind), []).append(store.value.removeprefix(_ROS2))
+    return list(names.values())
 
 
 def _expanded(definitions: Any, kind: str) -> tuple[Any, ...]:

@@ -91,13 +91,13 @@ def open_hdf5(path: Path, asked: Asked | None = None) -> ArrayLog:
 def _unit(attributes: Any) -> str | None:
     """Return the unit that the attributes of a dataset state; bytes that are not UTF-8 and lists are no units."""
     values = [attributes[key] for key in attributes if key.lower() in ("unit", "units")]
-    found = [
+    raw = [
         one
         for value in values
         if getattr(value, "shape", ()) is not None
         for one in np.asarray(value).ravel().tolist()
     ]
-    texts = (one.decode("utf-8", "surrogateescape") if isinstance(one, bytes) else str(one) for one in found)
+    texts = (one.decode("utf-8", "surrogateescape") if isinstance(one, bytes) else str(one) for one in raw)
     # a program in C ends a text by a zero byte
     distinct = dict.fromkeys(one.partition("\0")[0].strip() for one in texts)
     return "\n".join(filter(None, distinct)) or None

@@ -95,11 +95,11 @@ def join(topics: dict[str, Topic], joining: Joining, sortable: bool) -> Joined:
         topic = topics.pop(name)  # the messages of many topics fill the memory
         if not len(topic):
             raise TraceError(f"{name or 'the file'} has no messages")
-        found = ordered(topic, sortable)
-        stamps[name], count = found.topic.stamps, len(topic) + sum(topic.dropped.values())
-        accounts[name] = Account(count, len(found.topic), found.merged, topic.dropped, found.resorted)
-        notes += found.notes
-        for field_name, column in found.topic.columns.items():
+        order = ordered(topic, sortable)
+        stamps[name], count = order.topic.stamps, len(topic) + sum(topic.dropped.values())
+        accounts[name] = Account(count, len(order.topic), order.merged, topic.dropped, order.resorted)
+        notes += order.notes
+        for field_name, column in order.topic.columns.items():
             linear = joining.interpolates(topic.name, field_name, column)
             columns[name, field_name] = replace(
                 column, stamps=stamps[name], log_end=topic.log_end, linear=linear

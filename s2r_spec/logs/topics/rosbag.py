@@ -135,14 +135,14 @@ class RosBag:
             _DamagedError: the files are damaged.
         """
         counts = {head.name: head.count for head in self.heads}
-        found = {}
+        collected = {}
         for name, fields in wanted.items():
             readers = [self._reader(name, field) for field in fields]
-            found[name] = Collected(self._codecs[name], fields, readers, stamps == "header", counts[name])
+            collected[name] = Collected(self._codecs[name], fields, readers, stamps == "header", counts[name])
         for topic, received, raw in self._messages(set(wanted)):
-            if found[topic].add(received, raw):
-                affordable(sum(one.numbers for one in found.values()))
-        return found
+            if collected[topic].add(received, raw):
+                affordable(sum(one.numbers for one in collected.values()))
+        return collected
 
     def _heads(self) -> Iterator[TopicHead]:
         """Yield what the bag says of its topics."""

@@ -68,13 +68,13 @@ def joined(
             if not rows.size:
                 raise TraceError(f"a component of {name} has no value in any row")
             topic = Topic(name, stamps.seconds[rows], {name: Column(column[rows])})
-            found = ordered(topic, False, lambda row, rows=rows: place(int(rows[row])))  # type: ignore[misc]
-            samples = found.topic.columns[name].values
+            order = ordered(topic, False, lambda row, rows=rows: place(int(rows[row])))  # type: ignore[misc]
+            samples = order.topic.columns[name].values
             linear = joining.rule == "linear" and name not in joining.held and not whole(samples)
             valid = longest.get(name, math.nan)
-            own.append(Messages.of(found.topic.stamps, samples, longest=valid, linear=linear, log_end=end))
-            merged = max(merged, found.merged)
-            notes += found.notes
+            own.append(Messages.of(order.topic.stamps, samples, longest=valid, linear=linear, log_end=end))
+            merged = max(merged, order.merged)
+            notes += order.notes
         messages[name] = own[0] if len(own) == 1 else together(own)
         count, empty = len(values), len(values) - int(known.any(axis=1).sum())
         dropped = {"empty cell": empty} if empty else {}

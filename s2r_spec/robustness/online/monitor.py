@@ -317,10 +317,10 @@ class RobustnessStream:
         return self._settled()
 
     def _settled(self) -> dict[str, list[tuple[float, float]]]:
-        found = {}
+        values = {}
         for name, term in self._recorder.terms.items():
             first, self._sent[name] = self._sent[name], term.end
-            found[name] = [
+            values[name] = [
                 (self._times.value(k), plain_number(term.value(k))) for k in range(first, term.end)
             ]
-        return found
+        return values

@@ -222,9 +222,9 @@ class Until(Timed):
             self.reach.low == 0 and begin[0] == 0 and end[0] == end[-1]
         ):  # any later instant may be the witness
             return until(left, right, 0, None)[: last - first + 1]
-        found = range_until(left, right, begin, end)[:-1]
-        found = np.where(self.waits(at, side), np.minimum(found, self.left.ahead[side]), found)
-        return found[: last - first + 1]
+        bounds = range_until(left, right, begin, end)[:-1]
+        bounds = np.where(self.waits(at, side), np.minimum(bounds, self.left.ahead[side]), bounds)
+        return bounds[: last - first + 1]
 
     def _pending_since(self, first: int, last: int, side: int) -> FloatArray:
         base = min(int(self._windows(first, last)[0][0]), first)
@@ -234,5 +234,5 @@ class Until(Timed):
         )  # instants before the first one are not needed, so their windows may begin anywhere
         left, right = (operand.bound(base, last, side)[::-1] for operand in (self.left, self.right))
         newest = last - base
-        found = range_until(left, right, newest - end[::-1], newest - begin[::-1])
-        return found[::-1][first - base :]
+        bounds = range_until(left, right, newest - end[::-1], newest - begin[::-1])
+        return bounds[::-1][first - base :]

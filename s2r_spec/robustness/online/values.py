@@ -83,10 +83,10 @@ class Values:
     def __call__(self, node: f.Value) -> Number:
         """Return the number of a node."""
         if id(node) not in self.done:
-            found = self._number(node)
+            number = self._number(node)
             if self.uses[id(node)] > 1:  # otherwise shared parts would be computed repeatedly
-                found = Number(tuple(map(_Remembered, found.parts)), found.sources)
-            self.done[id(node)] = found
+                number = Number(tuple(map(_Remembered, number.parts)), number.sources)
+            self.done[id(node)] = number
         return self.done[id(node)]
 
     def settled(self, node: f.Value) -> Sequence[float] | None:
