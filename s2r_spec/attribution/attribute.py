@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.attribution.align import Aligned, align
 from s2r_spec.attribution.critical import Switch, switch
-from s2r_spec.attribution.path import Path, Piece
+from s2r_spec.attribution.path import Path, PathPiece
 from s2r_spec.lang import formula as f
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
@@ -24,7 +24,7 @@ WINDOWS = 6
 
 
 @dataclass(frozen=True)
-class Part:
+class FormulaShare:
     """A sub-formula and its part of Δρ.
 
     Attributes:
@@ -47,7 +47,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Window:
+class WindowShare:
     """One of equal windows of time.
 
     Attributes:
@@ -116,7 +116,7 @@ class Attribution:
     credit: Mapping[str, FloatArray]
     real: Mapping[str, FloatArray]
     simulated: Mapping[str, FloatArray]
-    parts: tuple[Part, ...]
+    parts: tuple[FormulaShare, ...]
     ended: float
     reason: str
     jumps: float
@@ -133,15 +133,15 @@ class Attribution:
         """Name of a channel → its contribution to Δρ."""
         return {name: float(values.sum()) for name, values in self.credit.items()}
 
-    def windows(self) -> tuple[Window, ...]:
+    def windows(self) -> tuple[WindowShare, ...]:
         """Return the parts of equal windows of time."""
         edges = np.linspace(self.times[0], self.times[-1], WINDOWS + 1)
         place = np.clip(np.searchsorted(edges, self.times, side="right") - 1, 0, WINDOWS - 1)
         sums = np.bincount(place, weights=self.over_time, minlength=WINDOWS)
-        return tuple(map(Window, edges[:-1].tolist(), edges[1:].tolist(), sums.tolist()))
+        return tuple(map(WindowShare, edges[:-1].tolist(), edges[1:].tolist(), sums.tolist()))
 
     @property
-    def window(self) -> Window | None:
+    def window(self) -> WindowShare | None:
         """The window with the largest part; None if the end of a trace has a larger part."""
         largest = max(self.windows(), key=lambda each: abs(each.delta))
         return largest if abs(largest.delta) >= abs(self.ended) else None
@@ -204,14 +204,14 @@ def attribute(
     )
 
 
-def parts(formula: f.Formula, pieces: list[Piece]) -> tuple[Part, ...]:
+def parts(formula: f.Formula, pieces: list[PathPiece]) -> tuple[FormulaShare, ...]:
     """Return every sub-formula with the sum of the pieces that it decides, in written order."""
     amounts: dict[int, float] = {}
     for piece in pieces:
         for step in piece.steps:
             amounts[id(step.node)] = amounts.get(id(step.node), 0.0) + piece.amount
     return tuple(
-        Part(
+        FormulaShare(
             text=" ".join(node.span.text.split()),
             name=node.name if isinstance(node, f.Named) else "",
             line=node.span.line,
@@ -238,7 +238,7 @@ def _nested(node: f.Formula, depth: int, seen: set[int]) -> Iterator[tuple[f.For
                 yield from _nested(child, depth, seen)
 
 
-def _by_channel(pair: Aligned, pieces: list[Piece]) -> dict[str, FloatArray]:
+def _by_channel(pair: Aligned, pieces: list[PathPiece]) -> dict[str, FloatArray]:
     """Return label → (n,) sums over the pieces, for every channel of the formula."""
     sums = {name: np.zeros_like(samples) for name, samples in pair.real.items()}
     for piece in pieces:

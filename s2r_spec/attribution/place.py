@@ -34,7 +34,7 @@ largest difference always comes first."""
 
 
 @dataclass(frozen=True)
-class Range:
+class ValueRange:
     """Values of one quantity, in its unit.
 
     Attributes:
@@ -123,10 +123,10 @@ class Place:
         values: ranges of channels or of test parameters that hold together.
     """
 
-    time: Range | None = None
+    time: ValueRange | None = None
     part: str = ""
     phase: tuple[float, float] | None = None
-    values: tuple[Range, ...] = ()
+    values: tuple[ValueRange, ...] = ()
 
     def precedes(self, other: Place) -> bool:
         """Whether this place surely begins before another: windows show an onset to half of their length."""
@@ -155,7 +155,7 @@ class Place:
 
 def instant(time: float) -> str:
     """Return a time from the start of a rollout [s] in words: "at 1.86 s"."""
-    return Range(time, time).in_time()
+    return ValueRange(time, time).in_time()
 
 
 def cause_first(items: Sequence[T], place: Callable[[T], Place], strength: Callable[[T], float]) -> list[T]:
@@ -186,7 +186,7 @@ def cause_first(items: Sequence[T], place: Callable[[T], Place], strength: Calla
 
 def visited(
     traces: Sequence[Trace], channel: str, column: int, low: float, high: float
-) -> tuple[Range | None, Range]:
+) -> tuple[ValueRange | None, ValueRange]:
     """Return when one column of a channel has values above ``low`` up to ``high``, and these values.
 
     Times count from the start of each trace, from the first to the last such sample of all traces. They are None if no
@@ -197,16 +197,16 @@ def visited(
     values = [trace[channel].reshape(len(trace), -1)[:, column] for trace in having]
     known = [part[np.isfinite(part)] for part in values if np.isfinite(part).any()]
     if not known:
-        return None, Range(low, high, unit, channel)
+        return None, ValueRange(low, high, unit, channel)
     lowest, highest = float(min(map(np.min, known))), float(max(map(np.max, known)))
-    within = Range(low, high, unit, channel, lowest, highest)
+    within = ValueRange(low, high, unit, channel, lowest, highest)
     clocks = [trace.times - trace.times[0] for trace in having]
     inside = [clock[(part > low) & (part <= high)] for clock, part in zip(clocks, values, strict=True)]
     begins, ends = ([float(times[end]) for times in inside if times.size] for end in (0, -1))
     if not begins or max(begins) > min(ends):
         return None, within
     longest = max(float(clock[-1]) for clock in clocks)
-    return Range(min(begins), max(ends), lowest=0.0, highest=longest), within
+    return ValueRange(min(begins), max(ends), lowest=0.0, highest=longest), within
 
 
 def _quantity(value: float, unit: str, error: float) -> str:

@@ -13,7 +13,7 @@ _TEXT = re.compile(rf"\s*{NUMBER_AND_UNIT}")
 
 
 @runtime_checkable
-class Quantity(Protocol):
+class PintQuantity(Protocol):
     """A number with a unit, as of pint."""
 
     @property
@@ -27,7 +27,7 @@ class Quantity(Protocol):
         ...
 
 
-Amount = float | str | Quantity
+Amount = float | str | PintQuantity
 """A value of a parameter: a number in the declared unit, or a number with its own unit."""
 
 
@@ -44,7 +44,7 @@ def read_amount(value: Any, unit: Unit, name: str) -> float:
     """
     if type(value) is float:  # the common case, once for each rollout
         return value
-    what = f"{name} = {str(value) if isinstance(value, Quantity) else repr(value)}"
+    what = f"{name} = {str(value) if isinstance(value, PintQuantity) else repr(value)}"
     if isinstance(value, str):
         match = _TEXT.fullmatch(value)
         if match is None:
@@ -53,7 +53,7 @@ def read_amount(value: Any, unit: Unit, name: str) -> float:
         return converted(float(match["number"]), match["unit"], unit, what, name)
     written = ""
     number = value
-    if isinstance(value, Quantity):
+    if isinstance(value, PintQuantity):
         number, written = value.magnitude, f"{value.units:~C}".replace("dimensionless", "") or "1"
     try:
         number = float(number)

@@ -90,9 +90,9 @@ def check(expression: syntax.Expression, scope: Scope) -> Checked:
             return _temporal(expression, scope)
         case syntax.Until():
             return _until(expression, scope)
-        case syntax.Step():
+        case syntax.AdjacentSample():
             inner = condition(expression.operand, scope, f"`{expression.operator}`")
-            return f.Step(span=span, unit=inner.unit, operator=expression.operator, operand=inner)
+            return f.AdjacentSample(span=span, unit=inner.unit, operator=expression.operator, operand=inner)
 
 
 def _name(expression: syntax.Name, scope: Scope) -> Checked:

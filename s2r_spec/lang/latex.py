@@ -26,7 +26,7 @@ _OUTER = {"abs": (r"\lvert ", r" \rvert"), "norm": (r"\lVert ", r" \rVert"), "sq
 # Precedence of a node; a node of lower precedence than its place needs is put in brackets.
 _LEVEL: dict[type, int] = {
     syntax.Implication: 1, syntax.Junction: 2, syntax.Until: 3, syntax.Negation: 4, syntax.Temporal: 4,
-    syntax.Step: 4, syntax.Comparison: 5, syntax.Minus: 7,
+    syntax.AdjacentSample: 4, syntax.Comparison: 5, syntax.Minus: 7,
 }  # fmt: skip
 _ARITHMETIC = {"+": 6, "-": 6, "*": 7, "^": 8}  # a fraction needs no brackets
 _ATOM = 9
@@ -91,7 +91,7 @@ def _plain(node: syntax.Expression) -> str:
             return first + "".join(f" {sign} {part}" for sign, part in zip(signs, rest, strict=True))
         case syntax.Negation():
             return rf"\neg {_tex(node.operand, 4)}"
-        case syntax.Step():
+        case syntax.AdjacentSample():
             return f"{_STEP[node.operator]} {_tex(node.operand, 4)}"
         case syntax.Temporal():
             return f"{_TEMPORAL[node.operator]}{_interval(node.interval)} {_tex(node.operand, 4)}"

@@ -17,7 +17,7 @@ from s2r_spec.base.files import replacing
 from s2r_spec.logs import split
 from s2r_spec.logs.formats import csv_format, npz_format, parquet_format
 from s2r_spec.logs.interpret import Loaded, build_trace, request
-from s2r_spec.logs.mapping import Plan, Request, plan_columns
+from s2r_spec.logs.mapping import ColumnPlan, ColumnRequest, plan_columns
 from s2r_spec.logs.table import Chooser, Head, Table
 from s2r_spec.logs.times import candidates
 from s2r_spec.logs.times.times import TIME, unit_of_option
@@ -159,7 +159,7 @@ def _load(path: Path, what: _What) -> list[Loaded]:
     # arrays have the times and their unit already
     topics = open_log is not None
     requested = request(names, what.wanted, None if arrays else unit, what.gather, what.gather and topics)
-    plans: list[Plan] = []
+    plans: list[ColumnPlan] = []
     episode: list[int] = []
 
     def choose(heads: tuple[Head, ...]) -> set[int]:
@@ -195,7 +195,7 @@ def _question(
 
     def choose(heads: tuple[Head, ...]) -> set[int]:
         for name in error.candidates:
-            columns[name] = plan_columns(heads, Request({TIME: name}, {})).times
+            columns[name] = plan_columns(heads, ColumnRequest({TIME: name}, {})).times
         return {number for numbers in columns.values() for number in numbers}
 
     try:

@@ -14,7 +14,7 @@ from s2r_spec.base.errors import TraceError
 from s2r_spec.lang.units import LONGEST
 from s2r_spec.logs import values
 from s2r_spec.logs.account import Account
-from s2r_spec.logs.mapping import ANY, Channel, Plan, Request
+from s2r_spec.logs.mapping import ANY, ColumnPlan, ColumnRequest, MappedChannel
 from s2r_spec.logs.own import clock_of, restored
 from s2r_spec.logs.table import Column, Table, quoted
 from s2r_spec.logs.times import dates, times
@@ -49,7 +49,7 @@ class Loaded:
 
 
 def build_trace(
-    table: Table, plan: Plan, request: Request, longest: Mapping[str, float] | None = None
+    table: Table, plan: ColumnPlan, request: ColumnRequest, longest: Mapping[str, float] | None = None
 ) -> Loaded:
     """Return the trace of a parsed file.
 
@@ -126,7 +126,9 @@ def _counts(trace: Trace) -> dict[str, int]:
     return {name: int(trace.own(name).sum()) for name in trace.channels}
 
 
-def left_out(table: Table, plan: Plan, request: Request, faults: Mapping[str, str]) -> dict[str, str]:
+def left_out(
+    table: Table, plan: ColumnPlan, request: ColumnRequest, faults: Mapping[str, str]
+) -> dict[str, str]:
     """Return column that was not requested → why it is not in the trace.
 
     Raises:
@@ -139,7 +141,9 @@ def left_out(table: Table, plan: Plan, request: Request, faults: Mapping[str, st
     return left_out if request.wanted is None else {}
 
 
-def _of_topics(table: Table, plan: Plan, request: Request, longest: Mapping[str, float]) -> Loaded:
+def _of_topics(
+    table: Table, plan: ColumnPlan, request: ColumnRequest, longest: Mapping[str, float]
+) -> Loaded:
     """Return the trace of columns with stamps of their own."""
     clock = _Clock.of(table)
     messages: dict[str, Messages] = {}
@@ -228,7 +232,7 @@ class _Clock:
 
 
 def _messages(
-    table: Table, channel: Channel, clock: _Clock, longest: float, notes: list[str]
+    table: Table, channel: MappedChannel, clock: _Clock, longest: float, notes: list[str]
 ) -> tuple[Messages, str | None]:
     """Return the messages of a channel, and its unit; notes are added."""
     stamps = [table.columns[part.number].stamps for part in channel.parts]
@@ -242,7 +246,7 @@ def _messages(
     parts, units = [], []
     for part, own in zip(channel.parts, stamps, strict=True):
         assert own is not None
-        samples, unit = _channel(table, Channel(channel.name, (part,), False), len(own))
+        samples, unit = _channel(table, MappedChannel(channel.name, (part,), False), len(own))
         end = clock.end(table.columns[part.number].log_end)
         parts.append(Messages.of(clock.seconds(own), samples, longest=longest, log_end=end, linear=linear))
         units.append(unit)
@@ -264,7 +268,7 @@ def _messages(
     return vector, units[0]
 
 
-def _account(table: Table, channel: Channel, samples: int) -> Account:
+def _account(table: Table, channel: MappedChannel, samples: int) -> Account:
     """Return what became of a channel's messages; those of a vector's other components come on top."""
     one = [table.accounts[part.number] for part in channel.parts if part.number in table.accounts]
     if len({id(account) for account in one}) == 1:
@@ -282,7 +286,7 @@ class Channels:
     faults: dict[str, str]
 
 
-def channels(table: Table, plan: Plan, count: int) -> Channels:
+def channels(table: Table, plan: ColumnPlan, count: int) -> Channels:
     """Return the channels of a plan.
 
     Args:
@@ -303,7 +307,7 @@ def channels(table: Table, plan: Plan, count: int) -> Channels:
     return read
 
 
-def _channel(table: Table, channel: Channel, count: int) -> tuple[FloatArray, str | None]:
+def _channel(table: Table, channel: MappedChannel, count: int) -> tuple[FloatArray, str | None]:
     columns: list[FloatArray] = []
     units: list[str | None] = []
     for part in channel.parts:
@@ -341,12 +345,12 @@ def _shaped(samples: FloatArray, width: int | None) -> FloatArray:
     return samples[:, np.newaxis] if width == 1 and samples.ndim == 1 else samples
 
 
-def _placed(table: Table, number: int) -> _Place:
-    return _Place(table, number)
+def _placed(table: Table, number: int) -> _RowPlace:
+    return _RowPlace(table, number)
 
 
 @dataclass(frozen=True)
-class _Place:
+class _RowPlace:
     table: Table
     number: int
 
@@ -372,7 +376,7 @@ def request(
     time_unit: str | None,
     gather: bool = False,
     identifiers: bool = False,
-) -> Request:
+) -> ColumnRequest:
     """Return a request; names without a width may be numbers or vectors.
 
     Raises:
@@ -380,4 +384,4 @@ def request(
     """
     if wanted is not None and not isinstance(wanted, Mapping):
         wanted = dict.fromkeys(wanted, ANY)
-    return Request(dict(columns or {}), wanted, times.unit_of_option(time_unit), gather, identifiers)
+    return ColumnRequest(dict(columns or {}), wanted, times.unit_of_option(time_unit), gather, identifiers)

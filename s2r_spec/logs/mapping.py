@@ -28,7 +28,7 @@ _SEPARATORS = ("_", ".", "/", ":", "[", "")
 
 
 @dataclass(frozen=True)
-class Request:
+class ColumnRequest:
     """The channels to read from a file.
 
     Args:
@@ -47,7 +47,7 @@ class Request:
 
 
 @dataclass(frozen=True)
-class Part:
+class ColumnPart:
     """A column, or one component of a column of vectors; and the unit in brackets in the column's name, if any."""
 
     number: int
@@ -56,17 +56,17 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Channel:
+class MappedChannel:
     """The parts of a channel, whether it is a vector (a single part may be one), and its requested width."""
 
     name: str
-    parts: tuple[Part, ...]
+    parts: tuple[ColumnPart, ...]
     vector: bool
     width: int | None = ANY
 
 
 @dataclass(frozen=True)
-class Plan:
+class ColumnPlan:
     """The columns to read from a file.
 
     Args:
@@ -77,7 +77,7 @@ class Plan:
     """
 
     times: tuple[int, ...]
-    channels: tuple[Channel, ...]
+    channels: tuple[MappedChannel, ...]
     faults: Mapping[str, str]
     notes: tuple[str, ...]
 
@@ -92,7 +92,7 @@ def time_candidates(heads: Sequence[Head]) -> tuple[str, ...]:
     return _Names(heads).candidates()
 
 
-def plan_columns(heads: Sequence[Head], request: Request) -> Plan:
+def plan_columns(heads: Sequence[Head], request: ColumnRequest) -> ColumnPlan:
     """Return the columns of the times and of each channel.
 
     Raises:
@@ -103,17 +103,19 @@ def plan_columns(heads: Sequence[Head], request: Request) -> Plan:
     names.taken = frozenset(times)
     columns = {name: text for name, text in request.columns.items() if name != TIME}
     if request.wanted is None:
-        return _everything(names, times, columns, request)
+        return plan_all(names, times, columns, request)
     channels, faults = [], {}
     for name, width in request.wanted.items():
         try:
             channels.append(replace(names.channel(name, width, columns), width=width))
         except TraceError as error:
             faults[name] = str(error)
-    return Plan(times, tuple(channels), faults, tuple(names.notes))
+    return ColumnPlan(times, tuple(channels), faults, tuple(names.notes))
 
 
-def _everything(names: _Names, times: tuple[int, ...], columns: Mapping[str, str], request: Request) -> Plan:
+def plan_all(
+    names: _Names, times: tuple[int, ...], columns: Mapping[str, str], request: ColumnRequest
+) -> ColumnPlan:
     """Return a plan with every column as a channel, under its own name unless it is mapped."""
     channels, faults = [], {}
     mapped_columns = set(columns.values())
@@ -144,8 +146,8 @@ def _everything(names: _Names, times: tuple[int, ...], columns: Mapping[str, str
         known = {channel.name for channel in channels}
         for name, parts in names.groups():
             if name not in known and (name.isidentifier() or not request.identifiers):
-                channels.append(Channel(name, parts, True))
-    return Plan(times, tuple(channels), faults, tuple(names.notes))
+                channels.append(MappedChannel(name, parts, True))
+    return ColumnPlan(times, tuple(channels), faults, tuple(names.notes))
 
 
 class _Names:
@@ -178,7 +180,7 @@ class _Names:
                         self._numbered[vector, separator][index].append(number)
         return self._numbered
 
-    def channel(self, name: str, width: int | None, columns: Mapping[str, str]) -> Channel:
+    def channel(self, name: str, width: int | None, columns: Mapping[str, str]) -> MappedChannel:
         """Return the parts of a channel.
 
         Raises:
@@ -197,14 +199,14 @@ class _Names:
             hint = f"; {name!r} is one number: map it to a component, such as --map {name}={text}[0]"
         raise TraceError(f"the trace has no channel {text!r}{hint}") if hint else self._missing(text, name)
 
-    def _found(self, name: str, text: str, width: int | None) -> Channel | None:
+    def _found(self, name: str, text: str, width: int | None) -> MappedChannel | None:
         """Return the channel that a name of columns makes; None if there are no such columns."""
         if called := self._called(text):
             return self._exact(name, text, called)
         if (component := self._component(text)) is not None:
-            return Channel(name, (component,), False)
+            return MappedChannel(name, (component,), False)
         if width is not None and (group := self._group(text, width)) is not None:
-            return Channel(name, group, True)
+            return MappedChannel(name, group, True)
         return None
 
     def _called(self, text: str) -> list[int]:
@@ -215,9 +217,9 @@ class _Names:
         indexed = all(self.heads[number].index is not None for number in numbers)
         return numbers if len(numbers) == 1 or indexed else []
 
-    def _part(self, number: int, component: int | None = None) -> Part:
+    def _part(self, number: int, component: int | None = None) -> ColumnPart:
         """Return a column, or a component of it, with the unit in brackets in its name."""
-        return Part(number, component, self.bracketed.get(number, ("", None))[1])
+        return ColumnPart(number, component, self.bracketed.get(number, ("", None))[1])
 
     def _missing(self, text: str, name: str) -> TraceError:
         """Return the error for a channel whose column the file lacks; it lists the file's names."""
@@ -234,11 +236,11 @@ class _Names:
             f"the trace has no channel {text!r}{suggest(text, names)} it has {_likely(text, names)}{mapped}"
         )
 
-    def own(self, name: str, times: Sequence[int]) -> Channel:
+    def own(self, name: str, times: Sequence[int]) -> MappedChannel:
         """Return the channel with exactly this name in the file."""
         return self._exact(name, name, [number for number in self.by_name[name] if number not in times])
 
-    def groups(self) -> list[tuple[str, tuple[Part, ...]]]:
+    def groups(self) -> list[tuple[str, tuple[ColumnPart, ...]]]:
         """Return (name, parts) of every unambiguous vector of two or more numbered columns."""
         separators_of = defaultdict(list)
         for stem, separator in self.numbered:
@@ -255,8 +257,8 @@ class _Names:
                 vectors.append((stem, parts[0]))
         return vectors
 
-    def _by_parts(self, name: str, width: int | None, texts: Mapping[str, str]) -> Channel:
-        parts: dict[int, Part] = {}
+    def _by_parts(self, name: str, width: int | None, texts: Mapping[str, str]) -> MappedChannel:
+        parts: dict[int, ColumnPart] = {}
         for key, text in texts.items():
             digits = key[len(name) + 1 : -1]
             if not (digits.isascii() and digits.isdigit()):
@@ -276,15 +278,15 @@ class _Names:
         if lacking or len(parts) != count:
             fault = f"{name}[{lacking[0]}] is missing" if lacking else f"there are {len(parts)}"
             raise TraceError(f"--map must give every component of {name!r}, from 0 to {count - 1}: {fault}")
-        return Channel(name, tuple(parts[i] for i in range(count)), True)
+        return MappedChannel(name, tuple(parts[i] for i in range(count)), True)
 
-    def _exact(self, name: str, text: str, exact: Sequence[int]) -> Channel:
+    def _exact(self, name: str, text: str, exact: Sequence[int]) -> MappedChannel:
         """Return the channel of the columns with exactly this name."""
         plain = [number for number in exact if self.heads[number].index is None]
         if len(exact) == 1 and (fault := self.heads[exact[0]].fault):
             raise TraceError(f"{quoted(text)} {fault}")
         if len(plain) == 1 == len(exact):
-            return Channel(name, (self._part(plain[0]),), False)
+            return MappedChannel(name, (self._part(plain[0]),), False)
         if plain:
             raise TraceError(f"{len(exact)} columns are called {quoted(text)}; give them different names")
         parts: dict[int, int] = {}
@@ -300,9 +302,9 @@ class _Names:
             raise TraceError(
                 f"the components of {quoted(text)} must be numbered {text}[0] to {text}[{len(parts) - 1}]"
             )
-        return Channel(name, tuple(self._part(parts[index]) for index in range(len(parts))), True)
+        return MappedChannel(name, tuple(self._part(parts[index]) for index in range(len(parts))), True)
 
-    def _component(self, text: str) -> Part | None:
+    def _component(self, text: str) -> ColumnPart | None:
         """Return the component that ``position[3]`` names; None if there is no such component."""
         stem, bracket, rest = text.rpartition("[")
         digits = rest.removesuffix("]")
@@ -319,7 +321,7 @@ class _Names:
         ]
         return self._part(columns[0]) if len(columns) == 1 else None
 
-    def _stated(self, name: str, text: str, width: int | None) -> Channel | None:
+    def _stated(self, name: str, text: str, width: int | None) -> MappedChannel | None:
         """Return the channel of ``v [m/s]``, in this unit; None if there is none.
 
         A note says so where the file writes another unit.
@@ -348,7 +350,7 @@ class _Names:
             )
         return replace(channel, parts=tuple(replace(part, unit=unit) for part in channel.parts))
 
-    def _group(self, text: str, width: int) -> tuple[Part, ...] | None:
+    def _group(self, text: str, width: int) -> tuple[ColumnPart, ...] | None:
         """Return the numbered columns of a vector; None if there are none.
 
         Raises:

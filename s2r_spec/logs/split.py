@@ -57,7 +57,7 @@ def _cut(table: Table, begins: list[int], count: int) -> list[Table]:
 
 def _rows(table: Table, first: int, end: int) -> Table:
     columns = {number: _part(column, first, end) for number, column in table.columns.items()}
-    return replace(table, columns=columns, place=_Place(table, first))
+    return replace(table, columns=columns, place=_EpisodePlace(table, first))
 
 
 def _part(column: Column, first: int, end: int) -> Column:
@@ -66,7 +66,7 @@ def _part(column: Column, first: int, end: int) -> Column:
 
 
 @dataclass(frozen=True)
-class _Place:
+class _EpisodePlace:
     table: Table
     first: int
 

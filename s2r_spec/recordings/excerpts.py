@@ -24,7 +24,7 @@ from s2r_spec.logs.topics.formats import opener
 from s2r_spec.logs.topics.join import Joining
 from s2r_spec.recordings.episodes import Stretch, cut, part, slack_of
 from s2r_spec.robustness.silence import silences_of
-from s2r_spec.robustness.stream import Stream
+from s2r_spec.robustness.stream import SignalMessages
 from s2r_spec.spec import Spec, parse_spec
 from s2r_spec.trace import Trace
 from s2r_spec.trace.samples import period_of
@@ -40,7 +40,7 @@ _SI = {
 
 
 @dataclass(frozen=True)
-class Source:
+class ParamColumn:
     """The value of a test parameter in a log: that of a column, at a time after the episode's start.
 
     Args:
@@ -52,14 +52,14 @@ class Source:
     at: float
 
 
-def read_sources(texts: Iterable[str]) -> tuple[list[str], dict[str, Source]]:
+def read_sources(texts: Iterable[str]) -> tuple[list[str], dict[str, ParamColumn]]:
     """Return the texts that state a value, and parameter → source of those such as ``vd=/cmd_vel.linear.x@0``.
 
     Raises:
         UsageError: the text after the @ is not a time in seconds, or a parameter has two sources.
     """
     stated: list[str] = []
-    sources: dict[str, Source] = {}
+    sources: dict[str, ParamColumn] = {}
     for text in texts:
         name, _, value = text.partition("=")
         column, mark, at = value.rpartition("@")
@@ -74,7 +74,7 @@ def read_sources(texts: Iterable[str]) -> tuple[list[str], dict[str, Source]]:
             raise UsageError(
                 f"{text}: {at!r} is not a time after the start in seconds; write {name}={column}@0"
             )
-        source = Source(column.strip(), seconds)
+        source = ParamColumn(column.strip(), seconds)
         if sources.setdefault(name.strip(), source) != source:
             raise UsageError(f"{text}: the parameter {name.strip()} has another source, too; give one")
     return stated, sources
@@ -121,7 +121,7 @@ class Excerpts:
     when: str | None = None
     start: float | None = None
     duration: float | None = None
-    sources: Mapping[str, Source] = field(default_factory=dict)
+    sources: Mapping[str, ParamColumn] = field(default_factory=dict)
     longest: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -362,7 +362,7 @@ def _silences(trace: Trace, excerpts: Excerpts, where: str) -> Iterator[str]:
         column = excerpts.columns.get(name, name)
         if column not in excerpts.commands and math.isfinite(one.bridged):
             until = whole.ends
-            spans = Stream(one, one.values).silences(start, until)
+            spans = SignalMessages(one, one.values).silences(start, until)
             inner = [(start + begin, min(start + end, until)) for begin, end in spans if math.isfinite(begin)]
             yield from _silence(f"{where}{column}", inner, one.rhythm)
 

@@ -42,7 +42,7 @@ class LogError(UsageError):
 
 
 @dataclass(frozen=True)
-class _Row:
+class _TestRow:
     """A row of the table; empty cells are no entries of ``params``, and ``protocol`` is "" for a test."""
 
     line: int
@@ -56,7 +56,7 @@ class _Tests:
     """What ``rollouts.csv`` says: parameter → its unit ("" if none is written), and the rows."""
 
     units: Mapping[str, str] = field(default_factory=dict)
-    rows: Sequence[_Row] = ()
+    rows: Sequence[_TestRow] = ()
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ def read(options: LogOptions) -> Folder:
         tests = [(files[row.id], row) for row in table.rows]
     else:
         _complete(root, paths)
-        tests = [(path, _Row(0, path.stem, {})) for path in paths]
+        tests = [(path, _TestRow(0, path.stem, {})) for path in paths]
     if not tests:
         raise LogError(f"{root} has no log; s2r reads {', '.join(logs.READABLE)}, and folders of ROS 2 bags")
     for name in wanted.sources:
@@ -113,7 +113,7 @@ def read(options: LogOptions) -> Folder:
     units = dict(table.units)
     entries: list[Entry] = []
     sentences: list[str] = []
-    origins: list[_Row] = []
+    origins: list[_TestRow] = []
     for path, row in tests:
         extract = excerpt(path, {}, None, math.inf, wanted)
         made = _entries(extract, row, units)
@@ -134,7 +134,7 @@ def read(options: LogOptions) -> Folder:
     )
 
 
-def _entries(extract: Excerpt, row: _Row, units: dict[str, str]) -> list[Entry]:
+def _entries(extract: Excerpt, row: _TestRow, units: dict[str, str]) -> list[Entry]:
     """Return the recordings of a log; add the units of its parameters.
 
     Raises:
@@ -156,7 +156,7 @@ def _entries(extract: Excerpt, row: _Row, units: dict[str, str]) -> list[Entry]:
     return entries
 
 
-def _protocol(episode: Episode, row: _Row) -> str:
+def _protocol(episode: Episode, row: _TestRow) -> str:
     """Return the protocol of an episode, by its row or by its trace; "" for a test.
 
     Raises:
@@ -173,7 +173,7 @@ def _protocol(episode: Episode, row: _Row) -> str:
     return of_trace
 
 
-def _refuse_empty(path: Path, table: _Tests, rows: Sequence[tuple[_Row, Entry]]) -> None:
+def _refuse_empty(path: Path, table: _Tests, rows: Sequence[tuple[_TestRow, Entry]]) -> None:
     """Refuse a test without one of the tests' parameters; a column that only protocols fill is none of them.
 
     Raises:
@@ -325,7 +325,7 @@ def _table(path: Path) -> _Tests:
     has_protocols = units.get(PROTOCOL) == "" and _names_protocols(
         [cells[names.index(PROTOCOL)] for _, cells in body if len(cells) == len(names)]
     )
-    rows: dict[str, _Row] = {}
+    rows: dict[str, _TestRow] = {}
     for line, cells in body:
         if len(cells) != len(names):
             raise LogError(
@@ -347,7 +347,7 @@ def _table(path: Path) -> _Tests:
             key: _number(path, line, key, text) for key, text in by_name.items() if text or key == _SEED
         }
         params.pop(_SEED, None)
-        rows[name] = _Row(line, name, params, protocol)
+        rows[name] = _TestRow(line, name, params, protocol)
     reserved = (_ID, _SEED, PROTOCOL) if has_protocols else (_ID, _SEED)
     return _Tests({name: unit for name, unit in units.items() if name not in reserved}, list(rows.values()))
 
@@ -376,7 +376,7 @@ def _number(path: Path, line: int, name: str, text: str) -> float:
     return value
 
 
-def _files(root: Path, rows: Sequence[_Row], paths: Sequence[Path]) -> dict[str, Path]:
+def _files(root: Path, rows: Sequence[_TestRow], paths: Sequence[Path]) -> dict[str, Path]:
     """Return id → log; each row has exactly one log, and each log a row."""
     by_id: dict[str, list[Path]] = {}
     for path in paths:

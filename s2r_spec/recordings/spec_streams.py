@@ -9,13 +9,13 @@ from s2r_spec.base.errors import UsageError
 from s2r_spec.logs.formats.follow import follow as follow_rows
 from s2r_spec.logs.interpret import request as columns_to_read
 from s2r_spec.recordings.excerpts import no_units
-from s2r_spec.recordings.spec_traces import Request, params_of, read_spec_traces
+from s2r_spec.recordings.spec_traces import TraceRequest, params_of, read_spec_traces
 from s2r_spec.robustness.grid import Grid
 from s2r_spec.robustness.silence import silences_of
-from s2r_spec.spec.followed import Stream
+from s2r_spec.spec.followed import SampleStream
 
 
-def stream_of_rows(request: Request, readline: Callable[[int], str]) -> Stream:
+def stream_of_rows(request: TraceRequest, readline: Callable[[int], str]) -> SampleStream:
     """Return the samples of a table that is read row by row while it is written.
 
     Args:
@@ -35,10 +35,10 @@ def stream_of_rows(request: Request, readline: Callable[[int], str]) -> Stream:
     rows = follow_rows(readline, columns_to_read(excerpts.columns, request.wanted, excerpts.time_unit))
     rows.notes.extend(no_units(request.spec.signals, rows.units, excerpts.columns))
     params, _ = params_of(request, rows.meta, "the trace")
-    return Stream(rows.units, rows.meta, rows.samples, None, params, rows.notes)
+    return SampleStream(rows.units, rows.meta, rows.samples, None, params, rows.notes)
 
 
-def stream_of_file(request: Request, path: Path) -> Stream:
+def stream_of_file(request: TraceRequest, path: Path) -> SampleStream:
     """Return the samples of a recorded trace.
 
     Raises:
@@ -62,4 +62,4 @@ def stream_of_file(request: Request, path: Path) -> Stream:
     )
     regular = grid is not None and grid.period is not None
     period = grid.seconds(1) if grid and regular else None
-    return Stream(trace.units, trace.meta, samples, period, recorded.params)
+    return SampleStream(trace.units, trace.meta, samples, period, recorded.params)

@@ -23,7 +23,7 @@ from s2r_spec.trace import Trace
 
 
 @dataclass(frozen=True)
-class Request:
+class TraceRequest:
     """The requirements to evaluate on recorded traces, and how the traces are read.
 
     Args:
@@ -79,7 +79,7 @@ class SpecTrace:
     stated: bool
 
 
-def read_spec_traces(request: Request, path: Path) -> list[SpecTrace]:
+def read_spec_traces(request: TraceRequest, path: Path) -> list[SpecTrace]:
     """Return the traces of a file, one for each episode.
 
     Raises:
@@ -104,7 +104,7 @@ def read_spec_traces(request: Request, path: Path) -> list[SpecTrace]:
     return traces
 
 
-def _notes(request: Request, extract: Excerpt) -> tuple[str, ...]:
+def _notes(request: TraceRequest, extract: Excerpt) -> tuple[str, ...]:
     notes = list(extract.notes)
     for name, (_, unit) in extract.episodes[0].values.items():
         if name in request.spec.params and not unit:
@@ -117,7 +117,7 @@ def _notes(request: Request, extract: Excerpt) -> tuple[str, ...]:
 
 
 def params_of(
-    request: Request, meta: Mapping[str, Any], source: str, values: Mapping[str, float] | None = None
+    request: TraceRequest, meta: Mapping[str, Any], source: str, values: Mapping[str, float] | None = None
 ) -> tuple[dict[str, float], frozenset[str]]:
     """Return parameter → value, and the names of the parameters whose values come from the trace.
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from s2r_spec.base.json_values import extended
 from s2r_spec.base.verdict import Verdict, worst
-from s2r_spec.recordings.spec_traces import Request, named, read_spec_traces
+from s2r_spec.recordings.spec_traces import TraceRequest, named, read_spec_traces
 from s2r_spec.report.records.monitor import (
     ChangeObject,
     FailedRequirement,
@@ -24,11 +24,11 @@ from s2r_spec.report.records.monitor import (
 )
 from s2r_spec.robustness.online.monitor import RobustInterval
 from s2r_spec.spec import Spec
-from s2r_spec.spec.followed import Change, Ended
+from s2r_spec.spec.followed import Ended, VerdictChange
 from s2r_spec.spec.monitored import Conventions, Monitored, monitor_trace
 
 
-def monitor_file(request: Request, path: Path, conventions: Conventions) -> list[MonitoredTrace]:
+def monitor_file(request: TraceRequest, path: Path, conventions: Conventions) -> list[MonitoredTrace]:
     """Return the results of one file, one for each episode; an error names the file."""
     results = []
     for one in read_spec_traces(request, path):
@@ -49,7 +49,7 @@ def monitor_file(request: Request, path: Path, conventions: Conventions) -> list
 
 
 def monitor_record(
-    request: Request, results: Sequence[MonitoredTrace | UnreadTrace], profile: str
+    request: TraceRequest, results: Sequence[MonitoredTrace | UnreadTrace], profile: str
 ) -> MonitorObject:
     """Return the record of all files, with the exit code."""
     verdicts = [Verdict.of(one.satisfied) for result in results for one in result.requirements]
@@ -75,7 +75,7 @@ def _requirement(found: Monitored) -> MonitoredKind:
     return extended(MonitoredRequirement, found.reason, verdict=verdict, text=found.text, **vars(sampling))
 
 
-def change_record(spec: Spec, change: Change) -> ChangeObject:
+def change_record(spec: Spec, change: VerdictChange) -> ChangeObject:
     """Return the record of a change."""
     of = _interval(spec, change.requirement, change.interval)
     return extended(ChangeObject, of, time=change.times[-1])

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.robustness.silence import Span
-from s2r_spec.robustness.stream import Stream
+from s2r_spec.robustness.stream import SignalMessages
 
 FloatArray = NDArray[np.float64]
 
@@ -33,7 +33,7 @@ class Instants:
 
 
 def instants_of(
-    streams: Mapping[str, Stream], silent: Mapping[str, Sequence[Span]], start: float, end: float
+    streams: Mapping[str, SignalMessages], silent: Mapping[str, Sequence[Span]], start: float, end: float
 ) -> dict[str, Instants]:
     """Return signal → its instants from a start to an end [s].
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
-from s2r_spec.robustness.bounds import BoundedAlgebra, Bounds
+from s2r_spec.robustness.bounds import BoundedAlgebra, RhoBounds
 from s2r_spec.robustness.curve import Curve
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.ties import rescaled_number
@@ -23,7 +23,7 @@ FloatArray = NDArray[np.float64]
 Pair = tuple[float, float]
 
 
-def curves_of(node: f.Formula, walk: Walk[Bounds[Curve]]) -> Bounds[Curve]:
+def curves_of(node: f.Formula, walk: Walk[RhoBounds[Curve]]) -> RhoBounds[Curve]:
     """Return the curves of a formula; those of a predicate are not kept, since many fill the memory."""
     if isinstance(node, f.Comparison) and id(node) not in walk.done:
         assert isinstance(walk.algebra, BoundedAlgebra)
@@ -31,13 +31,13 @@ def curves_of(node: f.Formula, walk: Walk[Bounds[Curve]]) -> Bounds[Curve]:
     return walk(node)
 
 
-def bounds_at_start(formula: f.Formula, walk: Walk[Bounds[Curve]], snap: float) -> Pair:
+def bounds_at_start(formula: f.Formula, walk: Walk[RhoBounds[Curve]], snap: float) -> Pair:
     """Return the bounds of ρ at the first instant, never 0: their signs are the verdict."""
     return _Start(walk, snap).value(formula)
 
 
 class _Start:
-    def __init__(self, walk: Walk[Bounds[Curve]], snap: float) -> None:
+    def __init__(self, walk: Walk[RhoBounds[Curve]], snap: float) -> None:
         self.walk, self.snap = walk, snap
 
     def value(self, node: f.Formula) -> Pair:

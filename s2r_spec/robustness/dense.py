@@ -14,14 +14,14 @@ from s2r_spec.robustness import windows
 from s2r_spec.robustness.curve import Curve, added, maximum, minimum, sign, split_at_zero
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.numbers import Numbers, no_value
-from s2r_spec.robustness.sampled import SampledAlgebra, Samples
+from s2r_spec.robustness.sampled import SampledAlgebra, SampledSignals
 from s2r_spec.robustness.ties import TIE, rescaled, signed
 
 FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Recording:
+class ContinuousSignals:
     """Signals and parameters in continuous time, on which formulas are evaluated.
 
     Args:
@@ -31,7 +31,7 @@ class Recording:
         snap: times closer than this are the same [s].
     """
 
-    samples: Samples
+    samples: SampledSignals
     between: Literal["hold", "linear"]
     snap: float
 
@@ -47,7 +47,7 @@ def snap_of(times: FloatArray) -> float:
     return 1e-12 * span + 8 * float(np.finfo(np.float64).eps) * float(np.abs(times).max())
 
 
-def walk_curves(recording: Recording) -> Walk[Curve]:
+def walk_curves(recording: ContinuousSignals) -> Walk[Curve]:
     """Return the walk that gives the robustness of a formula as a curve over the recording.
 
     The walk raises TraceError if a predicate has no value, and UsageError for
@@ -59,10 +59,10 @@ def walk_curves(recording: Recording) -> Walk[Curve]:
 class DenseAlgebra:
     """Robustness signals as curves."""
 
-    def __init__(self, recording: Recording) -> None:
+    def __init__(self, recording: ContinuousSignals) -> None:
         self.recording = recording
         self.snap = recording.snap
-        self.values = Values(recording)
+        self.values = PredicateCurves(recording)
 
     def truth(self, value: bool) -> Curve:
         """Return an infinity."""
@@ -131,7 +131,7 @@ class DenseAlgebra:
             return windows.until(left.backward(), right.backward(), interval, self.snap).backward()
         return windows.until(left, right, interval, self.snap)
 
-    def step(self, x: Curve, node: f.Step) -> Curve:
+    def step(self, x: Curve, node: f.AdjacentSample) -> Curve:
         """Refuse: there is no next instant."""
         raise UsageError(
             f"`{node.span.text}` ({node.span.place}) counts samples: "
@@ -156,7 +156,7 @@ def _signed_limit(limit: FloatArray, other: FloatArray, operator: f.CompareOp) -
 
 
 @dataclass
-class Values:
+class PredicateCurves:
     """The numbers that a predicate compares, as curves.
 
     Sums, differences, multiples, minima, maxima, absolute values and signs of straight lines are exact, with their
@@ -164,7 +164,7 @@ class Values:
     samples and interpolated linearly.
     """
 
-    recording: Recording
+    recording: ContinuousSignals
     sampled: Numbers = field(init=False)
     done: dict[int, Curve] = field(init=False, default_factory=dict)
 

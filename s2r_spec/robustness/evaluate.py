@@ -63,7 +63,7 @@ class Algebra(Protocol[S]):
         """Return sup over witnesses t' in the window of min(right(t'), inf of left on [t, t'))."""
         ...
 
-    def step(self, x: S, node: f.Step) -> S:
+    def step(self, x: S, node: f.AdjacentSample) -> S:
         """Return the next or previous sample's x; −inf where there is none."""
         ...
 
@@ -123,7 +123,7 @@ class Walk(Generic[S]):
                 return over(self(node.operand), node.interval, node.operator in ("historically", "once"))
             case f.Until():
                 return self._until(node)
-            case f.Step():
+            case f.AdjacentSample():
                 return algebra.step(self(node.operand), node)
             case f.Edge():
                 now = self(node.operand)

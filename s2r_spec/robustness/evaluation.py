@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from s2r_spec.base.errors import TraceError, UsageError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.binding import bound
-from s2r_spec.robustness.dense import Recording, snap_of, walk_curves
+from s2r_spec.robustness.dense import ContinuousSignals, snap_of, walk_curves
 from s2r_spec.robustness.evaluate import Walk, Witness
 from s2r_spec.robustness.grid import SNAP, Grid
 from s2r_spec.robustness.horizon import horizon, samples_needed, seconds_needed
 from s2r_spec.robustness.narrow import narrowest, refuse_short
-from s2r_spec.robustness.sampled import Samples, walk_samples
+from s2r_spec.robustness.sampled import SampledSignals, walk_samples
 from s2r_spec.robustness.silence import Span, bounded_samples, silences_of
 from s2r_spec.robustness.ticks import Ticks, clock_of
 from s2r_spec.robustness.ties import plain
@@ -147,9 +147,9 @@ class Reading:
     def walk(self) -> Walk[Any]:
         """Return a walk over samples or curves."""
         if self.interpolation == "samples":
-            return walk_samples(Samples(self.clock, self.signals, self.params, self.until))
-        samples = Samples(Ticks.of(self.times), self.signals, self.params, self.until)
-        return walk_curves(Recording(samples, self.interpolation, self.snap))
+            return walk_samples(SampledSignals(self.clock, self.signals, self.params, self.until))
+        samples = SampledSignals(Ticks.of(self.times), self.signals, self.params, self.until)
+        return walk_curves(ContinuousSignals(samples, self.interpolation, self.snap))
 
     def signed(self, formula: f.Formula) -> FloatArray:
         """Return (n,): ρ at every sample, never 0: its sign is the verdict (:mod:`s2r_spec.robustness.ties`)."""
@@ -170,7 +170,7 @@ class Reading:
         """Return the bounds of ρ at the first sample where the samples are silent for a while; None if they are not."""
         if not self.silences:
             return None
-        samples = Samples(self.clock, self.signals, self.params, self.until)
+        samples = SampledSignals(self.clock, self.signals, self.params, self.until)
         bounds = bounded_samples(samples, self.silences, self.period or 0.0)(formula)
         return float(bounds.lower[0]), float(bounds.upper[0])
 

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from s2r_spec.base.json_values import to_json
 from s2r_spec.base.printable import html_text, one_line
 from s2r_spec.lang import formula as f
-from s2r_spec.robustness.deciding import Step, descend
+from s2r_spec.robustness.deciding import DescentStep, descend
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.evaluation import Reading
 from s2r_spec.robustness.responsible import responsible
-from s2r_spec.robustness.sampled import SampledAlgebra, Samples
+from s2r_spec.robustness.sampled import SampledAlgebra, SampledSignals
 from s2r_spec.robustness.ties import plain_number
 from s2r_spec.trace.instants import DATES, instant
 
@@ -36,7 +36,7 @@ class Observed:
 
 
 @dataclass(frozen=True)
-class Part:
+class ExplanationStep:
     """A sub-formula on the way from the requirement to the predicate.
 
     Args:
@@ -85,7 +85,7 @@ class Explanation:
     rho: float
     unit: str
     satisfied: bool
-    parts: tuple[Part, ...] = ()
+    parts: tuple[ExplanationStep, ...] = ()
     instant: float | None = None
     predicate: str = ""
     line: int | None = None
@@ -152,12 +152,12 @@ class Explanation:
 
 def explain(formula: f.Formula, reading: Reading, requirement: str, unit: str) -> Explanation:
     """Explain ρ of a formula at the first sample; conditions are evaluated at the samples."""
-    algebra = SampledAlgebra(Samples(reading.clock, reading.signals, reading.params, reading.until))
+    algebra = SampledAlgebra(SampledSignals(reading.clock, reading.signals, reading.params, reading.until))
     walk = Walk(algebra, reading.until)
     signed = float(walk(formula)[0])
     steps = list(descend(formula, walk, reading.clock))
     parts = tuple(
-        Part(
+        ExplanationStep(
             _one_line(step.node.span.text),
             step.node.name if isinstance(step.node, f.Named) else "",
             step.node.span.line,
@@ -208,7 +208,7 @@ class Decided:
 
 
 def explained(
-    requirement: str, unit: str, signed: float, parts: tuple[Part, ...], decided: Decided
+    requirement: str, unit: str, signed: float, parts: tuple[ExplanationStep, ...], decided: Decided
 ) -> Explanation:
     """Return an explanation from the way down to what decides ρ; the sign of ``signed``, never 0, is the verdict."""
     rho, satisfied = plain_number(signed), signed > 0
@@ -244,7 +244,7 @@ def explained(
     )
 
 
-def _unneeded(steps: Sequence[Step]) -> str:
+def _unneeded(steps: Sequence[DescentStep]) -> str:
     """Return the right side of the last implication on the way down whose left side is false; "" if there is none."""
     for above, below in zip(reversed(steps[:-1]), reversed(steps[1:]), strict=True):
         if below.vacuous and isinstance(above.node, f.Implication):

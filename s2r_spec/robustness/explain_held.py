@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.at_start import bounds_at_start, curves_of, infimum_over
-from s2r_spec.robustness.bounds import BoundedAlgebra, Bounds
+from s2r_spec.robustness.bounds import BoundedAlgebra, RhoBounds
 from s2r_spec.robustness.curve import Curve
 from s2r_spec.robustness.evaluate import Walk, up_to
-from s2r_spec.robustness.explain import Decided, Explanation, Observed, Part, explained
+from s2r_spec.robustness.explain import Decided, Explanation, ExplanationStep, Observed, explained
 from s2r_spec.robustness.held import Courses, HeldAlgebra, HeldValues, signals_of
 from s2r_spec.robustness.ties import plain_number
 
@@ -34,7 +34,7 @@ _INSIDE = 1e-6
 
 
 @dataclass(frozen=True)
-class _Step:
+class _HeldStep:
     """A sub-formula on the way down.
 
     Args:
@@ -61,7 +61,7 @@ class HeldExplainer:
         worse: whether ρ is the lower bound; else the upper one.
     """
 
-    walk: Walk[Bounds[Curve]]
+    walk: Walk[RhoBounds[Curve]]
     start: float
     worse: bool
 
@@ -78,7 +78,7 @@ class HeldExplainer:
         rho = self.rho(formula, 0.0, 1.0)
         steps = list(self._descend(formula))
         parts = tuple(
-            Part(
+            ExplanationStep(
                 " ".join(step.node.span.text.split()),
                 step.node.name if isinstance(step.node, f.Named) else "",
                 step.node.span.line,
@@ -118,13 +118,13 @@ class HeldExplainer:
 
     # -- the way down ------------------------------------------------------------------------------------------------
 
-    def _descend(self, formula: f.Formula) -> Iterator[_Step]:
-        step: _Step | None = _Step(formula, 0.0, 1.0, np.zeros((1, 2)))
+    def _descend(self, formula: f.Formula) -> Iterator[_HeldStep]:
+        step: _HeldStep | None = _HeldStep(formula, 0.0, 1.0, np.zeros((1, 2)))
         while step is not None:
             yield step
             step = self._below(step)
 
-    def _below(self, step: _Step) -> _Step | None:
+    def _below(self, step: _HeldStep) -> _HeldStep | None:
         node, t, factor = step.node, step.time, step.factor
         match node:
             case f.Named():
@@ -150,7 +150,7 @@ class HeldExplainer:
             case _:
                 return None
 
-    def _implication(self, node: f.Implication, step: _Step) -> _Step:
+    def _implication(self, node: f.Implication, step: _HeldStep) -> _HeldStep:
         t, factor = step.time, step.factor
         left, right = -self.rho(node.left, t, -factor), self.rho(node.right, t, factor)
         if node.operator == "->":
@@ -164,7 +164,7 @@ class HeldExplainer:
             side = (node.left, factor) if back[0] >= back[1] else (node.right, -factor)
         return replace(step, node=side[0], factor=side[1])
 
-    def _edge(self, node: f.Edge, step: _Step) -> _Step | None:
+    def _edge(self, node: f.Edge, step: _HeldStep) -> _HeldStep | None:
         sign = 1.0 if node.operator == "rise" else -1.0
         before = step.time - 4 * self.courses.snap
         if before < 0.0:
@@ -175,12 +175,12 @@ class HeldExplainer:
             return replace(step, node=node.operand, factor=sign * step.factor)
         return replace(step, node=node.operand, factor=-sign * step.factor, time=before)
 
-    def _window(self, interval: f.Interval, step: _Step, past: bool) -> Span:
+    def _window(self, interval: f.Interval, step: _HeldStep, past: bool) -> Span:
         """Return the times of a window of one instant, cut at the ends of the trace."""
         ends = (-interval.high, -interval.low) if past else (interval.low, interval.high)
         return max(step.time + ends[0], 0.0), min(step.time + ends[1], self.courses.end)
 
-    def _spread(self, interval: f.Interval, step: _Step, past: bool) -> FloatArray:
+    def _spread(self, interval: f.Interval, step: _HeldStep, past: bool) -> FloatArray:
         """Return the times that the windows of a step's instants reach, as one run."""
         low, high = (-interval.high, -interval.low) if past else (interval.low, interval.high)
         begin, end = step.runs[0, 0] + low, step.runs[-1, 1] + high
@@ -201,8 +201,8 @@ class HeldExplainer:
         return agreeing if len(agreeing) else runs
 
     def _extreme(
-        self, node: f.Formula, step: _Step, interval: f.Interval, past: bool, least: bool
-    ) -> _Step | None:
+        self, node: f.Formula, step: _HeldStep, interval: f.Interval, past: bool, least: bool
+    ) -> _HeldStep | None:
         low, high = self._window(interval, step, past)
         if isinstance(node, f.Junction) and (node.operator == "and") == least:
             # One part after the other: the curve of all has the stamps of all topics.
@@ -247,7 +247,7 @@ class HeldExplainer:
         places = [at[np.flatnonzero(part == least)[last]] for value, part, at in known if value == least]
         return float(max(places) if past else min(places))
 
-    def at(self, step: _Step) -> float:
+    def at(self, step: _HeldStep) -> float:
         """Return ρ of a step's node at its instant."""
         return self.rho(step.node, step.time, step.factor)
 
@@ -271,7 +271,7 @@ class HeldExplainer:
         times = np.unique(np.concatenate([inner, within, borders]))
         return times[::-1] if past else times
 
-    def _until(self, node: f.Until, step: _Step) -> _Step | None:
+    def _until(self, node: f.Until, step: _HeldStep) -> _HeldStep | None:
         sign = -1.0 if node.operator == "release" else 1.0  # release is the dual of until
         past = node.operator == "since"
         way = replace(up_to(node.interval), span=node.interval.span)
@@ -310,7 +310,7 @@ class HeldExplainer:
 
     # -- what is shown -----------------------------------------------------------------------------------------------
 
-    def _runs(self, step: _Step) -> tuple[Span, ...]:
+    def _runs(self, step: _HeldStep) -> tuple[Span, ...]:
         """Return (from, to) times in the window at which the predicate is what decides: [s] on the trace's clock."""
         wanted = self.at(step) > 0
         runs = self._agreeing(self.curve(step.node, step.factor), wanted, step.runs)

@@ -25,10 +25,10 @@ from s2r_spec.base.errors import TraceError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness import history
 from s2r_spec.robustness.curve import Curve, aligned, split_at_zero
-from s2r_spec.robustness.dense import DenseAlgebra, Recording, Values
+from s2r_spec.robustness.dense import ContinuousSignals, DenseAlgebra, PredicateCurves
 from s2r_spec.robustness.evaluate import Walk, Witness
 from s2r_spec.robustness.numbers import Numbers, margin
-from s2r_spec.robustness.sampled import Samples
+from s2r_spec.robustness.sampled import SampledSignals
 from s2r_spec.robustness.ticks import Ticks
 
 FloatArray = NDArray[np.float64]
@@ -103,10 +103,10 @@ class Courses:
         result: FloatArray = np.unique(np.concatenate([ends, *inner]))
         return result
 
-    def sampled(self, times: FloatArray, read: frozenset[str]) -> Samples:
+    def sampled(self, times: FloatArray, read: frozenset[str]) -> SampledSignals:
         """Return some signals at times."""
         signals = {name: self.signals[name].at(times) for name in read}
-        return Samples(Ticks(times, self.snap), signals, self.params, self.until)
+        return SampledSignals(Ticks(times, self.snap), signals, self.params, self.until)
 
     def needs_samples(self, node: f.Node) -> bool:
         """Return whether a value is known at samples alone: a function of the past of several topics."""
@@ -122,7 +122,7 @@ class HeldAlgebra(DenseAlgebra):
 
     def __init__(self, courses: Courses) -> None:
         ends = courses.stamps(frozenset())
-        super().__init__(Recording(courses.sampled(ends, frozenset()), "hold", courses.snap))
+        super().__init__(ContinuousSignals(courses.sampled(ends, frozenset()), "hold", courses.snap))
         self.courses = courses
         # Only those of the last predicate, since those of many topics fill the memory.
         self._last: tuple[frozenset[str], HeldValues] | None = None
@@ -158,7 +158,7 @@ def needs_samples(node: f.Node, times: Mapping[str, FloatArray]) -> bool:
         times: signal → the stamps of its messages.
     """
     for part in f.walk(node):
-        if isinstance(part, f.Step):
+        if isinstance(part, f.AdjacentSample):
             return True
         if isinstance(part, f.Count | f.Delayed | f.Derivative):
             first, *others = (
@@ -175,7 +175,7 @@ def signals_of(node: f.Node) -> frozenset[str]:
 
 
 @dataclass
-class HeldValues(Values):
+class HeldValues(PredicateCurves):
     """The numbers that a predicate compares, as curves with breakpoints at the messages of its signals."""
 
     courses: Courses = field(kw_only=True)
@@ -185,7 +185,7 @@ class HeldValues(Values):
         """Return the values of some signals at their stamps."""
         samples = courses.sampled(courses.stamps(read), read)
         linear = any(courses.signals[name].linear for name in read)
-        return cls(Recording(samples, "linear" if linear else "hold", courses.snap), courses=courses)
+        return cls(ContinuousSignals(samples, "linear" if linear else "hold", courses.snap), courses=courses)
 
     def __post_init__(self) -> None:
         self.sampled = _OwnNumbers(self.recording.samples, self.courses)
@@ -361,7 +361,7 @@ def _conditions(courses: Courses, times: FloatArray, node: f.Formula) -> FloatAr
 class _OwnNumbers(Numbers):
     """Numbers at the messages of a predicate's signals; functions of the past look at their operand's own messages."""
 
-    def __init__(self, samples: Samples, courses: Courses) -> None:
+    def __init__(self, samples: SampledSignals, courses: Courses) -> None:
         # Not a method of these numbers: a reference cycle would keep the samples in memory.
         conditions = partial(_conditions, courses, samples.clock.times)
         super().__init__(samples.signals, samples.params, samples.clock, lambda: conditions)

@@ -24,7 +24,7 @@ from s2r_spec.base.printable import counted_messages
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.account import Instants, instants_of
 from s2r_spec.robustness.at_start import bounds_at_start
-from s2r_spec.robustness.bounds import Bounds
+from s2r_spec.robustness.bounds import RhoBounds
 from s2r_spec.robustness.curve import Curve
 from s2r_spec.robustness.evaluate import Walk, Witness
 from s2r_spec.robustness.evaluation import End, Evaluation
@@ -34,7 +34,7 @@ from s2r_spec.robustness.held import Course, Courses, HeldAlgebra
 from s2r_spec.robustness.horizon import horizon, seconds_needed
 from s2r_spec.robustness.narrow import narrowest, refuse_short
 from s2r_spec.robustness.silence import HeldBounds, Span, edge_signals
-from s2r_spec.robustness.stream import Stream, in_one_turn
+from s2r_spec.robustness.stream import SignalMessages, in_one_turn
 from s2r_spec.robustness.ties import plain, plain_number
 from s2r_spec.trace.instants import instant
 from s2r_spec.trace.messages import union
@@ -93,7 +93,7 @@ class Judge:
         witness: see :class:`s2r_spec.robustness.evaluate.Walk`.
     """
 
-    streams: Mapping[str, Stream]
+    streams: Mapping[str, SignalMessages]
     params: Mapping[str, FloatArray]
     since: float | None
     until: float
@@ -139,7 +139,7 @@ class Judge:
         )
         return Courses(signals, self.params, end - start, snap_of(start, end), self.witness)
 
-    def walk(self, start: float, end: float, open_steps: bool = False) -> Walk[Bounds[Curve]]:
+    def walk(self, start: float, end: float, open_steps: bool = False) -> Walk[RhoBounds[Curve]]:
         """Return the walk that bounds ρ from ``start`` to ``end``; see :class:`HeldBounds`."""
         most = {stream.topic: stream.most for stream in self.streams.values()}
         if math.prod(most.values()) > MOST_VARIANTS:
@@ -276,7 +276,7 @@ class Judge:
 
     # -- what lies outside of the window -----------------------------------------------------------------------------
 
-    def _outside(self, stream: Stream, start: float, end: float) -> tuple[int, int]:
+    def _outside(self, stream: SignalMessages, start: float, end: float) -> tuple[int, int]:
         """Return the number of messages before the one that is held at the start, and after the end."""
         times = stream.messages.times
         held = times[max(int(np.searchsorted(times, start, side="right")) - 1, 0)]

@@ -17,7 +17,7 @@ from s2r_spec.robustness.ties import signed
 FloatArray = NDArray[np.float64]
 
 
-class Times(Protocol):
+class SampleTimes(Protocol):
     """Sample times."""
 
     @property
@@ -54,7 +54,7 @@ class Numbers:
         self,
         signals: Mapping[str, FloatArray],
         params: Mapping[str, FloatArray],
-        clock: Times,
+        clock: SampleTimes,
         conditions: Callable[[], Callable[[f.Formula], FloatArray]],
     ) -> None:
         self.signals = signals
@@ -148,7 +148,7 @@ class Numbers:
         return np.where(self(node.reference)[..., :1] >= origin, 1.0, -1.0)
 
 
-def margin(node: f.Comparison, numbers: Numbers, clock: Times) -> FloatArray:
+def margin(node: f.Comparison, numbers: Numbers, clock: SampleTimes) -> FloatArray:
     """Return (…, n): the margin of a comparison, never 0; see :mod:`s2r_spec.robustness.ties`.
 
     Raises:

@@ -16,7 +16,7 @@ from s2r_spec.lang.amounts import NUMBER_AND_UNIT, Amount, converted, read_amoun
 from s2r_spec.lang.conversion import Conversion
 from s2r_spec.lang.declarations import Param, Signal
 from s2r_spec.lang.units import UnknownUnitError, unit_in_log
-from s2r_spec.robustness.stream import Stream, on_circle
+from s2r_spec.robustness.stream import SignalMessages, on_circle
 from s2r_spec.trace import Trace
 from s2r_spec.trace.instants import instant
 
@@ -44,7 +44,7 @@ def read_signals(
 
 def read_streams(
     signals: Iterable[Signal], trace: Trace, missing: Missing, linear: Set[str] = frozenset()
-) -> dict[str, Stream]:
+) -> dict[str, SignalMessages]:
     """Return name → signal with messages of its own; those of ``linear`` are so between messages.
 
     For the other args and errors see :func:`read_signals`.
@@ -52,7 +52,7 @@ def read_streams(
     return {signal.name: _stream(signal, trace, missing, signal.name in linear) for signal in signals}
 
 
-def _stream(signal: Signal, trace: Trace, missing: Missing, linear: bool) -> Stream:
+def _stream(signal: Signal, trace: Trace, missing: Missing, linear: bool) -> SignalMessages:
     messages = trace.messages[signal.name]
     messages = replace(messages, linear=True) if linear else messages
     messages = messages.held_between() if signal.boolean and messages.linear else messages
@@ -60,7 +60,7 @@ def _stream(signal: Signal, trace: Trace, missing: Missing, linear: bool) -> Str
     empty = np.isnan(samples).any(axis=0)
     turn = turn_of(signal)
     if not empty.any():
-        return Stream(messages, _converted(signal, trace, samples), turn=turn)
+        return SignalMessages(messages, _converted(signal, trace, samples), turn=turn)
     if missing == "error":
         raise _missing(signal, messages.times, int(np.argmax(empty)), HOLD)
     samples = _last_known(samples)
@@ -68,7 +68,7 @@ def _stream(signal: Signal, trace: Trace, missing: Missing, linear: bool) -> Str
     if not known.any():
         raise _missing(signal, messages.times, 0, LEADING)
     kept = replace(messages, times=messages.times[known], values=messages.values[known])
-    return Stream(kept, _converted(signal, trace, samples[:, known]), int(empty.sum()), turn)
+    return SignalMessages(kept, _converted(signal, trace, samples[:, known]), int(empty.sum()), turn)
 
 
 def turn_of(signal: Signal) -> float:

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.deciding import best_witness
 from s2r_spec.robustness.evaluate import Walk, up_to
-from s2r_spec.robustness.sampled import Clock
+from s2r_spec.robustness.sampled import SampleClock
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 
-def responsible(root: f.Formula, walk: Walk[FloatArray], clock: Clock) -> dict[int, BoolArray]:
+def responsible(root: f.Formula, walk: Walk[FloatArray], clock: SampleClock) -> dict[int, BoolArray]:
     """Return id of predicate → (n,): the samples at which the verdict of ``root`` at sample 0 depends on it.
 
     A violated ``always`` depends on the samples that violate it, and a satisfied one on its whole window;
@@ -30,7 +30,7 @@ def responsible(root: f.Formula, walk: Walk[FloatArray], clock: Clock) -> dict[i
 
 
 class _Causes:
-    def __init__(self, walk: Walk[FloatArray], clock: Clock) -> None:
+    def __init__(self, walk: Walk[FloatArray], clock: SampleClock) -> None:
         self.walk, self.clock = walk, clock
         self.found: dict[int, BoolArray] = {}
 
@@ -65,7 +65,7 @@ class _Causes:
                 )
             case f.Until():
                 self._until(node, at, holds)
-            case f.Step():
+            case f.AdjacentSample():
                 self.add(node.operand, _moved(at, 1 if node.operator == "next" else -1), holds)
             case f.Edge():
                 rises = node.operator == "rise"

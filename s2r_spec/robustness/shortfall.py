@@ -9,7 +9,7 @@ from s2r_spec.robustness.deciding import descend
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.evaluation import Reading
 from s2r_spec.robustness.horizon import horizon
-from s2r_spec.robustness.sampled import SampledAlgebra, Samples
+from s2r_spec.robustness.sampled import SampledAlgebra, SampledSignals
 
 
 def shortfall(formula: f.Formula, reading: Reading) -> str:
@@ -28,7 +28,7 @@ def shortfall(formula: f.Formula, reading: Reading) -> str:
         return f"looks at the next sample, but {length}"
     if len(times) == 1:
         return f"looks at the whole rest of a trace, but {length}"
-    algebra = SampledAlgebra(Samples(reading.clock, reading.signals, reading.params, reading.until))
+    algebra = SampledAlgebra(SampledSignals(reading.clock, reading.signals, reading.params, reading.until))
     walk = Walk(algebra, reading.until)
     walk(formula)
     longest = reading.needs(formula), 0

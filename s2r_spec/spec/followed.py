@@ -19,7 +19,7 @@ Sample = tuple[float, Mapping[str, Any]]
 
 
 @dataclass(frozen=True)
-class Stream:
+class SampleStream:
     """A stream of samples, in the units of the input.
 
     Args:
@@ -59,7 +59,7 @@ class OnlineConventions:
 
 
 @dataclass(frozen=True)
-class Change:
+class VerdictChange:
     """A requirement's interval or verdict has changed.
 
     Args:
@@ -89,8 +89,8 @@ class Ended:
 
 
 def follow(
-    spec: Spec, requirements: Sequence[str], stream: Stream, conventions: OnlineConventions
-) -> Iterator[Change | Ended]:
+    spec: Spec, requirements: Sequence[str], stream: SampleStream, conventions: OnlineConventions
+) -> Iterator[VerdictChange | Ended]:
     """Yield each change of an interval or a verdict as its sample is read, and the results at the end.
 
     Raises:
@@ -118,7 +118,7 @@ def follow(
             latest[name] = interval
             if interval != shown.get(name) and (name in shown or interval.bounded):
                 shown[name] = interval
-                yield Change(name, interval, recent)
+                yield VerdictChange(name, interval, recent)
     ended: dict[str, RobustInterval] = {}
     for name, monitor in monitors.items():
         failure = _failed(spec, name, stream.meta)

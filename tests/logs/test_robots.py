@@ -9,7 +9,7 @@ from s2r_spec import load_backend, logs, parse_spec, read_trace
 from s2r_spec.errors import TraceError, UndecidedError, UsageError
 from s2r_spec.logs.summary import summary
 from s2r_spec.logs.topics.join import Joining
-from s2r_spec.recordings.excerpts import Excerpts, Source, excerpt, read_sources
+from s2r_spec.recordings.excerpts import Excerpts, ParamColumn, excerpt, read_sources
 from s2r_spec.recordings.log_folder import LogError
 from tests.errors import naming, states
 from tests.logs import robot_logs
@@ -155,7 +155,7 @@ def test_a_field_without_numbers_is_named_with_what_it_holds(tmp_path):
 
 SPEC = parse_spec(robot_logs.SPEC)
 COMMAND = {"vx_cmd": "/cmd.twist.linear.x"}
-TEST = {"vd": Source(COMMAND["vx_cmd"], 0.0)}
+TEST = {"vd": ParamColumn(COMMAND["vx_cmd"], 0.0)}
 
 
 def drive(folder: Path, without=(), clock: bool = False) -> Path:
@@ -201,10 +201,10 @@ def test_commands_are_held_where_signals_are_interpolated(tmp_path):
 
 def test_a_test_parameter_after_the_episode_is_refused(tmp_path):
     path = drive(tmp_path / "bag")
-    (episode,) = cut_out(path, sources={"vd": Source(COMMAND["vx_cmd"], 1.5)}).episodes
+    (episode,) = cut_out(path, sources={"vd": ParamColumn(COMMAND["vx_cmd"], 1.5)}).episodes
     assert episode.values["vd"] == (0.3, "")
     with pytest.raises(TraceError, match=naming("vd", "9 s", "1.5 s")):
-        cut_out(path, sources={"vd": Source(COMMAND["vx_cmd"], 9.0)})
+        cut_out(path, sources={"vd": ParamColumn(COMMAND["vx_cmd"], 9.0)})
 
 
 def test_an_episode_that_the_log_does_not_have_is_named(tmp_path):
@@ -231,7 +231,7 @@ def test_a_unit_that_the_log_lacks_is_stated_or_named(tmp_path):
 
 def test_a_stated_unit_counts_in_conditions_and_for_parameters(tmp_path):
     columns = {**SPEED, "vx_cmd": f"{COMMAND['vx_cmd']} [m/s]"}
-    source = {"vd": Source(f"{COMMAND['vx_cmd']}[cm/s]", 0.0)}
+    source = {"vd": ParamColumn(f"{COMMAND['vx_cmd']}[cm/s]", 0.0)}
     excerpts = Excerpts(columns, when="vx_cmd > 5 {cm/s}", sources=source, joining=Joining(rule="linear"))
     path = drive(tmp_path / "bag")
     (episode,) = excerpt(path, SPEC.signals, {"vx": None}, SPEC.horizon(), excerpts).episodes

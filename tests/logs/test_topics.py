@@ -12,7 +12,7 @@ from s2r_spec.errors import TraceError
 from s2r_spec.logs.interpret import at_clock
 from s2r_spec.logs.topics.join import Joining
 from s2r_spec.recordings.episodes import cut
-from s2r_spec.recordings.excerpts import Excerpts, Source, excerpt
+from s2r_spec.recordings.excerpts import Excerpts, ParamColumn, excerpt
 from s2r_spec.trace import Trace
 from s2r_spec.trace.messages import Messages
 from tests.logs import robot_logs
@@ -35,7 +35,7 @@ SPEC = parse_spec(robot_logs.SPEC)
 
 def episodes(path, columns, joining=None):
     excerpts = Excerpts(
-        columns, None, joining, "vx_cmd > 0.05", sources={"vd": Source(columns["vx_cmd"], 0.0)}
+        columns, None, joining, "vx_cmd > 0.05", sources={"vd": ParamColumn(columns["vx_cmd"], 0.0)}
     )
     return excerpt(path, SPEC.signals, {"vx": None}, SPEC.horizon(), excerpts)
 
@@ -138,7 +138,7 @@ def test_the_episodes_of_a_lerobot_table_are_traces_of_their_own(tmp_path):
     found = excerpt(path, SPEC.signals, {"vx": None}, SPEC.horizon(), Excerpts(columns))
     assert [episode.trace["vx"][0] for episode in found.episodes] == pytest.approx([0.0, 0.1, 0.2])
     assert all(len(episode.trace) == 100 for episode in found.episodes)
-    sources = {"vd": Source("observation.state[0]", 0.0)}
+    sources = {"vd": ParamColumn("observation.state[0]", 0.0)}
     found = excerpt(path, SPEC.signals, {"vx": None}, SPEC.horizon(), Excerpts(columns, sources=sources))
     assert [episode.values["vd"][0] for episode in found.episodes] == pytest.approx([0.3] * 3)
     with pytest.raises(TraceError, match="3 episodes"):

@@ -12,7 +12,7 @@ import s2r_spec as s2r
 from s2r_spec import logs
 from s2r_spec.errors import TraceError, TraceNote, UsageError
 from s2r_spec.logs.formats.follow import follow
-from s2r_spec.logs.mapping import Request
+from s2r_spec.logs.mapping import ColumnRequest
 from s2r_spec.recordings.excerpts import Excerpts, excerpt
 from s2r_spec.recordings.recorded import LogBackend
 from tests.errors import naming, states
@@ -140,7 +140,7 @@ def test_rows_of_standard_input_are_read_in_the_unit_of_their_header():
         ("ascent (feet)", "ascent [m]", "m"),
     ):
         stream = io.StringIO(f"t,{name}\n0,48\n0.1,58\n")
-        rows = follow(stream.readline, Request({"h": column}, {"h": None}))
+        rows = follow(stream.readline, ColumnRequest({"h": column}, {"h": None}))
         assert rows.units == {"h": unit}
         assert [sample["h"] for _, sample in rows.samples] == [48, 58]
 

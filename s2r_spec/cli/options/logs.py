@@ -12,7 +12,7 @@ from s2r_spec.base.errors import UsageError
 from s2r_spec.cli.options.groups import log_option
 
 if TYPE_CHECKING:
-    from s2r_spec.recordings.excerpts import Excerpts, Source
+    from s2r_spec.recordings.excerpts import Excerpts, ParamColumn
     from s2r_spec.spec import Spec
 
 READ = ("log:", "manual:")
@@ -120,7 +120,7 @@ class LogForm:
     stamps: Stamped = None
     longest: Longest = None
 
-    def excerpts(self, sources: Mapping[str, Source]) -> Excerpts:
+    def excerpts(self, sources: Mapping[str, ParamColumn]) -> Excerpts:
         """Return how a log becomes traces, with the sources of its test parameters."""
         from s2r_spec.logs.mapping import read_map
         from s2r_spec.logs.topics.join import Joining

@@ -30,7 +30,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.attribution.place import EXPLAINS, Place, Range, cause_first, visited
+from s2r_spec.attribution.place import EXPLAINS, Place, ValueRange, cause_first, visited
 from s2r_spec.backend import HasResiduals, HasVariants
 from s2r_spec.base.json_values import Ends, Shown
 from s2r_spec.base.printable import spelled
@@ -114,10 +114,10 @@ class Remainder(Shown):
     def place(self) -> Place:
         """Where it is: in a window of time, or at values of a channel."""
         if not self.along:
-            return Place(Range(self.low, self.high), self.part)
-        time = None if self.times is None else Range(*self.times)
+            return Place(ValueRange(self.low, self.high), self.part)
+        time = None if self.times is None else ValueRange(*self.times)
         extent = self.extent or (-math.inf, math.inf)
-        values = Range(self.low, self.high, self.along_unit, self.along, *extent)
+        values = ValueRange(self.low, self.high, self.along_unit, self.along, *extent)
         return Place(time, self.part, values=(values,))
 
     def __str__(self) -> str:

@@ -23,7 +23,7 @@ CODES = {
 
 
 @dataclass(frozen=True)
-class Finding:
+class LintWarning:
     """One warning.
 
     Args:

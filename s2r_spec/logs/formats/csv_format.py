@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from s2r_spec.base.errors import NoTimesError, TraceError
 from s2r_spec.logs import cells
 from s2r_spec.logs.formats import csv_bulk, csv_head
-from s2r_spec.logs.formats.csv_head import Row, is_number
+from s2r_spec.logs.formats.csv_head import CsvRow, is_number
 from s2r_spec.logs.own import rows
 from s2r_spec.logs.table import (
     INDEX,
@@ -93,8 +93,8 @@ class Text:
     first_line: int | None
     notes: list[str] = field(default_factory=list)
     _lines: _Lines = field(repr=False, kw_only=True)
-    _names: Row = field(repr=False, kw_only=True)
-    _rows: Iterator[Row] = field(repr=False, kw_only=True)
+    _names: CsvRow = field(repr=False, kw_only=True)
+    _rows: Iterator[CsvRow] = field(repr=False, kw_only=True)
 
     @classmethod
     def of(cls, readline: Callable[[], str]) -> Text:
@@ -127,7 +127,7 @@ class Text:
             raise TraceError(
                 "this is not UTF-8 text: it has zero bytes between its letters; save it as UTF-8"
             )
-        rows: Iterator[Row] = iter(lambda: _next(reader, lines), None)
+        rows: Iterator[CsvRow] = iter(lambda: _next(reader, lines), None)
         first_line: int | None = names.line + 1
         above = next(csv.reader([comment.lstrip("# ")]), [])
         if len(above) == len(names.cells) and any(map(is_number, names.cells)):
@@ -184,9 +184,9 @@ class Text:
         self.notes.append(f"line {below.line} is read as the units of the columns")
         next(self._rows)
 
-    def _ahead(self, count: int = csv_head.AHEAD) -> list[Row]:
+    def _ahead(self, count: int = csv_head.AHEAD) -> list[CsvRow]:
         """Return the next rows with text up to the first that begins as a sample; they stay to be read."""
-        rows: list[Row] = []
+        rows: list[CsvRow] = []
         for row in self._rows:
             if row.torn or not row.blank:
                 rows.append(row)
@@ -268,16 +268,16 @@ class _Lines:
         return line
 
 
-def _next(reader: Any, lines: _Lines) -> Row | None:
+def _next(reader: Any, lines: _Lines) -> CsvRow | None:
     """Return the next row, or None at the end."""
     before = lines.number
     try:
         row: list[str] | None = next(reader, None)
     except csv.Error as error:
         if lines.cut and lines.number == before + 1 and before > 0:
-            return Row([], lines.number, cut=True, torn=True)
+            return CsvRow([], lines.number, cut=True, torn=True)
         raise TraceError(f"this is not comma-separated text: {error}") from None
-    return None if row is None else Row(row, lines.number, lines.cut)
+    return None if row is None else CsvRow(row, lines.number, lines.cut)
 
 
 def _meta(line: str, number: int) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -25,7 +25,7 @@ _SEPARATORS = (";", "\t", "|", " ")
 """Definition: marks that other tools write between values, the surest first."""
 
 
-class Row(NamedTuple):
+class CsvRow(NamedTuple):
     """A row of the file.
 
     Args:
@@ -65,12 +65,12 @@ def is_time(text: str) -> bool:
     return is_number(text) or dates.is_date(text) or durations.is_one(text)
 
 
-def sampled(row: Row) -> bool:
+def sampled(row: CsvRow) -> bool:
     """Return whether a row may be a sample, as far as its cells tell."""
     return any(is_time(cell.strip()) for cell in row.cells)
 
 
-def with_units(heads: Sequence[Head], row: Row) -> tuple[Head, ...] | None:
+def with_units(heads: Sequence[Head], row: CsvRow) -> tuple[Head, ...] | None:
     """Return the heads with the units of a row; None if a cell of the row is no unit.
 
     Raises:
@@ -82,7 +82,7 @@ def with_units(heads: Sequence[Head], row: Row) -> tuple[Head, ...] | None:
     return tuple(_stated(head, unit, row) for head, unit in zip_longest(heads, units[: len(heads)]))
 
 
-def _stated(head: Head, unit: str | None, row: Row) -> Head:
+def _stated(head: Head, unit: str | None, row: CsvRow) -> Head:
     """Return a head with the unit of a cell."""
     if not unit:
         return head
@@ -112,7 +112,7 @@ def _unit(cell: str) -> str | None:
     return text
 
 
-def refuse_almost_units(heads: Sequence[Head], row: Row) -> None:
+def refuse_almost_units(heads: Sequence[Head], row: CsvRow) -> None:
     """Refuse a row below the names that is no sample, and most of whose texts are units.
 
     Raises:
@@ -128,13 +128,13 @@ def refuse_almost_units(heads: Sequence[Head], row: Row) -> None:
         )
 
 
-def begins_sample(row: Row) -> bool:
+def begins_sample(row: CsvRow) -> bool:
     """Return whether a row begins with a number or a time, and has another cell."""
     first = row.cells[0].strip() if row.width > 1 else ""
     return is_time(first)
 
 
-def refuse_above(names: Row, rows: Sequence[Row]) -> None:
+def refuse_above(names: CsvRow, rows: Sequence[CsvRow]) -> None:
     """Refuse a file whose names are missing, or seem to stand below other lines.
 
     The line of the names is the one above the first row that begins as a sample, or above its row of units. It has no
@@ -161,7 +161,7 @@ def refuse_above(names: Row, rows: Sequence[Row]) -> None:
         )
 
 
-def refuse_separators(names: Row, below: Row | None) -> None:
+def refuse_separators(names: CsvRow, below: CsvRow | None) -> None:
     """Refuse a file whose values are separated by something else than commas.
 
     Raises:

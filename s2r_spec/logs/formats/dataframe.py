@@ -23,7 +23,7 @@ from s2r_spec.logs.formats.csv_format import head_of
 from s2r_spec.logs.formats.parquet_format import NOTES, as_column
 from s2r_spec.logs.interpret import Loaded, build_trace, request
 from s2r_spec.logs.library import library
-from s2r_spec.logs.mapping import Request, plan_columns, time_candidates
+from s2r_spec.logs.mapping import ColumnRequest, plan_columns, time_candidates
 from s2r_spec.logs.own import rows
 from s2r_spec.logs.table import Column, Head, Table, described, quoted
 from s2r_spec.logs.times.candidates import of_table
@@ -71,7 +71,7 @@ def read(
         loaded = build_trace(table, plan_columns(heads, wanted), wanted)
         return replace(loaded, notes=tuple(map(_in_python, loaded.notes)))
     except NoTimesError as error:
-        rivals = {one: plan_columns(heads, Request({TIME: one}, {})).times for one in error.candidates}
+        rivals = {one: plan_columns(heads, ColumnRequest({TIME: one}, {})).times for one in error.candidates}
         raise TraceError(_in_python(str(of_table(table, rivals, time_unit) if rivals else error))) from None
     except TraceError as error:
         raise TraceError(_in_python(str(error))) from None

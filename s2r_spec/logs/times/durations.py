@@ -27,7 +27,7 @@ _ISO = re.compile(
 
 
 @dataclass(frozen=True)
-class Clock:
+class ClockTime:
     """A time of a clock without a date, in nanoseconds since its midnight or its start."""
 
     count: int

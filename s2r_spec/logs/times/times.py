@@ -21,7 +21,7 @@ from s2r_spec.base.errors import TraceError, UsageError
 from s2r_spec.logs import cells
 from s2r_spec.logs.table import Column, Head, quoted
 from s2r_spec.logs.times import dates, durations, time_units
-from s2r_spec.logs.times.durations import Clock
+from s2r_spec.logs.times.durations import ClockTime
 from s2r_spec.trace import stamps
 from s2r_spec.trace.instants import DATES
 from s2r_spec.trace.samples import FAST, SLOW
@@ -161,10 +161,10 @@ def _durations(texts: NDArray[Any], unit: str | None, place: Place, first: Any) 
     """
     values = durations.nanoseconds(texts, place)
     clock = durations.of_clock(texts[0])
-    _same_form(Clock(0) if clock else values, first, texts, place)
+    _same_form(ClockTime(0) if clock else values, first, texts, place)
     if not clock:
         return _typed(values, unit, first)
-    start = Clock(int(values[0].astype(np.int64))) if first is None else first
+    start = ClockTime(int(values[0].astype(np.int64))) if first is None else first
     counts = np.concatenate(([start.count], values.astype(np.int64)))
     if (np.diff(counts) < 0).any():
         back = int(np.argmax(np.diff(counts) < 0))
@@ -186,7 +186,7 @@ def _same_form(values: Any, first: Any, written: NDArray[Any], place: Place) -> 
 
 def _form(values: Any) -> str:
     """Return the form of times: of a clock, dates (M), durations (m) or numbers ("")."""
-    return "clock" if isinstance(values, Clock) else np.asarray(values).dtype.kind.strip("iufb")
+    return "clock" if isinstance(values, ClockTime) else np.asarray(values).dtype.kind.strip("iufb")
 
 
 def _pair(columns: Sequence[Column], heads: Sequence[Head], unit: str | None, first: Any) -> Times:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError, one_of
-from s2r_spec.logs.mapping import TIME_WORDS, Request, plan_columns
+from s2r_spec.logs.mapping import TIME_WORDS, ColumnRequest, plan_columns
 from s2r_spec.logs.table import Column, Head, affordable, few, quoted
 from s2r_spec.logs.times import candidates, times
 from s2r_spec.logs.times.dates import LAST
@@ -59,7 +59,7 @@ Clock = tuple[str, ...]
 
 
 @dataclass
-class _Found:
+class _TopicArrays:
     """A topic: its clock, the arrays that may be it as well, its fields, and why other arrays below it are none."""
 
     clock: Clock
@@ -103,7 +103,7 @@ class ArrayLog:
         self._describe_others(objects or {})
         self.heads = tuple(self._head(topic, fields) for topic, fields in self._topics.items())
 
-    def _found(self) -> dict[str, _Found]:
+    def _found(self) -> dict[str, _TopicArrays]:
         """Return topic → its clock and fields. A topic has one clock: the user's, ``t``, or the first."""
         clocks = {
             path: clock for path, array in self._arrays.items() if (clock := self._clock(path, array.shape))
@@ -112,10 +112,10 @@ class ArrayLog:
         first: dict[str, Clock] = {}
         for path, clock in sorted(clocks.items(), key=lambda one: self._rank(one[1])):
             first.setdefault(_topic(path, clock), clock)
-        topics: dict[str, _Found] = {}
+        topics: dict[str, _TopicArrays] = {}
         for path, clock in clocks.items():
             topic = _topic(path, clock)
-            own = topics.setdefault(topic, _Found(first[topic]))
+            own = topics.setdefault(topic, _TopicArrays(first[topic]))
             name = _below(path, topic)
             if clock != own.clock:
                 own.other[name] = (
@@ -176,7 +176,7 @@ class ArrayLog:
             if topic is not None:
                 self._topics[topic].other[_below(path, topic)] = text
 
-    def _head(self, topic: str, fields: _Found) -> TopicHead:
+    def _head(self, topic: str, fields: _TopicArrays) -> TopicHead:
         units = {
             name: unit
             for name in fields.fields
@@ -325,7 +325,7 @@ def _mapped(arrays: Mapping[str, Array], name: str | None) -> tuple[Clock, ...]:
     if clocks:
         return clocks
     heads = [Head(path, None, array.unit) for path, array in arrays.items()]
-    numbers = plan_columns(heads, Request({times.TIME: name}, {})).times
+    numbers = plan_columns(heads, ColumnRequest({times.TIME: name}, {})).times
     return (tuple(heads[number].name for number in numbers),)
 
 

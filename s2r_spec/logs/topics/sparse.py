@@ -13,7 +13,7 @@ import numpy as np
 from s2r_spec.base.errors import TraceError, UsageError, one_of, suggest
 from s2r_spec.logs.account import Account
 from s2r_spec.logs.interpret import Loaded, at_clock, channels, left_out
-from s2r_spec.logs.mapping import Plan, Request
+from s2r_spec.logs.mapping import ColumnPlan, ColumnRequest
 from s2r_spec.logs.table import Column, Table
 from s2r_spec.logs.times import times
 from s2r_spec.logs.topics.join import Joining, whole
@@ -25,7 +25,7 @@ from s2r_spec.trace.messages import joined as together
 
 
 def joined(
-    table: Table, plan: Plan, request: Request, joining: Joining, longest: Mapping[str, float]
+    table: Table, plan: ColumnPlan, request: ColumnRequest, joining: Joining, longest: Mapping[str, float]
 ) -> Loaded:
     """Return the trace of a table whose channels have rows of their own.
 

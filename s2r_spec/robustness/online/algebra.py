@@ -9,12 +9,12 @@ from s2r_spec.base.errors import TraceError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.evaluate import Walk, Witness
 from s2r_spec.robustness.numbers import no_value
-from s2r_spec.robustness.online.clock import Clock
+from s2r_spec.robustness.online.clock import OnlineClock
 from s2r_spec.robustness.online.spans import Span, Spans
 from s2r_spec.robustness.online.tape import Tape
-from s2r_spec.robustness.online.terms import Leaf, Least, Negative, Rise, Scaled, Step, Term
+from s2r_spec.robustness.online.terms import AdjacentSample, Leaf, Least, Negative, Rise, Scaled, Term
 from s2r_spec.robustness.online.timed import Always, Until
-from s2r_spec.robustness.online.values import Component, Number, Values
+from s2r_spec.robustness.online.values import Component, InstantNumber, NumberBuilder
 from s2r_spec.robustness.ties import signed_number
 
 INFINITE: Span = (-math.inf, math.inf)
@@ -34,7 +34,7 @@ class OnlineAlgebra:
 
     def __init__(
         self,
-        clock: Clock,
+        clock: OnlineClock,
         signals: Mapping[str, Sequence[Tape]],
         ranges: Mapping[str, Span],
         params: Mapping[str, float],
@@ -46,7 +46,7 @@ class OnlineAlgebra:
         self.ranges = ranges
         self.params = params
         self.walk = Walk[Term](self, until)
-        self.values = Values(clock, signals, params, roots, self._followed)
+        self.values = NumberBuilder(clock, signals, params, roots, self._followed)
         self.terms: list[Term] = []  # the operands of a term come before it
         self.predicates: list[tuple[Leaf, f.Comparison]] = []
         timed = (node for root in roots for node in f.walk(root) if isinstance(node, f.Temporal | f.Until))
@@ -70,21 +70,21 @@ class OnlineAlgebra:
         self.terms.append(term)
         return term
 
-    def _leaf(self, margin: Component, number: Number, ahead: Span) -> Leaf:
-        leaf = Leaf(self.clock, Number((margin,), number.sources))
+    def _leaf(self, margin: Component, number: InstantNumber, ahead: Span) -> Leaf:
+        leaf = Leaf(self.clock, InstantNumber((margin,), number.sources))
         leaf.ahead = ahead
         return leaf
 
     def truth(self, value: bool) -> Term:
         """See :class:`s2r_spec.robustness.evaluate.Algebra`, also for the methods below."""
         rho = math.inf if value else -math.inf
-        return self._leaf(lambda k: rho, Number(()), (rho, rho))
+        return self._leaf(lambda k: rho, InstantNumber(()), (rho, rho))
 
     def flag(self, node: f.Flag) -> Term:
         """Return an infinity at each instant."""
         (tape,) = self.signals[node.name]
         return self._leaf(
-            lambda k: math.inf if tape.value(k) > 0 else -math.inf, Number((), (tape,)), INFINITE
+            lambda k: math.inf if tape.value(k) > 0 else -math.inf, InstantNumber((), (tape,)), INFINITE
         )
 
     def margin(self, node: f.Comparison) -> Term:
@@ -102,7 +102,7 @@ class OnlineAlgebra:
                 raise self._no_value(node, k)
             return signed_number(rho, node.operator)
 
-        leaf = self._leaf(margin, Number((), (*left.sources, *right.sources)), INFINITE)
+        leaf = self._leaf(margin, InstantNumber((), (*left.sources, *right.sources)), INFINITE)
         self.predicates.append((leaf, node))
         return leaf
 
@@ -139,9 +139,9 @@ class OnlineAlgebra:
         reach, place = self.clock.reach(interval, past), self.places[id(interval.span)]
         return self._made(Until(self.clock, left, right, reach, past, place))
 
-    def step(self, x: Term, node: f.Step) -> Term:
+    def step(self, x: Term, node: f.AdjacentSample) -> Term:
         """Return x at the next sample, or at the previous one for ``prev``."""
-        return self._made(Step(self.clock, x, node.operator == "next"))
+        return self._made(AdjacentSample(self.clock, x, node.operator == "next"))
 
     def rise(self, x: Term) -> Term:
         """Return min(x, −x one sample before)."""

@@ -15,7 +15,7 @@ from s2r_spec.robustness.grid import SNAP, Grid
 from s2r_spec.robustness.horizon import horizon, samples_needed, seconds_needed
 from s2r_spec.robustness.narrow import narrowest, refuse_short
 from s2r_spec.robustness.online.algebra import OnlineAlgebra
-from s2r_spec.robustness.online.clock import Clock
+from s2r_spec.robustness.online.clock import OnlineClock
 from s2r_spec.robustness.online.points import Point, Points
 from s2r_spec.robustness.online.tape import Tape
 from s2r_spec.robustness.online.terms import Term
@@ -94,7 +94,7 @@ class _Recorder:
 
     def __init__(self, followed: Followed) -> None:
         self.followed = followed
-        self.clock = Clock(followed.period)
+        self.clock = OnlineClock(followed.period)
         self.tapes = {signal.name: [Tape() for _ in range(signal.dim)] for signal in followed.signals}
         ranges = {s.name: s.range for s in followed.signals if s.range is not None} if followed.ranges else {}
         self.algebra = OnlineAlgebra(

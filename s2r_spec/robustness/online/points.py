@@ -12,10 +12,10 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from s2r_spec.robustness.online.clock import Clock
+from s2r_spec.robustness.online.clock import OnlineClock
 from s2r_spec.robustness.online.spans import Span
 from s2r_spec.robustness.online.tape import lesser
-from s2r_spec.robustness.online.terms import LOWER, UPPER, Least, Negative, Rise, Scaled, Step, Term
+from s2r_spec.robustness.online.terms import LOWER, UPPER, AdjacentSample, Least, Negative, Rise, Scaled, Term
 from s2r_spec.robustness.online.timed import Always, Clamp, Timed, Until, followed_by
 from s2r_spec.robustness.ties import rescaled_number
 
@@ -44,7 +44,7 @@ class Points:
                 return NegativeAt(term.clock, self(term.operand, k))
             case Least():
                 return LeastAt(term.clock, self(term.left, k), self(term.right, k))
-            case Step():
+            case AdjacentSample():
                 near = k + term.shift
                 return (
                     MinusInfinity(term.clock)
@@ -67,7 +67,7 @@ class Points:
 class Point(ABC):
     """ρ of a formula at one instant: in [lower, upper] for every continuation of the trace."""
 
-    def __init__(self, clock: Clock) -> None:
+    def __init__(self, clock: OnlineClock) -> None:
         self.clock = clock
         self.lower, self.upper = -math.inf, math.inf
         self.settled = False
@@ -100,7 +100,7 @@ class MinusInfinity(Point):
 class StepAt(Point):
     """The operand at the neighbouring sample; −inf if the trace has none."""
 
-    def __init__(self, clock: Clock, operand: Point, k: int) -> None:
+    def __init__(self, clock: OnlineClock, operand: Point, k: int) -> None:
         super().__init__(clock)
         self.operand, self.k = operand, k
 
@@ -136,7 +136,7 @@ class FollowedAt(Point):
 class NegativeAt(Point):
     """−x."""
 
-    def __init__(self, clock: Clock, operand: Point) -> None:
+    def __init__(self, clock: OnlineClock, operand: Point) -> None:
         super().__init__(clock)
         self.operand = operand
 
@@ -149,7 +149,7 @@ class NegativeAt(Point):
 class ScaledAt(Point):
     """factor · x, factor > 0."""
 
-    def __init__(self, clock: Clock, operand: Point, factor: float) -> None:
+    def __init__(self, clock: OnlineClock, operand: Point, factor: float) -> None:
         super().__init__(clock)
         self.operand, self.factor = operand, factor
 
@@ -163,7 +163,7 @@ class ScaledAt(Point):
 class LeastAt(Point):
     """The smaller of x and y."""
 
-    def __init__(self, clock: Clock, left: Point, right: Point) -> None:
+    def __init__(self, clock: OnlineClock, left: Point, right: Point) -> None:
         super().__init__(clock)
         self.left, self.right = left, right
 
@@ -176,7 +176,7 @@ class LeastAt(Point):
         return span, left.settled and right.settled
 
 
-class Window(Point):
+class WindowPoint(Point):
     """An operator with a window, at one instant.
 
     Args:
@@ -249,7 +249,7 @@ class Window(Point):
         """Return bounds of ρ, with the undecided instants and, if ``more``, with later unknown ones."""
 
 
-class AlwaysAt(Window):
+class AlwaysAt(WindowPoint):
     """The least of x in the window."""
 
     def __init__(self, term: Always, k: int) -> None:
@@ -258,17 +258,17 @@ class AlwaysAt(Window):
         self.least = math.inf
 
     def take(self, k: int, inside: bool) -> None:
-        """See :class:`Window`."""
+        """See :class:`WindowPoint`."""
         if inside:
             self.taken += 1
             self.least = lesser(self.least, self.operand.value(k))
 
     def value(self) -> float:
-        """See :class:`Window`."""
+        """See :class:`WindowPoint`."""
         return self.least
 
     def bounds(self, unsettled: tuple[int, int, int] | None, more: bool) -> Span:
-        """See :class:`Window`."""
+        """See :class:`WindowPoint`."""
         ends = [self.least, self.least]
         for side in (LOWER, UPPER):
             # no undecided instant is below the least possible value of later ones
@@ -281,7 +281,7 @@ class AlwaysAt(Window):
         return ends[LOWER], ends[UPPER]
 
 
-class UntilAt(Window):
+class UntilAt(WindowPoint):
     """The best witness in the window."""
 
     def __init__(self, term: Until, k: int) -> None:
@@ -290,17 +290,17 @@ class UntilAt(Window):
         self.clamp: Clamp = (math.inf, -math.inf)
 
     def take(self, k: int, inside: bool) -> None:
-        """See :class:`Window`."""
+        """See :class:`WindowPoint`."""
         self.taken += inside
         right = self.until.right.value(k) if inside else -math.inf
         self.clamp = followed_by(self.clamp, (self.until.left.value(k), right))
 
     def value(self) -> float:
-        """See :class:`Window`."""
+        """See :class:`WindowPoint`."""
         return self.clamp[1]
 
     def bounds(self, unsettled: tuple[int, int, int] | None, more: bool) -> Span:
-        """See :class:`Window`."""
+        """See :class:`WindowPoint`."""
         return self._bound(unsettled, more, LOWER), self._bound(unsettled, more, UPPER)
 
     def _bound(self, unsettled: tuple[int, int, int] | None, more: bool, side: int) -> float:

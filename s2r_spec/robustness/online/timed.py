@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from s2r_spec.base.errors import UsageError
 from s2r_spec.lang.source import Span as Place
 from s2r_spec.robustness.kernels import range_min, range_until, until
-from s2r_spec.robustness.online.clock import Clock, Reach
+from s2r_spec.robustness.online.clock import OnlineClock, Reach
 from s2r_spec.robustness.online.tape import Sliding, lesser
 from s2r_spec.robustness.online.terms import LOWER, UPPER, Stored, Term
 
@@ -27,7 +27,7 @@ class Timed(Stored):
         place: the place of the operator in the text.
     """
 
-    def __init__(self, clock: Clock, reach: Reach, past: bool, place: Place) -> None:
+    def __init__(self, clock: OnlineClock, reach: Reach, past: bool, place: Place) -> None:
         super().__init__(clock)
         self.reach, self.past, self.place = reach, past, place
         self.first = 0  # the oldest instant in the window of the last decided one
@@ -66,7 +66,7 @@ class Timed(Stored):
 class Always(Timed):
     """The least of x in the window; +inf where it is empty."""
 
-    def __init__(self, clock: Clock, operand: Term, reach: Reach, past: bool, place: Place) -> None:
+    def __init__(self, clock: OnlineClock, operand: Term, reach: Reach, past: bool, place: Place) -> None:
         super().__init__(clock, reach, past, place)
         self.operand = operand
         self.least = Sliding(lesser, math.inf, forgets=reach.low > -math.inf)
@@ -131,7 +131,9 @@ def followed_by(first: Clamp, then: Clamp) -> Clamp:
 class Until(Timed):
     """The robustness of the best witness; −inf where the window is empty."""
 
-    def __init__(self, clock: Clock, left: Term, right: Term, reach: Reach, past: bool, place: Place) -> None:
+    def __init__(
+        self, clock: OnlineClock, left: Term, right: Term, reach: Reach, past: bool, place: Place
+    ) -> None:
         super().__init__(clock, reach, past, place)
         self.left, self.right = left, right
         self.witnesses = Sliding[Clamp](
