@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.attribution.place import instant
 from s2r_spec.lang import formula as f
-from s2r_spec.robustness.binding import bound, names
+from s2r_spec.robustness.binding import bind, names
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.grid import Grid
 from s2r_spec.robustness.reading import read_params, read_signals
@@ -27,7 +27,7 @@ from s2r_spec.trace import Trace
 FloatArray = NDArray[np.float64]
 
 SAME = 1e-6
-"""Tolerance [s]: sample times closer than this are the same. Doubled, it is still below the period of any log."""
+"""Tolerance [s]: sample times closer than this are the same."""
 
 
 class Evaluated:
@@ -103,7 +103,7 @@ def align(
         for trace in (real, simulated)
     )
     pair = Aligned(
-        formula=bound(
+        formula=bind(
             spec.formulas[requirement], {name: float(value.item()) for name, value in numbers.items()}
         ),
         times=real.times[: times.size],

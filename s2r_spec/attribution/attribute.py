@@ -18,9 +18,9 @@ from s2r_spec.trace import Trace
 FloatArray = NDArray[np.float64]
 
 BINS = 300
-"""Budget: bins of a trace in JSON. Doubled, the file is nearly twice as long."""
+"""Budget: bins of a trace in JSON."""
 WINDOWS = 6
-"""Definition: equal windows of time over which Δρ is summed. Doubled, windows are half as long."""
+"""Definition: equal windows of time over which Δρ is summed."""
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ class Attribution:
         def means(samples: FloatArray) -> list[float]:
             return plain(samples.astype(float) / np.repeat(counts, counts))
 
-        real, simulated = labelled(self.real), labelled(self.simulated)
+        real, simulated = label_components(self.real), label_components(self.simulated)
         return BinnedTraces(
             [float(f"{time:.9g}") for time in self.times[starts]],
             {
@@ -220,11 +220,11 @@ def parts(formula: f.Formula, pieces: list[PathPiece]) -> tuple[FormulaShare, ..
             predicate=isinstance(node, f.Comparison),
             amount=amounts.get(id(node), 0.0),
         )
-        for node, depth in _nested(formula, 0, set())
+        for node, depth in _walk_formulas(formula, 0, set())
     )
 
 
-def _nested(node: f.Formula, depth: int, seen: set[int]) -> Iterator[tuple[f.Formula, int]]:
+def _walk_formulas(node: f.Formula, depth: int, seen: set[int]) -> Iterator[tuple[f.Formula, int]]:
     """Yield every sub-formula down to the predicates with its depth; a named one that is used twice comes once."""
     if id(node) in seen:
         return
@@ -235,7 +235,7 @@ def _nested(node: f.Formula, depth: int, seen: set[int]) -> Iterator[tuple[f.For
     if not isinstance(node, f.Comparison):
         for child in f.children(node):
             if isinstance(child, f.Formula):
-                yield from _nested(child, depth, seen)
+                yield from _walk_formulas(child, depth, seen)
 
 
 def _by_channel(pair: Aligned, pieces: list[PathPiece]) -> dict[str, FloatArray]:
@@ -244,10 +244,10 @@ def _by_channel(pair: Aligned, pieces: list[PathPiece]) -> dict[str, FloatArray]
     for piece in pieces:
         for name, amounts in piece.credit.items():
             sums[name] += amounts
-    return labelled(sums)
+    return label_components(sums)
 
 
-def labelled(signals: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+def label_components(signals: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
     """Return label → (n,) of (width, n) signals: a vector's components by index ("u[0]")."""
     return {
         name if len(rows) == 1 else f"{name}[{k}]": row

@@ -119,14 +119,14 @@ def kind(formula: f.Formula, negated: bool = False) -> Kind:
             return kind(formula.operand, not negated)
         case f.Junction():
             over = least if formula.operator == "and" else most
-            return _joined(over, *(kind(operand, negated) for operand in formula.operands))
+            return _join(over, *(kind(operand, negated) for operand in formula.operands))
         case f.Implication():
             if formula.operator == "<->":
                 return "mixed"
-            return _joined(most, kind(formula.left, not negated), kind(formula.right, negated))
+            return _join(most, kind(formula.left, not negated), kind(formula.right, negated))
         case f.Temporal():
             over = least if formula.operator in ("always", "historically") else most
-            return _joined(over, kind(formula.operand, negated))
+            return _join(over, kind(formula.operand, negated))
         case f.Edge():
             inner = kind(formula.operand)
             return least if inner == "either" else "mixed"
@@ -136,5 +136,5 @@ def kind(formula: f.Formula, negated: bool = False) -> Kind:
             return "either"
 
 
-def _joined(over: Kind, *parts: Kind) -> Kind:
+def _join(over: Kind, *parts: Kind) -> Kind:
     return over if all(part in ("either", over) for part in parts) else "mixed"

@@ -33,11 +33,11 @@ from s2r_spec.robustness.deciding import DescentStep, descend
 FloatArray = NDArray[np.float64]
 
 _PIECES = 4
-"""Budget: least number of pieces, because a minimum of maxima can return to a predicate. Doubled, twice the time."""
+"""Budget: least number of pieces, because a minimum of maxima can return to a predicate."""
 _NARROW = 1e-9
-"""Tolerance: a change of ρ over less than this part of the path is a jump. Doubled, jumps lie half as finely."""
+"""Tolerance: a change of ρ over less than this part of the path is a jump."""
 _EXACT = 1e-11
-"""Tolerance: relative difference of two computations of one number. Doubled, the rest that stays is twice as large."""
+"""Tolerance: relative difference of two computations of one number."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 _NODES, _WEIGHTS = 0.5 + _NODES / 2, _WEIGHTS / 2
 """Definition: nodes and weights of Gauss's rule on [0, 1], exact for polynomials of degree 11."""
@@ -171,7 +171,7 @@ class Path:
         step = steps[-1]
         amount = self.value(step, b.algebra) - self.value(step, a.algebra)
         credit: dict[str, FloatArray] = {}
-        nodes, weights = (_NODES, _WEIGHTS) if _curved(step.node) else (np.array([0.5]), np.array([1.0]))
+        nodes, weights = (_NODES, _WEIGHTS) if _is_curved(step.node) else (np.array([0.5]), np.array([1.0]))
         for at, weight in zip((a.at + (b.at - a.at) * nodes).tolist(), weights.tolist(), strict=True):
             assert isinstance(step.node, f.Comparison)
             gradient = margin_gradient(step.node, self._algebra(at, a.late).numbers, step.sample)
@@ -214,7 +214,7 @@ class Path:
         yield PathPiece(steps, amount, credit, jump=True)
 
 
-def _curved(node: f.Node) -> bool:
+def _is_curved(node: f.Node) -> bool:
     """Return whether a number is no piecewise linear function of the signals."""
     match node:
         case f.Norm():
@@ -227,7 +227,7 @@ def _curved(node: f.Node) -> bool:
             bends = _varies(node.right)
         case _:
             bends = False
-    return bends or any(map(_curved, f.children(node)))
+    return bends or any(map(_is_curved, f.children(node)))
 
 
 def _varies(node: f.Node) -> bool:

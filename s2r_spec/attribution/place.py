@@ -19,18 +19,15 @@ from s2r_spec.trace import Trace
 T = TypeVar("T")
 
 ROUNDING = 0.1
-"""Tolerance: rounding moves an end by less than this part of the range's width. Doubled, a third of all ends have one
-digit less."""
+"""Tolerance: rounding moves an end by less than this part of the range's width."""
 POINT = 0.01
-"""Tolerance: a range of values narrower than this part of all that occur is printed as one value, "about 0 m/s".
-Doubled, so are ranges that are twice as wide."""
+"""Tolerance: a range of values narrower than this part of all that occur is printed as one value, "about 0 m/s"."""
 DIGITS = 0.005
 """Definition: relative rounding error of a number that has no range: three significant digits."""
 INSTANT = 0.01
-"""Tolerance [s]: largest rounding error of an instant. Doubled, instants after 2 s are as coarse as 20 ms."""
+"""Tolerance [s]: largest rounding error of an instant."""
 EXPLAINS = 0.5
-"""Tolerance: a difference of at least this part of the largest may be its cause, if it begins earlier. Doubled, the
-largest difference always comes first."""
+"""Tolerance: a difference of at least this part of the largest may be its cause, if it begins earlier."""
 
 
 @dataclass(frozen=True)
@@ -184,7 +181,7 @@ def cause_first(items: Sequence[T], place: Callable[[T], Place], strength: Calla
     return ordered + by_strength[count:]
 
 
-def visited(
+def find_visit(
     traces: Sequence[Trace], channel: str, column: int, low: float, high: float
 ) -> tuple[ValueRange | None, ValueRange]:
     """Return when one column of a channel has values above ``low`` up to ``high``, and these values.

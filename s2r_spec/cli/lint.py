@@ -29,7 +29,7 @@ def lint(
     """Report mistakes, and parts of a specification that are easily misread. Exit code 1 if there are any."""
     with sentences(as_json):
         from s2r_spec.lang.files import read_text
-        from s2r_spec.lang.lints import fixed
+        from s2r_spec.lang.lints import apply_fixes
         from s2r_spec.report.records.specs import LintFinding, LintObject
 
         texts = {path: read_text(path) for path in specs}
@@ -37,7 +37,7 @@ def lint(
         for path, text in texts.items():
             findings, mistakes = _checked(text, str(path))
             if fix and any(finding.edits for finding in findings):
-                save(path, fixed(text, findings))
+                save(path, apply_fixes(text, findings))
             flat += [*mistakes, *(finding for finding in findings if not (fix and finding.edits))]
         if as_json:
             rows = (

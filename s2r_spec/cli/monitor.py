@@ -173,7 +173,7 @@ def _follow(
 ) -> int:
     """Follow a file, or standard input if it is ``-``, to its end; print each change, and return the exit code."""
     from s2r_spec.recordings.spec_streams import stream_of_file, stream_of_rows
-    from s2r_spec.recordings.spec_traces import named
+    from s2r_spec.recordings.spec_traces import in_file
     from s2r_spec.spec.followed import OnlineConventions, VerdictChange, follow
 
     how = OnlineConventions(
@@ -185,7 +185,7 @@ def _follow(
     )
     naming: AbstractContextManager[None]
     if str(source) != "-":
-        stream, naming = stream_of_file(request, source), named(source)
+        stream, naming = stream_of_file(request, source), in_file(source)
     else:
         if hasattr(sys.stdin, "reconfigure"):
             sys.stdin.reconfigure(errors="replace")  # other columns may hold bytes that are not text

@@ -50,7 +50,7 @@ def read_amount(value: Any, unit: Unit, name: str) -> float:
         if match is None:
             example = f"0.3 {unit.text}".rstrip()
             raise UsageError(f"{what} is text, not a number with a unit such as {example!r}")
-        return converted(float(match["number"]), match["unit"], unit, what, name)
+        return convert(float(match["number"]), match["unit"], unit, what, name)
     written = ""
     number = value
     if isinstance(value, PintQuantity):
@@ -59,10 +59,10 @@ def read_amount(value: Any, unit: Unit, name: str) -> float:
         number = float(number)
     except (TypeError, ValueError):
         raise UsageError(f"{what} is not a number") from None
-    return converted(number, written, unit, what, name) if written else number
+    return convert(number, written, unit, what, name) if written else number
 
 
-def converted(number: float, written: str, unit: Unit, what: str, name: str) -> float:
+def convert(number: float, written: str, unit: Unit, what: str, name: str) -> float:
     """Return a number of the written unit in another unit; "" for the same unit.
 
     Args:

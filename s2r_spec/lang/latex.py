@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from s2r_spec.lang import syntax
 from s2r_spec.lang.diagnostics import SpecError
-from s2r_spec.lang.imports import declared_outside
+from s2r_spec.lang.imports import imported_names
 from s2r_spec.lang.parsing import parse
 from s2r_spec.lang.source import Source
 
@@ -39,7 +39,7 @@ def to_latex(text: str, name: str = "<string>") -> str:
         SpecError: the text does not parse.
     """
     source = Source.of(text, name)
-    parsed = parse(source, declared_outside(source))
+    parsed = parse(source, imported_names(source))
     if parsed.diagnostics:
         raise SpecError(parsed.diagnostics)
     rows = list(_rows(parsed.statements))
@@ -78,7 +78,7 @@ def _plain(node: syntax.Expression) -> str:
         case syntax.Call():
             arguments = ", ".join(map(_tex, node.arguments))
             before, after = _OUTER.get(
-                node.function.text, (rf"\operatorname{{{_escaped(node.function.text)}}}(", ")")
+                node.function.text, (rf"\operatorname{{{_escape(node.function.text)}}}(", ")")
             )
             return f"{before}{arguments}{after}"
         case syntax.Minus():
@@ -132,12 +132,12 @@ def _bound(bound: syntax.Bound) -> str:
 
 
 def _unit(unit: syntax.Word | None) -> str:
-    return rf"\,\mathrm{{{_escaped(unit.text)}}}" if unit is not None and unit.text else ""
+    return rf"\,\mathrm{{{_escape(unit.text)}}}" if unit is not None and unit.text else ""
 
 
 def _name(name: str) -> str:
-    return _escaped(name) if len(name) == 1 else rf"\mathit{{{_escaped(name)}}}"
+    return _escape(name) if len(name) == 1 else rf"\mathit{{{_escape(name)}}}"
 
 
-def _escaped(text: str) -> str:
+def _escape(text: str) -> str:
     return text.replace("_", r"\_").replace("%", r"\%").replace("*", r"\cdot ")

@@ -164,20 +164,20 @@ def _load(path: Path, what: _What) -> list[Loaded]:
 
     def choose(heads: tuple[Head, ...]) -> set[int]:
         plans.append(plan_columns(heads, requested))
-        number = split.numbering(heads) if open_log is None else None
+        number = split.episode_column(heads) if open_log is None else None
         episode.extend([] if number is None else [number])
         return plans[-1].needed | {*episode}
 
     try:
         table = parser(path, choose)
-        parts = split.split(table, episode[0]) if episode else [table]
+        parts = split.split_episodes(table, episode[0]) if episode else [table]
         if what.runs:
             parts = [run for part in parts for run in split.runs(part, plans[-1].times)]
         if joining is None or topics:
             return [build_trace(part, plans[-1], requested, what.longest) for part in parts]
         by_column = {column: name for name, column in names.items()}
         clocked = _with_clock(joining, by_column)
-        return [sparse.joined(part, plans[-1], requested, clocked, what.longest) for part in parts]
+        return [sparse.join_rows(part, plans[-1], requested, clocked, what.longest) for part in parts]
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise TraceError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
     except NoTimesError as error:

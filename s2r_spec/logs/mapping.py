@@ -16,9 +16,9 @@ from difflib import get_close_matches
 
 from s2r_spec.base.errors import NoTimesError, TraceError, UsageError, one_of, suggest
 from s2r_spec.lang.units import UnknownUnitError, is_unit, parse_unit
-from s2r_spec.logs.table import INDEX, Head, quoted
+from s2r_spec.logs.table import INDEX, Head, quote
 from s2r_spec.logs.times import time_units
-from s2r_spec.logs.times.times import TIME, mapped
+from s2r_spec.logs.times.times import TIME, map_argument
 
 ANY = -1
 """Definition: width of a channel that may be a number or a vector."""
@@ -162,7 +162,7 @@ class _Names:
         self.bracketed: dict[int, tuple[str, str]] = {}
         for number, head in enumerate(heads):
             self.by_name[head.name].append(number)
-            split = time_units.bracketed(head.name) if head.unit is None else None
+            split = time_units.split_brackets(head.name) if head.unit is None else None
             if split is not None and is_unit(split[1]):
                 self.bracketed[number] = split
                 self.by_stem[split[0]].append(number)
@@ -176,7 +176,7 @@ class _Names:
             for number, head in enumerate(self.heads):
                 stem, _ = self.bracketed.get(number, (head.name, ""))
                 for name in () if head.fault else {head.name, stem}:
-                    for vector, separator, index in _numbered(name, head.index):
+                    for vector, separator, index in _numbered_names(name, head.index):
                         self._numbered[vector, separator][index].append(number)
         return self._numbered
 
@@ -284,23 +284,23 @@ class _Names:
         """Return the channel of the columns with exactly this name."""
         plain = [number for number in exact if self.heads[number].index is None]
         if len(exact) == 1 and (fault := self.heads[exact[0]].fault):
-            raise TraceError(f"{quoted(text)} {fault}")
+            raise TraceError(f"{quote(text)} {fault}")
         if len(plain) == 1 == len(exact):
             return MappedChannel(name, (self._part(plain[0]),), False)
         if plain:
-            raise TraceError(f"{len(exact)} columns are called {quoted(text)}; give them different names")
+            raise TraceError(f"{len(exact)} columns are called {quote(text)}; give them different names")
         parts: dict[int, int] = {}
         for number in exact:
             index = self.heads[number].index
             assert index is not None
             if index in parts:
                 raise TraceError(
-                    f"two columns are called {quoted(self.heads[number].text)}; give them different names"
+                    f"two columns are called {quote(self.heads[number].text)}; give them different names"
                 )
             parts[index] = number
         if set(parts) != set(range(len(parts))):
             raise TraceError(
-                f"the components of {quoted(text)} must be numbered {text}[0] to {text}[{len(parts) - 1}]"
+                f"the components of {quote(text)} must be numbered {text}[0] to {text}[{len(parts) - 1}]"
             )
         return MappedChannel(name, tuple(self._part(parts[index]) for index in range(len(parts))), True)
 
@@ -329,7 +329,7 @@ class _Names:
         Raises:
             TraceError: the text in square brackets is not a unit.
         """
-        split = time_units.bracketed(text)
+        split = time_units.split_brackets(text)
         if split is None or split[1].isdigit():
             return None
         column, unit = split
@@ -340,13 +340,13 @@ class _Names:
             written = next((head.unit for head in self.heads if f"{head.text} [{head.unit}]" == text), None)
             if written is None:
                 raise TraceError(
-                    f"{quoted(unit)} is not a unit: write --map '{name}={column}', or a unit such as [m/s]"
+                    f"{quote(unit)} is not a unit: write --map '{name}={column}', or a unit such as [m/s]"
                 )
             return channel
         files = {part.unit or self.heads[part.number].unit for part in channel.parts}
         for written in sorted(one for one in files if one is not None and not _alike(one, unit)):
             self.notes.append(
-                f"{name!r} is read in {unit}, as --map states; the file writes the unit {quoted(written)}"
+                f"{name!r} is read in {unit}, as --map states; the file writes the unit {quote(written)}"
             )
         return replace(channel, parts=tuple(replace(part, unit=unit) for part in channel.parts))
 
@@ -369,9 +369,7 @@ class _Names:
             ((separator, parts),) = groups.items()
             if 0 not in self.numbered[text, separator]:
                 first, last = (self.heads[parts[i].number].name for i in (0, -1))
-                self.notes.append(
-                    f"the components of {text!r} are read from {quoted(first)} to {quoted(last)}"
-                )
+                self.notes.append(f"the components of {text!r} are read from {quote(first)} to {quote(last)}")
             return parts
         if not separators:
             return None
@@ -398,13 +396,14 @@ class _Names:
         exact = [number for number in exact if not self.heads[number].fault] or exact
         if exact and (fault := self.heads[exact[0]].fault):
             raise TraceError(
-                f"{quoted(text)} {fault}; --clock and --stamps choose the times of a log of topics"
+                f"{quote(text)} {fault}; --clock and --stamps choose the times of a log of topics"
             )
         if len(exact) > 1:
             full = tuple(dict.fromkeys(self._full(number) for number in exact))
             if len(full) == len(exact):
+                columns_text = " or ".join(map(quote, full))
                 raise NoTimesError(
-                    f"the times may be {' or '.join(map(quoted, full))}. Choose one, as in --map {mapped(full[0])}",
+                    f"the times may be {columns_text}. Choose one, as in --map {map_argument(full[0])}",
                     full[0],
                     full,
                 )
@@ -426,8 +425,8 @@ class _Names:
         candidates = self.candidates() if text == TIME else ()
         if len(candidates) > 1:
             raise NoTimesError(
-                f"there is no column {text!r} with the times; they may be {' or '.join(map(quoted, candidates))}. "
-                f"Choose one, as in --map {mapped(candidates[0])}",
+                f"there is no column {text!r} with the times; they may be {' or '.join(map(quote, candidates))}. "
+                f"Choose one, as in --map {map_argument(candidates[0])}",
                 candidates[0],
                 candidates,
             )
@@ -435,7 +434,7 @@ class _Names:
         hint = ";" if text == TIME else suggest(text, names)
         raise NoTimesError(
             f"there is no column {text!r} with the times{hint} the columns are {one_of(names)}. "
-            f"Map another name, for example --map {mapped(likely)}",
+            f"Map another name, for example --map {map_argument(likely)}",
             likely,
         )
 
@@ -468,7 +467,7 @@ class _Names:
                     whole, below = (self.heads[number].name for number in heads)
                     pair = stem or f"{whole}+{below}"
                     raise TraceError(
-                        f"the times are in two columns, {quoted(whole)} and {quoted(below)}, and {quoted(text)} is "
+                        f"the times are in two columns, {quote(whole)} and {quote(below)}, and {quote(text)} is "
                         f"one of them: write --map {TIME}={pair}"
                     )
 
@@ -511,7 +510,7 @@ class _Names:
 
 
 _SHOWN = 12
-"""Budget: names that an error lists in full. Twice as many make it twice as long."""
+"""Budget: names that an error lists in full."""
 
 
 def _likely(text: str, names: Collection[str]) -> str:
@@ -543,7 +542,7 @@ def _alike(written: str, stated: str) -> bool:
         return False
 
 
-def _numbered(name: str, index: int | None) -> Iterable[tuple[str, str, int]]:
+def _numbered_names(name: str, index: int | None) -> Iterable[tuple[str, str, int]]:
     """Return the possible meanings of a column's name: (name of the vector, separator, number)."""
     if index is not None:
         return [(name, "[", index)]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from s2r_spec import logs
 from s2r_spec.base.errors import NoTimesError, TraceError
-from s2r_spec.logs.times.times import TIME, mapped, unit_of_option
+from s2r_spec.logs.times.times import TIME, map_argument, unit_of_option
 from s2r_spec.logs.topics import formats
 from s2r_spec.logs.topics.arrays import Asked
 from s2r_spec.logs.topics.order import resets
@@ -189,7 +189,9 @@ def _table(path: Path, columns: Mapping[str, str], time_unit: str | None) -> Log
 
 
 def _taken(error: NoTimesError) -> str:
-    return f"the times are taken from {error.likely!r}; other commands need --map {mapped(error.likely)}"
+    return (
+        f"the times are taken from {error.likely!r}; other commands need --map {map_argument(error.likely)}"
+    )
 
 
 def _topic(

@@ -19,7 +19,7 @@ from s2r_spec.lang.units import UnknownUnitError, parse_unit
 from s2r_spec.logs.account import Account
 from s2r_spec.logs.interpret import Loaded
 from s2r_spec.logs.mapping import ANY
-from s2r_spec.logs.times.time_units import bracketed
+from s2r_spec.logs.times.time_units import split_brackets
 from s2r_spec.logs.topics.formats import opener
 from s2r_spec.logs.topics.join import Joining
 from s2r_spec.recordings.episodes import Stretch, cut, part, slack_of
@@ -142,7 +142,7 @@ class Excerpts:
         """Return how topics are joined; commands are held, because nobody sends a value between two of them."""
         if self.joining is None:
             return None
-        stems = {split[0] for name in self.commands if (split := bracketed(name)) is not None}
+        stems = {split[0] for name in self.commands if (split := split_brackets(name)) is not None}
         return replace(self.joining, held=self.commands | stems)
 
 
@@ -287,7 +287,7 @@ def no_units(
         f"its unit, such as --map '{name}={column} [{signals[name].unit}]'"
         for name, column in mapped
         if name in signals and signals[name].unit and name not in units
-        if (split := bracketed(column)) is not None and not split[1].isdigit()
+        if (split := split_brackets(column)) is not None and not split[1].isdigit()
     ]
 
 

@@ -34,7 +34,7 @@ _ID, _SEED = "id", "seed"
 _NAME = re.compile(r"[A-Za-z_][\w.-]*")
 """Definition: the form of a protocol's name."""
 _LONGEST = 2**24
-"""Budget: characters of the table, 16 million; twice as many take 0.3 GB more."""
+"""Budget: characters of the table, 16 million."""
 
 
 class LogError(UsageError):
@@ -244,10 +244,10 @@ def _with_placeholders(entries: Sequence[Entry]) -> list[Entry]:
     """
     tests = [one.loaded.trace for one in entries if not one.protocol]
     first = next((trace for trace in tests if not _is_placeholder(trace)), None)
-    return [one if first is None or one.protocol else _completed(one, first) for one in entries]
+    return [one if first is None or one.protocol else _fill_placeholder(one, first) for one in entries]
 
 
-def _completed(entry: Entry, first: Trace) -> Entry:
+def _fill_placeholder(entry: Entry, first: Trace) -> Entry:
     trace = entry.loaded.trace
     if not _is_placeholder(trace):
         return entry

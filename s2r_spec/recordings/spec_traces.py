@@ -97,7 +97,7 @@ def read_spec_traces(request: TraceRequest, path: Path) -> list[SpecTrace]:
     accounts = {name: one for name, one in extract.accounts.items() if name in request.wanted}
     traces = []
     for episode in extract.episodes:
-        with named(path):
+        with in_file(path):
             values = request.spec.read_params(episode.texts())
             params, taken = params_of(request, episode.trace.meta, episode.name, values)
         traces.append(SpecTrace(episode.name, episode.trace, params, taken, notes, accounts, extract.stated))
@@ -154,7 +154,7 @@ def _number(name: str, value: Any) -> float:
 
 
 @contextmanager
-def named(path: Path) -> Iterator[None]:
+def in_file(path: Path) -> Iterator[None]:
     """Add the file's name to every UsageError that does not have it."""
     try:
         yield

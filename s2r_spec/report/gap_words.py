@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from s2r_spec.attribution.place import Place, ValueRange, cause_first
-from s2r_spec.base.quantity import Scale, measured, quantity
+from s2r_spec.base.quantity import Scale, format_estimate, quantity
 from s2r_spec.diagnose.gap.held_out import Gap, HeldOutGap
 from s2r_spec.diagnose.gap.where import Where
 from s2r_spec.diagnose.residuals.left import Remainder
@@ -49,7 +49,7 @@ def where_words(where: Where, spec: Spec) -> tuple[str, ...]:
         lines.append(str(where.pair.switch))
     if where.space is not None:
         place = test_words(where.space.worst, spec.space.units)
-        expected = measured(*vars(where.space.largest).values())
+        expected = format_estimate(*vars(where.space.largest).values())
         lines.append(f"worst test of the whole space is probably {place}: expected |Δρ| {expected} at 95 %")
     return tuple(lines)
 

@@ -17,7 +17,7 @@ from s2r_spec.lang import formula as f
 from s2r_spec.robustness.bounds import BoundedAlgebra, RhoBounds
 from s2r_spec.robustness.curve import Curve
 from s2r_spec.robustness.evaluate import Walk
-from s2r_spec.robustness.ties import rescaled_number
+from s2r_spec.robustness.ties import rescale_number
 
 FloatArray = NDArray[np.float64]
 Pair = tuple[float, float]
@@ -61,7 +61,7 @@ class _Start:
                 return _minus(of(node.operand))
             case f.Rescale():
                 low, high = of(node.operand)
-                return rescaled_number(low, node.factor), rescaled_number(high, node.factor)
+                return rescale_number(low, node.factor), rescale_number(high, node.factor)
             case f.Junction():
                 fold = min if node.operator == "and" else max
                 parts = [of(operand) for operand in node.operands]

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from s2r_spec.base.errors import UsageError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness import windows
-from s2r_spec.robustness.curve import Curve, added, maximum, minimum, sign, split_at_zero
+from s2r_spec.robustness.curve import Curve, add, maximum, minimum, sign, split_at_zero
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.numbers import Numbers, no_value
 from s2r_spec.robustness.sampled import SampledAlgebra, SampledSignals
-from s2r_spec.robustness.ties import TIE, rescaled, signed
+from s2r_spec.robustness.ties import TIE, break_ties, rescale
 
 FloatArray = NDArray[np.float64]
 
@@ -78,7 +78,7 @@ class DenseAlgebra:
         left, right = self.values(node.left), self.values(node.right)
         if node.operator in (">", ">="):
             left, right = right, left
-        difference = added(right, -left, self.snap)
+        difference = add(right, -left, self.snap)
         with np.errstate(invalid="ignore"):
             bad = np.isnan(difference.at)
             bad[:-1] |= ~(
@@ -94,7 +94,7 @@ class DenseAlgebra:
         at, right_limit, left_limit = parts
         return Curve(
             fine.times,
-            signed(at, node.operator),
+            break_ties(at, node.operator),
             _signed_limit(right_limit, left_limit, node.operator),
             _signed_limit(left_limit, right_limit, node.operator),
         )
@@ -105,7 +105,7 @@ class DenseAlgebra:
 
     def scaled(self, x: Curve, factor: float) -> Curve:
         """Return factor · x."""
-        return Curve(x.times, *(rescaled(part, factor) for part in (x.at, x.right, x.left)))
+        return Curve(x.times, *(rescale(part, factor) for part in (x.at, x.right, x.left)))
 
     def least(self, x: Curve, y: Curve) -> Curve:
         """Return the smaller of both, with crossings."""
@@ -152,7 +152,7 @@ def _signed_limit(limit: FloatArray, other: FloatArray, operator: f.CompareOp) -
     zero = limit == 0.0
     if not zero.any():
         return limit
-    return np.where(zero & (other != 0.0), np.copysign(TIE, other), signed(limit, operator))
+    return np.where(zero & (other != 0.0), np.copysign(TIE, other), break_ties(limit, operator))
 
 
 @dataclass
@@ -185,9 +185,9 @@ class PredicateCurves:
             case f.Convert():
                 return self(node.operand).mapped(node.conversion.each)
             case f.Arithmetic(operator="+"):
-                return added(self(node.left), self(node.right), snap)
+                return add(self(node.left), self(node.right), snap)
             case f.Arithmetic(operator="-"):
-                return added(self(node.left), -self(node.right), snap)
+                return add(self(node.left), -self(node.right), snap)
             case f.Arithmetic(operator="*" | "/") if self._steady(node.right):
                 factor = float(self.sampled(node.right).item())
                 with np.errstate(all="ignore"):
@@ -209,7 +209,7 @@ class PredicateCurves:
                     result = fold(result, self(operand), snap)
                 return result
             case f.Overshoot():
-                beyond = added(self(node.signal), -self(node.reference), snap)
+                beyond = add(self(node.signal), -self(node.reference), snap)
                 return beyond.scaled(float(self.sampled.direction(node).item()))
             case _:
                 return self._joined(node)

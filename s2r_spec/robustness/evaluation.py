@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError, UsageError
 from s2r_spec.lang import formula as f
-from s2r_spec.robustness.binding import bound
+from s2r_spec.robustness.binding import bind
 from s2r_spec.robustness.dense import ContinuousSignals, snap_of, walk_curves
 from s2r_spec.robustness.evaluate import Walk, Witness
 from s2r_spec.robustness.grid import SNAP, Grid
 from s2r_spec.robustness.horizon import horizon, samples_needed, seconds_needed
 from s2r_spec.robustness.narrow import narrowest, refuse_short
 from s2r_spec.robustness.sampled import SampledSignals, walk_samples
-from s2r_spec.robustness.silence import Span, bounded_samples, silences_of
+from s2r_spec.robustness.silence import Span, bounding_walk, silences_of
 from s2r_spec.robustness.ticks import Ticks, clock_of
-from s2r_spec.robustness.ties import plain
+from s2r_spec.robustness.ties import restore_zeros
 from s2r_spec.trace.instants import instant
 
 FloatArray = NDArray[np.float64]
@@ -29,7 +29,7 @@ BoolArray = NDArray[np.bool_]
 Interpolation = Literal["samples", "hold", "linear"]
 End = Literal["clip", "hold", "nan", "error"]
 MOST_HELD = 10_000_000
-"""Budget: samples that ``end="hold"`` may add; twice as many take twice the memory."""
+"""Budget: samples that ``end="hold"`` may add."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +142,7 @@ class Reading:
 
     def bound(self, formula: f.Formula) -> f.Formula:
         """Return the formula with numbers for the parameters in its time bounds."""
-        return bound(formula, {name: float(value.item()) for name, value in self.params.items()})
+        return bind(formula, {name: float(value.item()) for name, value in self.params.items()})
 
     def walk(self) -> Walk[Any]:
         """Return a walk over samples or curves."""
@@ -171,7 +171,7 @@ class Reading:
         if not self.silences:
             return None
         samples = SampledSignals(self.clock, self.signals, self.params, self.until)
-        bounds = bounded_samples(samples, self.silences, self.period or 0.0)(formula)
+        bounds = bounding_walk(samples, self.silences, self.period or 0.0)(formula)
         return float(bounds.lower[0]), float(bounds.upper[0])
 
     def refuse_short(self, formula: f.Formula) -> None:
@@ -272,7 +272,7 @@ def evaluate(formula: f.Formula, reading: Reading, requirement: str, unit: str, 
         requirement=requirement,
         unit=unit,
         times=reading.times,
-        values=plain(rho),
+        values=restore_zeros(rho),
         truth=rho > 0,
         horizon=horizon(formula),
         complete=complete,

@@ -20,9 +20,9 @@ from s2r_spec.robustness.at_start import bounds_at_start, curves_of, infimum_ove
 from s2r_spec.robustness.bounds import BoundedAlgebra, RhoBounds
 from s2r_spec.robustness.curve import Curve
 from s2r_spec.robustness.evaluate import Walk, up_to
-from s2r_spec.robustness.explain import Decided, Explanation, ExplanationStep, Observed, explained
+from s2r_spec.robustness.explain import Decided, Explanation, ExplanationStep, Observed, make_explanation
 from s2r_spec.robustness.held import Courses, HeldAlgebra, HeldValues, signals_of
-from s2r_spec.robustness.ties import plain_number
+from s2r_spec.robustness.ties import restore_zero
 
 FloatArray = NDArray[np.float64]
 Span = tuple[float, float]
@@ -83,7 +83,7 @@ class HeldExplainer:
                 step.node.name if isinstance(step.node, f.Named) else "",
                 step.node.span.line,
                 self.start + step.time,
-                plain_number(rho / step.factor),
+                restore_zero(rho / step.factor),
             )
             for step in steps
             if not isinstance(step.node, f.Rescale)
@@ -102,7 +102,7 @@ class HeldExplainer:
                 sides=tuple(self._observed(side, last.time) for side in (last.node.left, last.node.right)),
                 signals=tuple(self._signals(last.node, last.time)),
             )
-        return explained(requirement, unit, rho, parts, decided)
+        return make_explanation(requirement, unit, rho, parts, decided)
 
     def curve(self, node: f.Formula, factor: float) -> Curve:
         """Return the curve of a node: the bound that ρ of the requirement depends on."""

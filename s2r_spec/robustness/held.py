@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from s2r_spec.base.errors import TraceError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness import history
-from s2r_spec.robustness.curve import Curve, aligned, split_at_zero
+from s2r_spec.robustness.curve import Curve, align, split_at_zero
 from s2r_spec.robustness.dense import ContinuousSignals, DenseAlgebra, PredicateCurves
 from s2r_spec.robustness.evaluate import Walk, Witness
 from s2r_spec.robustness.numbers import Numbers, margin
@@ -205,7 +205,7 @@ class HeldValues(PredicateCurves):
             case f.Arithmetic(operator="*" | "/") if _grows(node) and not self._has_steady_part(node):
                 return self._product(node)
             case f.Elementary(function="sqrt") | f.Arithmetic(operator="^") | f.Norm() if _grows(node):
-                raise _curved(node)
+                raise _curved_error(node)
             case _ if _grows(node):
                 return self._lines(node)
             case _:
@@ -220,12 +220,12 @@ class HeldValues(PredicateCurves):
         Raises:
             TraceError: it is not linear between two messages.
         """
-        x, y = aligned(self(node.left), self(node.right), self.recording.snap)
+        x, y = align(self(node.left), self(node.right), self.recording.snap)
         flat = y.right == y.left
         if node.operator == "*":
             flat |= x.right == x.left
         if not flat.all():
-            raise _curved(node)
+            raise _curved_error(node)
         with np.errstate(all="ignore"):
             parts = [
                 _PRODUCT[node.operator](*pair)
@@ -236,8 +236,8 @@ class HeldValues(PredicateCurves):
     def _chosen(self, node: f.Choice) -> Curve:
         """Return the curve of ``if``, whose condition may change between two messages."""
         snap = self.recording.snap
-        rho, x = aligned(split_at_zero(self.courses.walk()(node.condition), snap), self(node.left), snap)
-        x, y = aligned(x, self(node.right), snap)
+        rho, x = align(split_at_zero(self.courses.walk()(node.condition), snap), self(node.left), snap)
+        x, y = align(x, self(node.right), snap)
         rho = rho.refined(x.times)
         at, between = rho.at > 0, rho.right + rho.left > 0
         return Curve(
@@ -274,7 +274,7 @@ class HeldValues(PredicateCurves):
 
     def _accumulated(self, node: f.Accumulated) -> Curve:
         if _grows(node.operand):
-            raise _curved(node)
+            raise _curved_error(node)
         operand = self(node.operand)
         total = _integral(operand, node.seconds)
         if node.function == "integral":
@@ -304,7 +304,7 @@ def _along_hyperbolas(times: FloatArray, seconds: float) -> FloatArray:
     return result
 
 
-def _curved(node: f.Value) -> TraceError:
+def _curved_error(node: f.Value) -> TraceError:
     """Return the error of a value that is no straight line between messages."""
     return TraceError(
         f"`{' '.join(node.span.text.split())}` ({node.span.place}) is no straight line between messages, so s2r has no "
@@ -383,7 +383,7 @@ class _OwnNumbers(Numbers):
             case f.Count():
                 past = history.count(numbers.holds(node.operand), own, node.seconds, self.clock.snap)
             case f.Delayed():
-                past = history.delayed(numbers._along(node.operand), own, node.seconds, self.clock.snap)
+                past = history.delay(numbers._along(node.operand), own, node.seconds, self.clock.snap)
             case f.Derivative():
                 past = history.derivative(numbers._along(node.operand), own)
             case _:

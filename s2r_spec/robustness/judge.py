@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError
-from s2r_spec.base.printable import counted_messages
+from s2r_spec.base.printable import count_messages
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.account import Instants, instants_of
 from s2r_spec.robustness.at_start import bounds_at_start
@@ -35,7 +35,7 @@ from s2r_spec.robustness.horizon import horizon, seconds_needed
 from s2r_spec.robustness.narrow import narrowest, refuse_short
 from s2r_spec.robustness.silence import HeldBounds, Span, edge_signals
 from s2r_spec.robustness.stream import SignalMessages, in_one_turn
-from s2r_spec.robustness.ties import plain, plain_number
+from s2r_spec.robustness.ties import restore_zero, restore_zeros
 from s2r_spec.trace.instants import instant
 from s2r_spec.trace.messages import union
 
@@ -192,8 +192,8 @@ class Judge:
         if not (complete or partial):
             satisfied, reason = None, ""
         return Judgement(
-            plain_number(lower),
-            plain_number(upper),
+            restore_zero(lower),
+            restore_zero(upper),
             lower,
             satisfied,
             start,
@@ -237,7 +237,7 @@ class Judge:
             requirement=requirement,
             unit=unit,
             times=times,
-            values=plain(rho),
+            values=restore_zeros(rho),
             truth=rho > 0,
             horizon=horizon(formula),
             complete=complete,
@@ -372,7 +372,7 @@ class Judge:
             repeated = len(own) - len(np.unique(own.times))
             if repeated:
                 notes.append(
-                    f"{counted_messages(repeated, name, 'have')} another value with the same stamp: the worse decides"
+                    f"{count_messages(repeated, name, 'have')} another value with the same stamp: the worse decides"
                 )
             around = int((np.abs(np.diff(stream.values)) > stream.turn / 2).any(axis=0).sum())
             if around and own.linear and in_one_turn(stream.values, stream.turn):
@@ -381,16 +381,16 @@ class Judge:
                 )
             if stream.without:
                 notes.append(
-                    f"{counted_messages(stream.without, name, 'have')} no value, and the value before is held"
+                    f"{count_messages(stream.without, name, 'have')} no value, and the value before is held"
                 )
             before, after = unevaluated[name]
             if before:
                 notes.append(
-                    f"{counted_messages(before, name, 'lie')} before {self._time(start)}, where {self._late()} begins"
+                    f"{count_messages(before, name, 'lie')} before {self._time(start)}, where {self._late()} begins"
                 )
             if after:
                 notes.append(
-                    f"{counted_messages(after, name, 'lie')} after {self._time(end)}, where {self._early()} ends"
+                    f"{count_messages(after, name, 'lie')} after {self._time(end)}, where {self._early()} ends"
                 )
         return notes
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from s2r_spec.base.errors import TraceError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness import history
-from s2r_spec.robustness.ties import signed
+from s2r_spec.robustness.ties import break_ties
 
 FloatArray = NDArray[np.float64]
 
@@ -128,7 +128,7 @@ class Numbers:
             case f.Count():
                 return history.count(self.holds(node.operand), times, node.seconds, snap)
             case f.Delayed():
-                return history.delayed(self._along(node.operand), times, node.seconds, snap)
+                return history.delay(self._along(node.operand), times, node.seconds, snap)
             case f.Derivative():
                 return history.derivative(self._along(node.operand), times)
             case f.Accumulated():
@@ -166,7 +166,7 @@ def margin(node: f.Comparison, numbers: Numbers, clock: SampleTimes) -> FloatArr
             case "!=":
                 result = np.abs(left - right)
         least = np.minimum.reduce(result, axis=None, initial=np.inf)  # NaN if there is any
-    result = signed(result, node.operator)
+    result = break_ties(result, node.operator)
     if result.shape[-1] != clock.count:
         result = np.broadcast_to(result, (*result.shape[:-1], clock.count))
     if math.isnan(least):

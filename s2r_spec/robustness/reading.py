@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError, UsageError, one_of, suggest
-from s2r_spec.lang.amounts import NUMBER_AND_UNIT, Amount, converted, read_amount
+from s2r_spec.lang.amounts import NUMBER_AND_UNIT, Amount, convert, read_amount
 from s2r_spec.lang.conversion import Conversion
 from s2r_spec.lang.declarations import Param, Signal
 from s2r_spec.lang.units import UnknownUnitError, unit_in_log
@@ -60,15 +60,15 @@ def _stream(signal: Signal, trace: Trace, missing: Missing, linear: bool) -> Sig
     empty = np.isnan(samples).any(axis=0)
     turn = turn_of(signal)
     if not empty.any():
-        return SignalMessages(messages, _converted(signal, trace, samples), turn=turn)
+        return SignalMessages(messages, _convert(signal, trace, samples), turn=turn)
     if missing == "error":
-        raise _missing(signal, messages.times, int(np.argmax(empty)), HOLD)
+        raise _missing_error(signal, messages.times, int(np.argmax(empty)), HOLD)
     samples = _last_known(samples)
     known = ~np.isnan(samples).any(axis=0) & ~np.isnan(messages.values.reshape(len(messages), -1)).all(axis=1)
     if not known.any():
-        raise _missing(signal, messages.times, 0, LEADING)
+        raise _missing_error(signal, messages.times, 0, LEADING)
     kept = replace(messages, times=messages.times[known], values=messages.values[known])
-    return SignalMessages(kept, _converted(signal, trace, samples[:, known]), int(empty.sum()), turn)
+    return SignalMessages(kept, _convert(signal, trace, samples[:, known]), int(empty.sum()), turn)
 
 
 def turn_of(signal: Signal) -> float:
@@ -85,8 +85,8 @@ def _read(signal: Signal, trace: Trace, missing: Missing) -> FloatArray:
         samples = _last_known(samples)
     if math.isnan(np.minimum.reduce(samples, axis=None)):  # NaN if any sample is
         index = int(np.argmax(np.isnan(samples).any(axis=0)))
-        raise _missing(signal, trace.times, index, HOLD if missing == "error" else LEADING)
-    return _on_circle(signal, trace, _converted(signal, trace, samples))
+        raise _missing_error(signal, trace.times, index, HOLD if missing == "error" else LEADING)
+    return _on_circle(signal, trace, _convert(signal, trace, samples))
 
 
 def _on_circle(signal: Signal, trace: Trace, samples: FloatArray) -> FloatArray:
@@ -95,7 +95,7 @@ def _on_circle(signal: Signal, trace: Trace, samples: FloatArray) -> FloatArray:
     messages = None if trace.origin is None else trace.origin.messages.get(signal.name)
     if messages is None or not messages.linear or math.isinf(turn):
         return samples
-    values = _converted(signal, trace, _rows(signal, messages.values))
+    values = _convert(signal, trace, _rows(signal, messages.values))
     if not (np.abs(np.diff(values)) > turn / 2).any():
         return samples
     return on_circle(messages.times, values, turn).at(trace.times)
@@ -113,14 +113,14 @@ def _rows(signal: Signal, channel: FloatArray) -> FloatArray:
     return channel.T if channel.ndim == 2 else channel[np.newaxis, :]
 
 
-def _missing(signal: Signal, times: FloatArray, index: int, remedy: str) -> TraceError:
+def _missing_error(signal: Signal, times: FloatArray, index: int, remedy: str) -> TraceError:
     return TraceError(
         f"channel {signal.name!r} is NaN at sample {index}, t = {instant(times, times[index])}; "
         f"a missing sample has no robustness: {remedy}"
     )
 
 
-def _converted(signal: Signal, trace: Trace, samples: FloatArray) -> FloatArray:
+def _convert(signal: Signal, trace: Trace, samples: FloatArray) -> FloatArray:
     return conversion(signal, trace.units.get(signal.name)).each(samples)
 
 
@@ -167,7 +167,7 @@ def read_params(
     """
     values: dict[str, float] = {}
     for name, value in given.items():
-        values[name] = read_amount(value, _known(params, name).measure, name)
+        values[name] = read_amount(value, _find_param(params, name).measure, name)
         if not math.isfinite(values[name]):
             raise UsageError(f"the parameter {name} = {value} is not a finite number")
     numbers: dict[str, FloatArray] = {}
@@ -192,11 +192,11 @@ def read_param(params: Mapping[str, Param], text: str) -> tuple[str, float]:
     match = _GIVEN.fullmatch(text)
     if match is None:
         raise UsageError(f"{text!r} is not a value of a parameter, such as vd=0.3 or 'vd=30 cm/s'")
-    param = _known(params, match["name"])
-    return param.name, converted(float(match["number"]), match["unit"], param.measure, repr(text), param.name)
+    param = _find_param(params, match["name"])
+    return param.name, convert(float(match["number"]), match["unit"], param.measure, repr(text), param.name)
 
 
-def _known(params: Mapping[str, Param], name: str) -> Param:
+def _find_param(params: Mapping[str, Param], name: str) -> Param:
     if name not in params:
         raise UsageError(f"the spec has no parameter {name!r}{suggest(name, params)} it has {one_of(params)}")
     return params[name]

@@ -16,7 +16,7 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 
-def responsible(root: f.Formula, walk: Walk[FloatArray], clock: SampleClock) -> dict[int, BoolArray]:
+def responsible_samples(root: f.Formula, walk: Walk[FloatArray], clock: SampleClock) -> dict[int, BoolArray]:
     """Return id of predicate → (n,): the samples at which the verdict of ``root`` at sample 0 depends on it.
 
     A violated ``always`` depends on the samples that violate it, and a satisfied one on its whole window;
@@ -66,10 +66,10 @@ class _Causes:
             case f.Until():
                 self._until(node, at, holds)
             case f.AdjacentSample():
-                self.add(node.operand, _moved(at, 1 if node.operator == "next" else -1), holds)
+                self.add(node.operand, _shift(at, 1 if node.operator == "next" else -1), holds)
             case f.Edge():
                 rises = node.operator == "rise"
-                for there, wanted in ((at, rises), (_moved(at, -1), not rises)):
+                for there, wanted in ((at, rises), (_shift(at, -1), not rises)):
                     if holds:
                         self.add(node.operand, there, wanted)
                     else:
@@ -132,7 +132,7 @@ class _Causes:
         return left, right
 
 
-def _moved(at: BoolArray, steps: int) -> BoolArray:
+def _shift(at: BoolArray, steps: int) -> BoolArray:
     moved = np.zeros_like(at)
     if steps > 0:
         moved[steps:] = at[:-steps]

@@ -18,7 +18,7 @@ from s2r_spec.lang import formula as f
 from s2r_spec.robustness.evaluate import Walk, Witness
 from s2r_spec.robustness.kernels import shift
 from s2r_spec.robustness.numbers import Numbers, SampleTimes, margin
-from s2r_spec.robustness.ties import rescaled
+from s2r_spec.robustness.ties import rescale
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
@@ -101,7 +101,7 @@ class SampledAlgebra:
 
     def scaled(self, x: FloatArray, factor: float) -> FloatArray:
         """Return factor · x."""
-        return rescaled(x, factor)
+        return rescale(x, factor)
 
     def least(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the smaller of both."""

@@ -104,8 +104,8 @@ class HeldBounds:
             lower, upper = first.least(lower, margin), first.greatest(upper, margin)
         unseen = not self.unseen.isdisjoint(signals_of(node))
         if spans := read_spans(node, self.silences):
-            lower = _replaced(lower, spans, -math.inf, first.snap)
-            upper = _replaced(upper, spans, math.inf, first.snap)
+            lower = _replace(lower, spans, -math.inf, first.snap)
+            upper = _replace(upper, spans, math.inf, first.snap)
         return RhoBounds(lower, upper, unseen)
 
     @staticmethod
@@ -121,7 +121,7 @@ class _OpenSteps(BoundedAlgebra[Curve]):
         return RhoBounds(self.inner.truth(False), self.inner.truth(True))
 
 
-def _replaced(x: Curve, spans: Iterable[Span], value: float, snap: float) -> Curve:
+def _replace(x: Curve, spans: Iterable[Span], value: float, snap: float) -> Curve:
     """Return a curve with another value within open spans."""
     first, last = x.times[0], x.times[-1]
     ends = np.array([end for span in spans for end in span])
@@ -152,7 +152,7 @@ def silences_of(times: FloatArray, longest: float = math.nan) -> list[Span]:
     return [(float(times[i]), float(times[i + 1])) for i in before]
 
 
-def bounded_samples(
+def bounding_walk(
     samples: SampledSignals, spans: Sequence[Span], period: float
 ) -> Walk[RhoBounds[FloatArray]]:
     """Return the walk over samples that bounds ρ where all signals have no sample.

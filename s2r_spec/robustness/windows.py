@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.lang.formula import Interval
-from s2r_spec.robustness.curve import Curve, crossed, maximum, merged, minimum, nearest
+from s2r_spec.robustness.curve import Curve, insert_crossings, maximum, merge, minimum, nearest
 from s2r_spec.robustness.kernels import range_min
 from s2r_spec.robustness.kernels import until as until_samples
 
@@ -33,7 +33,7 @@ def infimum(x: Curve, interval: Interval, snap: float) -> Curve:
     low, high = interval.low, interval.high
     first, last = x.times[0], x.times[-1]
     ends = np.concatenate([x.times - end for end in {low, high} if math.isfinite(end)])
-    times = merged(
+    times = merge(
         x.times[[0, -1]] if x.times.size > 1 else x.times, ends[(ends > first) & (ends < last)], snap
     )
     elements = np.empty(2 * x.times.size - 1)
@@ -138,7 +138,7 @@ def _untimed(left: Curve, right: Curve, snap: float, now: bool) -> Curve:
     the trace at the end of the piece. Breakpoint, start and end of a piece are each a clamp, so the kernel for samples
     computes K.
     """
-    p, q = crossed(left, right, snap)
+    p, q = insert_crossings(left, right, snap)
     n = p.times.size
     guards, goals = np.empty(3 * n - 2), np.empty(3 * n - 2)
     guards[::3], goals[::3] = p.at, q.at
@@ -156,6 +156,6 @@ def _untimed(left: Curve, right: Curve, snap: float, now: bool) -> Curve:
 
 def edge(now: Curve, before: Curve, earlier: float, snap: float) -> Curve:
     """Return min(now(t), −before just before t); ``earlier`` is the value before the first instant."""
-    x, minus = crossed(now, -before, snap)
+    x, minus = insert_crossings(now, -before, snap)
     at = np.minimum(x.at, np.concatenate(([-earlier], minus.left)))
     return Curve(x.times, at, np.minimum(x.right, minus.right), np.minimum(x.left, minus.left))

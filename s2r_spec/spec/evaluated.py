@@ -15,7 +15,7 @@ from s2r_spec.base.printable import one_line
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.amounts import Amount
 from s2r_spec.lang.declarations import Param, Signal
-from s2r_spec.robustness.binding import bound, names
+from s2r_spec.robustness.binding import bind, names
 from s2r_spec.robustness.evaluate import Witness
 from s2r_spec.robustness.evaluation import End, Evaluation, Interpolation, Reading, evaluate
 from s2r_spec.robustness.explain import Explanation, explain
@@ -25,10 +25,10 @@ from s2r_spec.robustness.judge import Judge, Judgement
 from s2r_spec.robustness.online.monitor import Followed, Monitor, RobustnessStream
 from s2r_spec.robustness.reading import Missing, read_params, read_signals, read_streams
 from s2r_spec.robustness.shortfall import shortfall
-from s2r_spec.robustness.ties import plain_number
+from s2r_spec.robustness.ties import restore_zero
 from s2r_spec.robustness.tolerances import Tolerances, tolerances
 from s2r_spec.spec.declared import Declared
-from s2r_spec.spec.plot import Plot, drawn
+from s2r_spec.spec.plot import Plot, draw
 from s2r_spec.trace import Trace
 
 if TYPE_CHECKING:
@@ -64,7 +64,9 @@ class Spec(Declared):
 
     def __repr__(self) -> str:
         """Return one line: requirements, signals and parameters with their units."""
-        signals, params = (", ".join(map(_declared, of.values())) for of in (self.signals, self.params))
+        signals, params = (
+            ", ".join(map(_declaration_text, of.values())) for of in (self.signals, self.params)
+        )
         with_params = f"; params {params}" if params else ""
         return one_line(
             f"Spec({self.name!r}: {', '.join(self.requirements)}; signals {signals or 'none'}{with_params})"
@@ -117,7 +119,7 @@ class Spec(Declared):
                 for name in names
             }
         signed = self._at_start(trace, names, _How(params, interpolation, until, nan, partial))
-        return {name: plain_number(rho) for name, rho in signed.items()}
+        return {name: restore_zero(rho) for name, rho in signed.items()}
 
     def satisfied(
         self,
@@ -167,7 +169,7 @@ class Spec(Declared):
         if not how.partial:
             self._long_enough(requirement, formula, reading)
         bounds = None if how.partial else reading.bounds(formula)
-        return decided(requirement, bounds or float(reading.signed(formula)[0]))
+        return decided_value(requirement, bounds or float(reading.signed(formula)[0]))
 
     def _at_instants(self, own: Trace, requirement: str, how: _How) -> float:
         """Return ρ of one requirement at the begin of a trace of messages that it reads, at every instant, never 0."""
@@ -248,7 +250,7 @@ class Spec(Declared):
         judge = Judge(
             read_streams(signals, trace, how.nan, linear), numbers, trace.since, trace.ends, how.until
         )
-        return judge, bound(
+        return judge, bind(
             self._formula(requirement), {name: value.item() for name, value in numbers.items()}
         )
 
@@ -521,7 +523,7 @@ class Spec(Declared):
             UsageError: see :meth:`robustness`; or matplotlib is not installed.
         """
         reason = self.explain(trace, requirement, params, partial=True)
-        return drawn(self.tolerances(trace, requirement, params), reason, title)
+        return draw(self.tolerances(trace, requirement, params), reason, title)
 
     def tolerances(
         self, trace: Trace, requirement: str, params: Mapping[str, Amount] | None = None
@@ -564,7 +566,7 @@ class Spec(Declared):
         _choice("nan", nan, ("error", "hold"))
         numbers = {name: value.item() for name, value in self._numbers(params, requirement).items()}
         requirements = self.requirements if requirement is None else (requirement,)
-        formulas = {name: bound(self._formula(name), numbers) for name in requirements}
+        formulas = {name: bind(self._formula(name), numbers) for name in requirements}
         signals = [self.signals[name] for name in self.channels(requirement)]
         return Followed(formulas, signals, numbers, period, until, nan, ranges=False)
 
@@ -604,7 +606,7 @@ class Spec(Declared):
         return settings.fall
 
 
-def decided(requirement: str, rho: float | tuple[float, float]) -> float:
+def decided_value(requirement: str, rho: float | tuple[float, float]) -> float:
     """Return ρ, or ρ within bounds that are equal.
 
     Raises:
@@ -619,7 +621,7 @@ def decided(requirement: str, rho: float | tuple[float, float]) -> float:
     return rho[0]
 
 
-def _declared(one: Signal | Param) -> str:
+def _declaration_text(one: Signal | Param) -> str:
     """Return a declaration as ``vd [m/s]``."""
     return f"{one.name} [{one.unit}]" if one.unit else one.name
 

@@ -114,14 +114,14 @@ def follow(
     for last, sample in stream.samples:
         recent = (*recent[:1], *recent[-1:], last)
         for name, monitor in monitors.items():
-            (interval,) = monitor.update(last, _converted(sample, scales)).values()
+            (interval,) = monitor.update(last, _convert(sample, scales)).values()
             latest[name] = interval
             if interval != shown.get(name) and (name in shown or interval.bounded):
                 shown[name] = interval
                 yield VerdictChange(name, interval, recent)
     ended: dict[str, RobustInterval] = {}
     for name, monitor in monitors.items():
-        failure = _failed(spec, name, stream.meta)
+        failure = _failure_interval(spec, name, stream.meta)
         ended |= {name: failure} if failure else monitor.finish(partial=conventions.partial)
         if conventions.partial and math.isinf(ended[name].lower) and ended[name].decided and name in latest:
             ended[name] = latest[name]  # windows that the trace cuts to nothing decide nothing
@@ -137,7 +137,7 @@ def _scales(spec: Spec, requirements: Iterable[str], units: Mapping[str, str]) -
     return {name: scale for name, scale in scales.items() if not scale.same}
 
 
-def _converted(sample: Mapping[str, Any], scales: Mapping[str, Conversion]) -> Mapping[str, Any]:
+def _convert(sample: Mapping[str, Any], scales: Mapping[str, Conversion]) -> Mapping[str, Any]:
     if not scales:
         return sample
     values = dict(sample)
@@ -149,7 +149,7 @@ def _converted(sample: Mapping[str, Any], scales: Mapping[str, Conversion]) -> M
     return values
 
 
-def _failed(spec: Spec, requirement: str, meta: Mapping[str, Any]) -> RobustInterval | None:
+def _failure_interval(spec: Spec, requirement: str, meta: Mapping[str, Any]) -> RobustInterval | None:
     """Return the declared ρ of a failure if the trace ended in one, else None."""
     trace = Trace(np.zeros(1), {}, meta=meta)
     if trace.failure is None:

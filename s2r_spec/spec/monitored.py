@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from s2r_spec.base.errors import UsageError
-from s2r_spec.base.printable import counted_messages
+from s2r_spec.base.printable import count_messages
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.amounts import Amount
 from s2r_spec.robustness.account import Instants
@@ -109,18 +109,18 @@ def monitor_trace(
     """Return the results of requirements on a trace; a unit of the times that matters must be stated.
 
     Raises:
-        TraceError: see :func:`monitored`.
-        UsageError: see :func:`monitored` and :func:`refuse_unstated`.
+        TraceError: see :func:`monitor_requirement`.
+        UsageError: see :func:`monitor_requirement` and :func:`refuse_unstated`.
     """
     results = []
     for name in names:
         if not conventions.stated:
             refuse_unstated(spec, trace, name)
-        results.append(monitored(spec, trace, name, params, conventions))
+        results.append(monitor_requirement(spec, trace, name, params, conventions))
     return results
 
 
-def monitored(
+def monitor_requirement(
     spec: Spec, trace: Trace, requirement: str, params: Mapping[str, Amount], conventions: Conventions
 ) -> Monitored:
     """Return the result of one requirement on a trace.
@@ -149,7 +149,7 @@ def monitored(
             return replace(result, satisfied=None, text=text, reason=None)
         return _without_the_rest(result, own, messages)
     where = "at its samples" if result.on_change else "at the stamps of the clock"
-    return _beside(result, _of_messages(spec, messages, requirement, params, conventions), where)
+    return _reconcile(result, _of_messages(spec, messages, requirement, params, conventions), where)
 
 
 def _of_own_messages(
@@ -160,7 +160,7 @@ def _of_own_messages(
     if conventions.like == "s2r":
         return every
     sampled = _of_samples(spec, trace, requirement, params, conventions)
-    return sampled if every.decided else _beside(sampled, every, f"by {conventions.like}")
+    return sampled if every.decided else _reconcile(sampled, every, f"by {conventions.like}")
 
 
 def _without_the_rest(result: Monitored, sampled: Trace, messages: Trace) -> Monitored:
@@ -177,7 +177,7 @@ def _without_the_rest(result: Monitored, sampled: Trace, messages: Trace) -> Mon
         for name, one in messages.messages.items()
     }
     lines = [
-        f"\n  note: {counted_messages(count, name, 'lie')} unevaluated between the samples"
+        f"\n  note: {count_messages(count, name, 'lie')} unevaluated between the samples"
         for name, count in rest.items()
         if count
     ]
@@ -244,7 +244,7 @@ def _of_samples(
         *_held_notes(spec, trace, requirement, conventions),
         *_rhythm(trace, how, irregular),
     ]
-    lines = [_sampling(evaluation), *(f"  note: {note}" for note in notes)]
+    lines = [_sampling_line(evaluation), *(f"  note: {note}" for note in notes)]
     unknown = ""
     if partial and not evaluation.complete[0] and math.isinf(evaluation.value):
         unknown = "no recorded sample decides it"
@@ -343,7 +343,7 @@ def _held_notes(spec: Spec, trace: Trace, requirement: str, conventions: Convent
     return notes
 
 
-def _sampling(evaluation: Evaluation) -> str:
+def _sampling_line(evaluation: Evaluation) -> str:
     """Return a line on the sampling of a trace, which shows times in a wrong unit."""
     if evaluation.period is None:
         return "  one sample"
@@ -353,7 +353,7 @@ def _sampling(evaluation: Evaluation) -> str:
     return f"  sampled every {evaluation.period:.6g} s for {evaluation.duration:.6g} s{windows}"
 
 
-def _beside(sampled: Monitored, every: Monitored, where: str) -> Monitored:
+def _reconcile(sampled: Monitored, every: Monitored, where: str) -> Monitored:
     """Return a result at some samples; unknown where all messages, or every instant, decide otherwise."""
     if not sampled.decided or (every.decided and sampled.satisfied == every.satisfied):
         return sampled

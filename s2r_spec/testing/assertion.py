@@ -44,7 +44,7 @@ def assert_robust(
     names = spec.requirements if requirement is None else (requirement,)
     if not isinstance(trace, Trace):
         trace = logs.read(_path(trace, "trace"))
-    values = {**_recorded(spec, trace), **(params or {})}
+    values = {**_recorded_test(spec, trace), **(params or {})}
     robustness: dict[str, float] = {}
     failures: list[str] = []
     for name in names:
@@ -72,7 +72,7 @@ def _path(value: Any, what: str) -> str:
     )
 
 
-def _recorded(spec: Spec, trace: Trace) -> dict[str, Amount]:
+def _recorded_test(spec: Spec, trace: Trace) -> dict[str, Amount]:
     """Return the test that the trace records, as far as the specification declares it."""
     recorded = trace.meta.get("params", {})
     known = recorded if isinstance(recorded, Mapping) else {}

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from s2r_spec.attribution.place import Place, ValueRange, cause_first, instant, visited
+from s2r_spec.attribution.place import Place, ValueRange, cause_first, find_visit, instant
 from s2r_spec.trace import Trace
 
 
@@ -117,11 +117,13 @@ def test_when_a_channel_has_these_values():
     pushed = Trace(times + 5.0, {"q": np.column_stack([np.zeros(11), times])}, {"q": "m"})
     slower = Trace(times, {"q": np.column_stack([np.zeros(11), times / 2])}, {"q": "m"})
     unrecorded = Trace(times, {"u": times}, {})
-    time, values = visited([pushed, slower, unrecorded], "q", 1, 0.12, 0.42)
+    time, values = find_visit([pushed, slower, unrecorded], "q", 1, 0.12, 0.42)
     assert (time.low, time.high, time.highest) == pytest.approx((0.2, 0.8, 1.0))
-    assert visited([pushed, slower], "q", 1, 0.32, 0.48)[0] is None  # the first is past when the second comes
+    assert (
+        find_visit([pushed, slower], "q", 1, 0.32, 0.48)[0] is None
+    )  # the first is past when the second comes
     assert (values.unit, values.lowest, values.highest) == ("m", 0.0, 1.0)
-    assert visited([pushed], "q", 1, 3.0, 4.0)[0] is None
-    gone, unknown = visited([pushed], "force", 0, 3.0, 4.0)
+    assert find_visit([pushed], "q", 1, 3.0, 4.0)[0] is None
+    gone, unknown = find_visit([pushed], "force", 0, 3.0, 4.0)
     assert gone is None
     assert not math.isfinite(unknown.extent)

@@ -21,7 +21,7 @@ from s2r_spec import parse_spec
 from s2r_spec.errors import UsageError
 from s2r_spec.logs.topics.join import Joining
 from s2r_spec.recordings.excerpts import Excerpt, Excerpts, excerpt
-from s2r_spec.spec.monitored import Conventions, Monitored, monitored
+from s2r_spec.spec.monitored import Conventions, Monitored, monitor_requirement
 from tests.logs.multirate_cases import Case
 from tests.logs.multirate_files import FORMATS
 from tests.logs.multirate_formulas import names
@@ -159,7 +159,7 @@ def said(made: Case, folder: Path) -> tuple[Excerpt, Monitored]:
     chooses = form.joined or made.rule == "linear" or clock is not None
     joining = Joining(clock, made.rule) if chooses else None  # type: ignore[arg-type]
     found = excerpt(path, spec.signals, wanted, spec.horizon("r"), Excerpts(mapped, None, joining))
-    return found, monitored(spec, found.episodes[0].trace, "r", {}, Conventions())
+    return found, monitor_requirement(spec, found.episodes[0].trace, "r", {}, Conventions())
 
 
 def compared(made: Case, found: Excerpt, verdict: Monitored) -> Outcome:

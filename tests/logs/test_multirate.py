@@ -10,7 +10,7 @@ import pytest
 from s2r_spec import parse_spec
 from s2r_spec.logs.topics.join import Joining
 from s2r_spec.recordings.excerpts import Excerpts, excerpt
-from s2r_spec.spec.monitored import Conventions, monitored
+from s2r_spec.spec.monitored import Conventions, monitor_requirement
 from tests.examples import examples
 from tests.logs.multirate import Log, Sent
 from tests.logs.multirate_cases import case
@@ -113,7 +113,7 @@ def verdict(folder, topics, requirement, name="hdf5", *, read=None, joining=None
     joining = Joining() if joining is None and form.joined else joining
     excerpts = Excerpts({one: columns[one, "f0"] for one in wanted}, None, joining, when)
     found = excerpt(path, spec.signals, wanted, spec.horizon("r"), excerpts)
-    return monitored(spec, found.episodes[0].trace, "r", {}, Conventions())
+    return monitor_requirement(spec, found.episodes[0].trace, "r", {}, Conventions())
 
 
 def test_the_worst_of_two_values_of_each_of_two_signals_decides(tmp_path):

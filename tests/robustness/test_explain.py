@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from s2r_spec.errors import TraceError
 from s2r_spec.robustness.evaluate import Walk
-from s2r_spec.robustness.responsible import responsible
+from s2r_spec.robustness.responsible import responsible_samples
 from s2r_spec.robustness.sampled import SampledSignals, walk_samples
 from s2r_spec.robustness.ticks import clock_of
 from s2r_spec.spec import load_spec, parse_spec
@@ -91,7 +91,7 @@ def test_what_is_not_responsible_may_be_anything(formula, data, gaps, until) -> 
     try:
         before = walk(signals)
         rho = np.broadcast_to(before(spec), n)[0]
-        at = responsible(spec, before, clock)
+        at = responsible_samples(spec, before, clock)
     except TraceError:
         assume(False)
     needed = {name: np.zeros(n, dtype=bool) for name in signals}

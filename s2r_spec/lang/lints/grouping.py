@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from s2r_spec.lang import syntax
 from s2r_spec.lang.declarations import Document
-from s2r_spec.lang.lints.finding import LintWarning, bracketed, brackets, nodes
+from s2r_spec.lang.lints.finding import LintWarning, brackets, has_brackets, nodes
 from s2r_spec.lang.parsing import Parsed
 
 
@@ -17,7 +17,7 @@ def temporal_reach(parsed: Parsed, document: Document) -> Iterator[LintWarning]:
             continue
         word = node.operator
         for operand in node.operands[:-1] if isinstance(node, syntax.Junction) else (node.left,):
-            if isinstance(operand, syntax.Temporal) and not bracketed(operand) and _open(operand):
+            if isinstance(operand, syntax.Temporal) and not has_brackets(operand) and _open(operand):
                 message = (
                     f"the scope of `{operand.operator}` ends before `{word}`; in MoonLight it goes further"
                 )
@@ -29,7 +29,7 @@ def _open(node: syntax.Temporal) -> bool:
     inner: syntax.Expression = node
     while isinstance(inner, syntax.Temporal | syntax.AdjacentSample | syntax.Negation):
         inner = inner.operand
-        if bracketed(inner):
+        if has_brackets(inner):
             return False
     return True
 
@@ -42,7 +42,7 @@ def mixed_junction(parsed: Parsed, document: Document) -> Iterator[LintWarning]:
                 if (
                     isinstance(operand, syntax.Junction)
                     and operand.operator == "and"
-                    and not bracketed(operand)
+                    and not has_brackets(operand)
                 ):
                     message = "`and` binds tighter than the `or` beside it"
                     yield LintWarning("L02", message, operand.span, "put it in brackets", brackets(operand))
@@ -53,6 +53,6 @@ def chained_implication(parsed: Parsed, document: Document) -> Iterator[LintWarn
     for node in nodes(parsed):
         if isinstance(node, syntax.Implication) and node.operator == "->":
             right = node.right
-            if isinstance(right, syntax.Implication) and right.operator == "->" and not bracketed(right):
+            if isinstance(right, syntax.Implication) and right.operator == "->" and not has_brackets(right):
                 message = "`->` groups to the right in s2r, and to the left in RTAMT"
                 yield LintWarning("L03", message, right.span, "put it in brackets", brackets(right))

@@ -20,10 +20,10 @@ def settled_by_range(parsed: Parsed, document: Document) -> Iterator[LintWarning
         for node in f.walk(formula):
             if isinstance(node, f.Comparison) and id(node) not in seen and node.operator in _MIRRORED:
                 seen.add(id(node))
-                yield from _settled(node, document)
+                yield from _range_warnings(node, document)
 
 
-def _settled(node: f.Comparison, document: Document) -> Iterator[LintWarning]:
+def _range_warnings(node: f.Comparison, document: Document) -> Iterator[LintWarning]:
     for operand, other, operator in (
         (node.left, node.right, node.operator),
         (node.right, node.left, _MIRRORED[node.operator]),

@@ -10,7 +10,7 @@ from s2r_spec.lang.lints.finding import LintWarning, nodes
 from s2r_spec.lang.parsing import Parsed
 
 
-def unused(parsed: Parsed, document: Document) -> Iterator[LintWarning]:
+def unused_signal(parsed: Parsed, document: Document) -> Iterator[LintWarning]:
     """A trace need not have an unused signal. A searched parameter is used by the backend."""
     used = {node.name for node in nodes(parsed) if isinstance(node, syntax.Name)}
     used |= {node.name.text for node in nodes(parsed) if isinstance(node, syntax.Index)}

@@ -19,7 +19,7 @@ from s2r_spec.logs.table import MOST_NUMBERS
 FROM = 2**22
 """Budget: bytes from which a file is large, 4 MB. Half a second row by row; importing pyarrow takes 0.1 s."""
 _BLOCK = 2**20
-"""Budget: bytes that are examined at a time; twice as many take twice the memory."""
+"""Budget: bytes that are examined at a time."""
 _FOREIGN = (b'"', b"0x", b"0X", b"\0")
 """Definition: bytes that the two readers understand differently: quotes, hexadecimal numbers, text of two bytes."""
 

@@ -31,10 +31,10 @@ from s2r_spec.logs.table import (
     Column,
     Head,
     Table,
-    affordable,
-    described,
+    check_size,
     few,
-    quoted,
+    quote,
+    read_description,
     regular,
 )
 from s2r_spec.trace import Trace
@@ -42,10 +42,10 @@ from s2r_spec.trace import Trace
 T = TypeVar("T")
 _NOTES = "# s2r "
 LONGEST = 2**22
-"""Budget: characters of one line, 4 million. Twice as many take 0.2 GB more for a line of names."""
+"""Budget: characters of one line, 4 million."""
 csv.field_size_limit(LONGEST)  # a column that is not read may hold a picture as text
 _CELLS = 2**18
-"""Budget: cells stored as text before they become arrays, 20 MB. Twice as many take twice the memory."""
+"""Budget: cells stored as text before they become arrays, 20 MB."""
 
 
 def load(path: Path, choose: Chooser) -> Table:
@@ -69,7 +69,7 @@ def load(path: Path, choose: Chooser) -> Table:
         text.heads,
         columns,
         text.meta,
-        _placed(text.heads, range(first, sys.maxsize)),
+        _sample_places(text.heads, range(first, sys.maxsize)),
         tuple(text.notes),
         own=text.own,
     )
@@ -170,7 +170,7 @@ class Text:
             csv_head.refuse_separators(self._names, below)
         if below is None or below.cut:
             return
-        if csv_head.sampled(below):
+        if csv_head.may_be_sample(below):
             if below.width > len(self.heads):
                 csv_head.refuse_above(self._names, self._ahead())
             return
@@ -285,7 +285,7 @@ def _meta(line: str, number: int) -> tuple[dict[str, Any], dict[str, Any]]:
         record = json.loads(line.removeprefix(_NOTES))
         if not isinstance(record, dict) or "meta" not in record:
             raise ValueError("'meta'")
-        return described(record, f"line {number}")[1:]
+        return read_description(record, f"line {number}")[1:]
     except (ValueError, RecursionError) as error:
         raise TraceError(f'line {number}: expected {_NOTES}{{"meta": {{…}}}}: {error}') from None
 
@@ -313,11 +313,11 @@ def _table(text: Text, needed: Sequence[int]) -> Table:
     def to_arrays() -> None:
         nonlocal taken
         for number, texts in waiting.items():
-            piece = cells.parsed(texts)
+            piece = cells.parse(texts)
             pieces[number].append(piece)
             taken += piece.size * (TEXT_SIZE if piece.dtype == object else 1)
             texts.clear()
-        affordable(taken)
+        check_size(taken)
 
     for line, row in text.rows(needed):
         lines.append(line)
@@ -326,13 +326,13 @@ def _table(text: Text, needed: Sequence[int]) -> Table:
         if len(lines) % most == 0:
             to_arrays()
     to_arrays()
-    columns = {number: _joined(parts) for number, parts in pieces.items()}
+    columns = {number: _join(parts) for number, parts in pieces.items()}
 
-    place = _placed(text.heads, lines)
+    place = _sample_places(text.heads, lines)
     return Table(text.heads, columns, text.meta, place, tuple(text.notes), own=text.own)
 
 
-def _placed(heads: Sequence[Head], lines: Sequence[int]) -> Callable[[int, int], str]:
+def _sample_places(heads: Sequence[Head], lines: Sequence[int]) -> Callable[[int, int], str]:
     """Return what names the place of a sample, from the number of its line."""
 
     def place(sample: int, number: int) -> str:
@@ -341,14 +341,14 @@ def _placed(heads: Sequence[Head], lines: Sequence[int]) -> Callable[[int, int],
     return place
 
 
-def _joined(pieces: Sequence[NDArray[Any]]) -> Column:
+def _join(pieces: Sequence[NDArray[Any]]) -> Column:
     if not any(piece.dtype == object for piece in pieces):
         whole = all(piece.dtype == np.int64 for piece in pieces if piece.size)
         values = np.concatenate([piece.astype(np.int64 if whole else np.float64) for piece in pieces])
         return Column(values)
     texts = [piece if piece.dtype == object else cells.words(map(repr, piece.tolist())) for piece in pieces]
     words = np.concatenate(texts)
-    return Column(words, cells.missing(words))
+    return Column(words, cells.is_missing(words))
 
 
 def write(trace: Trace, path: Path) -> None:
@@ -362,12 +362,12 @@ def write(trace: Trace, path: Path) -> None:
             text = part if unit is None else f"{part} [{unit}]"
             if name == "t" or head_of(text) != Head(name, None if values.ndim == 1 else i, unit) or not name:
                 raise TraceError(
-                    f"a CSV file cannot hold a channel called {quoted(name)} with the unit {unit!r}"
+                    f"a CSV file cannot hold a channel called {quote(name)} with the unit {unit!r}"
                 )
             header.append(text)
             arrays.append(values if values.ndim == 1 else values[:, i])
         if not parts:
-            raise TraceError(f"a CSV file cannot hold the channel {quoted(name)}, which has no components")
+            raise TraceError(f"a CSV file cannot hold the channel {quote(name)}, which has no components")
     with path.open("w", newline="", encoding="utf-8") as stream:
         if trace.meta or record:
             notes = {"meta": dict(trace.meta)} | ({"own": record} if record else {})

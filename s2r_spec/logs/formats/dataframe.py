@@ -25,7 +25,7 @@ from s2r_spec.logs.interpret import Loaded, build_trace, request
 from s2r_spec.logs.library import library
 from s2r_spec.logs.mapping import ColumnRequest, plan_columns, time_candidates
 from s2r_spec.logs.own import rows
-from s2r_spec.logs.table import Column, Head, Table, described, quoted
+from s2r_spec.logs.table import Column, Head, Table, quote, read_description
 from s2r_spec.logs.times.candidates import of_table
 from s2r_spec.logs.times.times import TIME
 from s2r_spec.trace import Trace
@@ -51,7 +51,7 @@ def read(
         UsageError: it is not a frame, or ``time_unit`` is not a unit of time.
     """
     heads, columns, notes = _pandas(frame, time) if _is_pandas(frame) else _arrow(frame)
-    noted, meta, own = described(notes, "attrs of the frame")
+    noted, meta, own = read_description(notes, "attrs of the frame")
     names = {head.name for head in heads}
     given = dict(units or {})
     if unknown := sorted(given.keys() - names):
@@ -63,7 +63,7 @@ def read(
     heads = tuple(replace(head, unit=stated.get(head.name, head.unit)) for head in heads)
 
     def place(sample: int, number: int) -> str:
-        return f"row {sample} of the column {quoted(heads[number].text)}"
+        return f"row {sample} of the column {quote(heads[number].text)}"
 
     table = Table(heads, dict(enumerate(columns)), meta, place, own=own)
     wanted = request({TIME: _times(heads, time)}, None, time_unit)

@@ -82,5 +82,5 @@ def follow(readline: Callable[[int], str], request: ColumnRequest) -> Rows:
 
 
 def _column(text: str) -> Column:
-    values = cells.parsed([text])
-    return Column(values, cells.missing(values) if values.dtype == object else None)
+    values = cells.parse([text])
+    return Column(values, cells.is_missing(values) if values.dtype == object else None)

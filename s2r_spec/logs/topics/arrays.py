@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError, one_of
 from s2r_spec.logs.mapping import TIME_WORDS, ColumnRequest, plan_columns
-from s2r_spec.logs.table import Column, Head, affordable, few, quoted
+from s2r_spec.logs.table import Column, Head, check_size, few, quote
 from s2r_spec.logs.times import candidates, times
 from s2r_spec.logs.times.dates import LAST
 from s2r_spec.logs.topics.topic import Stamps, Topic, TopicHead
@@ -91,7 +91,7 @@ class ArrayLog:
         self.sortable = False
         self._arrays, self._asked = arrays, asked or Asked()
         self.notes: tuple[str, ...] = ()
-        self._mapped = _mapped(arrays, self._asked.times)
+        self._mapped = _mapped_clocks(arrays, self._asked.times)
         self._clocks: dict[str, list[str]] = defaultdict(list)
         for path in filter(is_word, arrays):
             self._clocks[_folder(path)].append(path)
@@ -119,11 +119,11 @@ class ArrayLog:
             name = _below(path, topic)
             if clock != own.clock:
                 own.other[name] = (
-                    f"has the times {_named(clock)}, and other arrays beside it have {_named(own.clock)}; "
+                    f"has the times {_clock_text(clock)}, and other arrays beside it have {_clock_text(own.clock)}; "
                     f"choose by --map {times.TIME}={'+'.join(clock)}"
                 )
             elif path == times.TIME:  # a trace has one t
-                own.other[name] = f"is not the times, which are {_named(clock)}"
+                own.other[name] = f"is not the times, which are {_clock_text(clock)}"
             else:
                 own.fields.append(name)
                 own.rivals = own.rivals or self._rivals(clock)
@@ -198,7 +198,7 @@ class ArrayLog:
         paths = [_path(topic, name) for topic, names in wanted.items() for name in names]
         shapes = [self._arrays[path].shape for path in paths]
         shapes += [self._arrays[path].shape for topic in wanted for path in self._topics[topic].clock]
-        affordable(sum(int(np.prod(shape)) for shape in shapes))
+        check_size(sum(int(np.prod(shape)) for shape in shapes))
         topics: dict[str, Topic] = {}
         dated: dict[bool, str] = {}
         for topic, names in wanted.items():
@@ -206,7 +206,7 @@ class ArrayLog:
             dated.setdefault(own.dtype.kind == "M", topic)
             if len(dated) == 2:
                 raise TraceError(
-                    f"the times of {quoted(dated[True])} are dates and those of {quoted(dated[False])} are not, so "
+                    f"the times of {quote(dated[True])} are dates and those of {quote(dated[False])} are not, so "
                     f"they come from different clocks; save both with the same clock"
                 )
             columns = {name: Column(self._arrays[_path(topic, name)].read()) for name in names}
@@ -241,12 +241,12 @@ class ArrayLog:
             topic, clock = next(iter(own.items()))
             named = self._mapped[0]
             raise TraceError(
-                f"{_named(named)} of {_shape(self._arrays[named[0]])} numbers cannot be the times of "
-                f"{quoted(topic)}, which has {_shape(self._arrays[clock[0]])} samples. Its own times are "
-                f"{_named(clock)}"
+                f"{_clock_text(named)} of {_shape(self._arrays[named[0]])} numbers cannot be the times of "
+                f"{quote(topic)}, which has {_shape(self._arrays[clock[0]])} samples. Its own times are "
+                f"{_clock_text(clock)}"
             )
         self.notes += tuple(
-            f"the times of {topic or 'the file'} are its own, {_named(own[topic])}" for topic in own
+            f"the times of {topic or 'the file'} are its own, {_clock_text(own[topic])}" for topic in own
         )
 
     def _time(self, path: str) -> Head:
@@ -259,7 +259,7 @@ class ArrayLog:
             [Column(self._arrays[path].read()) for path in clock],
             [self._time(path) for path in clock],
             self._asked.unit,
-            lambda sample: f"sample {sample} of {_named(clock)}",
+            lambda sample: f"sample {sample} of {_clock_text(clock)}",
             None,
         )
         self.notes += times_read.notes
@@ -267,14 +267,16 @@ class ArrayLog:
             return times_read.seconds
         # Dates of two topics must be comparable, whatever unit each is in.
         if times_read.since >= LAST:
-            raise TraceError(f"the times of {_named(clock)} begin at {times_read.begins}, which is no date")
+            raise TraceError(
+                f"the times of {_clock_text(clock)} begin at {times_read.begins}, which is no date"
+            )
         stamps: NDArray[Any] = round(times_read.since * 10**9) + np.rint(times_read.seconds * 1e9).astype(
             np.int64
         )
         return stamps.view("M8[ns]")
 
 
-def squeezed(shape: Sequence[int]) -> tuple[int, ...]:
+def squeeze(shape: Sequence[int]) -> tuple[int, ...]:
     """Return the shape of a vector for that of a row, a column or a signal of 1×1×n."""
     longer = [size for size in shape if size != 1]
     return tuple(longer or [1]) if shape and len(longer) < 2 else tuple(shape)
@@ -308,12 +310,12 @@ def with_units(arrays: Mapping[str, Array], texts: Mapping[str, str]) -> dict[st
 def as_object(kind: str) -> str:
     """Return why an object of MATLAB cannot be read, as text after its name."""
     return (
-        f"is an object of the class {quoted(kind)}, in a form of MATLAB's own. Save its times as an array t, and its "
+        f"is an object of the class {quote(kind)}, in a form of MATLAB's own. Save its times as an array t, and its "
         f"values as arrays beside t"
     )
 
 
-def _mapped(arrays: Mapping[str, Array], name: str | None) -> tuple[Clock, ...]:
+def _mapped_clocks(arrays: Mapping[str, Array], name: str | None) -> tuple[Clock, ...]:
     """Return the clocks that a user names by their path, or by its last part.
 
     Raises:
@@ -339,7 +341,7 @@ def _advice(arrays: Mapping[str, Array], mapped: Sequence[Clock], objects: Mappi
         clock = next(filter(is_word, arrays), "")
     if objects and not clock:
         name, fault = next(iter(objects.items()))
-        return f"{why}. {quoted(name)} {fault}"
+        return f"{why}. {quote(name)} {fault}"
     if not clock:
         return (
             f"{why}; there are {one_of(arrays)}. Map one, as in --map {times.TIME}=NAME, or save an array of times "
@@ -365,8 +367,8 @@ def _topic(path: str, clock: Clock) -> str:
     return folder if folder in _above(path) else ""
 
 
-def _named(clock: Clock) -> str:
-    return quoted("+".join(clock))
+def _clock_text(clock: Clock) -> str:
+    return quote("+".join(clock))
 
 
 def _path(topic: str, name: str) -> str:

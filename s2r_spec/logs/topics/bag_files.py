@@ -81,7 +81,7 @@ def open_bag(path: Path, stack: ExitStack, by_parts: bool = False) -> Bag:
     except (TraceError, FileNotFoundError, PermissionError):
         raise
     except Exception as error:  # rosbags' errors have no common base class
-        raise unreadable(path, error) from None
+        raise unreadable_error(path, error) from None
     files = [*folder.storages] if folder else files
     known = [one.distribution for one in files if one.distribution]
     counts: dict[str, int] = defaultdict(int)
@@ -98,7 +98,7 @@ def open_bag(path: Path, stack: ExitStack, by_parts: bool = False) -> Bag:
     )
 
 
-def unreadable(path: Path, error: Exception) -> TraceError:
+def unreadable_error(path: Path, error: Exception) -> TraceError:
     """Return an error about a bag or a file of it, with what may help."""
     text = str(error).replace(str(path), path.name)
     reason = shortened(one_line(text) or type(error).__name__)
@@ -191,7 +191,7 @@ class _File:
                 raise
             except Exception as error:
                 if ending not in _BY_PARTS:
-                    raise unreadable(self.path, error) from None
+                    raise unreadable_error(self.path, error) from None
                 reason = error
         with suppress(ValueError):  # it is no such file at all
             parts = Parts(self.path, _BY_PARTS[ending])
@@ -199,7 +199,7 @@ class _File:
             if not parts.empty:
                 self._storage, self.parts = parts, True
                 return
-        raise unreadable(self.path, reason)
+        raise unreadable_error(self.path, reason)
 
     def close(self) -> None:
         self._storage.close()

@@ -22,7 +22,7 @@ from s2r_spec.logs.topics.arrays import (
     Asked,
     as_object,
     is_unit_path,
-    squeezed,
+    squeeze,
     with_units,
 )
 from s2r_spec.logs.topics.hdf5 import open_hdf5
@@ -82,7 +82,7 @@ def _leaves(value: Any, path: str) -> Iterator[tuple[str, Any]]:
         if is_unit_path(path):
             yield path, value
     elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf" and value.ndim:
-        yield path, value.reshape(squeezed(value.shape))
+        yield path, value.reshape(squeeze(value.shape))
 
 
 def _objects(content: dict[str, Any]) -> Iterator[tuple[str, str]]:

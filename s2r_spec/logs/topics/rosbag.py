@@ -22,7 +22,7 @@ import numpy as np
 
 from s2r_spec.base.errors import TraceError
 from s2r_spec.logs.library import library
-from s2r_spec.logs.table import affordable, few
+from s2r_spec.logs.table import check_size, few
 from s2r_spec.logs.topics.collected import Codec, Collected, Element, NamedVector
 from s2r_spec.logs.topics.topic import Stamps, Topic, TopicHead
 
@@ -51,9 +51,9 @@ _TIMES = frozenset(("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Durat
 _BASE, _NAME, _ARRAY, _SEQUENCE = 1, 2, 3, 4
 """Definition: rosbags' numbers of the kinds of a field: a base type, a message, and vectors of either."""
 _DEEPEST = 20
-"""Budget: levels of messages within messages. Twice as many list deeper fields."""
+"""Budget: levels of messages within messages."""
 _LOOKED_AT = 100
-"""Budget: messages of a topic that are searched for names of elements. Twice as many find rarer senders."""
+"""Budget: messages of a topic that are searched for names of elements."""
 METADATA = "metadata.yaml"
 """Definition: the file that marks a folder as a ROS 2 bag."""
 _NAMES = ("name", "names", "joint_names")
@@ -96,7 +96,7 @@ class RosBag:
         topic's name. They differ in their keys: the topic's name, or that of the first field of the stream.
         """
         counts = {head.name: head.count for head in self.heads}
-        affordable(sum(counts[name] * (1 + len(fields)) for name, fields in wanted.items()))
+        check_size(sum(counts[name] * (1 + len(fields)) for name, fields in wanted.items()))
         try:
             collected = self._collected(wanted, stamps)
             whole = all(one.count >= counts[name] for name, one in collected.items())
@@ -141,7 +141,7 @@ class RosBag:
             collected[name] = Collected(self._codecs[name], fields, readers, stamps == "header", counts[name])
         for topic, received, raw in self._messages(set(wanted)):
             if collected[topic].add(received, raw):
-                affordable(sum(one.numbers for one in collected.values()))
+                check_size(sum(one.numbers for one in collected.values()))
         return collected
 
     def _heads(self) -> Iterator[TopicHead]:

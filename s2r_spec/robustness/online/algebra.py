@@ -15,7 +15,7 @@ from s2r_spec.robustness.online.tape import Tape
 from s2r_spec.robustness.online.terms import AdjacentSample, Leaf, Least, Negative, Rise, Scaled, Term
 from s2r_spec.robustness.online.timed import Always, Until
 from s2r_spec.robustness.online.values import Component, InstantNumber, NumberBuilder
-from s2r_spec.robustness.ties import signed_number
+from s2r_spec.robustness.ties import break_tie
 
 INFINITE: Span = (-math.inf, math.inf)
 
@@ -57,7 +57,7 @@ class OnlineAlgebra:
         spans = Spans(self.ranges, self.params, self.values.settled)
         for leaf, node in self.predicates:
             low, high = spans.margin(node)
-            leaf.ahead = signed_number(low, node.operator), signed_number(high, node.operator)
+            leaf.ahead = break_tie(low, node.operator), break_tie(high, node.operator)
         for term in self.terms:
             term.foresee()
 
@@ -100,7 +100,7 @@ class OnlineAlgebra:
             rho = difference(k) if sign is None else sign * abs(difference(k))
             if rho != rho:
                 raise self._no_value(node, k)
-            return signed_number(rho, node.operator)
+            return break_tie(rho, node.operator)
 
         leaf = self._leaf(margin, InstantNumber((), (*left.sources, *right.sources)), INFINITE)
         self.predicates.append((leaf, node))

@@ -20,7 +20,7 @@ from s2r_spec.robustness.online.points import Point, Points
 from s2r_spec.robustness.online.tape import Tape
 from s2r_spec.robustness.online.terms import Term
 from s2r_spec.robustness.reading import HOLD, LEADING, Missing
-from s2r_spec.robustness.ties import plain_number
+from s2r_spec.robustness.ties import restore_zero
 
 Verdict = Literal["holds", "violated", "unknown"]
 
@@ -71,7 +71,7 @@ class RobustInterval:
     def of(cls, lower: float, upper: float) -> RobustInterval:
         """Return the interval of robustness bounds with signs; see :mod:`s2r_spec.robustness.ties`."""
         satisfied = True if lower > 0 else False if upper < 0 else None
-        return cls(plain_number(lower), plain_number(upper), satisfied)
+        return cls(restore_zero(lower), restore_zero(upper), satisfied)
 
     @property
     def decided(self) -> bool:
@@ -321,6 +321,6 @@ class RobustnessStream:
         for name, term in self._recorder.terms.items():
             first, self._sent[name] = self._sent[name], term.end
             values[name] = [
-                (self._times.value(k), plain_number(term.value(k))) for k in range(first, term.end)
+                (self._times.value(k), restore_zero(term.value(k))) for k in range(first, term.end)
             ]
         return values

@@ -17,7 +17,7 @@ from s2r_spec.robustness.online.spans import Span
 from s2r_spec.robustness.online.tape import lesser
 from s2r_spec.robustness.online.terms import LOWER, UPPER, AdjacentSample, Least, Negative, Rise, Scaled, Term
 from s2r_spec.robustness.online.timed import Always, Clamp, Timed, Until, followed_by
-from s2r_spec.robustness.ties import rescaled_number
+from s2r_spec.robustness.ties import rescale_number
 
 OFTEN = 1024
 """Budget: undecided instants that are updated at each sample; h of them are updated at every (h / OFTEN)-th one."""
@@ -157,7 +157,7 @@ class ScaledAt(Point):
         """See :class:`Point`."""
         self.operand.refresh()
         low, high = self.operand.lower, self.operand.upper
-        return (rescaled_number(low, self.factor), rescaled_number(high, self.factor)), self.operand.settled
+        return (rescale_number(low, self.factor), rescale_number(high, self.factor)), self.operand.settled
 
 
 class LeastAt(Point):

@@ -17,7 +17,7 @@ from s2r_spec.robustness.online.clock import OnlineClock
 from s2r_spec.robustness.online.spans import ANY, Span
 from s2r_spec.robustness.online.tape import Reader, Tape, lesser
 from s2r_spec.robustness.online.values import Component, InstantNumber
-from s2r_spec.robustness.ties import rescaled, rescaled_number
+from s2r_spec.robustness.ties import rescale, rescale_number
 
 FloatArray = NDArray[np.float64]
 LOWER, UPPER = 0, 1
@@ -189,15 +189,15 @@ class Scaled(Negative):
 
     def value(self, k: int) -> float:
         """See :class:`Term`."""
-        return rescaled_number(self.operand.value(k), self.factor)
+        return rescale_number(self.operand.value(k), self.factor)
 
     def foresee(self) -> None:
         """See :class:`Term`."""
         low, high = self.operand.ahead
-        self.ahead = rescaled_number(low, self.factor), rescaled_number(high, self.factor)
+        self.ahead = rescale_number(low, self.factor), rescale_number(high, self.factor)
 
     def _bound(self, first: int, last: int, side: int) -> FloatArray:
-        return rescaled(self.operand.bound(first, last, side), self.factor)
+        return rescale(self.operand.bound(first, last, side), self.factor)
 
 
 class Least(Stored):

@@ -136,7 +136,7 @@ class NumberBuilder:
         """Apply a function of one or two numbers to each component."""
         operands = [self(node).parts for node in nodes]
         width = max(map(len, operands))
-        parts = [_applied(function, [parts[i % len(parts)] for parts in operands]) for i in range(width)]
+        parts = [_apply(function, [parts[i % len(parts)] for parts in operands]) for i in range(width)]
         return InstantNumber(tuple(parts), self._sources(*nodes))
 
     def _folded(self, function: Callable[[float, float], float], nodes: Sequence[f.Value]) -> InstantNumber:
@@ -229,7 +229,7 @@ def _constant(value: float) -> Component:
     return lambda k: value
 
 
-def _applied(function: Callable[..., float], parts: Sequence[Component]) -> Component:
+def _apply(function: Callable[..., float], parts: Sequence[Component]) -> Component:
     if len(parts) == 1:
         (part,) = parts
         return lambda k: function(part(k))
