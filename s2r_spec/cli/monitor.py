@@ -121,7 +121,7 @@ def monitor(
 
 def _request(spec: Path, params: list[str], requirements: list[str] | None, reading: LogForm) -> TraceRequest:
     """Return what is evaluated, and how files are read."""
-    from s2r_spec.recordings.excerpts import read_sources
+    from s2r_spec.recordings.log_episodes import read_sources
     from s2r_spec.recordings.spec_traces import TraceRequest
     from s2r_spec.spec import load_spec
 
@@ -129,7 +129,7 @@ def _request(spec: Path, params: list[str], requirements: list[str] | None, read
     stated, sources = read_sources(params)
     values = parsed.read_params(stated)
     chosen = tuple(requirements or parsed.requirements)
-    return TraceRequest(parsed, chosen, values, reading.excerpts(sources), missing(reading.nan))
+    return TraceRequest(parsed, chosen, values, reading.episode_settings(sources), missing(reading.nan))
 
 
 def _evaluate(request: TraceRequest, traces: list[Path], conventions: Conventions, as_json: bool) -> int:

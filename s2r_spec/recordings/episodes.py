@@ -22,7 +22,7 @@ BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class Stretch:
+class EpisodeWindow:
     """An episode of a log.
 
     Args:
@@ -39,7 +39,7 @@ class Stretch:
 
 
 @dataclass(frozen=True)
-class Cut:
+class EpisodeSearch:
     """Episodes of a log, as ranges of samples.
 
     Args:
@@ -78,14 +78,14 @@ class Cut:
         return sentences
 
 
-def cut(
+def find_episodes(
     times: FloatArray,
     truth: BoolArray,
     duration: float,
     earliest: float = -np.inf,
     failure: bool = False,
     until: float | None = None,
-) -> Cut:
+) -> EpisodeSearch:
     """Return the episodes of a log.
 
     Args:
@@ -116,7 +116,7 @@ def cut(
             incomplete += not failure
         else:
             spans.append((begin, end))
-    return Cut(tuple(spans), bool(truth[0]), within, incomplete, failed)
+    return EpisodeSearch(tuple(spans), bool(truth[0]), within, incomplete, failed)
 
 
 def slack_of(times: FloatArray) -> float:
@@ -126,16 +126,16 @@ def slack_of(times: FloatArray) -> float:
     return rounding if grid is None else max(rounding, (grid.jitter + SNAP) * grid.step)
 
 
-def part(trace: Trace, stretch: Stretch) -> Trace:
+def take_episode(trace: Trace, window: EpisodeWindow) -> Trace:
     """Return an episode of a trace, with times from 0 on; the failure of the trace is only of the one that it ended."""
-    meta = {key: value for key, value in trace.meta.items() if stretch.failed or key != "failure"}
+    meta = {key: value for key, value in trace.meta.items() if window.failed or key != "failure"}
     if trace.messages:
-        begun = [name for name, one in trace.messages.items() if one.times[0] <= stretch.end]
-        episode = trace.only(begun).between(stretch.begin, stretch.end).shift(-stretch.begin)
+        begun = [name for name, one in trace.messages.items() if one.times[0] <= window.end]
+        episode = trace.only(begun).between(window.begin, window.end).shift(-window.begin)
         return replace(episode, meta=meta)
-    kept = stretch.samples
+    kept = window.samples
     channels = {name: values[kept] for name, values in trace.channels.items()}
     masks = {name: mask[kept] for name, mask in trace.masks.items()}
-    origin = None if trace.origin is None else part(trace.origin, stretch)
+    origin = None if trace.origin is None else take_episode(trace.origin, window)
     times = trace.times[kept] - trace.times[kept][0]
     return Trace(times, channels, trace.units, meta, masks=masks, origin=origin)

@@ -25,7 +25,7 @@ from s2r_spec.logs.formats.csv_head import is_number
 from s2r_spec.logs.interpret import Loaded
 from s2r_spec.logs.table import regular
 from s2r_spec.logs.topics.formats import FORMATS, opener
-from s2r_spec.recordings.excerpts import Episode, Excerpt, excerpt
+from s2r_spec.recordings.log_episodes import Episode, LogEpisodes, read_log_episodes
 from s2r_spec.recordings.log_options import LogOptions
 from s2r_spec.trace import Trace
 
@@ -93,8 +93,8 @@ def read(options: LogOptions) -> Folder:
         LogError: the table is wrong, a log has no row, or a parameter has several values or units.
         TraceError: a file is not a log, or has no complete episode.
     """
-    root, wanted = options.folder, options.excerpts
-    listed = (root / TABLE).exists() or not (wanted.cuts or wanted.sources)
+    root, settings = options.folder, options.settings
+    listed = (root / TABLE).exists() or not (settings.cuts or settings.sources)
     table = _table(root / TABLE) if listed else _Tests()
     paths = _logs(root)
     if listed:
@@ -105,7 +105,7 @@ def read(options: LogOptions) -> Folder:
         tests = [(path, _TestRow(0, path.stem, {})) for path in paths]
     if not tests:
         raise LogError(f"{root} has no log; s2r reads {', '.join(logs.READABLE)}, and folders of ROS 2 bags")
-    for name in wanted.sources:
+    for name in settings.sources:
         if name in table.units:
             raise LogError(
                 f"{root / TABLE} gives the parameter {name}, and so does param={name}; leave one out"
@@ -115,14 +115,14 @@ def read(options: LogOptions) -> Folder:
     sentences: list[str] = []
     origins: list[_TestRow] = []
     for path, row in tests:
-        extract = excerpt(path, {}, None, math.inf, wanted)
-        made = _entries(extract, row, units)
+        log = read_log_episodes(path, {}, None, math.inf, settings)
+        made = _entries(log, row, units)
         entries += made
         origins += [row] * len(made)
-        sentences += [f"{path.name}: {note}" for note in extract.cut]
+        sentences += [f"{path.name}: {note}" for note in log.cut]
     if listed:
         _refuse_empty(root / TABLE, table, list(zip(origins, entries, strict=True)))
-    if listed and not wanted.cuts:
+    if listed and not settings.cuts:
         entries = _with_placeholders(entries)
     return Folder(
         units,
@@ -134,24 +134,22 @@ def read(options: LogOptions) -> Folder:
     )
 
 
-def _entries(extract: Excerpt, row: _TestRow, units: dict[str, str]) -> list[Entry]:
+def _entries(log: LogEpisodes, row: _TestRow, units: dict[str, str]) -> list[Entry]:
     """Return the recordings of a log; add the units of its parameters.
 
     Raises:
         LogError: a parameter has several units, or the table names another protocol than the trace.
     """
     entries = []
-    for episode in extract.episodes:
+    for episode in log.episodes:
         for name, (_, unit) in episode.values.items():
             if units.setdefault(name, unit) != unit:
                 raise LogError(
                     f"{episode.name}: the parameter {name} is in {unit!r}, and before in {units[name]!r}"
                 )
         values = {**row.params, **{name: value for name, (value, _) in episode.values.items()}}
-        notes = (*extract.notes, *extract.silences)
-        loaded = Loaded(
-            episode.trace, notes, extract.dated, extract.left_out, extract.accounts, extract.stated
-        )
+        notes = (*log.notes, *log.silences)
+        loaded = Loaded(episode.trace, notes, log.dated, log.left_out, log.accounts, log.stated)
         entries.append(Entry(episode.name, values, loaded, _protocol(episode, row)))
     return entries
 

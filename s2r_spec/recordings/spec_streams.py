@@ -8,7 +8,7 @@ from pathlib import Path
 from s2r_spec.base.errors import UsageError
 from s2r_spec.logs.formats.follow import follow as follow_rows
 from s2r_spec.logs.interpret import request as columns_to_read
-from s2r_spec.recordings.excerpts import no_units
+from s2r_spec.recordings.log_episodes import no_units
 from s2r_spec.recordings.spec_traces import TraceRequest, params_of, read_spec_traces
 from s2r_spec.robustness.grid import Grid
 from s2r_spec.robustness.silence import silences_of
@@ -26,14 +26,14 @@ def stream_of_rows(request: TraceRequest, readline: Callable[[int], str]) -> Sam
         UsageError: the request cuts or joins, which needs the whole table.
         TraceError: the head of the table cannot be read.
     """
-    excerpts = request.excerpts
-    if excerpts.cuts or excerpts.sources or excerpts.joining is not None:
+    settings = request.settings
+    if settings.cuts or settings.sources or settings.joining is not None:
         raise UsageError(
             "rows from stdin are one whole trace: leave out --when, --start, --duration, --join, --clock, --stamps, "
             "and parameters from a column"
         )
-    rows = follow_rows(readline, columns_to_read(excerpts.columns, request.wanted, excerpts.time_unit))
-    rows.notes.extend(no_units(request.spec.signals, rows.units, excerpts.columns))
+    rows = follow_rows(readline, columns_to_read(settings.columns, request.wanted, settings.time_unit))
+    rows.notes.extend(no_units(request.spec.signals, rows.units, settings.columns))
     params, _ = params_of(request, rows.meta, "the trace")
     return SampleStream(rows.units, rows.meta, rows.samples, None, params, rows.notes)
 

@@ -16,7 +16,7 @@ from typing import Any
 from s2r_spec.base.errors import TraceError, TraceNote, UsageError, one_of, shortened
 from s2r_spec.base.printable import one_line
 from s2r_spec.logs.account import Account
-from s2r_spec.recordings.excerpts import Excerpt, Excerpts, assumed, excerpt
+from s2r_spec.recordings.log_episodes import EpisodeSettings, LogEpisodes, assumption, read_log_episodes
 from s2r_spec.robustness.reading import Missing
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
@@ -30,17 +30,17 @@ class TraceRequest:
         spec: the specification.
         requirements: names of the requirements to evaluate.
         params: parameter → value, in the declared unit; a recorded value that differs gives way.
-        excerpts: how the files become traces.
+        settings: how the files become traces.
         nan: "error" or "hold", for missing samples.
 
     Raises:
-        UsageError: a requirement, or a signal in ``excerpts.longest``, is not in the specification.
+        UsageError: a requirement, or a signal in ``settings.longest``, is not in the specification.
     """
 
     spec: Spec
     requirements: tuple[str, ...]
     params: dict[str, float]
-    excerpts: Excerpts
+    settings: EpisodeSettings
     nan: Missing
 
     def __post_init__(self) -> None:
@@ -86,33 +86,33 @@ def read_spec_traces(request: TraceRequest, path: Path) -> list[SpecTrace]:
         TraceError: the file cannot be read; the message names it.
         UsageError: the request does not fit the specification.
     """
-    if unknown := sorted(set(request.excerpts.longest) - set(request.spec.signals)):
+    if unknown := sorted(set(request.settings.longest) - set(request.spec.signals)):
         known = one_of(request.spec.signals)
         raise UsageError(f"--longest names {unknown[0]!r}, which is no signal; the signals are {known}")
     horizon = max(request.spec.horizon(name) for name in request.requirements)
-    extract = excerpt(path, request.spec.signals, request.wanted, horizon, request.excerpts)
-    notes = _notes(request, extract)
+    log = read_log_episodes(path, request.spec.signals, request.wanted, horizon, request.settings)
+    notes = _notes(request, log)
     for sentence in notes:
         warnings.warn(f"{path}: {sentence}", TraceNote, stacklevel=2)
-    accounts = {name: one for name, one in extract.accounts.items() if name in request.wanted}
+    accounts = {name: one for name, one in log.accounts.items() if name in request.wanted}
     traces = []
-    for episode in extract.episodes:
+    for episode in log.episodes:
         with in_file(path):
             values = request.spec.read_params(episode.texts())
             params, taken = params_of(request, episode.trace.meta, episode.name, values)
-        traces.append(SpecTrace(episode.name, episode.trace, params, taken, notes, accounts, extract.stated))
+        traces.append(SpecTrace(episode.name, episode.trace, params, taken, notes, accounts, log.stated))
     return traces
 
 
-def _notes(request: TraceRequest, extract: Excerpt) -> tuple[str, ...]:
-    notes = list(extract.notes)
-    for name, (_, unit) in extract.episodes[0].values.items():
+def _notes(request: TraceRequest, log: LogEpisodes) -> tuple[str, ...]:
+    notes = list(log.notes)
+    for name, (_, unit) in log.episodes[0].values.items():
         if name in request.spec.params and not unit:
-            source = request.excerpts.sources[name]
+            source = request.settings.sources[name]
             remedy = f"--param '{name}={source.column} [UNIT]@{source.at:g}'"
-            notes += filter(None, [assumed(source.column, request.spec.params[name].unit, remedy)])
-    if extract.dated:
-        notes.append(f"times count from the first sample, at {extract.dated}")
+            notes += filter(None, [assumption(source.column, request.spec.params[name].unit, remedy)])
+    if log.dated:
+        notes.append(f"times count from the first sample, at {log.dated}")
     return tuple(notes)
 
 

@@ -239,7 +239,7 @@ def make_explanation(
         signals=decided.signals,
         responsible=decided.runs,
         when=when,
-        rests=tuple(_stretch(decided.times, *run) for run in decided.runs),
+        rests=tuple(_run_text(decided.times, *run) for run in decided.runs),
         unneeded=decided.unneeded if satisfied else "",
     )
 
@@ -284,7 +284,7 @@ def _signals(predicate: f.Comparison, algebra: SampledAlgebra, sample: int) -> t
     return tuple(observed.values())
 
 
-def _stretch(times: FloatArray, start: float, end: float) -> str:
+def _run_text(times: FloatArray, start: float, end: float) -> str:
     """Return a period of time in words; if times are dates, relative to the first sample."""
     if start == end:
         return instant(times, start)

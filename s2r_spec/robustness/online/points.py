@@ -78,21 +78,21 @@ class Point(ABC):
         if self.settled or self._round == self.clock.round:
             return
         self._round = self.clock.round
-        (low, high), self.settled = self.found()
+        (low, high), self.settled = self.evaluate()
         if not self.settled:
             # earlier bounds stay valid, also if not every instant was updated
             low, high = max(self.lower, low), min(self.upper, high)
         self.lower, self.upper = low, high
 
     @abstractmethod
-    def found(self) -> tuple[Span, bool]:
+    def evaluate(self) -> tuple[Span, bool]:
         """Return bounds, and whether they are final."""
 
 
 class MinusInfinity(Point):
     """−inf."""
 
-    def found(self) -> tuple[Span, bool]:
+    def evaluate(self) -> tuple[Span, bool]:
         """See :class:`Point`."""
         return (-math.inf, -math.inf), True
 
@@ -104,7 +104,7 @@ class StepAt(Point):
         super().__init__(clock)
         self.operand, self.k = operand, k
 
-    def found(self) -> tuple[Span, bool]:
+    def evaluate(self) -> tuple[Span, bool]:
         """See :class:`Point`."""
         exists = self.k <= self.clock.now
         if self.clock.ended and not exists:
@@ -122,7 +122,7 @@ class FollowedAt(Point):
         term.follow()
         term.keep(lambda: term.end if self.settled else k)
 
-    def found(self) -> tuple[Span, bool]:
+    def evaluate(self) -> tuple[Span, bool]:
         """See :class:`Point`."""
         term, k = self.term, self.k
         if k < term.end:
@@ -140,7 +140,7 @@ class NegativeAt(Point):
         super().__init__(clock)
         self.operand = operand
 
-    def found(self) -> tuple[Span, bool]:
+    def evaluate(self) -> tuple[Span, bool]:
         """See :class:`Point`."""
         self.operand.refresh()
         return (-self.operand.upper, -self.operand.lower), self.operand.settled
@@ -153,7 +153,7 @@ class ScaledAt(Point):
         super().__init__(clock)
         self.operand, self.factor = operand, factor
 
-    def found(self) -> tuple[Span, bool]:
+    def evaluate(self) -> tuple[Span, bool]:
         """See :class:`Point`."""
         self.operand.refresh()
         low, high = self.operand.lower, self.operand.upper
@@ -167,7 +167,7 @@ class LeastAt(Point):
         super().__init__(clock)
         self.left, self.right = left, right
 
-    def found(self) -> tuple[Span, bool]:
+    def evaluate(self) -> tuple[Span, bool]:
         """See :class:`Point`."""
         left, right = self.left, self.right
         left.refresh()
@@ -201,7 +201,7 @@ class WindowPoint(Point):
     def _oldest(self) -> int:
         return max(operand.end for operand in self.operands) if self.settled else self.new
 
-    def found(self) -> tuple[Span, bool]:
+    def evaluate(self) -> tuple[Span, bool]:
         """See :class:`Point`."""
         clock, reach = self.clock, self.term.reach
         if self.k > clock.now:
