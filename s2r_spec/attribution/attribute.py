@@ -47,7 +47,7 @@ class FormulaShare:
 
 
 @dataclass(frozen=True)
-class WindowShare:
+class Window:
     """One of equal windows of time.
 
     Attributes:
@@ -133,15 +133,15 @@ class Attribution:
         """Name of a channel → its contribution to Δρ."""
         return {name: float(values.sum()) for name, values in self.credit.items()}
 
-    def windows(self) -> tuple[WindowShare, ...]:
+    def windows(self) -> tuple[Window, ...]:
         """Return the parts of equal windows of time."""
         edges = np.linspace(self.times[0], self.times[-1], WINDOWS + 1)
         place = np.clip(np.searchsorted(edges, self.times, side="right") - 1, 0, WINDOWS - 1)
         sums = np.bincount(place, weights=self.over_time, minlength=WINDOWS)
-        return tuple(map(WindowShare, edges[:-1].tolist(), edges[1:].tolist(), sums.tolist()))
+        return tuple(map(Window, edges[:-1].tolist(), edges[1:].tolist(), sums.tolist()))
 
     @property
-    def window(self) -> WindowShare | None:
+    def window(self) -> Window | None:
         """The window with the largest part; None if the end of a trace has a larger part."""
         largest = max(self.windows(), key=lambda each: abs(each.delta))
         return largest if abs(largest.delta) >= abs(self.ended) else None

@@ -75,7 +75,7 @@ def _extra(distribution: Distribution, packages: Iterable[str]) -> str | None:
     from packaging.utils import canonicalize_name
 
     requirements = [Requirement(line) for line in distribution.requires or ()]
-    wanted = {canonicalize_name(name) for name in packages}
+    names = {canonicalize_name(name) for name in packages}
     suitable = {}
     for extra in ("", *(distribution.metadata.get_all("Provides-Extra") or ())):
         brought = {
@@ -83,6 +83,6 @@ def _extra(distribution: Distribution, packages: Iterable[str]) -> str | None:
             for requirement in requirements
             if requirement.marker is None or requirement.marker.evaluate({"extra": extra})
         }
-        if wanted <= brought:
+        if names <= brought:
             suitable[extra] = len(brought)
     return min(suitable, key=lambda extra: (suitable[extra], extra), default=None)

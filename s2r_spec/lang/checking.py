@@ -68,7 +68,7 @@ class _Checker:
                 continue
             name = statement.name.text
             try:
-                declared = self._declared(statement)
+                declared = self._declare(statement)
             except Mistake as mistake:
                 self.scope.poisoned.add(name)
                 yield from mistake.diagnostics
@@ -78,9 +78,9 @@ class _Checker:
                 if isinstance(statement, syntax.Require) and isinstance(declared, Definition):
                     assert isinstance(declared.body, f.Formula)
                     self.requirements[name] = declared.body
-        yield from self._certified()
+        yield from self._check_certify()
 
-    def _certified(self) -> Iterator[Diagnostic]:
+    def _check_certify(self) -> Iterator[Diagnostic]:
         """Check the ``certify`` lines; a requirement's own line overrides the line for all."""
         lines = [line for line in self.parsed.statements if isinstance(line, syntax.Certify)]
         for line in sorted(lines, key=lambda line: line.name is None):
@@ -106,7 +106,7 @@ class _Checker:
             self.certify,
         )
 
-    def _declared(self, statement: syntax.Statement) -> Declaration:
+    def _declare(self, statement: syntax.Statement) -> Declaration:
         scope = self.scope
         assert statement.name is not None
         span = statement.name.span

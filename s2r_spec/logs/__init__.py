@@ -24,7 +24,7 @@ from s2r_spec.logs.times.times import TIME, unit_of_option
 from s2r_spec.logs.topics import formats as topic_formats
 from s2r_spec.logs.topics import sparse
 from s2r_spec.logs.topics import table as topic_table
-from s2r_spec.logs.topics.arrays import Asked
+from s2r_spec.logs.topics.arrays import TimeOptions
 from s2r_spec.logs.topics.join import Joining
 from s2r_spec.logs.topics.topic import TopicLog
 from s2r_spec.trace import Trace
@@ -151,7 +151,7 @@ def _load(path: Path, what: _What) -> list[Loaded]:
     names, joining = dict(what.columns), what.joining
     arrays = path.suffix.lower() in topic_formats.ARRAYS
     unit = unit_of_option(what.time_unit)
-    open_log = topic_formats.opener(path, Asked(unit, names.pop(TIME, None)) if arrays else None)
+    open_log = topic_formats.opener(path, TimeOptions(unit, names.pop(TIME, None)) if arrays else None)
     if open_log is None:
         parser = _PARSERS[_ending(path, READABLE)]
     else:
@@ -181,8 +181,8 @@ def _load(path: Path, what: _What) -> list[Loaded]:
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise TraceError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
     except NoTimesError as error:
-        told = _question(path, parser, error, requested.time_unit) if open_log is None else error
-        raise NoTimesError(f"{path}: {told}", told.likely, told.candidates) from None
+        question = _question(path, parser, error, requested.time_unit) if open_log is None else error
+        raise NoTimesError(f"{path}: {question}", question.likely, question.candidates) from None
     except TraceError as error:
         raise TraceError(f"{path}: {error}") from None
 

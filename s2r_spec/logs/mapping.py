@@ -192,16 +192,22 @@ class _Names:
         if any(key != text for key, text in parts.items()):
             return self._by_parts(name, width, parts)
         text = columns.get(name, name)
-        if (channel := self._found(name, text, width) or self._stated(name, text, width)) is not None:
+        if (
+            channel := self._from_columns(name, text, width) or self._with_stated_unit(name, text, width)
+        ) is not None:
             return channel
         hint = ""
         if width is None and any((text, separator) in self.numbered for separator in _SEPARATORS):
             hint = f"; {name!r} is one number: map it to a component, such as --map {name}={text}[0]"
-        raise TraceError(f"the trace has no channel {text!r}{hint}") if hint else self._missing(text, name)
+        raise (
+            TraceError(f"the trace has no channel {text!r}{hint}")
+            if hint
+            else self._missing_error(text, name)
+        )
 
-    def _found(self, name: str, text: str, width: int | None) -> MappedChannel | None:
+    def _from_columns(self, name: str, text: str, width: int | None) -> MappedChannel | None:
         """Return the channel that a name of columns makes; None if there are no such columns."""
-        if called := self._called(text):
+        if called := self._columns_called(text):
             return self._exact(name, text, called)
         if (component := self._component(text)) is not None:
             return MappedChannel(name, (component,), False)
@@ -209,7 +215,7 @@ class _Names:
             return MappedChannel(name, group, True)
         return None
 
-    def _called(self, text: str) -> list[int]:
+    def _columns_called(self, text: str) -> list[int]:
         """Return the columns with this name, else the one column (or all components) with it and a unit in brackets."""
         if exact := self.by_name.get(text, []):
             return exact
@@ -221,7 +227,7 @@ class _Names:
         """Return a column, or a component of it, with the unit in brackets in its name."""
         return ColumnPart(number, component, self.bracketed.get(number, ("", None))[1])
 
-    def _missing(self, text: str, name: str) -> TraceError:
+    def _missing_error(self, text: str, name: str) -> TraceError:
         """Return the error for a channel whose column the file lacks; it lists the file's names."""
         for head in self.heads:  # a topic that cannot be read has no fields
             if head.fault and head.name and text.startswith(f"{head.name}."):
@@ -265,9 +271,9 @@ class _Names:
                 raise TraceError(
                     f"--map {key}={text}: {digits!r} is not the number of a component; numbers begin at 0"
                 )
-            component = self._found(key, text, None) or self._stated(key, text, None)
+            component = self._from_columns(key, text, None) or self._with_stated_unit(key, text, None)
             if component is None or len(component.parts) != 1:
-                raise self._missing(text, key)
+                raise self._missing_error(text, key)
             parts[int(digits)] = component.parts[0]
         if width is None:
             raise TraceError(
@@ -311,7 +317,7 @@ class _Names:
         if not bracket or rest == digits or not (digits.isascii() and digits.isdigit()):
             return None
         index = int(digits)
-        called = self._called(stem)
+        called = self._columns_called(stem)
         if len(called) == 1 and self.heads[called[0]].index is None:
             return self._part(called[0], index)
         columns = [
@@ -321,7 +327,7 @@ class _Names:
         ]
         return self._part(columns[0]) if len(columns) == 1 else None
 
-    def _stated(self, name: str, text: str, width: int | None) -> MappedChannel | None:
+    def _with_stated_unit(self, name: str, text: str, width: int | None) -> MappedChannel | None:
         """Return the channel of ``v [m/s]``, in this unit; None if there is none.
 
         A note says so where the file writes another unit.
@@ -333,7 +339,7 @@ class _Names:
         if split is None or split[1].isdigit():
             return None
         column, unit = split
-        channel = self._found(name, column, width) or self._stated(name, column, width)
+        channel = self._from_columns(name, column, width) or self._with_stated_unit(name, column, width)
         if channel is None:
             return None
         if not is_unit(unit):
@@ -399,7 +405,7 @@ class _Names:
                 f"{quote(text)} {fault}; --clock and --stamps choose the times of a log of topics"
             )
         if len(exact) > 1:
-            full = tuple(dict.fromkeys(self._full(number) for number in exact))
+            full = tuple(dict.fromkeys(self._full_name(number) for number in exact))
             if len(full) == len(exact):
                 columns_text = " or ".join(map(quote, full))
                 raise NoTimesError(
@@ -416,7 +422,7 @@ class _Names:
         pair = self._explicit_pair(text) or self._pair(text)
         if pair is not None:
             return pair
-        loose = self._called(text) or [
+        loose = self._columns_called(text) or [
             number for number, head in enumerate(self.heads) if f"{head.text} [{head.unit}]" == text
         ]
         if len(loose) == 1:
@@ -451,9 +457,9 @@ class _Names:
             for number, head in enumerate(self.heads)
             if number not in taken and head.name and not head.fault and TIME_WORDS & {*_words(head.text)}
         ]
-        return tuple(dict.fromkeys([*pairs, *map(self._full, words)]))
+        return tuple(dict.fromkeys([*pairs, *map(self._full_name, words)]))
 
-    def _full(self, number: int) -> str:
+    def _full_name(self, number: int) -> str:
         """Return the name of a column, with its unit if the name alone is that of several."""
         head = self.heads[number]
         several = len(self.by_name[head.name]) > 1 and head.index is None

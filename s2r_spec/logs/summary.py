@@ -15,7 +15,7 @@ from s2r_spec import logs
 from s2r_spec.base.errors import NoTimesError, TraceError
 from s2r_spec.logs.times.times import TIME, map_argument, unit_of_option
 from s2r_spec.logs.topics import formats
-from s2r_spec.logs.topics.arrays import Asked
+from s2r_spec.logs.topics.arrays import TimeOptions
 from s2r_spec.logs.topics.order import resets
 from s2r_spec.logs.topics.topic import seconds, stamp_text
 
@@ -106,8 +106,8 @@ def summary(path: Path, columns: Mapping[str, str] | None = None, time_unit: str
         TraceError: the file cannot be read; the message names it.
     """
     columns = columns or {}
-    asked = Asked(unit_of_option(time_unit), columns.get(TIME))
-    open_log = formats.opener(path, asked)
+    options = TimeOptions(unit_of_option(time_unit), columns.get(TIME))
+    open_log = formats.opener(path, options)
     if open_log is None:
         return _table(path, columns, time_unit)
     try:

@@ -23,7 +23,7 @@ BoolArray = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class EpisodeWindow:
-    """An episode of a log.
+    """The window of an episode in its log.
 
     Args:
         begin: its first instant [s].
@@ -40,17 +40,17 @@ class EpisodeWindow:
 
 @dataclass(frozen=True)
 class EpisodeSearch:
-    """Episodes of a log, as ranges of samples.
+    """The episodes of a log as ranges of samples, and the begins of no episode.
 
     Args:
-        spans: first sample of each episode, and the one after its last.
+        ranges: first sample of each episode, and the one after its last.
         already: whether the condition is true at the first sample, so that its begin is not known.
         within: begins within an episode.
         incomplete: begins after which the log is shorter than an episode.
         failed: whether the last episode ended in the log's failure, before its time.
     """
 
-    spans: tuple[tuple[int, int], ...]
+    ranges: tuple[tuple[int, int], ...]
     already: bool
     within: int
     incomplete: int
@@ -58,7 +58,7 @@ class EpisodeSearch:
 
     def notes(self, condition: str) -> list[str]:
         """Return what was cut, in sentences; they belong to the assumptions of a certificate."""
-        count = len(self.spans)
+        count = len(self.ranges)
         sentences = [
             f"{count} episode{'s' * (count != 1)} begin{'s' * (count == 1)} where {condition} becomes true"
         ]
@@ -99,12 +99,12 @@ def find_episodes(
     begins = np.flatnonzero(truth[1:] & ~truth[:-1]) + 1
     begins = begins[times[begins] >= earliest]
     slack = slack_of(times)
-    spans: list[tuple[int, int]] = []
+    ranges: list[tuple[int, int]] = []
     within = incomplete = 0
     failed = False
     for begin in begins.tolist():
-        if spans and (
-            begin < spans[-1][1] if until is None else times[begin] <= times[spans[-1][0]] + duration
+        if ranges and (
+            begin < ranges[-1][1] if until is None else times[begin] <= times[ranges[-1][0]] + duration
         ):
             within += 1
             continue
@@ -112,11 +112,11 @@ def find_episodes(
         end = int(np.searchsorted(times, until_here + slack, side="right"))
         if (times[-1] if until is None else until) < until_here - slack:
             failed = failure
-            spans += [(begin, len(times))] if failure else []
+            ranges += [(begin, len(times))] if failure else []
             incomplete += not failure
         else:
-            spans.append((begin, end))
-    return EpisodeSearch(tuple(spans), bool(truth[0]), within, incomplete, failed)
+            ranges.append((begin, end))
+    return EpisodeSearch(tuple(ranges), bool(truth[0]), within, incomplete, failed)
 
 
 def slack_of(times: FloatArray) -> float:

@@ -446,7 +446,7 @@ def _trace_windows(
     failure = trace.failure is not None
     until = trace.ends if trace.messages else None
     episodes = find_episodes(times, truth, duration, trace.begin + start, failure, until)
-    last = len(episodes.spans) - 1
+    last = len(episodes.ranges) - 1
     return [
         EpisodeWindow(
             float(times[first]),
@@ -454,7 +454,7 @@ def _trace_windows(
             slice(first, end),
             episodes.failed and number == last,
         )
-        for number, (first, end) in enumerate(episodes.spans)
+        for number, (first, end) in enumerate(episodes.ranges)
     ], episodes.notes(settings.when)
 
 

@@ -46,13 +46,13 @@ class _Start:
             case f.Temporal(operator="always" | "eventually"):
                 return self.extreme(node.operand, node.interval, least=node.operator == "always")
             case _:
-                return self._split(node, self.value) or self._first(node)
+                return self._combine_parts(node, self.value) or self._first(node)
 
     def _first(self, node: f.Formula) -> Pair:
         curves = curves_of(node, self.walk)
         return float(curves.lower.at[0]), float(curves.upper.at[0])
 
-    def _split(self, node: f.Formula, of: Callable[[f.Formula], Pair]) -> Pair | None:
+    def _combine_parts(self, node: f.Formula, of: Callable[[f.Formula], Pair]) -> Pair | None:
         """Return the bounds of a formula from those of its parts at the same instant; None if it has no such parts."""
         match node:
             case f.Named():
@@ -76,7 +76,7 @@ class _Start:
         """Return the bounds of the least, or of the greatest, value of a formula over a window."""
         match node:
             case f.Named() | f.Rescale():
-                parts = self._split(node, lambda operand: self.extreme(operand, interval, least))
+                parts = self._combine_parts(node, lambda operand: self.extreme(operand, interval, least))
                 assert parts is not None
                 return parts
             case f.Not():

@@ -75,9 +75,9 @@ class BoundedAlgebra(Generic[S]):
         """Return −x."""
         return replace(x, lower=self.inner.negative(x.upper), upper=self.inner.negative(x.lower))
 
-    def scaled(self, x: RhoBounds[S], factor: float) -> RhoBounds[S]:
+    def scale(self, x: RhoBounds[S], factor: float) -> RhoBounds[S]:
         """Return factor · x, factor > 0."""
-        return _each(x, lambda one: self.inner.scaled(one, factor))
+        return _each(x, lambda one: self.inner.scale(one, factor))
 
     def least(self, x: RhoBounds[S], y: RhoBounds[S]) -> RhoBounds[S]:
         """Return the smaller of both."""

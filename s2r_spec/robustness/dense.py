@@ -103,7 +103,7 @@ class DenseAlgebra:
         """Return −x."""
         return -x
 
-    def scaled(self, x: Curve, factor: float) -> Curve:
+    def scale(self, x: Curve, factor: float) -> Curve:
         """Return factor · x."""
         return Curve(x.times, *(rescale(part, factor) for part in (x.at, x.right, x.left)))
 
@@ -183,7 +183,7 @@ class PredicateCurves:
             return self._joined(node)  # functions of held signals are held
         match node:
             case f.Convert():
-                return self(node.operand).mapped(node.conversion.each)
+                return self(node.operand).map(node.conversion.each)
             case f.Arithmetic(operator="+"):
                 return add(self(node.left), self(node.right), snap)
             case f.Arithmetic(operator="-"):
@@ -192,9 +192,9 @@ class PredicateCurves:
                 factor = float(self.sampled(node.right).item())
                 with np.errstate(all="ignore"):
                     factor = factor if node.operator == "*" else float(np.divide(1.0, factor))
-                    return self(node.left).scaled(factor)
+                    return self(node.left).scale(factor)
             case f.Arithmetic(operator="*") if self._steady(node.left):
-                return self(node.right).scaled(float(self.sampled(node.left).item()))
+                return self(node.right).scale(float(self.sampled(node.left).item()))
             case f.Elementary(function="minus"):
                 return -self(node.operand)
             case f.Elementary(function="abs") | f.Norm(operands=(f.Value(width=1),)):
@@ -210,7 +210,7 @@ class PredicateCurves:
                 return result
             case f.Overshoot():
                 beyond = add(self(node.signal), -self(node.reference), snap)
-                return beyond.scaled(float(self.sampled.direction(node).item()))
+                return beyond.scale(float(self.sampled.direction(node).item()))
             case _:
                 return self._joined(node)
 

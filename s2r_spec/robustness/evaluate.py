@@ -39,7 +39,7 @@ class Algebra(Protocol[S]):
         """Return −x."""
         ...
 
-    def scaled(self, x: S, factor: float) -> S:
+    def scale(self, x: S, factor: float) -> S:
         """Return factor · x, factor > 0."""
         ...
 
@@ -117,7 +117,7 @@ class Walk(Generic[S]):
                     return forward
                 return algebra.least(forward, algebra.greatest(left, algebra.negative(right)))
             case f.Rescale():
-                return algebra.scaled(self(node.operand), node.factor)
+                return algebra.scale(self(node.operand), node.factor)
             case f.Temporal():
                 over = algebra.always if node.operator in ("always", "historically") else algebra.eventually
                 return over(self(node.operand), node.interval, node.operator in ("historically", "once"))

@@ -92,14 +92,14 @@ class HeldExplainer:
         vacuous = next((a.node for a, b in pairwise(steps) if b.vacuous), None)
         unneeded = vacuous.right.span.text if isinstance(vacuous, f.Implication) else ""
         at = parts[-1].time
-        decided = Decided(last.node, last.factor, self._near([at]), unneeded=unneeded)
+        decided = Decided(last.node, last.factor, self._instants_near([at]), unneeded=unneeded)
         if isinstance(last.node, f.Comparison):
             runs = self._runs(last)
             decided = replace(
                 decided,
-                times=self._near([at, *(time for run in runs[:SHOWN] for time in run)]),
+                times=self._instants_near([at, *(time for run in runs[:SHOWN] for time in run)]),
                 runs=runs,
-                sides=tuple(self._observed(side, last.time) for side in (last.node.left, last.node.right)),
+                sides=tuple(self._observe(side, last.time) for side in (last.node.left, last.node.right)),
                 signals=tuple(self._signals(last.node, last.time)),
             )
         return make_explanation(requirement, unit, rho, parts, decided)
@@ -186,7 +186,7 @@ class HeldExplainer:
         begin, end = step.runs[0, 0] + low, step.runs[-1, 1] + high
         return np.array([[max(begin, 0.0), min(end, self.courses.end)]])
 
-    def _agreeing(self, curve: Curve, holds: bool, runs: FloatArray) -> FloatArray:
+    def _restrict(self, curve: Curve, holds: bool, runs: FloatArray) -> FloatArray:
         """Return the parts of runs at which a formula holds, or does not; (k, 2) times, k ≥ 1."""
         agrees = np.empty(2 * curve.times.size - 1, dtype=bool)
         agrees[::2] = (curve.at > 0) == holds
@@ -218,7 +218,7 @@ class HeldExplainer:
         if time is None:
             return None
         rho = float(curve.values(np.array([time]), self.courses.snap)[0])
-        runs = self._agreeing(curve, rho > 0, self._spread(interval, step, past))
+        runs = self._restrict(curve, rho > 0, self._spread(interval, step, past))
         return replace(step, node=node, time=time, runs=runs)
 
     def _place(self, x: Curve, low: float, high: float, past: bool) -> float | None:
@@ -298,7 +298,7 @@ class HeldExplainer:
             return replace(step, node=node.left, time=float(times[np.argmin(held)]), runs=spread)
         return replace(step, node=node.right, time=float(times[best]), runs=spread)
 
-    def _near(self, times: list[float]) -> FloatArray:
+    def _instants_near(self, times: list[float]) -> FloatArray:
         """Return the begin, times on the trace's clock, and the stamps of all signals around them."""
         near = [np.array([0.0]), np.array(times) - self.start]
         for course in self.courses.signals.values():
@@ -312,11 +312,11 @@ class HeldExplainer:
 
     def _runs(self, step: _HeldStep) -> tuple[Span, ...]:
         """Return (from, to) times in the window at which the predicate is what decides: [s] on the trace's clock."""
-        wanted = self.at(step) > 0
-        runs = self._agreeing(self.curve(step.node, step.factor), wanted, step.runs)
+        holds = self.at(step) > 0
+        runs = self._restrict(self.curve(step.node, step.factor), holds, step.runs)
         return tuple((self.start + float(begin), self.start + float(end)) for begin, end in runs)
 
-    def _observed(self, node: f.Value, time: float) -> Observed:
+    def _observe(self, node: f.Value, time: float) -> Observed:
         values = HeldValues.at_messages(self.courses, signals_of(node))
         number = float(values(node).values(np.array([time]), self.courses.snap)[0])
         return Observed(" ".join(node.span.text.split()), number, "" if node.unit is None else node.unit.text)

@@ -238,7 +238,7 @@ class HeldValues(PredicateCurves):
         snap = self.recording.snap
         rho, x = align(split_at_zero(self.courses.walk()(node.condition), snap), self(node.left), snap)
         x, y = align(x, self(node.right), snap)
-        rho = rho.refined(x.times)
+        rho = rho.refine(x.times)
         at, between = rho.at > 0, rho.right + rho.left > 0
         return Curve(
             x.times,
@@ -279,7 +279,7 @@ class HeldValues(PredicateCurves):
         total = _integral(operand, node.seconds)
         if node.function == "integral":
             return total
-        total = total.refined(np.union1d(total.times, _along_hyperbolas(total.times, node.seconds)))
+        total = total.refine(np.union1d(total.times, _along_hyperbolas(total.times, node.seconds)))
         elapsed = np.minimum(total.times, node.seconds)
         with np.errstate(invalid="ignore", divide="ignore"):
             at = np.where(elapsed > 0, total.at / elapsed, operand.at[0])

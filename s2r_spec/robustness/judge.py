@@ -187,7 +187,7 @@ class Judge:
         unevaluated = {name: self._outside(stream, start, end) for name, stream in self.streams.items()}
         early = self.since is None and any(one.first < start for one in self.streams.values())
         if satisfied is not None and (early or any(map(any, unevaluated.values()))):
-            reason = self._contradicted(formula, satisfied, unevaluated)
+            reason = self._contradiction(formula, satisfied, unevaluated)
             satisfied = None if reason else satisfied
         if not (complete or partial):
             satisfied, reason = None, ""
@@ -285,12 +285,12 @@ class Judge:
         before = int(np.searchsorted(times, held)) - first
         return max(before, 0), max(stop - int(np.searchsorted(times, end, side="right")), 0)
 
-    def _contradicted(
+    def _contradiction(
         self, formula: f.Formula, satisfied: bool, unevaluated: Mapping[str, tuple[int, int]]
     ) -> str:
         """Return why messages outside of the window contradict a verdict; "" if they do not."""
-        said, other = ("holds", "violate") if satisfied else ("is violated", "satisfy")
-        late, early = self._late(), self._early()
+        verb, other = ("holds", "violate") if satisfied else ("is violated", "satisfy")
+        late, early = self._last_to_begin(), self._first_to_end()
         first = min(stream.first for stream in self.streams.values())
         begin = first if self.since is None else max(first, self.since)
         after = any(count for _, count in unevaluated.values())
@@ -299,12 +299,12 @@ class Judge:
             (
                 after,
                 self.start,
-                f"{said} until {self._time(self.end)}, where {early} ends, but messages after",
+                f"{verb} until {self._time(self.end)}, where {early} ends, but messages after",
             ),
             (
                 before,
                 begin,
-                f"{said} from {self._time(self.start)} on, where {late} begins, but messages before",
+                f"{verb} from {self._time(self.start)} on, where {late} begins, but messages before",
             ),
         ):
             if not outside:
@@ -315,11 +315,11 @@ class Judge:
                 return f"{why} {other} it"
         return ""
 
-    def _late(self) -> str:
+    def _last_to_begin(self) -> str:
         """Return the signal that begins last."""
         return max(self.streams, key=lambda name: self.streams[name].first)
 
-    def _early(self) -> str:
+    def _first_to_end(self) -> str:
         """Return the signal that ends first, of those that last as long as the log."""
         return min(self.streams, key=lambda name: abs(self.streams[name].end(self.until) - self.end))
 
@@ -385,12 +385,13 @@ class Judge:
                 )
             before, after = unevaluated[name]
             if before:
+                late = self._last_to_begin()
                 notes.append(
-                    f"{count_messages(before, name, 'lie')} before {self._time(start)}, where {self._late()} begins"
+                    f"{count_messages(before, name, 'lie')} before {self._time(start)}, where {late} begins"
                 )
             if after:
                 notes.append(
-                    f"{count_messages(after, name, 'lie')} after {self._time(end)}, where {self._early()} ends"
+                    f"{count_messages(after, name, 'lie')} after {self._time(end)}, where {self._first_to_end()} ends"
                 )
         return notes
 

@@ -57,7 +57,7 @@ class _Causes:
                 self._implication(node, at, holds)
             case f.Temporal():
                 over = node.operator in ("always", "historically")
-                window = self._reached(at, node.interval, past=node.operator in ("historically", "once"))
+                window = self._reach(at, node.interval, past=node.operator in ("historically", "once"))
                 self.add(
                     node.operand,
                     window if over == holds else window & self.agrees(node.operand, holds),
@@ -69,15 +69,15 @@ class _Causes:
                 self.add(node.operand, _shift(at, 1 if node.operator == "next" else -1), holds)
             case f.Edge():
                 rises = node.operator == "rise"
-                for there, wanted in ((at, rises), (_shift(at, -1), not rises)):
+                for there, value in ((at, rises), (_shift(at, -1), not rises)):
                     if holds:
-                        self.add(node.operand, there, wanted)
+                        self.add(node.operand, there, value)
                     else:
-                        self.add(node.operand, there & self.agrees(node.operand, not wanted), not wanted)
+                        self.add(node.operand, there & self.agrees(node.operand, not value), not value)
             case _:
                 pass  # a constant depends on no sample
 
-    def _reached(self, at: BoolArray, interval: f.Interval, past: bool) -> BoolArray:
+    def _reach(self, at: BoolArray, interval: f.Interval, past: bool) -> BoolArray:
         """Return the samples that lie in the window of any of ``at``."""
         first, last = self.clock.windows(interval, past)
         at = at & (last >= first)
@@ -89,8 +89,8 @@ class _Causes:
     def _implication(self, node: f.Implication, at: BoolArray, holds: bool) -> None:
         if node.operator == "<->":
             for side in (node.left, node.right):
-                for wanted in (True, False):
-                    self.add(side, at & self.agrees(side, wanted), wanted)
+                for value in (True, False):
+                    self.add(side, at & self.agrees(side, value), value)
         elif holds:
             self.add(node.left, at & self.agrees(node.left, False), False)
             self.add(node.right, at & self.agrees(node.right, True), True)

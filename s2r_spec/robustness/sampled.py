@@ -99,7 +99,7 @@ class SampledAlgebra:
         """Return −x."""
         return np.negative(x)
 
-    def scaled(self, x: FloatArray, factor: float) -> FloatArray:
+    def scale(self, x: FloatArray, factor: float) -> FloatArray:
         """Return factor · x."""
         return rescale(x, factor)
 

@@ -181,7 +181,7 @@ class TensorAlgebra:
         """Return −x."""
         return -x
 
-    def scaled(self, x: Tensor, factor: float) -> Tensor:
+    def scale(self, x: Tensor, factor: float) -> Tensor:
         """Return factor · x."""
         return factor * x
 

@@ -55,7 +55,7 @@ def infimum(x: Curve, interval: Interval, snap: float) -> Curve:
     constant = Curve(times, at, inner, inner)
     enters = _line(x, end, times, at, high, cut)
     if low == high:
-        return _line(x, start, times, at, low, empty).simplified()
+        return _line(x, start, times, at, low, empty).simplify()
     leaves = _line(x, start, times, at, low, empty)
     return minimum(minimum(leaves, enters, snap), constant, snap)
 
@@ -121,7 +121,7 @@ def until(left: Curve, right: Curve, interval: Interval, snap: float) -> Curve:
     low, high = interval.low, interval.high
     reach = high - low
     from_now = Interval(0.0, reach, interval.low_closed, interval.high_closed, interval.span)
-    untimed = _untimed(left, right, snap, now=interval.low_closed)
+    untimed = _until_untimed(left, right, snap, now=interval.low_closed)
     best = -infimum(-right, from_now, snap)
     result = minimum(best, untimed, snap)
     if low == 0:
@@ -131,7 +131,7 @@ def until(left: Curve, right: Curve, interval: Interval, snap: float) -> Curve:
     return minimum(guard, shifted, snap)
 
 
-def _untimed(left: Curve, right: Curve, snap: float, now: bool) -> Curve:
+def _until_untimed(left: Curve, right: Curve, snap: float, now: bool) -> Curve:
     """Return the until whose witness is any later instant, or ``now``.
 
     On a piece without a crossing of the curves, until is max(q(t), min(p(t), K)), where K is the until of the rest of

@@ -167,7 +167,7 @@ class Spec(Declared):
         formula = reading.bound(self.formulas[requirement])
         reading.refuse_short(formula)
         if not how.partial:
-            self._long_enough(requirement, formula, reading)
+            self._check_length(requirement, formula, reading)
         bounds = None if how.partial else reading.bounds(formula)
         return decided_value(requirement, bounds or float(reading.signed(formula)[0]))
 
@@ -425,7 +425,7 @@ class Spec(Declared):
             UsageError: an operator over the whole rest of the trace is needed at more than the first instant, or a
                 window is shorter than the period; also see :meth:`robustness`.
         """
-        followed = self._followed(params, requirement, period, until, nan)
+        followed = self._follow(params, requirement, period, until, nan)
         return Monitor(replace(followed, ranges=ranges, sparse=sparse))
 
     def robustness_stream(
@@ -445,9 +445,7 @@ class Spec(Declared):
 
         For args and errors see :meth:`monitor`. No operator may depend on the whole rest of the trace.
         """
-        return RobustnessStream(
-            replace(self._followed(params, requirement, period, until, nan), sparse=sparse)
-        )
+        return RobustnessStream(replace(self._follow(params, requirement, period, until, nan), sparse=sparse))
 
     def explain(
         self,
@@ -496,7 +494,7 @@ class Spec(Declared):
         if not sparse:
             reading.refuse_short(formula)
         if not partial:
-            self._long_enough(requirement, formula, reading)
+            self._check_length(requirement, formula, reading)
         return explain(formula, reading, requirement, unit)
 
     def plot(
@@ -554,7 +552,7 @@ class Spec(Declared):
         used = {name for formula in self._chosen(requirement) for name in names(formula).params}
         return read_params(self.params, used, params or {})
 
-    def _followed(
+    def _follow(
         self,
         params: Mapping[str, Amount] | None,
         requirement: str | None,
@@ -570,7 +568,7 @@ class Spec(Declared):
         signals = [self.signals[name] for name in self.channels(requirement)]
         return Followed(formulas, signals, numbers, period, until, nan, ranges=False)
 
-    def _long_enough(self, requirement: str, formula: f.Formula, reading: Reading) -> None:
+    def _check_length(self, requirement: str, formula: f.Formula, reading: Reading) -> None:
         if reading.complete(formula)[0]:
             return
         raise TraceError(

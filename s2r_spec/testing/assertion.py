@@ -51,8 +51,10 @@ def assert_robust(
         one = spec.explain(trace, name, values, nan=nan)
         robustness[name] = one.rho
         if not one.satisfied or one.rho < at_least:
-            wanted = f"\n  but ρ must be at least {at_least:g} {one.unit}".rstrip() if one.satisfied else ""
-            failures.append(f"{one}{wanted}")
+            shortfall = (
+                f"\n  but ρ must be at least {at_least:g} {one.unit}".rstrip() if one.satisfied else ""
+            )
+            failures.append(f"{one}{shortfall}")
     if failures:
         raise AssertionError("\n".join(failures))
     return robustness

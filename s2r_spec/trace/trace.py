@@ -467,12 +467,12 @@ class Trace:
         Raises:
             TraceError: a rule is not one of the two, or is for no channel.
         """
-        given = dict(rule) if isinstance(rule, Mapping) else dict.fromkeys(self.channels, rule)
-        for name, one in given.items():
+        rules = dict(rule) if isinstance(rule, Mapping) else dict.fromkeys(self.channels, rule)
+        for name, one in rules.items():
             self[name]
             if one not in ("hold", "linear"):
                 raise TraceError(f"the rule {one!r} of channel {name!r} is not one of hold, linear")
-        return {name: given.get(name, "hold") for name in self.channels}
+        return {name: rules.get(name, "hold") for name in self.channels}
 
     # -- data frames -----------------------------------------------------------------------------------------------
 

@@ -97,16 +97,16 @@ def test_recordings_of_values_sent_on_change_are_no_certificate_where_every_inst
 
 def test_no_sample_after_the_end_of_an_episode_is_in_it():
     times = np.array([0.0, 3.7, 6.0, 7.0])
-    assert find_episodes(times, np.array([False, True, True, True]), 3.0).spans == ((1, 3),)
+    assert find_episodes(times, np.array([False, True, True, True]), 3.0).ranges == ((1, 3),)
     grid = np.arange(20) * 0.3
-    ((first, stop),) = find_episodes(grid, grid >= 0.29, 1.1).spans
+    ((first, stop),) = find_episodes(grid, grid >= 0.29, 1.1).ranges
     assert grid[stop - 1] - grid[first] <= 1.1
 
 
 def test_an_episode_at_the_end_of_a_log_with_dates_is_complete_or_left_out():
     times = 1718000000.0 + np.arange(500) * 0.02
-    assert not find_episodes(times, times >= times[0] + 8.5, 3.0, until=float(times[-1])).spans
-    assert len(find_episodes(times, times >= times[0] + 6.5, 3.0, until=float(times[-1])).spans) == 1
+    assert not find_episodes(times, times >= times[0] + 8.5, 3.0, until=float(times[-1])).ranges
+    assert len(find_episodes(times, times >= times[0] + 6.5, 3.0, until=float(times[-1])).ranges) == 1
 
 
 def test_a_signal_at_the_begin_within_a_silence_is_not_known():

@@ -225,13 +225,13 @@ def test_an_interpolated_straight_line_stays_one(own, clock):
 def test_no_sample_is_in_two_episodes_and_each_begins_where_the_condition_does(truth, length):
     truth, times = np.array(truth), 0.1 * np.arange(len(truth))
     found = find_episodes(times, truth, 0.1 * length)
-    for begin, end in found.spans:
+    for begin, end in found.ranges:
         assert truth[begin]
         assert not truth[begin - 1]
         assert end - begin == length + 1
-    assert all(one[1] <= next_[0] for one, next_ in zip(found.spans, found.spans[1:], strict=False))
+    assert all(one[1] <= next_[0] for one, next_ in zip(found.ranges, found.ranges[1:], strict=False))
     begins = int((truth[1:] & ~truth[:-1]).sum())
-    assert len(found.spans) + found.within + found.incomplete == begins
+    assert len(found.ranges) + found.within + found.incomplete == begins
 
 
 @pytest.mark.parametrize("way", [{"when": "vx_cmd > 0.05"}, {"start": 2.0}])

@@ -53,22 +53,22 @@ def read(
     heads, columns, notes = _pandas(frame, time) if _is_pandas(frame) else _arrow(frame)
     noted, meta, own = read_description(notes, "attrs of the frame")
     names = {head.name for head in heads}
-    given = dict(units or {})
-    if unknown := sorted(given.keys() - names):
+    user_units = dict(units or {})
+    if unknown := sorted(user_units.keys() - names):
         raise TraceError(
             f"a unit is given for {unknown[0]!r}, which the frame does not have"
             f"{suggest(unknown[0], names)} it has {one_of(names)}"
         )
-    stated = noted | given
+    stated = noted | user_units
     heads = tuple(replace(head, unit=stated.get(head.name, head.unit)) for head in heads)
 
     def place(sample: int, number: int) -> str:
         return f"row {sample} of the column {quote(heads[number].text)}"
 
     table = Table(heads, dict(enumerate(columns)), meta, place, own=own)
-    wanted = request({TIME: _times(heads, time)}, None, time_unit)
+    plan_request = request({TIME: _times(heads, time)}, None, time_unit)
     try:
-        loaded = build_trace(table, plan_columns(heads, wanted), wanted)
+        loaded = build_trace(table, plan_columns(heads, plan_request), plan_request)
         return replace(loaded, notes=tuple(map(_in_python, loaded.notes)))
     except NoTimesError as error:
         rivals = {one: plan_columns(heads, ColumnRequest({TIME: one}, {})).times for one in error.candidates}

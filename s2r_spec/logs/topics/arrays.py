@@ -42,7 +42,7 @@ class Array:
 
 
 @dataclass(frozen=True)
-class Asked:
+class TimeOptions:
     """What the user says of the times.
 
     Args:
@@ -73,7 +73,7 @@ class ArrayLog:
 
     Args:
         arrays: path → array; the parts of a path are joined by dots.
-        asked: what the user says of the times.
+        options: what the user says of the times.
         objects: path of a variable that cannot be read → what it is, as text after its name.
 
     Raises:
@@ -84,18 +84,18 @@ class ArrayLog:
     def __init__(
         self,
         arrays: Mapping[str, Array],
-        asked: Asked | None = None,
+        options: TimeOptions | None = None,
         objects: Mapping[str, str] | None = None,
     ) -> None:
         few(len(arrays))
         self.sortable = False
-        self._arrays, self._asked = arrays, asked or Asked()
+        self._arrays, self._options = arrays, options or TimeOptions()
         self.notes: tuple[str, ...] = ()
-        self._mapped = _mapped_clocks(arrays, self._asked.times)
+        self._mapped = _mapped_clocks(arrays, self._options.times)
         self._clocks: dict[str, list[str]] = defaultdict(list)
         for path in filter(is_word, arrays):
             self._clocks[_folder(path)].append(path)
-        self._topics = self._found()
+        self._topics = self._group_fields()
         if not self._topics:
             raise TraceError(
                 f"no array of the file has times; {_advice(arrays, self._mapped, objects or {})}"
@@ -103,7 +103,7 @@ class ArrayLog:
         self._describe_others(objects or {})
         self.heads = tuple(self._head(topic, fields) for topic, fields in self._topics.items())
 
-    def _found(self) -> dict[str, _TopicArrays]:
+    def _group_fields(self) -> dict[str, _TopicArrays]:
         """Return topic → its clock and fields. A topic has one clock: the user's, ``t``, or the first."""
         clocks = {
             path: clock for path, array in self._arrays.items() if (clock := self._clock(path, array.shape))
@@ -235,7 +235,7 @@ class ArrayLog:
                 readable = {
                     _last(path): ([Column(self._arrays[path].read())], [self._time(path)]) for path in rivals
                 }
-                raise candidates.question(readable, self._asked.unit)
+                raise candidates.question(readable, self._options.unit)
         own = {topic: clock for topic, clock in clocks.items() if self._mapped and clock not in self._mapped}
         if own and len(own) == len(clocks):
             topic, clock = next(iter(own.items()))
@@ -258,7 +258,7 @@ class ArrayLog:
         times_read = times.read(
             [Column(self._arrays[path].read()) for path in clock],
             [self._time(path) for path in clock],
-            self._asked.unit,
+            self._options.unit,
             lambda sample: f"sample {sample} of {_clock_text(clock)}",
             None,
         )

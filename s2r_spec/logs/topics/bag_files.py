@@ -123,7 +123,7 @@ class _Database(Sqlite3Reader):
         journals = [file for file in journals if file.is_file() and file.stat().st_size]
         try:
             if journals:
-                self.path = self._recovered(journals)
+                self.path = self._recover(journals)
             super().open()
             assert self.dbconn
             with suppress(Exception):  # bags before Humble lack the table
@@ -142,7 +142,7 @@ class _Database(Sqlite3Reader):
         with self._stack:
             super().close()
 
-    def _recovered(self, journals: list[Path]) -> Path:
+    def _recover(self, journals: list[Path]) -> Path:
         """Return a copy of the file with the messages of its journals."""
         folder = Path(self._stack.enter_context(TemporaryDirectory(prefix="s2r-")))
         names = one_of(file.name for file in journals)
@@ -261,7 +261,7 @@ class _Folder(DirectoryReader):
         try:
             self.open()
         except Exception:
-            if missing := self._missing():
+            if missing := self._missing_files():
                 raise TraceError(
                     f"{METADATA} lists {one_of(missing)}, and the folder lacks it; copy it, or `ros2 bag reindex "
                     f"{self.path}` to read the rest"
@@ -299,7 +299,7 @@ class _Folder(DirectoryReader):
             ]
         return []
 
-    def _missing(self) -> list[str]:
+    def _missing_files(self) -> list[str]:
         """Return the files that ``metadata.yaml`` lists and the folder lacks."""
         return [name for name in self._listed_files() if not (self.path / name).exists()]
 

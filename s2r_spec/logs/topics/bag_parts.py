@@ -106,10 +106,10 @@ class Parts:
         self, connections: Collection[Connection], start: int | None = None, stop: int | None = None
     ) -> Iterator[tuple[Connection, int, bytes]]:
         """Yield (connection, time of receipt [ns], raw message) in the order of the file."""
-        wanted = {one.id: one for one in connections}
+        by_id = {one.id: one for one in connections}
         for record in self._records(_Losses()):
-            if isinstance(record, _Message) and record.connection in wanted:
-                yield wanted[record.connection], record.received, record.data
+            if isinstance(record, _Message) and record.connection in by_id:
+                yield by_id[record.connection], record.received, record.data
 
     @property
     def notes(self) -> list[str]:

@@ -286,7 +286,7 @@ class Collected:
             self.numbers += self._stamps.extend(received)
         if not raw:
             return
-        columns = self._together(raw, begin) if self._one_layout else None
+        columns = self._read_columns(raw, begin) if self._one_layout else None
         if columns is None:
             columns = self._one_by_one(raw, begin)
         if self._stamped:
@@ -297,16 +297,16 @@ class Collected:
         for values, column in zip(self._columns, columns, strict=False):
             self.numbers += values.extend(column)
 
-    def _together(self, raw: Sequence[bytes], begin: int) -> list[Any] | None:
+    def _read_columns(self, raw: Sequence[bytes], begin: int) -> list[Any] | None:
         """Return the fields of messages with one layout, and their stamps; None if they have several."""
         fields = [*self._fields, *(_STAMP if self._stamped else ())]
         columns = self._layout.columns(raw, fields) if self._layout else None
         if columns is None:
-            self._layout = self._checked(raw[0], fields, begin)
+            self._layout = self._check_layout(raw[0], fields, begin)
             columns = self._layout.columns(raw, fields) if self._layout else None
         return columns
 
-    def _checked(self, raw: bytes, fields: Sequence[str], begin: int) -> Layout | None:
+    def _check_layout(self, raw: bytes, fields: Sequence[str], begin: int) -> Layout | None:
         """Return the layout of a message if it gives the values that rosbags decodes."""
         candidate = layout(self._codec.store, self._codec.kind, raw, self._codec.cdr)
         if candidate is None or not candidate.fields.keys() >= {*fields}:

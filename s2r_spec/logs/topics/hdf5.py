@@ -22,7 +22,7 @@ from s2r_spec.logs.table import few, quote, regular
 from s2r_spec.logs.topics.arrays import (
     Array,
     ArrayLog,
-    Asked,
+    TimeOptions,
     as_object,
     is_unit_path,
     is_word,
@@ -36,7 +36,7 @@ _PACKED = ("scale_factor", "add_offset", "_FillValue")
 _OBJECT = "MATLAB_object_decode"
 
 
-def open_hdf5(path: Path, asked: Asked | None = None) -> ArrayLog:
+def open_hdf5(path: Path, options: TimeOptions | None = None) -> ArrayLog:
     """Return the arrays of a file, with the times that the user says.
 
     Raises:
@@ -85,7 +85,7 @@ def open_hdf5(path: Path, asked: Asked | None = None) -> ArrayLog:
         raise TraceError(
             f"the times {quote(first)} count since {one}, and {quote(second)} since {other}; save both since the same"
         )
-    return ArrayLog(with_units(arrays, texts), asked, objects)
+    return ArrayLog(with_units(arrays, texts), options, objects)
 
 
 def _unit(attributes: Any) -> str | None:

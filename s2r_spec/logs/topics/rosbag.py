@@ -80,12 +80,12 @@ class RosBag:
         self._elements: dict[tuple[str, str], Element] = {}
         self._vectors: dict[tuple[str, str], str] = {}
         self._codecs: dict[str, Codec] = {}
-        self._bag = self._opened(by_parts=False)
+        self._bag = self._open_bag(by_parts=False)
         self._listed, self._source = dict(self._bag.listed), self._bag.source
         try:
             self.heads = tuple(self._heads())
         except _DamagedError:
-            self._bag = self._opened(by_parts=True)
+            self._bag = self._open_bag(by_parts=True)
             self.heads = tuple(self._heads())
         self.notes: list[str] = []
 
@@ -98,13 +98,13 @@ class RosBag:
         counts = {head.name: head.count for head in self.heads}
         check_size(sum(counts[name] * (1 + len(fields)) for name, fields in wanted.items()))
         try:
-            collected = self._collected(wanted, stamps)
+            collected = self._collect(wanted, stamps)
             whole = all(one.count >= counts[name] for name, one in collected.items())
         except _DamagedError:
             whole = False
         if not whole and not self._bag.by_parts:
-            self._bag = self._opened(by_parts=True)
-            collected = self._collected(wanted, stamps)
+            self._bag = self._open_bag(by_parts=True)
+            collected = self._collect(wanted, stamps)
         self.notes += self._bag.notes
         read: dict[str, Topic] = {}
         for name, one in collected.items():
@@ -127,7 +127,7 @@ class RosBag:
         age = round((topic.age or 0.0) * 1e9)
         return replace(topic, log_end=np.datetime64(received - age, "ns"))
 
-    def _collected(self, wanted: Mapping[str, Sequence[str]], stamps: Stamps) -> dict[str, Collected]:
+    def _collect(self, wanted: Mapping[str, Sequence[str]], stamps: Stamps) -> dict[str, Collected]:
         """Read all messages of topics.
 
         Raises:
@@ -176,7 +176,7 @@ class RosBag:
         if not reader.is2 or one.msgdef.data:
             return bag, ""
         raw = (message for _, _, message in self._messages({topic}))
-        store, fault = self._definitions.fitting(kind, raw, self._bag.distribution)
+        store, fault = self._definitions.find_definitions(kind, raw, self._bag.distribution)
         return replace(bag, store=store), fault
 
     def _with_elements(self, head: TopicHead, names: str, vectors: Sequence[str]) -> TopicHead:
@@ -220,9 +220,9 @@ class RosBag:
             for connection, received, raw in self._bag.owner.messages(connections):
                 yield connection.topic, received, raw
         except Exception as error:  # rosbags' errors have no common base class
-            raise _DamagedError(str(self._files.unreadable(self._path, error))) from None
+            raise _DamagedError(str(self._files.unreadable_error(self._path, error))) from None
 
-    def _opened(self, by_parts: bool) -> Bag:
+    def _open_bag(self, by_parts: bool) -> Bag:
         """Open the bag, in place of the one that is open."""
         self._path.stat()  # a missing file is no damaged bag
         library("rosbags.highlevel", "ROS bags")

@@ -113,7 +113,7 @@ class OnlineAlgebra:
         """Return −x."""
         return x.operand if type(x) is Negative else self._made(Negative(self.clock, x))
 
-    def scaled(self, x: Term, factor: float) -> Term:
+    def scale(self, x: Term, factor: float) -> Term:
         """Return factor · x."""
         return self._made(Scaled(self.clock, x, factor))
 

@@ -118,10 +118,10 @@ class Accumulated(TapedNumber):
         self.samples = Tape()
         self.oldest = 0
         operand.keep(lambda: self.tape.end)
-        self.samples.keep(self._kept)
-        clock.positions.keep(self._kept)
+        self.samples.keep(self._oldest_needed)
+        clock.positions.keep(self._oldest_needed)
 
-    def _kept(self) -> int:
+    def _oldest_needed(self) -> int:
         return min(self.oldest, self.tape.end - 1) if math.isfinite(self.seconds) else self.tape.end - 1
 
     def ready(self) -> int:
@@ -140,7 +140,7 @@ class Accumulated(TapedNumber):
             while self.oldest < k and self.clock.seconds(self.oldest + 1) <= start:
                 self.areas.pop()
                 self.oldest += 1
-            total = self.areas.total - self._begun(start, k)
+            total = self.areas.total - self._oldest_part(start, k)
         if not self.mean:
             return total
         elapsed = min(now, self.seconds)
@@ -150,7 +150,7 @@ class Accumulated(TapedNumber):
         step = self.clock.seconds(right) - self.clock.seconds(left)
         return step * (self.samples.value(right) + self.samples.value(left)) / 2
 
-    def _begun(self, start: float, k: int) -> float:
+    def _oldest_part(self, start: float, k: int) -> float:
         """Return the part of the oldest piece that lies before ``start``."""
         if self.oldest == k:
             return 0.0
@@ -192,10 +192,10 @@ class Count(TapedNumber):
         super().__init__(clock)
         self.condition, self.seconds = condition, seconds
         self.first, self.total = 0, 0
-        condition.keep(self._kept)
-        clock.positions.keep(self._kept)
+        condition.keep(self._oldest_needed)
+        clock.positions.keep(self._oldest_needed)
 
-    def _kept(self) -> int:
+    def _oldest_needed(self) -> int:
         return self.first if math.isfinite(self.seconds) else self.tape.end
 
     def ready(self) -> int:

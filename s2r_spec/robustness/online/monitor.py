@@ -309,14 +309,14 @@ class RobustnessStream:
         """
         self._recorder.take(time, sample)
         self._times.append(time)
-        return self._settled()
+        return self._settled_values()
 
     def finish(self) -> dict[str, list[tuple[float, float]]]:
         """End the trace here, and return ρ at the remaining instants, with windows cut at the end."""
         self._recorder.finish()
-        return self._settled()
+        return self._settled_values()
 
-    def _settled(self) -> dict[str, list[tuple[float, float]]]:
+    def _settled_values(self) -> dict[str, list[tuple[float, float]]]:
         values = {}
         for name, term in self._recorder.terms.items():
             first, self._sent[name] = self._sent[name], term.end

@@ -223,13 +223,13 @@ class WindowPoint(Point):
         if not self.waiting or self._looks_away():
             return self.bounds(None, not closed or self.waiting), False
         self.looked = clock.now
-        return self.bounds(self._unsettled(), not closed), False
+        return self.bounds(self._undecided_range(), not closed), False
 
     def _looks_away(self) -> bool:
         """Return whether to treat undecided instants as unknown this time, to keep the cost of a sample constant."""
         return self.clock.now - self.looked < (self.clock.now - self.new + 1) // OFTEN
 
-    def _unsettled(self) -> tuple[int, int, int]:
+    def _undecided_range(self) -> tuple[int, int, int]:
         """Return (first, begin, last): the undecided instants, and the first one in the window."""
         clock, new = self.clock, self.new
         positions = clock.positions.values(new, clock.now + 1)
