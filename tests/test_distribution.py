@@ -14,7 +14,7 @@ from packaging.requirements import Requirement
 
 import s2r_spec
 from s2r_spec.base import distribution
-from s2r_spec.base.distribution import installing
+from s2r_spec.base.distribution import install_command
 from s2r_spec.errors import MissingPackageError, UsageError, require
 from tests.errors import states
 
@@ -88,7 +88,7 @@ def test_the_messages_are_found():
 
 @pytest.mark.parametrize("modules", MESSAGES, ids=" ".join)
 def test_a_message_names_an_extra_that_brings_the_packages(modules, declared):
-    command = installing(modules, declared)
+    command = install_command(modules, declared)
     wanted = Requirement(command.removeprefix("pip install ").strip("'"))
     assert wanted.name == declared.metadata["Name"]
     assert len(wanted.extras) <= 1
@@ -122,22 +122,22 @@ def test_no_message_has_a_command_of_its_own():
     ],
 )
 def test_a_renamed_extra_has_its_new_name_in_the_command(modules, extra, declared, tmp_path):
-    assert installing(modules, declared) == f"pip install 's2r-spec[{extra}]'"
+    assert install_command(modules, declared) == f"pip install 's2r-spec[{extra}]'"
     (tmp_path / "renamed").mkdir()
     renamed = metadata(tmp_path / "renamed", {extra: "anew"})
-    assert installing(modules, renamed) == "pip install 's2r-spec[anew]'"
+    assert install_command(modules, renamed) == "pip install 's2r-spec[anew]'"
 
 
 def test_a_package_that_is_required_anyway_needs_no_extra(declared):
-    assert installing(["numba"], declared) == "pip install s2r-spec"
+    assert install_command(["numba"], declared) == "pip install s2r-spec"
 
 
 def test_a_package_without_an_extra_is_named_itself(declared):
-    assert installing(["plotly"], declared) == "pip install plotly"
+    assert install_command(["plotly"], declared) == "pip install plotly"
 
 
 def test_without_metadata_the_packages_are_named():
-    assert installing(["pinocchio", "PIL"], None) == "pip install pillow pin"
+    assert install_command(["pinocchio", "PIL"], None) == "pip install pillow pin"
     code = "from s2r_spec.base import errors; errors.require('x needs', 'no_such_module')"
     # -S: no site-packages, as with a source tree on the path of an interpreter without s2r.
     done = subprocess.run(
@@ -152,14 +152,14 @@ def test_without_metadata_the_packages_are_named():
 
 def test_the_extra_of_a_backend_is_one_of_its_own_distribution(toy):
     assert states(str(MissingPackageError("needy", "no_such_module")), "pip install no_such_module")
-    own = distribution.own()
-    assert distribution.offering("sim").metadata["Name"] == own.metadata["Name"]
-    assert distribution.offering("needy").metadata["Name"] == "s2r-toy"
+    own = distribution.find_own()
+    assert distribution.find_provider("sim").metadata["Name"] == own.metadata["Name"]
+    assert distribution.find_provider("needy").metadata["Name"] == "s2r-toy"
 
 
 def test_the_package_has_the_version_of_its_metadata(monkeypatch):
-    assert s2r_spec.__version__ == distribution.own().version
-    monkeypatch.setattr(distribution, "own", lambda: None)
+    assert s2r_spec.__version__ == distribution.find_own().version
+    monkeypatch.setattr(distribution, "find_own", lambda: None)
     assert s2r_spec.__version__ == distribution.UNKNOWN
 
 

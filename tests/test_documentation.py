@@ -58,7 +58,7 @@ def test_every_page_that_a_message_names_exists():
 def test_a_page_has_the_address_that_the_installed_package_states(monkeypatch):
     about = Message()
     about["Project-URL"] = "Source, https://example.org/code"
-    monkeypatch.setattr(documentation, "own", lambda: SimpleNamespace(metadata=about))
+    monkeypatch.setattr(documentation, "find_own", lambda: SimpleNamespace(metadata=about))
     assert documentation.page("how-to/effects") == "`s2r docs how-to/effects`"
     documentation._address.cache_clear()
     about["Project-URL"] = "Documentation, https://example.org/s2r/"

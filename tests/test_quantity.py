@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from s2r_spec.base.printable import spelled
-from s2r_spec.base.quantity import Scale, interval, measured, quantity
+from s2r_spec.base.printable import spell_unit
+from s2r_spec.base.quantity import Scale, format_estimate, interval, quantity
 
 
 @pytest.mark.parametrize(
@@ -22,7 +22,7 @@ from s2r_spec.base.quantity import Scale, interval, measured, quantity
     ],
 )
 def test_an_estimate_has_the_digits_of_its_interval(value, low, high, unit, text):
-    assert measured(value, low, high, unit) == text
+    assert format_estimate(value, low, high, unit) == text
 
 
 @pytest.mark.parametrize(
@@ -53,7 +53,7 @@ def test_numbers_without_a_finite_uncertainty_have_three_digits():
 
 
 def test_units_are_spelled_with_dots_and_raised_powers():
-    assert spelled("N*m*s/rad") == "N·m·s/rad"
-    assert spelled("m/s^2") == "m/s²"
-    assert spelled("s^-1") == "s⁻¹"
-    assert spelled("") == ""
+    assert spell_unit("N*m*s/rad") == "N·m·s/rad"
+    assert spell_unit("m/s^2") == "m/s²"
+    assert spell_unit("s^-1") == "s⁻¹"
+    assert spell_unit("") == ""

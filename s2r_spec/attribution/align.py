@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from s2r_spec.attribution.place import instant
 from s2r_spec.lang import formula as f
-from s2r_spec.robustness.binding import bound, names
+from s2r_spec.robustness.binding import bind, names
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.grid import Grid
 from s2r_spec.robustness.reading import read_params, read_signals
-from s2r_spec.robustness.sampled import SampledAlgebra, Samples
+from s2r_spec.robustness.sampled import SampledAlgebra, SampledSignals
 from s2r_spec.robustness.ticks import Ticks, clock_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
@@ -27,13 +27,13 @@ from s2r_spec.trace import Trace
 FloatArray = NDArray[np.float64]
 
 SAME = 1e-6
-"""Tolerance [s]: sample times closer than this are the same. Doubled, it is still below the period of any log."""
+"""Tolerance [s]: sample times closer than this are the same."""
 
 
 class Evaluated:
     """Formulas and numbers on given signals; each is evaluated once."""
 
-    def __init__(self, samples: Samples) -> None:
+    def __init__(self, samples: SampledSignals) -> None:
         self.samples = samples
         algebra = SampledAlgebra(samples)
         self.numbers = algebra.numbers
@@ -70,7 +70,7 @@ class Aligned:
 
     def algebra(self, signals: Mapping[str, FloatArray]) -> Evaluated:
         """Return an evaluation of formulas and numbers on signals at these times."""
-        return Evaluated(Samples(self.clock, signals, self.params))
+        return Evaluated(SampledSignals(self.clock, signals, self.params))
 
     def rho(self, signals: Mapping[str, FloatArray]) -> float:
         """Return ρ of signals at these times; windows end with the last sample."""
@@ -103,7 +103,7 @@ def align(
         for trace in (real, simulated)
     )
     pair = Aligned(
-        formula=bound(
+        formula=bind(
             spec.formulas[requirement], {name: float(value.item()) for name, value in numbers.items()}
         ),
         times=real.times[: times.size],

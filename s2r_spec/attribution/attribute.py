@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.attribution.align import Aligned, align
 from s2r_spec.attribution.critical import Switch, switch
-from s2r_spec.attribution.path import Path, Piece
+from s2r_spec.attribution.path import Path, PathPiece
 from s2r_spec.lang import formula as f
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
@@ -18,13 +18,13 @@ from s2r_spec.trace import Trace
 FloatArray = NDArray[np.float64]
 
 BINS = 300
-"""Budget: bins of a trace in JSON. Doubled, the file is nearly twice as long."""
+"""Budget: bins of a trace in JSON."""
 WINDOWS = 6
-"""Definition: equal windows of time over which Δρ is summed. Doubled, windows are half as long."""
+"""Definition: equal windows of time over which Δρ is summed."""
 
 
 @dataclass(frozen=True)
-class Part:
+class FormulaShare:
     """A sub-formula and its part of Δρ.
 
     Attributes:
@@ -116,7 +116,7 @@ class Attribution:
     credit: Mapping[str, FloatArray]
     real: Mapping[str, FloatArray]
     simulated: Mapping[str, FloatArray]
-    parts: tuple[Part, ...]
+    parts: tuple[FormulaShare, ...]
     ended: float
     reason: str
     jumps: float
@@ -157,7 +157,7 @@ class Attribution:
         def means(samples: FloatArray) -> list[float]:
             return plain(samples.astype(float) / np.repeat(counts, counts))
 
-        real, simulated = labelled(self.real), labelled(self.simulated)
+        real, simulated = label_components(self.real), label_components(self.simulated)
         return BinnedTraces(
             [float(f"{time:.9g}") for time in self.times[starts]],
             {
@@ -204,14 +204,14 @@ def attribute(
     )
 
 
-def parts(formula: f.Formula, pieces: list[Piece]) -> tuple[Part, ...]:
+def parts(formula: f.Formula, pieces: list[PathPiece]) -> tuple[FormulaShare, ...]:
     """Return every sub-formula with the sum of the pieces that it decides, in written order."""
     amounts: dict[int, float] = {}
     for piece in pieces:
         for step in piece.steps:
             amounts[id(step.node)] = amounts.get(id(step.node), 0.0) + piece.amount
     return tuple(
-        Part(
+        FormulaShare(
             text=" ".join(node.span.text.split()),
             name=node.name if isinstance(node, f.Named) else "",
             line=node.span.line,
@@ -220,11 +220,11 @@ def parts(formula: f.Formula, pieces: list[Piece]) -> tuple[Part, ...]:
             predicate=isinstance(node, f.Comparison),
             amount=amounts.get(id(node), 0.0),
         )
-        for node, depth in _nested(formula, 0, set())
+        for node, depth in _walk_formulas(formula, 0, set())
     )
 
 
-def _nested(node: f.Formula, depth: int, seen: set[int]) -> Iterator[tuple[f.Formula, int]]:
+def _walk_formulas(node: f.Formula, depth: int, seen: set[int]) -> Iterator[tuple[f.Formula, int]]:
     """Yield every sub-formula down to the predicates with its depth; a named one that is used twice comes once."""
     if id(node) in seen:
         return
@@ -235,19 +235,19 @@ def _nested(node: f.Formula, depth: int, seen: set[int]) -> Iterator[tuple[f.For
     if not isinstance(node, f.Comparison):
         for child in f.children(node):
             if isinstance(child, f.Formula):
-                yield from _nested(child, depth, seen)
+                yield from _walk_formulas(child, depth, seen)
 
 
-def _by_channel(pair: Aligned, pieces: list[Piece]) -> dict[str, FloatArray]:
+def _by_channel(pair: Aligned, pieces: list[PathPiece]) -> dict[str, FloatArray]:
     """Return label → (n,) sums over the pieces, for every channel of the formula."""
     sums = {name: np.zeros_like(samples) for name, samples in pair.real.items()}
     for piece in pieces:
         for name, amounts in piece.credit.items():
             sums[name] += amounts
-    return labelled(sums)
+    return label_components(sums)
 
 
-def labelled(signals: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+def label_components(signals: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
     """Return label → (n,) of (width, n) signals: a vector's components by index ("u[0]")."""
     return {
         name if len(rows) == 1 else f"{name}[{k}]": row

@@ -17,7 +17,7 @@ from s2r_spec.attribution.path import Path
 from s2r_spec.attribution.place import instant
 from s2r_spec.base.json_values import Ends, Shown
 from s2r_spec.lang import formula as f
-from s2r_spec.robustness.deciding import Step
+from s2r_spec.robustness.deciding import DescentStep
 
 Kind = Literal["either", "min", "max", "mixed"]
 
@@ -84,7 +84,7 @@ def switch(path: Path) -> Switch | None:
     if not all(isinstance(point.steps[-1].node, f.Comparison) for point in (start, end)):
         return None
 
-    def critical(steps: tuple[Step, ...]) -> Critical:
+    def critical(steps: tuple[DescentStep, ...]) -> Critical:
         last = steps[-1]
         named = next((s.node.name for s in reversed(steps) if isinstance(s.node, f.Named)), "")
         return Critical(
@@ -113,20 +113,20 @@ def kind(formula: f.Formula, negated: bool = False) -> Kind:
     least: Kind = "max" if negated else "min"
     most: Kind = "min" if negated else "max"
     match formula:
-        case f.Named() | f.Rescale() | f.Step():
+        case f.Named() | f.Rescale() | f.AdjacentSample():
             return kind(formula.operand, negated)
         case f.Not():
             return kind(formula.operand, not negated)
         case f.Junction():
             over = least if formula.operator == "and" else most
-            return _joined(over, *(kind(operand, negated) for operand in formula.operands))
+            return _join(over, *(kind(operand, negated) for operand in formula.operands))
         case f.Implication():
             if formula.operator == "<->":
                 return "mixed"
-            return _joined(most, kind(formula.left, not negated), kind(formula.right, negated))
+            return _join(most, kind(formula.left, not negated), kind(formula.right, negated))
         case f.Temporal():
             over = least if formula.operator in ("always", "historically") else most
-            return _joined(over, kind(formula.operand, negated))
+            return _join(over, kind(formula.operand, negated))
         case f.Edge():
             inner = kind(formula.operand)
             return least if inner == "either" else "mixed"
@@ -136,5 +136,5 @@ def kind(formula: f.Formula, negated: bool = False) -> Kind:
             return "either"
 
 
-def _joined(over: Kind, *parts: Kind) -> Kind:
+def _join(over: Kind, *parts: Kind) -> Kind:
     return over if all(part in ("either", over) for part in parts) else "mixed"

@@ -28,23 +28,23 @@ from numpy.typing import NDArray
 from s2r_spec.attribution.align import Aligned, Evaluated
 from s2r_spec.attribution.gradient import margin_gradient
 from s2r_spec.lang import formula as f
-from s2r_spec.robustness.deciding import Step, descend
+from s2r_spec.robustness.deciding import DescentStep, descend
 
 FloatArray = NDArray[np.float64]
 
 _PIECES = 4
-"""Budget: least number of pieces, because a minimum of maxima can return to a predicate. Doubled, twice the time."""
+"""Budget: least number of pieces, because a minimum of maxima can return to a predicate."""
 _NARROW = 1e-9
-"""Tolerance: a change of ρ over less than this part of the path is a jump. Doubled, jumps lie half as finely."""
+"""Tolerance: a change of ρ over less than this part of the path is a jump."""
 _EXACT = 1e-11
-"""Tolerance: relative difference of two computations of one number. Doubled, the rest that stays is twice as large."""
+"""Tolerance: relative difference of two computations of one number."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 _NODES, _WEIGHTS = 0.5 + _NODES / 2, _WEIGHTS / 2
 """Definition: nodes and weights of Gauss's rule on [0, 1], exact for polynomials of degree 11."""
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class PathPiece:
     """A part of the path on which one predicate decides.
 
     Attributes:
@@ -54,7 +54,7 @@ class Piece:
         jump: whether ρ jumps here.
     """
 
-    steps: tuple[Step, ...]
+    steps: tuple[DescentStep, ...]
     amount: float
     credit: Mapping[str, FloatArray]
     jump: bool = False
@@ -67,7 +67,7 @@ class _Point:
     at: float
     late: bool
     algebra: Evaluated
-    steps: tuple[Step, ...]
+    steps: tuple[DescentStep, ...]
     rho: float
 
 
@@ -89,7 +89,7 @@ class Path:
         """The real trace."""
         return self._point(1.0, late=True)
 
-    def pieces(self) -> Iterator[Piece]:
+    def pieces(self) -> Iterator[PathPiece]:
         """Yield the pieces in order; none if ρ is infinite at an end or where booleans change."""
         before, after = self._point(0.5, late=False), self._point(0.5, late=True)
         if not all(np.isfinite(point.rho) for point in (self.start, before, after, self.end)):
@@ -123,13 +123,13 @@ class Path:
             self._points[at, late] = _Point(at, late, algebra, steps, rho)
         return self._points[at, late]
 
-    def value(self, step: Step, algebra: Evaluated) -> float:
+    def value(self, step: DescentStep, algebra: Evaluated) -> float:
         """Return factor · margin of a predicate at its sample."""
         assert isinstance(step.node, f.Comparison)
         margin = np.broadcast_to(algebra.walk(step.node), self.pair.times.shape)
         return step.factor * float(margin[step.sample])
 
-    def _between(self, a: _Point, b: _Point, halved: bool = False) -> Iterator[Piece]:
+    def _between(self, a: _Point, b: _Point, halved: bool = False) -> Iterator[PathPiece]:
         """Yield the pieces from one point to another; ``halved`` if the last cut at a crossing left more than half.
 
         The crossings of curved predicates may come ever nearer to one end, so every second cut is at the middle.
@@ -166,12 +166,12 @@ class Path:
                 return at
         return middle.at
 
-    def _one(self, steps: tuple[Step, ...], a: _Point, b: _Point) -> Iterator[Piece]:
+    def _one(self, steps: tuple[DescentStep, ...], a: _Point, b: _Point) -> Iterator[PathPiece]:
         """Yield a piece on which one predicate decides, halved until the gradient agrees with the change."""
         step = steps[-1]
         amount = self.value(step, b.algebra) - self.value(step, a.algebra)
         credit: dict[str, FloatArray] = {}
-        nodes, weights = (_NODES, _WEIGHTS) if _curved(step.node) else (np.array([0.5]), np.array([1.0]))
+        nodes, weights = (_NODES, _WEIGHTS) if _is_curved(step.node) else (np.array([0.5]), np.array([1.0]))
         for at, weight in zip((a.at + (b.at - a.at) * nodes).tolist(), weights.tolist(), strict=True):
             assert isinstance(step.node, f.Comparison)
             gradient = margin_gradient(step.node, self._algebra(at, a.late).numbers, step.sample)
@@ -180,10 +180,10 @@ class Path:
                 credit[name] = credit.get(name, 0.0) + way * (
                     self.pair.real[name] - self.pair.simulated[name]
                 )
-        found = sum(float(part.sum()) for part in credit.values())
+        credited = sum(float(part.sum()) for part in credit.values())
         size = sum(float(np.abs(part).sum()) for part in credit.values())
-        if abs(found - amount) <= _EXACT * max(1.0, size, abs(a.rho), abs(b.rho)):
-            yield Piece(steps, amount, credit)
+        if abs(credited - amount) <= _EXACT * max(1.0, size, abs(a.rho), abs(b.rho)):
+            yield PathPiece(steps, amount, credit)
         elif b.at - a.at <= _NARROW:
             yield from self._jump(a, b)
         else:
@@ -191,7 +191,7 @@ class Path:
             yield from self._one(steps, a, middle)
             yield from self._one(steps, middle, b)
 
-    def _jump(self, a: _Point, b: _Point) -> Iterator[Piece]:
+    def _jump(self, a: _Point, b: _Point) -> Iterator[PathPiece]:
         """Yield the jump of ρ, divided among the channels by the jump that each makes alone."""
         amount = b.rho - a.rho
         steps = b.steps if isinstance(b.steps[-1].node, f.Comparison) else a.steps
@@ -211,10 +211,10 @@ class Path:
             nearest = np.argmin(np.abs(columns - steps[-1].sample))
             near[rows[nearest], columns[nearest]] = share * amount
             credit[name] = near
-        yield Piece(steps, amount, credit, jump=True)
+        yield PathPiece(steps, amount, credit, jump=True)
 
 
-def _curved(node: f.Node) -> bool:
+def _is_curved(node: f.Node) -> bool:
     """Return whether a number is no piecewise linear function of the signals."""
     match node:
         case f.Norm():
@@ -227,7 +227,7 @@ def _curved(node: f.Node) -> bool:
             bends = _varies(node.right)
         case _:
             bends = False
-    return bends or any(map(_curved, f.children(node)))
+    return bends or any(map(_is_curved, f.children(node)))
 
 
 def _varies(node: f.Node) -> bool:

@@ -19,22 +19,19 @@ from s2r_spec.trace import Trace
 T = TypeVar("T")
 
 ROUNDING = 0.1
-"""Tolerance: rounding moves an end by less than this part of the range's width. Doubled, a third of all ends have one
-digit less."""
+"""Tolerance: rounding moves an end by less than this part of the range's width."""
 POINT = 0.01
-"""Tolerance: a range of values narrower than this part of all that occur is printed as one value, "about 0 m/s".
-Doubled, so are ranges that are twice as wide."""
+"""Tolerance: a range of values narrower than this part of all that occur is printed as one value, "about 0 m/s"."""
 DIGITS = 0.005
 """Definition: relative rounding error of a number that has no range: three significant digits."""
 INSTANT = 0.01
-"""Tolerance [s]: largest rounding error of an instant. Doubled, instants after 2 s are as coarse as 20 ms."""
+"""Tolerance [s]: largest rounding error of an instant."""
 EXPLAINS = 0.5
-"""Tolerance: a difference of at least this part of the largest may be its cause, if it begins earlier. Doubled, the
-largest difference always comes first."""
+"""Tolerance: a difference of at least this part of the largest may be its cause, if it begins earlier."""
 
 
 @dataclass(frozen=True)
-class Range:
+class ValueRange:
     """Values of one quantity, in its unit.
 
     Attributes:
@@ -123,10 +120,10 @@ class Place:
         values: ranges of channels or of test parameters that hold together.
     """
 
-    time: Range | None = None
+    time: ValueRange | None = None
     part: str = ""
     phase: tuple[float, float] | None = None
-    values: tuple[Range, ...] = ()
+    values: tuple[ValueRange, ...] = ()
 
     def precedes(self, other: Place) -> bool:
         """Whether this place surely begins before another: windows show an onset to half of their length."""
@@ -155,23 +152,23 @@ class Place:
 
 def instant(time: float) -> str:
     """Return a time from the start of a rollout [s] in words: "at 1.86 s"."""
-    return Range(time, time).in_time()
+    return ValueRange(time, time).in_time()
 
 
-def cause_first(found: Sequence[T], place: Callable[[T], Place], strength: Callable[[T], float]) -> list[T]:
-    """Return what was found, with the place where a difference begins before the places that react to it.
+def cause_first(items: Sequence[T], place: Callable[[T], Place], strength: Callable[[T], float]) -> list[T]:
+    """Return items with a difference, with the place where a difference begins before the places that react to it.
 
     In a closed loop a difference goes on after its cause, and the controller's reaction may be larger than the cause.
     So all that have at least :data:`EXPLAINS` of the largest strength come first, and none of them before one that
     surely begins earlier. Otherwise strength decides.
 
     Args:
-        found: places with a difference.
+        items: places with a difference.
         place: of each.
         strength: of each, on one scale; those of 0 keep their order.
     """
-    by_strength = sorted(found, key=lambda one: -strength(one))
-    least = EXPLAINS * max(map(strength, found), default=0.0)
+    by_strength = sorted(items, key=lambda one: -strength(one))
+    least = EXPLAINS * max(map(strength, items), default=0.0)
     count = sum(strength(one) >= least > 0.0 for one in by_strength)
     large, ordered = by_strength[:count], []
     while large:
@@ -184,9 +181,9 @@ def cause_first(found: Sequence[T], place: Callable[[T], Place], strength: Calla
     return ordered + by_strength[count:]
 
 
-def visited(
+def find_visit(
     traces: Sequence[Trace], channel: str, column: int, low: float, high: float
-) -> tuple[Range | None, Range]:
+) -> tuple[ValueRange | None, ValueRange]:
     """Return when one column of a channel has values above ``low`` up to ``high``, and these values.
 
     Times count from the start of each trace, from the first to the last such sample of all traces. They are None if no
@@ -197,16 +194,16 @@ def visited(
     values = [trace[channel].reshape(len(trace), -1)[:, column] for trace in having]
     known = [part[np.isfinite(part)] for part in values if np.isfinite(part).any()]
     if not known:
-        return None, Range(low, high, unit, channel)
+        return None, ValueRange(low, high, unit, channel)
     lowest, highest = float(min(map(np.min, known))), float(max(map(np.max, known)))
-    within = Range(low, high, unit, channel, lowest, highest)
+    within = ValueRange(low, high, unit, channel, lowest, highest)
     clocks = [trace.times - trace.times[0] for trace in having]
     inside = [clock[(part > low) & (part <= high)] for clock, part in zip(clocks, values, strict=True)]
     begins, ends = ([float(times[end]) for times in inside if times.size] for end in (0, -1))
     if not begins or max(begins) > min(ends):
         return None, within
     longest = max(float(clock[-1]) for clock in clocks)
-    return Range(min(begins), max(ends), lowest=0.0, highest=longest), within
+    return ValueRange(min(begins), max(ends), lowest=0.0, highest=longest), within
 
 
 def _quantity(value: float, unit: str, error: float) -> str:

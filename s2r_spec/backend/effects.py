@@ -192,10 +192,10 @@ def catalogue_of(backend: Backend) -> tuple[Effect, ...]:
             f"see {page('how-to/effects')}"
         )
     chosen = backend.chosen() if isinstance(backend, HasChosen) else {}
-    return tuple(_checked(backend.name, effect, chosen.get(effect.name, {})) for effect in backend.effects())
+    return tuple(_check(backend.name, effect, chosen.get(effect.name, {})) for effect in backend.effects())
 
 
-def _checked(backend: str, effect: Effect, chosen: Mapping[str, float]) -> Effect:
+def _check(backend: str, effect: Effect, chosen: Mapping[str, float]) -> Effect:
     """Return the effect with its added values as nominal ones."""
     for p in effect.parameters:
         if not (p.low <= p.nominal <= p.high and p.low < p.high and math.isfinite(p.high - p.low)):

@@ -76,10 +76,10 @@ class Parameter:
 
     def _read(self, value: Any) -> Any:
         """Return a value that has a unit as a number in this parameter's unit; any other value unchanged."""
-        from s2r_spec.lang.amounts import Quantity, read_amount
+        from s2r_spec.lang.amounts import PintQuantity, read_amount
         from s2r_spec.lang.units import UnknownUnitError, parse_unit
 
-        if not isinstance(value, str | Quantity):
+        if not isinstance(value, str | PintQuantity):
             return value
         try:
             return read_amount(value, parse_unit(self.unit), self.name)

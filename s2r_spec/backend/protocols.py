@@ -140,12 +140,12 @@ def named(protocols: Iterable[Protocol], name: str, backend: str) -> Protocol:
     Raises:
         UsageError: the backend does not have it.
     """
-    found = {one.name: one for one in protocols}
-    if name not in found:
+    by_name = {one.name: one for one in protocols}
+    if name not in by_name:
         raise UsageError(
-            f"the backend {backend!r} has no protocol {name!r}{did_you_mean(name, found)}; it has {one_of(found)}"
+            f"the backend {backend!r} has no protocol {name!r}{did_you_mean(name, by_name)}; it has {one_of(by_name)}"
         )
-    return found[name]
+    return by_name[name]
 
 
 def protocol_of(backend: object, name: str) -> Protocol:

@@ -79,8 +79,8 @@ def load_backend(name: str) -> Backend:
         raise BackendError(f"backend {name!r} cannot be opened: {type(error).__name__}: {error}") from error
     if words := fault(backend):
         raise BackendError(f"backend {name!r} ({type(backend).__name__}) {words}")
-    found: Backend = backend
-    return found
+    opened: Backend = backend
+    return opened
 
 
 def described(name: str) -> tuple[Backend, tuple[Option, ...]]:

@@ -21,19 +21,19 @@ _PACKAGES = {"PIL": "pillow", "pinocchio": "pin"}
 
 
 @cache
-def own() -> Distribution | None:
+def find_own() -> Distribution | None:
     """Return the distribution with the command ``s2r`` of this package; None for a source tree on the path."""
-    return _offering("console_scripts", "s2r", f"{__name__.partition('.')[0]}.")
+    return _provider("console_scripts", "s2r", f"{__name__.partition('.')[0]}.")
 
 
-def offering(backend: str) -> Distribution | None:
+def find_provider(backend: str) -> Distribution | None:
     """Return the distribution that offers a backend of this name; None if there is none."""
-    return _offering(BACKENDS, backend)
+    return _provider(BACKENDS, backend)
 
 
 def version() -> str:
     """Return the version of s2r, such as ``0.1.0``."""
-    distribution = own()
+    distribution = find_own()
     return UNKNOWN if distribution is None else distribution.version
 
 
@@ -43,7 +43,7 @@ def package(module: str) -> str:
     return _PACKAGES.get(top, top)
 
 
-def installing(modules: Iterable[str], distribution: Distribution | None) -> str:
+def install_command(modules: Iterable[str], distribution: Distribution | None) -> str:
     """Return the command that installs the packages of some modules.
 
     Args:
@@ -62,7 +62,7 @@ def installing(modules: Iterable[str], distribution: Distribution | None) -> str
     return f"pip install '{name}[{extra}]'" if extra else f"pip install {name}"
 
 
-def _offering(group: str, name: str, prefix: str = "") -> Distribution | None:
+def _provider(group: str, name: str, prefix: str = "") -> Distribution | None:
     from importlib.metadata import entry_points
 
     points = entry_points(group=group, name=name)
@@ -75,7 +75,7 @@ def _extra(distribution: Distribution, packages: Iterable[str]) -> str | None:
     from packaging.utils import canonicalize_name
 
     requirements = [Requirement(line) for line in distribution.requires or ()]
-    wanted = {canonicalize_name(name) for name in packages}
+    names = {canonicalize_name(name) for name in packages}
     suitable = {}
     for extra in ("", *(distribution.metadata.get_all("Provides-Extra") or ())):
         brought = {
@@ -83,6 +83,6 @@ def _extra(distribution: Distribution, packages: Iterable[str]) -> str | None:
             for requirement in requirements
             if requirement.marker is None or requirement.marker.evaluate({"extra": extra})
         }
-        if wanted <= brought:
+        if names <= brought:
             suitable[extra] = len(brought)
     return min(suitable, key=lambda extra: (suitable[extra], extra), default=None)

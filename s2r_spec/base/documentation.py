@@ -11,8 +11,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from s2r_spec.base.distribution import own
-from s2r_spec.base.shipped import shipped
+from s2r_spec.base.distribution import find_own
+from s2r_spec.base.shipped import shipped_folder
 
 NOTEBOOK = ".ipynb"
 
@@ -20,7 +20,7 @@ NOTEBOOK = ".ipynb"
 @cache
 def _address() -> str | None:
     """Return the address of the documentation's site, from the project's URLs; None if it has none."""
-    distribution = own()
+    distribution = find_own()
     if distribution is None:
         return None
     urls = distribution.metadata.get_all("Project-URL") or []
@@ -41,14 +41,14 @@ def page(name: str) -> str:
 
 def folder() -> Path | None:
     """Return the folder of the pages, of the installed package or of the checkout; None if there is neither."""
-    return shipped("docs")
+    return shipped_folder("docs")
 
 
 def pages(place: Path) -> dict[str, Path]:
     """Return name → file of every page below a folder, in the order of their names."""
     paths = [path for path in place.rglob("*") if path.suffix in (".md", NOTEBOOK)]
-    found = {path.relative_to(place).with_suffix("").as_posix(): path for path in paths}
-    return dict(sorted(found.items()))
+    pages_by_name = {path.relative_to(place).with_suffix("").as_posix(): path for path in paths}
+    return dict(sorted(pages_by_name.items()))
 
 
 def read(path: Path) -> str:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from importlib.metadata import Distribution
 
 MOST_NAMES = 60
-"""Budget: names that an error lists; twice as many fill a screen."""
+"""Budget: names that an error lists."""
 LONGEST_NAME = 100
 """Budget: letters of a name that an error shows or compares; the time of a comparison grows with their square."""
 
@@ -60,10 +60,10 @@ class S2RError(Exception):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by message and attributes: a worker process may raise an error with a constructor of its own."""
-        return _unpickled, (type(self), self.args, vars(self))
+        return _unpickle, (type(self), self.args, vars(self))
 
 
-def _unpickled(kind: type[S2RError], args: tuple[Any, ...], attributes: dict[str, Any]) -> S2RError:
+def _unpickle(kind: type[S2RError], args: tuple[Any, ...], attributes: dict[str, Any]) -> S2RError:
     error = kind.__new__(kind, *args)
     vars(error).update(attributes)
     return error
@@ -135,7 +135,9 @@ class MissingPackageError(UsageError):
     """A backend is installed, but a package that it needs is not."""
 
     def __init__(self, backend: str, package: str) -> None:
-        super().__init__(not_installed(f"backend {backend!r} needs", package, distribution.offering(backend)))
+        super().__init__(
+            not_installed(f"backend {backend!r} needs", package, distribution.find_provider(backend))
+        )
 
 
 def require(need: str, *modules: str) -> None:
@@ -150,7 +152,9 @@ def require(need: str, *modules: str) -> None:
     """
     missing = [module for module in modules if find_spec(module) is None]
     if missing:
-        raise UsageError(_not_installed(need, missing, distribution.installing(modules, distribution.own())))
+        raise UsageError(
+            _install_sentence(need, missing, distribution.install_command(modules, distribution.find_own()))
+        )
 
 
 def not_installed(need: str, module: str, owner: Distribution | None) -> str:
@@ -161,10 +165,10 @@ def not_installed(need: str, module: str, owner: Distribution | None) -> str:
         module: its name.
         owner: the distribution of the code that needs it.
     """
-    return _not_installed(need, [module], distribution.installing([module], owner))
+    return _install_sentence(need, [module], distribution.install_command([module], owner))
 
 
-def _not_installed(need: str, modules: Iterable[str], command: str) -> str:
+def _install_sentence(need: str, modules: Iterable[str], command: str) -> str:
     names = [distribution.package(module) for module in modules]
     missing = (
         f"the package {names[0]!r}, which is" if len(names) == 1 else f"{' and '.join(names)}, which are"

@@ -79,7 +79,7 @@ class Shown:
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> Any:
         """Return pydantic's schema of the JSON object."""
-        return handler(_described(cast(Any, cls)))
+        return handler(_describe(cast(Any, cls)))
 
 
 def _entries(record: type[Shown]) -> dict[str, str]:
@@ -89,7 +89,7 @@ def _entries(record: type[Shown]) -> dict[str, str]:
 
 
 @cache
-def _described(record: Any) -> Any:
+def _describe(record: Any) -> Any:
     """Return a typed dictionary with the types of the entries, and descriptions of those that the record lacks."""
     types: dict[str, Any] = {}
     rows, bases = ["Attributes:"], []
@@ -98,7 +98,7 @@ def _described(record: Any) -> Any:
     for name, path in _entries(record).items():
         kind, words = _kind(record, path.removeprefix("*"))
         if name.startswith("*"):
-            spread = _described(kind) if issubclass(kind, Shown) else kind
+            spread = _describe(kind) if issubclass(kind, Shown) else kind
             types |= get_type_hints(spread, include_extras=True)
             bases.append(spread)
             continue
@@ -122,19 +122,19 @@ def _kind(record: type, path: str) -> tuple[Any, str]:
     name, _, rest = path.partition(".")
     if name == "__str__":
         return str, ""
-    found: Any = getattr(record, name, None)
-    function = (
-        getattr(found, "fget", None) or getattr(found, "func", None) or (found if callable(found) else None)
-    )
+    attribute: Any = getattr(record, name, None)
+    function = getattr(attribute, "fget", None) or getattr(attribute, "func", None)
+    if function is None and callable(attribute):
+        function = attribute
     hints = get_type_hints(function or record, include_extras=True)
     kind = hints["return" if function else name]
     if rest:
         return _kind(kind, rest)
-    words = "" if callable(found) or not function else (function.__doc__ or "").split("\n\n")[0]
+    words = "" if callable(attribute) or not function else (function.__doc__ or "").split("\n\n")[0]
     return kind, words[:1].lower() + words[1:]
 
 
-def extended(kind: type[Record], record: Any, **more: Any) -> Record:
+def extend(kind: type[Record], record: Any, **more: Any) -> Record:
     """Return a record of a kind, with the fields that it shares with another record, and these more."""
     own = {each.name for each in fields(kind)}
     shared = {each.name for each in fields(record) if each.init} & own
@@ -169,10 +169,10 @@ def to_json(value: Any, infinite: bool = False) -> Any:
         return shown
     if is_dataclass(value):
         absent = optional_fields(value)
-        found = {each.name: getattr(value, each.name) for each in fields(value)}
+        entries = {each.name: getattr(value, each.name) for each in fields(value)}
         return {
             name: to_json(one, infinite)
-            for name, one in found.items()
+            for name, one in entries.items()
             if one is not None or name not in absent
         }
     if isinstance(value, Enum):

@@ -11,7 +11,7 @@ SMALLEST, LARGEST = 1e-100, 1e100
 """Definition: smallest and largest size of a setting or length other than 0, in its own unit.
 
 Bounds contain squares of settings and quotients of squares. Within these sizes none of them overflows or underflows in
-double precision. With both exponents doubled some would.
+double precision.
 """
 
 

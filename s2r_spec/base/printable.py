@@ -28,7 +28,7 @@ def one_line(text: object) -> str:
 
     Commands to a CI runner (``::`` at the start, ``##[``) are escaped, too.
     """
-    line = _CONTROL_OR_BREAK.sub(_escaped, str(text))
+    line = _CONTROL_OR_BREAK.sub(_escape, str(text))
     return _OLD_COMMAND.sub(r"\\u0023#", _COMMAND.sub(r"\1\\u003a:", line))
 
 
@@ -37,14 +37,14 @@ def lines(text: object) -> str:
     return "\n".join(map(one_line, str(text).split("\n")))
 
 
-def spelled(unit: str) -> str:
+def spell_unit(unit: str) -> str:
     """Return a unit as people write it: ``N*m*s/rad`` as ``N·m·s/rad``, ``m/s^2`` as ``m/s²``."""
-    return _POWER.sub(lambda found: found[1].translate(_RAISED), unit).replace("*", "·")
+    return _POWER.sub(lambda power: power[1].translate(_RAISED), unit).replace("*", "·")
 
 
 def without_controls(text: str) -> str:
     """Return a text whose control characters are escaped, except line breaks."""
-    return _CONTROL.sub(_escaped, text)
+    return _CONTROL.sub(_escape, text)
 
 
 def html_text(text: object) -> str:
@@ -61,12 +61,12 @@ def html_table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -
     return f"<table><caption>{html_text(title)}</caption>{above}<tbody>{body}</tbody></table>"
 
 
-def _escaped(match: re.Match[str]) -> str:
+def _escape(match: re.Match[str]) -> str:
     character = match[0]
     return _SHORT.get(character) or f"\\u{ord(character):04x}"
 
 
-def counted_messages(count: int, name: str, verb: str) -> str:
+def count_messages(count: int, name: str, verb: str) -> str:
     """Return the begin of a sentence on messages: "1 message of v has", or "2 messages of v have"."""
     if count != 1:
         return f"{count:,} messages of {name} {verb}"

@@ -10,14 +10,14 @@ import math
 import re
 from dataclasses import dataclass
 
-from s2r_spec.base.printable import spelled
+from s2r_spec.base.printable import spell_unit
 
 SMALL = 0.01
-"""Definition: a quantity below it [in its unit] gets an SI prefix; doubled, 15 mm reads 0.015 m."""
+"""Definition: a quantity below it [in its unit] gets an SI prefix."""
 SYMMETRIC = 0.1
 """Tolerance: difference of both half-widths, in parts of their mean, up to which an interval is written with ±."""
 MOST_PLACES = 6
-"""Definition: decimals from which on a quantity without a prefix is written with an exponent; doubled, 12 zeros."""
+"""Definition: decimals from which on a quantity without a prefix is written with an exponent."""
 _PREFIXES = (("m", 1e-3), ("µ", 1e-6), ("n", 1e-9))
 _PREFIXABLE = re.compile(r"(?:m|s|N|V|A|W|J|Pa|Hz)(?=$|[/*])")
 
@@ -40,12 +40,12 @@ class Scale:
         size = abs(largest)
         if 0.0 < size < SMALL and _PREFIXABLE.match(unit):
             prefix, factor = next((one for one in _PREFIXES if size >= one[1]), _PREFIXES[-1])
-            return cls(factor, prefix + spelled(unit))
-        return cls(1.0, spelled(unit))
+            return cls(factor, prefix + spell_unit(unit))
+        return cls(1.0, spell_unit(unit))
 
     def number(self, value: float, uncertainty: float) -> str:
         """Return a value [unit without prefix] with the digits that its uncertainty leaves; three if it has none."""
-        return _rounded(value / self.factor, uncertainty / self.factor)
+        return _round(value / self.factor, uncertainty / self.factor)
 
 
 def quantity(value: float, unit: str, uncertainty: float = 0.0) -> str:
@@ -60,7 +60,7 @@ def interval(low: float, high: float, unit: str) -> str:
     return f"{scale.number(low, half)} to {scale.number(high, half)} {scale.unit}".rstrip()
 
 
-def measured(value: float, low: float, high: float, unit: str) -> str:
+def format_estimate(value: float, low: float, high: float, unit: str) -> str:
     """Return an estimate with its interval: ``0.60 ± 0.09 N·m``, or ``1.5 N (1.1 to 2.2 N)`` if it is lopsided."""
     half = (high - low) / 2
     if half <= 0.0:
@@ -71,7 +71,7 @@ def measured(value: float, low: float, high: float, unit: str) -> str:
     return f"{scale.number(value, half)} ± {scale.number(half, half)} {scale.unit}".rstrip()
 
 
-def _rounded(value: float, uncertainty: float) -> str:
+def _round(value: float, uncertainty: float) -> str:
     """Return a value rounded to the digits of its uncertainty."""
     if not (uncertainty > 0.0 and math.isfinite(uncertainty) and math.isfinite(value)):
         return f"{value:.3g}"

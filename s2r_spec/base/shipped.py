@@ -7,7 +7,7 @@ from pathlib import Path
 _PACKAGE = Path(__file__).resolve().parents[1]
 
 
-def shipped(name: str) -> Path | None:
+def shipped_folder(name: str) -> Path | None:
     """Return a folder, such as ``docs``, of a wheel or else of the checkout; None if there is neither.
 
     A wheel has the folders in ``data`` of this package (``force-include`` in pyproject.toml).

@@ -10,7 +10,7 @@ import typer
 from s2r_spec.base.errors import UsageError
 from s2r_spec.base.files import save
 from s2r_spec.base.json_values import line
-from s2r_spec.base.shipped import shipped
+from s2r_spec.base.shipped import shipped_folder
 from s2r_spec.cli.options.search import AsJson
 from s2r_spec.cli.terminal.common import sentences
 from s2r_spec.cli.terminal.terminal import say
@@ -45,7 +45,7 @@ def examples(folder: Folder = Path("specs"), as_json: AsJson = False) -> None:
 
 def _contents() -> dict[str, bytes]:
     """Return name → content of every shipped file, specifications first."""
-    place = shipped("specs")
+    place = shipped_folder("specs")
     if place is None:
         raise UsageError("this installation has no examples; install s2r again, from a wheel or a checkout")
     paths = [*sorted(place.glob("*.stl")), *sorted(place.glob("traces/*.*"))]

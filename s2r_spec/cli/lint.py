@@ -13,7 +13,7 @@ from s2r_spec.cli.terminal.common import sentences
 
 if TYPE_CHECKING:
     from s2r_spec.lang.diagnostics import Diagnostic
-    from s2r_spec.lang.lints.finding import Finding
+    from s2r_spec.lang.lints.finding import LintWarning
 
 
 def lint(
@@ -29,15 +29,15 @@ def lint(
     """Report mistakes, and parts of a specification that are easily misread. Exit code 1 if there are any."""
     with sentences(as_json):
         from s2r_spec.lang.files import read_text
-        from s2r_spec.lang.lints import fixed
+        from s2r_spec.lang.lints import apply_fixes
         from s2r_spec.report.records.specs import LintFinding, LintObject
 
         texts = {path: read_text(path) for path in specs}
-        flat: list[Finding | Diagnostic] = []
+        flat: list[LintWarning | Diagnostic] = []
         for path, text in texts.items():
             findings, mistakes = _checked(text, str(path))
             if fix and any(finding.edits for finding in findings):
-                save(path, fixed(text, findings))
+                save(path, apply_fixes(text, findings))
             flat += [*mistakes, *(finding for finding in findings if not (fix and finding.edits))]
         if as_json:
             rows = (
@@ -57,7 +57,7 @@ def lint(
         raise typer.Exit(1 if flat else 0)
 
 
-def _checked(text: str, name: str) -> tuple[tuple[Finding, ...], tuple[Diagnostic, ...]]:
+def _checked(text: str, name: str) -> tuple[tuple[LintWarning, ...], tuple[Diagnostic, ...]]:
     """Return the findings in a specification, or else its mistakes."""
     from s2r_spec.lang.diagnostics import SpecError
     from s2r_spec.lang.lints import lint as findings_of

@@ -20,11 +20,11 @@ from s2r_spec.cli.terminal import terminal
 from s2r_spec.cli.terminal.common import answered, note, sentences
 
 if TYPE_CHECKING:
-    from s2r_spec.recordings.spec_traces import Request
+    from s2r_spec.recordings.spec_traces import TraceRequest
     from s2r_spec.report.records.monitor import MonitoredTrace, UnreadTrace
     from s2r_spec.robustness.online.monitor import RobustInterval
     from s2r_spec.spec import Spec
-    from s2r_spec.spec.followed import Change, Ended, Stream
+    from s2r_spec.spec.followed import Ended, SampleStream, VerdictChange
     from s2r_spec.spec.monitored import Conventions
 
 TraceFiles = Annotated[
@@ -119,20 +119,20 @@ def monitor(
         raise typer.Exit(_evaluate(request, traces, conventions, as_json))
 
 
-def _request(spec: Path, params: list[str], requirements: list[str] | None, reading: LogForm) -> Request:
+def _request(spec: Path, params: list[str], requirements: list[str] | None, reading: LogForm) -> TraceRequest:
     """Return what is evaluated, and how files are read."""
-    from s2r_spec.recordings.excerpts import read_sources
-    from s2r_spec.recordings.spec_traces import Request
+    from s2r_spec.recordings.log_episodes import read_sources
+    from s2r_spec.recordings.spec_traces import TraceRequest
     from s2r_spec.spec import load_spec
 
     parsed = load_spec(spec)
     stated, sources = read_sources(params)
     values = parsed.read_params(stated)
     chosen = tuple(requirements or parsed.requirements)
-    return Request(parsed, chosen, values, reading.excerpts(sources), missing(reading.nan))
+    return TraceRequest(parsed, chosen, values, reading.episode_settings(sources), missing(reading.nan))
 
 
-def _evaluate(request: Request, traces: list[Path], conventions: Conventions, as_json: bool) -> int:
+def _evaluate(request: TraceRequest, traces: list[Path], conventions: Conventions, as_json: bool) -> int:
     """Evaluate recorded traces, print their results, and return the exit code."""
     from s2r_spec.base.errors import UsageError
     from s2r_spec.report.monitor import monitor_file, monitor_record
@@ -169,12 +169,12 @@ def _print(result: MonitoredTrace) -> None:
 
 
 def _follow(
-    request: Request, source: Path, following: Following, conventions: Conventions, as_json: bool
+    request: TraceRequest, source: Path, following: Following, conventions: Conventions, as_json: bool
 ) -> int:
     """Follow a file, or standard input if it is ``-``, to its end; print each change, and return the exit code."""
     from s2r_spec.recordings.spec_streams import stream_of_file, stream_of_rows
-    from s2r_spec.recordings.spec_traces import named
-    from s2r_spec.spec.followed import Change, OnlineConventions, follow
+    from s2r_spec.recordings.spec_traces import in_file
+    from s2r_spec.spec.followed import OnlineConventions, VerdictChange, follow
 
     how = OnlineConventions(
         period=following.period,
@@ -185,7 +185,7 @@ def _follow(
     )
     naming: AbstractContextManager[None]
     if str(source) != "-":
-        stream, naming = stream_of_file(request, source), named(source)
+        stream, naming = stream_of_file(request, source), in_file(source)
     else:
         if hasattr(sys.stdin, "reconfigure"):
             sys.stdin.reconfigure(errors="replace")  # other columns may hold bytes that are not text
@@ -193,14 +193,14 @@ def _follow(
     ended: list[Ended] = []
     with naming:
         for one in follow(request.spec, request.requirements, stream, how):
-            if isinstance(one, Change):
+            if isinstance(one, VerdictChange):
                 _print_change(request.spec, one, as_json)
             else:
                 ended.append(one)
     return _print_end(request.spec, stream, ended, as_json)
 
 
-def _print_change(spec: Spec, change: Change, as_json: bool) -> None:
+def _print_change(spec: Spec, change: VerdictChange, as_json: bool) -> None:
     if as_json:
         from s2r_spec.report.monitor import change_record
 
@@ -213,7 +213,7 @@ def _print_change(spec: Spec, change: Change, as_json: bool) -> None:
     _write(f"t = {when}  {name} {interval.verdict}: {_words(interval, spec.unit(name))}", interval)
 
 
-def _print_end(spec: Spec, stream: Stream, ended: list[Ended], as_json: bool) -> int:
+def _print_end(spec: Spec, stream: SampleStream, ended: list[Ended], as_json: bool) -> int:
     from s2r_spec.report.monitor import online_record
 
     for sentence in stream.notes:

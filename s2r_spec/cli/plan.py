@@ -155,13 +155,13 @@ def plan(
 
 
 def _print_json(request: PlanRequest, result: Plan) -> None:
-    from s2r_spec.base.json_values import extended
+    from s2r_spec.base.json_values import extend
     from s2r_spec.report.records.plan import PlanObject
 
     of = request.settings
     values = {"R": of.R, "epsilon": of.epsilon, "delta": of.delta, "B": of.B}
     more = {"seconds_per_rollout": request.seconds, "pilot": request.pilot}
-    print(line(extended(PlanObject, result, **values, **more)))
+    print(line(extend(PlanObject, result, **values, **more)))
 
 
 def _print_request(request: PlanRequest, cost: Cost) -> None:

@@ -13,7 +13,7 @@ _TEXT = re.compile(rf"\s*{NUMBER_AND_UNIT}")
 
 
 @runtime_checkable
-class Quantity(Protocol):
+class PintQuantity(Protocol):
     """A number with a unit, as of pint."""
 
     @property
@@ -27,7 +27,7 @@ class Quantity(Protocol):
         ...
 
 
-Amount = float | str | Quantity
+Amount = float | str | PintQuantity
 """A value of a parameter: a number in the declared unit, or a number with its own unit."""
 
 
@@ -44,25 +44,25 @@ def read_amount(value: Any, unit: Unit, name: str) -> float:
     """
     if type(value) is float:  # the common case, once for each rollout
         return value
-    what = f"{name} = {str(value) if isinstance(value, Quantity) else repr(value)}"
+    what = f"{name} = {str(value) if isinstance(value, PintQuantity) else repr(value)}"
     if isinstance(value, str):
         match = _TEXT.fullmatch(value)
         if match is None:
             example = f"0.3 {unit.text}".rstrip()
             raise UsageError(f"{what} is text, not a number with a unit such as {example!r}")
-        return converted(float(match["number"]), match["unit"], unit, what, name)
+        return convert(float(match["number"]), match["unit"], unit, what, name)
     written = ""
     number = value
-    if isinstance(value, Quantity):
+    if isinstance(value, PintQuantity):
         number, written = value.magnitude, f"{value.units:~C}".replace("dimensionless", "") or "1"
     try:
         number = float(number)
     except (TypeError, ValueError):
         raise UsageError(f"{what} is not a number") from None
-    return converted(number, written, unit, what, name) if written else number
+    return convert(number, written, unit, what, name) if written else number
 
 
-def converted(number: float, written: str, unit: Unit, what: str, name: str) -> float:
+def convert(number: float, written: str, unit: Unit, what: str, name: str) -> float:
     """Return a number of the written unit in another unit; "" for the same unit.
 
     Args:
@@ -78,12 +78,12 @@ def converted(number: float, written: str, unit: Unit, what: str, name: str) -> 
     if not written:
         return number
     try:
-        found = parse_unit(written)
+        source = parse_unit(written)
     except UnknownUnitError:
         raise UsageError(f"{what}: {written!r} is not a unit") from None
-    if not found.fits(unit):
-        readings = found.two_readings(unit)
+    if not source.fits(unit):
+        readings = source.two_readings(unit)
         raise UsageError(
             f"{what}: {written} does not convert to {unit}, the unit of {name!r}{readings and f'. {readings}'}"
         )
-    return found.to(unit)(number)
+    return source.to(unit)(number)

@@ -184,9 +184,9 @@ class _Builder:
                 )
         return syntax.Until(span=span, left=self.node(left), links=tuple(links))
 
-    def _step(self, span: Span, children: list[_Child]) -> syntax.Step:
+    def _step(self, span: Span, children: list[_Child]) -> syntax.AdjacentSample:
         operator = cast(syntax.StepOp, str(children[0]))
-        return syntax.Step(span=span, operator=operator, operand=self.node(children[1]))
+        return syntax.AdjacentSample(span=span, operator=operator, operand=self.node(children[1]))
 
     def _interval(self, span: Span, children: list[_Child]) -> syntax.Interval:
         opening, low, _, high, closing = children

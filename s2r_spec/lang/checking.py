@@ -34,12 +34,12 @@ def check_text(text: str, name: str = "<string>", stored: Mapping[str, str] | No
         SpecError: the text has mistakes; the error lists all of them.
     """
     parsed, imports = gather(Source.of(text, name), stored)
-    if any(found.code == "E22" for found in parsed.diagnostics):
+    if any(mistakes.code == "E22" for mistakes in parsed.diagnostics):
         raise SpecError(parsed.diagnostics)  # the rest of a text that is too long was not read
     checker = _Checker(parsed, imports)
-    found = {*parsed.diagnostics, *(mistake for rule in RULES for mistake in rule(parsed)), *checker.run()}
-    if found:
-        raise SpecError(found)
+    mistakes = {*parsed.diagnostics, *(mistake for rule in RULES for mistake in rule(parsed)), *checker.run()}
+    if mistakes:
+        raise SpecError(mistakes)
     return checker.document()
 
 
@@ -68,7 +68,7 @@ class _Checker:
                 continue
             name = statement.name.text
             try:
-                declared = self._declared(statement)
+                declared = self._declare(statement)
             except Mistake as mistake:
                 self.scope.poisoned.add(name)
                 yield from mistake.diagnostics
@@ -78,9 +78,9 @@ class _Checker:
                 if isinstance(statement, syntax.Require) and isinstance(declared, Definition):
                     assert isinstance(declared.body, f.Formula)
                     self.requirements[name] = declared.body
-        yield from self._certified()
+        yield from self._check_certify()
 
-    def _certified(self) -> Iterator[Diagnostic]:
+    def _check_certify(self) -> Iterator[Diagnostic]:
         """Check the ``certify`` lines; a requirement's own line overrides the line for all."""
         lines = [line for line in self.parsed.statements if isinstance(line, syntax.Certify)]
         for line in sorted(lines, key=lambda line: line.name is None):
@@ -96,17 +96,17 @@ class _Checker:
 
     def document(self) -> Document:
         """Return the checked document; valid only if there were no mistakes."""
-        found = self.scope.declared
+        declared = self.scope.declared
         return Document(
             self.parsed.source,
             self.imports,
-            {name: item for name, item in found.items() if isinstance(item, Signal)},
-            {name: item for name, item in found.items() if isinstance(item, Param)},
+            {name: item for name, item in declared.items() if isinstance(item, Signal)},
+            {name: item for name, item in declared.items() if isinstance(item, Param)},
             self.requirements,
             self.certify,
         )
 
-    def _declared(self, statement: syntax.Statement) -> Declaration:
+    def _declare(self, statement: syntax.Statement) -> Declaration:
         scope = self.scope
         assert statement.name is not None
         span = statement.name.span

@@ -69,10 +69,10 @@ def margins(formulas: Sequence[f.Formula]) -> tuple[tuple[f.Formula, ...], Unit 
         return tuple(formulas), None
     if any(formula.unit is not None and not formula.unit.fits(unit) for formula in formulas):
         return tuple(formulas), f.MIXED
-    return tuple(_rescaled(formula, unit) for formula in formulas), unit
+    return tuple(_rescale(formula, unit) for formula in formulas), unit
 
 
-def _rescaled(formula: f.Formula, unit: Unit) -> f.Formula:
+def _rescale(formula: f.Formula, unit: Unit) -> f.Formula:
     if formula.unit is None or (factor := formula.unit.to(unit).factor) == 1.0:
         return formula
     return f.Rescale(span=formula.span, unit=unit, operand=formula, factor=factor)

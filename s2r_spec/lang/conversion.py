@@ -103,8 +103,8 @@ class Conversion:
                 break
             n = np.rint(x * ten)
             top = a * n + b * ten
-            found = (n / ten == x) & (n != 0) & (np.abs(top) <= WHOLE)
-            flat[at[found]] = top[found] / (c * ten)
-            x, at = x[~found], at[~found]
+            exact = (n / ten == x) & (n != 0) & (np.abs(top) <= WHOLE)
+            flat[at[exact]] = top[exact] / (c * ten)
+            x, at = x[~exact], at[~exact]
         converted: NDArray[np.float64] = flat.reshape(values.shape)
         return converted

@@ -84,8 +84,8 @@ class CertifySettings:
 
     def over(self, general: CertifySettings) -> CertifySettings:
         """Return these settings, completed by the settings of ``general``."""
-        given = {key: value for key, value in vars(self).items() if value is not None}
-        return replace(general, **given)
+        stated = {key: value for key, value in vars(self).items() if value is not None}
+        return replace(general, **stated)
 
 
 @dataclass(frozen=True)

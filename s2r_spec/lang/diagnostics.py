@@ -36,9 +36,9 @@ CODES = {
 """Stable codes: a code never changes its meaning."""
 
 MOST_SHOWN = 20
-"""Budget: mistakes that a message shows, about three screens; twice as many make it twice as long."""
+"""Budget: mistakes that a message shows, about three screens."""
 LONGEST = 400
-"""Budget: letters of a message, four lines of a terminal; twice as many show more of a very long name."""
+"""Budget: letters of a message, four lines of a terminal."""
 
 
 @dataclass(frozen=True)

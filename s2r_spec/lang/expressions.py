@@ -90,22 +90,22 @@ def check(expression: syntax.Expression, scope: Scope) -> Checked:
             return _temporal(expression, scope)
         case syntax.Until():
             return _until(expression, scope)
-        case syntax.Step():
+        case syntax.AdjacentSample():
             inner = condition(expression.operand, scope, f"`{expression.operator}`")
-            return f.Step(span=span, unit=inner.unit, operator=expression.operator, operand=inner)
+            return f.AdjacentSample(span=span, unit=inner.unit, operator=expression.operator, operand=inner)
 
 
 def _name(expression: syntax.Name, scope: Scope) -> Checked:
-    found, span = scope.find(expression.name, expression.span), expression.span
-    if isinstance(found, Signal):
-        if found.boolean:
-            return f.Flag(span=span, unit=None, name=found.name)
-        return f.SignalValue(span=span, unit=found.measure, width=found.dim, name=found.name)
-    if isinstance(found, Param):
-        return f.ParamValue(span=span, unit=found.measure, name=found.name)
-    if isinstance(found.body, f.Formula):
-        return f.Named(span=span, unit=found.body.unit, name=expression.name, operand=found.body)
-    return replace(found.body, span=span)
+    declared, span = scope.find(expression.name, expression.span), expression.span
+    if isinstance(declared, Signal):
+        if declared.boolean:
+            return f.Flag(span=span, unit=None, name=declared.name)
+        return f.SignalValue(span=span, unit=declared.measure, width=declared.dim, name=declared.name)
+    if isinstance(declared, Param):
+        return f.ParamValue(span=span, unit=declared.measure, name=declared.name)
+    if isinstance(declared.body, f.Formula):
+        return f.Named(span=span, unit=declared.body.unit, name=expression.name, operand=declared.body)
+    return replace(declared.body, span=span)
 
 
 def _conditions(expressions: Iterable[syntax.Expression], scope: Scope, operator: str) -> list[f.Formula]:
@@ -114,24 +114,24 @@ def _conditions(expressions: Iterable[syntax.Expression], scope: Scope, operator
 
 def _index(expression: syntax.Index, scope: Scope) -> f.Value:
     name, index = expression.name.text, expression.index
-    found = scope.find(name, expression.name.span)
-    if not isinstance(found, Signal) or not found.vector:
+    signal = scope.find(name, expression.name.span)
+    if not isinstance(signal, Signal) or not signal.vector:
         fail(
             "E17",
             f"`{name}` is not a vector signal",
             expression.span,
             "declare a vector as in `signal u[3]`",
-            found.span,
+            signal.span,
         )
-    if not index.value.is_integer() or not 0 <= index.value < found.dim:
+    if not index.value.is_integer() or not 0 <= index.value < signal.dim:
         fail(
             "E17",
-            f"`{name}` has the components {name}[0] to {name}[{found.dim - 1}]",
+            f"`{name}` has the components {name}[0] to {name}[{signal.dim - 1}]",
             index.span,
             "components are numbered from 0",
-            found.span,
+            signal.span,
         )
-    return f.SignalValue(span=expression.span, unit=found.measure, name=name, index=int(index.value))
+    return f.SignalValue(span=expression.span, unit=signal.measure, name=name, index=int(index.value))
 
 
 def _arithmetic(expression: syntax.Arithmetic, scope: Scope) -> f.Value:

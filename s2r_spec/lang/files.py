@@ -8,7 +8,7 @@ from pathlib import Path
 from s2r_spec.base.errors import UsageError
 
 LONGEST = 2**18
-"""Budget: bytes of a specification, 262 144, some hundred times those shipped; twice as many parse twice as long."""
+"""Budget: bytes of a specification, 262 144, some hundred times those shipped."""
 
 
 def read_text(path: str | Path) -> str:

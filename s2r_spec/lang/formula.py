@@ -291,7 +291,7 @@ class Until(Formula):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Step(Formula):
+class AdjacentSample(Formula):
     """The operand one sample later or earlier; −inf where there is none."""
 
     operator: StepOp

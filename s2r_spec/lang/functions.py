@@ -108,7 +108,7 @@ def _deriv(name: str, span: Span, arguments: Sequence[Argument]) -> f.Value:
     return f.Derivative(span=span, unit=unit, width=operand.width, operand=operand)
 
 
-def _accumulated(name: str, span: Span, arguments: Sequence[Argument]) -> f.Value:
+def _accumulate(name: str, span: Span, arguments: Sequence[Argument]) -> f.Value:
     operand = _numbers(name, arguments[:1])[0]
     function = cast(Literal["integral", "mean"], name)
     unit = operand.unit
@@ -178,8 +178,8 @@ FUNCTIONS: dict[str, tuple[_Make, int, int, str]] = {
     "fall": (_edge, 1, 1, "fall(x >= 1)"),
     "delay": (_delay, 2, 2, "delay(x, 0.1 {s})"),
     "deriv": (_deriv, 1, 1, "deriv(x)"),
-    "integral": (_accumulated, 1, 2, "integral(x)` or `integral(x, 1 {s})"),
-    "mean": (_accumulated, 1, 2, "mean(x)` or `mean(x, 1 {s})"),
+    "integral": (_accumulate, 1, 2, "integral(x)` or `integral(x, 1 {s})"),
+    "mean": (_accumulate, 1, 2, "mean(x)` or `mean(x, 1 {s})"),
     "duration": (_duration, 1, 1, "duration(x >= 1)"),
     "count": (_count, 1, 2, "count(rise(x >= 1))` or `count(rise(x >= 1), 1 {s})"),
     "if": (_if, 3, 3, "if(x >= 1, x, y)"),

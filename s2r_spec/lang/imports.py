@@ -28,13 +28,13 @@ def gather(source: Source, stored: Mapping[str, str] | None = None) -> tuple[Par
     """
     gathering = _Gathering(stored)
     parsed = gathering.gather(source, (normpath(source.name),))
-    return parsed, tuple(found.source for found in gathering.files.values())
+    return parsed, tuple(file.source for file in gathering.files.values())
 
 
-def declared_outside(source: Source) -> frozenset[str]:
+def imported_names(source: Source) -> frozenset[str]:
     """Return the names that imported files declare: they are not short names of operators here."""
     _, files = gather(source)
-    return frozenset(name for file in files for name in _declared([parse(file)]))
+    return frozenset(name for file in files for name in _declared_names([parse(file)]))
 
 
 class _Gathering:
@@ -60,12 +60,12 @@ class _Gathering:
                 except UsageError as error:
                     mistakes.append(Diagnostic("E21", str(error), line.path.span))
                     continue
-                found = self.gather(Source.of(text, name), (*chain, name))
-                self.files[name] = replace(found, source=Source.of(text, name))
-                parts.append(found)
+                imported = self.gather(Source.of(text, name), (*chain, name))
+                self.files[name] = replace(imported, source=Source.of(text, name))
+                parts.append(imported)
         if own.imports:
             # parsed again with the imported names: a declared letter is not an operator
-            own = parse(source, frozenset(_declared(self.files.values())))
+            own = parse(source, frozenset(_declared_names(self.files.values())))
         parts.append(replace(own, diagnostics=(*own.diagnostics, *mistakes)))
         return Parsed(
             source,
@@ -83,7 +83,7 @@ class _Gathering:
         return self._stored[name]
 
 
-def _declared(files: Iterable[Parsed]) -> Iterator[str]:
+def _declared_names(files: Iterable[Parsed]) -> Iterator[str]:
     for parsed in files:
         for statement in parsed.statements:
             if not isinstance(statement, syntax.Certify | syntax.Require):

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from s2r_spec.lang import syntax
 from s2r_spec.lang.diagnostics import SpecError
-from s2r_spec.lang.imports import declared_outside
+from s2r_spec.lang.imports import imported_names
 from s2r_spec.lang.parsing import parse
 from s2r_spec.lang.source import Source
 
@@ -26,7 +26,7 @@ _OUTER = {"abs": (r"\lvert ", r" \rvert"), "norm": (r"\lVert ", r" \rVert"), "sq
 # Precedence of a node; a node of lower precedence than its place needs is put in brackets.
 _LEVEL: dict[type, int] = {
     syntax.Implication: 1, syntax.Junction: 2, syntax.Until: 3, syntax.Negation: 4, syntax.Temporal: 4,
-    syntax.Step: 4, syntax.Comparison: 5, syntax.Minus: 7,
+    syntax.AdjacentSample: 4, syntax.Comparison: 5, syntax.Minus: 7,
 }  # fmt: skip
 _ARITHMETIC = {"+": 6, "-": 6, "*": 7, "^": 8}  # a fraction needs no brackets
 _ATOM = 9
@@ -39,7 +39,7 @@ def to_latex(text: str, name: str = "<string>") -> str:
         SpecError: the text does not parse.
     """
     source = Source.of(text, name)
-    parsed = parse(source, declared_outside(source))
+    parsed = parse(source, imported_names(source))
     if parsed.diagnostics:
         raise SpecError(parsed.diagnostics)
     rows = list(_rows(parsed.statements))
@@ -78,7 +78,7 @@ def _plain(node: syntax.Expression) -> str:
         case syntax.Call():
             arguments = ", ".join(map(_tex, node.arguments))
             before, after = _OUTER.get(
-                node.function.text, (rf"\operatorname{{{_escaped(node.function.text)}}}(", ")")
+                node.function.text, (rf"\operatorname{{{_escape(node.function.text)}}}(", ")")
             )
             return f"{before}{arguments}{after}"
         case syntax.Minus():
@@ -91,7 +91,7 @@ def _plain(node: syntax.Expression) -> str:
             return first + "".join(f" {sign} {part}" for sign, part in zip(signs, rest, strict=True))
         case syntax.Negation():
             return rf"\neg {_tex(node.operand, 4)}"
-        case syntax.Step():
+        case syntax.AdjacentSample():
             return f"{_STEP[node.operator]} {_tex(node.operand, 4)}"
         case syntax.Temporal():
             return f"{_TEMPORAL[node.operator]}{_interval(node.interval)} {_tex(node.operand, 4)}"
@@ -132,12 +132,12 @@ def _bound(bound: syntax.Bound) -> str:
 
 
 def _unit(unit: syntax.Word | None) -> str:
-    return rf"\,\mathrm{{{_escaped(unit.text)}}}" if unit is not None and unit.text else ""
+    return rf"\,\mathrm{{{_escape(unit.text)}}}" if unit is not None and unit.text else ""
 
 
 def _name(name: str) -> str:
-    return _escaped(name) if len(name) == 1 else rf"\mathit{{{_escaped(name)}}}"
+    return _escape(name) if len(name) == 1 else rf"\mathit{{{_escape(name)}}}"
 
 
-def _escaped(text: str) -> str:
+def _escape(text: str) -> str:
     return text.replace("_", r"\_").replace("%", r"\%").replace("*", r"\cdot ")

@@ -88,7 +88,7 @@ def comments(source: Source) -> list[Token]:
 def names(text: str) -> list[str]:
     """Return the names of signals, parameters and constants that a formula uses, in order; never raises."""
     tokens = list(grammar().lex(text))
-    found = [
+    words = [
         str(token)
         for before, token, after in zip([None, *tokens], tokens, [*tokens[1:], None], strict=False)
         if token.type == "NAME"
@@ -97,7 +97,7 @@ def names(text: str) -> list[str]:
         # after a number it is a unit, as in [0, 2 s]
         and (before is None or before.type != "NUMBER")
     ]
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys(words))
 
 
 def _statements(tokens: list[Token], declared: Set[str]) -> Iterator[tuple[Token, ...]]:

@@ -55,7 +55,7 @@ def parse(source: Source, declared: Set[str] = frozenset()) -> Parsed:
             span = span_of(source, tokens[0]).to(span_of(source, tokens[-1]))
             name = str(tokens[1]) if len(tokens) > 1 and tokens[1].type == "NAME" else ""
             broken.append(syntax.Broken(span=span, keyword=str(tokens[0]), name=name))
-            if not any(span.start <= found.span.start <= result.span.start for found in strays):
+            if not any(span.start <= stray.span.start <= result.span.start for stray in strays):
                 # otherwise a stray character, reported before, breaks the statement
                 diagnostics.append(result)
         elif isinstance(result, syntax.Import):

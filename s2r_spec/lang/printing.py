@@ -15,7 +15,7 @@ from lark import Token
 
 from s2r_spec.lang import syntax
 from s2r_spec.lang.diagnostics import SpecError
-from s2r_spec.lang.imports import declared_outside
+from s2r_spec.lang.imports import imported_names
 from s2r_spec.lang.lexing import comments, lex
 from s2r_spec.lang.parsing import parse
 from s2r_spec.lang.source import Source
@@ -38,12 +38,12 @@ def format_text(text: str, name: str = "<string>") -> str:
         SpecError: the text does not parse. Mistakes that only the check finds are not reported.
     """
     source = Source.of(text, name)
-    outside = declared_outside(source)
+    outside = imported_names(source)
     parsed = parse(source, outside)
     if parsed.diagnostics:
         raise SpecError(parsed.diagnostics)
     intervals = {item.span.start for item in _intervals(parsed.statements)}
-    lines = _aligned(list(_lines(source, outside, intervals)))
+    lines = _align(list(_lines(source, outside, intervals)))
     return "".join(f"{line}\n" for line in lines)
 
 
@@ -101,7 +101,9 @@ def _lines(source: Source, outside: Set[str], intervals: set[int]) -> Iterator[_
             remark = remarks.pop(0)
             line.comment, line.column = _comment(remark), _column(remark)
         last = end
-        yield from _kept(tokens, inner, line, intervals) if inner else _statement(tokens, line, intervals)
+        yield from (
+            _keep_lines(tokens, inner, line, intervals) if inner else _statement(tokens, line, intervals)
+        )
     for remark in remarks:
         yield _Line(comment=_comment(remark), blank=_place(remark)[0] > last + 1 and last > 0)
         last = _place(remark)[1]
@@ -117,7 +119,7 @@ def _canonical(tokens: Sequence[Token]) -> list[Token]:
             word = "{" + " ".join(token[1:-1].split()) + "}"
         elif token.type == "COLON" and depth:
             word = ","
-        elif token.type == "EQ" and tokens[0].type == "LET" and index == _cut(tokens):
+        elif token.type == "EQ" and tokens[0].type == "LET" and index == _head_length(tokens):
             word = ":="
         written.append(token.update(value=word))
     return written
@@ -148,25 +150,25 @@ def _comment(token: Token) -> str:
 
 def _statement(tokens: Sequence[Token], line: _Line, intervals: set[int]) -> Iterator[_Line]:
     """Yield a statement on one line, or broken at its loosest operator."""
-    cut = _cut(tokens)
-    line.head, line.body = _spaced(tokens[:cut], intervals), _spaced(tokens[cut:], intervals)
+    cut = _head_length(tokens)
+    line.head, line.body = _join_tokens(tokens[:cut], intervals), _join_tokens(tokens[cut:], intervals)
     if len(line.head) + len(line.body) + 1 <= WIDTH:
         yield line
         return
     comment, line.comment = line.comment, ""
     parts = list(_broken(tokens[cut:]))
     line.body = ""
-    yield _Line(body=_joined(line.head, ""), kind="", blank=line.blank)
+    yield _Line(body=_join_words(line.head, ""), kind="", blank=line.blank)
     for part in parts:
         last = part is parts[-1]
         yield _Line(
-            body=_INDENT + _spaced(part, intervals),
+            body=_INDENT + _join_tokens(part, intervals),
             comment=comment if last else "",
             column=line.column if last else 0,
         )
 
 
-def _cut(tokens: Sequence[Token]) -> int:
+def _head_length(tokens: Sequence[Token]) -> int:
     """Return the number of tokens in the head: up to the colon, or up to the declared name."""
     types = [token.type for token in tokens]
     if types[0] in ("LET", "CONST"):
@@ -198,7 +200,7 @@ def _broken(tokens: Sequence[Token]) -> Iterator[list[Token]]:
     yield part
 
 
-def _kept(
+def _keep_lines(
     tokens: Sequence[Token], inner: Sequence[Token], line: _Line, intervals: set[int]
 ) -> Iterator[_Line]:
     """Yield a statement with comments between its parts, on its original lines."""
@@ -210,14 +212,14 @@ def _kept(
         first = number == _place(tokens[0])[0]
         last = number == _place(tokens[-1])[0]
         yield _Line(
-            body=("" if first else _INDENT) + _spaced(words, intervals) if words else "",
+            body=("" if first else _INDENT) + _join_tokens(words, intervals) if words else "",
             comment=_comment(remark) if remark else (line.comment if last else ""),
             column=_column(remark) if remark else line.column,
             blank=line.blank and first,
         )
 
 
-def _spaced(tokens: Sequence[Token], intervals: set[int]) -> str:
+def _join_tokens(tokens: Sequence[Token], intervals: set[int]) -> str:
     """Join tokens with the spaces that belong between them."""
     text, before, signed = "", None, False
     for token in tokens:
@@ -237,11 +239,11 @@ def _tight(before: Token, token: Token, intervals: set[int]) -> bool:
     return before.type == "NAME" and token.type in ("LPAR", "LSQB")
 
 
-def _joined(head: str, body: str) -> str:
+def _join_words(head: str, body: str) -> str:
     return f"{head} {body}".rstrip() if head else body
 
 
-def _aligned(lines: list[_Line]) -> Iterator[str]:
+def _align(lines: list[_Line]) -> Iterator[str]:
     """Yield the lines as text, each block with its columns."""
     for block in _blocks(lines):
         for kind in ("SIGNAL", "PARAM", "CONST", "LET", "REQUIRE", "CERTIFY"):
@@ -249,7 +251,7 @@ def _aligned(lines: list[_Line]) -> Iterator[str]:
             for line in block:
                 if line.kind == kind and line.body:
                     line.head = line.head.ljust(max(heads))
-        texts = [_joined(line.head, line.body) for line in block]
+        texts = [_join_words(line.head, line.body) for line in block]
         remarks = [line for line, text in zip(block, texts, strict=True) if line.comment and text]
         ends = [len(text) + 2 for line, text in zip(block, texts, strict=True) if line in remarks]
         column = max([*ends, *(line.column for line in remarks)], default=0)

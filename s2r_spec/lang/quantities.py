@@ -26,8 +26,8 @@ def quantity(written: syntax.Expression, scope: Scope, unit: Unit | None, quanti
     """
     checked = one(value(written, scope))
     if checked.unit is not None and (unit is None or not checked.unit.fits(unit)):
-        wanted = "without a unit" if unit is None else f"in {unit}"
-        fail("E03", f"{quantity_name} must be {wanted}, not in {checked.unit}", written.span)
+        expected = "without a unit" if unit is None else f"in {unit}"
+        fail("E03", f"{quantity_name} must be {expected}, not in {checked.unit}", written.span)
     number = constant(checked if unit is None else convert(checked, unit))
     if number is None:
         fail("E18", f"{quantity_name} must be a constant, but `{written.span.text}` is not", written.span)

@@ -158,7 +158,7 @@ class Until(Node):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Step(Node):
+class AdjacentSample(Node):
     """``next φ``."""
 
     operator: StepOp
@@ -167,7 +167,7 @@ class Step(Node):
 
 Expression = (
     Number | Name | Index | Call | Truth | Minus | Arithmetic | Comparison
-    | Negation | Junction | Implication | Temporal | Until | Step
+    | Negation | Junction | Implication | Temporal | Until | AdjacentSample
 )  # fmt: skip
 
 

@@ -74,13 +74,13 @@ def explain(source: Source, tokens: Sequence[Token], position: int, allowed: Set
     taken = _taken_alias(source, tokens, position)
     if taken is not None:
         return taken
-    message = f"unexpected `{span.text}`, expected {_expected(allowed)}"
+    message = f"unexpected `{span.text}`, expected {_expectation(allowed)}"
     return Diagnostic("E01", message, span, fix=_hint(source, tokens, position, allowed))
 
 
 def _end(source: Source, tokens: Sequence[Token], allowed: Set[str]) -> Diagnostic:
     last = span_of(source, tokens[-1])
-    opened = _unclosed(tokens)
+    opened = _unclosed_bracket(tokens)
     if opened is not None and (closing := _CLOSING[opened.type])[0] in allowed:
         place = span_of(source, opened)
         return Diagnostic(
@@ -90,10 +90,12 @@ def _end(source: Source, tokens: Sequence[Token], allowed: Set[str]) -> Diagnost
             fix=f"write `{closing[1]}` after `{last.text}` in line {last.line}, or remove this",
         )
     after = Span(source, last.end - 1, last.end)
-    return Diagnostic("E01", f"the statement ends after `{last.text}`, expected {_expected(allowed)}", after)
+    return Diagnostic(
+        "E01", f"the statement ends after `{last.text}`, expected {_expectation(allowed)}", after
+    )
 
 
-def _unclosed(tokens: Sequence[Token]) -> Token | None:
+def _unclosed_bracket(tokens: Sequence[Token]) -> Token | None:
     """Return the innermost bracket that is still open. An interval may close with either kind."""
     stack: list[Token] = []
     for token in tokens:
@@ -104,7 +106,7 @@ def _unclosed(tokens: Sequence[Token]) -> Token | None:
     return stack[-1] if stack else None
 
 
-def _expected(allowed: Set[str]) -> str:
+def _expectation(allowed: Set[str]) -> str:
     rest = set(allowed)
     words = []
     if rest >= _FORMULA:

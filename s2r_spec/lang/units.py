@@ -130,7 +130,7 @@ class Unit:
             return replace(self if self.text else other, angle=None)
         return Unit(
             f"{self.text}*{other.text}",
-            _combined(self.dimension, other.dimension, 1),
+            _combine(self.dimension, other.dimension, 1),
             self.factor * other.factor,
             angle=_sum(self.angle, other.angle, 1),
         )
@@ -144,7 +144,7 @@ class Unit:
         below = f"({other.text})" if re.search(r"[*/·\s]", other.text) else other.text
         return Unit(
             f"{self.text or '1'}/{below}",
-            _combined(self.dimension, other.dimension, -1),
+            _combine(self.dimension, other.dimension, -1),
             self.factor / other.factor,
             angle=_sum(self.angle, other.angle, -1),
         )
@@ -184,11 +184,11 @@ def unit_in_log(text: str, declared: Unit) -> Unit:
     Raises:
         UnknownUnitError: the text is not a unit.
     """
-    found = parse_unit(text)
-    if not found.fits(declared) and text.strip() in _SECOND_MEANING:
+    logged = parse_unit(text)
+    if not logged.fits(declared) and text.strip() in _SECOND_MEANING:
         other = parse_unit(_SECOND_MEANING[text.strip()])
-        return replace(other, text=text.strip()) if other.fits(declared) else found
-    return found
+        return replace(other, text=text.strip()) if other.fits(declared) else logged
+    return logged
 
 
 @lru_cache(1024)
@@ -206,11 +206,11 @@ def _parse(text: str) -> Unit:
         return PLAIN
     parts = list(_parts(unicodedata.normalize("NFKC", text).translate(_SIGNS)))
     if len(parts) == 1 and parts[0][1] == 1:
-        return replace(_named(parts[0][0]), text=text)
+        return replace(_find_unit(parts[0][0]), text=text)
     unit = Unit("1")
     for name, exponent in parts:
         try:
-            unit = unit.times(replace(_named(name), offset=Fraction(0)).power(exponent))
+            unit = unit.times(replace(_find_unit(name), offset=Fraction(0)).power(exponent))
         except OverflowError:
             raise UnknownUnitError(text) from None
     return replace(unit, text=text)
@@ -238,20 +238,20 @@ def _parts(text: str) -> list[tuple[str, int]]:
 
 
 @cache
-def _named(name: str) -> Unit:
+def _find_unit(name: str) -> Unit:
     """Return the unit of one name from pint, ``RPM`` like ``rpm``; factors refer to pint's base units."""
     try:
-        return _spelled(name)
+        return _find_spelling(name)
     except UnknownUnitError:
         if len(name) < _WORD or name == name.lower():
             raise
     try:
-        return _spelled(name.lower())
+        return _find_spelling(name.lower())
     except UnknownUnitError:
         raise UnknownUnitError(name) from None
 
 
-def _spelled(name: str) -> Unit:
+def _find_spelling(name: str) -> Unit:
     """Return the unit of one name from pint, in capital and small letters as they are."""
     import pint
 
@@ -282,8 +282,8 @@ def _spelled(name: str) -> Unit:
 
 def _root(quantity: Any) -> tuple[Fraction, dict[str, Any]]:
     """Return a quantity in base units: its number, and base unit → exponent; an angle's base unit is the radian."""
-    found = quantity.to_root_units()
-    return Fraction(found.magnitude), dict(found.unit_items())
+    root = quantity.to_root_units()
+    return Fraction(root.magnitude), dict(root.unit_items())
 
 
 @cache
@@ -306,7 +306,7 @@ def _sum(left: float | None, right: float | None, sign: int) -> float | None:
     return None if left is None or right is None else left + sign * right
 
 
-def _combined(left: Dimension, right: Dimension, sign: int) -> Dimension:
+def _combine(left: Dimension, right: Dimension, sign: int) -> Dimension:
     total = dict(left)
     for name, exponent in right:
         total[name] = total.get(name, 0.0) + sign * exponent

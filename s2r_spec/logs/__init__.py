@@ -17,14 +17,14 @@ from s2r_spec.base.files import replacing
 from s2r_spec.logs import split
 from s2r_spec.logs.formats import csv_format, npz_format, parquet_format
 from s2r_spec.logs.interpret import Loaded, build_trace, request
-from s2r_spec.logs.mapping import Plan, Request, plan_columns
+from s2r_spec.logs.mapping import ColumnPlan, ColumnRequest, plan_columns
 from s2r_spec.logs.table import Chooser, Head, Table
 from s2r_spec.logs.times import candidates
 from s2r_spec.logs.times.times import TIME, unit_of_option
 from s2r_spec.logs.topics import formats as topic_formats
 from s2r_spec.logs.topics import sparse
 from s2r_spec.logs.topics import table as topic_table
-from s2r_spec.logs.topics.arrays import Asked
+from s2r_spec.logs.topics.arrays import TimeOptions
 from s2r_spec.logs.topics.join import Joining
 from s2r_spec.logs.topics.topic import TopicLog
 from s2r_spec.trace import Trace
@@ -98,13 +98,13 @@ def load(
         TraceError: see :func:`read`; also if the file has several episodes.
         UsageError: see :func:`read`.
     """
-    found = load_episodes(path, columns, wanted, time_unit=time_unit, gather=gather, joining=joining)
-    if len(found) > 1:
+    episodes = load_episodes(path, columns, wanted, time_unit=time_unit, gather=gather, joining=joining)
+    if len(episodes) > 1:
         raise TraceError(
-            f"{path}: the file has {len(found)} episodes, numbered by {split.EPISODE!r}, and a trace is one; "
+            f"{path}: the file has {len(episodes)} episodes, numbered by {split.EPISODE!r}, and a trace is one; "
             f"save each in its own file, or evaluate all by `s2r monitor`"
         )
-    return replace(found[0], trace=found[0].trace.known())
+    return replace(episodes[0], trace=episodes[0].trace.known())
 
 
 def load_episodes(
@@ -151,7 +151,7 @@ def _load(path: Path, what: _What) -> list[Loaded]:
     names, joining = dict(what.columns), what.joining
     arrays = path.suffix.lower() in topic_formats.ARRAYS
     unit = unit_of_option(what.time_unit)
-    open_log = topic_formats.opener(path, Asked(unit, names.pop(TIME, None)) if arrays else None)
+    open_log = topic_formats.opener(path, TimeOptions(unit, names.pop(TIME, None)) if arrays else None)
     if open_log is None:
         parser = _PARSERS[_ending(path, READABLE)]
     else:
@@ -159,30 +159,30 @@ def _load(path: Path, what: _What) -> list[Loaded]:
     # arrays have the times and their unit already
     topics = open_log is not None
     requested = request(names, what.wanted, None if arrays else unit, what.gather, what.gather and topics)
-    plans: list[Plan] = []
+    plans: list[ColumnPlan] = []
     episode: list[int] = []
 
     def choose(heads: tuple[Head, ...]) -> set[int]:
         plans.append(plan_columns(heads, requested))
-        number = split.numbering(heads) if open_log is None else None
+        number = split.episode_column(heads) if open_log is None else None
         episode.extend([] if number is None else [number])
         return plans[-1].needed | {*episode}
 
     try:
         table = parser(path, choose)
-        parts = split.split(table, episode[0]) if episode else [table]
+        parts = split.split_episodes(table, episode[0]) if episode else [table]
         if what.runs:
             parts = [run for part in parts for run in split.runs(part, plans[-1].times)]
         if joining is None or topics:
             return [build_trace(part, plans[-1], requested, what.longest) for part in parts]
         by_column = {column: name for name, column in names.items()}
         clocked = _with_clock(joining, by_column)
-        return [sparse.joined(part, plans[-1], requested, clocked, what.longest) for part in parts]
+        return [sparse.join_rows(part, plans[-1], requested, clocked, what.longest) for part in parts]
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise TraceError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
     except NoTimesError as error:
-        told = _question(path, parser, error, requested.time_unit) if open_log is None else error
-        raise NoTimesError(f"{path}: {told}", told.likely, told.candidates) from None
+        question = _question(path, parser, error, requested.time_unit) if open_log is None else error
+        raise NoTimesError(f"{path}: {question}", question.likely, question.candidates) from None
     except TraceError as error:
         raise TraceError(f"{path}: {error}") from None
 
@@ -195,7 +195,7 @@ def _question(
 
     def choose(heads: tuple[Head, ...]) -> set[int]:
         for name in error.candidates:
-            columns[name] = plan_columns(heads, Request({TIME: name}, {})).times
+            columns[name] = plan_columns(heads, ColumnRequest({TIME: name}, {})).times
         return {number for numbers in columns.values() for number in numbers}
 
     try:

@@ -19,7 +19,7 @@ FALSE = frozenset(("false", "f", "no", "n", "off"))
 _AS_NUMBERS = {"0": 0.0, "1": 1.0, "0.0": 0.0, "1.0": 1.0}
 
 
-def parsed(texts: Sequence[str]) -> NDArray[Any]:
+def parse(texts: Sequence[str]) -> NDArray[Any]:
     """Return (n,) texts as whole numbers if all are, else as numbers with NaN for missing ones, else as objects."""
     if "_" not in "".join(texts):  # Python alone reads 1_000 as a number
         for convert, kind in ((int, np.int64), (float, np.float64), (_number, np.float64)):
@@ -40,7 +40,7 @@ def words(texts: Iterable[str]) -> NDArray[Any]:
     return array
 
 
-def missing(texts: NDArray[Any]) -> NDArray[np.bool_]:
+def is_missing(texts: NDArray[Any]) -> NDArray[np.bool_]:
     """Return (n,) bool: whether each text is a missing value."""
     return np.array([text.lower() in MISSING for text in texts], dtype=bool)
 

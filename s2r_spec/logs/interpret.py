@@ -14,15 +14,15 @@ from s2r_spec.base.errors import TraceError
 from s2r_spec.lang.units import LONGEST
 from s2r_spec.logs import values
 from s2r_spec.logs.account import Account
-from s2r_spec.logs.mapping import ANY, Channel, Plan, Request
-from s2r_spec.logs.own import clock_of, restored
-from s2r_spec.logs.table import Column, Table, quoted
+from s2r_spec.logs.mapping import ANY, ColumnPlan, ColumnRequest, MappedChannel
+from s2r_spec.logs.own import clock_of, restore
+from s2r_spec.logs.table import Column, Table, quote
 from s2r_spec.logs.times import dates, times
-from s2r_spec.logs.topics.order import ordered
+from s2r_spec.logs.topics.order import sort_messages
 from s2r_spec.logs.topics.topic import Topic
 from s2r_spec.trace import Trace
 from s2r_spec.trace import stamps as exact
-from s2r_spec.trace.messages import SILENT, Messages, joined
+from s2r_spec.trace.messages import SILENT, Messages, join
 
 FloatArray = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ class Loaded:
 
 
 def build_trace(
-    table: Table, plan: Plan, request: Request, longest: Mapping[str, float] | None = None
+    table: Table, plan: ColumnPlan, request: ColumnRequest, longest: Mapping[str, float] | None = None
 ) -> Loaded:
     """Return the trace of a parsed file.
 
@@ -70,9 +70,9 @@ def build_trace(
         raise TraceError("; ".join(["the file has no samples", *table.notes]))
     stamps = times.read(columns, heads, request.time_unit, lambda k: table.place(k, plan.times[0]))
     read = channels(table, plan, stamps.seconds.size)
-    lacking = left_out(table, plan, request, read.faults)
+    lacking = omitted_columns(table, plan, request, read.faults)
     names = {one.name: table.heads[one.parts[0].number].name for one in plan.channels}
-    kept = restored(stamps.seconds, read.samples, table.own, names)
+    kept = restore(stamps.seconds, read.samples, table.own, names)
     if kept is not None:
         trace = replace(kept, units=read.units, meta=table.meta)
         accounts = {name: Account(count, count) for name, count in _counts(kept).items()}
@@ -81,7 +81,7 @@ def build_trace(
         return Loaded(trace, (*table.notes, *plan.notes), stamps.begins, lacking, accounts, stamps.stated)
     trace, account, notes = _of_rows(stamps.seconds, read, table, plan.times[0])
     if longest and not trace.messages:
-        trace = _stated(trace, longest)
+        trace = _trace_of_messages(trace, longest)
     notes = (*table.notes, *plan.notes, *stamps.notes, *notes)
     accounts = dict.fromkeys(read.samples, account)
     return Loaded(trace, notes, stamps.begins, lacking, accounts, stamps.stated)
@@ -99,18 +99,18 @@ def _of_rows(
     if (steps > 0).all():
         return Trace(seconds, read.samples, read.units, table.meta), Account(seconds.size, seconds.size), ()
     topic = Topic("", seconds, {name: Column(one) for name, one in read.samples.items()})
-    found = ordered(topic, sortable=False, place=lambda sample: table.place(sample, number))
-    times = found.topic.stamps
-    samples = {name: column.values for name, column in found.topic.columns.items()}
+    sorted_rows = sort_messages(topic, sortable=False, place=lambda sample: table.place(sample, number))
+    times = sorted_rows.topic.stamps
+    samples = {name: column.values for name, column in sorted_rows.topic.columns.items()}
     if (np.diff(times) > 0).all():
         trace = Trace(times, samples, read.units, table.meta)
     else:
         messages = {name: Messages.of(times, one) for name, one in samples.items()}
         trace = Trace.of_messages(messages, read.units, table.meta)
-    return trace, Account(seconds.size, times.size, found.merged), found.notes
+    return trace, Account(seconds.size, times.size, sorted_rows.merged), sorted_rows.notes
 
 
-def _stated(trace: Trace, longest: Mapping[str, float]) -> Trace:
+def _trace_of_messages(trace: Trace, longest: Mapping[str, float]) -> Trace:
     """Return a trace whose rows are messages, some of which the user says how long they are valid [s]."""
     messages = {
         name: Messages.of(trace.times, values, longest=longest.get(name, math.nan))
@@ -126,7 +126,9 @@ def _counts(trace: Trace) -> dict[str, int]:
     return {name: int(trace.own(name).sum()) for name in trace.channels}
 
 
-def left_out(table: Table, plan: Plan, request: Request, faults: Mapping[str, str]) -> dict[str, str]:
+def omitted_columns(
+    table: Table, plan: ColumnPlan, request: ColumnRequest, faults: Mapping[str, str]
+) -> dict[str, str]:
     """Return column that was not requested → why it is not in the trace.
 
     Raises:
@@ -139,10 +141,12 @@ def left_out(table: Table, plan: Plan, request: Request, faults: Mapping[str, st
     return left_out if request.wanted is None else {}
 
 
-def _of_topics(table: Table, plan: Plan, request: Request, longest: Mapping[str, float]) -> Loaded:
+def _of_topics(
+    table: Table, plan: ColumnPlan, request: ColumnRequest, longest: Mapping[str, float]
+) -> Loaded:
     """Return the trace of columns with stamps of their own."""
     clock = _Clock.of(table)
-    found: dict[str, Messages] = {}
+    messages: dict[str, Messages] = {}
     units: dict[str, str] = {}
     accounts: dict[str, Account] = {}
     faults: dict[str, str] = {}
@@ -150,19 +154,19 @@ def _of_topics(table: Table, plan: Plan, request: Request, longest: Mapping[str,
     for channel in plan.channels:
         try:
             valid = longest.get(channel.name, math.nan)
-            found[channel.name], unit = _messages(table, channel, clock, valid, notes)
+            messages[channel.name], unit = _messages(table, channel, clock, valid, notes)
         except TraceError as error:
             faults[channel.name] = str(error)
             continue
         if unit is not None:
             units[channel.name] = unit
-        accounts[channel.name] = _account(table, channel, len(found[channel.name]))
-    lacking = left_out(table, plan, request, faults)
-    if not found:
+        accounts[channel.name] = _account(table, channel, len(messages[channel.name]))
+    lacking = omitted_columns(table, plan, request, faults)
+    if not messages:
         stamps = clock.seconds(next(one.stamps for one in table.columns.values() if one.stamps is not None))
         trace = Trace(np.unique(stamps), {}, {}, table.meta)
     else:
-        trace = Trace.of_messages(found, units, table.meta).common()
+        trace = Trace.of_messages(messages, units, table.meta).common()
         if table.clock is not None:
             trace = at_clock(trace, clock.seconds(table.clock))
     return Loaded(trace, tuple(notes), clock.begins, lacking, accounts, clock.typed)
@@ -228,7 +232,7 @@ class _Clock:
 
 
 def _messages(
-    table: Table, channel: Channel, clock: _Clock, longest: float, notes: list[str]
+    table: Table, channel: MappedChannel, clock: _Clock, longest: float, notes: list[str]
 ) -> tuple[Messages, str | None]:
     """Return the messages of a channel, and its unit; notes are added."""
     stamps = [table.columns[part.number].stamps for part in channel.parts]
@@ -236,35 +240,35 @@ def _messages(
     linear = all(table.columns[part.number].linear for part in channel.parts)
     if first is not None and all(one is first for one in stamps):
         samples, unit = _channel(table, channel, len(first))
-        shaped = _shaped(samples, channel.width)
+        shaped = _reshape(samples, channel.width)
         end = clock.end(table.columns[channel.parts[0].number].log_end)
         return Messages.of(clock.seconds(first), shaped, longest=longest, log_end=end, linear=linear), unit
     parts, units = [], []
     for part, own in zip(channel.parts, stamps, strict=True):
         assert own is not None
-        samples, unit = _channel(table, Channel(channel.name, (part,), False), len(own))
+        samples, unit = _channel(table, MappedChannel(channel.name, (part,), False), len(own))
         end = clock.end(table.columns[part.number].log_end)
         parts.append(Messages.of(clock.seconds(own), samples, longest=longest, log_end=end, linear=linear))
         units.append(unit)
     if any(unit != units[0] for unit in units):
-        raise TraceError(f"the components of {quoted(channel.name)} have different units")
-    vector = joined(parts)
+        raise TraceError(f"the components of {quote(channel.name)} have different units")
+    vector = join(parts)
     early = max(int(np.searchsorted(one.times, vector.times[0])) for one in parts)
     if early > SILENT:
         late = max(zip(parts, channel.parts, strict=True), key=lambda one: float(one[0].times[0]))[1]
         raise TraceError(
-            f"{early} messages of a component of {quoted(channel.name)} lie before the first one of "
-            f"{quoted(table.heads[late.number].text)}; --map a signal to each component, or cut the log there"
+            f"{early} messages of a component of {quote(channel.name)} lie before the first one of "
+            f"{quote(table.heads[late.number].text)}; --map a signal to each component, or cut the log there"
         )
     if early:
         notes.append(
-            f"{early} messages of a component of {quoted(channel.name)} come before the others begin, and are not "
+            f"{early} messages of a component of {quote(channel.name)} come before the others begin, and are not "
             f"evaluated"
         )
     return vector, units[0]
 
 
-def _account(table: Table, channel: Channel, samples: int) -> Account:
+def _account(table: Table, channel: MappedChannel, samples: int) -> Account:
     """Return what became of a channel's messages; those of a vector's other components come on top."""
     one = [table.accounts[part.number] for part in channel.parts if part.number in table.accounts]
     if len({id(account) for account in one}) == 1:
@@ -282,7 +286,7 @@ class Channels:
     faults: dict[str, str]
 
 
-def channels(table: Table, plan: Plan, count: int) -> Channels:
+def channels(table: Table, plan: ColumnPlan, count: int) -> Channels:
     """Return the channels of a plan.
 
     Args:
@@ -297,19 +301,19 @@ def channels(table: Table, plan: Plan, count: int) -> Channels:
         except TraceError as error:
             read.faults[channel.name] = str(error)
             continue
-        read.samples[channel.name] = _shaped(samples, channel.width)
+        read.samples[channel.name] = _reshape(samples, channel.width)
         if unit is not None:
             read.units[channel.name] = unit
     return read
 
 
-def _channel(table: Table, channel: Channel, count: int) -> tuple[FloatArray, str | None]:
+def _channel(table: Table, channel: MappedChannel, count: int) -> tuple[FloatArray, str | None]:
     columns: list[FloatArray] = []
     units: list[str | None] = []
     for part in channel.parts:
         head = table.heads[part.number]
-        name = quoted(head.text)
-        samples, unit = values.read(table.columns[part.number], name, _placed(table, part.number))
+        name = quote(head.text)
+        samples, unit = values.read(table.columns[part.number], name, _row_place(table, part.number))
         if samples.shape[0] != count:
             raise TraceError(f"{name} has {samples.shape[0]} samples, but there are {count} time stamps")
         if part.component is not None:
@@ -320,33 +324,33 @@ def _channel(table: Table, channel: Channel, count: int) -> tuple[FloatArray, st
         written = head.unit if part.unit is None else part.unit
         if written is not None and (len(written) > LONGEST or not written.isprintable()):
             raise TraceError(
-                f"the unit of {name} is {quoted(written)}, which is not a unit; "
+                f"the unit of {name} is {quote(written)}, which is not a unit; "
                 f"state it, such as --map '{channel.name}={head.text} [m/s]'"
             )
         columns.append(samples)
-        units.append(_agreed(unit, written, name))
+        units.append(_column_unit(unit, written, name))
     if any(unit != units[0] for unit in units):
-        raise TraceError(f"the components of {quoted(channel.name)} have different units")
+        raise TraceError(f"the components of {quote(channel.name)} have different units")
     if len(columns) == 1 and not channel.vector:
         return columns[0], units[0]
     if any(samples.ndim != 1 for samples in columns):
-        raise TraceError(f"a component of {quoted(channel.name)} is a vector itself")
+        raise TraceError(f"a component of {quote(channel.name)} is a vector itself")
     return np.stack(columns, axis=1), units[0]
 
 
-def _shaped(samples: FloatArray, width: int | None) -> FloatArray:
+def _reshape(samples: FloatArray, width: int | None) -> FloatArray:
     """Return (n, 1) samples as (n,) for a scalar channel, and (n,) as (n, 1) for a vector; others unchanged."""
     if width is None and samples.ndim == 2 and samples.shape[1] == 1:
         return samples[:, 0]
     return samples[:, np.newaxis] if width == 1 and samples.ndim == 1 else samples
 
 
-def _placed(table: Table, number: int) -> _Place:
-    return _Place(table, number)
+def _row_place(table: Table, number: int) -> _RowPlace:
+    return _RowPlace(table, number)
 
 
 @dataclass(frozen=True)
-class _Place:
+class _RowPlace:
     table: Table
     number: int
 
@@ -355,7 +359,7 @@ class _Place:
         return self.table.place(sample, self.number)
 
 
-def _agreed(typed: str | None, written: str | None, name: str) -> str | None:
+def _column_unit(typed: str | None, written: str | None, name: str) -> str | None:
     """Return the unit of a column: the unit of its type, which the written unit must not contradict."""
     if typed is None:
         return written
@@ -372,7 +376,7 @@ def request(
     time_unit: str | None,
     gather: bool = False,
     identifiers: bool = False,
-) -> Request:
+) -> ColumnRequest:
     """Return a request; names without a width may be numbers or vectors.
 
     Raises:
@@ -380,4 +384,4 @@ def request(
     """
     if wanted is not None and not isinstance(wanted, Mapping):
         wanted = dict.fromkeys(wanted, ANY)
-    return Request(dict(columns or {}), wanted, times.unit_of_option(time_unit), gather, identifiers)
+    return ColumnRequest(dict(columns or {}), wanted, times.unit_of_option(time_unit), gather, identifiers)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from s2r_spec.base.distribution import own
+from s2r_spec.base.distribution import find_own
 from s2r_spec.base.errors import TraceError, not_installed
 
 
@@ -22,4 +22,4 @@ def library(name: str, what: str) -> Any:
     try:
         return import_module(name)
     except ImportError:
-        raise TraceError(not_installed(f"{what} need", name, own())) from None
+        raise TraceError(not_installed(f"{what} need", name, find_own())) from None

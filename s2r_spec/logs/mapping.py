@@ -16,9 +16,9 @@ from difflib import get_close_matches
 
 from s2r_spec.base.errors import NoTimesError, TraceError, UsageError, one_of, suggest
 from s2r_spec.lang.units import UnknownUnitError, is_unit, parse_unit
-from s2r_spec.logs.table import INDEX, Head, quoted
+from s2r_spec.logs.table import INDEX, Head, quote
 from s2r_spec.logs.times import time_units
-from s2r_spec.logs.times.times import TIME, mapped
+from s2r_spec.logs.times.times import TIME, map_argument
 
 ANY = -1
 """Definition: width of a channel that may be a number or a vector."""
@@ -28,7 +28,7 @@ _SEPARATORS = ("_", ".", "/", ":", "[", "")
 
 
 @dataclass(frozen=True)
-class Request:
+class ColumnRequest:
     """The channels to read from a file.
 
     Args:
@@ -47,7 +47,7 @@ class Request:
 
 
 @dataclass(frozen=True)
-class Part:
+class ColumnPart:
     """A column, or one component of a column of vectors; and the unit in brackets in the column's name, if any."""
 
     number: int
@@ -56,17 +56,17 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Channel:
+class MappedChannel:
     """The parts of a channel, whether it is a vector (a single part may be one), and its requested width."""
 
     name: str
-    parts: tuple[Part, ...]
+    parts: tuple[ColumnPart, ...]
     vector: bool
     width: int | None = ANY
 
 
 @dataclass(frozen=True)
-class Plan:
+class ColumnPlan:
     """The columns to read from a file.
 
     Args:
@@ -77,7 +77,7 @@ class Plan:
     """
 
     times: tuple[int, ...]
-    channels: tuple[Channel, ...]
+    channels: tuple[MappedChannel, ...]
     faults: Mapping[str, str]
     notes: tuple[str, ...]
 
@@ -92,7 +92,7 @@ def time_candidates(heads: Sequence[Head]) -> tuple[str, ...]:
     return _Names(heads).candidates()
 
 
-def plan_columns(heads: Sequence[Head], request: Request) -> Plan:
+def plan_columns(heads: Sequence[Head], request: ColumnRequest) -> ColumnPlan:
     """Return the columns of the times and of each channel.
 
     Raises:
@@ -103,17 +103,19 @@ def plan_columns(heads: Sequence[Head], request: Request) -> Plan:
     names.taken = frozenset(times)
     columns = {name: text for name, text in request.columns.items() if name != TIME}
     if request.wanted is None:
-        return _everything(names, times, columns, request)
+        return plan_all(names, times, columns, request)
     channels, faults = [], {}
     for name, width in request.wanted.items():
         try:
             channels.append(replace(names.channel(name, width, columns), width=width))
         except TraceError as error:
             faults[name] = str(error)
-    return Plan(times, tuple(channels), faults, tuple(names.notes))
+    return ColumnPlan(times, tuple(channels), faults, tuple(names.notes))
 
 
-def _everything(names: _Names, times: tuple[int, ...], columns: Mapping[str, str], request: Request) -> Plan:
+def plan_all(
+    names: _Names, times: tuple[int, ...], columns: Mapping[str, str], request: ColumnRequest
+) -> ColumnPlan:
     """Return a plan with every column as a channel, under its own name unless it is mapped."""
     channels, faults = [], {}
     mapped_columns = set(columns.values())
@@ -144,8 +146,8 @@ def _everything(names: _Names, times: tuple[int, ...], columns: Mapping[str, str
         known = {channel.name for channel in channels}
         for name, parts in names.groups():
             if name not in known and (name.isidentifier() or not request.identifiers):
-                channels.append(Channel(name, parts, True))
-    return Plan(times, tuple(channels), faults, tuple(names.notes))
+                channels.append(MappedChannel(name, parts, True))
+    return ColumnPlan(times, tuple(channels), faults, tuple(names.notes))
 
 
 class _Names:
@@ -160,7 +162,7 @@ class _Names:
         self.bracketed: dict[int, tuple[str, str]] = {}
         for number, head in enumerate(heads):
             self.by_name[head.name].append(number)
-            split = time_units.bracketed(head.name) if head.unit is None else None
+            split = time_units.split_brackets(head.name) if head.unit is None else None
             if split is not None and is_unit(split[1]):
                 self.bracketed[number] = split
                 self.by_stem[split[0]].append(number)
@@ -174,11 +176,11 @@ class _Names:
             for number, head in enumerate(self.heads):
                 stem, _ = self.bracketed.get(number, (head.name, ""))
                 for name in () if head.fault else {head.name, stem}:
-                    for vector, separator, index in _numbered(name, head.index):
+                    for vector, separator, index in _numbered_names(name, head.index):
                         self._numbered[vector, separator][index].append(number)
         return self._numbered
 
-    def channel(self, name: str, width: int | None, columns: Mapping[str, str]) -> Channel:
+    def channel(self, name: str, width: int | None, columns: Mapping[str, str]) -> MappedChannel:
         """Return the parts of a channel.
 
         Raises:
@@ -190,36 +192,42 @@ class _Names:
         if any(key != text for key, text in parts.items()):
             return self._by_parts(name, width, parts)
         text = columns.get(name, name)
-        if (found := self._found(name, text, width) or self._stated(name, text, width)) is not None:
-            return found
+        if (
+            channel := self._from_columns(name, text, width) or self._with_stated_unit(name, text, width)
+        ) is not None:
+            return channel
         hint = ""
         if width is None and any((text, separator) in self.numbered for separator in _SEPARATORS):
             hint = f"; {name!r} is one number: map it to a component, such as --map {name}={text}[0]"
-        raise TraceError(f"the trace has no channel {text!r}{hint}") if hint else self._missing(text, name)
+        raise (
+            TraceError(f"the trace has no channel {text!r}{hint}")
+            if hint
+            else self._missing_error(text, name)
+        )
 
-    def _found(self, name: str, text: str, width: int | None) -> Channel | None:
+    def _from_columns(self, name: str, text: str, width: int | None) -> MappedChannel | None:
         """Return the channel that a name of columns makes; None if there are no such columns."""
-        if called := self._called(text):
+        if called := self._columns_called(text):
             return self._exact(name, text, called)
         if (component := self._component(text)) is not None:
-            return Channel(name, (component,), False)
+            return MappedChannel(name, (component,), False)
         if width is not None and (group := self._group(text, width)) is not None:
-            return Channel(name, group, True)
+            return MappedChannel(name, group, True)
         return None
 
-    def _called(self, text: str) -> list[int]:
+    def _columns_called(self, text: str) -> list[int]:
         """Return the columns with this name, else the one column (or all components) with it and a unit in brackets."""
         if exact := self.by_name.get(text, []):
             return exact
-        found = [number for number in self.by_stem.get(text, []) if number not in self.taken]
-        indexed = all(self.heads[number].index is not None for number in found)
-        return found if len(found) == 1 or indexed else []
+        numbers = [number for number in self.by_stem.get(text, []) if number not in self.taken]
+        indexed = all(self.heads[number].index is not None for number in numbers)
+        return numbers if len(numbers) == 1 or indexed else []
 
-    def _part(self, number: int, component: int | None = None) -> Part:
+    def _part(self, number: int, component: int | None = None) -> ColumnPart:
         """Return a column, or a component of it, with the unit in brackets in its name."""
-        return Part(number, component, self.bracketed.get(number, ("", None))[1])
+        return ColumnPart(number, component, self.bracketed.get(number, ("", None))[1])
 
-    def _missing(self, text: str, name: str) -> TraceError:
+    def _missing_error(self, text: str, name: str) -> TraceError:
         """Return the error for a channel whose column the file lacks; it lists the file's names."""
         for head in self.heads:  # a topic that cannot be read has no fields
             if head.fault and head.name and text.startswith(f"{head.name}."):
@@ -234,11 +242,11 @@ class _Names:
             f"the trace has no channel {text!r}{suggest(text, names)} it has {_likely(text, names)}{mapped}"
         )
 
-    def own(self, name: str, times: Sequence[int]) -> Channel:
+    def own(self, name: str, times: Sequence[int]) -> MappedChannel:
         """Return the channel with exactly this name in the file."""
         return self._exact(name, name, [number for number in self.by_name[name] if number not in times])
 
-    def groups(self) -> list[tuple[str, tuple[Part, ...]]]:
+    def groups(self) -> list[tuple[str, tuple[ColumnPart, ...]]]:
         """Return (name, parts) of every unambiguous vector of two or more numbered columns."""
         separators_of = defaultdict(list)
         for stem, separator in self.numbered:
@@ -255,18 +263,18 @@ class _Names:
                 vectors.append((stem, parts[0]))
         return vectors
 
-    def _by_parts(self, name: str, width: int | None, texts: Mapping[str, str]) -> Channel:
-        parts: dict[int, Part] = {}
+    def _by_parts(self, name: str, width: int | None, texts: Mapping[str, str]) -> MappedChannel:
+        parts: dict[int, ColumnPart] = {}
         for key, text in texts.items():
             digits = key[len(name) + 1 : -1]
             if not (digits.isascii() and digits.isdigit()):
                 raise TraceError(
                     f"--map {key}={text}: {digits!r} is not the number of a component; numbers begin at 0"
                 )
-            found = self._found(key, text, None) or self._stated(key, text, None)
-            if found is None or len(found.parts) != 1:
-                raise self._missing(text, key)
-            parts[int(digits)] = found.parts[0]
+            component = self._from_columns(key, text, None) or self._with_stated_unit(key, text, None)
+            if component is None or len(component.parts) != 1:
+                raise self._missing_error(text, key)
+            parts[int(digits)] = component.parts[0]
         if width is None:
             raise TraceError(
                 f"{name!r} is one number per sample, but --map gives it components: leave out the [ ]"
@@ -276,40 +284,40 @@ class _Names:
         if lacking or len(parts) != count:
             fault = f"{name}[{lacking[0]}] is missing" if lacking else f"there are {len(parts)}"
             raise TraceError(f"--map must give every component of {name!r}, from 0 to {count - 1}: {fault}")
-        return Channel(name, tuple(parts[i] for i in range(count)), True)
+        return MappedChannel(name, tuple(parts[i] for i in range(count)), True)
 
-    def _exact(self, name: str, text: str, exact: Sequence[int]) -> Channel:
+    def _exact(self, name: str, text: str, exact: Sequence[int]) -> MappedChannel:
         """Return the channel of the columns with exactly this name."""
         plain = [number for number in exact if self.heads[number].index is None]
         if len(exact) == 1 and (fault := self.heads[exact[0]].fault):
-            raise TraceError(f"{quoted(text)} {fault}")
+            raise TraceError(f"{quote(text)} {fault}")
         if len(plain) == 1 == len(exact):
-            return Channel(name, (self._part(plain[0]),), False)
+            return MappedChannel(name, (self._part(plain[0]),), False)
         if plain:
-            raise TraceError(f"{len(exact)} columns are called {quoted(text)}; give them different names")
+            raise TraceError(f"{len(exact)} columns are called {quote(text)}; give them different names")
         parts: dict[int, int] = {}
         for number in exact:
             index = self.heads[number].index
             assert index is not None
             if index in parts:
                 raise TraceError(
-                    f"two columns are called {quoted(self.heads[number].text)}; give them different names"
+                    f"two columns are called {quote(self.heads[number].text)}; give them different names"
                 )
             parts[index] = number
         if set(parts) != set(range(len(parts))):
             raise TraceError(
-                f"the components of {quoted(text)} must be numbered {text}[0] to {text}[{len(parts) - 1}]"
+                f"the components of {quote(text)} must be numbered {text}[0] to {text}[{len(parts) - 1}]"
             )
-        return Channel(name, tuple(self._part(parts[index]) for index in range(len(parts))), True)
+        return MappedChannel(name, tuple(self._part(parts[index]) for index in range(len(parts))), True)
 
-    def _component(self, text: str) -> Part | None:
+    def _component(self, text: str) -> ColumnPart | None:
         """Return the component that ``position[3]`` names; None if there is no such component."""
         stem, bracket, rest = text.rpartition("[")
         digits = rest.removesuffix("]")
         if not bracket or rest == digits or not (digits.isascii() and digits.isdigit()):
             return None
         index = int(digits)
-        called = self._called(stem)
+        called = self._columns_called(stem)
         if len(called) == 1 and self.heads[called[0]].index is None:
             return self._part(called[0], index)
         columns = [
@@ -319,7 +327,7 @@ class _Names:
         ]
         return self._part(columns[0]) if len(columns) == 1 else None
 
-    def _stated(self, name: str, text: str, width: int | None) -> Channel | None:
+    def _with_stated_unit(self, name: str, text: str, width: int | None) -> MappedChannel | None:
         """Return the channel of ``v [m/s]``, in this unit; None if there is none.
 
         A note says so where the file writes another unit.
@@ -327,28 +335,28 @@ class _Names:
         Raises:
             TraceError: the text in square brackets is not a unit.
         """
-        split = time_units.bracketed(text)
+        split = time_units.split_brackets(text)
         if split is None or split[1].isdigit():
             return None
         column, unit = split
-        found = self._found(name, column, width) or self._stated(name, column, width)
-        if found is None:
+        channel = self._from_columns(name, column, width) or self._with_stated_unit(name, column, width)
+        if channel is None:
             return None
         if not is_unit(unit):
             written = next((head.unit for head in self.heads if f"{head.text} [{head.unit}]" == text), None)
             if written is None:
                 raise TraceError(
-                    f"{quoted(unit)} is not a unit: write --map '{name}={column}', or a unit such as [m/s]"
+                    f"{quote(unit)} is not a unit: write --map '{name}={column}', or a unit such as [m/s]"
                 )
-            return found
-        files = {part.unit or self.heads[part.number].unit for part in found.parts}
+            return channel
+        files = {part.unit or self.heads[part.number].unit for part in channel.parts}
         for written in sorted(one for one in files if one is not None and not _alike(one, unit)):
             self.notes.append(
-                f"{name!r} is read in {unit}, as --map states; the file writes the unit {quoted(written)}"
+                f"{name!r} is read in {unit}, as --map states; the file writes the unit {quote(written)}"
             )
-        return replace(found, parts=tuple(replace(part, unit=unit) for part in found.parts))
+        return replace(channel, parts=tuple(replace(part, unit=unit) for part in channel.parts))
 
-    def _group(self, text: str, width: int) -> tuple[Part, ...] | None:
+    def _group(self, text: str, width: int) -> tuple[ColumnPart, ...] | None:
         """Return the numbered columns of a vector; None if there are none.
 
         Raises:
@@ -367,9 +375,7 @@ class _Names:
             ((separator, parts),) = groups.items()
             if 0 not in self.numbered[text, separator]:
                 first, last = (self.heads[parts[i].number].name for i in (0, -1))
-                self.notes.append(
-                    f"the components of {text!r} are read from {quoted(first)} to {quoted(last)}"
-                )
+                self.notes.append(f"the components of {text!r} are read from {quote(first)} to {quote(last)}")
             return parts
         if not separators:
             return None
@@ -396,13 +402,14 @@ class _Names:
         exact = [number for number in exact if not self.heads[number].fault] or exact
         if exact and (fault := self.heads[exact[0]].fault):
             raise TraceError(
-                f"{quoted(text)} {fault}; --clock and --stamps choose the times of a log of topics"
+                f"{quote(text)} {fault}; --clock and --stamps choose the times of a log of topics"
             )
         if len(exact) > 1:
-            full = tuple(dict.fromkeys(self._full(number) for number in exact))
+            full = tuple(dict.fromkeys(self._full_name(number) for number in exact))
             if len(full) == len(exact):
+                columns_text = " or ".join(map(quote, full))
                 raise NoTimesError(
-                    f"the times may be {' or '.join(map(quoted, full))}. Choose one, as in --map {mapped(full[0])}",
+                    f"the times may be {columns_text}. Choose one, as in --map {map_argument(full[0])}",
                     full[0],
                     full,
                 )
@@ -415,7 +422,7 @@ class _Names:
         pair = self._explicit_pair(text) or self._pair(text)
         if pair is not None:
             return pair
-        loose = self._called(text) or [
+        loose = self._columns_called(text) or [
             number for number, head in enumerate(self.heads) if f"{head.text} [{head.unit}]" == text
         ]
         if len(loose) == 1:
@@ -424,8 +431,8 @@ class _Names:
         candidates = self.candidates() if text == TIME else ()
         if len(candidates) > 1:
             raise NoTimesError(
-                f"there is no column {text!r} with the times; they may be {' or '.join(map(quoted, candidates))}. "
-                f"Choose one, as in --map {mapped(candidates[0])}",
+                f"there is no column {text!r} with the times; they may be {' or '.join(map(quote, candidates))}. "
+                f"Choose one, as in --map {map_argument(candidates[0])}",
                 candidates[0],
                 candidates,
             )
@@ -433,7 +440,7 @@ class _Names:
         hint = ";" if text == TIME else suggest(text, names)
         raise NoTimesError(
             f"there is no column {text!r} with the times{hint} the columns are {one_of(names)}. "
-            f"Map another name, for example --map {mapped(likely)}",
+            f"Map another name, for example --map {map_argument(likely)}",
             likely,
         )
 
@@ -450,9 +457,9 @@ class _Names:
             for number, head in enumerate(self.heads)
             if number not in taken and head.name and not head.fault and TIME_WORDS & {*_words(head.text)}
         ]
-        return tuple(dict.fromkeys([*pairs, *map(self._full, words)]))
+        return tuple(dict.fromkeys([*pairs, *map(self._full_name, words)]))
 
-    def _full(self, number: int) -> str:
+    def _full_name(self, number: int) -> str:
         """Return the name of a column, with its unit if the name alone is that of several."""
         head = self.heads[number]
         several = len(self.by_name[head.name]) > 1 and head.index is None
@@ -466,7 +473,7 @@ class _Names:
                     whole, below = (self.heads[number].name for number in heads)
                     pair = stem or f"{whole}+{below}"
                     raise TraceError(
-                        f"the times are in two columns, {quoted(whole)} and {quoted(below)}, and {quoted(text)} is "
+                        f"the times are in two columns, {quote(whole)} and {quote(below)}, and {quote(text)} is "
                         f"one of them: write --map {TIME}={pair}"
                     )
 
@@ -509,7 +516,7 @@ class _Names:
 
 
 _SHOWN = 12
-"""Budget: names that an error lists in full. Twice as many make it twice as long."""
+"""Budget: names that an error lists in full."""
 
 
 def _likely(text: str, names: Collection[str]) -> str:
@@ -541,7 +548,7 @@ def _alike(written: str, stated: str) -> bool:
         return False
 
 
-def _numbered(name: str, index: int | None) -> Iterable[tuple[str, str, int]]:
+def _numbered_names(name: str, index: int | None) -> Iterable[tuple[str, str, int]]:
     """Return the possible meanings of a column's name: (name of the vector, separator, number)."""
     if index is not None:
         return [(name, "[", index)]

@@ -40,7 +40,7 @@ def rows(trace: Trace) -> tuple[FloatArray, Mapping[str, FloatArray], dict[str, 
         clock = trace.times
         trace = replace(trace.origin, units=trace.units, meta=trace.meta)
     if not trace.messages:
-        masks = {name: _packed(mask) for name, mask in trace.masks.items() if not mask.all()}
+        masks = {name: _pack(mask) for name, mask in trace.masks.items() if not mask.all()}
         return trace.times, trace.channels, {"version": VERSION, "masks": masks} if masks else {}
     counts: dict[float, int] = {}
     for one in trace.messages.values():
@@ -62,13 +62,13 @@ def rows(trace: Trace) -> tuple[FloatArray, Mapping[str, FloatArray], dict[str, 
         channels[name] = values
         numbers = {key: getattr(one, key) for key in _NUMBERS}
         described[name] = {
-            "own": _packed(own),
+            "own": _pack(own),
             "linear": one.linear,
             **({"invalid": [[_or_none(at) for at in span] for span in one.invalid]} if one.invalid else {}),
             **{key: number for key, number in numbers.items() if math.isfinite(number)},
         }
     record = {"version": VERSION, "messages": described, "since": trace.since, "until": trace.until}
-    return times, channels, record if clock is None else {**record, "clock": _packed(np.isin(times, clock))}
+    return times, channels, record if clock is None else {**record, "clock": _pack(np.isin(times, clock))}
 
 
 def clock_of(times: FloatArray, record: Mapping[str, Any]) -> FloatArray | None:
@@ -84,13 +84,13 @@ def clock_of(times: FloatArray, record: Mapping[str, Any]) -> FloatArray | None:
     if "clock" not in record:
         return None
     try:
-        stamps: FloatArray = np.unique(times[_unpacked(record["clock"], times.size)])
+        stamps: FloatArray = np.unique(times[_unpack(record["clock"], times.size)])
     except (TypeError, ValueError) as error:
         raise TraceError(f"its record of own samples does not fit the table: {error}") from None
     return stamps
 
 
-def restored(
+def restore(
     times: FloatArray, channels: Mapping[str, FloatArray], record: Mapping[str, Any], names: Mapping[str, str]
 ) -> Trace | None:
     """Return the trace of a table with a record, without units and meta; None if the record is empty.
@@ -113,7 +113,7 @@ def restored(
     try:
         if "masks" in record:
             masks = {
-                name: _unpacked(record["masks"][names[name]], times.size)
+                name: _unpack(record["masks"][names[name]], times.size)
                 for name in channels
                 if names[name] in record["masks"]
             }
@@ -121,7 +121,7 @@ def restored(
         messages = {}
         for name, values in channels.items():
             one = record["messages"][names[name]]
-            own = _unpacked(one["own"], times.size)
+            own = _unpack(one["own"], times.size)
             numbers = {key: float(one[key]) for key in _NUMBERS if key in one}
             spans = tuple(
                 (-math.inf if start is None else float(start), math.inf if end is None else float(end))
@@ -140,11 +140,11 @@ def _or_none(number: float) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def _packed(mask: BoolArray) -> str:
+def _pack(mask: BoolArray) -> str:
     return base64.b64encode(np.packbits(mask).tobytes()).decode()
 
 
-def _unpacked(text: str, count: int) -> BoolArray:
+def _unpack(text: str, count: int) -> BoolArray:
     """Return (count,) a mask.
 
     Raises:

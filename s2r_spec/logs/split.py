@@ -15,12 +15,12 @@ EPISODE = "episode_index"
 """Definition: the column that numbers the episodes of a LeRobot data set (version 3.0 of its format)."""
 
 
-def numbering(heads: Iterable[Head]) -> int | None:
+def episode_column(heads: Iterable[Head]) -> int | None:
     """Return the number of the column that numbers the episodes; None if there is none."""
     return next((number for number, head in enumerate(heads) if head.text == EPISODE), None)
 
 
-def split(table: Table, number: int) -> list[Table]:
+def split_episodes(table: Table, number: int) -> list[Table]:
     """Return a table for each episode.
 
     Args:
@@ -39,7 +39,7 @@ def split(table: Table, number: int) -> list[Table]:
     repeated = next((one for place, one in enumerate(numbers) if one in numbers[:place]), None)
     if repeated is not None:
         raise TraceError(f"the rows of episode {repeated} are not together; sort the table by {EPISODE!r}")
-    return _cut(table, begins, len(values))
+    return _cut_table(table, begins, len(values))
 
 
 def runs(table: Table, times: Sequence[int]) -> list[Table]:
@@ -48,16 +48,16 @@ def runs(table: Table, times: Sequence[int]) -> list[Table]:
     if len(times) != 1 or column.values.dtype.kind not in "iufmM" or column.values.ndim != 1:
         return [table]
     back = np.flatnonzero(column.values[1:] < column.values[:-1]) + 1
-    return _cut(table, [0, *back.tolist()], len(column.values)) if back.size else [table]
+    return _cut_table(table, [0, *back.tolist()], len(column.values)) if back.size else [table]
 
 
-def _cut(table: Table, begins: list[int], count: int) -> list[Table]:
+def _cut_table(table: Table, begins: list[int], count: int) -> list[Table]:
     return [_rows(table, first, end) for first, end in zip(begins, [*begins[1:], count], strict=True)]
 
 
 def _rows(table: Table, first: int, end: int) -> Table:
     columns = {number: _part(column, first, end) for number, column in table.columns.items()}
-    return replace(table, columns=columns, place=_Place(table, first))
+    return replace(table, columns=columns, place=_EpisodePlace(table, first))
 
 
 def _part(column: Column, first: int, end: int) -> Column:
@@ -66,7 +66,7 @@ def _part(column: Column, first: int, end: int) -> Column:
 
 
 @dataclass(frozen=True)
-class _Place:
+class _EpisodePlace:
     table: Table
     first: int
 

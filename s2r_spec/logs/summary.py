@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from s2r_spec import logs
 from s2r_spec.base.errors import NoTimesError, TraceError
-from s2r_spec.logs.times.times import TIME, mapped, unit_of_option
+from s2r_spec.logs.times.times import TIME, map_argument, unit_of_option
 from s2r_spec.logs.topics import formats
-from s2r_spec.logs.topics.arrays import Asked
+from s2r_spec.logs.topics.arrays import TimeOptions
 from s2r_spec.logs.topics.order import resets
 from s2r_spec.logs.topics.topic import seconds, stamp_text
 
@@ -106,8 +106,8 @@ def summary(path: Path, columns: Mapping[str, str] | None = None, time_unit: str
         TraceError: the file cannot be read; the message names it.
     """
     columns = columns or {}
-    asked = Asked(unit_of_option(time_unit), columns.get(TIME))
-    open_log = formats.opener(path, asked)
+    options = TimeOptions(unit_of_option(time_unit), columns.get(TIME))
+    open_log = formats.opener(path, options)
     if open_log is None:
         return _table(path, columns, time_unit)
     try:
@@ -125,8 +125,8 @@ def summary(path: Path, columns: Mapping[str, str] | None = None, time_unit: str
     except NoTimesError as error:
         if not error.candidates or TIME in columns:
             raise NoTimesError(f"{path}: {error}", error.likely) from None
-        found = summary(path, {**columns, TIME: error.likely}, time_unit)
-        return LogSummary(found.topics, (str(error), _taken(error), *found.notes))
+        likely = summary(path, {**columns, TIME: error.likely}, time_unit)
+        return LogSummary(likely.topics, (str(error), _taken(error), *likely.notes))
     except TraceError as error:
         raise TraceError(f"{path}: {error}") from None
     return LogSummary(
@@ -189,7 +189,9 @@ def _table(path: Path, columns: Mapping[str, str], time_unit: str | None) -> Log
 
 
 def _taken(error: NoTimesError) -> str:
-    return f"the times are taken from {error.likely!r}; other commands need --map {mapped(error.likely)}"
+    return (
+        f"the times are taken from {error.likely!r}; other commands need --map {map_argument(error.likely)}"
+    )
 
 
 def _topic(

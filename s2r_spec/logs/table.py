@@ -15,11 +15,11 @@ from s2r_spec.base.errors import TraceError, shortened
 from s2r_spec.logs.account import Account
 
 MOST_NUMBERS = 2**25
-"""Budget: numbers read from one file, 34 million, which take 0.8 GB. Twice as many take 1.6 GB."""
+"""Budget: numbers read from one file, 34 million, which take 0.8 GB."""
 TEXT_SIZE = 8
 """Definition: memory of a text, in numbers of 8 bytes; Python needs at least 60 bytes for one."""
 MOST_COLUMNS = 100_000
-"""Budget: columns of one file. Twice as many take twice the time to list, 2 s."""
+"""Budget: columns of one file."""
 
 
 INDEX = "Unnamed: 0"
@@ -122,7 +122,7 @@ def regular(path: Path) -> None:
         raise TraceError("this is a pipe or a device, not a file; copy its data to a file")
 
 
-def affordable(numbers: int) -> None:
+def check_size(numbers: int) -> None:
     """Refuse a file that would take too much memory.
 
     Raises:
@@ -147,7 +147,7 @@ def few(columns: int) -> None:
         )
 
 
-def described(record: Any, source: str) -> tuple[dict[str, str], dict[str, Any], dict[str, Any]]:
+def read_description(record: Any, source: str) -> tuple[dict[str, str], dict[str, Any], dict[str, Any]]:
     """Return units, meta and the record of own samples (:mod:`s2r_spec.logs.own`) that s2r writes beside the columns.
 
     Args:
@@ -170,6 +170,6 @@ def described(record: Any, source: str) -> tuple[dict[str, str], dict[str, Any],
     return units, meta, own
 
 
-def quoted(name: str) -> str:
+def quote(name: str) -> str:
     """Return a name in quotes, shortened."""
     return repr(shortened(name))

@@ -50,7 +50,7 @@ def _texts(column: Column, name: str, place: Callable[[int], str]) -> FloatArray
     if column.values.ndim != 1:
         raise TraceError(f"{name} holds texts, not numbers")
     samples = np.full(len(column.values), np.nan)
-    present = np.flatnonzero(~cells.missing(column.values))
+    present = np.flatnonzero(~cells.is_missing(column.values))
     truths = cells.truths([column.values[sample] for sample in present])
     if truths is not None:
         samples[present] = truths

@@ -22,8 +22,8 @@ BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class Stretch:
-    """An episode of a log.
+class EpisodeWindow:
+    """The window of an episode in its log.
 
     Args:
         begin: its first instant [s].
@@ -39,18 +39,18 @@ class Stretch:
 
 
 @dataclass(frozen=True)
-class Cut:
-    """Episodes of a log, as ranges of samples.
+class EpisodeSearch:
+    """The episodes of a log as ranges of samples, and the begins of no episode.
 
     Args:
-        spans: first sample of each episode, and the one after its last.
+        ranges: first sample of each episode, and the one after its last.
         already: whether the condition is true at the first sample, so that its begin is not known.
         within: begins within an episode.
         incomplete: begins after which the log is shorter than an episode.
         failed: whether the last episode ended in the log's failure, before its time.
     """
 
-    spans: tuple[tuple[int, int], ...]
+    ranges: tuple[tuple[int, int], ...]
     already: bool
     within: int
     incomplete: int
@@ -58,7 +58,7 @@ class Cut:
 
     def notes(self, condition: str) -> list[str]:
         """Return what was cut, in sentences; they belong to the assumptions of a certificate."""
-        count = len(self.spans)
+        count = len(self.ranges)
         sentences = [
             f"{count} episode{'s' * (count != 1)} begin{'s' * (count == 1)} where {condition} becomes true"
         ]
@@ -78,14 +78,14 @@ class Cut:
         return sentences
 
 
-def cut(
+def find_episodes(
     times: FloatArray,
     truth: BoolArray,
     duration: float,
     earliest: float = -np.inf,
     failure: bool = False,
     until: float | None = None,
-) -> Cut:
+) -> EpisodeSearch:
     """Return the episodes of a log.
 
     Args:
@@ -99,12 +99,12 @@ def cut(
     begins = np.flatnonzero(truth[1:] & ~truth[:-1]) + 1
     begins = begins[times[begins] >= earliest]
     slack = slack_of(times)
-    spans: list[tuple[int, int]] = []
+    ranges: list[tuple[int, int]] = []
     within = incomplete = 0
     failed = False
     for begin in begins.tolist():
-        if spans and (
-            begin < spans[-1][1] if until is None else times[begin] <= times[spans[-1][0]] + duration
+        if ranges and (
+            begin < ranges[-1][1] if until is None else times[begin] <= times[ranges[-1][0]] + duration
         ):
             within += 1
             continue
@@ -112,11 +112,11 @@ def cut(
         end = int(np.searchsorted(times, until_here + slack, side="right"))
         if (times[-1] if until is None else until) < until_here - slack:
             failed = failure
-            spans += [(begin, len(times))] if failure else []
+            ranges += [(begin, len(times))] if failure else []
             incomplete += not failure
         else:
-            spans.append((begin, end))
-    return Cut(tuple(spans), bool(truth[0]), within, incomplete, failed)
+            ranges.append((begin, end))
+    return EpisodeSearch(tuple(ranges), bool(truth[0]), within, incomplete, failed)
 
 
 def slack_of(times: FloatArray) -> float:
@@ -126,16 +126,16 @@ def slack_of(times: FloatArray) -> float:
     return rounding if grid is None else max(rounding, (grid.jitter + SNAP) * grid.step)
 
 
-def part(trace: Trace, stretch: Stretch) -> Trace:
+def take_episode(trace: Trace, window: EpisodeWindow) -> Trace:
     """Return an episode of a trace, with times from 0 on; the failure of the trace is only of the one that it ended."""
-    meta = {key: value for key, value in trace.meta.items() if stretch.failed or key != "failure"}
+    meta = {key: value for key, value in trace.meta.items() if window.failed or key != "failure"}
     if trace.messages:
-        begun = [name for name, one in trace.messages.items() if one.times[0] <= stretch.end]
-        episode = trace.only(begun).between(stretch.begin, stretch.end).shift(-stretch.begin)
+        begun = [name for name, one in trace.messages.items() if one.times[0] <= window.end]
+        episode = trace.only(begun).between(window.begin, window.end).shift(-window.begin)
         return replace(episode, meta=meta)
-    kept = stretch.samples
+    kept = window.samples
     channels = {name: values[kept] for name, values in trace.channels.items()}
     masks = {name: mask[kept] for name, mask in trace.masks.items()}
-    origin = None if trace.origin is None else part(trace.origin, stretch)
+    origin = None if trace.origin is None else take_episode(trace.origin, window)
     times = trace.times[kept] - trace.times[kept][0]
     return Trace(times, channels, trace.units, meta, masks=masks, origin=origin)

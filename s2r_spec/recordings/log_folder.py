@@ -25,7 +25,7 @@ from s2r_spec.logs.formats.csv_head import is_number
 from s2r_spec.logs.interpret import Loaded
 from s2r_spec.logs.table import regular
 from s2r_spec.logs.topics.formats import FORMATS, opener
-from s2r_spec.recordings.excerpts import Episode, Excerpt, excerpt
+from s2r_spec.recordings.log_episodes import Episode, LogEpisodes, read_log_episodes
 from s2r_spec.recordings.log_options import LogOptions
 from s2r_spec.trace import Trace
 
@@ -34,7 +34,7 @@ _ID, _SEED = "id", "seed"
 _NAME = re.compile(r"[A-Za-z_][\w.-]*")
 """Definition: the form of a protocol's name."""
 _LONGEST = 2**24
-"""Budget: characters of the table, 16 million; twice as many take 0.3 GB more."""
+"""Budget: characters of the table, 16 million."""
 
 
 class LogError(UsageError):
@@ -42,7 +42,7 @@ class LogError(UsageError):
 
 
 @dataclass(frozen=True)
-class _Row:
+class _TestRow:
     """A row of the table; empty cells are no entries of ``params``, and ``protocol`` is "" for a test."""
 
     line: int
@@ -56,7 +56,7 @@ class _Tests:
     """What ``rollouts.csv`` says: parameter → its unit ("" if none is written), and the rows."""
 
     units: Mapping[str, str] = field(default_factory=dict)
-    rows: Sequence[_Row] = ()
+    rows: Sequence[_TestRow] = ()
 
 
 @dataclass(frozen=True)
@@ -93,8 +93,8 @@ def read(options: LogOptions) -> Folder:
         LogError: the table is wrong, a log has no row, or a parameter has several values or units.
         TraceError: a file is not a log, or has no complete episode.
     """
-    root, wanted = options.folder, options.excerpts
-    listed = (root / TABLE).exists() or not (wanted.cuts or wanted.sources)
+    root, settings = options.folder, options.settings
+    listed = (root / TABLE).exists() or not (settings.cuts or settings.sources)
     table = _table(root / TABLE) if listed else _Tests()
     paths = _logs(root)
     if listed:
@@ -102,10 +102,10 @@ def read(options: LogOptions) -> Folder:
         tests = [(files[row.id], row) for row in table.rows]
     else:
         _complete(root, paths)
-        tests = [(path, _Row(0, path.stem, {})) for path in paths]
+        tests = [(path, _TestRow(0, path.stem, {})) for path in paths]
     if not tests:
         raise LogError(f"{root} has no log; s2r reads {', '.join(logs.READABLE)}, and folders of ROS 2 bags")
-    for name in wanted.sources:
+    for name in settings.sources:
         if name in table.units:
             raise LogError(
                 f"{root / TABLE} gives the parameter {name}, and so does param={name}; leave one out"
@@ -113,16 +113,16 @@ def read(options: LogOptions) -> Folder:
     units = dict(table.units)
     entries: list[Entry] = []
     sentences: list[str] = []
-    origins: list[_Row] = []
+    origins: list[_TestRow] = []
     for path, row in tests:
-        found = excerpt(path, {}, None, math.inf, wanted)
-        made = _entries(found, row, units)
+        log = read_log_episodes(path, {}, None, math.inf, settings)
+        made = _entries(log, row, units)
         entries += made
         origins += [row] * len(made)
-        sentences += [f"{path.name}: {note}" for note in found.cut]
+        sentences += [f"{path.name}: {note}" for note in log.cut]
     if listed:
         _refuse_empty(root / TABLE, table, list(zip(origins, entries, strict=True)))
-    if listed and not wanted.cuts:
+    if listed and not settings.cuts:
         entries = _with_placeholders(entries)
     return Folder(
         units,
@@ -134,27 +134,27 @@ def read(options: LogOptions) -> Folder:
     )
 
 
-def _entries(found: Excerpt, row: _Row, units: dict[str, str]) -> list[Entry]:
+def _entries(log: LogEpisodes, row: _TestRow, units: dict[str, str]) -> list[Entry]:
     """Return the recordings of a log; add the units of its parameters.
 
     Raises:
         LogError: a parameter has several units, or the table names another protocol than the trace.
     """
     entries = []
-    for episode in found.episodes:
+    for episode in log.episodes:
         for name, (_, unit) in episode.values.items():
             if units.setdefault(name, unit) != unit:
                 raise LogError(
                     f"{episode.name}: the parameter {name} is in {unit!r}, and before in {units[name]!r}"
                 )
         values = {**row.params, **{name: value for name, (value, _) in episode.values.items()}}
-        notes = (*found.notes, *found.silences)
-        loaded = Loaded(episode.trace, notes, found.dated, found.left_out, found.accounts, found.stated)
+        notes = (*log.notes, *log.silences)
+        loaded = Loaded(episode.trace, notes, log.dated, log.left_out, log.accounts, log.stated)
         entries.append(Entry(episode.name, values, loaded, _protocol(episode, row)))
     return entries
 
 
-def _protocol(episode: Episode, row: _Row) -> str:
+def _protocol(episode: Episode, row: _TestRow) -> str:
     """Return the protocol of an episode, by its row or by its trace; "" for a test.
 
     Raises:
@@ -171,7 +171,7 @@ def _protocol(episode: Episode, row: _Row) -> str:
     return of_trace
 
 
-def _refuse_empty(path: Path, table: _Tests, rows: Sequence[tuple[_Row, Entry]]) -> None:
+def _refuse_empty(path: Path, table: _Tests, rows: Sequence[tuple[_TestRow, Entry]]) -> None:
     """Refuse a test without one of the tests' parameters; a column that only protocols fill is none of them.
 
     Raises:
@@ -242,10 +242,10 @@ def _with_placeholders(entries: Sequence[Entry]) -> list[Entry]:
     """
     tests = [one.loaded.trace for one in entries if not one.protocol]
     first = next((trace for trace in tests if not _is_placeholder(trace)), None)
-    return [one if first is None or one.protocol else _completed(one, first) for one in entries]
+    return [one if first is None or one.protocol else _fill_placeholder(one, first) for one in entries]
 
 
-def _completed(entry: Entry, first: Trace) -> Entry:
+def _fill_placeholder(entry: Entry, first: Trace) -> Entry:
     trace = entry.loaded.trace
     if not _is_placeholder(trace):
         return entry
@@ -323,7 +323,7 @@ def _table(path: Path) -> _Tests:
     has_protocols = units.get(PROTOCOL) == "" and _names_protocols(
         [cells[names.index(PROTOCOL)] for _, cells in body if len(cells) == len(names)]
     )
-    rows: dict[str, _Row] = {}
+    rows: dict[str, _TestRow] = {}
     for line, cells in body:
         if len(cells) != len(names):
             raise LogError(
@@ -345,7 +345,7 @@ def _table(path: Path) -> _Tests:
             key: _number(path, line, key, text) for key, text in by_name.items() if text or key == _SEED
         }
         params.pop(_SEED, None)
-        rows[name] = _Row(line, name, params, protocol)
+        rows[name] = _TestRow(line, name, params, protocol)
     reserved = (_ID, _SEED, PROTOCOL) if has_protocols else (_ID, _SEED)
     return _Tests({name: unit for name, unit in units.items() if name not in reserved}, list(rows.values()))
 
@@ -374,17 +374,17 @@ def _number(path: Path, line: int, name: str, text: str) -> float:
     return value
 
 
-def _files(root: Path, rows: Sequence[_Row], paths: Sequence[Path]) -> dict[str, Path]:
+def _files(root: Path, rows: Sequence[_TestRow], paths: Sequence[Path]) -> dict[str, Path]:
     """Return id → log; each row has exactly one log, and each log a row."""
     by_id: dict[str, list[Path]] = {}
     for path in paths:
         by_id.setdefault(path.name if path.is_dir() else path.stem, []).append(path)
     for row in rows:
-        found = by_id.get(row.id, [])
-        if len(found) != 1:
+        matches = by_id.get(row.id, [])
+        if len(matches) != 1:
             endings = ", ".join(f"{row.id}{ending}" for ending in logs.READABLE)
-            fault = f"has no file; there must be one of {endings}" if not found else (
-                f"has several files: {one_of(path.name for path in found)}; keep one"
+            fault = f"has no file; there must be one of {endings}" if not matches else (
+                f"has several files: {one_of(path.name for path in matches)}; keep one"
             )  # fmt: skip
             raise LogError(f"{root / TABLE}, line {row.line}: the id {row.id!r} {fault}")
     for name in by_id.keys() - {row.id for row in rows}:

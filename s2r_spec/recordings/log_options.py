@@ -19,7 +19,7 @@ from s2r_spec.logs.mapping import read_map
 from s2r_spec.logs.times.times import unit_of_option
 from s2r_spec.logs.topics.join import RULES, Joining
 from s2r_spec.logs.topics.topic import STAMPS
-from s2r_spec.recordings.excerpts import Excerpts, read_longest, read_sources
+from s2r_spec.recordings.log_episodes import EpisodeSettings, read_longest, read_sources
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
@@ -50,13 +50,13 @@ class LogOptions:
     Args:
         folder: the folder.
         text: the text after the ``?``; "" if there is none.
-        excerpts: how a log becomes traces.
+        settings: how a log becomes traces.
         hold: whether a missing sample takes the value of the sample before it.
     """
 
     folder: Path
     text: str
-    excerpts: Excerpts
+    settings: EpisodeSettings
     hold: bool
 
     @classmethod
@@ -72,7 +72,7 @@ class LogOptions:
         """
         name, mark, options = text.partition("?")
         if not mark or Path(text).is_dir():
-            return cls(Path(text), "", Excerpts(), False)
+            return cls(Path(text), "", EpisodeSettings(), False)
         where = f"{backend}:{text}"
         values = _values(where, options)
         if values.get("nan", "error") not in ("hold", "error"):
@@ -80,7 +80,7 @@ class LogOptions:
         stated, sources = read_sources(values["param"])
         if stated:
             raise UsageError(f"{where}: param={stated[0]} names no column; write param=vd=COLUMN@0")
-        excerpts = Excerpts(
+        settings = EpisodeSettings(
             read_map(values["map"]),
             unit_of_option(values.get("time-unit")),
             _joining(where, values),
@@ -90,17 +90,17 @@ class LogOptions:
             sources,
             read_longest(values["longest"]),
         )
-        if backend == "manual" and (excerpts.cuts or sources):
+        if backend == "manual" and (settings.cuts or sources):
             raise UsageError(
                 f"{where}: a person runs each test by itself: leave out when, start, duration and param"
             )
-        return cls(Path(name), options, excerpts, values.get("nan") == "hold")
+        return cls(Path(name), options, settings, values.get("nan") == "hold")
 
     def load(self, path: Path) -> Loaded:
         """Read a file; numbered columns become vectors, because no spec says which form is meant."""
-        excerpts = self.excerpts
+        settings = self.settings
         return logs.load(
-            path, excerpts.columns, time_unit=excerpts.time_unit, gather=True, joining=excerpts.joining
+            path, settings.columns, time_unit=settings.time_unit, gather=True, joining=settings.joining
         )
 
     def fill_gaps(self, trace: Trace) -> Trace:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from s2r_spec.base.errors import TraceNote
 from s2r_spec.logs.topics.join import Joining
-from s2r_spec.recordings.excerpts import Excerpts, excerpt, read_sources
+from s2r_spec.recordings.log_episodes import EpisodeSettings, read_log_episodes, read_sources
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
@@ -44,9 +44,9 @@ def read_episodes(
     """
     stated, sources = read_sources(f"{name}={text}" for name, text in (params or {}).items())
     values = spec.read_params(stated)
-    wanted = {signal.name: signal.dim if signal.vector else None for signal in spec.signals.values()}
-    reading = Excerpts(columns or {}, None, joining, when, None, duration, sources)
-    found = excerpt(Path(path), spec.signals, wanted, spec.horizon(), reading)
-    for note in (*found.notes, *found.silences):
+    widths = {signal.name: signal.dim if signal.vector else None for signal in spec.signals.values()}
+    reading = EpisodeSettings(columns or {}, None, joining, when, None, duration, sources)
+    log = read_log_episodes(Path(path), spec.signals, widths, spec.horizon(), reading)
+    for note in (*log.notes, *log.silences):
         warnings.warn(f"{path}: {note}", TraceNote, stacklevel=2)
-    return [({**values, **spec.read_params(one.texts())}, one.trace) for one in found.episodes]
+    return [({**values, **spec.read_params(one.texts())}, one.trace) for one in log.episodes]

@@ -49,8 +49,8 @@ def header_fields(backend: Backend) -> dict[str, Any]:
 def rule_of(about: Mapping[str, Any]) -> int | None:
     """Return the rule of a system from its part of a header; None if it read no logs."""
     read = str(about.get("backend", "")).startswith(KINDS)
-    found: int | None = about.get(KEY, FIRST if read else None)
-    return found
+    rule: int | None = about.get(KEY, FIRST if read else None)
+    return rule
 
 
 def changes(

@@ -32,7 +32,7 @@ from s2r_spec.spec.monitored import refuse_unstated
 from s2r_spec.trace import Trace
 
 _BLOCK = 2**20
-"""Budget: bytes of a file that are read at a time for its hash; twice as many take twice the memory."""
+"""Budget: bytes of a file that are read at a time for its hash."""
 
 
 class LogBackend:
@@ -62,39 +62,39 @@ class LogBackend:
         if not folder:
             raise UsageError("the log backend needs a folder: --backend log:FOLDER")
         options = LogOptions.parse("log", folder)
-        found = read(options)
+        recorded = read(options)
         self.name = f"log:{folder}"
-        tests = [entry for entry in found.entries if not entry.protocol]
-        self.lacking = _lacking([(entry.source, entry.loaded) for entry in tests])
+        tests = [entry for entry in recorded.entries if not entry.protocol]
+        self.lacking = _lacking_channels([(entry.source, entry.loaded) for entry in tests])
         self.recordings = tuple(
             Recording(
-                entry.source, entry.params, options.fill_gaps(_own(entry, self.lacking)), entry.protocol
+                entry.source, entry.params, options.fill_gaps(_own_trace(entry, self.lacking)), entry.protocol
             )
-            for entry in found.entries
+            for entry in recorded.entries
         )
         self._tests = tests_of(self.recordings)
         self.accounts = {
             entry.source.partition("#")[0]: dict(entry.loaded.accounts)
-            for entry in found.entries
+            for entry in recorded.entries
             if entry.loaded.accounts
         }
-        self.unstated = frozenset(entry.source for entry in found.entries if not entry.loaded.stated)
+        self.unstated = frozenset(entry.source for entry in recorded.entries if not entry.loaded.stated)
         used = self._tests or self.recordings
-        for note in _notes(found.entries, self.lacking):
+        for note in _notes(recorded.entries, self.lacking):
             warnings.warn(note, TraceNote, stacklevel=2)
         _refuse_copies(self.recordings)
         self.channels = _channels(used)
-        self.assumptions = found.assumptions
+        self.assumptions = recorded.assumptions
         self.parameters = tuple(
             Parameter(name, unit, min(values), max(values), values[0], "as recorded")
-            for name, unit in found.units.items()
+            for name, unit in recorded.units.items()
             for values in [[r.params[name] for r in self._tests if name in r.params]]
             if values
         )
         # The last value of messages is valid up to the end of the recording.
         self.duration = max(recording.trace.ends - recording.trace.begin for recording in used)
         content = hashlib.sha256(f"reading {self.reading}\0{options.text}".encode())
-        for path in found.files:
+        for path in recorded.files:
             content.update(f"{path.name}\0{path.stat().st_size}\0".encode())
             with path.open("rb") as stream:
                 while block := stream.read(_BLOCK):
@@ -114,7 +114,7 @@ class LogBackend:
         candidates = [
             r
             for r in self._tests
-            if all(name in r.params and _same(r.params[name], params[name]) for name in params)
+            if all(name in r.params and _is_close(r.params[name], params[name]) for name in params)
         ]
         if not candidates:
             tests = sorted({tuple(recording.params.items()) for recording in self._tests})
@@ -129,7 +129,7 @@ def tests_of(recordings: Iterable[Recording]) -> tuple[Recording, ...]:
     return tuple(recording for recording in recordings if not recording.protocol)
 
 
-def left_out(recordings: Sequence[Recording]) -> str:
+def omission_note(recordings: Sequence[Recording]) -> str:
     """Return a sentence on the runs of protocols that a statement leaves out; "" if there are none."""
     count = len(recordings) - len(tests_of(recordings))
     if not count:
@@ -141,7 +141,7 @@ def left_out(recordings: Sequence[Recording]) -> str:
     )
 
 
-def _own(entry: Entry, lacking: Collection[str]) -> Trace:
+def _own_trace(entry: Entry, lacking: Collection[str]) -> Trace:
     """Return the trace of an entry; of a test without the channels that other tests lack."""
     trace = entry.loaded.trace if entry.protocol else _without(entry.loaded.trace, lacking)
     if trace.messages or trace.origin is not None or not sent_on_change(trace.times):
@@ -149,7 +149,7 @@ def _own(entry: Entry, lacking: Collection[str]) -> Trace:
     return replace(trace, origin=trace.as_messages())
 
 
-def _lacking(loaded: Sequence[tuple[str, Loaded]]) -> dict[str, str]:
+def _lacking_channels(loaded: Sequence[tuple[str, Loaded]]) -> dict[str, str]:
     """Return channel → reason for each channel that not all files have; the reason names one file.
 
     Raises:
@@ -251,7 +251,7 @@ def _words(params: Mapping[str, float]) -> str:
     return ", ".join(f"{name} = {value:g}" for name, value in params.items())
 
 
-def _same(left: float, right: float) -> bool:
+def _is_close(left: float, right: float) -> bool:
     """Return whether two numbers are equal up to the rounding of a conversion of units."""
     return math.isclose(left, right, rel_tol=1e-9, abs_tol=1e-12)
 

@@ -8,14 +8,14 @@ from pathlib import Path
 from s2r_spec.base.errors import UsageError
 from s2r_spec.logs.formats.follow import follow as follow_rows
 from s2r_spec.logs.interpret import request as columns_to_read
-from s2r_spec.recordings.excerpts import no_units
-from s2r_spec.recordings.spec_traces import Request, params_of, read_spec_traces
+from s2r_spec.recordings.log_episodes import no_units
+from s2r_spec.recordings.spec_traces import TraceRequest, params_of, read_spec_traces
 from s2r_spec.robustness.grid import Grid
 from s2r_spec.robustness.silence import silences_of
-from s2r_spec.spec.followed import Stream
+from s2r_spec.spec.followed import SampleStream
 
 
-def stream_of_rows(request: Request, readline: Callable[[int], str]) -> Stream:
+def stream_of_rows(request: TraceRequest, readline: Callable[[int], str]) -> SampleStream:
     """Return the samples of a table that is read row by row while it is written.
 
     Args:
@@ -26,19 +26,19 @@ def stream_of_rows(request: Request, readline: Callable[[int], str]) -> Stream:
         UsageError: the request cuts or joins, which needs the whole table.
         TraceError: the head of the table cannot be read.
     """
-    excerpts = request.excerpts
-    if excerpts.cuts or excerpts.sources or excerpts.joining is not None:
+    settings = request.settings
+    if settings.cuts or settings.sources or settings.joining is not None:
         raise UsageError(
             "rows from stdin are one whole trace: leave out --when, --start, --duration, --join, --clock, --stamps, "
             "and parameters from a column"
         )
-    rows = follow_rows(readline, columns_to_read(excerpts.columns, request.wanted, excerpts.time_unit))
-    rows.notes.extend(no_units(request.spec.signals, rows.units, excerpts.columns))
+    rows = follow_rows(readline, columns_to_read(settings.columns, request.wanted, settings.time_unit))
+    rows.notes.extend(no_units(request.spec.signals, rows.units, settings.columns))
     params, _ = params_of(request, rows.meta, "the trace")
-    return Stream(rows.units, rows.meta, rows.samples, None, params, rows.notes)
+    return SampleStream(rows.units, rows.meta, rows.samples, None, params, rows.notes)
 
 
-def stream_of_file(request: Request, path: Path) -> Stream:
+def stream_of_file(request: TraceRequest, path: Path) -> SampleStream:
     """Return the samples of a recorded trace.
 
     Raises:
@@ -62,4 +62,4 @@ def stream_of_file(request: Request, path: Path) -> Stream:
     )
     regular = grid is not None and grid.period is not None
     period = grid.seconds(1) if grid and regular else None
-    return Stream(trace.units, trace.meta, samples, period, recorded.params)
+    return SampleStream(trace.units, trace.meta, samples, period, recorded.params)

@@ -16,31 +16,31 @@ from typing import Any
 from s2r_spec.base.errors import TraceNote, UsageError, one_of
 from s2r_spec.base.printable import one_line
 from s2r_spec.logs.account import Account
-from s2r_spec.recordings.excerpts import Excerpt, Excerpts, assumed, excerpt
+from s2r_spec.recordings.log_episodes import EpisodeSettings, LogEpisodes, assumption, read_log_episodes
 from s2r_spec.robustness.reading import Missing
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
 
 @dataclass(frozen=True)
-class Request:
+class TraceRequest:
     """The requirements to evaluate on recorded traces, and how the traces are read.
 
     Args:
         spec: the specification.
         requirements: names of the requirements to evaluate.
         params: parameter → value, in the declared unit; a recorded value that differs gives way.
-        excerpts: how the files become traces.
+        settings: how the files become traces.
         nan: "error" or "hold", for missing samples.
 
     Raises:
-        UsageError: a requirement, or a signal in ``excerpts.longest``, is not in the specification.
+        UsageError: a requirement, or a signal in ``settings.longest``, is not in the specification.
     """
 
     spec: Spec
     requirements: tuple[str, ...]
     params: dict[str, float]
-    excerpts: Excerpts
+    settings: EpisodeSettings
     nan: Missing
 
     def __post_init__(self) -> None:
@@ -79,45 +79,45 @@ class SpecTrace:
     stated: bool
 
 
-def read_spec_traces(request: Request, path: Path) -> list[SpecTrace]:
+def read_spec_traces(request: TraceRequest, path: Path) -> list[SpecTrace]:
     """Return the traces of a file, one for each episode.
 
     Raises:
         TraceError: the file cannot be read; the message names it.
         UsageError: the request does not fit the specification.
     """
-    if unknown := sorted(set(request.excerpts.longest) - set(request.spec.signals)):
+    if unknown := sorted(set(request.settings.longest) - set(request.spec.signals)):
         known = one_of(request.spec.signals)
         raise UsageError(f"--longest names {unknown[0]!r}, which is no signal; the signals are {known}")
     horizon = max(request.spec.horizon(name) for name in request.requirements)
-    found = excerpt(path, request.spec.signals, request.wanted, horizon, request.excerpts)
-    notes = _notes(request, found)
+    log = read_log_episodes(path, request.spec.signals, request.wanted, horizon, request.settings)
+    notes = _notes(request, log)
     for sentence in notes:
         warnings.warn(f"{path}: {sentence}", TraceNote, stacklevel=2)
-    accounts = {name: one for name, one in found.accounts.items() if name in request.wanted}
+    accounts = {name: one for name, one in log.accounts.items() if name in request.wanted}
     traces = []
-    for episode in found.episodes:
-        with named(path):
+    for episode in log.episodes:
+        with in_file(path):
             values = request.spec.read_params(episode.texts())
             params, taken = params_of(request, episode.trace.meta, episode.name, values)
-        traces.append(SpecTrace(episode.name, episode.trace, params, taken, notes, accounts, found.stated))
+        traces.append(SpecTrace(episode.name, episode.trace, params, taken, notes, accounts, log.stated))
     return traces
 
 
-def _notes(request: Request, found: Excerpt) -> tuple[str, ...]:
-    notes = list(found.notes)
-    for name, (_, unit) in found.episodes[0].values.items():
+def _notes(request: TraceRequest, log: LogEpisodes) -> tuple[str, ...]:
+    notes = list(log.notes)
+    for name, (_, unit) in log.episodes[0].values.items():
         if name in request.spec.params and not unit:
-            source = request.excerpts.sources[name]
+            source = request.settings.sources[name]
             remedy = f"--param '{name}={source.column} [UNIT]@{source.at:g}'"
-            notes += filter(None, [assumed(source.column, request.spec.params[name].unit, remedy)])
-    if found.dated:
-        notes.append(f"times count from the first sample, at {found.dated}")
+            notes += filter(None, [assumption(source.column, request.spec.params[name].unit, remedy)])
+    if log.dated:
+        notes.append(f"times count from the first sample, at {log.dated}")
     return tuple(notes)
 
 
 def params_of(
-    request: Request, meta: Mapping[str, Any], source: str, values: Mapping[str, float] | None = None
+    request: TraceRequest, meta: Mapping[str, Any], source: str, values: Mapping[str, float] | None = None
 ) -> tuple[dict[str, float], frozenset[str]]:
     """Return parameter → value, and the names of the parameters whose values come from the trace.
 
@@ -132,19 +132,19 @@ def params_of(
     Raises:
         TraceError: the trace's value of a parameter is not a number.
     """
-    found = request.spec.recorded_params(meta) | dict(values or {})
+    values_read = request.spec.recorded_params(meta) | dict(values or {})
     for name, value in request.params.items():
-        if name in found and not math.isclose(value, found[name], rel_tol=1e-9, abs_tol=1e-12):
+        if name in values_read and not math.isclose(value, values_read[name], rel_tol=1e-9, abs_tol=1e-12):
             warnings.warn(
-                f"{source} was recorded with {name} = {found[name]:g}; it is evaluated with {value:g}, as given",
+                f"{source} was recorded with {name} = {values_read[name]:g}; it is evaluated with {value:g}, as given",
                 TraceNote,
                 stacklevel=3,
             )
-    return found | request.params, frozenset(found) - frozenset(request.params)
+    return values_read | request.params, frozenset(values_read) - frozenset(request.params)
 
 
 @contextmanager
-def named(path: Path) -> Iterator[None]:
+def in_file(path: Path) -> Iterator[None]:
     """Add the file's name to every UsageError that does not have it."""
     try:
         yield

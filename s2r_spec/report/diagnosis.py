@@ -9,7 +9,7 @@ from rich.text import Text
 
 from s2r_spec.backend import short
 from s2r_spec.base.printable import one_line
-from s2r_spec.base.quantity import interval, measured, quantity
+from s2r_spec.base.quantity import format_estimate, interval, quantity
 from s2r_spec.diagnose.diagnosis import Diagnosis
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, ParameterEstimate, Status, with_status
 from s2r_spec.report.advice import next_step, settled_words
@@ -128,8 +128,8 @@ def _rows(one: EffectEstimate) -> list[SizeRow]:
             f"{one.effect}.{p.parameter}",
             quantity(p.value, p.unit, (p.high - p.low) / 2),
             interval(p.low, p.high, p.unit),
-            measured(p.value, p.low, p.high, p.unit),
-            measured(p.size, p.size_low, p.size_high, ""),
+            format_estimate(p.value, p.low, p.high, p.unit),
+            format_estimate(p.size, p.size_low, p.size_high, ""),
             f"{one.probability:.3f}",
             one.status.value,
             p,
@@ -140,7 +140,7 @@ def _rows(one: EffectEstimate) -> list[SizeRow]:
 
 def _possible(one: EffectEstimate, settled: str) -> str:
     p = one.largest
-    words = f"{measured(p.value, p.low, p.high, p.unit)}, probability {one.probability:.2f}"
+    words = f"{format_estimate(p.value, p.low, p.high, p.unit)}, probability {one.probability:.2f}"
     return f"{words}; {settled}" if settled else words
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any
 
-from s2r_spec.attribution.attribute import Part
+from s2r_spec.attribution.attribute import FormulaShare
 from s2r_spec.diagnose.diagnosis import Diagnosis
 from s2r_spec.diagnose.gap.held_out import HeldOutGap
 from s2r_spec.diagnose.gap.where import Where
@@ -79,7 +79,7 @@ def on_a_line(rows: tuple[SizeRow, ...]) -> list[Bar]:
     return bars
 
 
-def formula(parts: tuple[Part, ...], delta: float) -> tuple[Bar, ...]:
+def formula(parts: tuple[FormulaShare, ...], delta: float) -> tuple[Bar, ...]:
     """Return a bar for the part of Δρ of each sub-formula, indented by its depth."""
     most = max((abs(part.amount) for part in parts), default=0.0)
     bars = []

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from s2r_spec.attribution.place import Place, Range, cause_first
-from s2r_spec.base.quantity import Scale, measured, quantity
+from s2r_spec.attribution.place import Place, ValueRange, cause_first
+from s2r_spec.base.quantity import Scale, format_estimate, quantity
 from s2r_spec.diagnose.gap.held_out import Gap, HeldOutGap
 from s2r_spec.diagnose.gap.where import Where
 from s2r_spec.diagnose.residuals.left import Remainder
@@ -40,7 +40,7 @@ def where_words(where: Where, spec: Spec) -> tuple[str, ...]:
         )
     elif where.pair.delta and window is not None:
         part = round(100 * window.delta / where.pair.delta)
-        lines.append(f"{part} % of it arises {Place(Range(window.begin, window.end))}")
+        lines.append(f"{part} % of it arises {Place(ValueRange(window.begin, window.end))}")
     credit = {name: float(values.sum()) for name, values in where.pair.credit.items()}
     if credit and window is not None:
         name = max(credit, key=lambda n: abs(credit[n]))
@@ -49,7 +49,7 @@ def where_words(where: Where, spec: Spec) -> tuple[str, ...]:
         lines.append(str(where.pair.switch))
     if where.space is not None:
         place = test_words(where.space.worst, spec.space.units)
-        expected = measured(*vars(where.space.largest).values())
+        expected = format_estimate(*vars(where.space.largest).values())
         lines.append(f"worst test of the whole space is probably {place}: expected |Δρ| {expected} at 95 %")
     return tuple(lines)
 
@@ -148,4 +148,6 @@ def place_words(left: Sequence[Remainder], where: Where | None) -> str:
     if window.end - times[0] > LATE * (times[-1] - times[0]):
         return ""  # a cause before the end is every cause
     # ρ is decided where a requirement is nearest to its limit; feedback carries earlier disturbances there.
-    return f" that acts before or while most of the gap arises ({Place(Range(window.begin, window.end))})"
+    return (
+        f" that acts before or while most of the gap arises ({Place(ValueRange(window.begin, window.end))})"
+    )

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from s2r_spec.base.json_values import extended
+from s2r_spec.base.json_values import extend
 from s2r_spec.base.verdict import Verdict, worst
-from s2r_spec.recordings.spec_traces import Request, named, read_spec_traces
+from s2r_spec.recordings.spec_traces import TraceRequest, in_file, read_spec_traces
 from s2r_spec.report.records.monitor import (
     ChangeObject,
     FailedRequirement,
@@ -24,16 +24,16 @@ from s2r_spec.report.records.monitor import (
 )
 from s2r_spec.robustness.online.monitor import RobustInterval
 from s2r_spec.spec import Spec
-from s2r_spec.spec.followed import Change, Ended
+from s2r_spec.spec.followed import Ended, VerdictChange
 from s2r_spec.spec.monitored import Conventions, Monitored, monitor_trace
 
 
-def monitor_file(request: Request, path: Path, conventions: Conventions) -> list[MonitoredTrace]:
+def monitor_file(request: TraceRequest, path: Path, conventions: Conventions) -> list[MonitoredTrace]:
     """Return the results of one file, one for each episode; an error names the file."""
     results = []
     for one in read_spec_traces(request, path):
         how = replace(conventions, stated=one.stated)
-        with named(path):
+        with in_file(path):
             found = monitor_trace(request.spec, one.trace, request.requirements, one.params, how)
         results.append(
             MonitoredTrace(
@@ -49,7 +49,7 @@ def monitor_file(request: Request, path: Path, conventions: Conventions) -> list
 
 
 def monitor_record(
-    request: Request, results: Sequence[MonitoredTrace | UnreadTrace], profile: str
+    request: TraceRequest, results: Sequence[MonitoredTrace | UnreadTrace], profile: str
 ) -> MonitorObject:
     """Return the record of all files, with the exit code."""
     verdicts = [Verdict.of(one.satisfied) for result in results for one in result.requirements]
@@ -68,17 +68,17 @@ def _requirement(found: Monitored) -> MonitoredKind:
     sampling = None if found.sampled is None else Sampling(**vars(found.sampled))
     if found.reason is None:
         assert sampling is not None
-        return extended(UnknownRequirement, sampling, requirement=found.requirement, text=found.text)
+        return extend(UnknownRequirement, sampling, requirement=found.requirement, text=found.text)
     verdict = Verdict.of(found.satisfied).value
     if sampling is None:
-        return extended(FailedRequirement, found.reason, verdict=verdict, text=found.text)
-    return extended(MonitoredRequirement, found.reason, verdict=verdict, text=found.text, **vars(sampling))
+        return extend(FailedRequirement, found.reason, verdict=verdict, text=found.text)
+    return extend(MonitoredRequirement, found.reason, verdict=verdict, text=found.text, **vars(sampling))
 
 
-def change_record(spec: Spec, change: Change) -> ChangeObject:
+def change_record(spec: Spec, change: VerdictChange) -> ChangeObject:
     """Return the record of a change."""
     of = _interval(spec, change.requirement, change.interval)
-    return extended(ChangeObject, of, time=change.times[-1])
+    return extend(ChangeObject, of, time=change.times[-1])
 
 
 def online_record(spec: Spec, params: dict[str, float], ended: Sequence[Ended]) -> OnlineObject:
@@ -94,4 +94,4 @@ def online_record(spec: Spec, params: dict[str, float], ended: Sequence[Ended]) 
 
 def _interval(spec: Spec, name: str, interval: RobustInterval) -> RequirementInterval:
     verdict = interval.verdict
-    return extended(RequirementInterval, interval, requirement=name, unit=spec.unit(name), verdict=verdict)
+    return extend(RequirementInterval, interval, requirement=name, unit=spec.unit(name), verdict=verdict)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from s2r_spec.attribution.place import Place, Range
+from s2r_spec.attribution.place import Place, ValueRange
 from s2r_spec.diagnose.decision import Rule, Verdict
 from s2r_spec.diagnose.diagnosis import Diagnosis
 from s2r_spec.report.gap_words import listed
@@ -117,7 +117,7 @@ def _odd(found: Diagnosis) -> list[str]:
     if goodness is None or not goodness.alarm:
         return []
     worst = goodness.worst
-    place = Place(Range(worst.begin, worst.end), worst.part)
+    place = Place(ValueRange(worst.begin, worst.end), worst.part)
     least = f"least of all {worst.quantity} of {worst.experiment} {place}"
     also = (
         [] if found.verdict is Verdict.UNKNOWN else ["Something differs that this requirement does not need."]

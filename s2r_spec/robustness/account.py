@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.robustness.silence import Span
-from s2r_spec.robustness.stream import Stream
+from s2r_spec.robustness.stream import SignalMessages
 
 FloatArray = NDArray[np.float64]
 
@@ -33,7 +33,7 @@ class Instants:
 
 
 def instants_of(
-    streams: Mapping[str, Stream], silent: Mapping[str, Sequence[Span]], start: float, end: float
+    streams: Mapping[str, SignalMessages], silent: Mapping[str, Sequence[Span]], start: float, end: float
 ) -> dict[str, Instants]:
     """Return signal → its instants from a start to an end [s].
 
@@ -47,7 +47,7 @@ def instants_of(
     inner = {key: _inside(times, start, end) for key, times in own.items()}
     sizes = {key: int(np.count_nonzero(np.diff(part))) + 1 if part.size else 0 for key, part in inner.items()}
     distinct = _distinct(list(inner.values()), start, end)
-    found = {}
+    instants = {}
     for name, stream in streams.items():
         missing = 0
         for begin, stop in silent[name]:
@@ -57,8 +57,8 @@ def instants_of(
             missing += np.unique(np.concatenate([*parts, [start] * (begin < 0.0 < stop)])).size
         rest = distinct - sizes[stream.topic] - missing
         held, interpolated = (0, rest) if stream.messages.linear else (rest, 0)
-        found[name] = Instants(sizes[stream.topic], held, interpolated, missing)
-    return found
+        instants[name] = Instants(sizes[stream.topic], held, interpolated, missing)
+    return instants
 
 
 def _inside(times: FloatArray, start: float, end: float) -> FloatArray:

@@ -14,16 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
-from s2r_spec.robustness.bounds import BoundedAlgebra, Bounds
+from s2r_spec.robustness.bounds import BoundedAlgebra, RhoBounds
 from s2r_spec.robustness.curve import Curve
 from s2r_spec.robustness.evaluate import Walk
-from s2r_spec.robustness.ties import rescaled_number
+from s2r_spec.robustness.ties import rescale_number
 
 FloatArray = NDArray[np.float64]
 Pair = tuple[float, float]
 
 
-def curves_of(node: f.Formula, walk: Walk[Bounds[Curve]]) -> Bounds[Curve]:
+def curves_of(node: f.Formula, walk: Walk[RhoBounds[Curve]]) -> RhoBounds[Curve]:
     """Return the curves of a formula; those of a predicate are not kept, since many fill the memory."""
     if isinstance(node, f.Comparison) and id(node) not in walk.done:
         assert isinstance(walk.algebra, BoundedAlgebra)
@@ -31,13 +31,13 @@ def curves_of(node: f.Formula, walk: Walk[Bounds[Curve]]) -> Bounds[Curve]:
     return walk(node)
 
 
-def bounds_at_start(formula: f.Formula, walk: Walk[Bounds[Curve]], snap: float) -> Pair:
+def bounds_at_start(formula: f.Formula, walk: Walk[RhoBounds[Curve]], snap: float) -> Pair:
     """Return the bounds of ρ at the first instant, never 0: their signs are the verdict."""
     return _Start(walk, snap).value(formula)
 
 
 class _Start:
-    def __init__(self, walk: Walk[Bounds[Curve]], snap: float) -> None:
+    def __init__(self, walk: Walk[RhoBounds[Curve]], snap: float) -> None:
         self.walk, self.snap = walk, snap
 
     def value(self, node: f.Formula) -> Pair:
@@ -46,13 +46,13 @@ class _Start:
             case f.Temporal(operator="always" | "eventually"):
                 return self.extreme(node.operand, node.interval, least=node.operator == "always")
             case _:
-                return self._split(node, self.value) or self._first(node)
+                return self._combine_parts(node, self.value) or self._first(node)
 
     def _first(self, node: f.Formula) -> Pair:
-        found = curves_of(node, self.walk)
-        return float(found.lower.at[0]), float(found.upper.at[0])
+        curves = curves_of(node, self.walk)
+        return float(curves.lower.at[0]), float(curves.upper.at[0])
 
-    def _split(self, node: f.Formula, of: Callable[[f.Formula], Pair]) -> Pair | None:
+    def _combine_parts(self, node: f.Formula, of: Callable[[f.Formula], Pair]) -> Pair | None:
         """Return the bounds of a formula from those of its parts at the same instant; None if it has no such parts."""
         match node:
             case f.Named():
@@ -61,7 +61,7 @@ class _Start:
                 return _minus(of(node.operand))
             case f.Rescale():
                 low, high = of(node.operand)
-                return rescaled_number(low, node.factor), rescaled_number(high, node.factor)
+                return rescale_number(low, node.factor), rescale_number(high, node.factor)
             case f.Junction():
                 fold = min if node.operator == "and" else max
                 parts = [of(operand) for operand in node.operands]
@@ -76,7 +76,7 @@ class _Start:
         """Return the bounds of the least, or of the greatest, value of a formula over a window."""
         match node:
             case f.Named() | f.Rescale():
-                parts = self._split(node, lambda operand: self.extreme(operand, interval, least))
+                parts = self._combine_parts(node, lambda operand: self.extreme(operand, interval, least))
                 assert parts is not None
                 return parts
             case f.Not():
@@ -96,11 +96,11 @@ class _Start:
                 )
                 return self.extreme(node.operand, total, least)
             case _:
-                found = curves_of(node, self.walk)
+                curves = curves_of(node, self.walk)
                 sign = 1.0 if least else -1.0
                 low, high = (
                     sign * infimum_over(x if least else -x, interval, self.snap)
-                    for x in (found.lower, found.upper)
+                    for x in (curves.lower, curves.upper)
                 )
                 return low, high
 

@@ -33,7 +33,7 @@ def names(formula: f.Formula) -> Names:
     return Names(frozenset(signals), times.union(params), times)
 
 
-def bound(formula: f.Formula, params: Mapping[str, float]) -> f.Formula:
+def bind(formula: f.Formula, params: Mapping[str, float]) -> f.Formula:
     """Return the formula with numbers for the parameters in its time bounds.
 
     Raises:

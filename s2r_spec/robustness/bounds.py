@@ -31,7 +31,7 @@ class WithEdges(Algebra[S], Protocol[S]):
 
 
 @dataclass(frozen=True)
-class Bounds(Generic[S]):
+class RhoBounds(Generic[S]):
     """The bounds of a robustness signal at every instant.
 
     Args:
@@ -56,66 +56,68 @@ class BoundedAlgebra(Generic[S]):
     """
 
     inner: WithEdges[S]
-    leaf: Callable[[f.Comparison | f.Flag], Bounds[S]]
+    leaf: Callable[[f.Comparison | f.Flag], RhoBounds[S]]
 
-    def truth(self, value: bool) -> Bounds[S]:
+    def truth(self, value: bool) -> RhoBounds[S]:
         """Return +inf or −inf."""
         known = self.inner.truth(value)
-        return Bounds(known, known)
+        return RhoBounds(known, known)
 
-    def flag(self, node: f.Flag) -> Bounds[S]:
+    def flag(self, node: f.Flag) -> RhoBounds[S]:
         """Return the bounds of a boolean signal."""
         return self.leaf(node)
 
-    def margin(self, node: f.Comparison) -> Bounds[S]:
+    def margin(self, node: f.Comparison) -> RhoBounds[S]:
         """Return the bounds of a predicate."""
         return self.leaf(node)
 
-    def negative(self, x: Bounds[S]) -> Bounds[S]:
+    def negative(self, x: RhoBounds[S]) -> RhoBounds[S]:
         """Return −x."""
         return replace(x, lower=self.inner.negative(x.upper), upper=self.inner.negative(x.lower))
 
-    def scaled(self, x: Bounds[S], factor: float) -> Bounds[S]:
+    def scale(self, x: RhoBounds[S], factor: float) -> RhoBounds[S]:
         """Return factor · x, factor > 0."""
-        return _each(x, lambda one: self.inner.scaled(one, factor))
+        return _each(x, lambda one: self.inner.scale(one, factor))
 
-    def least(self, x: Bounds[S], y: Bounds[S]) -> Bounds[S]:
+    def least(self, x: RhoBounds[S], y: RhoBounds[S]) -> RhoBounds[S]:
         """Return the smaller of both."""
         return _both(x, y, self.inner.least)
 
-    def greatest(self, x: Bounds[S], y: Bounds[S]) -> Bounds[S]:
+    def greatest(self, x: RhoBounds[S], y: RhoBounds[S]) -> RhoBounds[S]:
         """Return the greater of both."""
         return _both(x, y, self.inner.greatest)
 
-    def always(self, x: Bounds[S], interval: f.Interval, past: bool) -> Bounds[S]:
+    def always(self, x: RhoBounds[S], interval: f.Interval, past: bool) -> RhoBounds[S]:
         """Return the infimum over the window."""
         return _each(x, lambda one: self.inner.always(one, interval, past))
 
-    def eventually(self, x: Bounds[S], interval: f.Interval, past: bool) -> Bounds[S]:
+    def eventually(self, x: RhoBounds[S], interval: f.Interval, past: bool) -> RhoBounds[S]:
         """Return the supremum over the window."""
         return _each(x, lambda one: self.inner.eventually(one, interval, past))
 
-    def until(self, left: Bounds[S], right: Bounds[S], interval: f.Interval, past: bool) -> Bounds[S]:
+    def until(
+        self, left: RhoBounds[S], right: RhoBounds[S], interval: f.Interval, past: bool
+    ) -> RhoBounds[S]:
         """Return the robustness of the best witness."""
         return _both(left, right, lambda x, y: self.inner.until(x, y, interval, past))
 
-    def step(self, x: Bounds[S], node: f.Step) -> Bounds[S]:
+    def step(self, x: RhoBounds[S], node: f.AdjacentSample) -> RhoBounds[S]:
         """Return the next or previous sample's x."""
         return _each(x, lambda one: self.inner.step(one, node))
 
-    def rise(self, x: Bounds[S]) -> Bounds[S]:
+    def rise(self, x: RhoBounds[S]) -> RhoBounds[S]:
         """Return min(x now, −x just before)."""
         lower = self.inner.edge(x.lower, x.upper)
         if not x.unseen:
-            return Bounds(lower, self.inner.edge(x.upper, x.lower))
-        return Bounds(lower, self.inner.edge(x.upper, x.lower, -math.inf), True)
+            return RhoBounds(lower, self.inner.edge(x.upper, x.lower))
+        return RhoBounds(lower, self.inner.edge(x.upper, x.lower, -math.inf), True)
 
 
-def _each(x: Bounds[S], change: Callable[[S], S]) -> Bounds[S]:
+def _each(x: RhoBounds[S], change: Callable[[S], S]) -> RhoBounds[S]:
     """Return a monotone function of bounds."""
     return replace(x, lower=change(x.lower), upper=change(x.upper))
 
 
-def _both(x: Bounds[S], y: Bounds[S], change: Callable[[S, S], S]) -> Bounds[S]:
+def _both(x: RhoBounds[S], y: RhoBounds[S], change: Callable[[S, S], S]) -> RhoBounds[S]:
     """Return a function of two bounds that is monotone in both."""
-    return Bounds(change(x.lower, y.lower), change(x.upper, y.upper), x.unseen or y.unseen)
+    return RhoBounds(change(x.lower, y.lower), change(x.upper, y.upper), x.unseen or y.unseen)

@@ -51,11 +51,11 @@ class Curve:
         """Return the curve with reversed time."""
         return Curve(-self.times[::-1], self.at[::-1], self.left[::-1], self.right[::-1])
 
-    def scaled(self, factor: float) -> Curve:
+    def scale(self, factor: float) -> Curve:
         """Return factor · curve."""
-        return self.mapped(lambda part: factor * part)
+        return self.map(lambda part: factor * part)
 
-    def mapped(self, line: Callable[[FloatArray], FloatArray]) -> Curve:
+    def map(self, line: Callable[[FloatArray], FloatArray]) -> Curve:
         """Return a linear function of the curve."""
         return Curve(self.times, *map(line, (self.at, self.right, self.left)))
 
@@ -72,7 +72,7 @@ class Curve:
             value = (1 - part) * right + part * left
         return np.where(right == left, right, value)  # also of infinities
 
-    def refined(self, times: FloatArray) -> Curve:
+    def refine(self, times: FloatArray) -> Curve:
         """Return the same curve with breakpoints at ``times``, which include its own."""
         if times.size == self.times.size:
             return self
@@ -103,7 +103,7 @@ class Curve:
         piece = np.clip(self.piece(times), 0, self.right.size - 1)
         return np.where(on, self.at[near], self.along(piece, times))
 
-    def simplified(self) -> Curve:
+    def simplify(self) -> Curve:
         """Return the same curve without the breakpoints inside constant parts."""
         flat = (self.at[1:-1] == self.left[:-1]) & (self.at[1:-1] == self.right[1:])
         flat &= (self.right[:-1] == self.left[:-1]) & (self.right[1:] == self.left[1:])
@@ -121,7 +121,7 @@ def nearest(times: FloatArray, targets: FloatArray) -> NDArray[np.intp]:
     return after - (targets - times[after - 1] <= times[after] - targets)
 
 
-def merged(times: FloatArray, more: FloatArray, snap: float) -> FloatArray:
+def merge(times: FloatArray, more: FloatArray, snap: float) -> FloatArray:
     """Return all times in order; a time in ``more`` within ``snap`` of another one is left out."""
     return np.sort(np.concatenate((times, _fresh(times, more, snap))))
 
@@ -133,25 +133,25 @@ def _fresh(times: FloatArray, more: FloatArray, snap: float) -> FloatArray:
     return fresh[np.abs(times[nearest(times, fresh)] - fresh) > snap]
 
 
-def aligned(x: Curve, y: Curve, snap: float) -> tuple[Curve, Curve]:
+def align(x: Curve, y: Curve, snap: float) -> tuple[Curve, Curve]:
     """Return both curves on common breakpoints; a breakpoint of ``y`` within ``snap`` of one of x moves there."""
     near = nearest(x.times, y.times)
     close = np.abs(x.times[near] - y.times) <= snap
-    y = _moved(y, np.where(close, x.times[near], y.times))
+    y = _move(y, np.where(close, x.times[near], y.times))
     times = np.union1d(x.times, y.times)
-    return x.refined(times), y.refined(times)
+    return x.refine(times), y.refine(times)
 
 
-def _moved(x: Curve, times: FloatArray) -> Curve:
+def _move(x: Curve, times: FloatArray) -> Curve:
     """Return the curve with its breakpoints moved to ``times``; pieces of no length are dropped."""
     long = np.diff(times) > 0
     kept = np.append(True, long)
     return Curve(times[kept], x.at[kept], x.right[long], x.left[long])
 
 
-def crossed(x: Curve, y: Curve, snap: float) -> tuple[Curve, Curve]:
+def insert_crossings(x: Curve, y: Curve, snap: float) -> tuple[Curve, Curve]:
     """Return aligned curves that do not cross within a piece."""
-    x, y = aligned(x, y, snap)
+    x, y = align(x, y, snap)
     with np.errstate(invalid="ignore"):
         before, after = x.right - y.right, x.left - y.left
         crossing = np.flatnonzero((before * after < 0) & np.isfinite(before) & np.isfinite(after))
@@ -161,15 +161,15 @@ def crossed(x: Curve, y: Curve, snap: float) -> tuple[Curve, Curve]:
     inner = start + (end - start) * before[crossing] / (before[crossing] - after[crossing])
     inner = inner[(inner > start + snap) & (inner < end - snap)]
     times = np.sort(np.concatenate((x.times, inner)))
-    return x.refined(times), y.refined(times)
+    return x.refine(times), y.refine(times)
 
 
 def minimum(x: Curve, y: Curve, snap: float) -> Curve:
     """Return the smaller of two curves at each instant."""
-    x, y = crossed(x, y, snap)
+    x, y = insert_crossings(x, y, snap)
     return Curve(
         x.times, np.minimum(x.at, y.at), np.minimum(x.right, y.right), np.minimum(x.left, y.left)
-    ).simplified()
+    ).simplify()
 
 
 def maximum(x: Curve, y: Curve, snap: float) -> Curve:
@@ -177,9 +177,9 @@ def maximum(x: Curve, y: Curve, snap: float) -> Curve:
     return -minimum(-x, -y, snap)
 
 
-def added(x: Curve, y: Curve, snap: float) -> Curve:
+def add(x: Curve, y: Curve, snap: float) -> Curve:
     """Return the sum of two curves."""
-    x, y = aligned(x, y, snap)
+    x, y = align(x, y, snap)
     with np.errstate(invalid="ignore", over="ignore"):
         return Curve(x.times, x.at + y.at, x.right + y.right, x.left + y.left)
 
@@ -194,7 +194,7 @@ def split_at_zero(x: Curve, snap: float) -> Curve:
     start, end = x.times[crossing], x.times[crossing + 1]
     inner = start + (end - start) * x.right[crossing] / (x.right[crossing] - x.left[crossing])
     inner = inner[(inner > start + snap) & (inner < end - snap)]
-    fine = x.refined(np.sort(np.concatenate((x.times, inner))))
+    fine = x.refine(np.sort(np.concatenate((x.times, inner))))
     new = ~np.isin(fine.times, x.times)
     return Curve(
         fine.times,

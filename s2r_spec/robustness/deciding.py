@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.evaluate import Walk, up_to
-from s2r_spec.robustness.sampled import Clock
+from s2r_spec.robustness.sampled import SampleClock
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
-class Step:
+class DescentStep:
     """A sub-formula on the way down, and the sample at which it is evaluated.
 
     Args:
@@ -33,14 +33,14 @@ class Step:
     vacuous: bool = False
 
 
-def descend(root: f.Formula, walk: Walk[FloatArray], clock: Clock) -> Iterator[Step]:
+def descend(root: f.Formula, walk: Walk[FloatArray], clock: SampleClock) -> Iterator[DescentStep]:
     """Yield the steps from ``root`` at the first sample to the predicate that decides its ρ.
 
     If several decide equally, the nearest in time is taken, and then the first in the text. The last step is a
     :class:`~s2r_spec.lang.formula.Comparison`, or a formula with infinite ρ: a constant, a boolean signal, or an
     operator whose window lies past the end of the trace.
     """
-    step: Step | None = Step(root, 0, 1.0)
+    step: DescentStep | None = DescentStep(root, 0, 1.0)
     down = _Descent(walk, clock)
     while step is not None:
         yield step
@@ -48,24 +48,24 @@ def descend(root: f.Formula, walk: Walk[FloatArray], clock: Clock) -> Iterator[S
 
 
 class _Descent:
-    def __init__(self, walk: Walk[FloatArray], clock: Clock) -> None:
+    def __init__(self, walk: Walk[FloatArray], clock: SampleClock) -> None:
         self.walk, self.clock = walk, clock
 
     def rho(self, node: f.Formula, sample: int) -> float:
         return float(self.walk(node)[sample])
 
-    def below(self, step: Step) -> Step | None:
+    def below(self, step: DescentStep) -> DescentStep | None:
         node, t, factor = step.node, step.sample, step.factor
         match node:
             case f.Named():
-                return Step(node.operand, t, factor)
+                return DescentStep(node.operand, t, factor)
             case f.Not():
-                return Step(node.operand, t, -factor)
+                return DescentStep(node.operand, t, -factor)
             case f.Rescale():
-                return Step(node.operand, t, factor * node.factor)
+                return DescentStep(node.operand, t, factor * node.factor)
             case f.Junction():
                 choose = min if node.operator == "and" else max
-                return Step(choose(node.operands, key=lambda operand: self.rho(operand, t)), t, factor)
+                return DescentStep(choose(node.operands, key=lambda operand: self.rho(operand, t)), t, factor)
             case f.Implication():
                 return self._implication(node, t, factor)
             case f.Temporal():
@@ -74,17 +74,17 @@ class _Descent:
                 return self._extreme(node.operand, window, factor, least=over)
             case f.Until():
                 return self._until(node, t, factor)
-            case f.Step():
+            case f.AdjacentSample():
                 there = t + (1 if node.operator == "next" else -1)
-                return Step(node.operand, there, factor) if 0 <= there < self.clock.count else None
+                return DescentStep(node.operand, there, factor) if 0 <= there < self.clock.count else None
             case f.Edge():
                 rise = 1.0 if node.operator == "rise" else -1.0
                 if t == 0:
                     return None
                 now, before = rise * self.rho(node.operand, t), -rise * self.rho(node.operand, t - 1)
                 if now <= before:
-                    return Step(node.operand, t, rise * factor)
-                return Step(node.operand, t - 1, -rise * factor)
+                    return DescentStep(node.operand, t, rise * factor)
+                return DescentStep(node.operand, t - 1, -rise * factor)
             case _:
                 return None
 
@@ -93,36 +93,36 @@ class _Descent:
         first, last = (int(end[t]) for end in self.clock.windows(interval, past))
         return np.arange(last, first - 1, -1) if past else np.arange(first, last + 1)
 
-    def _extreme(self, node: f.Formula, window: IntArray, factor: float, least: bool) -> Step | None:
+    def _extreme(self, node: f.Formula, window: IntArray, factor: float, least: bool) -> DescentStep | None:
         if not window.size:
             return None
         rho = self.walk(node)[window]
-        return Step(node, int(window[np.argmin(rho) if least else np.argmax(rho)]), factor)
+        return DescentStep(node, int(window[np.argmin(rho) if least else np.argmax(rho)]), factor)
 
-    def _implication(self, node: f.Implication, t: int, factor: float) -> Step:
+    def _implication(self, node: f.Implication, t: int, factor: float) -> DescentStep:
         left, right = self.rho(node.left, t), self.rho(node.right, t)
         forward = node.operator == "->" or max(-left, right) <= max(left, -right)
         if forward:
             if -left >= right:
-                return Step(node.left, t, -factor, vacuous=left < 0)
-            return Step(node.right, t, factor)
-        return Step(node.left, t, factor) if left >= -right else Step(node.right, t, -factor)
+                return DescentStep(node.left, t, -factor, vacuous=left < 0)
+            return DescentStep(node.right, t, factor)
+        return DescentStep(node.left, t, factor) if left >= -right else DescentStep(node.right, t, -factor)
 
-    def _until(self, node: f.Until, t: int, factor: float) -> Step | None:
+    def _until(self, node: f.Until, t: int, factor: float) -> DescentStep | None:
         # release is the dual of until, so the search runs on −ρ
         sign = -1.0 if node.operator == "release" else 1.0
-        found = best_witness(node, t, self.walk, self.clock, sign)
+        witness = best_witness(node, t, self.walk, self.clock, sign)
         if node.operator == "unless":
             stays = self._extreme(node.left, self._window(up_to(node.interval), t, False), factor, least=True)
-            if stays and (found is None or self.rho(node.left, stays.sample) >= found.rho):
+            if stays and (witness is None or self.rho(node.left, stays.sample) >= witness.rho):
                 return stays
-        if found is None:
+        if witness is None:
             return None
         left, right = sign * self.walk(node.left), sign * self.walk(node.right)
-        before = found.before
-        if before.size and left[before].min() < right[found.witness]:
-            return Step(node.left, int(before[np.argmin(left[before])]), factor)
-        return Step(node.right, found.witness, factor)
+        before = witness.before
+        if before.size and left[before].min() < right[witness.witness]:
+            return DescentStep(node.left, int(before[np.argmin(left[before])]), factor)
+        return DescentStep(node.right, witness.witness, factor)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +141,7 @@ class Witnessed:
 
 
 def best_witness(
-    node: f.Until, t: int, walk: Walk[FloatArray], clock: Clock, sign: float
+    node: f.Until, t: int, walk: Walk[FloatArray], clock: SampleClock, sign: float
 ) -> Witnessed | None:
     """Return the first best witness of sign · left until sign · right at sample t; None in an empty window."""
     past = node.operator == "since"

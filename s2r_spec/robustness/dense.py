@@ -11,17 +11,17 @@ from numpy.typing import NDArray
 from s2r_spec.base.errors import UsageError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness import windows
-from s2r_spec.robustness.curve import Curve, added, maximum, minimum, sign, split_at_zero
+from s2r_spec.robustness.curve import Curve, add, maximum, minimum, sign, split_at_zero
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.numbers import Numbers, no_value
-from s2r_spec.robustness.sampled import SampledAlgebra, Samples
-from s2r_spec.robustness.ties import TIE, rescaled, signed
+from s2r_spec.robustness.sampled import SampledAlgebra, SampledSignals
+from s2r_spec.robustness.ties import TIE, break_ties, rescale
 
 FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Recording:
+class ContinuousSignals:
     """Signals and parameters in continuous time, on which formulas are evaluated.
 
     Args:
@@ -31,7 +31,7 @@ class Recording:
         snap: times closer than this are the same [s].
     """
 
-    samples: Samples
+    samples: SampledSignals
     between: Literal["hold", "linear"]
     snap: float
 
@@ -47,7 +47,7 @@ def snap_of(times: FloatArray) -> float:
     return 1e-12 * span + 8 * float(np.finfo(np.float64).eps) * float(np.abs(times).max())
 
 
-def walk_curves(recording: Recording) -> Walk[Curve]:
+def walk_curves(recording: ContinuousSignals) -> Walk[Curve]:
     """Return the walk that gives the robustness of a formula as a curve over the recording.
 
     The walk raises TraceError if a predicate has no value, and UsageError for
@@ -59,10 +59,10 @@ def walk_curves(recording: Recording) -> Walk[Curve]:
 class DenseAlgebra:
     """Robustness signals as curves."""
 
-    def __init__(self, recording: Recording) -> None:
+    def __init__(self, recording: ContinuousSignals) -> None:
         self.recording = recording
         self.snap = recording.snap
-        self.values = Values(recording)
+        self.values = PredicateCurves(recording)
 
     def truth(self, value: bool) -> Curve:
         """Return an infinity."""
@@ -78,7 +78,7 @@ class DenseAlgebra:
         left, right = self.values(node.left), self.values(node.right)
         if node.operator in (">", ">="):
             left, right = right, left
-        difference = added(right, -left, self.snap)
+        difference = add(right, -left, self.snap)
         with np.errstate(invalid="ignore"):
             bad = np.isnan(difference.at)
             bad[:-1] |= ~(
@@ -94,7 +94,7 @@ class DenseAlgebra:
         at, right_limit, left_limit = parts
         return Curve(
             fine.times,
-            signed(at, node.operator),
+            break_ties(at, node.operator),
             _signed_limit(right_limit, left_limit, node.operator),
             _signed_limit(left_limit, right_limit, node.operator),
         )
@@ -103,9 +103,9 @@ class DenseAlgebra:
         """Return −x."""
         return -x
 
-    def scaled(self, x: Curve, factor: float) -> Curve:
+    def scale(self, x: Curve, factor: float) -> Curve:
         """Return factor · x."""
-        return Curve(x.times, *(rescaled(part, factor) for part in (x.at, x.right, x.left)))
+        return Curve(x.times, *(rescale(part, factor) for part in (x.at, x.right, x.left)))
 
     def least(self, x: Curve, y: Curve) -> Curve:
         """Return the smaller of both, with crossings."""
@@ -131,7 +131,7 @@ class DenseAlgebra:
             return windows.until(left.backward(), right.backward(), interval, self.snap).backward()
         return windows.until(left, right, interval, self.snap)
 
-    def step(self, x: Curve, node: f.Step) -> Curve:
+    def step(self, x: Curve, node: f.AdjacentSample) -> Curve:
         """Refuse: there is no next instant."""
         raise UsageError(
             f"`{node.span.text}` ({node.span.place}) counts samples: "
@@ -152,11 +152,11 @@ def _signed_limit(limit: FloatArray, other: FloatArray, operator: f.CompareOp) -
     zero = limit == 0.0
     if not zero.any():
         return limit
-    return np.where(zero & (other != 0.0), np.copysign(TIE, other), signed(limit, operator))
+    return np.where(zero & (other != 0.0), np.copysign(TIE, other), break_ties(limit, operator))
 
 
 @dataclass
-class Values:
+class PredicateCurves:
     """The numbers that a predicate compares, as curves.
 
     Sums, differences, multiples, minima, maxima, absolute values and signs of straight lines are exact, with their
@@ -164,7 +164,7 @@ class Values:
     samples and interpolated linearly.
     """
 
-    recording: Recording
+    recording: ContinuousSignals
     sampled: Numbers = field(init=False)
     done: dict[int, Curve] = field(init=False, default_factory=dict)
 
@@ -183,18 +183,18 @@ class Values:
             return self._joined(node)  # functions of held signals are held
         match node:
             case f.Convert():
-                return self(node.operand).mapped(node.conversion.each)
+                return self(node.operand).map(node.conversion.each)
             case f.Arithmetic(operator="+"):
-                return added(self(node.left), self(node.right), snap)
+                return add(self(node.left), self(node.right), snap)
             case f.Arithmetic(operator="-"):
-                return added(self(node.left), -self(node.right), snap)
+                return add(self(node.left), -self(node.right), snap)
             case f.Arithmetic(operator="*" | "/") if self._steady(node.right):
                 factor = float(self.sampled(node.right).item())
                 with np.errstate(all="ignore"):
                     factor = factor if node.operator == "*" else float(np.divide(1.0, factor))
-                    return self(node.left).scaled(factor)
+                    return self(node.left).scale(factor)
             case f.Arithmetic(operator="*") if self._steady(node.left):
-                return self(node.right).scaled(float(self.sampled(node.left).item()))
+                return self(node.right).scale(float(self.sampled(node.left).item()))
             case f.Elementary(function="minus"):
                 return -self(node.operand)
             case f.Elementary(function="abs") | f.Norm(operands=(f.Value(width=1),)):
@@ -209,8 +209,8 @@ class Values:
                     result = fold(result, self(operand), snap)
                 return result
             case f.Overshoot():
-                beyond = added(self(node.signal), -self(node.reference), snap)
-                return beyond.scaled(float(self.sampled.direction(node).item()))
+                beyond = add(self(node.signal), -self(node.reference), snap)
+                return beyond.scale(float(self.sampled.direction(node).item()))
             case _:
                 return self._joined(node)
 

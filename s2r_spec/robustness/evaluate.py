@@ -39,7 +39,7 @@ class Algebra(Protocol[S]):
         """Return −x."""
         ...
 
-    def scaled(self, x: S, factor: float) -> S:
+    def scale(self, x: S, factor: float) -> S:
         """Return factor · x, factor > 0."""
         ...
 
@@ -63,7 +63,7 @@ class Algebra(Protocol[S]):
         """Return sup over witnesses t' in the window of min(right(t'), inf of left on [t, t'))."""
         ...
 
-    def step(self, x: S, node: f.Step) -> S:
+    def step(self, x: S, node: f.AdjacentSample) -> S:
         """Return the next or previous sample's x; −inf where there is none."""
         ...
 
@@ -117,13 +117,13 @@ class Walk(Generic[S]):
                     return forward
                 return algebra.least(forward, algebra.greatest(left, algebra.negative(right)))
             case f.Rescale():
-                return algebra.scaled(self(node.operand), node.factor)
+                return algebra.scale(self(node.operand), node.factor)
             case f.Temporal():
                 over = algebra.always if node.operator in ("always", "historically") else algebra.eventually
                 return over(self(node.operand), node.interval, node.operator in ("historically", "once"))
             case f.Until():
                 return self._until(node)
-            case f.Step():
+            case f.AdjacentSample():
                 return algebra.step(self(node.operand), node)
             case f.Edge():
                 now = self(node.operand)

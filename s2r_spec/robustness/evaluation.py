@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError, UsageError
 from s2r_spec.lang import formula as f
-from s2r_spec.robustness.binding import bound
-from s2r_spec.robustness.dense import Recording, snap_of, walk_curves
+from s2r_spec.robustness.binding import bind
+from s2r_spec.robustness.dense import ContinuousSignals, snap_of, walk_curves
 from s2r_spec.robustness.evaluate import Walk, Witness
 from s2r_spec.robustness.grid import SNAP, Grid
 from s2r_spec.robustness.horizon import horizon, samples_needed, seconds_needed
 from s2r_spec.robustness.narrow import narrowest, refuse_short
-from s2r_spec.robustness.sampled import Samples, walk_samples
-from s2r_spec.robustness.silence import Span, bounded_samples, silences_of
+from s2r_spec.robustness.sampled import SampledSignals, walk_samples
+from s2r_spec.robustness.silence import Span, bounding_walk, silences_of
 from s2r_spec.robustness.ticks import Ticks, clock_of
-from s2r_spec.robustness.ties import plain
+from s2r_spec.robustness.ties import restore_zeros
 from s2r_spec.trace.instants import instant
 
 FloatArray = NDArray[np.float64]
@@ -29,7 +29,7 @@ BoolArray = NDArray[np.bool_]
 Interpolation = Literal["samples", "hold", "linear"]
 End = Literal["clip", "hold", "nan", "error"]
 MOST_HELD = 10_000_000
-"""Budget: samples that ``end="hold"`` may add; twice as many take twice the memory."""
+"""Budget: samples that ``end="hold"`` may add."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,14 +142,14 @@ class Reading:
 
     def bound(self, formula: f.Formula) -> f.Formula:
         """Return the formula with numbers for the parameters in its time bounds."""
-        return bound(formula, {name: float(value.item()) for name, value in self.params.items()})
+        return bind(formula, {name: float(value.item()) for name, value in self.params.items()})
 
     def walk(self) -> Walk[Any]:
         """Return a walk over samples or curves."""
         if self.interpolation == "samples":
-            return walk_samples(Samples(self.clock, self.signals, self.params, self.until))
-        samples = Samples(Ticks.of(self.times), self.signals, self.params, self.until)
-        return walk_curves(Recording(samples, self.interpolation, self.snap))
+            return walk_samples(SampledSignals(self.clock, self.signals, self.params, self.until))
+        samples = SampledSignals(Ticks.of(self.times), self.signals, self.params, self.until)
+        return walk_curves(ContinuousSignals(samples, self.interpolation, self.snap))
 
     def signed(self, formula: f.Formula) -> FloatArray:
         """Return (n,): ρ at every sample, never 0: its sign is the verdict (:mod:`s2r_spec.robustness.ties`)."""
@@ -170,9 +170,9 @@ class Reading:
         """Return the bounds of ρ at the first sample where the samples are silent for a while; None if they are not."""
         if not self.silences:
             return None
-        samples = Samples(self.clock, self.signals, self.params, self.until)
-        found = bounded_samples(samples, self.silences, self.period or 0.0)(formula)
-        return float(found.lower[0]), float(found.upper[0])
+        samples = SampledSignals(self.clock, self.signals, self.params, self.until)
+        bounds = bounding_walk(samples, self.silences, self.period or 0.0)(formula)
+        return float(bounds.lower[0]), float(bounds.upper[0])
 
     def refuse_short(self, formula: f.Formula) -> None:
         """Refuse windows shorter than the median period if conditions are evaluated only at the samples.
@@ -212,17 +212,17 @@ class Reading:
         """Return a sentence for each end of a window that lies between two samples of the grid."""
         if self.grid is None:
             return ()
-        found: dict[str, None] = {}
+        sentences: dict[str, None] = {}
         for node in f.walk(formula):
             if isinstance(node, f.Temporal | f.Until):
                 for end in (node.interval.low, node.interval.high):
                     if self.grid.between(end):
                         span = node.interval.span
-                        found[
+                        sentences[
                             f"{end:g} s in `{' '.join(span.text.split())}` ({span.place}) lies between two samples: "
                             f"the window has the samples inside it, {self.grid.step:.6g} s apart"
                         ] = None
-        return tuple(found)
+        return tuple(sentences)
 
     def held(self, formula: f.Formula) -> Reading:
         """Return a reading extended by the formula's horizon; each signal holds its last sample.
@@ -272,7 +272,7 @@ def evaluate(formula: f.Formula, reading: Reading, requirement: str, unit: str, 
         requirement=requirement,
         unit=unit,
         times=reading.times,
-        values=plain(rho),
+        values=restore_zeros(rho),
         truth=rho > 0,
         horizon=horizon(formula),
         complete=complete,

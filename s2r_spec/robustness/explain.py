@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from s2r_spec.base.json_values import to_json
 from s2r_spec.base.printable import html_text, one_line
 from s2r_spec.lang import formula as f
-from s2r_spec.robustness.deciding import Step, descend
+from s2r_spec.robustness.deciding import DescentStep, descend
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.evaluation import Reading
-from s2r_spec.robustness.responsible import responsible
-from s2r_spec.robustness.sampled import SampledAlgebra, Samples
-from s2r_spec.robustness.ties import plain_number
+from s2r_spec.robustness.responsible import responsible_samples
+from s2r_spec.robustness.sampled import SampledAlgebra, SampledSignals
+from s2r_spec.robustness.ties import restore_zero
 from s2r_spec.trace.instants import DATES, instant
 
 FloatArray = NDArray[np.float64]
@@ -36,7 +36,7 @@ class Observed:
 
 
 @dataclass(frozen=True)
-class Part:
+class ExplanationStep:
     """A sub-formula on the way from the requirement to the predicate.
 
     Args:
@@ -85,7 +85,7 @@ class Explanation:
     rho: float
     unit: str
     satisfied: bool
-    parts: tuple[Part, ...] = ()
+    parts: tuple[ExplanationStep, ...] = ()
     instant: float | None = None
     predicate: str = ""
     line: int | None = None
@@ -152,36 +152,36 @@ class Explanation:
 
 def explain(formula: f.Formula, reading: Reading, requirement: str, unit: str) -> Explanation:
     """Explain ρ of a formula at the first sample; conditions are evaluated at the samples."""
-    algebra = SampledAlgebra(Samples(reading.clock, reading.signals, reading.params, reading.until))
+    algebra = SampledAlgebra(SampledSignals(reading.clock, reading.signals, reading.params, reading.until))
     walk = Walk(algebra, reading.until)
     signed = float(walk(formula)[0])
     steps = list(descend(formula, walk, reading.clock))
     parts = tuple(
-        Part(
+        ExplanationStep(
             _one_line(step.node.span.text),
             step.node.name if isinstance(step.node, f.Named) else "",
             step.node.span.line,
             float(reading.times[step.sample]),
-            plain_number(float(walk(step.node)[step.sample])),
+            restore_zero(float(walk(step.node)[step.sample])),
         )
         for step in steps
         if not isinstance(step.node, f.Rescale)
     )
     last = steps[-1]
     predicate, sample = last.node, last.sample
-    decided = Decided(predicate, last.factor, reading.times, unneeded=_unneeded(steps))
+    decided = Decided(predicate, last.factor, reading.times, unneeded=_irrelevant_side(steps))
     if isinstance(predicate, f.Comparison):
-        times = responsible(formula, walk, reading.clock).get(
+        times = responsible_samples(formula, walk, reading.clock).get(
             id(predicate), np.zeros(len(reading.times), dtype=bool)
         )
         times[sample] = True  # a violated until may have several reasons, and ρ may name another one
         decided = replace(
             decided,
             runs=_runs(times, reading.times),
-            sides=tuple(_observed(side, algebra, sample) for side in (predicate.left, predicate.right)),
+            sides=tuple(_observe(side, algebra, sample) for side in (predicate.left, predicate.right)),
             signals=_signals(predicate, algebra, sample),
         )
-    return explained(requirement, unit, signed, parts, decided)
+    return make_explanation(requirement, unit, signed, parts, decided)
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,11 +207,11 @@ class Decided:
     unneeded: str = ""
 
 
-def explained(
-    requirement: str, unit: str, signed: float, parts: tuple[Part, ...], decided: Decided
+def make_explanation(
+    requirement: str, unit: str, signed: float, parts: tuple[ExplanationStep, ...], decided: Decided
 ) -> Explanation:
     """Return an explanation from the way down to what decides ρ; the sign of ``signed``, never 0, is the verdict."""
-    rho, satisfied = plain_number(signed), signed > 0
+    rho, satisfied = restore_zero(signed), signed > 0
     when = instant(decided.times, parts[-1].time)
     if not isinstance(decided.node, f.Comparison):
         match decided.node:
@@ -239,12 +239,12 @@ def explained(
         signals=decided.signals,
         responsible=decided.runs,
         when=when,
-        rests=tuple(_stretch(decided.times, *run) for run in decided.runs),
+        rests=tuple(_run_text(decided.times, *run) for run in decided.runs),
         unneeded=decided.unneeded if satisfied else "",
     )
 
 
-def _unneeded(steps: Sequence[Step]) -> str:
+def _irrelevant_side(steps: Sequence[DescentStep]) -> str:
     """Return the right side of the last implication on the way down whose left side is false; "" if there is none."""
     for above, below in zip(reversed(steps[:-1]), reversed(steps[1:]), strict=True):
         if below.vacuous and isinstance(above.node, f.Implication):
@@ -260,14 +260,14 @@ def _unit(node: f.Value | f.Formula) -> str:
     return "" if node.unit is None else node.unit.text
 
 
-def _observed(node: f.Value, algebra: SampledAlgebra, sample: int) -> Observed:
+def _observe(node: f.Value, algebra: SampledAlgebra, sample: int) -> Observed:
     values = algebra.numbers(node)[0]
     return Observed(_one_line(node.span.text), float(values[min(sample, values.size - 1)]), _unit(node))
 
 
 def _signals(predicate: f.Comparison, algebra: SampledAlgebra, sample: int) -> tuple[Observed, ...]:
     """Return the signals and parameters in a predicate, each once, vectors by component."""
-    found: dict[str, Observed] = {}
+    observed: dict[str, Observed] = {}
     for node in f.walk(predicate):
         if not isinstance(node, f.SignalValue | f.ParamValue):
             continue
@@ -280,11 +280,11 @@ def _signals(predicate: f.Comparison, algebra: SampledAlgebra, sample: int) -> t
                 else f"{node.name}[{k if index is None else index}]"
             )
             value = float(component[min(sample, component.size - 1)])
-            found.setdefault(name, Observed(name, value, _unit(node)))
-    return tuple(found.values())
+            observed.setdefault(name, Observed(name, value, _unit(node)))
+    return tuple(observed.values())
 
 
-def _stretch(times: FloatArray, start: float, end: float) -> str:
+def _run_text(times: FloatArray, start: float, end: float) -> str:
     """Return a period of time in words; if times are dates, relative to the first sample."""
     if start == end:
         return instant(times, start)

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.at_start import bounds_at_start, curves_of, infimum_over
-from s2r_spec.robustness.bounds import BoundedAlgebra, Bounds
+from s2r_spec.robustness.bounds import BoundedAlgebra, RhoBounds
 from s2r_spec.robustness.curve import Curve
 from s2r_spec.robustness.evaluate import Walk, up_to
-from s2r_spec.robustness.explain import Decided, Explanation, Observed, Part, explained
+from s2r_spec.robustness.explain import Decided, Explanation, ExplanationStep, Observed, make_explanation
 from s2r_spec.robustness.held import Courses, HeldAlgebra, HeldValues, signals_of
-from s2r_spec.robustness.ties import plain_number
+from s2r_spec.robustness.ties import restore_zero
 
 FloatArray = NDArray[np.float64]
 Span = tuple[float, float]
@@ -34,7 +34,7 @@ _INSIDE = 1e-6
 
 
 @dataclass(frozen=True)
-class _Step:
+class _HeldStep:
     """A sub-formula on the way down.
 
     Args:
@@ -61,7 +61,7 @@ class HeldExplainer:
         worse: whether ρ is the lower bound; else the upper one.
     """
 
-    walk: Walk[Bounds[Curve]]
+    walk: Walk[RhoBounds[Curve]]
     start: float
     worse: bool
 
@@ -78,12 +78,12 @@ class HeldExplainer:
         rho = self.rho(formula, 0.0, 1.0)
         steps = list(self._descend(formula))
         parts = tuple(
-            Part(
+            ExplanationStep(
                 " ".join(step.node.span.text.split()),
                 step.node.name if isinstance(step.node, f.Named) else "",
                 step.node.span.line,
                 self.start + step.time,
-                plain_number(rho / step.factor),
+                restore_zero(rho / step.factor),
             )
             for step in steps
             if not isinstance(step.node, f.Rescale)
@@ -92,17 +92,17 @@ class HeldExplainer:
         vacuous = next((a.node for a, b in pairwise(steps) if b.vacuous), None)
         unneeded = vacuous.right.span.text if isinstance(vacuous, f.Implication) else ""
         at = parts[-1].time
-        decided = Decided(last.node, last.factor, self._near([at]), unneeded=unneeded)
+        decided = Decided(last.node, last.factor, self._instants_near([at]), unneeded=unneeded)
         if isinstance(last.node, f.Comparison):
             runs = self._runs(last)
             decided = replace(
                 decided,
-                times=self._near([at, *(time for run in runs[:SHOWN] for time in run)]),
+                times=self._instants_near([at, *(time for run in runs[:SHOWN] for time in run)]),
                 runs=runs,
-                sides=tuple(self._observed(side, last.time) for side in (last.node.left, last.node.right)),
+                sides=tuple(self._observe(side, last.time) for side in (last.node.left, last.node.right)),
                 signals=tuple(self._signals(last.node, last.time)),
             )
-        return explained(requirement, unit, rho, parts, decided)
+        return make_explanation(requirement, unit, rho, parts, decided)
 
     def curve(self, node: f.Formula, factor: float) -> Curve:
         """Return the curve of a node: the bound that ρ of the requirement depends on."""
@@ -118,13 +118,13 @@ class HeldExplainer:
 
     # -- the way down ------------------------------------------------------------------------------------------------
 
-    def _descend(self, formula: f.Formula) -> Iterator[_Step]:
-        step: _Step | None = _Step(formula, 0.0, 1.0, np.zeros((1, 2)))
+    def _descend(self, formula: f.Formula) -> Iterator[_HeldStep]:
+        step: _HeldStep | None = _HeldStep(formula, 0.0, 1.0, np.zeros((1, 2)))
         while step is not None:
             yield step
             step = self._below(step)
 
-    def _below(self, step: _Step) -> _Step | None:
+    def _below(self, step: _HeldStep) -> _HeldStep | None:
         node, t, factor = step.node, step.time, step.factor
         match node:
             case f.Named():
@@ -150,7 +150,7 @@ class HeldExplainer:
             case _:
                 return None
 
-    def _implication(self, node: f.Implication, step: _Step) -> _Step:
+    def _implication(self, node: f.Implication, step: _HeldStep) -> _HeldStep:
         t, factor = step.time, step.factor
         left, right = -self.rho(node.left, t, -factor), self.rho(node.right, t, factor)
         if node.operator == "->":
@@ -164,7 +164,7 @@ class HeldExplainer:
             side = (node.left, factor) if back[0] >= back[1] else (node.right, -factor)
         return replace(step, node=side[0], factor=side[1])
 
-    def _edge(self, node: f.Edge, step: _Step) -> _Step | None:
+    def _edge(self, node: f.Edge, step: _HeldStep) -> _HeldStep | None:
         sign = 1.0 if node.operator == "rise" else -1.0
         before = step.time - 4 * self.courses.snap
         if before < 0.0:
@@ -175,18 +175,18 @@ class HeldExplainer:
             return replace(step, node=node.operand, factor=sign * step.factor)
         return replace(step, node=node.operand, factor=-sign * step.factor, time=before)
 
-    def _window(self, interval: f.Interval, step: _Step, past: bool) -> Span:
+    def _window(self, interval: f.Interval, step: _HeldStep, past: bool) -> Span:
         """Return the times of a window of one instant, cut at the ends of the trace."""
         ends = (-interval.high, -interval.low) if past else (interval.low, interval.high)
         return max(step.time + ends[0], 0.0), min(step.time + ends[1], self.courses.end)
 
-    def _spread(self, interval: f.Interval, step: _Step, past: bool) -> FloatArray:
+    def _spread(self, interval: f.Interval, step: _HeldStep, past: bool) -> FloatArray:
         """Return the times that the windows of a step's instants reach, as one run."""
         low, high = (-interval.high, -interval.low) if past else (interval.low, interval.high)
         begin, end = step.runs[0, 0] + low, step.runs[-1, 1] + high
         return np.array([[max(begin, 0.0), min(end, self.courses.end)]])
 
-    def _agreeing(self, curve: Curve, holds: bool, runs: FloatArray) -> FloatArray:
+    def _restrict(self, curve: Curve, holds: bool, runs: FloatArray) -> FloatArray:
         """Return the parts of runs at which a formula holds, or does not; (k, 2) times, k ≥ 1."""
         agrees = np.empty(2 * curve.times.size - 1, dtype=bool)
         agrees[::2] = (curve.at > 0) == holds
@@ -197,12 +197,12 @@ class HeldExplainer:
             (curve.times[first // 2], curve.times[np.minimum(stop // 2, curve.times.size - 1)]), axis=1
         )
         both = [np.clip(own[(own[:, 1] >= begin) & (own[:, 0] <= end)], begin, end) for begin, end in runs]
-        found = np.concatenate(both)
-        return found if len(found) else runs
+        agreeing = np.concatenate(both)
+        return agreeing if len(agreeing) else runs
 
     def _extreme(
-        self, node: f.Formula, step: _Step, interval: f.Interval, past: bool, least: bool
-    ) -> _Step | None:
+        self, node: f.Formula, step: _HeldStep, interval: f.Interval, past: bool, least: bool
+    ) -> _HeldStep | None:
         low, high = self._window(interval, step, past)
         if isinstance(node, f.Junction) and (node.operator == "and") == least:
             # One part after the other: the curve of all has the stamps of all topics.
@@ -218,7 +218,7 @@ class HeldExplainer:
         if time is None:
             return None
         rho = float(curve.values(np.array([time]), self.courses.snap)[0])
-        runs = self._agreeing(curve, rho > 0, self._spread(interval, step, past))
+        runs = self._restrict(curve, rho > 0, self._spread(interval, step, past))
         return replace(step, node=node, time=time, runs=runs)
 
     def _place(self, x: Curve, low: float, high: float, past: bool) -> float | None:
@@ -247,7 +247,7 @@ class HeldExplainer:
         places = [at[np.flatnonzero(part == least)[last]] for value, part, at in known if value == least]
         return float(max(places) if past else min(places))
 
-    def at(self, step: _Step) -> float:
+    def at(self, step: _HeldStep) -> float:
         """Return ρ of a step's node at its instant."""
         return self.rho(step.node, step.time, step.factor)
 
@@ -271,7 +271,7 @@ class HeldExplainer:
         times = np.unique(np.concatenate([inner, within, borders]))
         return times[::-1] if past else times
 
-    def _until(self, node: f.Until, step: _Step) -> _Step | None:
+    def _until(self, node: f.Until, step: _HeldStep) -> _HeldStep | None:
         sign = -1.0 if node.operator == "release" else 1.0  # release is the dual of until
         past = node.operator == "since"
         way = replace(up_to(node.interval), span=node.interval.span)
@@ -298,7 +298,7 @@ class HeldExplainer:
             return replace(step, node=node.left, time=float(times[np.argmin(held)]), runs=spread)
         return replace(step, node=node.right, time=float(times[best]), runs=spread)
 
-    def _near(self, times: list[float]) -> FloatArray:
+    def _instants_near(self, times: list[float]) -> FloatArray:
         """Return the begin, times on the trace's clock, and the stamps of all signals around them."""
         near = [np.array([0.0]), np.array(times) - self.start]
         for course in self.courses.signals.values():
@@ -310,13 +310,13 @@ class HeldExplainer:
 
     # -- what is shown -----------------------------------------------------------------------------------------------
 
-    def _runs(self, step: _Step) -> tuple[Span, ...]:
+    def _runs(self, step: _HeldStep) -> tuple[Span, ...]:
         """Return (from, to) times in the window at which the predicate is what decides: [s] on the trace's clock."""
-        wanted = self.at(step) > 0
-        runs = self._agreeing(self.curve(step.node, step.factor), wanted, step.runs)
+        holds = self.at(step) > 0
+        runs = self._restrict(self.curve(step.node, step.factor), holds, step.runs)
         return tuple((self.start + float(begin), self.start + float(end)) for begin, end in runs)
 
-    def _observed(self, node: f.Value, time: float) -> Observed:
+    def _observe(self, node: f.Value, time: float) -> Observed:
         values = HeldValues.at_messages(self.courses, signals_of(node))
         number = float(values(node).values(np.array([time]), self.courses.snap)[0])
         return Observed(" ".join(node.span.text.split()), number, "" if node.unit is None else node.unit.text)

@@ -24,11 +24,11 @@ from numpy.typing import NDArray
 from s2r_spec.base.errors import TraceError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness import history
-from s2r_spec.robustness.curve import Curve, aligned, split_at_zero
-from s2r_spec.robustness.dense import DenseAlgebra, Recording, Values
+from s2r_spec.robustness.curve import Curve, align, split_at_zero
+from s2r_spec.robustness.dense import ContinuousSignals, DenseAlgebra, PredicateCurves
 from s2r_spec.robustness.evaluate import Walk, Witness
 from s2r_spec.robustness.numbers import Numbers, margin
-from s2r_spec.robustness.sampled import Samples
+from s2r_spec.robustness.sampled import SampledSignals
 from s2r_spec.robustness.ticks import Ticks
 
 FloatArray = NDArray[np.float64]
@@ -103,10 +103,10 @@ class Courses:
         result: FloatArray = np.unique(np.concatenate([ends, *inner]))
         return result
 
-    def sampled(self, times: FloatArray, read: frozenset[str]) -> Samples:
+    def sampled(self, times: FloatArray, read: frozenset[str]) -> SampledSignals:
         """Return some signals at times."""
         signals = {name: self.signals[name].at(times) for name in read}
-        return Samples(Ticks(times, self.snap), signals, self.params, self.until)
+        return SampledSignals(Ticks(times, self.snap), signals, self.params, self.until)
 
     def needs_samples(self, node: f.Node) -> bool:
         """Return whether a value is known at samples alone: a function of the past of several topics."""
@@ -122,7 +122,7 @@ class HeldAlgebra(DenseAlgebra):
 
     def __init__(self, courses: Courses) -> None:
         ends = courses.stamps(frozenset())
-        super().__init__(Recording(courses.sampled(ends, frozenset()), "hold", courses.snap))
+        super().__init__(ContinuousSignals(courses.sampled(ends, frozenset()), "hold", courses.snap))
         self.courses = courses
         # Only those of the last predicate, since those of many topics fill the memory.
         self._last: tuple[frozenset[str], HeldValues] | None = None
@@ -158,7 +158,7 @@ def needs_samples(node: f.Node, times: Mapping[str, FloatArray]) -> bool:
         times: signal → the stamps of its messages.
     """
     for part in f.walk(node):
-        if isinstance(part, f.Step):
+        if isinstance(part, f.AdjacentSample):
             return True
         if isinstance(part, f.Count | f.Delayed | f.Derivative):
             first, *others = (
@@ -175,7 +175,7 @@ def signals_of(node: f.Node) -> frozenset[str]:
 
 
 @dataclass
-class HeldValues(Values):
+class HeldValues(PredicateCurves):
     """The numbers that a predicate compares, as curves with breakpoints at the messages of its signals."""
 
     courses: Courses = field(kw_only=True)
@@ -185,7 +185,7 @@ class HeldValues(Values):
         """Return the values of some signals at their stamps."""
         samples = courses.sampled(courses.stamps(read), read)
         linear = any(courses.signals[name].linear for name in read)
-        return cls(Recording(samples, "linear" if linear else "hold", courses.snap), courses=courses)
+        return cls(ContinuousSignals(samples, "linear" if linear else "hold", courses.snap), courses=courses)
 
     def __post_init__(self) -> None:
         self.sampled = _OwnNumbers(self.recording.samples, self.courses)
@@ -205,7 +205,7 @@ class HeldValues(Values):
             case f.Arithmetic(operator="*" | "/") if _grows(node) and not self._has_steady_part(node):
                 return self._product(node)
             case f.Elementary(function="sqrt") | f.Arithmetic(operator="^") | f.Norm() if _grows(node):
-                raise _curved(node)
+                raise _curved_error(node)
             case _ if _grows(node):
                 return self._lines(node)
             case _:
@@ -220,12 +220,12 @@ class HeldValues(Values):
         Raises:
             TraceError: it is not linear between two messages.
         """
-        x, y = aligned(self(node.left), self(node.right), self.recording.snap)
+        x, y = align(self(node.left), self(node.right), self.recording.snap)
         flat = y.right == y.left
         if node.operator == "*":
             flat |= x.right == x.left
         if not flat.all():
-            raise _curved(node)
+            raise _curved_error(node)
         with np.errstate(all="ignore"):
             parts = [
                 _PRODUCT[node.operator](*pair)
@@ -236,9 +236,9 @@ class HeldValues(Values):
     def _chosen(self, node: f.Choice) -> Curve:
         """Return the curve of ``if``, whose condition may change between two messages."""
         snap = self.recording.snap
-        rho, x = aligned(split_at_zero(self.courses.walk()(node.condition), snap), self(node.left), snap)
-        x, y = aligned(x, self(node.right), snap)
-        rho = rho.refined(x.times)
+        rho, x = align(split_at_zero(self.courses.walk()(node.condition), snap), self(node.left), snap)
+        x, y = align(x, self(node.right), snap)
+        rho = rho.refine(x.times)
         at, between = rho.at > 0, rho.right + rho.left > 0
         return Curve(
             x.times,
@@ -274,12 +274,12 @@ class HeldValues(Values):
 
     def _accumulated(self, node: f.Accumulated) -> Curve:
         if _grows(node.operand):
-            raise _curved(node)
+            raise _curved_error(node)
         operand = self(node.operand)
         total = _integral(operand, node.seconds)
         if node.function == "integral":
             return total
-        total = total.refined(np.union1d(total.times, _along_hyperbolas(total.times, node.seconds)))
+        total = total.refine(np.union1d(total.times, _along_hyperbolas(total.times, node.seconds)))
         elapsed = np.minimum(total.times, node.seconds)
         with np.errstate(invalid="ignore", divide="ignore"):
             at = np.where(elapsed > 0, total.at / elapsed, operand.at[0])
@@ -304,7 +304,7 @@ def _along_hyperbolas(times: FloatArray, seconds: float) -> FloatArray:
     return result
 
 
-def _curved(node: f.Value) -> TraceError:
+def _curved_error(node: f.Value) -> TraceError:
     """Return the error of a value that is no straight line between messages."""
     return TraceError(
         f"`{' '.join(node.span.text.split())}` ({node.span.place}) is no straight line between messages, so s2r has no "
@@ -361,7 +361,7 @@ def _conditions(courses: Courses, times: FloatArray, node: f.Formula) -> FloatAr
 class _OwnNumbers(Numbers):
     """Numbers at the messages of a predicate's signals; functions of the past look at their operand's own messages."""
 
-    def __init__(self, samples: Samples, courses: Courses) -> None:
+    def __init__(self, samples: SampledSignals, courses: Courses) -> None:
         # Not a method of these numbers: a reference cycle would keep the samples in memory.
         conditions = partial(_conditions, courses, samples.clock.times)
         super().__init__(samples.signals, samples.params, samples.clock, lambda: conditions)
@@ -381,15 +381,15 @@ class _OwnNumbers(Numbers):
         numbers = _OwnNumbers(samples, self._courses)
         match node:
             case f.Count():
-                found = history.count(numbers.holds(node.operand), own, node.seconds, self.clock.snap)
+                past = history.count(numbers.holds(node.operand), own, node.seconds, self.clock.snap)
             case f.Delayed():
-                found = history.delayed(numbers._along(node.operand), own, node.seconds, self.clock.snap)
+                past = history.delay(numbers._along(node.operand), own, node.seconds, self.clock.snap)
             case f.Derivative():
-                found = history.derivative(numbers._along(node.operand), own)
+                past = history.derivative(numbers._along(node.operand), own)
             case _:
                 raise AssertionError(node)
         index = np.searchsorted(own, times, side="right") - 1
-        return np.where(index < 0, 0.0 if isinstance(node, f.Count) else found[..., :1], found[..., index])
+        return np.where(index < 0, 0.0 if isinstance(node, f.Count) else past[..., :1], past[..., index])
 
     def _own_stamps(self, node: f.Value) -> FloatArray:
         """Return (n,) the stamps of the one topic that an operand reads, from the last one before the start on.

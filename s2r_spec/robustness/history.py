@@ -15,7 +15,7 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 
-def delayed(x: FloatArray, times: FloatArray, seconds: float, snap: float) -> FloatArray:
+def delay(x: FloatArray, times: FloatArray, seconds: float, snap: float) -> FloatArray:
     """Return (…, n): x at the last sample at or before t − seconds, or else the first one."""
     index = np.searchsorted(times, times - seconds + snap, "right") - 1
     return x[..., np.maximum(index, 0)]

@@ -82,7 +82,7 @@ def _reach(formula: f.Formula, ends: Ends, step: float) -> float:
                 return max(0.0, reach(node.left), reach(node.right) - ends(node.interval)[0])
             case f.Until():
                 return ends(node.interval)[1] + below(node)
-            case f.Step(operator="next"):
+            case f.AdjacentSample(operator="next"):
                 return step + below(node)
             case _:
                 return below(node)

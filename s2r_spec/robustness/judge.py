@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError
-from s2r_spec.base.printable import counted_messages
+from s2r_spec.base.printable import count_messages
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.account import Instants, instants_of
 from s2r_spec.robustness.at_start import bounds_at_start
-from s2r_spec.robustness.bounds import Bounds
+from s2r_spec.robustness.bounds import RhoBounds
 from s2r_spec.robustness.curve import Curve
 from s2r_spec.robustness.evaluate import Walk, Witness
 from s2r_spec.robustness.evaluation import End, Evaluation
@@ -34,8 +34,8 @@ from s2r_spec.robustness.held import Course, Courses, HeldAlgebra
 from s2r_spec.robustness.horizon import horizon, seconds_needed
 from s2r_spec.robustness.narrow import narrowest, refuse_short
 from s2r_spec.robustness.silence import HeldBounds, Span, edge_signals
-from s2r_spec.robustness.stream import Stream, in_one_turn
-from s2r_spec.robustness.ties import plain, plain_number
+from s2r_spec.robustness.stream import SignalMessages, in_one_turn
+from s2r_spec.robustness.ties import restore_zero, restore_zeros
 from s2r_spec.trace.instants import instant
 from s2r_spec.trace.messages import union
 
@@ -93,7 +93,7 @@ class Judge:
         witness: see :class:`s2r_spec.robustness.evaluate.Walk`.
     """
 
-    streams: Mapping[str, Stream]
+    streams: Mapping[str, SignalMessages]
     params: Mapping[str, FloatArray]
     since: float | None
     until: float
@@ -139,7 +139,7 @@ class Judge:
         )
         return Courses(signals, self.params, end - start, snap_of(start, end), self.witness)
 
-    def walk(self, start: float, end: float, open_steps: bool = False) -> Walk[Bounds[Curve]]:
+    def walk(self, start: float, end: float, open_steps: bool = False) -> Walk[RhoBounds[Curve]]:
         """Return the walk that bounds ρ from ``start`` to ``end``; see :class:`HeldBounds`."""
         most = {stream.topic: stream.most for stream in self.streams.values()}
         if math.prod(most.values()) > MOST_VARIANTS:
@@ -187,13 +187,13 @@ class Judge:
         unevaluated = {name: self._outside(stream, start, end) for name, stream in self.streams.items()}
         early = self.since is None and any(one.first < start for one in self.streams.values())
         if satisfied is not None and (early or any(map(any, unevaluated.values()))):
-            reason = self._contradicted(formula, satisfied, unevaluated)
+            reason = self._contradiction(formula, satisfied, unevaluated)
             satisfied = None if reason else satisfied
         if not (complete or partial):
             satisfied, reason = None, ""
         return Judgement(
-            plain_number(lower),
-            plain_number(upper),
+            restore_zero(lower),
+            restore_zero(upper),
             lower,
             satisfied,
             start,
@@ -207,14 +207,14 @@ class Judge:
             tuple(self._notes(silent, start, end, unevaluated)),
         )
 
-    def explain(self, formula: f.Formula, found: Judgement, requirement: str, unit: str) -> Explanation:
+    def explain(self, formula: f.Formula, judgement: Judgement, requirement: str, unit: str) -> Explanation:
         """Return the explanation of a verdict on a formula whose time bounds are numbers."""
-        silent = any(stream.silences(found.start, found.end) for stream in self.streams.values())
+        silent = any(stream.silences(judgement.start, judgement.end) for stream in self.streams.values())
         worse = not (
-            silent and found.satisfied is False
+            silent and judgement.satisfied is False
         )  # beside a silence, only the upper bound is sure to be < 0
-        walk = self.walk(found.start, found.end)
-        return HeldExplainer(walk, found.start, worse).explain(formula, requirement, unit)
+        walk = self.walk(judgement.start, judgement.end)
+        return HeldExplainer(walk, judgement.start, worse).explain(formula, requirement, unit)
 
     def evaluate(self, formula: f.Formula, requirement: str, unit: str, end: End) -> Evaluation:
         """Return ρ along the window, its lower bound where there are two; for ``end`` see :meth:`Spec.evaluate`."""
@@ -237,7 +237,7 @@ class Judge:
             requirement=requirement,
             unit=unit,
             times=times,
-            values=plain(rho),
+            values=restore_zeros(rho),
             truth=rho > 0,
             horizon=horizon(formula),
             complete=complete,
@@ -276,7 +276,7 @@ class Judge:
 
     # -- what lies outside of the window -----------------------------------------------------------------------------
 
-    def _outside(self, stream: Stream, start: float, end: float) -> tuple[int, int]:
+    def _outside(self, stream: SignalMessages, start: float, end: float) -> tuple[int, int]:
         """Return the number of messages before the one that is held at the start, and after the end."""
         times = stream.messages.times
         held = times[max(int(np.searchsorted(times, start, side="right")) - 1, 0)]
@@ -285,12 +285,12 @@ class Judge:
         before = int(np.searchsorted(times, held)) - first
         return max(before, 0), max(stop - int(np.searchsorted(times, end, side="right")), 0)
 
-    def _contradicted(
+    def _contradiction(
         self, formula: f.Formula, satisfied: bool, unevaluated: Mapping[str, tuple[int, int]]
     ) -> str:
         """Return why messages outside of the window contradict a verdict; "" if they do not."""
-        said, other = ("holds", "violate") if satisfied else ("is violated", "satisfy")
-        late, early = self._late(), self._early()
+        verb, other = ("holds", "violate") if satisfied else ("is violated", "satisfy")
+        late, early = self._last_to_begin(), self._first_to_end()
         first = min(stream.first for stream in self.streams.values())
         begin = first if self.since is None else max(first, self.since)
         after = any(count for _, count in unevaluated.values())
@@ -299,12 +299,12 @@ class Judge:
             (
                 after,
                 self.start,
-                f"{said} until {self._time(self.end)}, where {early} ends, but messages after",
+                f"{verb} until {self._time(self.end)}, where {early} ends, but messages after",
             ),
             (
                 before,
                 begin,
-                f"{said} from {self._time(self.start)} on, where {late} begins, but messages before",
+                f"{verb} from {self._time(self.start)} on, where {late} begins, but messages before",
             ),
         ):
             if not outside:
@@ -315,11 +315,11 @@ class Judge:
                 return f"{why} {other} it"
         return ""
 
-    def _late(self) -> str:
+    def _last_to_begin(self) -> str:
         """Return the signal that begins last."""
         return max(self.streams, key=lambda name: self.streams[name].first)
 
-    def _early(self) -> str:
+    def _first_to_end(self) -> str:
         """Return the signal that ends first, of those that last as long as the log."""
         return min(self.streams, key=lambda name: abs(self.streams[name].end(self.until) - self.end))
 
@@ -372,7 +372,7 @@ class Judge:
             repeated = len(own) - len(np.unique(own.times))
             if repeated:
                 notes.append(
-                    f"{counted_messages(repeated, name, 'have')} another value with the same stamp: the worse decides"
+                    f"{count_messages(repeated, name, 'have')} another value with the same stamp: the worse decides"
                 )
             around = int((np.abs(np.diff(stream.values)) > stream.turn / 2).any(axis=0).sum())
             if around and own.linear and in_one_turn(stream.values, stream.turn):
@@ -381,16 +381,17 @@ class Judge:
                 )
             if stream.without:
                 notes.append(
-                    f"{counted_messages(stream.without, name, 'have')} no value, and the value before is held"
+                    f"{count_messages(stream.without, name, 'have')} no value, and the value before is held"
                 )
             before, after = unevaluated[name]
             if before:
+                late = self._last_to_begin()
                 notes.append(
-                    f"{counted_messages(before, name, 'lie')} before {self._time(start)}, where {self._late()} begins"
+                    f"{count_messages(before, name, 'lie')} before {self._time(start)}, where {late} begins"
                 )
             if after:
                 notes.append(
-                    f"{counted_messages(after, name, 'lie')} after {self._time(end)}, where {self._early()} ends"
+                    f"{count_messages(after, name, 'lie')} after {self._time(end)}, where {self._first_to_end()} ends"
                 )
         return notes
 

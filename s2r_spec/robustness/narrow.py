@@ -16,7 +16,7 @@ SMALLER_UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
 @dataclass(frozen=True)
-class Window:
+class BoundedWindow:
     """A bounded time window, relative to an instant.
 
     Args:
@@ -35,27 +35,27 @@ class Window:
         return self.interval.high - self.interval.low
 
 
-def windows(formula: f.Formula) -> Iterator[Window]:
+def windows(formula: f.Formula) -> Iterator[BoundedWindow]:
     """Yield every window of positive, finite length, of temporal operators and of functions of the past."""
     for node in f.walk(formula):
         match node:
             case f.Temporal() | f.Until():
                 past = node.operator in ("historically", "once", "since")
-                found = Window(node.interval, past, node.interval.span)
+                window = BoundedWindow(node.interval, past, node.interval.span)
             case f.Count() | f.Accumulated() | f.Delayed():
-                found = Window(f.Interval(0.0, node.seconds, True, True, node.span), True, node.span)
+                window = BoundedWindow(f.Interval(0.0, node.seconds, True, True, node.span), True, node.span)
             case _:
                 continue
-        if 0.0 < found.length < math.inf:
-            yield found
+        if 0.0 < window.length < math.inf:
+            yield window
 
 
-def narrowest(formula: f.Formula) -> Window | None:
+def narrowest(formula: f.Formula) -> BoundedWindow | None:
     """Return the shortest of :func:`windows`; None if there is none."""
     return min(windows(formula), key=lambda window: window.length, default=None)
 
 
-def refuse_short(window: Window | None, period: float | None, name: str = "the sample period") -> None:
+def refuse_short(window: BoundedWindow | None, period: float | None, name: str = "the sample period") -> None:
     """Refuse a window that is shorter than the time from one sample to the next.
 
     It has at most one sample, so the samples do not cover the rest of it.

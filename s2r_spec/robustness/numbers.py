@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from s2r_spec.base.errors import TraceError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness import history
-from s2r_spec.robustness.ties import signed
+from s2r_spec.robustness.ties import break_ties
 
 FloatArray = NDArray[np.float64]
 
 
-class Times(Protocol):
+class SampleTimes(Protocol):
     """Sample times."""
 
     @property
@@ -54,7 +54,7 @@ class Numbers:
         self,
         signals: Mapping[str, FloatArray],
         params: Mapping[str, FloatArray],
-        clock: Times,
+        clock: SampleTimes,
         conditions: Callable[[], Callable[[f.Formula], FloatArray]],
     ) -> None:
         self.signals = signals
@@ -128,7 +128,7 @@ class Numbers:
             case f.Count():
                 return history.count(self.holds(node.operand), times, node.seconds, snap)
             case f.Delayed():
-                return history.delayed(self._along(node.operand), times, node.seconds, snap)
+                return history.delay(self._along(node.operand), times, node.seconds, snap)
             case f.Derivative():
                 return history.derivative(self._along(node.operand), times)
             case f.Accumulated():
@@ -148,7 +148,7 @@ class Numbers:
         return np.where(self(node.reference)[..., :1] >= origin, 1.0, -1.0)
 
 
-def margin(node: f.Comparison, numbers: Numbers, clock: Times) -> FloatArray:
+def margin(node: f.Comparison, numbers: Numbers, clock: SampleTimes) -> FloatArray:
     """Return (…, n): the margin of a comparison, never 0; see :mod:`s2r_spec.robustness.ties`.
 
     Raises:
@@ -166,7 +166,7 @@ def margin(node: f.Comparison, numbers: Numbers, clock: Times) -> FloatArray:
             case "!=":
                 result = np.abs(left - right)
         least = np.minimum.reduce(result, axis=None, initial=np.inf)  # NaN if there is any
-    result = signed(result, node.operator)
+    result = break_ties(result, node.operator)
     if result.shape[-1] != clock.count:
         result = np.broadcast_to(result, (*result.shape[:-1], clock.count))
     if math.isnan(least):

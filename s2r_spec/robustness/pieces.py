@@ -14,7 +14,7 @@ A = TypeVar("A")  # of numpy or of torch
 
 
 @dataclass(slots=True)
-class Piece(Generic[A]):
+class BatchPiece(Generic[A]):
     """Samples ``start`` to ``end`` of some ``rows`` of a (k, n) batch, and flat work arrays.
 
     Each array of ``room`` has space for ``start`` to ``end`` and for the samples ahead, row after row. Its content is
@@ -47,7 +47,7 @@ class Piece(Generic[A]):
 
 def pieces(
     shape: tuple[int, ...], ahead: int | None, make: Sequence[Callable[[int], A]], size: int
-) -> Iterator[Piece[A]]:
+) -> Iterator[BatchPiece[A]]:
     """Yield the pieces of a (k, n) batch.
 
     Args:
@@ -67,4 +67,4 @@ def pieces(
         for start in starts if ahead is not None else reversed(starts):
             end = min(start + length, n)
             total = here * (end - start + (end - start if ahead is None else ahead))
-            yield Piece(slice(row, row + here), start, end, [flat[:total] for flat in room], here)
+            yield BatchPiece(slice(row, row + here), start, end, [flat[:total] for flat in room], here)

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError, UsageError, one_of, suggest
-from s2r_spec.lang.amounts import NUMBER_AND_UNIT, Amount, converted, read_amount
+from s2r_spec.lang.amounts import NUMBER_AND_UNIT, Amount, convert, read_amount
 from s2r_spec.lang.conversion import Conversion
 from s2r_spec.lang.declarations import Param, Signal
 from s2r_spec.lang.units import UnknownUnitError, unit_in_log
-from s2r_spec.robustness.stream import Stream, on_circle
+from s2r_spec.robustness.stream import SignalMessages, on_circle
 from s2r_spec.trace import Trace
 from s2r_spec.trace.instants import instant
 
@@ -44,7 +44,7 @@ def read_signals(
 
 def read_streams(
     signals: Iterable[Signal], trace: Trace, missing: Missing, linear: Set[str] = frozenset()
-) -> dict[str, Stream]:
+) -> dict[str, SignalMessages]:
     """Return name → signal with messages of its own; those of ``linear`` are so between messages.
 
     For the other args and errors see :func:`read_signals`.
@@ -52,7 +52,7 @@ def read_streams(
     return {signal.name: _stream(signal, trace, missing, signal.name in linear) for signal in signals}
 
 
-def _stream(signal: Signal, trace: Trace, missing: Missing, linear: bool) -> Stream:
+def _stream(signal: Signal, trace: Trace, missing: Missing, linear: bool) -> SignalMessages:
     messages = trace.messages[signal.name]
     messages = replace(messages, linear=True) if linear else messages
     messages = messages.held_between() if signal.boolean and messages.linear else messages
@@ -60,15 +60,15 @@ def _stream(signal: Signal, trace: Trace, missing: Missing, linear: bool) -> Str
     empty = np.isnan(samples).any(axis=0)
     turn = turn_of(signal)
     if not empty.any():
-        return Stream(messages, _converted(signal, trace, samples), turn=turn)
+        return SignalMessages(messages, _convert(signal, trace, samples), turn=turn)
     if missing == "error":
-        raise _missing(signal, messages.times, int(np.argmax(empty)), HOLD)
+        raise _missing_error(signal, messages.times, int(np.argmax(empty)), HOLD)
     samples = _last_known(samples)
     known = ~np.isnan(samples).any(axis=0) & ~np.isnan(messages.values.reshape(len(messages), -1)).all(axis=1)
     if not known.any():
-        raise _missing(signal, messages.times, 0, LEADING)
+        raise _missing_error(signal, messages.times, 0, LEADING)
     kept = replace(messages, times=messages.times[known], values=messages.values[known])
-    return Stream(kept, _converted(signal, trace, samples[:, known]), int(empty.sum()), turn)
+    return SignalMessages(kept, _convert(signal, trace, samples[:, known]), int(empty.sum()), turn)
 
 
 def turn_of(signal: Signal) -> float:
@@ -85,8 +85,8 @@ def _read(signal: Signal, trace: Trace, missing: Missing) -> FloatArray:
         samples = _last_known(samples)
     if math.isnan(np.minimum.reduce(samples, axis=None)):  # NaN if any sample is
         index = int(np.argmax(np.isnan(samples).any(axis=0)))
-        raise _missing(signal, trace.times, index, HOLD if missing == "error" else LEADING)
-    return _on_circle(signal, trace, _converted(signal, trace, samples))
+        raise _missing_error(signal, trace.times, index, HOLD if missing == "error" else LEADING)
+    return _on_circle(signal, trace, _convert(signal, trace, samples))
 
 
 def _on_circle(signal: Signal, trace: Trace, samples: FloatArray) -> FloatArray:
@@ -95,7 +95,7 @@ def _on_circle(signal: Signal, trace: Trace, samples: FloatArray) -> FloatArray:
     messages = None if trace.origin is None else trace.origin.messages.get(signal.name)
     if messages is None or not messages.linear or math.isinf(turn):
         return samples
-    values = _converted(signal, trace, _rows(signal, messages.values))
+    values = _convert(signal, trace, _rows(signal, messages.values))
     if not (np.abs(np.diff(values)) > turn / 2).any():
         return samples
     return on_circle(messages.times, values, turn).at(trace.times)
@@ -106,21 +106,21 @@ def _rows(signal: Signal, channel: FloatArray) -> FloatArray:
     width = channel.shape[1] if channel.ndim == 2 else 1
     if width != signal.dim or (channel.ndim == 2) != signal.vector:
         declared = f"a vector of {signal.dim}" if signal.vector else "one number"
-        found = f"a vector of {width}" if channel.ndim == 2 else "one number"
-        raise TraceError(f"channel {signal.name!r} has {found} per sample, but the spec declares {declared}")
+        shape = f"a vector of {width}" if channel.ndim == 2 else "one number"
+        raise TraceError(f"channel {signal.name!r} has {shape} per sample, but the spec declares {declared}")
     if signal.boolean and not np.isin(channel[~np.isnan(channel)], (0, 1)).all():
         raise TraceError(f"channel {signal.name!r} is declared bool, but its samples are not all 0 or 1")
     return channel.T if channel.ndim == 2 else channel[np.newaxis, :]
 
 
-def _missing(signal: Signal, times: FloatArray, index: int, remedy: str) -> TraceError:
+def _missing_error(signal: Signal, times: FloatArray, index: int, remedy: str) -> TraceError:
     return TraceError(
         f"channel {signal.name!r} is NaN at sample {index}, t = {instant(times, times[index])}; "
         f"a missing sample has no robustness: {remedy}"
     )
 
 
-def _converted(signal: Signal, trace: Trace, samples: FloatArray) -> FloatArray:
+def _convert(signal: Signal, trace: Trace, samples: FloatArray) -> FloatArray:
     return conversion(signal, trace.units.get(signal.name)).each(samples)
 
 
@@ -140,21 +140,21 @@ def conversion(signal: Signal, unit: str | None) -> Conversion:
         return Conversion()
     remedy = f"--map '{signal.name}=COLUMN [{signal.unit or '-'}]' states the unit of its column in a log"
     try:
-        found = unit_in_log(unit, signal.measure)
+        logged = unit_in_log(unit, signal.measure)
     except UnknownUnitError:
         raise TraceError(f"channel {signal.name!r} is in {unit!r}, which is not a unit; {remedy}") from None
-    if not found.fits(signal.measure):
-        why = found.two_readings(signal.measure) or remedy
+    if not logged.fits(signal.measure):
+        why = logged.two_readings(signal.measure) or remedy
         raise TraceError(
-            f"channel {signal.name!r} is in {found.text or repr(unit)}, which does not convert to {signal.measure}, "
+            f"channel {signal.name!r} is in {logged.text or repr(unit)}, which does not convert to {signal.measure}, "
             f"the unit in the spec. {why[0].upper()}{why[1:]}"
         )
-    if not signal.unit and not found.to(signal.measure).same:
+    if not signal.unit and not logged.to(signal.measure).same:
         raise TraceError(
-            f"channel {signal.name!r} is in {found.text or repr(unit)}, and the spec declares no unit: write "
-            f"`signal {signal.name} {{{found.text or unit}}}` there. {remedy}"
+            f"channel {signal.name!r} is in {logged.text or repr(unit)}, and the spec declares no unit: write "
+            f"`signal {signal.name} {{{logged.text or unit}}}` there. {remedy}"
         )
-    return found.to(signal.measure)
+    return logged.to(signal.measure)
 
 
 def read_params(
@@ -167,7 +167,7 @@ def read_params(
     """
     values: dict[str, float] = {}
     for name, value in given.items():
-        values[name] = read_amount(value, _known(params, name).measure, name)
+        values[name] = read_amount(value, _find_param(params, name).measure, name)
         if not math.isfinite(values[name]):
             raise UsageError(f"the parameter {name} = {value} is not a finite number")
     numbers: dict[str, FloatArray] = {}
@@ -192,11 +192,11 @@ def read_param(params: Mapping[str, Param], text: str) -> tuple[str, float]:
     match = _GIVEN.fullmatch(text)
     if match is None:
         raise UsageError(f"{text!r} is not a value of a parameter, such as vd=0.3 or 'vd=30 cm/s'")
-    param = _known(params, match["name"])
-    return param.name, converted(float(match["number"]), match["unit"], param.measure, repr(text), param.name)
+    param = _find_param(params, match["name"])
+    return param.name, convert(float(match["number"]), match["unit"], param.measure, repr(text), param.name)
 
 
-def _known(params: Mapping[str, Param], name: str) -> Param:
+def _find_param(params: Mapping[str, Param], name: str) -> Param:
     if name not in params:
         raise UsageError(f"the spec has no parameter {name!r}{suggest(name, params)} it has {one_of(params)}")
     return params[name]

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.deciding import best_witness
 from s2r_spec.robustness.evaluate import Walk, up_to
-from s2r_spec.robustness.sampled import Clock
+from s2r_spec.robustness.sampled import SampleClock
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 
-def responsible(root: f.Formula, walk: Walk[FloatArray], clock: Clock) -> dict[int, BoolArray]:
+def responsible_samples(root: f.Formula, walk: Walk[FloatArray], clock: SampleClock) -> dict[int, BoolArray]:
     """Return id of predicate → (n,): the samples at which the verdict of ``root`` at sample 0 depends on it.
 
     A violated ``always`` depends on the samples that violate it, and a satisfied one on its whole window;
@@ -30,7 +30,7 @@ def responsible(root: f.Formula, walk: Walk[FloatArray], clock: Clock) -> dict[i
 
 
 class _Causes:
-    def __init__(self, walk: Walk[FloatArray], clock: Clock) -> None:
+    def __init__(self, walk: Walk[FloatArray], clock: SampleClock) -> None:
         self.walk, self.clock = walk, clock
         self.found: dict[int, BoolArray] = {}
 
@@ -57,7 +57,7 @@ class _Causes:
                 self._implication(node, at, holds)
             case f.Temporal():
                 over = node.operator in ("always", "historically")
-                window = self._reached(at, node.interval, past=node.operator in ("historically", "once"))
+                window = self._reach(at, node.interval, past=node.operator in ("historically", "once"))
                 self.add(
                     node.operand,
                     window if over == holds else window & self.agrees(node.operand, holds),
@@ -65,19 +65,19 @@ class _Causes:
                 )
             case f.Until():
                 self._until(node, at, holds)
-            case f.Step():
-                self.add(node.operand, _moved(at, 1 if node.operator == "next" else -1), holds)
+            case f.AdjacentSample():
+                self.add(node.operand, _shift(at, 1 if node.operator == "next" else -1), holds)
             case f.Edge():
                 rises = node.operator == "rise"
-                for there, wanted in ((at, rises), (_moved(at, -1), not rises)):
+                for there, value in ((at, rises), (_shift(at, -1), not rises)):
                     if holds:
-                        self.add(node.operand, there, wanted)
+                        self.add(node.operand, there, value)
                     else:
-                        self.add(node.operand, there & self.agrees(node.operand, not wanted), not wanted)
+                        self.add(node.operand, there & self.agrees(node.operand, not value), not value)
             case _:
                 pass  # a constant depends on no sample
 
-    def _reached(self, at: BoolArray, interval: f.Interval, past: bool) -> BoolArray:
+    def _reach(self, at: BoolArray, interval: f.Interval, past: bool) -> BoolArray:
         """Return the samples that lie in the window of any of ``at``."""
         first, last = self.clock.windows(interval, past)
         at = at & (last >= first)
@@ -89,8 +89,8 @@ class _Causes:
     def _implication(self, node: f.Implication, at: BoolArray, holds: bool) -> None:
         if node.operator == "<->":
             for side in (node.left, node.right):
-                for wanted in (True, False):
-                    self.add(side, at & self.agrees(side, wanted), wanted)
+                for value in (True, False):
+                    self.add(side, at & self.agrees(side, value), value)
         elif holds:
             self.add(node.left, at & self.agrees(node.left, False), False)
             self.add(node.right, at & self.agrees(node.right, True), True)
@@ -111,9 +111,9 @@ class _Causes:
     def _one(self, node: f.Until, t: int, sign: float, until_holds: bool) -> tuple[BoolArray, BoolArray]:
         """Return the samples at which an until at sample t depends on its left and on its right side."""
         left, right = np.zeros((2, self.clock.count), dtype=bool)
-        found = best_witness(node, t, self.walk, self.clock, sign)
-        if until_holds and found is not None and (node.operator != "unless" or found.rho > 0):
-            left[found.before], right[found.witness] = True, True
+        witness = best_witness(node, t, self.walk, self.clock, sign)
+        if until_holds and witness is not None and (node.operator != "unless" or witness.rho > 0):
+            left[witness.before], right[witness.witness] = True, True
             return left, right
         past = node.operator == "since"
         first, last = (int(end[t]) for end in self.clock.windows(node.interval, past))
@@ -132,7 +132,7 @@ class _Causes:
         return left, right
 
 
-def _moved(at: BoolArray, steps: int) -> BoolArray:
+def _shift(at: BoolArray, steps: int) -> BoolArray:
     moved = np.zeros_like(at)
     if steps > 0:
         moved[steps:] = at[:-steps]

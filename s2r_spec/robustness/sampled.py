@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.evaluate import Walk, Witness
 from s2r_spec.robustness.kernels import shift
-from s2r_spec.robustness.numbers import Numbers, Times, margin
-from s2r_spec.robustness.ties import rescaled
+from s2r_spec.robustness.numbers import Numbers, SampleTimes, margin
+from s2r_spec.robustness.ties import rescale
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
 
-class Clock(Times, Protocol):
+class SampleClock(SampleTimes, Protocol):
     """Sample times and windows on them: :class:`~s2r_spec.robustness.grid.Grid` or ``Ticks``."""
 
     def windows(self, interval: f.Interval, past: bool) -> tuple[IntArray, IntArray]:
@@ -45,7 +45,7 @@ class Clock(Times, Protocol):
 
 
 @dataclass(frozen=True)
-class Samples:
+class SampledSignals:
     """Sample times, signals and parameters on which formulas are evaluated.
 
     Args:
@@ -55,13 +55,13 @@ class Samples:
         until: see :class:`s2r_spec.robustness.evaluate.Walk`.
     """
 
-    clock: Clock
+    clock: SampleClock
     signals: Mapping[str, FloatArray]
     params: Mapping[str, FloatArray]
     until: Witness = "open"
 
 
-def walk_samples(samples: Samples) -> Walk[FloatArray]:
+def walk_samples(samples: SampledSignals) -> Walk[FloatArray]:
     """Return the walk that evaluates a formula to (…, n), its robustness at every sample.
 
     Windows are cut at the ends of the trace (see :mod:`s2r_spec.robustness.kernels`).
@@ -71,7 +71,7 @@ def walk_samples(samples: Samples) -> Walk[FloatArray]:
     return Walk(SampledAlgebra(samples), samples.until)
 
 
-def robustness(formula: f.Formula, samples: Samples) -> FloatArray:
+def robustness(formula: f.Formula, samples: SampledSignals) -> FloatArray:
     """Return (…, n): the robustness of a formula at every sample; see :func:`walk_samples`."""
     return walk_samples(samples)(formula)
 
@@ -79,7 +79,7 @@ def robustness(formula: f.Formula, samples: Samples) -> FloatArray:
 class SampledAlgebra:
     """Robustness signals as arrays (…, n)."""
 
-    def __init__(self, samples: Samples) -> None:
+    def __init__(self, samples: SampledSignals) -> None:
         self.samples = samples
         self.numbers = Numbers(samples.signals, samples.params, samples.clock, partial(walk_samples, samples))
 
@@ -99,9 +99,9 @@ class SampledAlgebra:
         """Return −x."""
         return np.negative(x)
 
-    def scaled(self, x: FloatArray, factor: float) -> FloatArray:
+    def scale(self, x: FloatArray, factor: float) -> FloatArray:
         """Return factor · x."""
-        return rescaled(x, factor)
+        return rescale(x, factor)
 
     def least(self, x: FloatArray, y: FloatArray) -> FloatArray:
         """Return the smaller of both."""
@@ -123,7 +123,7 @@ class SampledAlgebra:
         """Return the robustness of the best witness."""
         return self.samples.clock.until(left, right, interval, past)
 
-    def step(self, x: FloatArray, node: f.Step) -> FloatArray:
+    def step(self, x: FloatArray, node: f.AdjacentSample) -> FloatArray:
         """Return the neighbouring sample's x."""
         return shift(x, 1 if node.operator == "next" else -1, -np.inf)
 

@@ -9,7 +9,7 @@ from s2r_spec.robustness.deciding import descend
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.evaluation import Reading
 from s2r_spec.robustness.horizon import horizon
-from s2r_spec.robustness.sampled import SampledAlgebra, Samples
+from s2r_spec.robustness.sampled import SampledAlgebra, SampledSignals
 
 
 def shortfall(formula: f.Formula, reading: Reading) -> str:
@@ -28,15 +28,15 @@ def shortfall(formula: f.Formula, reading: Reading) -> str:
         return f"looks at the next sample, but {length}"
     if len(times) == 1:
         return f"looks at the whole rest of a trace, but {length}"
-    algebra = SampledAlgebra(Samples(reading.clock, reading.signals, reading.params, reading.until))
+    algebra = SampledAlgebra(SampledSignals(reading.clock, reading.signals, reading.params, reading.until))
     walk = Walk(algebra, reading.until)
     walk(formula)
-    found = reading.needs(formula), 0
+    longest = reading.needs(formula), 0
     for step in descend(formula, walk, reading.clock):
         reach = reading.needs(step.node)
         if reach > 0 and times[step.sample] + reach > times[-1]:
-            found = reach, step.sample
-    reach, sample = found
+            longest = reach, step.sample
+    reach, sample = longest
     return (
         f"looks {reach:g} s past t = {float(times[sample] - times[0]):.6g} s, "
         f"but the trace ends at {float(times[-1] - times[0]):.6g} s"

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
-from s2r_spec.robustness.bounds import BoundedAlgebra, Bounds
+from s2r_spec.robustness.bounds import BoundedAlgebra, RhoBounds
 from s2r_spec.robustness.curve import Curve
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.held import HeldAlgebra, signals_of
-from s2r_spec.robustness.sampled import SampledAlgebra, Samples
+from s2r_spec.robustness.sampled import SampledAlgebra, SampledSignals
 from s2r_spec.robustness.ticks import Ticks
 from s2r_spec.trace.messages import SILENT, period_of_messages
 
@@ -88,25 +88,25 @@ class HeldBounds:
     unseen: frozenset[str] = frozenset()
     open_steps: bool = False
 
-    def walk(self) -> Walk[Bounds[Curve]]:
+    def walk(self) -> Walk[RhoBounds[Curve]]:
         """Return the walk that gives bounds on the robustness of a formula."""
         first = self.variants[0]
         algebra = _OpenSteps if self.open_steps else BoundedAlgebra
         return Walk(algebra(first, self._leaf), first.courses.until)
 
-    def _leaf(self, node: f.Comparison | f.Flag) -> Bounds[Curve]:
+    def _leaf(self, node: f.Comparison | f.Flag) -> RhoBounds[Curve]:
         first = self.variants[0]
         if self.open_steps and first.courses.needs_samples(node):
-            return Bounds(first.truth(False), first.truth(True))
+            return RhoBounds(first.truth(False), first.truth(True))
         lower = upper = self._margin(first, node)
         for other in self.variants[1:]:
             margin = self._margin(other, node)
             lower, upper = first.least(lower, margin), first.greatest(upper, margin)
         unseen = not self.unseen.isdisjoint(signals_of(node))
         if spans := read_spans(node, self.silences):
-            lower = _replaced(lower, spans, -math.inf, first.snap)
-            upper = _replaced(upper, spans, math.inf, first.snap)
-        return Bounds(lower, upper, unseen)
+            lower = _replace(lower, spans, -math.inf, first.snap)
+            upper = _replace(upper, spans, math.inf, first.snap)
+        return RhoBounds(lower, upper, unseen)
 
     @staticmethod
     def _margin(algebra: HeldAlgebra, node: f.Comparison | f.Flag) -> Curve:
@@ -116,12 +116,12 @@ class HeldBounds:
 class _OpenSteps(BoundedAlgebra[Curve]):
     """Bounds where the next and the previous sample may have any value."""
 
-    def step(self, x: Bounds[Curve], node: f.Step) -> Bounds[Curve]:
+    def step(self, x: RhoBounds[Curve], node: f.AdjacentSample) -> RhoBounds[Curve]:
         """Return any value."""
-        return Bounds(self.inner.truth(False), self.inner.truth(True))
+        return RhoBounds(self.inner.truth(False), self.inner.truth(True))
 
 
-def _replaced(x: Curve, spans: Iterable[Span], value: float, snap: float) -> Curve:
+def _replace(x: Curve, spans: Iterable[Span], value: float, snap: float) -> Curve:
     """Return a curve with another value within open spans."""
     first, last = x.times[0], x.times[-1]
     ends = np.array([end for span in spans for end in span])
@@ -152,7 +152,9 @@ def silences_of(times: FloatArray, longest: float = math.nan) -> list[Span]:
     return [(float(times[i]), float(times[i + 1])) for i in before]
 
 
-def bounded_samples(samples: Samples, spans: Sequence[Span], period: float) -> Walk[Bounds[FloatArray]]:
+def bounding_walk(
+    samples: SampledSignals, spans: Sequence[Span], period: float
+) -> Walk[RhoBounds[FloatArray]]:
     """Return the walk over samples that bounds ρ where all signals have no sample.
 
     Instants one period apart stand for each silence, and every margin there is any number.
@@ -167,10 +169,12 @@ def bounded_samples(samples: Samples, spans: Sequence[Span], period: float) -> W
     silent = np.concatenate([np.arange(start + apart, end - apart / 2, apart) for start, end in spans])
     times = np.union1d(own, silent)
     place = np.searchsorted(times, own)
-    inner = SampledAlgebra(Samples(Ticks(times, samples.clock.snap), {}, samples.params, samples.until))
+    inner = SampledAlgebra(
+        SampledSignals(Ticks(times, samples.clock.snap), {}, samples.params, samples.until)
+    )
     base = SampledAlgebra(samples)
 
-    def leaf(node: f.Comparison | f.Flag) -> Bounds[FloatArray]:
+    def leaf(node: f.Comparison | f.Flag) -> RhoBounds[FloatArray]:
         margin = base.flag(node) if isinstance(node, f.Flag) else base.margin(node)
         lower, upper = np.full(times.size, -np.inf), np.full(times.size, np.inf)
         known = np.ones(own.size, dtype=bool)
@@ -182,6 +186,6 @@ def bounded_samples(samples: Samples, spans: Sequence[Span], period: float) -> W
             lower[place[known]] = upper[place[known]] = margin[known]
         else:
             lower[:] = upper[:] = margin[0]
-        return Bounds(lower, upper)
+        return RhoBounds(lower, upper)
 
     return Walk(BoundedAlgebra(inner, leaf), samples.until)

@@ -23,7 +23,7 @@ _SLACK = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Stream:
+class SignalMessages:
     """A signal as a requirement reads it.
 
     Args:

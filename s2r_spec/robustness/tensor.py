@@ -181,7 +181,7 @@ class TensorAlgebra:
         """Return −x."""
         return -x
 
-    def scaled(self, x: Tensor, factor: float) -> Tensor:
+    def scale(self, x: Tensor, factor: float) -> Tensor:
         """Return factor · x."""
         return factor * x
 
@@ -215,7 +215,7 @@ class TensorAlgebra:
             return self._until(left.flip(-1), right.flip(-1), low, high).flip(-1)
         return self._until(left, right, low, high)
 
-    def step(self, x: Tensor, node: f.Step) -> Tensor:
+    def step(self, x: Tensor, node: f.AdjacentSample) -> Tensor:
         """Return the neighbouring sample's x."""
         x = x.expand(*x.shape[:-1], self.grid.count)
         if node.operator == "next":

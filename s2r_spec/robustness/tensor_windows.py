@@ -30,17 +30,17 @@ least = torch.minimum
 
 def window_min(x: Tensor, low: int, high: int | None) -> Tensor:
     """Return (…, n); see :func:`s2r_spec.robustness.kernels.window_min`."""
-    return _taken(partial(_windows, least=True), (x,), (INF,), low, high)
+    return _take(partial(_windows, least=True), (x,), (INF,), low, high)
 
 
 def window_max(x: Tensor, low: int, high: int | None) -> Tensor:
     """Return (…, n); see :func:`s2r_spec.robustness.kernels.window_max`."""
-    return _taken(partial(_windows, least=False), (x,), (-INF,), low, high)
+    return _take(partial(_windows, least=False), (x,), (-INF,), low, high)
 
 
 def until(left: Tensor, right: Tensor, high: int | None) -> Tensor:
     """Return (…, n): :func:`s2r_spec.robustness.kernels.until` with the first witness now."""
-    return _taken(_untils, (left, right), (INF, -INF), 0, high)
+    return _take(_untils, (left, right), (INF, -INF), 0, high)
 
 
 class Selected(NamedTuple):
@@ -57,14 +57,14 @@ class Selected(NamedTuple):
 Work = Callable[[Sequence[Selected], Selected, Tensor, int], Selected]
 
 
-def _taken(
+def _take(
     work: Work, sources: Sequence[Tensor], fills: Sequence[float], low: int, high: int | None
 ) -> Tensor:
     """Return (…, n): the samples that ``work`` selects from all sources, (…, n) each."""
     if torch.is_grad_enabled() and any(source.requires_grad for source in sources):
         taken: Tensor = _Taken.apply(work, fills, low, high, *sources)  # type: ignore[no-untyped-call]
         return taken
-    return _found(work, sources, fills, low, high, places=False).values
+    return _select(work, sources, fills, low, high, places=False).values
 
 
 class _Taken(torch.autograd.Function):
@@ -74,7 +74,7 @@ class _Taken(torch.autograd.Function):
     def forward(
         ctx: Any, work: Work, fills: Sequence[float], low: int, high: int | None, *sources: Tensor
     ) -> Tensor:
-        values, places = _found(work, sources, fills, low, high, places=True)
+        values, places = _select(work, sources, fills, low, high, places=True)
         ctx.save_for_backward(places)
         ctx.counts = [source.shape[-1] for source in sources]
         return values
@@ -88,7 +88,7 @@ class _Taken(torch.autograd.Function):
         return None, None, None, None, *torch.split(into[..., :samples], ctx.counts, -1)
 
 
-def _found(
+def _select(
     work: Work, sources: Sequence[Tensor], fills: Sequence[float], low: int, high: int | None, places: bool
 ) -> Selected:
     """Return (…, n) values, and their indices in the concatenated sources, computed piece by piece.

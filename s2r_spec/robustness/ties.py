@@ -6,8 +6,8 @@ x = c one is true and the other false. STL is sound, ρ > 0 ⇒ true and ρ < 0 
 
 Model: margins are numbers extended by one infinitesimal, TIE. A margin of 0 is written +TIE where the predicate is
 true and −TIE where it is false; no margin is 0. Minimum, maximum and negation are and, or and not of the signs, so
-the sign of ρ is the Boolean semantics, and |ρ| ≤ TIE is a robustness of 0. A result is given as :func:`plain` ρ,
-with the Boolean ρ > 0 beside it.
+the sign of ρ is the Boolean semantics, and |ρ| ≤ TIE is a robustness of 0. A result is given as
+:func:`restore_zeros` ρ, with the Boolean ρ > 0 beside it.
 """
 
 from __future__ import annotations
@@ -34,36 +34,36 @@ def tie(operator: CompareOp) -> float:
     return TIE if operator in ("<=", ">=", "==") else -TIE
 
 
-def signed(margin: FloatArray, operator: CompareOp) -> FloatArray:
+def break_ties(margin: FloatArray, operator: CompareOp) -> FloatArray:
     """Return margins of any shape with each 0 replaced by ±TIE; the same array if there is no 0."""
     zero = margin == 0.0
     return np.where(zero, tie(operator), margin) if zero.any() else margin
 
 
-def signed_number(margin: float, operator: CompareOp) -> float:
-    """Return :func:`signed` of one margin."""
+def break_tie(margin: float, operator: CompareOp) -> float:
+    """Return :func:`break_ties` of one margin."""
     return tie(operator) if margin == 0.0 else margin
 
 
-def rescaled(rho: FloatArray, factor: float) -> FloatArray:
+def rescale(rho: FloatArray, factor: float) -> FloatArray:
     """Return factor · ρ, factor > 0, of any shape: a robustness of 0 is 0 in every unit."""
     result = factor * rho
     small = (np.abs(rho) <= TIE) | (np.abs(result) < TIE)
     return np.where(small, np.copysign(TIE, rho), result) if small.any() else result
 
 
-def rescaled_number(rho: float, factor: float) -> float:
-    """Return :func:`rescaled` of one robustness."""
+def rescale_number(rho: float, factor: float) -> float:
+    """Return :func:`rescale` of one robustness."""
     result = factor * rho
     return math.copysign(TIE, rho) if abs(rho) <= TIE or abs(result) < TIE else result
 
 
-def plain(rho: FloatArray) -> FloatArray:
+def restore_zeros(rho: FloatArray) -> FloatArray:
     """Return ρ of any shape with each ±TIE replaced by 0."""
     zero = np.abs(rho) <= TIE
     return np.where(zero, 0.0, rho) if zero.any() else rho
 
 
-def plain_number(rho: float) -> float:
-    """Return :func:`plain` of one robustness."""
+def restore_zero(rho: float) -> float:
+    """Return :func:`restore_zeros` of one robustness."""
     return 0.0 if abs(rho) <= TIE else rho

@@ -83,7 +83,7 @@ def tolerances(formula: f.Formula, reading: Reading) -> Tolerances:
                 units[label] = _unit(used)
                 levels.setdefault(label, {})
     tubes = []
-    for predicate, start, end in _required(formula, 0.0, 0.0):
+    for predicate, start, end in _required_predicates(formula, 0.0, 0.0):
         nodes = list(f.walk(predicate))
         read = {(node.name, node.index) for node in nodes if isinstance(node, f.SignalValue)}
         if len(read) != 1 or not all(isinstance(node, _POINTWISE) for node in nodes):
@@ -111,7 +111,9 @@ def tolerances(formula: f.Formula, reading: Reading) -> Tolerances:
     return Tolerances(reading.times, signals, units, levels, tuple(tubes))
 
 
-def _required(formula: f.Formula, start: float, end: float) -> Iterator[tuple[f.Comparison, float, float]]:
+def _required_predicates(
+    formula: f.Formula, start: float, end: float
+) -> Iterator[tuple[f.Comparison, float, float]]:
     """Yield the predicates that must hold at all times of a window, relative to the first sample [s].
 
     Below a disjunction, a negation or an eventually no single predicate must hold.
@@ -120,12 +122,12 @@ def _required(formula: f.Formula, start: float, end: float) -> Iterator[tuple[f.
         case f.Comparison():
             yield formula, start, end
         case f.Named() | f.Rescale():
-            yield from _required(formula.operand, start, end)
+            yield from _required_predicates(formula.operand, start, end)
         case f.Junction(operator="and"):
             for operand in formula.operands:
-                yield from _required(operand, start, end)
+                yield from _required_predicates(operand, start, end)
         case f.Temporal(operator="always", interval=interval):
-            yield from _required(formula.operand, start + interval.low, end + interval.high)
+            yield from _required_predicates(formula.operand, start + interval.low, end + interval.high)
         case _:
             return
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.lang.formula import Interval
-from s2r_spec.robustness.curve import Curve, crossed, maximum, merged, minimum, nearest
+from s2r_spec.robustness.curve import Curve, insert_crossings, maximum, merge, minimum, nearest
 from s2r_spec.robustness.kernels import range_min
 from s2r_spec.robustness.kernels import until as until_samples
 
@@ -33,7 +33,7 @@ def infimum(x: Curve, interval: Interval, snap: float) -> Curve:
     low, high = interval.low, interval.high
     first, last = x.times[0], x.times[-1]
     ends = np.concatenate([x.times - end for end in {low, high} if math.isfinite(end)])
-    times = merged(
+    times = merge(
         x.times[[0, -1]] if x.times.size > 1 else x.times, ends[(ends > first) & (ends < last)], snap
     )
     elements = np.empty(2 * x.times.size - 1)
@@ -55,7 +55,7 @@ def infimum(x: Curve, interval: Interval, snap: float) -> Curve:
     constant = Curve(times, at, inner, inner)
     enters = _line(x, end, times, at, high, cut)
     if low == high:
-        return _line(x, start, times, at, low, empty).simplified()
+        return _line(x, start, times, at, low, empty).simplify()
     leaves = _line(x, start, times, at, low, empty)
     return minimum(minimum(leaves, enters, snap), constant, snap)
 
@@ -121,7 +121,7 @@ def until(left: Curve, right: Curve, interval: Interval, snap: float) -> Curve:
     low, high = interval.low, interval.high
     reach = high - low
     from_now = Interval(0.0, reach, interval.low_closed, interval.high_closed, interval.span)
-    untimed = _untimed(left, right, snap, now=interval.low_closed)
+    untimed = _until_untimed(left, right, snap, now=interval.low_closed)
     best = -infimum(-right, from_now, snap)
     result = minimum(best, untimed, snap)
     if low == 0:
@@ -131,14 +131,14 @@ def until(left: Curve, right: Curve, interval: Interval, snap: float) -> Curve:
     return minimum(guard, shifted, snap)
 
 
-def _untimed(left: Curve, right: Curve, snap: float, now: bool) -> Curve:
+def _until_untimed(left: Curve, right: Curve, snap: float, now: bool) -> Curve:
     """Return the until whose witness is any later instant, or ``now``.
 
     On a piece without a crossing of the curves, until is max(q(t), min(p(t), K)), where K is the until of the rest of
     the trace at the end of the piece. Breakpoint, start and end of a piece are each a clamp, so the kernel for samples
     computes K.
     """
-    p, q = crossed(left, right, snap)
+    p, q = insert_crossings(left, right, snap)
     n = p.times.size
     guards, goals = np.empty(3 * n - 2), np.empty(3 * n - 2)
     guards[::3], goals[::3] = p.at, q.at
@@ -156,6 +156,6 @@ def _untimed(left: Curve, right: Curve, snap: float, now: bool) -> Curve:
 
 def edge(now: Curve, before: Curve, earlier: float, snap: float) -> Curve:
     """Return min(now(t), −before just before t); ``earlier`` is the value before the first instant."""
-    x, minus = crossed(now, -before, snap)
+    x, minus = insert_crossings(now, -before, snap)
     at = np.minimum(x.at, np.concatenate(([-earlier], minus.left)))
     return Curve(x.times, at, np.minimum(x.right, minus.right), np.minimum(x.left, minus.left))

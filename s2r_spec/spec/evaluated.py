@@ -15,7 +15,7 @@ from s2r_spec.base.printable import one_line
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.amounts import Amount
 from s2r_spec.lang.declarations import Param, Signal
-from s2r_spec.robustness.binding import bound, names
+from s2r_spec.robustness.binding import bind, names
 from s2r_spec.robustness.evaluate import Witness
 from s2r_spec.robustness.evaluation import End, Evaluation, Interpolation, Reading, evaluate
 from s2r_spec.robustness.explain import Explanation, explain
@@ -25,10 +25,10 @@ from s2r_spec.robustness.judge import Judge, Judgement
 from s2r_spec.robustness.online.monitor import Followed, Monitor, RobustnessStream
 from s2r_spec.robustness.reading import Missing, read_params, read_signals, read_streams
 from s2r_spec.robustness.shortfall import shortfall
-from s2r_spec.robustness.ties import plain_number
+from s2r_spec.robustness.ties import restore_zero
 from s2r_spec.robustness.tolerances import Tolerances, tolerances
 from s2r_spec.spec.declared import Declared
-from s2r_spec.spec.plot import Plot, drawn
+from s2r_spec.spec.plot import Plot, draw
 from s2r_spec.trace import Trace
 
 if TYPE_CHECKING:
@@ -64,7 +64,9 @@ class Spec(Declared):
 
     def __repr__(self) -> str:
         """Return one line: requirements, signals and parameters with their units."""
-        signals, params = (", ".join(map(_declared, of.values())) for of in (self.signals, self.params))
+        signals, params = (
+            ", ".join(map(_declaration_text, of.values())) for of in (self.signals, self.params)
+        )
         with_params = f"; params {params}" if params else ""
         return one_line(
             f"Spec({self.name!r}: {', '.join(self.requirements)}; signals {signals or 'none'}{with_params})"
@@ -118,7 +120,7 @@ class Spec(Declared):
                 for name in names
             }
         signed = self._at_start(trace, names, _How(params, interpolation, until, nan, partial))
-        return {name: plain_number(rho) for name, rho in signed.items()}
+        return {name: restore_zero(rho) for name, rho in signed.items()}
 
     def satisfied(
         self,
@@ -166,25 +168,24 @@ class Spec(Declared):
         formula = reading.bound(self.formulas[requirement])
         reading.refuse_short(formula)
         if not how.partial:
-            self._long_enough(requirement, formula, reading)
+            self._check_length(requirement, formula, reading)
         bounds = None if how.partial else reading.bounds(formula)
-        return decided(requirement, bounds or float(reading.signed(formula)[0]))
+        return decided_value(requirement, bounds or float(reading.signed(formula)[0]))
 
     def _at_instants(self, own: Trace, requirement: str, how: _How) -> float:
         """Return ρ of one requirement at the begin of a trace of messages that it reads, at every instant, never 0."""
         judge, formula = self._judge(own, requirement, how)
         judge.refuse_short(formula)
-        found = judge.judge(formula, how.partial)
-        if not (found.complete or how.partial):
+        judgement = judge.judge(formula, how.partial)
+        if not (judgement.complete or how.partial):
             raise TraceError(
                 f"{requirement!r} {judge.shortfall(formula)}; "
                 f"give a longer trace, or set partial=True to cut windows at the end of this one"
             )
-        if found.satisfied is None or (found.lower != found.upper and not found.several):
-            raise UndecidedError(
-                f"{requirement!r} {found.open or 'is not known exactly: a signal was silent, or began after the log'}"
-            )
-        return found.signed
+        if judgement.satisfied is None or (judgement.lower != judgement.upper and not judgement.several):
+            why = judgement.open or "is not known exactly: a signal was silent, or began after the log"
+            raise UndecidedError(f"{requirement!r} {why}")
+        return judgement.signed
 
     def _refuse_other_verdict(self, messages: Trace, requirement: str, rho: float, how: _How) -> None:
         """Refuse ρ at the stamps of one topic where every instant decides otherwise.
@@ -250,7 +251,7 @@ class Spec(Declared):
         judge = Judge(
             read_streams(signals, trace, how.nan, linear), numbers, trace.since, trace.ends, how.until
         )
-        return judge, bound(
+        return judge, bind(
             self._formula(requirement), {name: value.item() for name, value in numbers.items()}
         )
 
@@ -276,10 +277,10 @@ class Spec(Declared):
         judge, formula = self._judge(own, requirement, _How(params, None, until, nan))
         if not sparse:
             judge.refuse_short(formula)
-        found = judge.judge(formula, partial)
-        if found.satisfied is None:
-            return found, None
-        return found, judge.explain(formula, found, requirement, self.unit(requirement))
+        judgement = judge.judge(formula, partial)
+        if judgement.satisfied is None:
+            return judgement, None
+        return judgement, judge.explain(formula, judgement, requirement, self.unit(requirement))
 
     def robustness_signal(
         self,
@@ -425,7 +426,7 @@ class Spec(Declared):
             UsageError: an operator over the whole rest of the trace is needed at more than the first instant, or a
                 window is shorter than the period; also see :meth:`robustness`.
         """
-        followed = self._followed(params, requirement, period, until, nan)
+        followed = self._follow(params, requirement, period, until, nan)
         return Monitor(replace(followed, ranges=ranges, sparse=sparse))
 
     def robustness_stream(
@@ -445,9 +446,7 @@ class Spec(Declared):
 
         For args and errors see :meth:`monitor`. No operator may depend on the whole rest of the trace.
         """
-        return RobustnessStream(
-            replace(self._followed(params, requirement, period, until, nan), sparse=sparse)
-        )
+        return RobustnessStream(replace(self._follow(params, requirement, period, until, nan), sparse=sparse))
 
     def explain(
         self,
@@ -496,7 +495,7 @@ class Spec(Declared):
         if not sparse:
             reading.refuse_short(formula)
         if not partial:
-            self._long_enough(requirement, formula, reading)
+            self._check_length(requirement, formula, reading)
         return explain(formula, reading, requirement, unit)
 
     def plot(
@@ -523,7 +522,7 @@ class Spec(Declared):
             UsageError: see :meth:`robustness`; or matplotlib is not installed.
         """
         reason = self.explain(trace, requirement, params, partial=True)
-        return drawn(self.tolerances(trace, requirement, params), reason, title)
+        return draw(self.tolerances(trace, requirement, params), reason, title)
 
     def tolerances(
         self, trace: Trace, requirement: str, params: Mapping[str, Amount] | None = None
@@ -558,7 +557,7 @@ class Spec(Declared):
         used = {name for formula in self._chosen(requirement) for name in names(formula).params}
         return read_params(self.params, used, params or {})
 
-    def _followed(
+    def _follow(
         self,
         params: Mapping[str, Amount] | None,
         requirement: str | None,
@@ -570,11 +569,11 @@ class Spec(Declared):
         _choice("nan", nan, ("error", "hold"))
         numbers = {name: value.item() for name, value in self._numbers(params, requirement).items()}
         requirements = self.requirements if requirement is None else (requirement,)
-        formulas = {name: bound(self._formula(name), numbers) for name in requirements}
+        formulas = {name: bind(self._formula(name), numbers) for name in requirements}
         signals = [self.signals[name] for name in self.channels(requirement)]
         return Followed(formulas, signals, numbers, period, until, nan, ranges=False)
 
-    def _long_enough(self, requirement: str, formula: f.Formula, reading: Reading) -> None:
+    def _check_length(self, requirement: str, formula: f.Formula, reading: Reading) -> None:
         if reading.complete(formula)[0]:
             return
         raise TraceError(
@@ -610,7 +609,7 @@ class Spec(Declared):
         return settings.fall
 
 
-def decided(requirement: str, rho: float | tuple[float, float]) -> float:
+def decided_value(requirement: str, rho: float | tuple[float, float]) -> float:
     """Return ρ, or ρ within bounds that are equal.
 
     Raises:
@@ -625,7 +624,7 @@ def decided(requirement: str, rho: float | tuple[float, float]) -> float:
     return rho[0]
 
 
-def _declared(one: Signal | Param) -> str:
+def _declaration_text(one: Signal | Param) -> str:
     """Return a declaration as ``vd [m/s]``."""
     return f"{one.name} [{one.unit}]" if one.unit else one.name
 

@@ -19,7 +19,7 @@ Sample = tuple[float, Mapping[str, Any]]
 
 
 @dataclass(frozen=True)
-class Stream:
+class SampleStream:
     """A stream of samples, in the units of the input.
 
     Args:
@@ -59,7 +59,7 @@ class OnlineConventions:
 
 
 @dataclass(frozen=True)
-class Change:
+class VerdictChange:
     """A requirement's interval or verdict has changed.
 
     Args:
@@ -89,8 +89,8 @@ class Ended:
 
 
 def follow(
-    spec: Spec, requirements: Sequence[str], stream: Stream, conventions: OnlineConventions
-) -> Iterator[Change | Ended]:
+    spec: Spec, requirements: Sequence[str], stream: SampleStream, conventions: OnlineConventions
+) -> Iterator[VerdictChange | Ended]:
     """Yield each change of an interval or a verdict as its sample is read, and the results at the end.
 
     Raises:
@@ -114,14 +114,14 @@ def follow(
     for last, sample in stream.samples:
         recent = (*recent[:1], *recent[-1:], last)
         for name, monitor in monitors.items():
-            (interval,) = monitor.update(last, _converted(sample, scales)).values()
+            (interval,) = monitor.update(last, _convert(sample, scales)).values()
             latest[name] = interval
             if interval != shown.get(name) and (name in shown or interval.bounded):
                 shown[name] = interval
-                yield Change(name, interval, recent)
+                yield VerdictChange(name, interval, recent)
     ended: dict[str, RobustInterval] = {}
     for name, monitor in monitors.items():
-        failure = _failed(spec, name, stream.meta)
+        failure = _failure_interval(spec, name, stream.meta)
         ended |= {name: failure} if failure else monitor.finish(partial=conventions.partial)
         if conventions.partial and math.isinf(ended[name].lower) and ended[name].decided and name in latest:
             ended[name] = latest[name]  # windows that the trace cuts to nothing decide nothing
@@ -133,23 +133,23 @@ def follow(
 def _scales(spec: Spec, requirements: Iterable[str], units: Mapping[str, str]) -> dict[str, Conversion]:
     """Return channel → conversion of a sample of the input to the declared unit."""
     names = {name for requirement in requirements for name in spec.channels(requirement)}
-    found = {name: conversion(spec.signals[name], units.get(name)) for name in names}
-    return {name: scale for name, scale in found.items() if not scale.same}
+    scales = {name: conversion(spec.signals[name], units.get(name)) for name in names}
+    return {name: scale for name, scale in scales.items() if not scale.same}
 
 
-def _converted(sample: Mapping[str, Any], scales: Mapping[str, Conversion]) -> Mapping[str, Any]:
+def _convert(sample: Mapping[str, Any], scales: Mapping[str, Conversion]) -> Mapping[str, Any]:
     if not scales:
         return sample
-    found = dict(sample)
+    values = dict(sample)
     for name, scale in scales.items():
-        if name in found:
-            value = found[name]
+        if name in values:
+            value = values[name]
             vector = hasattr(value, "__len__")
-            found[name] = [scale(x) for x in value] if vector else scale(value)
-    return found
+            values[name] = [scale(x) for x in value] if vector else scale(value)
+    return values
 
 
-def _failed(spec: Spec, requirement: str, meta: Mapping[str, Any]) -> RobustInterval | None:
+def _failure_interval(spec: Spec, requirement: str, meta: Mapping[str, Any]) -> RobustInterval | None:
     """Return the declared ρ of a failure if the trace ended in one, else None."""
     trace = Trace(np.zeros(1), {}, meta=meta)
     if trace.failure is None:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from s2r_spec.base.errors import UsageError
-from s2r_spec.base.printable import counted_messages
+from s2r_spec.base.printable import count_messages
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.amounts import Amount
 from s2r_spec.robustness.account import Instants
@@ -109,18 +109,18 @@ def monitor_trace(
     """Return the results of requirements on a trace; a unit of the times that matters must be stated.
 
     Raises:
-        TraceError: see :func:`monitored`.
-        UsageError: see :func:`monitored` and :func:`refuse_unstated`.
+        TraceError: see :func:`monitor_requirement`.
+        UsageError: see :func:`monitor_requirement` and :func:`refuse_unstated`.
     """
-    found = []
+    results = []
     for name in names:
         if not conventions.stated:
             refuse_unstated(spec, trace, name)
-        found.append(monitored(spec, trace, name, params, conventions))
-    return found
+        results.append(monitor_requirement(spec, trace, name, params, conventions))
+    return results
 
 
-def monitored(
+def monitor_requirement(
     spec: Spec, trace: Trace, requirement: str, params: Mapping[str, Amount], conventions: Conventions
 ) -> Monitored:
     """Return the result of one requirement on a trace.
@@ -135,19 +135,21 @@ def monitored(
     own = spec.own_trace(trace, requirement)
     if own.messages:
         return _of_own_messages(spec, own, requirement, params, conventions)
-    found = _of_samples(spec, own, requirement, params, conventions)
-    messages = own.as_messages() if own.origin is None and found.on_change else own.origin
-    if messages is None or not found.decided:
-        return found
+    result = _of_samples(spec, own, requirement, params, conventions)
+    messages = own.as_messages() if own.origin is None and result.on_change else own.origin
+    if messages is None or not result.decided:
+        return result
     if conventions.like != "s2r" or spec.needs_samples(requirement, messages):
-        assert found.satisfied is not None
-        if spec.contradicts(messages, requirement, found.satisfied, params, conventions.nan):
-            head = f"{requirement} unknown: at its samples {_one_line(found)}, but all messages contradict it"
-            text = "\n".join((head, *found.text.split("\n")[1:]))
-            return replace(found, satisfied=None, text=text, reason=None)
-        return _without_the_rest(found, own, messages)
-    where = "at its samples" if found.on_change else "at the stamps of the clock"
-    return _beside(found, _of_messages(spec, messages, requirement, params, conventions), where)
+        assert result.satisfied is not None
+        if spec.contradicts(messages, requirement, result.satisfied, params, conventions.nan):
+            head = (
+                f"{requirement} unknown: at its samples {_one_line(result)}, but all messages contradict it"
+            )
+            text = "\n".join((head, *result.text.split("\n")[1:]))
+            return replace(result, satisfied=None, text=text, reason=None)
+        return _without_the_rest(result, own, messages)
+    where = "at its samples" if result.on_change else "at the stamps of the clock"
+    return _reconcile(result, _of_messages(spec, messages, requirement, params, conventions), where)
 
 
 def _of_own_messages(
@@ -157,29 +159,29 @@ def _of_own_messages(
     every = _of_messages(spec, trace, requirement, params, conventions)
     if conventions.like == "s2r":
         return every
-    found = _of_samples(spec, trace, requirement, params, conventions)
-    return found if every.decided else _beside(found, every, f"by {conventions.like}")
+    sampled = _of_samples(spec, trace, requirement, params, conventions)
+    return sampled if every.decided else _reconcile(sampled, every, f"by {conventions.like}")
 
 
-def _without_the_rest(found: Monitored, sampled: Trace, messages: Trace) -> Monitored:
+def _without_the_rest(result: Monitored, sampled: Trace, messages: Trace) -> Monitored:
     """Return a result at samples, with a note on the messages between these; unknown where a signal was silent."""
     for name, (start, end) in messages.silences().items():
         head = (
-            f"{found.requirement} unknown: {name} has no message from t = {instant(sampled.times, start)} to "
+            f"{result.requirement} unknown: {name} has no message from t = {instant(sampled.times, start)} to "
             f"{instant(sampled.times, end)}"
         )
-        text = "\n".join((head, *found.text.split("\n")[1:]))
-        return replace(found, satisfied=None, text=text, reason=None)
+        text = "\n".join((head, *result.text.split("\n")[1:]))
+        return replace(result, satisfied=None, text=text, reason=None)
     rest = {
         name: int(np.count_nonzero(~np.isin(one.times, sampled.times)))
         for name, one in messages.messages.items()
     }
     lines = [
-        f"\n  note: {counted_messages(count, name, 'lie')} unevaluated between the samples"
+        f"\n  note: {count_messages(count, name, 'lie')} unevaluated between the samples"
         for name, count in rest.items()
         if count
     ]
-    return replace(found, text="".join((found.text, *lines))) if lines else found
+    return replace(result, text="".join((result.text, *lines))) if lines else result
 
 
 def _of_messages(
@@ -231,20 +233,22 @@ def _of_samples(
     if irregular and conventions.stated:
         # Values that are sent on change may be further apart than a window is long.
         conventions = replace(conventions, sparse=True)
-    found = spec.evaluate(trace, requirement, params, nan=conventions.nan, sparse=conventions.sparse, **how)
+    evaluation = spec.evaluate(
+        trace, requirement, params, nan=conventions.nan, sparse=conventions.sparse, **how
+    )
     instants = {name: _own_instants(trace, name) for name in spec.channels(requirement)}
     outside = dict.fromkeys(instants, (0, 0))
-    sampled = Sampled(found.period, found.duration, found.narrowest, instants, outside)
+    sampled = Sampled(evaluation.period, evaluation.duration, evaluation.narrowest, instants, outside)
     notes = [
-        *found.notes,
+        *evaluation.notes,
         *_held_notes(spec, trace, requirement, conventions),
         *_rhythm(trace, how, irregular),
     ]
-    lines = [_sampling(found), *(f"  note: {note}" for note in notes)]
+    lines = [_sampling_line(evaluation), *(f"  note: {note}" for note in notes)]
     unknown = ""
-    if partial and not found.complete[0] and math.isinf(found.value):
+    if partial and not evaluation.complete[0] and math.isinf(evaluation.value):
         unknown = "no recorded sample decides it"
-    elif not (found.complete[0] or partial or held):
+    elif not (evaluation.complete[0] or partial or held):
         short = spec.shortfall(trace, requirement, params, nan=conventions.nan)
         unknown = f"it {short} (--partial evaluates the recorded part)"
     elif not partial:
@@ -255,10 +259,10 @@ def _of_samples(
     why = ""
     if how["interpolation"] not in (None, "samples"):
         why = f"{conventions.like} evaluates it at every instant, so no single sample decides it"
-    elif not found.complete[0] and held:
+    elif not evaluation.complete[0] and held:
         why = f"it looks past the last sample, whose value is held as in {conventions.like}"
     if why:
-        reason = Explanation(requirement, found.value, found.unit, found.satisfied, reason=why)
+        reason = Explanation(requirement, evaluation.value, evaluation.unit, evaluation.satisfied, reason=why)
     else:
         reason = spec.explain(
             trace,
@@ -339,15 +343,17 @@ def _held_notes(spec: Spec, trace: Trace, requirement: str, conventions: Convent
     return notes
 
 
-def _sampling(found: Evaluation) -> str:
+def _sampling_line(evaluation: Evaluation) -> str:
     """Return a line on the sampling of a trace, which shows times in a wrong unit."""
-    if found.period is None:
+    if evaluation.period is None:
         return "  one sample"
-    windows = "" if found.narrowest is None else f", {found.narrowest} samples in the narrowest window"
-    return f"  sampled every {found.period:.6g} s for {found.duration:.6g} s{windows}"
+    windows = (
+        "" if evaluation.narrowest is None else f", {evaluation.narrowest} samples in the narrowest window"
+    )
+    return f"  sampled every {evaluation.period:.6g} s for {evaluation.duration:.6g} s{windows}"
 
 
-def _beside(sampled: Monitored, every: Monitored, where: str) -> Monitored:
+def _reconcile(sampled: Monitored, every: Monitored, where: str) -> Monitored:
     """Return a result at some samples; unknown where all messages, or every instant, decide otherwise."""
     if not sampled.decided or (every.decided and sampled.satisfied == every.satisfied):
         return sampled
@@ -362,10 +368,10 @@ def _beside(sampled: Monitored, every: Monitored, where: str) -> Monitored:
     return replace(sampled, satisfied=None, text="\n".join((head, *lines)), reason=None)
 
 
-def _one_line(found: Monitored) -> str:
-    assert found.reason is not None
-    word = "it holds" if found.satisfied else "it is violated"
-    return f"{word}, ρ = {found.reason.rho:+.6g} {found.reason.unit}".rstrip()
+def _one_line(result: Monitored) -> str:
+    assert result.reason is not None
+    word = "it holds" if result.satisfied else "it is violated"
+    return f"{word}, ρ = {result.reason.rho:+.6g} {result.reason.unit}".rstrip()
 
 
 def depends_on_unit_of_time(spec: Spec, requirement: str) -> str:

@@ -57,17 +57,17 @@ class Plot:
 
 
 def plot(tolerances: Tolerances, explanation: Explanation, title: str, path: Path) -> None:
-    """Draw a plot into a file; see :func:`drawn`.
+    """Draw a plot into a file; see :func:`draw`.
 
     Raises:
         UsageError: the file name has another ending, or matplotlib is not installed.
     """
     if path.suffix.lower() not in ENDINGS:
         raise UsageError(f"{path.name!r}: the file name of a plot ends in one of {one_of(ENDINGS)}")
-    drawn(tolerances, explanation, title).save(path)
+    draw(tolerances, explanation, title).save(path)
 
 
-def drawn(tolerances: Tolerances, explanation: Explanation, title: str = "") -> Plot:
+def draw(tolerances: Tolerances, explanation: Explanation, title: str = "") -> Plot:
     """Draw every signal that the requirement reads, its tubes, and the instant that decides ρ.
 
     Raises:

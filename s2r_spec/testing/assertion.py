@@ -44,18 +44,20 @@ def assert_robust(
     names = spec.requirements if requirement is None else (requirement,)
     if not isinstance(trace, Trace):
         trace = logs.read(_path(trace, "trace"))
-    values = {**_recorded(spec, trace), **(params or {})}
-    found: dict[str, float] = {}
+    values = {**_recorded_test(spec, trace), **(params or {})}
+    robustness: dict[str, float] = {}
     failures: list[str] = []
     for name in names:
         one = spec.explain(trace, name, values, nan=nan)
-        found[name] = one.rho
+        robustness[name] = one.rho
         if not one.satisfied or one.rho < at_least:
-            wanted = f"\n  but ρ must be at least {at_least:g} {one.unit}".rstrip() if one.satisfied else ""
-            failures.append(f"{one}{wanted}")
+            shortfall = (
+                f"\n  but ρ must be at least {at_least:g} {one.unit}".rstrip() if one.satisfied else ""
+            )
+            failures.append(f"{one}{shortfall}")
     if failures:
         raise AssertionError("\n".join(failures))
-    return found
+    return robustness
 
 
 def _path(value: Any, what: str) -> str:
@@ -72,7 +74,7 @@ def _path(value: Any, what: str) -> str:
     )
 
 
-def _recorded(spec: Spec, trace: Trace) -> dict[str, Amount]:
+def _recorded_test(spec: Spec, trace: Trace) -> dict[str, Amount]:
     """Return the test that the trace records, as far as the specification declares it."""
     recorded = trace.meta.get("params", {})
     known = recorded if isinstance(recorded, Mapping) else {}

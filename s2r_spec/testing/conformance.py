@@ -46,14 +46,11 @@ HALF = 0.5
 TINY = 1e-6
 """Definition: size of a tiny effect, as the same share."""
 SEED_SHARE = 0.5
-"""Tolerance: change of a channel by a tiny effect, as a share of its change by another seed. Twice as much accepts
-random numbers that depend on effects."""
+"""Tolerance: change of a channel by a tiny effect, as a share of its change by another seed."""
 EXPLAINED = 0.5
-"""Tolerance: residual with the effect in the model, as a share of the residual without it. Twice as much accepts
-residuals that ignore the effect."""
+"""Tolerance: residual with the effect in the model, as a share of the residual without it."""
 SLACK = 1.5
-"""Tolerance: difference between a rollout's duration and the declared one, in samples. Twice as much accepts two more
-samples."""
+"""Tolerance: difference between a rollout's duration and the declared one, in samples."""
 
 
 @dataclass
@@ -98,8 +95,8 @@ def check_conformance(
     subject = _Subject(backend)
     checks: list[tuple[str, Callable[[_Subject, Check], None]]] = [
         ("its default test runs", _runs),
-        ("its traces have the declared channels and the declared duration", _declared),
-        ("test and seed determine a trace, bit for bit, whatever ran before it", _repeated),
+        ("its traces have the declared channels and the declared duration", _check_declared),
+        ("test and seed determine a trace, bit for bit, whatever ran before it", _check_repeated),
         ("every test parameter runs at both ends of its range", _ends),
     ]
     if isinstance(backend, HasEffects):
@@ -129,7 +126,7 @@ def check_conformance(
         try:
             run(subject, check)
         except Exception as error:  # third-party code may raise anything
-            check.violations.append(_described(error))
+            check.violations.append(_describe(error))
         yield check
         if check.violations and run in (_runs, _catalogue, _protocols):
             return  # all others depend on it
@@ -163,7 +160,7 @@ class _Subject:
         candidates = [{effect.name: {p.name: _towards(p, HALF)}} for p in effect.parameters]
         if self.backend.deterministic:
             for values in candidates:
-                if not _same(self.first, _rollout(self.with_effects(values), self.test)):
+                if not _is_same(self.first, _rollout(self.with_effects(values), self.test)):
                     return values
         return candidates[0]
 
@@ -190,11 +187,11 @@ def _rollout(backend: Backend, test: Mapping[str, float]) -> Trace:
     return trace
 
 
-def _described(error: Exception) -> str:
+def _describe(error: Exception) -> str:
     return f"{type(error).__name__}: {error}"
 
 
-def _same(one: Trace, other: Trace) -> bool:
+def _is_same(one: Trace, other: Trace) -> bool:
     """Return whether two traces are the same, bit for bit."""
     return one.channels.keys() == other.channels.keys() and difference(one, other) is None
 
@@ -230,7 +227,7 @@ def _runs(subject: _Subject, out: Check) -> None:
         out.remarks.append(f"it ends early: {subject.first.failure}")
 
 
-def _declared(subject: _Subject, out: Check) -> None:
+def _check_declared(subject: _Subject, out: Check) -> None:
     trace, backend = subject.first, subject.backend
     for channel in backend.channels:
         if channel.name not in trace.channels:
@@ -260,14 +257,14 @@ def _declared(subject: _Subject, out: Check) -> None:
         )
 
 
-def _repeated(subject: _Subject, out: Check) -> None:
+def _check_repeated(subject: _Subject, out: Check) -> None:
     backend, test = subject.backend, subject.test
     if not backend.deterministic:
         out.remarks.append(
             "it is declared as not deterministic: no rollout can be replayed, and small effects go unnoticed"
         )
         return
-    if not _same(subject.first, _rollout(backend, test)):
+    if not _is_same(subject.first, _rollout(backend, test)):
         out.violations.append("two rollouts with one seed differ; draw all random numbers from the seed")
     if isinstance(backend, HasRecordings):
         return
@@ -275,8 +272,8 @@ def _repeated(subject: _Subject, out: Check) -> None:
     # The default test has run first in this process, so another one shows state of the first. An end that cannot run is
     # told by another check.
     other = next((end for end in ends if end != test and _try(Check(""), "", backend, end) is not None), test)
-    if found := check_here(backend, other, test, SEED):
-        out.violations.append(found)
+    if violation := check_here(backend, other, test, SEED):
+        out.violations.append(violation)
     if not PassedBackend(backend).portable:
         out.remarks.append("no other process can load it, so its rollouts were repeated in this one alone")
 
@@ -301,7 +298,7 @@ def _try(out: Check, at: str, backend: Backend, test: Mapping[str, float]) -> Tr
         trace = _rollout(backend, test)
     except Exception as error:
         out.violations.append(
-            f"{at}: {_described(error)}; a rollout that cannot go on must end with meta['failure']"
+            f"{at}: {_describe(error)}; a rollout that cannot go on must end with meta['failure']"
         )
         return None
     if trace.failure is not None:
@@ -325,7 +322,7 @@ def _nominal(subject: _Subject, out: Check) -> None:
         return
     for effect in subject.effects:
         values = {effect.name: {p.name: p.nominal for p in effect.parameters}}
-        if not _same(subject.first, _rollout(subject.with_effects(values), subject.test)):
+        if not _is_same(subject.first, _rollout(subject.with_effects(values), subject.test)):
             out.violations.append(f"{effect.name} changes the trace at its nominal values")
 
 
@@ -338,7 +335,7 @@ def _ranges(subject: _Subject, out: Check) -> None:
                 values = {effect.name: {**subject.half_effects[effect.name][effect.name], p.name: value}}
                 words = ", ".join(f"{name}={x:g}" for name, x in values[effect.name].items())
                 trace = _try(out, f"{effect.name} with {words}", subject.with_effects(values), subject.test)
-                changed = changed or trace is None or not _same(subject.first, trace)
+                changed = changed or trace is None or not _is_same(subject.first, trace)
         if not changed:
             out.violations.append(
                 f"{effect.name} changes nothing in the default test, at either end of its range"
@@ -354,7 +351,7 @@ def _order(subject: _Subject, out: Check) -> None:
             for first, last in ((one, other), (other, one))
         ]
         traces = [_try(out, f"{one} and {other}", backend, subject.test) for backend in backends]
-        if subject.backend.deterministic and None not in traces and not _same(*traces):  # type: ignore[arg-type]
+        if subject.backend.deterministic and None not in traces and not _is_same(*traces):  # type: ignore[arg-type]
             out.violations.append(f"the order matters: {one} and {other} differ from {other} and {one}")
     everything = {name: values for one in subject.half_effects.values() for name, values in one.items()}
     _try(out, "all effects together", subject.with_effects(everything), subject.test)
@@ -386,7 +383,7 @@ def _variants(subject: _Subject, out: Check) -> None:
             continue
         if trace.channels.keys() != subject.first.channels.keys():
             out.violations.append(f"the variant {name!r} has other channels")
-        elif subject.backend.deterministic and _same(subject.first, trace):
+        elif subject.backend.deterministic and _is_same(subject.first, trace):
             out.violations.append(f"the variant {name!r} gives the simulator's own trace")
         if variant.model_hash == subject.backend.model_hash:
             out.violations.append(
@@ -429,7 +426,7 @@ def _protocol_runs(subject: _Subject, out: Check) -> None:
                 f"{protocol.name} lasts {trace.duration:g} s, but its declared duration is {protocol.duration:g} s"
             )
         again = _try_protocol(subject, out, protocol, {}) if subject.backend.deterministic else None
-        if again is not None and not _same(trace, again):
+        if again is not None and not _is_same(trace, again):
             out.violations.append(f"two runs of {protocol.name} with one seed differ")
 
 
@@ -474,7 +471,7 @@ def _try_protocol(
         trace: object = subject.backend.run(protocol.name, params, SEED)
     except Exception as error:
         out.violations.append(
-            f"{at}: {_described(error)}; a run that cannot go on must end with meta['failure']"
+            f"{at}: {_describe(error)}; a run that cannot go on must end with meta['failure']"
         )
         return None
     if not isinstance(trace, Trace):

@@ -1,5 +1,5 @@
 """A recorded signal and its times."""
 
-from s2r_spec.trace.trace import SHOWN, Trace, thinned
+from s2r_spec.trace.trace import SHOWN, Trace, thin
 
-__all__ = ["SHOWN", "Trace", "thinned"]
+__all__ = ["SHOWN", "Trace", "thin"]

@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike
 
 DATES = 1e8
 """Definition: a first time stamp of at least this [s] counts from 1970 (it is 3 March 1973), since no machine runs for
-three years. Twice as much is 1976, and no log of a robot is from the years between."""
+three years."""
 
 _SHARE = 1e-3
-"""Tolerance: rounding error of a printed time [sampling periods]; twice as much sometimes saves a digit."""
+"""Tolerance: rounding error of a printed time [sampling periods]."""
 
 _FIXED = 12
 """Definition: largest number of printed decimals; a finer time is printed with an exponent."""

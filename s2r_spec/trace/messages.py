@@ -207,10 +207,10 @@ class Messages:
             spans.append((valid_until, math.inf))
         if not self.invalid:
             return spans
-        return _united([*spans, *(span for span in self.invalid if span[1] > start and span[0] < end)])
+        return _unite([*spans, *(span for span in self.invalid if span[1] > start and span[0] < end)])
 
 
-def _united(spans: list[tuple[float, float]]) -> list[tuple[float, float]]:
+def _unite(spans: list[tuple[float, float]]) -> list[tuple[float, float]]:
     """Return spans in order, as one where they overlap."""
     result: list[tuple[float, float]] = []
     for start, end in sorted(spans):
@@ -228,7 +228,7 @@ def union(channels: Iterable[Messages]) -> FloatArray:
     return result
 
 
-def joined(parts: list[Messages]) -> Messages:
+def join(parts: list[Messages]) -> Messages:
     """Return the vector of several scalar channels: a message for each stamp of any, from the first one of all on.
 
     Where a component has several values with one stamp, each combination is a message. Where a component has no valid
@@ -241,7 +241,7 @@ def joined(parts: list[Messages]) -> Messages:
     known = [one.log_end for one in parts if not math.isnan(one.log_end)]
     reach = max([*known, *(float(one.times[-1]) for one in parts)])
     whole = [one for one in parts if reach - float(one.times[-1]) <= one.bridged]
-    times, values = _combined(parts, begin)
+    times, values = _combine(parts, begin)
     periods = [one.period for one in parts if not math.isnan(one.period)]
     return Messages(
         times,
@@ -260,7 +260,7 @@ def joined(parts: list[Messages]) -> Messages:
     )
 
 
-def _combined(parts: list[Messages], begin: float) -> tuple[FloatArray, FloatArray]:
+def _combine(parts: list[Messages], begin: float) -> tuple[FloatArray, FloatArray]:
     """Return (m,) stamps from a time on and (m, k) values of components, each combination of those with one stamp."""
     stamps = union(parts)
     stamps = stamps[stamps >= begin]
@@ -276,9 +276,9 @@ def _combined(parts: list[Messages], begin: float) -> tuple[FloatArray, FloatArr
             for one in parts
         ]
         kinds = [part if len(part) else values[here, [k]] for k, part in enumerate(own)]
-        found = [*product(*kinds)]
-        times += [at] * len(found)
-        rows += found
+        combinations = [*product(*kinds)]
+        times += [at] * len(combinations)
+        rows += combinations
     kept = ~np.isin(stamps, [*repeated])
     all_times, all_rows = (
         np.concatenate((stamps[kept], times)),

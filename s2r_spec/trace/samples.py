@@ -17,11 +17,11 @@ Rule = Literal["hold", "linear"]
 """How a signal has a value between two samples: that of the last sample, or one on the line between both."""
 
 ROUNDING = 1e-6
-"""Tolerance: rounding error of a time [sampling periods]. Twice as much changes nothing that is not rounding."""
+"""Tolerance: rounding error of a time [sampling periods]."""
 SLOW, FAST = 2.0, 1e-5
 """Tolerance: periods from which, and below which, times without a unit may be in another one than seconds [s]."""
 MOST_SAMPLES = 2**25
-"""Budget: samples of a trace that is resampled, 34 million. Twice as many take twice the memory, 0.5 GB a channel."""
+"""Budget: samples of a trace that is resampled, 34 million."""
 
 
 def seconds_of(value: Any, what: str) -> float:
@@ -36,7 +36,7 @@ def seconds_of(value: Any, what: str) -> float:
     """
     number = math.nan
     try:
-        raw = stamps.typed(np.asarray(value).reshape(1))
+        raw = stamps.as_nanoseconds(np.asarray(value).reshape(1))
         if raw.dtype.kind == "m":
             number = float(raw[0] / np.timedelta64(1, "ns") / 1e9)
         elif raw.dtype.kind in "iuf":
@@ -107,7 +107,7 @@ def between(times: FloatArray, own: FloatArray, values: FloatArray) -> FloatArra
     return np.stack([np.interp(times, own, column) for column in values.T], axis=1)
 
 
-def sampling(times: FloatArray) -> str:
+def describe_sampling(times: FloatArray) -> str:
     """Return the number of samples, their rate and their span in words."""
     first, last = float(times[0]), float(times[-1])
     if times.size == 1:

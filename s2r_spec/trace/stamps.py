@@ -26,7 +26,7 @@ _UNITS = {
 _EPOCH = datetime(1970, 1, 1)
 
 
-def typed(values: NDArray[Any]) -> NDArray[Any]:
+def as_nanoseconds(values: NDArray[Any]) -> NDArray[Any]:
     """Return an array of Python's dates or durations as numpy's, in nanoseconds; any other array unchanged.
 
     Raises:
@@ -85,7 +85,7 @@ def seconds(values: NDArray[Any], first: Any = None) -> FloatArray:
     counts = np.ascontiguousarray(values).view(np.int64)
     start = None if first is None else int(np.asarray(first).astype(values.dtype).view(np.int64))
     dated = values.dtype.kind == "M" or dates(counts, size)
-    return counted(counts, size, from_first=dated, first=start)
+    return to_seconds(counts, size, from_first=dated, first=start)
 
 
 EXACT = 2**50
@@ -103,7 +103,7 @@ def dates(values: NDArray[Any], size: Fraction) -> bool:
     return first * float(size) >= DATES or first >= EXACT
 
 
-def counted(
+def to_seconds(
     values: NDArray[Any], size: Fraction, *, from_first: bool = False, first: int | float | None = None
 ) -> FloatArray:
     """Return (n,) counts in seconds.

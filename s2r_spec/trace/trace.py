@@ -19,7 +19,7 @@ from s2r_spec.base.upper import upper
 from s2r_spec.trace import stamps
 from s2r_spec.trace.instants import instant
 from s2r_spec.trace.messages import Messages, union
-from s2r_spec.trace.samples import Rule, finite_seconds, inside, regular, sampling, seconds_of
+from s2r_spec.trace.samples import Rule, describe_sampling, finite_seconds, inside, regular, seconds_of
 from s2r_spec.trace.samples import between as between
 
 FloatArray = NDArray[np.float64]
@@ -83,7 +83,7 @@ class Trace:
         recorded = max(one.recorded_until for one in messages.values())
         messages = {name: one.in_log_until(recorded) for name, one in messages.items()}
         object.__setattr__(self, "channels", _Held(messages, self.since, self.until))
-        object.__setattr__(self, "units", MappingProxyType(_fitting(_texts(self.units), messages)))
+        object.__setattr__(self, "units", MappingProxyType(_check_units(_texts(self.units), messages)))
         object.__setattr__(self, "masks", MappingProxyType({}))
         # All stamps of all channels take more memory than the messages, and often nobody needs them.
         object.__delattr__(self, "times")
@@ -122,7 +122,7 @@ class Trace:
         masks = {name: _mask(mask, times.size, name) for name, mask in self.masks.items() if name in channels}
         object.__setattr__(self, "times", times)
         object.__setattr__(self, "channels", MappingProxyType(channels))
-        object.__setattr__(self, "units", MappingProxyType(_fitting(units, channels)))
+        object.__setattr__(self, "units", MappingProxyType(_check_units(units, channels)))
         object.__setattr__(self, "masks", MappingProxyType(masks))
         object.__setattr__(self, "since", None)
         object.__setattr__(self, "until", None)
@@ -403,13 +403,13 @@ class Trace:
         inner = {
             name: [
                 (start, min(end, self.ends))
-                for start, end in found
+                for start, end in silent
                 if start > self.begin and self.ends > start
             ]
-            for name, found in spans.items()
+            for name, silent in spans.items()
         }
         return {
-            name: max(found, key=lambda span: span[1] - span[0]) for name, found in inner.items() if found
+            name: max(silent, key=lambda span: span[1] - span[0]) for name, silent in inner.items() if silent
         }
 
     def sampled_at(self, times: FloatArray, rules: Mapping[str, str] | None = None) -> Trace:
@@ -467,12 +467,12 @@ class Trace:
         Raises:
             TraceError: a rule is not one of the two, or is for no channel.
         """
-        given = dict(rule) if isinstance(rule, Mapping) else dict.fromkeys(self.channels, rule)
-        for name, one in given.items():
+        rules = dict(rule) if isinstance(rule, Mapping) else dict.fromkeys(self.channels, rule)
+        for name, one in rules.items():
             self[name]
             if one not in ("hold", "linear"):
                 raise TraceError(f"the rule {one!r} of channel {name!r} is not one of hold, linear")
-        return {name: given.get(name, "hold") for name in self.channels}
+        return {name: rules.get(name, "hold") for name in self.channels}
 
     # -- data frames -----------------------------------------------------------------------------------------------
 
@@ -539,7 +539,7 @@ class Trace:
         if len(self.channels) > SHOWN:
             names.append(f"and {len(self.channels) - SHOWN} more")
         failed = f"; failure: {self.failure}" if self.failure else ""
-        return f"Trace({sampling(self.times)}; {', '.join(names) or 'no signals'}{failed})"
+        return f"Trace({describe_sampling(self.times)}; {', '.join(names) or 'no signals'}{failed})"
 
     def _repr_html_(self) -> str:
         """Return a small table for a notebook: range and unit of every signal."""
@@ -551,7 +551,7 @@ class Trace:
             rows.append((self._signal(name, unit=False), self.units.get(name, ""), *ends, str(missing or "")))
         failed = f"; failure: {self.failure}" if self.failure else ""
         head = ("signal", "unit", "lowest", "highest", "missing")
-        return html_table(f"Trace: {sampling(self.times)}{failed}", head, rows)
+        return html_table(f"Trace: {describe_sampling(self.times)}{failed}", head, rows)
 
     def _signal(self, name: str, unit: bool = True) -> str:
         """Return a signal with the width of a vector, and with its unit."""
@@ -615,7 +615,7 @@ def _mask(mask: ArrayLike, count: int, name: str) -> BoolArray:
     return array
 
 
-def _fitting(units: dict[str, str], channels: Mapping[str, Any]) -> dict[str, str]:
+def _check_units(units: dict[str, str], channels: Mapping[str, Any]) -> dict[str, str]:
     """Return the units.
 
     Raises:
@@ -632,7 +632,7 @@ def _frozen(values: ArrayLike, name: str, *, dates: bool = False) -> tuple[Float
     """Return a read-only copy as float64, and the unit that the type states: "s" for durations, else None."""
     values, unit = _magnitude(values, dates)
     try:
-        raw = stamps.typed(np.asarray(_filled(values)))
+        raw = stamps.as_nanoseconds(np.asarray(_fill(values)))
         if stamps.is_typed(raw) and raw.dtype.kind == "M" and not dates:
             raise TypeError("it holds dates")
         if raw.dtype.kind == "c":
@@ -663,7 +663,7 @@ def _magnitude(values: Any, times: bool) -> tuple[Any, str | None]:
         raise TraceError(f"the times are in {values.units}, which is not a unit of time: {error}") from None
 
 
-def _filled(values: Any) -> Any:
+def _fill(values: Any) -> Any:
     """Return a masked array of numbers with NaN for masked values; numpy's own conversion would unmask them."""
     masked = isinstance(values, np.ma.MaskedArray) and values.dtype.kind in "biuf"
     return values.astype(np.float64).filled(np.nan) if masked else values
@@ -697,7 +697,7 @@ def _failure(meta: Mapping[str, Any]) -> str | None:
     raise TraceError(f'meta["failure"] is {word!r}; it must be a short word, such as "fall"')
 
 
-def thinned(trace: Trace, step: float) -> Trace:
+def thin(trace: Trace, step: float) -> Trace:
     """Return the trace thinned to one sample per ``step`` [s]; the trace itself if it has no more samples than that."""
     times = trace.times - trace.times[0]
     if len(times) < 2 or step < 1.5 * float(np.median(np.diff(times))):

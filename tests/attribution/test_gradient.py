@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from s2r_spec.attribution.gradient import margin_gradient
 from s2r_spec.robustness.evaluate import Walk
-from s2r_spec.robustness.sampled import SampledAlgebra, Samples
+from s2r_spec.robustness.sampled import SampledAlgebra, SampledSignals
 from s2r_spec.robustness.ticks import clock_of
 from s2r_spec.spec import parse_spec
 from tests.examples import examples
@@ -35,7 +35,7 @@ def gradient(spec, signals, times, sample, p):
     node = spec.formulas["it"]
 
     def margin(given):
-        algebra = SampledAlgebra(Samples(clock, given, {"p": np.full((1, 1), p)}))
+        algebra = SampledAlgebra(SampledSignals(clock, given, {"p": np.full((1, 1), p)}))
         return float(np.broadcast_to(Walk(algebra)(node), times.size)[sample]), algebra
 
     _, algebra = margin(signals)

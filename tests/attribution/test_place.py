@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from s2r_spec.attribution.place import Place, Range, cause_first, instant, visited
+from s2r_spec.attribution.place import Place, ValueRange, cause_first, find_visit, instant
 from s2r_spec.trace import Trace
 
 
@@ -21,7 +21,7 @@ from s2r_spec.trace import Trace
     ],
 )
 def test_a_window_of_time_is_rounded_to_its_width(begin, end, words):
-    assert str(Place(Range(begin, end))) == words
+    assert str(Place(ValueRange(begin, end))) == words
 
 
 def test_an_instant_has_three_digits_and_is_never_off_by_more_than_a_hundredth_of_a_second():
@@ -34,16 +34,16 @@ def test_an_instant_has_three_digits_and_is_never_off_by_more_than_a_hundredth_o
 
 
 def test_a_whole_rollout_is_no_window():
-    assert str(Place(Range(0.0, 10.0, lowest=0.0, highest=10.0))) == "throughout"
-    mostly = Range(0.03, 9.98, lowest=0.0, highest=10.0)
-    push = Range(10.0, math.inf, "N*m", "tau")
+    assert str(Place(ValueRange(0.0, 10.0, lowest=0.0, highest=10.0))) == "throughout"
+    mostly = ValueRange(0.03, 9.98, lowest=0.0, highest=10.0)
+    push = ValueRange(10.0, math.inf, "N*m", "tau")
     assert str(Place(mostly, values=(push,))) == "where tau is above 10 N·m"
     assert str(Place(mostly, "FR calf")) == "throughout at FR calf"
 
 
 def test_time_comes_first_then_the_joint_then_values_or_a_phase():
-    at_rest = Range(1.3e-5, 0.000106, "m/s", "v", lowest=-0.1, highest=0.5)
-    late = Range(2.1, 2.5, lowest=0.0, highest=3.0)
+    at_rest = ValueRange(1.3e-5, 0.000106, "m/s", "v", lowest=-0.1, highest=0.5)
+    late = ValueRange(2.1, 2.5, lowest=0.0, highest=3.0)
     assert (
         str(Place(late, "FR calf", values=(at_rest,)))
         == "from 2.1 to 2.5 s at FR calf, where v is about 0 m/s"
@@ -69,23 +69,23 @@ def test_time_comes_first_then_the_joint_then_values_or_a_phase():
     ],
 )
 def test_values_of_a_channel_are_rounded_to_their_width_and_to_its_extent(low, high, words):
-    assert Range(low, high, "m", "q", lowest=-0.5, highest=0.5).in_values() == words
+    assert ValueRange(low, high, "m", "q", lowest=-0.5, highest=0.5).in_values() == words
 
 
 def test_without_an_extent_small_values_have_a_prefix():
-    assert Range(1.3e-5, 0.000106, "m/s", "v").in_values() == "v is between 10 and 110 µm/s"
-    assert Range(-math.inf, 1234.5, "N", "f").in_values() == "f is below 1230 N"
+    assert ValueRange(1.3e-5, 0.000106, "m/s", "v").in_values() == "v is between 10 and 110 µm/s"
+    assert ValueRange(-math.inf, 1234.5, "N", "f").in_values() == "f is below 1230 N"
 
 
 def test_a_window_of_the_test_space():
-    box = (Range(0.2, 0.4, "m/s", "vd", 0.0, 1.0), Range(3.0, 5.0, "deg", "slope", -5.0, 5.0))
+    box = (ValueRange(0.2, 0.4, "m/s", "vd", 0.0, 1.0), ValueRange(3.0, 5.0, "deg", "slope", -5.0, 5.0))
     assert str(Place(values=box)) == "where vd is between 0.2 and 0.4 m/s and slope is above 3 deg"
-    assert str(Place(values=(box[0], Range(0.0, 5.0, "kg", "load", 0.0, 5.0)))).endswith("0.4 m/s")
+    assert str(Place(values=(box[0], ValueRange(0.0, 5.0, "kg", "load", 0.0, 5.0)))).endswith("0.4 m/s")
 
 
 def ordered(*found):
     """Return the names of (name, begin, end, strength) in order."""
-    places = [Place(Range(begin, end)) if end else Place() for _, begin, end, _ in found]
+    places = [Place(ValueRange(begin, end)) if end else Place() for _, begin, end, _ in found]
     order = cause_first(range(len(found)), lambda n: places[n], lambda n: found[n][-1])
     return [found[n][0] for n in order]
 
@@ -117,11 +117,13 @@ def test_when_a_channel_has_these_values():
     pushed = Trace(times + 5.0, {"q": np.column_stack([np.zeros(11), times])}, {"q": "m"})
     slower = Trace(times, {"q": np.column_stack([np.zeros(11), times / 2])}, {"q": "m"})
     unrecorded = Trace(times, {"u": times}, {})
-    time, values = visited([pushed, slower, unrecorded], "q", 1, 0.12, 0.42)
+    time, values = find_visit([pushed, slower, unrecorded], "q", 1, 0.12, 0.42)
     assert (time.low, time.high, time.highest) == pytest.approx((0.2, 0.8, 1.0))
-    assert visited([pushed, slower], "q", 1, 0.32, 0.48)[0] is None  # the first is past when the second comes
+    assert (
+        find_visit([pushed, slower], "q", 1, 0.32, 0.48)[0] is None
+    )  # the first is past when the second comes
     assert (values.unit, values.lowest, values.highest) == ("m", 0.0, 1.0)
-    assert visited([pushed], "q", 1, 3.0, 4.0)[0] is None
-    gone, unknown = visited([pushed], "force", 0, 3.0, 4.0)
+    assert find_visit([pushed], "q", 1, 3.0, 4.0)[0] is None
+    gone, unknown = find_visit([pushed], "force", 0, 3.0, 4.0)
     assert gone is None
     assert not math.isfinite(unknown.extent)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from s2r_spec.lang.latex import to_latex
-from s2r_spec.lang.lints import fixed, lint
+from s2r_spec.lang.lints import apply_fixes, lint
 from s2r_spec.lang.lints.finding import CODES
 from tests.lang.test_printing import meaning
 
@@ -40,8 +40,8 @@ def test_where_lints_fire(formula: str, codes: list[str]) -> None:
     text = f"{HEAD}{USES}require it: {formula}"
     found = lint(text)
     assert [finding.code for finding in found] == codes
-    assert meaning(fixed(text, found)) == meaning(text)
-    assert not any(finding.edits for finding in lint(fixed(text, found)))
+    assert meaning(apply_fixes(text, found)) == meaning(text)
+    assert not any(finding.edits for finding in lint(apply_fixes(text, found)))
 
 
 LENGTHS = [
@@ -88,7 +88,7 @@ def test_the_picture() -> None:
 
 def test_two_edits_at_one_place() -> None:
     text = "signal x require it: always x > 0 and x < 2 or x > 1"
-    assert fixed(text, lint(text)) == "signal x require it: ((always x > 0) and x < 2) or x > 1"
+    assert apply_fixes(text, lint(text)) == "signal x require it: ((always x > 0) and x < 2) or x > 1"
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)

@@ -36,7 +36,7 @@ def shape(node: object) -> str:
             return "(" + shape(node.operands[0]) + "".join(
                 f" {sign} {shape(part)}" for sign, part in zip(signs, node.operands[1:], strict=True)
             ) + ")"  # fmt: skip
-        case syntax.Temporal() | syntax.Step():
+        case syntax.Temporal() | syntax.AdjacentSample():
             return f"({node.operator} {shape(node.operand)})"
         case syntax.Until():
             return (

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from s2r_spec.lang import syntax
 from s2r_spec.lang.diagnostics import SpecError
-from s2r_spec.lang.imports import declared_outside
+from s2r_spec.lang.imports import imported_names
 from s2r_spec.lang.lexing import comments, lex
 from s2r_spec.lang.parsing import parse
 from s2r_spec.lang.printing import format_text
@@ -26,7 +26,7 @@ GOOD = sorted((SPECS / "good").glob("*.stl"))
 def meaning(text: str, name: str = "<string>") -> object:
     """Return the syntax of a text without its places and spellings."""
     source = Source.of(text, name)
-    parsed = parse(source, declared_outside(source))
+    parsed = parse(source, imported_names(source))
     assert not parsed.diagnostics, str(parsed.diagnostics[0])
     return unplaced(parsed.statements)
 

@@ -22,7 +22,7 @@ from s2r_spec import logs
 from s2r_spec.errors import UsageError
 from s2r_spec.logs.formats.follow import follow
 from s2r_spec.logs.interpret import request
-from s2r_spec.logs.mapping import Request
+from s2r_spec.logs.mapping import ColumnRequest
 from tests.logs import tables
 
 LONGEST = 3000
@@ -77,7 +77,7 @@ def attempts(folder: Path, seed: int, count: int) -> Iterator[tuple[str, Callabl
         yield about, partial(logs.load, path, columns, wanted, time_unit=unit, gather=gather)
 
 
-def _rows(text: str, asked: Request) -> None:
+def _rows(text: str, asked: ColumnRequest) -> None:
     list(follow(io.StringIO(text, newline="").readline, asked).samples)
 
 

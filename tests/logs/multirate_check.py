@@ -20,8 +20,8 @@ import numpy as np
 from s2r_spec import parse_spec
 from s2r_spec.errors import UsageError
 from s2r_spec.logs.topics.join import Joining
-from s2r_spec.recordings.excerpts import Excerpt, Excerpts, excerpt
-from s2r_spec.spec.monitored import Conventions, Monitored, monitored
+from s2r_spec.recordings.log_episodes import EpisodeSettings, LogEpisodes, read_log_episodes
+from s2r_spec.spec.monitored import Conventions, Monitored, monitor_requirement
 from tests.logs.multirate_cases import Case
 from tests.logs.multirate_files import FORMATS
 from tests.logs.multirate_formulas import names
@@ -148,7 +148,7 @@ def received(made: Case) -> Case:
     return replace(made, log=replace(made.log, topics=tuple(topics)))
 
 
-def said(made: Case, folder: Path) -> tuple[Excerpt, Monitored]:
+def said(made: Case, folder: Path) -> tuple[LogEpisodes, Monitored]:
     """Return what s2r reads from the file of a case, and its verdict."""
     form = FORMATS[made.format]
     path, columns = form.write(made.log, folder)
@@ -158,11 +158,13 @@ def said(made: Case, folder: Path) -> tuple[Excerpt, Monitored]:
     clock = None if made.clock is None else mapped[made.clock]
     chooses = form.joined or made.rule == "linear" or clock is not None
     joining = Joining(clock, made.rule) if chooses else None  # type: ignore[arg-type]
-    found = excerpt(path, spec.signals, wanted, spec.horizon("r"), Excerpts(mapped, None, joining))
-    return found, monitored(spec, found.episodes[0].trace, "r", {}, Conventions())
+    found = read_log_episodes(
+        path, spec.signals, wanted, spec.horizon("r"), EpisodeSettings(mapped, None, joining)
+    )
+    return found, monitor_requirement(spec, found.episodes[0].trace, "r", {}, Conventions())
 
 
-def compared(made: Case, found: Excerpt, verdict: Monitored) -> Outcome:
+def compared(made: Case, found: LogEpisodes, verdict: Monitored) -> Outcome:
     """Return the outcome of a case that was read."""
     if visible(made):
         if verdict.satisfied is None:
@@ -233,7 +235,7 @@ def _until(made: Case, signals: dict[str, Signal]) -> float:
     return window({name: signals[name] for name in names(made.formula)}, log_end(made))[2]
 
 
-def accounted(made: Case, found: Excerpt, verdict: Monitored, signals: dict[str, Signal]) -> str:
+def accounted(made: Case, found: LogEpisodes, verdict: Monitored, signals: dict[str, Signal]) -> str:
     """Return an identity of the account that does not hold; "" if all do."""
     for name in signals:
         account = found.accounts.get(name)

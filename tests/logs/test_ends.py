@@ -12,14 +12,14 @@ from s2r_spec.errors import TraceError, TraceNote, UndecidedError
 from s2r_spec.logs.interpret import at_clock
 from s2r_spec.logs.table import Column
 from s2r_spec.logs.topics.join import Joining
-from s2r_spec.logs.topics.order import ordered
+from s2r_spec.logs.topics.order import sort_messages
 from s2r_spec.logs.topics.topic import Topic
-from s2r_spec.recordings.episodes import cut
+from s2r_spec.recordings.episodes import find_episodes
 from s2r_spec.recordings.log_folder import digest
 from s2r_spec.recordings.recorded import LogBackend
-from s2r_spec.spec.monitored import Conventions, monitored
+from s2r_spec.spec.monitored import Conventions, monitor_requirement
 from s2r_spec.trace import Trace
-from s2r_spec.trace.messages import Messages, joined
+from s2r_spec.trace.messages import Messages, join
 
 FAR = s2r.parse_spec("signal d {m}\nrequire far: always (d > 0.3 {m})")
 BOTH = s2r.parse_spec("signal d[2] {m}\nrequire far: always (d[0] > 0.3 {m} and d[1] > 0.3 {m})")
@@ -27,7 +27,7 @@ BOTH = s2r.parse_spec("signal d[2] {m}\nrequire far: always (d[0] > 0.3 {m} and 
 
 def verdict(spec: s2r.Spec, trace: Trace) -> bool | None:
     (requirement,) = spec.requirements
-    return monitored(spec, trace, requirement, {}, Conventions()).satisfied
+    return monitor_requirement(spec, trace, requirement, {}, Conventions()).satisfied
 
 
 def every(period: float, start: float, stop: float, value: float = 1.2, **more: float) -> Messages:
@@ -50,9 +50,9 @@ def test_a_vector_is_silent_where_a_component_of_it_is(silent):
     right = Messages.of(
         np.concatenate([one.times for one in parts]), np.concatenate([one.values for one in parts])
     )
-    vector = joined([every(0.1, 0, 20), right])
+    vector = join([every(0.1, 0, 20), right])
     assert verdict(BOTH, Trace.of_messages({"d": vector}, {"d": "m"})) is None
-    whole = joined([every(0.1, 0, 20), every(0.1, 0.0, 20)])
+    whole = join([every(0.1, 0, 20), every(0.1, 0.0, 20)])
     assert verdict(BOTH, Trace.of_messages({"d": whole}, {"d": "m"})) is True
 
 
@@ -61,7 +61,7 @@ def test_each_value_with_one_stamp_counts_in_a_vector():
     times = np.insert(right.times, 50, right.times[50])
     values = np.insert(right.values, 51, 0.1)
     values[50], values[51] = 0.1, 1.2
-    vector = joined([every(0.1, 0, 20), Messages.of(times, values)])
+    vector = join([every(0.1, 0, 20), Messages.of(times, values)])
     assert verdict(BOTH, Trace.of_messages({"d": vector}, {"d": "m"})) is False
 
 
@@ -97,16 +97,16 @@ def test_recordings_of_values_sent_on_change_are_no_certificate_where_every_inst
 
 def test_no_sample_after_the_end_of_an_episode_is_in_it():
     times = np.array([0.0, 3.7, 6.0, 7.0])
-    assert cut(times, np.array([False, True, True, True]), 3.0).spans == ((1, 3),)
+    assert find_episodes(times, np.array([False, True, True, True]), 3.0).ranges == ((1, 3),)
     grid = np.arange(20) * 0.3
-    ((first, stop),) = cut(grid, grid >= 0.29, 1.1).spans
+    ((first, stop),) = find_episodes(grid, grid >= 0.29, 1.1).ranges
     assert grid[stop - 1] - grid[first] <= 1.1
 
 
 def test_an_episode_at_the_end_of_a_log_with_dates_is_complete_or_left_out():
     times = 1718000000.0 + np.arange(500) * 0.02
-    assert not cut(times, times >= times[0] + 8.5, 3.0, until=float(times[-1])).spans
-    assert len(cut(times, times >= times[0] + 6.5, 3.0, until=float(times[-1])).spans) == 1
+    assert not find_episodes(times, times >= times[0] + 8.5, 3.0, until=float(times[-1])).ranges
+    assert len(find_episodes(times, times >= times[0] + 6.5, 3.0, until=float(times[-1])).ranges) == 1
 
 
 def test_a_signal_at_the_begin_within_a_silence_is_not_known():
@@ -162,7 +162,7 @@ def test_samples_of_a_sensor_that_died_decide_nothing(like):
     messages = Trace.of_messages(channels, {"d": "m", "v": "m/s"})
     clocked = at_clock(messages, channels["v"].times)
     for trace in (clocked, messages) if like != "rtamt" else (clocked,):
-        assert monitored(spec, trace, "r", {}, Conventions(like=like)).satisfied is None
+        assert monitor_requirement(spec, trace, "r", {}, Conventions(like=like)).satisfied is None
 
 
 PRESS = s2r.parse_spec(
@@ -185,7 +185,7 @@ def test_a_gap_of_a_table_decides_nothing_by_the_conventions_of_any_tool(like):
     times = np.concatenate((np.arange(400), np.arange(600, 1000))) / 100
     trace = Trace(times, {"d": np.full(times.size, 0.4)}, {"d": "m"})
     spec = s2r.parse_spec("signal d {m}\nrequire far: always[0, 9 {s}] (d > 0.3 {m})")
-    assert monitored(spec, trace, "far", {}, Conventions(like=like)).satisfied is None
+    assert monitor_requirement(spec, trace, "far", {}, Conventions(like=like)).satisfied is None
 
 
 @pytest.mark.parametrize("seen", [False, True], ids=["values stand, too", "values change"])
@@ -196,13 +196,16 @@ def test_a_header_that_stands_still_is_refused_with_its_time(seen):
     values[205:225] = 0.9 * seen
     topic = Topic("/odom", (stamps * 1e9).astype("m8[ns]"), {"x": Column(values)}, age=0.0)
     with pytest.raises(TraceError, match=r"201.*4 s.*received"):
-        ordered(topic, sortable=True)
+        sort_messages(topic, sortable=True)
 
 
 def test_a_header_that_a_sender_repeats_is_no_clock_that_stands_still():
     stamps = np.repeat(np.arange(50) / 10, 10)
     topic = Topic("/odom", (stamps * 1e9).astype("m8[ns]"), {"x": Column(stamps)}, age=0.0)
-    assert (ordered(topic, sortable=True).merged, len(ordered(topic, sortable=True).topic)) == (450, 50)
+    assert (sort_messages(topic, sortable=True).merged, len(sort_messages(topic, sortable=True).topic)) == (
+        450,
+        50,
+    )
 
 
 def test_an_angle_at_the_stamps_of_a_clock_lies_on_the_circle():

@@ -9,8 +9,8 @@ import pytest
 
 from s2r_spec import parse_spec
 from s2r_spec.logs.topics.join import Joining
-from s2r_spec.recordings.excerpts import Excerpts, excerpt
-from s2r_spec.spec.monitored import Conventions, monitored
+from s2r_spec.recordings.log_episodes import EpisodeSettings, read_log_episodes
+from s2r_spec.spec.monitored import Conventions, monitor_requirement
 from tests.examples import examples
 from tests.logs.multirate import Log, Sent
 from tests.logs.multirate_cases import case
@@ -111,9 +111,9 @@ def verdict(folder, topics, requirement, name="hdf5", *, read=None, joining=None
     )
     wanted = dict.fromkeys(read or kinds)
     joining = Joining() if joining is None and form.joined else joining
-    excerpts = Excerpts({one: columns[one, "f0"] for one in wanted}, None, joining, when)
-    found = excerpt(path, spec.signals, wanted, spec.horizon("r"), excerpts)
-    return monitored(spec, found.episodes[0].trace, "r", {}, Conventions())
+    settings = EpisodeSettings({one: columns[one, "f0"] for one in wanted}, None, joining, when)
+    found = read_log_episodes(path, spec.signals, wanted, spec.horizon("r"), settings)
+    return monitor_requirement(spec, found.episodes[0].trace, "r", {}, Conventions())
 
 
 def test_the_worst_of_two_values_of_each_of_two_signals_decides(tmp_path):

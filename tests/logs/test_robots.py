@@ -9,7 +9,7 @@ from s2r_spec import load_backend, logs, parse_spec, read_trace
 from s2r_spec.errors import TraceError, UndecidedError, UsageError
 from s2r_spec.logs.summary import summary
 from s2r_spec.logs.topics.join import Joining
-from s2r_spec.recordings.excerpts import Excerpts, Source, excerpt, read_sources
+from s2r_spec.recordings.log_episodes import EpisodeSettings, ParamColumn, read_log_episodes, read_sources
 from s2r_spec.recordings.log_folder import LogError
 from tests.errors import naming, states
 from tests.logs import robot_logs
@@ -155,7 +155,7 @@ def test_a_field_without_numbers_is_named_with_what_it_holds(tmp_path):
 
 SPEC = parse_spec(robot_logs.SPEC)
 COMMAND = {"vx_cmd": "/cmd.twist.linear.x"}
-TEST = {"vd": Source(COMMAND["vx_cmd"], 0.0)}
+TEST = {"vd": ParamColumn(COMMAND["vx_cmd"], 0.0)}
 
 
 def drive(folder: Path, without=(), clock: bool = False) -> Path:
@@ -174,8 +174,8 @@ def drive(folder: Path, without=(), clock: bool = False) -> Path:
 
 def cut_out(path: Path, joining: Joining | None = None, **options):
     given = {"when": "vx_cmd > 0.05", "sources": TEST} | options
-    excerpts = Excerpts({**SPEED, **COMMAND}, None, joining, **given)
-    return excerpt(path, SPEC.signals, {"vx": None}, SPEC.horizon(), excerpts)
+    settings = EpisodeSettings({**SPEED, **COMMAND}, None, joining, **given)
+    return read_log_episodes(path, SPEC.signals, {"vx": None}, SPEC.horizon(), settings)
 
 
 @pytest.mark.parametrize("clock", [None, "/imu"])
@@ -201,10 +201,10 @@ def test_commands_are_held_where_signals_are_interpolated(tmp_path):
 
 def test_a_test_parameter_after_the_episode_is_refused(tmp_path):
     path = drive(tmp_path / "bag")
-    (episode,) = cut_out(path, sources={"vd": Source(COMMAND["vx_cmd"], 1.5)}).episodes
+    (episode,) = cut_out(path, sources={"vd": ParamColumn(COMMAND["vx_cmd"], 1.5)}).episodes
     assert episode.values["vd"] == (0.3, "")
     with pytest.raises(TraceError, match=naming("vd", "9 s", "1.5 s")):
-        cut_out(path, sources={"vd": Source(COMMAND["vx_cmd"], 9.0)})
+        cut_out(path, sources={"vd": ParamColumn(COMMAND["vx_cmd"], 9.0)})
 
 
 def test_an_episode_that_the_log_does_not_have_is_named(tmp_path):
@@ -221,20 +221,26 @@ def test_a_unit_that_the_log_lacks_is_stated_or_named(tmp_path):
     field = "/odom.twist.linear.x"
     for unit, expected in (("deg/s", 1), ("rad/s", 0), ("N", 0), ("1", 0)):
         spec = parse_spec(f"signal w {{{unit}}}\nrequire r: always (abs(w) <= 10 {{{unit}}})")
-        found = excerpt(path, spec.signals, {"w": None}, spec.horizon(), Excerpts({"w": field}))
+        found = read_log_episodes(
+            path, spec.signals, {"w": None}, spec.horizon(), EpisodeSettings({"w": field})
+        )
         assert sum(states(note, field, unit) for note in found.notes) == expected
     spec = parse_spec("signal w {deg/s}\nrequire r: always (abs(w) <= 10 {deg/s})")
-    stated = excerpt(path, spec.signals, {"w": None}, spec.horizon(), Excerpts({"w": f"{field} [rad/s]"}))
+    stated = read_log_episodes(
+        path, spec.signals, {"w": None}, spec.horizon(), EpisodeSettings({"w": f"{field} [rad/s]"})
+    )
     assert not any(states(note, "deg/s") for note in stated.notes)
     assert spec.robustness(stated.episodes[0].trace)["r"] == pytest.approx(10 - np.rad2deg(0.5))
 
 
 def test_a_stated_unit_counts_in_conditions_and_for_parameters(tmp_path):
     columns = {**SPEED, "vx_cmd": f"{COMMAND['vx_cmd']} [m/s]"}
-    source = {"vd": Source(f"{COMMAND['vx_cmd']}[cm/s]", 0.0)}
-    excerpts = Excerpts(columns, when="vx_cmd > 5 {cm/s}", sources=source, joining=Joining(rule="linear"))
+    source = {"vd": ParamColumn(f"{COMMAND['vx_cmd']}[cm/s]", 0.0)}
+    settings = EpisodeSettings(
+        columns, when="vx_cmd > 5 {cm/s}", sources=source, joining=Joining(rule="linear")
+    )
     path = drive(tmp_path / "bag")
-    (episode,) = excerpt(path, SPEC.signals, {"vx": None}, SPEC.horizon(), excerpts).episodes
+    (episode,) = read_log_episodes(path, SPEC.signals, {"vx": None}, SPEC.horizon(), settings).episodes
     assert episode.texts() == ["vd=0.3 cm/s"]
 
 
@@ -306,7 +312,9 @@ def test_an_empty_cell_in_a_condition_is_named_with_its_file(tmp_path):
     path = robot_logs.plotjuggler(tmp_path / "drive.csv")
     columns = {"t": "__time", "vx": "/odom/vx", "vx_cmd": "/cmd/vx"}
     with pytest.raises(TraceError, match=naming("drive.csv", "vx_cmd")):
-        excerpt(path, SPEC.signals, {"vx": None}, SPEC.horizon(), Excerpts(columns, when="vx_cmd > 0.05"))
+        read_log_episodes(
+            path, SPEC.signals, {"vx": None}, SPEC.horizon(), EpisodeSettings(columns, when="vx_cmd > 0.05")
+        )
 
 
 @pytest.mark.filterwarnings("ignore::s2r_spec.errors.TraceNote")

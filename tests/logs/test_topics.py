@@ -11,8 +11,8 @@ from s2r_spec import logs, parse_spec, read_episodes
 from s2r_spec.errors import TraceError
 from s2r_spec.logs.interpret import at_clock
 from s2r_spec.logs.topics.join import Joining
-from s2r_spec.recordings.episodes import cut
-from s2r_spec.recordings.excerpts import Excerpts, Source, excerpt
+from s2r_spec.recordings.episodes import find_episodes
+from s2r_spec.recordings.log_episodes import EpisodeSettings, ParamColumn, read_log_episodes
 from s2r_spec.trace import Trace
 from s2r_spec.trace.messages import Messages
 from tests.logs import robot_logs
@@ -34,10 +34,10 @@ SPEC = parse_spec(robot_logs.SPEC)
 
 
 def episodes(path, columns, joining=None):
-    excerpts = Excerpts(
-        columns, None, joining, "vx_cmd > 0.05", sources={"vd": Source(columns["vx_cmd"], 0.0)}
+    settings = EpisodeSettings(
+        columns, None, joining, "vx_cmd > 0.05", sources={"vd": ParamColumn(columns["vx_cmd"], 0.0)}
     )
-    return excerpt(path, SPEC.signals, {"vx": None}, SPEC.horizon(), excerpts)
+    return read_log_episodes(path, SPEC.signals, {"vx": None}, SPEC.horizon(), settings)
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -135,11 +135,13 @@ def test_a_joint_is_found_by_its_name_wherever_it_stands(tmp_path):
 def test_the_episodes_of_a_lerobot_table_are_traces_of_their_own(tmp_path):
     path = robot_logs.lerobot(tmp_path / "data.parquet")
     columns = {"t": "timestamp", "vx": "observation.state[1]"}
-    found = excerpt(path, SPEC.signals, {"vx": None}, SPEC.horizon(), Excerpts(columns))
+    found = read_log_episodes(path, SPEC.signals, {"vx": None}, SPEC.horizon(), EpisodeSettings(columns))
     assert [episode.trace["vx"][0] for episode in found.episodes] == pytest.approx([0.0, 0.1, 0.2])
     assert all(len(episode.trace) == 100 for episode in found.episodes)
-    sources = {"vd": Source("observation.state[0]", 0.0)}
-    found = excerpt(path, SPEC.signals, {"vx": None}, SPEC.horizon(), Excerpts(columns, sources=sources))
+    sources = {"vd": ParamColumn("observation.state[0]", 0.0)}
+    found = read_log_episodes(
+        path, SPEC.signals, {"vx": None}, SPEC.horizon(), EpisodeSettings(columns, sources=sources)
+    )
     assert [episode.values["vd"][0] for episode in found.episodes] == pytest.approx([0.3] * 3)
     with pytest.raises(TraceError, match="3 episodes"):
         logs.load(path, columns, {"vx": None})
@@ -222,14 +224,14 @@ def test_an_interpolated_straight_line_stays_one(own, clock):
 @given(st.lists(st.booleans(), min_size=2, max_size=60), st.integers(1, 10))
 def test_no_sample_is_in_two_episodes_and_each_begins_where_the_condition_does(truth, length):
     truth, times = np.array(truth), 0.1 * np.arange(len(truth))
-    found = cut(times, truth, 0.1 * length)
-    for begin, end in found.spans:
+    found = find_episodes(times, truth, 0.1 * length)
+    for begin, end in found.ranges:
         assert truth[begin]
         assert not truth[begin - 1]
         assert end - begin == length + 1
-    assert all(one[1] <= next_[0] for one, next_ in zip(found.spans, found.spans[1:], strict=False))
+    assert all(one[1] <= next_[0] for one, next_ in zip(found.ranges, found.ranges[1:], strict=False))
     begins = int((truth[1:] & ~truth[:-1]).sum())
-    assert len(found.spans) + found.within + found.incomplete == begins
+    assert len(found.ranges) + found.within + found.incomplete == begins
 
 
 @pytest.mark.parametrize("way", [{"when": "vx_cmd > 0.05"}, {"start": 2.0}])
@@ -239,11 +241,17 @@ def test_the_episode_that_a_failure_ends_is_kept_and_only_it_has_failed(tmp_path
     command = ((times >= 0.5) & (times < 2.5)) | (times >= 4.0)
     channels = {"vx": 0.3 * command, "vx_cmd": 0.3 * command}
     logs.write(Trace(times, channels, {"vx": "m/s"}, {"failure": "fall"}), tmp_path / "fell.npz")
-    found = excerpt(
-        tmp_path / "fell.npz", SPEC.signals, {"vx": None}, 1.5 if "when" in way else 4.0, Excerpts(**way)
+    found = read_log_episodes(
+        tmp_path / "fell.npz",
+        SPEC.signals,
+        {"vx": None},
+        1.5 if "when" in way else 4.0,
+        EpisodeSettings(**way),
     )
     assert [one.trace.failure for one in found.episodes] == ([None, "fall"] if "when" in way else ["fall"])
     logs.write(Trace(times, channels, {"vx": "m/s"}), tmp_path / "ended.npz")
     if "when" in way:
-        (only,) = excerpt(tmp_path / "ended.npz", SPEC.signals, {"vx": None}, 1.5, Excerpts(**way)).episodes
+        (only,) = read_log_episodes(
+            tmp_path / "ended.npz", SPEC.signals, {"vx": None}, 1.5, EpisodeSettings(**way)
+        ).episodes
         assert only.trace.failure is None

@@ -12,8 +12,8 @@ import s2r_spec as s2r
 from s2r_spec import logs
 from s2r_spec.errors import TraceError, TraceNote, UsageError
 from s2r_spec.logs.formats.follow import follow
-from s2r_spec.logs.mapping import Request
-from s2r_spec.recordings.excerpts import Excerpts, excerpt
+from s2r_spec.logs.mapping import ColumnRequest
+from s2r_spec.recordings.log_episodes import EpisodeSettings, read_log_episodes
 from s2r_spec.recordings.recorded import LogBackend
 from tests.errors import naming, states
 from tests.logs import tables
@@ -112,10 +112,12 @@ def test_a_text_in_brackets_that_is_no_unit_gets_a_note(tmp_path, name, said):
     path = tables.written(tmp_path / "log.csv", {"t": TIMES, name: [48, 58], "state (0=off)": [0, 1]})
     spec = s2r.parse_spec("signal h {m}\nsignal s\nrequire r: always (h >= 20 and s >= 0)")
     columns = {"h": name, "s": "state (0=off)"}
-    found = excerpt(path, spec.signals, {"h": None, "s": None}, spec.horizon(), Excerpts(columns))
+    found = read_log_episodes(
+        path, spec.signals, {"h": None, "s": None}, spec.horizon(), EpisodeSettings(columns)
+    )
     assert [states(note, name, "m", "h") for note in found.notes] == [True] * said
-    stated = Excerpts({**columns, "h": f"{name} [m]"})
-    assert not excerpt(path, spec.signals, {"h": None, "s": None}, spec.horizon(), stated).notes
+    stated = EpisodeSettings({**columns, "h": f"{name} [m]"})
+    assert not read_log_episodes(path, spec.signals, {"h": None, "s": None}, spec.horizon(), stated).notes
 
 
 @pytest.mark.parametrize(("written_unit", "stated", "noted"), [
@@ -140,7 +142,7 @@ def test_rows_of_standard_input_are_read_in_the_unit_of_their_header():
         ("ascent (feet)", "ascent [m]", "m"),
     ):
         stream = io.StringIO(f"t,{name}\n0,48\n0.1,58\n")
-        rows = follow(stream.readline, Request({"h": column}, {"h": None}))
+        rows = follow(stream.readline, ColumnRequest({"h": column}, {"h": None}))
         assert rows.units == {"h": unit}
         assert [sample["h"] for _, sample in rows.samples] == [48, 58]
 
@@ -254,12 +256,14 @@ def test_a_name_that_ends_in_another_unit_is_refused_until_the_unit_is_stated(tm
     (tmp_path / "log.csv").write_text("t,pitch_deg\n0,45\n0.1,45\n")
     spec = s2r.parse_spec("signal pitch {rad}\nrequire r: always (pitch <= 1)")
     for column, refused in (("pitch_deg", True), ("pitch_deg [deg]", False)):
-        read = Excerpts({"pitch": column})
+        read = EpisodeSettings({"pitch": column})
         if refused:
             with pytest.raises(TraceError, match="pitch_deg"):
-                excerpt(tmp_path / "log.csv", spec.signals, {"pitch": None}, spec.horizon(), read)
+                read_log_episodes(tmp_path / "log.csv", spec.signals, {"pitch": None}, spec.horizon(), read)
         else:
-            found = excerpt(tmp_path / "log.csv", spec.signals, {"pitch": None}, spec.horizon(), read)
+            found = read_log_episodes(
+                tmp_path / "log.csv", spec.signals, {"pitch": None}, spec.horizon(), read
+            )
             assert spec.robustness(found.episodes[0].trace)["r"] == pytest.approx(1 - np.deg2rad(45))
 
 

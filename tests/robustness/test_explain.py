@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from s2r_spec.errors import TraceError
 from s2r_spec.robustness.evaluate import Walk
-from s2r_spec.robustness.responsible import responsible
-from s2r_spec.robustness.sampled import Samples, walk_samples
+from s2r_spec.robustness.responsible import responsible_samples
+from s2r_spec.robustness.sampled import SampledSignals, walk_samples
 from s2r_spec.robustness.ticks import clock_of
 from s2r_spec.spec import load_spec, parse_spec
 from s2r_spec.trace import Trace
@@ -86,12 +86,12 @@ def test_what_is_not_responsible_may_be_anything(formula, data, gaps, until) -> 
     spec = parse_spec(f"signal z0 signal z1 signal z2 require it: {text_of(formula, 1)}").formulas["it"]
 
     def walk(chosen: dict) -> Walk:
-        return walk_samples(Samples(clock, chosen, {}, until))
+        return walk_samples(SampledSignals(clock, chosen, {}, until))
 
     try:
         before = walk(signals)
         rho = np.broadcast_to(before(spec), n)[0]
-        at = responsible(spec, before, clock)
+        at = responsible_samples(spec, before, clock)
     except TraceError:
         assume(False)
     needed = {name: np.zeros(n, dtype=bool) for name in signals}

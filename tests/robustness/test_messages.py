@@ -7,7 +7,7 @@ import s2r_spec as s2r
 from s2r_spec import Trace, parse_spec
 from s2r_spec.errors import SamplingError, TraceError, UndecidedError, UsageError
 from s2r_spec.logs.interpret import at_clock
-from s2r_spec.spec.monitored import Conventions, monitored
+from s2r_spec.spec.monitored import Conventions, monitor_requirement
 from s2r_spec.trace.messages import Messages
 
 
@@ -157,11 +157,11 @@ def test_next_asks_for_samples():
 def test_samples_of_a_clock_that_miss_a_message_leave_the_verdict_open():
     trace = at_clock(Trace.of_messages({"v": FAST, "hit": PRESS}), FAST.times)
     spec = parse_spec("signal v {m/s}\nsignal hit bool\nrequire r: always (not hit or v < 0.1)")
-    assert monitored(spec, trace, "r", {}, Conventions()).satisfied is None
+    assert monitor_requirement(spec, trace, "r", {}, Conventions()).satisfied is None
     with pytest.raises(UndecidedError):
         spec.robustness(trace)
     same = parse_spec("signal v {m/s}\nsignal hit bool\nrequire r: always (not hit or v < 1)")
-    assert monitored(same, trace, "r", {}, Conventions()).satisfied is True
+    assert monitor_requirement(same, trace, "r", {}, Conventions()).satisfied is True
 
 
 def test_an_angle_is_interpolated_on_the_circle():
@@ -188,8 +188,11 @@ def test_a_gap_in_a_table_leaves_the_verdict_open():
         "signal v {m/s}\nrequire slow: always v < 1\nrequire soon: eventually v < 1\n"
         "require early: always[0, 3 s] v < 1"
     )
-    found = {name: monitored(spec, trace, name, {}, Conventions()).satisfied for name in spec.requirements}
+    found = {
+        name: monitor_requirement(spec, trace, name, {}, Conventions()).satisfied
+        for name in spec.requirements
+    }
     assert found == {"slow": None, "soon": True, "early": True}
-    assert monitored(spec, trace, "slow", {}, Conventions(partial=True)).satisfied
+    assert monitor_requirement(spec, trace, "slow", {}, Conventions(partial=True)).satisfied
     with pytest.raises(UndecidedError):
         spec.robustness(trace, only="slow")

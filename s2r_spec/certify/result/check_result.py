@@ -22,7 +22,7 @@ from s2r_spec.base.json_values import (
     Open,
     Probability,
     Shown,
-    extended,
+    extend,
 )
 from s2r_spec.base.result import Result
 from s2r_spec.base.verdict import Verdict
@@ -190,7 +190,7 @@ class CheckResult(Result, Shown):
     @property
     def search(self) -> RobustnessSearch:
         """The certificate."""
-        return extended(RobustnessSearch, self.certificate)
+        return extend(RobustnessSearch, self.certificate)
 
     @property
     def origin(self) -> Provenance:

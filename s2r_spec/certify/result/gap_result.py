@@ -21,7 +21,7 @@ from s2r_spec.base.json_values import (
     Magnitude,
     Open,
     Shown,
-    extended,
+    extend,
 )
 from s2r_spec.base.result import Result
 from s2r_spec.certify.bound.certificate import Certificate
@@ -229,7 +229,7 @@ class GapResult(Result, Shown):
     @property
     def search(self) -> GapSearch:
         """The certificate."""
-        return extended(GapSearch, self.certificate)
+        return extend(GapSearch, self.certificate)
 
     @property
     def origin(self) -> GapProvenance:

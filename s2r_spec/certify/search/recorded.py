@@ -13,7 +13,7 @@ from s2r_spec.certify.bound.rounding import wide
 from s2r_spec.certify.search.experiments import Experiment
 from s2r_spec.certify.search.observers import Observer
 from s2r_spec.certify.search.search import Query, Search
-from s2r_spec.recordings.recorded import left_out, refuse_hidden, refuse_unstated_times, tests_of
+from s2r_spec.recordings.recorded import omission_note, refuse_hidden, refuse_unstated_times, tests_of
 from s2r_spec.runs.compatibility import Interface, check_compatibility
 from s2r_spec.runs.journal import Journal, Record
 from s2r_spec.runs.scorer import Scorer
@@ -73,7 +73,7 @@ def fixed_design(spec: Spec, requirement: str, backend: Backend, recordings: Seq
     used = [recording for _, group in grouped for recording in group]
     refuse_hidden(spec, backend, used)
     refuse_unstated_times(spec, requirement, backend, used)
-    notes = [sentence] if (sentence := left_out(recordings)) else []
+    notes = [sentence] if (sentence := omission_note(recordings)) else []
     if outside:
         notes.append(
             f"{len(outside)} of {len(tests)} recordings have tests outside the spec's test space and are "

@@ -12,7 +12,7 @@ from s2r_spec.base.errors import UsageError
 from s2r_spec.cli.options.groups import log_option
 
 if TYPE_CHECKING:
-    from s2r_spec.recordings.excerpts import Excerpts, Source
+    from s2r_spec.recordings.log_episodes import EpisodeSettings, ParamColumn
     from s2r_spec.spec import Spec
 
 READ = ("log:", "manual:")
@@ -120,16 +120,16 @@ class LogForm:
     stamps: Stamped = None
     longest: Longest = None
 
-    def excerpts(self, sources: Mapping[str, Source]) -> Excerpts:
+    def episode_settings(self, sources: Mapping[str, ParamColumn]) -> EpisodeSettings:
         """Return how a log becomes traces, with the sources of its test parameters."""
         from s2r_spec.logs.mapping import read_map
         from s2r_spec.logs.topics.join import Joining
-        from s2r_spec.recordings.excerpts import Excerpts, read_longest
+        from s2r_spec.recordings.log_episodes import EpisodeSettings, read_longest
 
         chooses = any(option is not None for option in (self.clock, self.join, self.stamps))
         joining = Joining(self.clock, self.join or "hold", self.stamps) if chooses else None
         valid = read_longest(self.longest or [])
-        return Excerpts(
+        return EpisodeSettings(
             read_map(self.columns or []),
             self.time_unit,
             joining,

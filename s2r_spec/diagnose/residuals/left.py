@@ -30,10 +30,10 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.attribution.place import EXPLAINS, Place, Range, cause_first, visited
+from s2r_spec.attribution.place import EXPLAINS, Place, ValueRange, cause_first, find_visit
 from s2r_spec.backend import HasResiduals, HasVariants
 from s2r_spec.base.json_values import Ends, Shown
-from s2r_spec.base.printable import spelled
+from s2r_spec.base.printable import spell_unit
 from s2r_spec.diagnose.gap import FEWEST, LEVEL, SHOTS
 from s2r_spec.diagnose.residuals.cells import CELLS, Cell, Cells, Column, part_names, path, widths_of
 from s2r_spec.diagnose.simulator.axes import Line, Values
@@ -41,7 +41,7 @@ from s2r_spec.diagnose.simulator.bench import Bench, Job, Test, evenly, places_o
 from s2r_spec.diagnose.simulator.experiments import RESIDUAL
 from s2r_spec.runs.seeds import Stream
 from s2r_spec.space import key_of
-from s2r_spec.trace import Trace, thinned
+from s2r_spec.trace import Trace, thin
 
 FloatArray = NDArray[np.float64]
 
@@ -114,15 +114,15 @@ class Remainder(Shown):
     def place(self) -> Place:
         """Where it is: in a window of time, or at values of a channel."""
         if not self.along:
-            return Place(Range(self.low, self.high), self.part)
-        time = None if self.times is None else Range(*self.times)
+            return Place(ValueRange(self.low, self.high), self.part)
+        time = None if self.times is None else ValueRange(*self.times)
         extent = self.extent or (-math.inf, math.inf)
-        values = Range(self.low, self.high, self.along_unit, self.along, *extent)
+        values = ValueRange(self.low, self.high, self.along_unit, self.along, *extent)
         return Place(time, self.part, values=(values,))
 
     def __str__(self) -> str:
         """Return it in words."""
-        what = f"{f'{self.size:+.3g}'.replace('-', '−')} {spelled(self.unit)}".strip()
+        what = f"{f'{self.size:+.3g}'.replace('-', '−')} {spell_unit(self.unit)}".strip()
         what = f"a difference of {what} in {self.quantity}" if self.recorded else f"{what} of {self.quantity}"
         return f"{what} {self.place}"
 
@@ -199,7 +199,7 @@ def remainders(
     for surplus, size, column, (along, low, high) in largest:
         name, times, extent = column.quantity, None, None
         if along:
-            time, values = visited(traces, along, column.number, low, high)
+            time, values = find_visit(traces, along, column.number, low, high)
             times = None if time is None or time.everything else (time.low, time.high)
             extent = (values.lowest, values.highest) if math.isfinite(values.extent) else None
         part = label(bench, nominal[0], column, widths[name])
@@ -229,7 +229,7 @@ def _means(cells: Cells, step: float, bench: Bench, trace: Trace, test: Test) ->
     Of one with more samples than the machine's, one for each ``step`` [s], only as many are read, so that a mean is of
     the same times.
     """
-    row = cells.means(bench.seen(thinned(trace, step), test), test)
+    row = cells.means(bench.seen(thin(trace, step), test), test)
     return row if trace.failure is None else np.full_like(row, np.nan)
 
 

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.attribution.place import EXPLAINS, Place, Range, cause_first
+from s2r_spec.attribution.place import EXPLAINS, Place, ValueRange, cause_first
 from s2r_spec.base.json_values import Count, Probability, Shown
 from s2r_spec.diagnose.gap import FEWEST, LEVEL, ROUNDING
 from s2r_spec.diagnose.residuals.cells import CELLS, averaged, part_names, widths_of
@@ -110,7 +110,7 @@ class Body(Shown):
 
     def place(self, part: BodyPart, shift: Shift) -> Place:
         """Return the place of a shift."""
-        return Place(Range(shift.begin, shift.end, lowest=0.0, highest=self.duration), part.name)
+        return Place(ValueRange(shift.begin, shift.end, lowest=0.0, highest=self.duration), part.name)
 
     @property
     def origin(self) -> tuple[BodyPart, Shift] | None:

@@ -10,24 +10,24 @@ from collections.abc import Callable, Iterable, Iterator
 
 from s2r_spec.lang.checking import check_text
 from s2r_spec.lang.declarations import Document
-from s2r_spec.lang.imports import declared_outside
+from s2r_spec.lang.imports import imported_names
 from s2r_spec.lang.lints.equality import equality
-from s2r_spec.lang.lints.finding import Finding
+from s2r_spec.lang.lints.finding import LintWarning
 from s2r_spec.lang.lints.grouping import chained_implication, mixed_junction, temporal_reach
 from s2r_spec.lang.lints.lengthscale import long_lengthscale
 from s2r_spec.lang.lints.ranges import settled_by_range
 from s2r_spec.lang.lints.signs import vanishing_sign
-from s2r_spec.lang.lints.unused import unused
+from s2r_spec.lang.lints.unused import unused_signal
 from s2r_spec.lang.parsing import Parsed, parse
 from s2r_spec.lang.source import Source
 
-LINTS: tuple[Callable[[Parsed, Document], Iterator[Finding]], ...] = (
-    temporal_reach, mixed_junction, chained_implication, equality, vanishing_sign, unused, settled_by_range,
+LINTS: tuple[Callable[[Parsed, Document], Iterator[LintWarning]], ...] = (
+    temporal_reach, mixed_junction, chained_implication, equality, vanishing_sign, unused_signal, settled_by_range,
     long_lengthscale,
 )  # fmt: skip
 
 
-def lint(text: str, name: str = "<string>") -> tuple[Finding, ...]:
+def lint(text: str, name: str = "<string>") -> tuple[LintWarning, ...]:
     """Return the findings of all lints in a specification, in the order of the text.
 
     Raises:
@@ -35,12 +35,12 @@ def lint(text: str, name: str = "<string>") -> tuple[Finding, ...]:
     """
     document = check_text(text, name)
     source = Source.of(text, name)
-    parsed = parse(source, declared_outside(source))
-    found = [finding for rule in LINTS for finding in rule(parsed, document)]
-    return tuple(sorted(found, key=lambda finding: (finding.span.start, finding.code)))
+    parsed = parse(source, imported_names(source))
+    findings = [finding for rule in LINTS for finding in rule(parsed, document)]
+    return tuple(sorted(findings, key=lambda finding: (finding.span.start, finding.code)))
 
 
-def fixed(text: str, findings: Iterable[Finding]) -> str:
+def apply_fixes(text: str, findings: Iterable[LintWarning]) -> str:
     """Return the text with every edit of the findings; its meaning stays the same."""
     text = Source.of(text).text
     edits = sorted((edit for finding in findings for edit in finding.edits), reverse=True)

@@ -23,7 +23,7 @@ CODES = {
 
 
 @dataclass(frozen=True)
-class Finding:
+class LintWarning:
     """One warning.
 
     Args:
@@ -58,7 +58,7 @@ def nodes(parsed: Parsed) -> Iterator[syntax.Node]:
             stack.extend(reversed([getattr(node, item.name) for item in fields(node)]))
 
 
-def bracketed(node: syntax.Node) -> bool:
+def has_brackets(node: syntax.Node) -> bool:
     """Whether a node stands in brackets of its own."""
     text, span = node.span.source.text, node.span
     return text[: span.start].rstrip().endswith("(") and text[span.end :].lstrip().startswith(")")

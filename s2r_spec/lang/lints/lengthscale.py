@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from s2r_spec.lang import syntax
 from s2r_spec.lang.declarations import Document, Param
-from s2r_spec.lang.lints.finding import Finding, nodes
+from s2r_spec.lang.lints.finding import LintWarning, nodes
 from s2r_spec.lang.parsing import Parsed
 from s2r_spec.lang.units import PLAIN, Unit, UnknownUnitError, parse_unit
 
@@ -14,7 +14,7 @@ _TURNED = {"rad": "deg", "rad/s": "deg/s", "s": "ms"}
 _PREFIXES = ("c", "m", "u")
 
 
-def long_lengthscale(parsed: Parsed, document: Document) -> Iterator[Finding]:
+def long_lengthscale(parsed: Parsed, document: Document) -> Iterator[LintWarning]:
     """``matern52(150 {m})`` for a parameter in [-0.3, 0.3] m means that the parameter has almost no influence."""
     axes = [param for param in document.params.values() if param.searched]
     for statement in nodes(parsed):
@@ -36,7 +36,7 @@ def long_lengthscale(parsed: Parsed, document: Document) -> Iterator[Finding]:
                     f"the lengthscale of `{axis.name}`, {_with_unit(length, axis.unit)}, is "
                     f"{length / (high - low):.3g} times its range"
                 )
-                yield Finding("L08", message, place.span, _fix(length, axis, high - low))
+                yield LintWarning("L08", message, place.span, _fix(length, axis, high - low))
 
 
 def _fix(length: float, axis: Param, width: float) -> str:
@@ -53,11 +53,11 @@ def _alternatives(unit: Unit) -> Iterator[Unit]:
         return
     for text in (_TURNED.get(unit.text, ""), *(prefix + unit.text for prefix in _PREFIXES)):
         try:
-            found = parse_unit(text)
+            other = parse_unit(text)
         except UnknownUnitError:
             continue
-        if text and found.fits(unit) and not found.offset:
-            yield found
+        if text and other.fits(unit) and not other.offset:
+            yield other
 
 
 def _with_unit(number: float, unit: str) -> str:

@@ -7,23 +7,23 @@ from collections.abc import Iterator
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.constants import constant
 from s2r_spec.lang.declarations import Document
-from s2r_spec.lang.lints.finding import Finding
+from s2r_spec.lang.lints.finding import LintWarning
 from s2r_spec.lang.parsing import Parsed
 
 _MIRRORED = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}
 
 
-def settled_by_range(parsed: Parsed, document: Document) -> Iterator[Finding]:
+def settled_by_range(parsed: Parsed, document: Document) -> Iterator[LintWarning]:
     """``v <= 60`` always holds for a signal declared in [-50, 50]."""
     seen: set[int] = set()
     for formula in document.requirements.values():
         for node in f.walk(formula):
             if isinstance(node, f.Comparison) and id(node) not in seen and node.operator in _MIRRORED:
                 seen.add(id(node))
-                yield from _settled(node, document)
+                yield from _range_warnings(node, document)
 
 
-def _settled(node: f.Comparison, document: Document) -> Iterator[Finding]:
+def _range_warnings(node: f.Comparison, document: Document) -> Iterator[LintWarning]:
     for operand, other, operator in (
         (node.left, node.right, node.operator),
         (node.right, node.left, _MIRRORED[node.operator]),
@@ -40,4 +40,4 @@ def _settled(node: f.Comparison, document: Document) -> Iterator[Finding]:
             message = (
                 f"`{text}` {holds} holds: `{operand.name}` is declared in [{range_[0]:g}, {range_[1]:g}]"
             )
-            yield Finding("L07", message, node.span, "change the bound, or the range")
+            yield LintWarning("L07", message, node.span, "change the bound, or the range")

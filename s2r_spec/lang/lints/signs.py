@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 from s2r_spec.lang import syntax
 from s2r_spec.lang.declarations import Document
-from s2r_spec.lang.lints.finding import Finding, nodes
+from s2r_spec.lang.lints.finding import LintWarning, nodes
 from s2r_spec.lang.parsing import Parsed
 
 
-def vanishing_sign(parsed: Parsed, document: Document) -> Iterator[Finding]:
+def vanishing_sign(parsed: Parsed, document: Document) -> Iterator[LintWarning]:
     """``sign(vd) * (v - vd) <= tol`` says nothing at vd = 0."""
     for node in nodes(parsed):
         if isinstance(node, syntax.Arithmetic) and node.operator.text == "*":
@@ -23,7 +23,7 @@ def vanishing_sign(parsed: Parsed, document: Document) -> Iterator[Finding]:
                     argument = " ".join(operand.span.text.split()).removeprefix("sign(").removesuffix(")")
                     message = f"where `{argument}` is 0, its sign is 0, too, and the product bounds nothing"
                     fix = f"use `overshoot(x, {argument.strip()})`, whose direction is never 0"
-                    yield Finding("L05", message, operand.span, fix)
+                    yield LintWarning("L05", message, operand.span, fix)
 
 
 def _can_vanish(call: syntax.Call, document: Document) -> bool:

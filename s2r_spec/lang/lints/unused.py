@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 from s2r_spec.lang import syntax
 from s2r_spec.lang.declarations import Document
-from s2r_spec.lang.lints.finding import Finding, nodes
+from s2r_spec.lang.lints.finding import LintWarning, nodes
 from s2r_spec.lang.parsing import Parsed
 
 
-def unused(parsed: Parsed, document: Document) -> Iterator[Finding]:
+def unused_signal(parsed: Parsed, document: Document) -> Iterator[LintWarning]:
     """A trace need not have an unused signal. A searched parameter is used by the backend."""
     used = {node.name for node in nodes(parsed) if isinstance(node, syntax.Name)}
     used |= {node.name.text for node in nodes(parsed) if isinstance(node, syntax.Index)}
@@ -21,4 +21,4 @@ def unused(parsed: Parsed, document: Document) -> Iterator[Finding]:
             if param is not None and param.searched:
                 continue
             if word.text not in used:
-                yield Finding("L06", f"`{word.text}` is not used", word.span, "remove it")
+                yield LintWarning("L06", f"`{word.text}` is not used", word.span, "remove it")

@@ -19,7 +19,7 @@ from s2r_spec.logs.table import MOST_NUMBERS
 FROM = 2**22
 """Budget: bytes from which a file is large, 4 MB. Half a second row by row; importing pyarrow takes 0.1 s."""
 _BLOCK = 2**20
-"""Budget: bytes that are examined at a time; twice as many take twice the memory."""
+"""Budget: bytes that are examined at a time."""
 _FOREIGN = (b'"', b"0x", b"0X", b"\0")
 """Definition: bytes that the two readers understand differently: quotes, hexadecimal numbers, text of two bytes."""
 
@@ -53,11 +53,11 @@ def numbers(path: Path, skip: int, width: int, needed: Sequence[int]) -> dict[in
     except pyarrow.ArrowException:
         return None
     columns = {number: _column(pyarrow, table.column(str(number))) for number in needed}
-    found = {number: values for number, values in columns.items() if values is not None}
-    if len(found) < len(columns) or not table.num_rows:
+    numeric = {number: values for number, values in columns.items() if values is not None}
+    if len(numeric) < len(columns) or not table.num_rows:
         return None
-    blank = np.logical_and.reduce([np.isnan(values) for values in found.values()])
-    return None if blank.any() else found  # a row without any value may be empty, and is then left out
+    blank = np.logical_and.reduce([np.isnan(values) for values in numeric.values()])
+    return None if blank.any() else numeric  # a row without any value may be empty, and is then left out
 
 
 def _simple(path: Path, columns: int) -> bool:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from s2r_spec.base.errors import NoTimesError, TraceError
 from s2r_spec.logs import cells
 from s2r_spec.logs.formats import csv_bulk, csv_head
-from s2r_spec.logs.formats.csv_head import Row, is_number
+from s2r_spec.logs.formats.csv_head import CsvRow, is_number
 from s2r_spec.logs.own import rows
 from s2r_spec.logs.table import (
     INDEX,
@@ -31,10 +31,10 @@ from s2r_spec.logs.table import (
     Column,
     Head,
     Table,
-    affordable,
-    described,
+    check_size,
     few,
-    quoted,
+    quote,
+    read_description,
     regular,
 )
 from s2r_spec.trace import Trace
@@ -42,10 +42,10 @@ from s2r_spec.trace import Trace
 T = TypeVar("T")
 _NOTES = "# s2r "
 LONGEST = 2**22
-"""Budget: characters of one line, 4 million. Twice as many take 0.2 GB more for a line of names."""
+"""Budget: characters of one line, 4 million."""
 csv.field_size_limit(LONGEST)  # a column that is not read may hold a picture as text
 _CELLS = 2**18
-"""Budget: cells stored as text before they become arrays, 20 MB. Twice as many take twice the memory."""
+"""Budget: cells stored as text before they become arrays, 20 MB."""
 
 
 def load(path: Path, choose: Chooser) -> Table:
@@ -61,15 +61,15 @@ def load(path: Path, choose: Chooser) -> Table:
         text = Text.of(lambda: stream.readline(LONGEST))
         needed = sorted(set(text.chosen(choose)))
         first = text.first_line
-        found = None if first is None else csv_bulk.numbers(path, first - 1, len(text.heads), needed)
-        if first is None or found is None:
+        bulk = None if first is None else csv_bulk.numbers(path, first - 1, len(text.heads), needed)
+        if first is None or bulk is None:
             return _table(text, needed)
-    columns = {number: Column(values) for number, values in found.items()}
+    columns = {number: Column(values) for number, values in bulk.items()}
     return Table(
         text.heads,
         columns,
         text.meta,
-        _placed(text.heads, range(first, sys.maxsize)),
+        _sample_places(text.heads, range(first, sys.maxsize)),
         tuple(text.notes),
         own=text.own,
     )
@@ -93,8 +93,8 @@ class Text:
     first_line: int | None
     notes: list[str] = field(default_factory=list)
     _lines: _Lines = field(repr=False, kw_only=True)
-    _names: Row = field(repr=False, kw_only=True)
-    _rows: Iterator[Row] = field(repr=False, kw_only=True)
+    _names: CsvRow = field(repr=False, kw_only=True)
+    _rows: Iterator[CsvRow] = field(repr=False, kw_only=True)
 
     @classmethod
     def of(cls, readline: Callable[[], str]) -> Text:
@@ -127,7 +127,7 @@ class Text:
             raise TraceError(
                 "this is not UTF-8 text: it has zero bytes between its letters; save it as UTF-8"
             )
-        rows: Iterator[Row] = iter(lambda: _next(reader, lines), None)
+        rows: Iterator[CsvRow] = iter(lambda: _next(reader, lines), None)
         first_line: int | None = names.line + 1
         above = next(csv.reader([comment.lstrip("# ")]), [])
         if len(above) == len(names.cells) and any(map(is_number, names.cells)):
@@ -170,7 +170,7 @@ class Text:
             csv_head.refuse_separators(self._names, below)
         if below is None or below.cut:
             return
-        if csv_head.sampled(below):
+        if csv_head.may_be_sample(below):
             if below.width > len(self.heads):
                 csv_head.refuse_above(self._names, self._ahead())
             return
@@ -184,9 +184,9 @@ class Text:
         self.notes.append(f"line {below.line} is read as the units of the columns")
         next(self._rows)
 
-    def _ahead(self, count: int = csv_head.AHEAD) -> list[Row]:
+    def _ahead(self, count: int = csv_head.AHEAD) -> list[CsvRow]:
         """Return the next rows with text up to the first that begins as a sample; they stay to be read."""
-        rows: list[Row] = []
+        rows: list[CsvRow] = []
         for row in self._rows:
             if row.torn or not row.blank:
                 rows.append(row)
@@ -268,16 +268,16 @@ class _Lines:
         return line
 
 
-def _next(reader: Any, lines: _Lines) -> Row | None:
+def _next(reader: Any, lines: _Lines) -> CsvRow | None:
     """Return the next row, or None at the end."""
     before = lines.number
     try:
         row: list[str] | None = next(reader, None)
     except csv.Error as error:
         if lines.cut and lines.number == before + 1 and before > 0:
-            return Row([], lines.number, cut=True, torn=True)
+            return CsvRow([], lines.number, cut=True, torn=True)
         raise TraceError(f"this is not comma-separated text: {error}") from None
-    return None if row is None else Row(row, lines.number, lines.cut)
+    return None if row is None else CsvRow(row, lines.number, lines.cut)
 
 
 def _meta(line: str, number: int) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -285,7 +285,7 @@ def _meta(line: str, number: int) -> tuple[dict[str, Any], dict[str, Any]]:
         record = json.loads(line.removeprefix(_NOTES))
         if not isinstance(record, dict) or "meta" not in record:
             raise ValueError("'meta'")
-        return described(record, f"line {number}")[1:]
+        return read_description(record, f"line {number}")[1:]
     except (ValueError, RecursionError) as error:
         raise TraceError(f'line {number}: expected {_NOTES}{{"meta": {{…}}}}: {error}') from None
 
@@ -313,11 +313,11 @@ def _table(text: Text, needed: Sequence[int]) -> Table:
     def to_arrays() -> None:
         nonlocal taken
         for number, texts in waiting.items():
-            piece = cells.parsed(texts)
+            piece = cells.parse(texts)
             pieces[number].append(piece)
             taken += piece.size * (TEXT_SIZE if piece.dtype == object else 1)
             texts.clear()
-        affordable(taken)
+        check_size(taken)
 
     for line, row in text.rows(needed):
         lines.append(line)
@@ -326,13 +326,13 @@ def _table(text: Text, needed: Sequence[int]) -> Table:
         if len(lines) % most == 0:
             to_arrays()
     to_arrays()
-    columns = {number: _joined(parts) for number, parts in pieces.items()}
+    columns = {number: _join(parts) for number, parts in pieces.items()}
 
-    place = _placed(text.heads, lines)
+    place = _sample_places(text.heads, lines)
     return Table(text.heads, columns, text.meta, place, tuple(text.notes), own=text.own)
 
 
-def _placed(heads: Sequence[Head], lines: Sequence[int]) -> Callable[[int, int], str]:
+def _sample_places(heads: Sequence[Head], lines: Sequence[int]) -> Callable[[int, int], str]:
     """Return what names the place of a sample, from the number of its line."""
 
     def place(sample: int, number: int) -> str:
@@ -341,14 +341,14 @@ def _placed(heads: Sequence[Head], lines: Sequence[int]) -> Callable[[int, int],
     return place
 
 
-def _joined(pieces: Sequence[NDArray[Any]]) -> Column:
+def _join(pieces: Sequence[NDArray[Any]]) -> Column:
     if not any(piece.dtype == object for piece in pieces):
         whole = all(piece.dtype == np.int64 for piece in pieces if piece.size)
         values = np.concatenate([piece.astype(np.int64 if whole else np.float64) for piece in pieces])
         return Column(values)
     texts = [piece if piece.dtype == object else cells.words(map(repr, piece.tolist())) for piece in pieces]
     words = np.concatenate(texts)
-    return Column(words, cells.missing(words))
+    return Column(words, cells.is_missing(words))
 
 
 def write(trace: Trace, path: Path) -> None:
@@ -362,12 +362,12 @@ def write(trace: Trace, path: Path) -> None:
             text = part if unit is None else f"{part} [{unit}]"
             if name == "t" or head_of(text) != Head(name, None if values.ndim == 1 else i, unit) or not name:
                 raise TraceError(
-                    f"a CSV file cannot hold a channel called {quoted(name)} with the unit {unit!r}"
+                    f"a CSV file cannot hold a channel called {quote(name)} with the unit {unit!r}"
                 )
             header.append(text)
             arrays.append(values if values.ndim == 1 else values[:, i])
         if not parts:
-            raise TraceError(f"a CSV file cannot hold the channel {quoted(name)}, which has no components")
+            raise TraceError(f"a CSV file cannot hold the channel {quote(name)}, which has no components")
     with path.open("w", newline="", encoding="utf-8") as stream:
         if trace.meta or record:
             notes = {"meta": dict(trace.meta)} | ({"own": record} if record else {})

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from s2r_spec.base.errors import TraceError, shortened
 from s2r_spec.lang.units import UnknownUnitError, parse_unit
-from s2r_spec.logs.table import Head, quoted
+from s2r_spec.logs.table import Head, quote
 from s2r_spec.logs.times import dates, durations, time_units
 
 AHEAD = 100
@@ -25,7 +25,7 @@ _SEPARATORS = (";", "\t", "|", " ")
 """Definition: marks that other tools write between values, the surest first."""
 
 
-class Row(NamedTuple):
+class CsvRow(NamedTuple):
     """A row of the file.
 
     Args:
@@ -65,12 +65,12 @@ def is_time(text: str) -> bool:
     return is_number(text) or dates.is_date(text) or durations.is_one(text)
 
 
-def sampled(row: Row) -> bool:
+def may_be_sample(row: CsvRow) -> bool:
     """Return whether a row may be a sample, as far as its cells tell."""
     return any(is_time(cell.strip()) for cell in row.cells)
 
 
-def with_units(heads: Sequence[Head], row: Row) -> tuple[Head, ...] | None:
+def with_units(heads: Sequence[Head], row: CsvRow) -> tuple[Head, ...] | None:
     """Return the heads with the units of a row; None if a cell of the row is no unit.
 
     Raises:
@@ -79,18 +79,18 @@ def with_units(heads: Sequence[Head], row: Row) -> tuple[Head, ...] | None:
     units = [_unit(cell) for cell in row.cells]
     if row.width > len(heads) or not any(units) or None in units:
         return None
-    return tuple(_stated(head, unit, row) for head, unit in zip_longest(heads, units[: len(heads)]))
+    return tuple(_with_unit(head, unit, row) for head, unit in zip_longest(heads, units[: len(heads)]))
 
 
-def _stated(head: Head, unit: str | None, row: Row) -> Head:
+def _with_unit(head: Head, unit: str | None, row: CsvRow) -> Head:
     """Return a head with the unit of a cell."""
     if not unit:
         return head
-    split = time_units.bracketed(head.name)
+    split = time_units.split_brackets(head.name)
     named = head.unit if head.unit is not None or split is None else split[1]
     if named is not None and named != unit and _unit(named):
         raise TraceError(
-            f"line {row.line} states {quoted(unit)} for {quoted(head.text)}, whose name states {quoted(named)}; "
+            f"line {row.line} states {quote(unit)} for {quote(head.text)}, whose name states {quote(named)}; "
             f"keep one of the two units"
         )
     return replace(head, unit=unit)
@@ -112,7 +112,7 @@ def _unit(cell: str) -> str | None:
     return text
 
 
-def refuse_almost_units(heads: Sequence[Head], row: Row) -> None:
+def refuse_almost_units(heads: Sequence[Head], row: CsvRow) -> None:
     """Refuse a row below the names that is no sample, and most of whose texts are units.
 
     Raises:
@@ -123,18 +123,18 @@ def refuse_almost_units(heads: Sequence[Head], row: Row) -> None:
     if known is not None and None in units and units.count(None) < len(list(filter(None, units))):
         other = row.cells[units.index(None)].strip()
         raise TraceError(
-            f"line {row.line} looks like a row of units, but {quoted(other)} is no unit. Delete the line, and "
+            f"line {row.line} looks like a row of units, but {quote(other)} is no unit. Delete the line, and "
             f"write the units into the names, such as {shortened(heads[known].text)} [{units[known]}]"
         )
 
 
-def begins_sample(row: Row) -> bool:
+def begins_sample(row: CsvRow) -> bool:
     """Return whether a row begins with a number or a time, and has another cell."""
     first = row.cells[0].strip() if row.width > 1 else ""
     return is_time(first)
 
 
-def refuse_above(names: Row, rows: Sequence[Row]) -> None:
+def refuse_above(names: CsvRow, rows: Sequence[CsvRow]) -> None:
     """Refuse a file whose names are missing, or seem to stand below other lines.
 
     The line of the names is the one above the first row that begins as a sample, or above its row of units. It has no
@@ -154,14 +154,19 @@ def refuse_above(names: Row, rows: Sequence[Row]) -> None:
     *lines, first = (names, *rows)
     texts = {_unit(cell) for cell in lines[-1].cells} if lines else set()
     above = lines[:-1] if any(texts) and None not in texts else lines
-    if len(above) > 1 and begins_sample(first) and not sampled(above[-1]) and above[-1].width >= first.width:
+    if (
+        len(above) > 1
+        and begins_sample(first)
+        and not may_be_sample(above[-1])
+        and above[-1].width >= first.width
+    ):
         raise TraceError(
             f"line {names.line} does not name the columns; the names seem to be in line {above[-1].line}. Delete the "
             f"lines above it, but mind the units that they state; name each column differently"
         )
 
 
-def refuse_separators(names: Row, below: Row | None) -> None:
+def refuse_separators(names: CsvRow, below: CsvRow | None) -> None:
     """Refuse a file whose values are separated by something else than commas.
 
     Raises:

@@ -23,9 +23,9 @@ from s2r_spec.logs.formats.csv_format import head_of
 from s2r_spec.logs.formats.parquet_format import NOTES, as_column
 from s2r_spec.logs.interpret import Loaded, build_trace, request
 from s2r_spec.logs.library import library
-from s2r_spec.logs.mapping import Request, plan_columns, time_candidates
+from s2r_spec.logs.mapping import ColumnRequest, plan_columns, time_candidates
 from s2r_spec.logs.own import rows
-from s2r_spec.logs.table import Column, Head, Table, described, quoted
+from s2r_spec.logs.table import Column, Head, Table, quote, read_description
 from s2r_spec.logs.times.candidates import of_table
 from s2r_spec.logs.times.times import TIME
 from s2r_spec.trace import Trace
@@ -51,27 +51,27 @@ def read(
         UsageError: it is not a frame, or ``time_unit`` is not a unit of time.
     """
     heads, columns, notes = _pandas(frame, time) if _is_pandas(frame) else _arrow(frame)
-    noted, meta, own = described(notes, "attrs of the frame")
+    noted, meta, own = read_description(notes, "attrs of the frame")
     names = {head.name for head in heads}
-    given = dict(units or {})
-    if unknown := sorted(given.keys() - names):
+    user_units = dict(units or {})
+    if unknown := sorted(user_units.keys() - names):
         raise TraceError(
             f"a unit is given for {unknown[0]!r}, which the frame does not have"
             f"{suggest(unknown[0], names)} it has {one_of(names)}"
         )
-    stated = noted | given
+    stated = noted | user_units
     heads = tuple(replace(head, unit=stated.get(head.name, head.unit)) for head in heads)
 
     def place(sample: int, number: int) -> str:
-        return f"row {sample} of the column {quoted(heads[number].text)}"
+        return f"row {sample} of the column {quote(heads[number].text)}"
 
     table = Table(heads, dict(enumerate(columns)), meta, place, own=own)
-    wanted = request({TIME: _times(heads, time)}, None, time_unit)
+    plan_request = request({TIME: _times(heads, time)}, None, time_unit)
     try:
-        loaded = build_trace(table, plan_columns(heads, wanted), wanted)
+        loaded = build_trace(table, plan_columns(heads, plan_request), plan_request)
         return replace(loaded, notes=tuple(map(_in_python, loaded.notes)))
     except NoTimesError as error:
-        rivals = {one: plan_columns(heads, Request({TIME: one}, {})).times for one in error.candidates}
+        rivals = {one: plan_columns(heads, ColumnRequest({TIME: one}, {})).times for one in error.candidates}
         raise TraceError(_in_python(str(of_table(table, rivals, time_unit) if rivals else error))) from None
     except TraceError as error:
         raise TraceError(_in_python(str(error))) from None
@@ -131,10 +131,10 @@ def _pandas(frame: Any, time: str | None) -> tuple[tuple[Head, ...], list[Column
 def _of_series(arrow: Any, values: Any) -> Column:
     """Return a column of a pandas frame, or its index."""
     try:
-        found = arrow.array(values, from_pandas=True)
+        array = arrow.array(values, from_pandas=True)
     except (arrow.ArrowException, TypeError, ValueError, OverflowError):
         return Column.without("holds Python objects that are not numbers; convert it by pd.to_numeric")
-    return _column(arrow, found)
+    return _column(arrow, array)
 
 
 def _arrow(frame: Any) -> tuple[tuple[Head, ...], list[Column], dict[str, Any]]:

@@ -9,7 +9,7 @@ from typing import Any
 from s2r_spec.base.errors import TraceError
 from s2r_spec.logs import cells, interpret
 from s2r_spec.logs.formats.csv_format import LONGEST, Text
-from s2r_spec.logs.mapping import Request, plan_columns
+from s2r_spec.logs.mapping import ColumnRequest, plan_columns
 from s2r_spec.logs.table import Column, Table
 from s2r_spec.logs.times import times
 
@@ -31,7 +31,7 @@ class Rows:
     notes: list[str]
 
 
-def follow(readline: Callable[[int], str], request: Request) -> Rows:
+def follow(readline: Callable[[int], str], request: ColumnRequest) -> Rows:
     """Read the header of a table now, and each row on request.
 
     Args:
@@ -82,5 +82,5 @@ def follow(readline: Callable[[int], str], request: Request) -> Rows:
 
 
 def _column(text: str) -> Column:
-    values = cells.parsed([text])
-    return Column(values, cells.missing(values) if values.dtype == object else None)
+    values = cells.parse([text])
+    return Column(values, cells.is_missing(values) if values.dtype == object else None)

@@ -28,17 +28,17 @@ from s2r_spec.logs.table import (
     Column,
     Head,
     Table,
-    affordable,
-    described,
+    check_size,
     few,
-    quoted,
+    quote,
+    read_description,
     regular,
 )
 from s2r_spec.trace import Trace
 
 _NOTES = "s2r.json"
 _NOTE_LENGTH = 2**24
-"""Budget: bytes of ``s2r.json``, 16 million. Twice as many take 0.2 GB more."""
+"""Budget: bytes of ``s2r.json``, 16 million."""
 _HEADER_LENGTH = 10_000
 """Budget: bytes of an array's header, numpy's own limit; a longer header is slow to parse."""
 _BROKEN = (
@@ -83,15 +83,15 @@ def _table(archive: zipfile.ZipFile, choose: Chooser) -> Table:
     heads = tuple(Head(name, None, units.get(name)) for name in names)
     needed = sorted(set(choose(heads)))
     arrays = {number: _Member.of(archive, members[names[number]]) for number in needed}
-    affordable(sum(one.numbers for one in arrays.values()))
+    check_size(sum(one.numbers for one in arrays.values()))
     columns = {number: _column(archive, one) for number, one in arrays.items()}
 
     def place(sample: int, number: int) -> str:
-        return f"sample {sample} of the array {quoted(heads[number].name)}"
+        return f"sample {sample} of the array {quote(heads[number].name)}"
 
     unknown = set(units) - set(names)
     if unknown:
-        raise TraceError(f"{_NOTES} has a unit for {quoted(min(unknown))}, which is not an array of the file")
+        raise TraceError(f"{_NOTES} has a unit for {quote(min(unknown))}, which is not an array of the file")
     return Table(heads, columns, meta, place, own=own)
 
 
@@ -172,7 +172,7 @@ def _column(archive: zipfile.ZipFile, member: _Member) -> Column:
     if values.dtype.kind == "U":
         words = np.empty(values.shape, dtype=object)
         words[...] = np.char.strip(values)
-        return Column(words, cells.missing(words) if values.ndim == 1 else None)
+        return Column(words, cells.is_missing(words) if values.ndim == 1 else None)
     if values.dtype.kind in "Mm":
         return Column(values)
     if values.dtype.kind not in "biuf":
@@ -197,7 +197,7 @@ def _notes(
         record = json.loads(str(_array(archive, member, member.dtype)[()]))
     except (ValueError, RecursionError) as error:
         raise TraceError(f"the array {_NOTES!r} is not JSON: {error}") from None
-    return described(record, f"the array {_NOTES!r}")
+    return read_description(record, f"the array {_NOTES!r}")
 
 
 def write(trace: Trace, path: Path) -> None:

@@ -23,10 +23,10 @@ from s2r_spec.logs.table import (
     Column,
     Head,
     Table,
-    affordable,
-    described,
+    check_size,
     few,
-    quoted,
+    quote,
+    read_description,
     regular,
 )
 from s2r_spec.trace import Trace
@@ -34,7 +34,7 @@ from s2r_spec.trace import Trace
 NOTES = b"s2r"
 """Definition: key of the metadata with units and meta."""
 _ROWS = 8192
-"""Budget: rows of one read; twice as many take twice the memory before it is counted."""
+"""Budget: rows of one read."""
 
 
 def load(path: Path, choose: Chooser) -> Table:
@@ -61,7 +61,7 @@ def _table(arrow: Any, file: Any, choose: Chooser) -> Table:
     few(file.metadata.num_columns)
     notes = (file.metadata.metadata or {}).get(NOTES, b"{}")
     try:
-        units, meta, own = described(json.loads(notes), "the metadata 's2r'")
+        units, meta, own = read_description(json.loads(notes), "the metadata 's2r'")
     except (ValueError, RecursionError) as error:
         raise TraceError(f"the metadata 's2r' is not JSON: {error}") from None
     leaves = _leaves(arrow, file.schema_arrow)
@@ -70,7 +70,7 @@ def _table(arrow: Any, file: Any, choose: Chooser) -> Table:
     unknown = set(units) - {head.name for head in heads}
     if unknown:
         raise TraceError(
-            f"the metadata 's2r' has a unit for {quoted(min(unknown))}, which is not a column of the file"
+            f"the metadata 's2r' has a unit for {quote(min(unknown))}, which is not a column of the file"
         )
     needed = sorted(set(choose(heads)))
     roots = {leaves[number][1][0] for number in needed}
@@ -78,22 +78,22 @@ def _table(arrow: Any, file: Any, choose: Chooser) -> Table:
     columns = {number: as_column(arrow, _leaf(arrow, table, leaves[number][1])) for number in needed}
 
     def place(sample: int, number: int) -> str:
-        return f"row {sample} of the column {quoted(heads[number].name)}"
+        return f"row {sample} of the column {quote(heads[number].name)}"
 
     return Table(heads, columns, meta, place, own=own)
 
 
 def _units(file: Any) -> dict[str, str]:
     """Return column → unit, as the metadata of a field, or the ``attrs`` of a pandas frame, state it."""
-    found: dict[str, str] = {}
+    units: dict[str, str] = {}
     with suppress(ValueError, AttributeError):  # other metadata
         attributes = json.loads((file.metadata.metadata or {}).get(b"pandas", b"{}")).get("attributes") or {}
-        found |= {name: unit for name, unit in attributes.get("units", {}).items() if isinstance(unit, str)}
+        units |= {name: unit for name, unit in attributes.get("units", {}).items() if isinstance(unit, str)}
     for field in file.schema_arrow:
         for key, value in (field.metadata or {}).items():
             if key.lower() in (b"unit", b"units"):
-                found[field.name] = value.decode(errors="replace").strip()
-    return found
+                units[field.name] = value.decode(errors="replace").strip()
+    return units
 
 
 def _leaves(arrow: Any, schema: Any) -> list[tuple[str, tuple[str, ...]]]:
@@ -127,11 +127,11 @@ def _read(arrow: Any, file: Any, roots: list[str]) -> Any:
 
     The sizes in the file's metadata are not used: if they are damaged, pyarrow ends the process.
     """
-    affordable(file.metadata.num_rows * len(roots))
+    check_size(file.metadata.num_rows * len(roots))
     batches, taken = [], 0
     for batch in file.iter_batches(batch_size=_ROWS, columns=roots, use_threads=False):
         taken += sum(map(_numbers, batch.columns))
-        affordable(taken)
+        check_size(taken)
         batches.append(batch)
     if batches:
         return arrow.Table.from_batches(batches)
@@ -158,7 +158,7 @@ def as_column(arrow: Any, column: Any) -> Column:
     gaps = missing if missing.any() else None
     if types.is_string(kind) or types.is_large_string(kind):
         words = cells.words("" if word is None else word.strip() for word in column.to_pylist())
-        return Column(words, cells.missing(words))
+        return Column(words, cells.is_missing(words))
     if types.is_time(kind):  # a time of day is a duration since midnight
         column = column.cast(arrow.int64() if kind.bit_width == 64 else arrow.int32())
         values = np.asarray(column.fill_null(0).to_numpy(zero_copy_only=False), dtype=np.int64)

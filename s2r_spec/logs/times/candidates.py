@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from s2r_spec.base.errors import NoTimesError, TraceError
-from s2r_spec.logs.table import Column, Head, Table, quoted
+from s2r_spec.logs.table import Column, Head, Table, quote
 from s2r_spec.logs.times import time_units, times
 
 Readable = tuple[Sequence[Column], Sequence[Head]]
@@ -21,15 +21,16 @@ def question(candidates: Mapping[str, Readable], unit: str | None) -> NoTimesErr
         candidates: name as ``--map t=`` takes it → its columns, two or more.
         unit: unit of plain numbers that the user states; None if not stated.
     """
-    found = {name: text for name, one in candidates.items() if (text := _described(*one, unit)) is not None}
-    names = tuple(found) or tuple(candidates)
-    if len(found) < 2:
+    ranges = {name: text for name, one in candidates.items() if (text := _describe(*one, unit)) is not None}
+    names = tuple(ranges) or tuple(candidates)
+    if len(ranges) < 2:
         return NoTimesError(
-            f"there is no column {times.TIME!r} with the times: add --map {times.mapped(names[0])}", names[0]
+            f"there is no column {times.TIME!r} with the times: add --map {times.map_argument(names[0])}",
+            names[0],
         )
-    shown = ", or ".join(f"{quoted(name)} ({text})" for name, text in found.items())
+    shown = ", or ".join(f"{quote(name)} ({text})" for name, text in ranges.items())
     return NoTimesError(
-        f"the times may be {shown}. Choose one, as in --map {times.mapped(names[0])}", names[0], names
+        f"the times may be {shown}. Choose one, as in --map {times.map_argument(names[0])}", names[0], names
     )
 
 
@@ -42,15 +43,15 @@ def of_table(table: Table, columns: Mapping[str, Sequence[int]], unit: str | Non
     return question(candidates, unit)
 
 
-def _described(columns: Sequence[Column], heads: Sequence[Head], unit: str | None) -> str | None:
+def _describe(columns: Sequence[Column], heads: Sequence[Head], unit: str | None) -> str | None:
     """Return the first time and the period of a candidate; None if its values are no times."""
-    found = _read(columns, heads, unit, lambda sample: f"sample {sample}")
-    if found is None or not found.seconds.size:
+    times_read = _read(columns, heads, unit, lambda sample: f"sample {sample}")
+    if times_read is None or not times_read.seconds.size:
         return None
-    begins = found.begins or f"{found.seconds[0]:.9g} s"
-    if found.seconds.size < 2:
+    begins = times_read.begins or f"{times_read.seconds[0]:.9g} s"
+    if times_read.seconds.size < 2:
         return f"at {begins}"
-    return f"from {begins}, every {np.median(np.diff(found.seconds)):.4g} s"
+    return f"from {begins}, every {np.median(np.diff(times_read.seconds)):.4g} s"
 
 
 def _read(

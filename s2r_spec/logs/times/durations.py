@@ -27,7 +27,7 @@ _ISO = re.compile(
 
 
 @dataclass(frozen=True)
-class Clock:
+class ClockTime:
     """A time of a clock without a date, in nanoseconds since its midnight or its start."""
 
     count: int
@@ -40,7 +40,7 @@ class Clock:
 
 def is_one(text: str) -> bool:
     """Return whether a text is a duration or a time of day."""
-    return _parsed(text) is not None
+    return _parse(text) is not None
 
 
 def of_clock(text: str) -> bool:
@@ -60,7 +60,7 @@ def nanoseconds(texts: NDArray[Any], place: Callable[[int], str]) -> NDArray[np.
     """
     counts = np.zeros(len(texts), dtype=np.int64)
     for sample, text in enumerate(texts):
-        count = _parsed(text)
+        count = _parse(text)
         if count is None or of_clock(text) != of_clock(texts[0]):
             raise TraceError(
                 f"{place(sample)} is {text!r}, and the first time is {texts[0]!r}; write all times in one form"
@@ -69,7 +69,7 @@ def nanoseconds(texts: NDArray[Any], place: Callable[[int], str]) -> NDArray[np.
     return counts.view("m8[ns]")
 
 
-def _parsed(text: str) -> int | None:
+def _parse(text: str) -> int | None:
     """Return a duration [ns]; None if the text is none."""
     if match := _OF_DAY.fullmatch(text):
         return _count(*match.groups())

@@ -46,7 +46,7 @@ def size(text: str) -> Fraction | None:
     return unit.factor
 
 
-def bracketed(name: str) -> tuple[str, str] | None:
+def split_brackets(name: str) -> tuple[str, str] | None:
     """Split ``v (m/s)`` or ``v[m/s]`` into the name and the text in brackets; None without brackets at the end."""
     for opening, closing in ("()", "[]"):
         if name.endswith(closing) and opening in name[1:]:
@@ -58,7 +58,7 @@ def bracketed(name: str) -> tuple[str, str] | None:
 
 def in_brackets(name: str) -> str | None:
     """Return the unit of time in brackets at the end of a name, ``time (ns)``; None if there is none."""
-    split = bracketed(name)
+    split = split_brackets(name)
     return split[1] if split is not None and size(split[1]) is not None else None
 
 

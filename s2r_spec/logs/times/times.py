@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError, UsageError
 from s2r_spec.logs import cells
-from s2r_spec.logs.table import Column, Head, quoted
+from s2r_spec.logs.table import Column, Head, quote
 from s2r_spec.logs.times import dates, durations, time_units
-from s2r_spec.logs.times.durations import Clock
+from s2r_spec.logs.times.durations import ClockTime
 from s2r_spec.trace import stamps
 from s2r_spec.trace.instants import DATES
 from s2r_spec.trace.samples import FAST, SLOW
@@ -52,7 +52,7 @@ class Times:
     stated: bool = True
 
 
-def mapped(name: str) -> str:
+def map_argument(name: str) -> str:
     """Return the argument of ``--map`` that takes the times from a column, in quotes where a shell needs them."""
     return shlex.quote(f"{TIME}={name}")
 
@@ -86,24 +86,24 @@ def read(
     """
     columns = [_flat(column) for column in columns]
     for column, head in zip(columns, heads, strict=True):
-        _usable(column, head, place)
+        _check_usable(column, head, place)
     if len(columns) == 2:
         return _pair(columns, heads, unit, first)
     (column,), (head,) = columns, heads
     values = column.values
     if column.texts:
-        numbers = cells.parsed(list(values))
+        numbers = cells.parse(list(values))
         if numbers.dtype == object and durations.is_one(values[0]):
             return _durations(values, unit, place, first)
         if numbers.dtype == object:
             _refuse_odd_cell(values, place)
             numbers = dates.nanoseconds(values, place)
         values = numbers
-    _same_form(values, first, column.values, place)
+    _check_form(values, first, column.values, place)
     if values.dtype.kind == "b":
-        raise TraceError(f"the column {quoted(head.text)} holds truth values; map t to a column of times")
+        raise TraceError(f"the column {quote(head.text)} holds truth values; map t to a column of times")
     if stamps.is_typed(values):
-        return _typed(values, unit, first)
+        return _read_typed(values, unit, first)
     if values.dtype.kind == "f" and not np.isfinite(values).all():
         bad = int(np.argmin(np.isfinite(values)))
         fault = "has no time" if np.isnan(values[bad]) else f"is {values[bad]}, not a time"
@@ -117,10 +117,10 @@ def _refuse_odd_cell(texts: NDArray[Any], place: Place) -> None:
     Raises:
         TraceError: most of the texts are numbers.
     """
-    number = np.array([cells.parsed([text]).dtype != object for text in texts])
+    number = np.array([cells.parse([text]).dtype != object for text in texts])
     if 2 * number.sum() > number.size:
         bad = int(np.argmin(number))
-        raise TraceError(f"{place(bad)} is {quoted(str(texts[bad]))}, and the other times are numbers")
+        raise TraceError(f"{place(bad)} is {quote(str(texts[bad]))}, and the other times are numbers")
 
 
 def _flat(column: Column) -> Column:
@@ -129,16 +129,16 @@ def _flat(column: Column) -> Column:
     return replace(column, values=column.values[:, 0]) if one else column
 
 
-def _usable(column: Column, head: Head, place: Place) -> None:
+def _check_usable(column: Column, head: Head, place: Place) -> None:
     if column.fault:
-        raise TraceError(f"{quoted(head.text)} {column.fault}; map t to a column of times")
+        raise TraceError(f"{quote(head.text)} {column.fault}; map t to a column of times")
     if column.values.ndim != 1:
-        raise TraceError(f"{quoted(head.text)} holds vectors; map t to a column of times")
+        raise TraceError(f"{quote(head.text)} holds vectors; map t to a column of times")
     if column.missing is not None and column.missing.any():
         raise TraceError(f"{place(int(np.argmax(column.missing)))} has no time")
 
 
-def _typed(values: NDArray[Any], unit: str | None, first: Any) -> Times:
+def _read_typed(values: NDArray[Any], unit: str | None, first: Any) -> Times:
     """Return the times of a column of dates or durations."""
     dated = values.dtype.kind == "M"
     if unit is not None:
@@ -161,10 +161,10 @@ def _durations(texts: NDArray[Any], unit: str | None, place: Place, first: Any) 
     """
     values = durations.nanoseconds(texts, place)
     clock = durations.of_clock(texts[0])
-    _same_form(Clock(0) if clock else values, first, texts, place)
+    _check_form(ClockTime(0) if clock else values, first, texts, place)
     if not clock:
-        return _typed(values, unit, first)
-    start = Clock(int(values[0].astype(np.int64))) if first is None else first
+        return _read_typed(values, unit, first)
+    start = ClockTime(int(values[0].astype(np.int64))) if first is None else first
     counts = np.concatenate(([start.count], values.astype(np.int64)))
     if (np.diff(counts) < 0).any():
         back = int(np.argmax(np.diff(counts) < 0))
@@ -172,11 +172,11 @@ def _durations(texts: NDArray[Any], unit: str | None, place: Place, first: Any) 
             f"{place(back)} is {texts[back]!r}, before the time of day above it. If midnight lies between, write the "
             f"date before each time"
         )
-    times = _typed(values - np.timedelta64(start.count, "ns"), unit, np.timedelta64(0, "ns"))
+    times = _read_typed(values - np.timedelta64(start.count, "ns"), unit, np.timedelta64(0, "ns"))
     return replace(times, first=start, begins=str(start))
 
 
-def _same_form(values: Any, first: Any, written: NDArray[Any], place: Place) -> None:
+def _check_form(values: Any, first: Any, written: NDArray[Any], place: Place) -> None:
     """Refuse a time of another form than the first one of a trace that is read row by row."""
     if first is not None and _form(values) != _form(first):
         raise TraceError(
@@ -186,37 +186,37 @@ def _same_form(values: Any, first: Any, written: NDArray[Any], place: Place) -> 
 
 def _form(values: Any) -> str:
     """Return the form of times: of a clock, dates (M), durations (m) or numbers ("")."""
-    return "clock" if isinstance(values, Clock) else np.asarray(values).dtype.kind.strip("iufb")
+    return "clock" if isinstance(values, ClockTime) else np.asarray(values).dtype.kind.strip("iufb")
 
 
 def _pair(columns: Sequence[Column], heads: Sequence[Head], unit: str | None, first: Any) -> Times:
     """Return the times of two columns with whole seconds and fractions."""
     if unit is not None:
         raise TraceError(
-            f"the times are in {quoted(heads[0].text)} and {quoted(heads[1].text)}, which state their units; "
+            f"the times are in {quote(heads[0].text)} and {quote(heads[1].text)}, which state their units; "
             f"leave out time-unit {unit!r}"
         )
     below = time_units.SUB.get(time_units.last_word(heads[1].name), "ns")
     size = Fraction(time_units.size(heads[1].unit or below) or Fraction(1, 10**9))
     most = int(1 / size)
-    whole, parts = (_whole(column, head) for column, head in zip(columns, heads, strict=True))
+    whole, parts = (_whole_numbers(column, head) for column, head in zip(columns, heads, strict=True))
     if ((parts < 0) | (parts >= most)).any():
         bad = int(np.argmax((parts < 0) | (parts >= most)))
         raise TraceError(
-            f"{quoted(heads[1].text)} is {parts[bad]} at sample {bad}; a fraction of a second must be from 0 to "
+            f"{quote(heads[1].text)} is {parts[bad]} at sample {bad}; a fraction of a second must be from 0 to "
             f"{most - 1}"
         )
     if whole.size and np.abs(whole).max() > 2**62 // most:
-        raise TraceError(f"{quoted(heads[0].text)} holds numbers too large for seconds since 1970")
+        raise TraceError(f"{quote(heads[0].text)} holds numbers too large for seconds since 1970")
     return _since(whole * most + parts, size, first)
 
 
-def _whole(column: Column, head: Head) -> NDArray[np.int64]:
-    values = cells.parsed(list(column.values)) if column.texts else column.values
+def _whole_numbers(column: Column, head: Head) -> NDArray[np.int64]:
+    values = cells.parse(list(column.values)) if column.texts else column.values
     if values.dtype.kind == "f" and np.isfinite(values).all() and (values == np.round(values)).all():
         values = values.astype(np.int64)
     if values.dtype.kind not in "iu":
-        raise TraceError(f"{quoted(head.text)} is one of two columns of times; it must hold whole numbers")
+        raise TraceError(f"{quote(head.text)} is one of two columns of times; it must hold whole numbers")
     return values.astype(np.int64)
 
 
@@ -232,11 +232,11 @@ def _counts(values: NDArray[Any], head: Head, unit: str | None, first: Any) -> T
                 f"they look like {likely}: add --time-unit {likely}" if likely else "state their --time-unit"
             )
             raise TraceError(
-                f"the times of {quoted(head.text)} begin at {values[0]}, too large for seconds since 1970; {way} "
+                f"the times of {quote(head.text)} begin at {values[0]}, too large for seconds since 1970; {way} "
                 f"(or s for seconds)"
             )
         size = Fraction(1)
-        notes = _assumed(values, head) if first is None else ()
+        notes = _assumption_notes(values, head) if first is None else ()
     times = _since(values, size, first)
     return replace(times, notes=notes, stated=stated)
 
@@ -246,13 +246,13 @@ def _as_a_robot_samples(values: NDArray[Any]) -> bool:
     return len(values) < 2 or FAST < float(np.median(np.abs(np.diff(values.astype(np.float64))))) < SLOW
 
 
-def _assumed(values: NDArray[Any], head: Head) -> tuple[str, ...]:
+def _assumption_notes(values: NDArray[Any], head: Head) -> tuple[str, ...]:
     """Return a note if whole numbers without a unit are taken for seconds, as those of a column ``t`` are."""
     if head.name == TIME or values.size < 2 or not (values == np.round(values)).all():
         return ()
     step = float(np.median(np.diff(values)))
     return (
-        f"the times of {quoted(head.text)} are whole numbers without a unit, {step:g} apart, and are read in seconds; "
+        f"the times of {quote(head.text)} are whole numbers without a unit, {step:g} apart, and are read in seconds; "
         f"if they are in ms, add --time-unit ms",
     )
 
@@ -261,7 +261,7 @@ def _since(values: NDArray[Any], size: Fraction, first: Any) -> Times:
     """Return the times of counts, from the first one if they are dates."""
     start = values[0] if first is None and values.size else first
     dated = start is not None and stamps.dates(np.array([start]), size)
-    seconds = stamps.counted(values, size, from_first=dated, first=start)
+    seconds = stamps.to_seconds(values, size, from_first=dated, first=start)
     if not dated:
         return Times(seconds, start)
     since = Fraction(start.item()) * size
@@ -278,7 +278,7 @@ def _size(head: Head, unit: str | None) -> tuple[Fraction | None, tuple[str, ...
         size = time_units.size(declared)
         if size is None:
             raise TraceError(
-                f"the times are in {quoted(declared)}, which is not a unit of time; write a header such as t [ms]"
+                f"the times are in {quote(declared)}, which is not a unit of time; write a header such as t [ms]"
             )
         if stated is not None and stated != size:
             raise TraceError(
@@ -293,6 +293,6 @@ def _size(head: Head, unit: str | None) -> tuple[Fraction | None, tuple[str, ...
     note = (
         ()
         if name == "s"
-        else (f"the times are read in {name}, the unit in the column name {quoted(head.name)}",)
+        else (f"the times are read in {name}, the unit in the column name {quote(head.name)}",)
     )
     return time_units.size(name), note

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError, one_of
-from s2r_spec.logs.mapping import TIME_WORDS, Request, plan_columns
-from s2r_spec.logs.table import Column, Head, affordable, few, quoted
+from s2r_spec.logs.mapping import TIME_WORDS, ColumnRequest, plan_columns
+from s2r_spec.logs.table import Column, Head, check_size, few, quote
 from s2r_spec.logs.times import candidates, times
 from s2r_spec.logs.times.dates import LAST
 from s2r_spec.logs.topics.topic import Stamps, Topic, TopicHead
@@ -42,7 +42,7 @@ class Array:
 
 
 @dataclass(frozen=True)
-class Asked:
+class TimeOptions:
     """What the user says of the times.
 
     Args:
@@ -59,7 +59,7 @@ Clock = tuple[str, ...]
 
 
 @dataclass
-class _Found:
+class _TopicArrays:
     """A topic: its clock, the arrays that may be it as well, its fields, and why other arrays below it are none."""
 
     clock: Clock
@@ -73,7 +73,7 @@ class ArrayLog:
 
     Args:
         arrays: path → array; the parts of a path are joined by dots.
-        asked: what the user says of the times.
+        options: what the user says of the times.
         objects: path of a variable that cannot be read → what it is, as text after its name.
 
     Raises:
@@ -84,26 +84,26 @@ class ArrayLog:
     def __init__(
         self,
         arrays: Mapping[str, Array],
-        asked: Asked | None = None,
+        options: TimeOptions | None = None,
         objects: Mapping[str, str] | None = None,
     ) -> None:
         few(len(arrays))
         self.sortable = False
-        self._arrays, self._asked = arrays, asked or Asked()
+        self._arrays, self._options = arrays, options or TimeOptions()
         self.notes: tuple[str, ...] = ()
-        self._mapped = _mapped(arrays, self._asked.times)
+        self._mapped = _mapped_clocks(arrays, self._options.times)
         self._clocks: dict[str, list[str]] = defaultdict(list)
         for path in filter(is_word, arrays):
             self._clocks[_folder(path)].append(path)
-        self._topics = self._found()
+        self._topics = self._group_fields()
         if not self._topics:
             raise TraceError(
                 f"no array of the file has times; {_advice(arrays, self._mapped, objects or {})}"
             )
         self._describe_others(objects or {})
-        self.heads = tuple(self._head(topic, found) for topic, found in self._topics.items())
+        self.heads = tuple(self._head(topic, fields) for topic, fields in self._topics.items())
 
-    def _found(self) -> dict[str, _Found]:
+    def _group_fields(self) -> dict[str, _TopicArrays]:
         """Return topic → its clock and fields. A topic has one clock: the user's, ``t``, or the first."""
         clocks = {
             path: clock for path, array in self._arrays.items() if (clock := self._clock(path, array.shape))
@@ -112,22 +112,22 @@ class ArrayLog:
         first: dict[str, Clock] = {}
         for path, clock in sorted(clocks.items(), key=lambda one: self._rank(one[1])):
             first.setdefault(_topic(path, clock), clock)
-        topics: dict[str, _Found] = {}
+        topics: dict[str, _TopicArrays] = {}
         for path, clock in clocks.items():
             topic = _topic(path, clock)
-            found = topics.setdefault(topic, _Found(first[topic]))
+            own = topics.setdefault(topic, _TopicArrays(first[topic]))
             name = _below(path, topic)
-            if clock != found.clock:
-                found.other[name] = (
-                    f"has the times {_named(clock)}, and other arrays beside it have {_named(found.clock)}; "
+            if clock != own.clock:
+                own.other[name] = (
+                    f"has the times {_clock_text(clock)}, and other arrays beside it have {_clock_text(own.clock)}; "
                     f"choose by --map {times.TIME}={'+'.join(clock)}"
                 )
             elif path == times.TIME:  # a trace has one t
-                found.other[name] = f"is not the times, which are {_named(clock)}"
+                own.other[name] = f"is not the times, which are {_clock_text(clock)}"
             else:
-                found.fields.append(name)
-                found.rivals = found.rivals or self._rivals(clock)
-        return {topic: found for topic, found in topics.items() if found.fields}
+                own.fields.append(name)
+                own.rivals = own.rivals or self._rivals(clock)
+        return {topic: own for topic, own in topics.items() if own.fields}
 
     def _rank(self, clock: Clock) -> tuple[bool, bool]:
         return clock not in self._mapped, _last(clock[0]) != times.TIME
@@ -153,8 +153,8 @@ class ArrayLog:
         """Return the arrays that may be the times as well as a clock that nobody chose, with the clock."""
         if clock in self._mapped or _last(clock[0]) == times.TIME:
             return ()
-        found = self._words(_folder(clock[0]), self._arrays[clock[0]].shape)
-        return found if len(found) > 1 else ()
+        rivals = self._words(_folder(clock[0]), self._arrays[clock[0]].shape)
+        return rivals if len(rivals) > 1 else ()
 
     def _words(self, folder: str, shape: tuple[int, ...]) -> tuple[str, ...]:
         """Return the arrays of a folder that are called ``t`` or by a word for times, and have a shape; t first."""
@@ -163,9 +163,9 @@ class ArrayLog:
 
     def _describe_others(self, objects: Mapping[str, str]) -> None:
         """Say of each array below a topic that is not one of its fields why."""
-        known = {path for topic, found in self._topics.items() for path in found.clock}
-        known |= {_path(topic, name) for topic, found in self._topics.items() for name in found.fields}
-        known |= {_path(topic, name) for topic, found in self._topics.items() for name in found.other}
+        known = {path for topic, fields in self._topics.items() for path in fields.clock}
+        known |= {_path(topic, name) for topic, fields in self._topics.items() for name in fields.fields}
+        known |= {_path(topic, name) for topic, fields in self._topics.items() for name in fields.other}
         others = {
             path: f"has {_shape(array)} numbers, and no array of times has as many samples"
             for path, array in self._arrays.items()
@@ -176,13 +176,15 @@ class ArrayLog:
             if topic is not None:
                 self._topics[topic].other[_below(path, topic)] = text
 
-    def _head(self, topic: str, found: _Found) -> TopicHead:
+    def _head(self, topic: str, fields: _TopicArrays) -> TopicHead:
         units = {
-            name: unit for name in found.fields if (unit := self._arrays[_path(topic, name)].unit) is not None
+            name: unit
+            for name in fields.fields
+            if (unit := self._arrays[_path(topic, name)].unit) is not None
         }
-        count = self._arrays[found.clock[0]].shape[0]
+        count = self._arrays[fields.clock[0]].shape[0]
         return TopicHead(
-            topic, tuple(found.fields), count, units=units, faults=found.other, other=found.other
+            topic, tuple(fields.fields), count, units=units, faults=fields.other, other=fields.other
         )
 
     def read(self, wanted: Mapping[str, Sequence[str]], stamps: Stamps) -> dict[str, Topic]:
@@ -196,19 +198,19 @@ class ArrayLog:
         paths = [_path(topic, name) for topic, names in wanted.items() for name in names]
         shapes = [self._arrays[path].shape for path in paths]
         shapes += [self._arrays[path].shape for topic in wanted for path in self._topics[topic].clock]
-        affordable(sum(int(np.prod(shape)) for shape in shapes))
+        check_size(sum(int(np.prod(shape)) for shape in shapes))
         topics: dict[str, Topic] = {}
         dated: dict[bool, str] = {}
         for topic, names in wanted.items():
-            found = self._stamps(topic)
-            dated.setdefault(found.dtype.kind == "M", topic)
+            own = self._stamps(topic)
+            dated.setdefault(own.dtype.kind == "M", topic)
             if len(dated) == 2:
                 raise TraceError(
-                    f"the times of {quoted(dated[True])} are dates and those of {quoted(dated[False])} are not, so "
+                    f"the times of {quote(dated[True])} are dates and those of {quote(dated[False])} are not, so "
                     f"they come from different clocks; save both with the same clock"
                 )
             columns = {name: Column(self._arrays[_path(topic, name)].read()) for name in names}
-            topics[topic] = Topic(topic, found, columns)
+            topics[topic] = Topic(topic, own, columns)
         end = self._end(topics)
         return {name: replace(topic, log_end=end) for name, topic in topics.items()}
 
@@ -233,18 +235,18 @@ class ArrayLog:
                 readable = {
                     _last(path): ([Column(self._arrays[path].read())], [self._time(path)]) for path in rivals
                 }
-                raise candidates.question(readable, self._asked.unit)
+                raise candidates.question(readable, self._options.unit)
         own = {topic: clock for topic, clock in clocks.items() if self._mapped and clock not in self._mapped}
         if own and len(own) == len(clocks):
             topic, clock = next(iter(own.items()))
             named = self._mapped[0]
             raise TraceError(
-                f"{_named(named)} of {_shape(self._arrays[named[0]])} numbers cannot be the times of "
-                f"{quoted(topic)}, which has {_shape(self._arrays[clock[0]])} samples. Its own times are "
-                f"{_named(clock)}"
+                f"{_clock_text(named)} of {_shape(self._arrays[named[0]])} numbers cannot be the times of "
+                f"{quote(topic)}, which has {_shape(self._arrays[clock[0]])} samples. Its own times are "
+                f"{_clock_text(clock)}"
             )
         self.notes += tuple(
-            f"the times of {topic or 'the file'} are its own, {_named(own[topic])}" for topic in own
+            f"the times of {topic or 'the file'} are its own, {_clock_text(own[topic])}" for topic in own
         )
 
     def _time(self, path: str) -> Head:
@@ -253,24 +255,28 @@ class ArrayLog:
     def _stamps(self, topic: str) -> NDArray[Any]:
         """Return (n,) dates to the nanosecond, or seconds of a clock without a date."""
         clock = self._topics[topic].clock
-        found = times.read(
+        times_read = times.read(
             [Column(self._arrays[path].read()) for path in clock],
             [self._time(path) for path in clock],
-            self._asked.unit,
-            lambda sample: f"sample {sample} of {_named(clock)}",
+            self._options.unit,
+            lambda sample: f"sample {sample} of {_clock_text(clock)}",
             None,
         )
-        self.notes += found.notes
-        if found.since is None:
-            return found.seconds
+        self.notes += times_read.notes
+        if times_read.since is None:
+            return times_read.seconds
         # Dates of two topics must be comparable, whatever unit each is in.
-        if found.since >= LAST:
-            raise TraceError(f"the times of {_named(clock)} begin at {found.begins}, which is no date")
-        stamps: NDArray[Any] = round(found.since * 10**9) + np.rint(found.seconds * 1e9).astype(np.int64)
+        if times_read.since >= LAST:
+            raise TraceError(
+                f"the times of {_clock_text(clock)} begin at {times_read.begins}, which is no date"
+            )
+        stamps: NDArray[Any] = round(times_read.since * 10**9) + np.rint(times_read.seconds * 1e9).astype(
+            np.int64
+        )
         return stamps.view("M8[ns]")
 
 
-def squeezed(shape: Sequence[int]) -> tuple[int, ...]:
+def squeeze(shape: Sequence[int]) -> tuple[int, ...]:
     """Return the shape of a vector for that of a row, a column or a signal of 1×1×n."""
     longer = [size for size in shape if size != 1]
     return tuple(longer or [1]) if shape and len(longer) < 2 else tuple(shape)
@@ -289,7 +295,7 @@ def with_units(arrays: Mapping[str, Array], texts: Mapping[str, str]) -> dict[st
         arrays: path → array.
         texts: path → text: ``s.units`` is for all arrays of ``s`` but the times, and ``s.units.gap`` for ``s.gap``.
     """
-    found = dict(arrays)
+    labelled = dict(arrays)
     for path, text in texts.items():
         folder, _, name = path.rpartition(".")
         if name.lower() in _UNITS:
@@ -297,19 +303,19 @@ def with_units(arrays: Mapping[str, Array], texts: Mapping[str, str]) -> dict[st
             chosen = [one for one in beside if not is_word(one)]
         else:
             chosen = [one for one in (_path(folder.rpartition(".")[0], name),) if one in arrays]
-        found |= {one: replace(arrays[one], unit=text.strip() or None) for one in chosen}
-    return found
+        labelled |= {one: replace(arrays[one], unit=text.strip() or None) for one in chosen}
+    return labelled
 
 
 def as_object(kind: str) -> str:
     """Return why an object of MATLAB cannot be read, as text after its name."""
     return (
-        f"is an object of the class {quoted(kind)}, in a form of MATLAB's own. Save its times as an array t, and its "
+        f"is an object of the class {quote(kind)}, in a form of MATLAB's own. Save its times as an array t, and its "
         f"values as arrays beside t"
     )
 
 
-def _mapped(arrays: Mapping[str, Array], name: str | None) -> tuple[Clock, ...]:
+def _mapped_clocks(arrays: Mapping[str, Array], name: str | None) -> tuple[Clock, ...]:
     """Return the clocks that a user names by their path, or by its last part.
 
     Raises:
@@ -317,11 +323,11 @@ def _mapped(arrays: Mapping[str, Array], name: str | None) -> tuple[Clock, ...]:
     """
     if name is None:
         return ()
-    found = tuple((path,) for path in arrays if path == name or path.endswith(f".{name}"))
-    if found:
-        return found
+    clocks = tuple((path,) for path in arrays if path == name or path.endswith(f".{name}"))
+    if clocks:
+        return clocks
     heads = [Head(path, None, array.unit) for path, array in arrays.items()]
-    numbers = plan_columns(heads, Request({times.TIME: name}, {})).times
+    numbers = plan_columns(heads, ColumnRequest({times.TIME: name}, {})).times
     return (tuple(heads[number].name for number in numbers),)
 
 
@@ -335,7 +341,7 @@ def _advice(arrays: Mapping[str, Array], mapped: Sequence[Clock], objects: Mappi
         clock = next(filter(is_word, arrays), "")
     if objects and not clock:
         name, fault = next(iter(objects.items()))
-        return f"{why}. {quoted(name)} {fault}"
+        return f"{why}. {quote(name)} {fault}"
     if not clock:
         return (
             f"{why}; there are {one_of(arrays)}. Map one, as in --map {times.TIME}=NAME, or save an array of times "
@@ -361,8 +367,8 @@ def _topic(path: str, clock: Clock) -> str:
     return folder if folder in _above(path) else ""
 
 
-def _named(clock: Clock) -> str:
-    return quoted("+".join(clock))
+def _clock_text(clock: Clock) -> str:
+    return quote("+".join(clock))
 
 
 def _path(topic: str, name: str) -> str:

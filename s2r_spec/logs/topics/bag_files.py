@@ -81,7 +81,7 @@ def open_bag(path: Path, stack: ExitStack, by_parts: bool = False) -> Bag:
     except (TraceError, FileNotFoundError, PermissionError):
         raise
     except Exception as error:  # rosbags' errors have no common base class
-        raise unreadable(path, error) from None
+        raise unreadable_error(path, error) from None
     files = [*folder.storages] if folder else files
     known = [one.distribution for one in files if one.distribution]
     counts: dict[str, int] = defaultdict(int)
@@ -98,7 +98,7 @@ def open_bag(path: Path, stack: ExitStack, by_parts: bool = False) -> Bag:
     )
 
 
-def unreadable(path: Path, error: Exception) -> TraceError:
+def unreadable_error(path: Path, error: Exception) -> TraceError:
     """Return an error about a bag or a file of it, with what may help."""
     text = str(error).replace(str(path), path.name)
     reason = shortened(one_line(text) or type(error).__name__)
@@ -123,7 +123,7 @@ class _Database(Sqlite3Reader):
         journals = [file for file in journals if file.is_file() and file.stat().st_size]
         try:
             if journals:
-                self.path = self._recovered(journals)
+                self.path = self._recover(journals)
             super().open()
             assert self.dbconn
             with suppress(Exception):  # bags before Humble lack the table
@@ -142,7 +142,7 @@ class _Database(Sqlite3Reader):
         with self._stack:
             super().close()
 
-    def _recovered(self, journals: list[Path]) -> Path:
+    def _recover(self, journals: list[Path]) -> Path:
         """Return a copy of the file with the messages of its journals."""
         folder = Path(self._stack.enter_context(TemporaryDirectory(prefix="s2r-")))
         names = one_of(file.name for file in journals)
@@ -191,7 +191,7 @@ class _File:
                 raise
             except Exception as error:
                 if ending not in _BY_PARTS:
-                    raise unreadable(self.path, error) from None
+                    raise unreadable_error(self.path, error) from None
                 reason = error
         with suppress(ValueError):  # it is no such file at all
             parts = Parts(self.path, _BY_PARTS[ending])
@@ -199,7 +199,7 @@ class _File:
             if not parts.empty:
                 self._storage, self.parts = parts, True
                 return
-        raise unreadable(self.path, reason)
+        raise unreadable_error(self.path, reason)
 
     def close(self) -> None:
         self._storage.close()
@@ -261,7 +261,7 @@ class _Folder(DirectoryReader):
         try:
             self.open()
         except Exception:
-            if missing := self._missing():
+            if missing := self._missing_files():
                 raise TraceError(
                     f"{METADATA} lists {one_of(missing)}, and the folder lacks it; copy it, or `ros2 bag reindex "
                     f"{self.path}` to read the rest"
@@ -299,12 +299,12 @@ class _Folder(DirectoryReader):
             ]
         return []
 
-    def _missing(self) -> list[str]:
+    def _missing_files(self) -> list[str]:
         """Return the files that ``metadata.yaml`` lists and the folder lacks."""
         return [name for name in self._listed_files() if not (self.path / name).exists()]
 
     def _surplus(self) -> list[str]:
         """Return the files of bags that the folder holds and ``metadata.yaml`` does not list."""
         listed = {name.removesuffix(".zstd") for name in self._listed_files()}
-        found = sorted(one.name for one in Path(str(self.path)).iterdir() if one.suffix in (".db3", ".mcap"))
-        return [name for name in found if name not in listed] if listed else []
+        files = sorted(one.name for one in Path(str(self.path)).iterdir() if one.suffix in (".db3", ".mcap"))
+        return [name for name in files if name not in listed] if listed else []

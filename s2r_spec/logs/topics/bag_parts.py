@@ -84,16 +84,16 @@ class Parts:
 
     def open(self) -> None:
         """Find the connections, and count their messages."""
-        found: dict[int, Connection] = {}
+        connections: dict[int, Connection] = {}
         counts: dict[int, int] = defaultdict(int)
         self._losses = _Losses()
         for record in self._records(self._losses):
             if isinstance(record, Connection):
-                found.setdefault(record.id, record)
+                connections.setdefault(record.id, record)
             else:
                 counts[record.connection] += 1
                 self._first, self._last = min(self._first, record.received), max(self._last, record.received)
-        self.connections = [one._replace(msgcount=counts[one.id], owner=self) for one in found.values()]
+        self.connections = [one._replace(msgcount=counts[one.id], owner=self) for one in connections.values()]
         self._count = sum(one.msgcount for one in self.connections)
         # rosbags ends a file one nanosecond after its last message.
         self.metadata = self.metadata._replace(end_time=self._last + 1)
@@ -106,10 +106,10 @@ class Parts:
         self, connections: Collection[Connection], start: int | None = None, stop: int | None = None
     ) -> Iterator[tuple[Connection, int, bytes]]:
         """Yield (connection, time of receipt [ns], raw message) in the order of the file."""
-        wanted = {one.id: one for one in connections}
+        by_id = {one.id: one for one in connections}
         for record in self._records(_Losses()):
-            if isinstance(record, _Message) and record.connection in wanted:
-                yield wanted[record.connection], record.received, record.data
+            if isinstance(record, _Message) and record.connection in by_id:
+                yield by_id[record.connection], record.received, record.data
 
     @property
     def notes(self) -> list[str]:

@@ -135,8 +135,8 @@ class _Values:
 
     def array(self) -> NDArray[Any]:
         """Return all values, and forget them."""
-        found, self._array = self._array, np.zeros(0)
-        return found if len(found) == self._count else found[: self._count]
+        values, self._array = self._array, np.zeros(0)
+        return values if len(values) == self._count else values[: self._count]
 
     def column(self, fault: str, kept: NDArray[Any] | slice) -> Column:
         """Return the values of the kept messages, and forget all."""
@@ -219,7 +219,7 @@ class Collected:
         which = self._which.array()
         received = stamps + np.rint(ages * 1e9).astype(np.int64) if self._stamped else stamps
         order = np.argsort(received, kind="stable") if self._unordered else stamps[:0]
-        found: dict[str, Topic] = {}
+        topics: dict[str, Topic] = {}
         notes: list[str] = []
         streams = self._streams()
         for occurring, numbers in streams.items():
@@ -236,11 +236,11 @@ class Collected:
             own = stamps[kept]
             dropped = {} if whole else {"no value of the element": len(stamps) - len(own)}
             age, jump = self._clock(own, ages[kept]) if self._stamped and len(own) else (None, None)
-            found[name] = Topic(self._name, own.view("M8[ns]"), columns, age, jump, dropped)
+            topics[name] = Topic(self._name, own.view("M8[ns]"), columns, age, jump, dropped)
             if not whole:
                 without = f"{len(stamps) - len(own):,} messages of {self._name} have no value"
                 notes.append(f"{without} of {one_of(fields)}, and are left out there")
-        return found, notes
+        return topics, notes
 
     def _clock(self, stamps: NDArray[np.int64], ages: NDArray[Any]) -> tuple[float, tuple[int, float] | None]:
         """Return the median age of header stamps, and where they jump ahead; a stamp of 0 was not set."""
@@ -286,7 +286,7 @@ class Collected:
             self.numbers += self._stamps.extend(received)
         if not raw:
             return
-        columns = self._together(raw, begin) if self._one_layout else None
+        columns = self._read_columns(raw, begin) if self._one_layout else None
         if columns is None:
             columns = self._one_by_one(raw, begin)
         if self._stamped:
@@ -297,27 +297,27 @@ class Collected:
         for values, column in zip(self._columns, columns, strict=False):
             self.numbers += values.extend(column)
 
-    def _together(self, raw: Sequence[bytes], begin: int) -> list[Any] | None:
+    def _read_columns(self, raw: Sequence[bytes], begin: int) -> list[Any] | None:
         """Return the fields of messages with one layout, and their stamps; None if they have several."""
         fields = [*self._fields, *(_STAMP if self._stamped else ())]
-        found = self._layout.columns(raw, fields) if self._layout else None
-        if found is None:
-            self._layout = self._checked(raw[0], fields, begin)
-            found = self._layout.columns(raw, fields) if self._layout else None
-        return found
+        columns = self._layout.columns(raw, fields) if self._layout else None
+        if columns is None:
+            self._layout = self._check_layout(raw[0], fields, begin)
+            columns = self._layout.columns(raw, fields) if self._layout else None
+        return columns
 
-    def _checked(self, raw: bytes, fields: Sequence[str], begin: int) -> Layout | None:
+    def _check_layout(self, raw: bytes, fields: Sequence[str], begin: int) -> Layout | None:
         """Return the layout of a message if it gives the values that rosbags decodes."""
-        found = layout(self._codec.store, self._codec.kind, raw, self._codec.cdr)
-        if found is None or not found.fields.keys() >= {*fields}:
+        candidate = layout(self._codec.store, self._codec.kind, raw, self._codec.cdr)
+        if candidate is None or not candidate.fields.keys() >= {*fields}:
             return None
         message = self._codec.message(raw, begin + 1)
-        values = found.columns([raw], fields) or ()
+        values = candidate.columns([raw], fields) or ()
         equal = (
             np.array_equal(value[0], attrgetter(field)(message), equal_nan=value.dtype.kind == "f")
             for field, value in zip(fields, values, strict=True)
         )
-        return found if all(equal) else None
+        return candidate if all(equal) else None
 
     def _one_by_one(self, raw: Sequence[bytes], begin: int) -> list[Any]:
         """Return the fields of messages and their stamps; the first has a number."""

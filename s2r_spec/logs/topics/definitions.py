@@ -18,7 +18,7 @@ _ROS2 = "ros2_"
 """Definition: what precedes a distribution's name in rosbags."""
 
 
-def fitting(kind: str, messages: Iterable[bytes], distribution: str) -> tuple[Typestore | None, str]:
+def find_definitions(kind: str, messages: Iterable[bytes], distribution: str) -> tuple[Typestore | None, str]:
     """Return the definitions that fit messages, or None and why there are none, as text after the topic's name.
 
     Args:
@@ -34,42 +34,40 @@ def fitting(kind: str, messages: Iterable[bytes], distribution: str) -> tuple[Ty
     for number, message in enumerate(messages if len(left) > 1 else (), 1):
         fit = [names for names in left if _fits(names[0], kind, message)]
         if not fit:
-            return None, f"{lacking}; message {number} does not fit the one of {_named(left)}"
+            return None, f"{lacking}; message {number} does not fit the one of {_releases(left)}"
         left = fit
         if len(left) == 1:
             break
     recorded = [names for names in left if distribution in names]
     if number and len(left) > 1 and not recorded:
         return None, (
-            f"{lacking}; those of {_named(left)} fit. Write the right one into the bag by `ros2 bag convert` with the "
-            f"recorder's ROS"
+            f"{lacking}; those of {_releases(left)} fit. Write the right one into the bag by `ros2 bag convert` "
+            f"with the recorder's ROS"
         )
     return _store((recorded or left)[0][0]), ""
 
 
 def versions(kind: str) -> list[list[str]]:
     """Return the distributions that know a type, newest first, those with the same definition together."""
-    found: dict[Any, list[str]] = {}
+    names: dict[Any, list[str]] = {}
     for store in reversed(Stores):
         if store.value.startswith(_ROS2):
             definitions = get_typestore(store).fielddefs
             if kind in definitions:
-                found.setdefault(_expanded(definitions, kind), []).append(store.value.removeprefix(_ROS2))
-    return list(found.values())
+                names.setdefault(_expand(definitions, kind), []).append(store.value.removeprefix(_ROS2))
+    return list(names.values())
 
 
-def _expanded(definitions: Any, kind: str) -> tuple[Any, ...]:
+def _expand(definitions: Any, kind: str) -> tuple[Any, ...]:
     """Return the fields of a type with those of the types in it."""
     fields: list[tuple[Any, ...]] = []
     for name, (shape, content) in definitions[kind][1]:
         if shape in (Nodetype.ARRAY, Nodetype.SEQUENCE):
             (inner, held), length = content
-            held = _expanded(definitions, held) if inner == Nodetype.NAME else held
+            held = _expand(definitions, held) if inner == Nodetype.NAME else held
             fields.append((name, shape, inner, held, length))
         else:
-            fields.append(
-                (name, shape, _expanded(definitions, content) if shape == Nodetype.NAME else content)
-            )
+            fields.append((name, shape, _expand(definitions, content) if shape == Nodetype.NAME else content))
     return tuple(fields)
 
 
@@ -87,7 +85,7 @@ def _fits(distribution: str, kind: str, message: bytes) -> bool:
     return True
 
 
-def _named(versions: Sequence[Sequence[str]]) -> str:
+def _releases(versions: Sequence[Sequence[str]]) -> str:
     """Return distributions as text: ``Iron to Lyrical or Dashing to Humble``."""
     return " or ".join(
         f"{names[-1].title()} to {names[0].title()}" if len(names) > 1 else names[0].title()

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from s2r_spec.base.errors import one_of
-from s2r_spec.logs.topics.arrays import Asked
+from s2r_spec.logs.topics.arrays import TimeOptions
 from s2r_spec.logs.topics.hdf5 import open_hdf5
 from s2r_spec.logs.topics.matlab import open_matlab
 from s2r_spec.logs.topics.rosbag import METADATA, RosBag
@@ -33,16 +33,16 @@ def why_not_a_bag(folder: Path) -> str:
     )
 
 
-def opener(path: Path, asked: Asked | None = None) -> Callable[[Path], TopicLog] | None:
+def opener(path: Path, options: TimeOptions | None = None) -> Callable[[Path], TopicLog] | None:
     """Return what opens a log of topics; None if a path is none by its name.
 
     Args:
         path: the file, or the folder of a ROS 2 bag.
-        asked: what the user says of the times, for files of arrays; None for nothing.
+        options: what the user says of the times, for files of arrays; None for nothing.
     """
     if (path / METADATA).is_file():
         return RosBag
     ending = path.suffix.lower()
-    if asked is not None and ending in ARRAYS:
-        return partial(ARRAYS[ending], asked=asked)
+    if options is not None and ending in ARRAYS:
+        return partial(ARRAYS[ending], options=options)
     return FORMATS.get(ending)

@@ -18,15 +18,15 @@ from s2r_spec.base.errors import TraceError, shortened
 from s2r_spec.base.printable import one_line
 from s2r_spec.lang.units import LONGEST
 from s2r_spec.logs.library import library
-from s2r_spec.logs.table import few, quoted, regular
+from s2r_spec.logs.table import few, quote, regular
 from s2r_spec.logs.topics.arrays import (
     Array,
     ArrayLog,
-    Asked,
+    TimeOptions,
     as_object,
     is_unit_path,
     is_word,
-    squeezed,
+    squeeze,
     with_units,
 )
 
@@ -36,7 +36,7 @@ _PACKED = ("scale_factor", "add_offset", "_FillValue")
 _OBJECT = "MATLAB_object_decode"
 
 
-def open_hdf5(path: Path, asked: Asked | None = None) -> ArrayLog:
+def open_hdf5(path: Path, options: TimeOptions | None = None) -> ArrayLog:
     """Return the arrays of a file, with the times that the user says.
 
     Raises:
@@ -72,7 +72,7 @@ def open_hdf5(path: Path, asked: Asked | None = None) -> ArrayLog:
                 texts[place] = _text(np.ravel(item[()])[0])
         elif item.dtype.kind in "biufmM":
             turned = _MATLAB in item.attrs  # MATLAB has the samples of a column last
-            shape = squeezed(item.shape[::-1] if turned else item.shape)
+            shape = squeeze(item.shape[::-1] if turned else item.shape)
             unit, _, since = (_unit(item.attrs) or "").partition(" since ")
             if since and is_word(place):
                 origins[since] = name
@@ -83,21 +83,21 @@ def open_hdf5(path: Path, asked: Asked | None = None) -> ArrayLog:
     if len(origins) > 1:
         (one, first), (other, second), *_ = origins.items()
         raise TraceError(
-            f"the times {quoted(first)} count since {one}, and {quoted(second)} since {other}; save both since the same"
+            f"the times {quote(first)} count since {one}, and {quote(second)} since {other}; save both since the same"
         )
-    return ArrayLog(with_units(arrays, texts), asked, objects)
+    return ArrayLog(with_units(arrays, texts), options, objects)
 
 
 def _unit(attributes: Any) -> str | None:
     """Return the unit that the attributes of a dataset state; bytes that are not UTF-8 and lists are no units."""
     values = [attributes[key] for key in attributes if key.lower() in ("unit", "units")]
-    found = [
+    raw = [
         one
         for value in values
         if getattr(value, "shape", ()) is not None
         for one in np.asarray(value).ravel().tolist()
     ]
-    texts = (one.decode("utf-8", "surrogateescape") if isinstance(one, bytes) else str(one) for one in found)
+    texts = (one.decode("utf-8", "surrogateescape") if isinstance(one, bytes) else str(one) for one in raw)
     # a program in C ends a text by a zero byte
     distinct = dict.fromkeys(one.partition("\0")[0].strip() for one in texts)
     return "\n".join(filter(None, distinct)) or None
@@ -129,7 +129,7 @@ def _read(h5py: Any, path: Path, name: str, turned: bool) -> NDArray[Any]:
         missing = values == packed["_FillValue"] if "_FillValue" in packed else np.zeros(values.shape, bool)
         values = values.astype(np.float64) * packed.get("scale_factor", 1.0) + packed.get("add_offset", 0.0)
         values[missing] = np.nan
-    return values.reshape(squeezed(values.shape))
+    return values.reshape(squeeze(values.shape))
 
 
 class _Errors:

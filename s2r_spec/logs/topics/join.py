@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from s2r_spec.base.errors import TraceError, one_of, suggest
 from s2r_spec.logs.account import Account
 from s2r_spec.logs.table import Column
-from s2r_spec.logs.topics.order import ordered
+from s2r_spec.logs.topics.order import sort_messages
 from s2r_spec.logs.topics.topic import Stamps, Topic
 from s2r_spec.trace.samples import Rule
 
@@ -51,10 +51,10 @@ class Joining:
         path = name if topic in ("", name) else f"{topic}.{name}"
         numeric = not column.fault and column.missing is None and column.values.dtype.kind == "f"
         stated = bool({path, path.rpartition("[")[0]} & self.held)
-        return self.rule == "linear" and numeric and not stated and not whole(column.values)
+        return self.rule == "linear" and numeric and not stated and not is_whole(column.values)
 
 
-def whole(values: NDArray[Any]) -> bool:
+def is_whole(values: NDArray[Any]) -> bool:
     """Return whether all values are whole numbers, as states and counts are."""
     return bool((values == np.rint(values)).all())
 
@@ -95,11 +95,11 @@ def join(topics: dict[str, Topic], joining: Joining, sortable: bool) -> Joined:
         topic = topics.pop(name)  # the messages of many topics fill the memory
         if not len(topic):
             raise TraceError(f"{name or 'the file'} has no messages")
-        found = ordered(topic, sortable)
-        stamps[name], count = found.topic.stamps, len(topic) + sum(topic.dropped.values())
-        accounts[name] = Account(count, len(found.topic), found.merged, topic.dropped, found.resorted)
-        notes += found.notes
-        for field_name, column in found.topic.columns.items():
+        order = sort_messages(topic, sortable)
+        stamps[name], count = order.topic.stamps, len(topic) + sum(topic.dropped.values())
+        accounts[name] = Account(count, len(order.topic), order.merged, topic.dropped, order.resorted)
+        notes += order.notes
+        for field_name, column in order.topic.columns.items():
             linear = joining.interpolates(topic.name, field_name, column)
             columns[name, field_name] = replace(
                 column, stamps=stamps[name], log_end=topic.log_end, linear=linear

@@ -19,10 +19,10 @@ from s2r_spec.logs.table import regular
 from s2r_spec.logs.topics.arrays import (
     Array,
     ArrayLog,
-    Asked,
+    TimeOptions,
     as_object,
     is_unit_path,
-    squeezed,
+    squeeze,
     with_units,
 )
 from s2r_spec.logs.topics.hdf5 import open_hdf5
@@ -32,7 +32,7 @@ _BLOCK = 512
 """Definition: bytes before the HDF5 part of a MATLAB file."""
 
 
-def open_matlab(path: Path, asked: Asked | None = None) -> ArrayLog:
+def open_matlab(path: Path, options: TimeOptions | None = None) -> ArrayLog:
     """Return the arrays of a file, with the times that the user says.
 
     Raises:
@@ -42,7 +42,7 @@ def open_matlab(path: Path, asked: Asked | None = None) -> ArrayLog:
     with path.open("rb") as stream:
         start = stream.read(_BLOCK + len(_HDF5))
     if start[_BLOCK:] == _HDF5 or start.startswith(_HDF5):
-        return open_hdf5(path, asked)
+        return open_hdf5(path, options)
     from scipy.io import loadmat
 
     try:
@@ -63,7 +63,7 @@ def open_matlab(path: Path, asked: Asked | None = None) -> ArrayLog:
         if path not in texts
     }
     return ArrayLog(
-        with_units(arrays, texts), asked, {name: as_object(kind) for name, kind in _objects(content)}
+        with_units(arrays, texts), options, {name: as_object(kind) for name, kind in _objects(content)}
     )
 
 
@@ -82,7 +82,7 @@ def _leaves(value: Any, path: str) -> Iterator[tuple[str, Any]]:
         if is_unit_path(path):
             yield path, value
     elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf" and value.ndim:
-        yield path, value.reshape(squeezed(value.shape))
+        yield path, value.reshape(squeeze(value.shape))
 
 
 def _objects(content: dict[str, Any]) -> Iterator[tuple[str, str]]:

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError
-from s2r_spec.base.printable import counted_messages
+from s2r_spec.base.printable import count_messages
 from s2r_spec.logs.table import Column
 from s2r_spec.logs.topics.topic import Topic, seconds, stamp_text
 from s2r_spec.trace.messages import SILENT, period_of_messages
@@ -51,7 +51,7 @@ class Ordered:
     notes: tuple[str, ...]
 
 
-def ordered(topic: Topic, sortable: bool, place: Callable[[int], str] | None = None) -> Ordered:
+def sort_messages(topic: Topic, sortable: bool, place: Callable[[int], str] | None = None) -> Ordered:
     """Return a topic in order of its stamps.
 
     Args:
@@ -77,7 +77,7 @@ def ordered(topic: Topic, sortable: bool, place: Callable[[int], str] | None = N
     back = np.flatnonzero(np.diff(counts) < 0) + 1
     late = np.zeros(0, dtype=np.intp)
     if back.size:
-        late = _late(counts)
+        late = _late_messages(counts)
         if not sortable or not _fills_gaps(counts, late):
             first = int(back[0])
             raise TraceError(
@@ -93,7 +93,7 @@ def ordered(topic: Topic, sortable: bool, place: Callable[[int], str] | None = N
             f"go on; {_remedy(topic)}"
         )
     same = np.flatnonzero(np.diff(counts) == 0) + 1
-    notes = [f"{counted_messages(late.size, name, 'come')} late, sorted by stamps"] * bool(late.size)
+    notes = [f"{count_messages(late.size, name, 'come')} late, sorted by stamps"] * bool(late.size)
     if not same.size:
         return Ordered(topic, 0, int(late.size), tuple(notes))
     equal = _equal_to_previous(topic, same)
@@ -108,17 +108,17 @@ def ordered(topic: Topic, sortable: bool, place: Callable[[int], str] | None = N
     kept[merged] = False
     if merged.size:
         notes.append(
-            f"{counted_messages(merged.size, name, 'repeat')} stamp and values of the one before, merged"
+            f"{count_messages(merged.size, name, 'repeat')} stamp and values of the one before, merged"
         )
     if repeated.size:
         notes.append(
-            f"{counted_messages(repeated.size, name, 'have')} the stamp of the one before and another value, first "
+            f"{count_messages(repeated.size, name, 'have')} the stamp of the one before and another value, first "
             f"{stamp_text(topic.stamps[repeated[0]])}; both count"
         )
     return Ordered(topic.only(kept) if merged.size else topic, int(merged.size), int(late.size), tuple(notes))
 
 
-def _late(counts: FloatArray) -> IntArray:
+def _late_messages(counts: FloatArray) -> IntArray:
     """Return the messages that come after one with a later stamp."""
     return np.flatnonzero(counts < np.maximum.accumulate(counts))
 
@@ -157,11 +157,11 @@ def _equal_to_previous(topic: Topic, at: IntArray) -> NDArray[np.bool_]:
     equal = np.ones(at.size, dtype=bool)
     for column in topic.columns.values():
         if not column.fault:
-            equal &= _same(column, at)
+            equal &= _is_repeated(column, at)
     return equal
 
 
-def _same(column: Column, at: IntArray) -> NDArray[np.bool_]:
+def _is_repeated(column: Column, at: IntArray) -> NDArray[np.bool_]:
     now, before = column.values[at], column.values[at - 1]
     same = now == before
     if now.dtype.kind == "f":
@@ -184,7 +184,7 @@ def _remedy(topic: Topic) -> str:
 def resets(stamps: NDArray[Any]) -> list[int]:
     """Return the messages at which a clock began anew: steps back that no late message makes."""
     counts = seconds(stamps - stamps[0]) if len(stamps) else np.zeros(0)
-    late = _late(counts)
+    late = _late_messages(counts)
     if not late.size or _fills_gaps(counts, late):
         return []
     return (np.flatnonzero(np.diff(counts) < 0) + 1).tolist()

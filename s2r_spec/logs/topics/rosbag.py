@@ -22,7 +22,7 @@ import numpy as np
 
 from s2r_spec.base.errors import TraceError
 from s2r_spec.logs.library import library
-from s2r_spec.logs.table import affordable, few
+from s2r_spec.logs.table import check_size, few
 from s2r_spec.logs.topics.collected import Codec, Collected, Element, NamedVector
 from s2r_spec.logs.topics.topic import Stamps, Topic, TopicHead
 
@@ -51,9 +51,9 @@ _TIMES = frozenset(("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Durat
 _BASE, _NAME, _ARRAY, _SEQUENCE = 1, 2, 3, 4
 """Definition: rosbags' numbers of the kinds of a field: a base type, a message, and vectors of either."""
 _DEEPEST = 20
-"""Budget: levels of messages within messages. Twice as many list deeper fields."""
+"""Budget: levels of messages within messages."""
 _LOOKED_AT = 100
-"""Budget: messages of a topic that are searched for names of elements. Twice as many find rarer senders."""
+"""Budget: messages of a topic that are searched for names of elements."""
 METADATA = "metadata.yaml"
 """Definition: the file that marks a folder as a ROS 2 bag."""
 _NAMES = ("name", "names", "joint_names")
@@ -80,12 +80,12 @@ class RosBag:
         self._elements: dict[tuple[str, str], Element] = {}
         self._vectors: dict[tuple[str, str], str] = {}
         self._codecs: dict[str, Codec] = {}
-        self._bag = self._opened(by_parts=False)
+        self._bag = self._open_bag(by_parts=False)
         self._listed, self._source = dict(self._bag.listed), self._bag.source
         try:
             self.heads = tuple(self._heads())
         except _DamagedError:
-            self._bag = self._opened(by_parts=True)
+            self._bag = self._open_bag(by_parts=True)
             self.heads = tuple(self._heads())
         self.notes: list[str] = []
 
@@ -96,15 +96,15 @@ class RosBag:
         topic's name. They differ in their keys: the topic's name, or that of the first field of the stream.
         """
         counts = {head.name: head.count for head in self.heads}
-        affordable(sum(counts[name] * (1 + len(fields)) for name, fields in wanted.items()))
+        check_size(sum(counts[name] * (1 + len(fields)) for name, fields in wanted.items()))
         try:
-            collected = self._collected(wanted, stamps)
+            collected = self._collect(wanted, stamps)
             whole = all(one.count >= counts[name] for name, one in collected.items())
         except _DamagedError:
             whole = False
         if not whole and not self._bag.by_parts:
-            self._bag = self._opened(by_parts=True)
-            collected = self._collected(wanted, stamps)
+            self._bag = self._open_bag(by_parts=True)
+            collected = self._collect(wanted, stamps)
         self.notes += self._bag.notes
         read: dict[str, Topic] = {}
         for name, one in collected.items():
@@ -127,7 +127,7 @@ class RosBag:
         age = round((topic.age or 0.0) * 1e9)
         return replace(topic, log_end=np.datetime64(received - age, "ns"))
 
-    def _collected(self, wanted: Mapping[str, Sequence[str]], stamps: Stamps) -> dict[str, Collected]:
+    def _collect(self, wanted: Mapping[str, Sequence[str]], stamps: Stamps) -> dict[str, Collected]:
         """Read all messages of topics.
 
         Raises:
@@ -135,14 +135,14 @@ class RosBag:
             _DamagedError: the files are damaged.
         """
         counts = {head.name: head.count for head in self.heads}
-        found = {}
+        collected = {}
         for name, fields in wanted.items():
             readers = [self._reader(name, field) for field in fields]
-            found[name] = Collected(self._codecs[name], fields, readers, stamps == "header", counts[name])
+            collected[name] = Collected(self._codecs[name], fields, readers, stamps == "header", counts[name])
         for topic, received, raw in self._messages(set(wanted)):
-            if found[topic].add(received, raw):
-                affordable(sum(one.numbers for one in found.values()))
-        return found
+            if collected[topic].add(received, raw):
+                check_size(sum(one.numbers for one in collected.values()))
+        return collected
 
     def _heads(self) -> Iterator[TopicHead]:
         """Yield what the bag says of its topics."""
@@ -176,7 +176,7 @@ class RosBag:
         if not reader.is2 or one.msgdef.data:
             return bag, ""
         raw = (message for _, _, message in self._messages({topic}))
-        store, fault = self._definitions.fitting(kind, raw, self._bag.distribution)
+        store, fault = self._definitions.find_definitions(kind, raw, self._bag.distribution)
         return replace(bag, store=store), fault
 
     def _with_elements(self, head: TopicHead, names: str, vectors: Sequence[str]) -> TopicHead:
@@ -220,9 +220,9 @@ class RosBag:
             for connection, received, raw in self._bag.owner.messages(connections):
                 yield connection.topic, received, raw
         except Exception as error:  # rosbags' errors have no common base class
-            raise _DamagedError(str(self._files.unreadable(self._path, error))) from None
+            raise _DamagedError(str(self._files.unreadable_error(self._path, error))) from None
 
-    def _opened(self, by_parts: bool) -> Bag:
+    def _open_bag(self, by_parts: bool) -> Bag:
         """Open the bag, in place of the one that is open."""
         self._path.stat()  # a missing file is no damaged bag
         library("rosbags.highlevel", "ROS bags")

@@ -12,20 +12,20 @@ import numpy as np
 
 from s2r_spec.base.errors import TraceError, UsageError, one_of, suggest
 from s2r_spec.logs.account import Account
-from s2r_spec.logs.interpret import Loaded, at_clock, channels, left_out
-from s2r_spec.logs.mapping import Plan, Request
+from s2r_spec.logs.interpret import Loaded, at_clock, channels, omitted_columns
+from s2r_spec.logs.mapping import ColumnPlan, ColumnRequest
 from s2r_spec.logs.table import Column, Table
 from s2r_spec.logs.times import times
-from s2r_spec.logs.topics.join import Joining, whole
-from s2r_spec.logs.topics.order import ordered
+from s2r_spec.logs.topics.join import Joining, is_whole
+from s2r_spec.logs.topics.order import sort_messages
 from s2r_spec.logs.topics.topic import Topic
 from s2r_spec.trace import Trace
 from s2r_spec.trace.messages import Messages
-from s2r_spec.trace.messages import joined as together
+from s2r_spec.trace.messages import join as together
 
 
-def joined(
-    table: Table, plan: Plan, request: Request, joining: Joining, longest: Mapping[str, float]
+def join_rows(
+    table: Table, plan: ColumnPlan, request: ColumnRequest, joining: Joining, longest: Mapping[str, float]
 ) -> Loaded:
     """Return the trace of a table whose channels have rows of their own.
 
@@ -49,7 +49,7 @@ def joined(
 
     stamps = times.read(columns, heads, request.time_unit, place)
     read = channels(table, plan, stamps.seconds.size)
-    lacking = left_out(table, plan, request, read.faults)
+    lacking = omitted_columns(table, plan, request, read.faults)
     messages: dict[str, Messages] = {}
     accounts: dict[str, Account] = {}
     notes = [*table.notes, *plan.notes, *stamps.notes]
@@ -68,13 +68,13 @@ def joined(
             if not rows.size:
                 raise TraceError(f"a component of {name} has no value in any row")
             topic = Topic(name, stamps.seconds[rows], {name: Column(column[rows])})
-            found = ordered(topic, False, lambda row, rows=rows: place(int(rows[row])))  # type: ignore[misc]
-            samples = found.topic.columns[name].values
-            linear = joining.rule == "linear" and name not in joining.held and not whole(samples)
+            order = sort_messages(topic, False, lambda row, rows=rows: place(int(rows[row])))  # type: ignore[misc]
+            samples = order.topic.columns[name].values
+            linear = joining.rule == "linear" and name not in joining.held and not is_whole(samples)
             valid = longest.get(name, math.nan)
-            own.append(Messages.of(found.topic.stamps, samples, longest=valid, linear=linear, log_end=end))
-            merged = max(merged, found.merged)
-            notes += found.notes
+            own.append(Messages.of(order.topic.stamps, samples, longest=valid, linear=linear, log_end=end))
+            merged = max(merged, order.merged)
+            notes += order.notes
         messages[name] = own[0] if len(own) == 1 else together(own)
         count, empty = len(values), len(values) - int(known.any(axis=1).sum())
         dropped = {"empty cell": empty} if empty else {}

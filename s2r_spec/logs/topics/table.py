@@ -35,21 +35,21 @@ def load(open_log: Callable[[Path], TopicLog], path: Path, choose: Chooser, join
     fields = [(topic, field) for topic in log.heads for field in topic.fields]
     heads = _heads(log.heads, fields)
     chosen = sorted(number for number in choose(tuple(heads)) if number)
-    wanted: dict[str, list[str]] = defaultdict(list)
+    fields_by_topic: dict[str, list[str]] = defaultdict(list)
     for number in chosen:
         topic, field = fields[number - 1]
-        wanted[topic.name].append(field)
+        fields_by_topic[topic.name].append(field)
     topics = {topic.name: topic for topic in log.heads}
     named = _owner(joining.clock, topics)
     if named is not None:
         joining = replace(joining, clock=named[0].name)
     if joining.clock is not None and joining.clock in topics:
-        wanted.setdefault(joining.clock, [])
-    if not wanted:  # what is missing is said later; a trace has stamps
-        wanted[max(log.heads, key=lambda topic: topic.count).name] = []
-    which, notes = _stamps([topics[name] for name in wanted], joining.stamps)
+        fields_by_topic.setdefault(joining.clock, [])
+    if not fields_by_topic:  # what is missing is said later; a trace has stamps
+        fields_by_topic[max(log.heads, key=lambda topic: topic.count).name] = []
+    which, notes = _stamps([topics[name] for name in fields_by_topic], joining.stamps)
     read = {}
-    for name, one in log.read(wanted, which).items():
+    for name, one in log.read(fields_by_topic, which).items():
         _refuse_unset(one)
         read[name] = one
     _one_clock(read)

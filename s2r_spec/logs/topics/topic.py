@@ -142,7 +142,7 @@ def jump_of(ages: NDArray[Any]) -> tuple[int, float] | None:
 def seconds(durations: NDArray[Any]) -> FloatArray:
     """Return differences of stamps in seconds."""
     if durations.dtype.kind == "m":
-        return exact.counted(durations.view(np.int64), NANOSECOND)
+        return exact.to_seconds(durations.view(np.int64), NANOSECOND)
     return np.asarray(durations, dtype=np.float64)
 
 

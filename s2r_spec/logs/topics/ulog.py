@@ -13,7 +13,7 @@ import numpy as np
 from s2r_spec.base.errors import TraceError, shortened
 from s2r_spec.base.printable import one_line
 from s2r_spec.logs.library import library
-from s2r_spec.logs.table import Column, affordable, few, regular
+from s2r_spec.logs.table import Column, check_size, few, regular
 from s2r_spec.logs.topics.topic import Stamps, Topic, TopicHead
 
 _STAMP = "timestamp"
@@ -51,7 +51,7 @@ class ULog:
         self.notes = (
             [] if not log.file_corruption else ["parts of the file are damaged, and their messages are lost"]
         )
-        whole, size = _whole(path), path.stat().st_size
+        whole, size = _whole_length(path), path.stat().st_size
         if whole < size:
             self.notes.append(
                 f"the log is incomplete: it ends within a message, and the last {size - whole:,} of its {size:,} bytes "
@@ -66,7 +66,7 @@ class ULog:
 
     def read(self, wanted: Mapping[str, Sequence[str]], stamps: Stamps) -> dict[str, Topic]:
         """Read fields of topics; see :meth:`s2r_spec.logs.topics.topic.TopicLog.read`."""
-        affordable(sum(len(self._data[name][_STAMP]) * (1 + len(fields)) for name, fields in wanted.items()))
+        check_size(sum(len(self._data[name][_STAMP]) * (1 + len(fields)) for name, fields in wanted.items()))
         return {
             name: Topic(
                 name,
@@ -78,7 +78,7 @@ class ULog:
         }
 
 
-def _whole(path: Path) -> int:
+def _whole_length(path: Path) -> int:
     """Return the bytes of a file up to the end of its last whole message (PX4's ULog: a header of 3 bytes, a body)."""
     content, place = path.read_bytes(), _FILE_HEADER
     while place + _MESSAGE_HEADER <= len(content):

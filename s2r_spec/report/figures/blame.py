@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.attribution.attribute import Attribution, labelled
+from s2r_spec.attribution.attribute import Attribution, label_components
 from s2r_spec.base.errors import S2RError
 from s2r_spec.diagnose.gap.where import Where
 from s2r_spec.report.check import test_words
@@ -80,7 +80,7 @@ def blame(where: Where, spec: Spec, name: str) -> Picture:
 def _panels(where: Where, spec: Spec) -> list[Panel]:
     """Return one panel for each of the channels that contribute most."""
     pair = where.pair
-    real, simulated = labelled(pair.real), labelled(pair.simulated)
+    real, simulated = label_components(pair.real), label_components(pair.simulated)
     # A channel that is equal in both rollouts comes last: it contributes nothing to Δρ.
     size = {name: float(np.abs(values).sum()) for name, values in pair.credit.items()}
     chosen = sorted(size, key=lambda name: -size[name])[:_MOST_PANELS]

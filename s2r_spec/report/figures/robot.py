@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from s2r_spec.base.printable import spelled
+from s2r_spec.base.printable import spell_unit
 from s2r_spec.diagnose.residuals.shifts import Body, BodyPart, Shift
 from s2r_spec.report.figures.canvas import BAND, INK, MUTED, RULE, Picture, draw, shorten
 
@@ -73,7 +73,7 @@ def amount(shift: Shift) -> str:
     steady = abs(shift.mean) > 0.5 * shift.size
     sign = f"{shift.mean:+.3g}" if steady else f"±{shift.size:.3g}"
     kind = " (rms)" if shift.kind == "rms" else ""
-    return f"{shift.channel}{kind} {sign} {spelled(shift.unit)}".rstrip().replace("-", "−")
+    return f"{shift.channel}{kind} {sign} {spell_unit(shift.unit)}".rstrip().replace("-", "−")
 
 
 def _timeline(

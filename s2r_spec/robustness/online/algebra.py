@@ -9,13 +9,13 @@ from s2r_spec.base.errors import TraceError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.evaluate import Walk, Witness
 from s2r_spec.robustness.numbers import no_value
-from s2r_spec.robustness.online.clock import Clock
+from s2r_spec.robustness.online.clock import OnlineClock
 from s2r_spec.robustness.online.spans import Span, Spans
 from s2r_spec.robustness.online.tape import Tape
-from s2r_spec.robustness.online.terms import Leaf, Least, Negative, Rise, Scaled, Step, Term
+from s2r_spec.robustness.online.terms import AdjacentSample, Leaf, Least, Negative, Rise, Scaled, Term
 from s2r_spec.robustness.online.timed import Always, Until
-from s2r_spec.robustness.online.values import Component, Number, Values
-from s2r_spec.robustness.ties import signed_number
+from s2r_spec.robustness.online.values import Component, InstantNumber, NumberBuilder
+from s2r_spec.robustness.ties import break_tie
 
 INFINITE: Span = (-math.inf, math.inf)
 
@@ -34,7 +34,7 @@ class OnlineAlgebra:
 
     def __init__(
         self,
-        clock: Clock,
+        clock: OnlineClock,
         signals: Mapping[str, Sequence[Tape]],
         ranges: Mapping[str, Span],
         params: Mapping[str, float],
@@ -46,7 +46,7 @@ class OnlineAlgebra:
         self.ranges = ranges
         self.params = params
         self.walk = Walk[Term](self, until)
-        self.values = Values(clock, signals, params, roots, self._followed)
+        self.values = NumberBuilder(clock, signals, params, roots, self._followed)
         self.terms: list[Term] = []  # the operands of a term come before it
         self.predicates: list[tuple[Leaf, f.Comparison]] = []
         timed = (node for root in roots for node in f.walk(root) if isinstance(node, f.Temporal | f.Until))
@@ -57,7 +57,7 @@ class OnlineAlgebra:
         spans = Spans(self.ranges, self.params, self.values.settled)
         for leaf, node in self.predicates:
             low, high = spans.margin(node)
-            leaf.ahead = signed_number(low, node.operator), signed_number(high, node.operator)
+            leaf.ahead = break_tie(low, node.operator), break_tie(high, node.operator)
         for term in self.terms:
             term.foresee()
 
@@ -70,21 +70,21 @@ class OnlineAlgebra:
         self.terms.append(term)
         return term
 
-    def _leaf(self, margin: Component, number: Number, ahead: Span) -> Leaf:
-        leaf = Leaf(self.clock, Number((margin,), number.sources))
+    def _leaf(self, margin: Component, number: InstantNumber, ahead: Span) -> Leaf:
+        leaf = Leaf(self.clock, InstantNumber((margin,), number.sources))
         leaf.ahead = ahead
         return leaf
 
     def truth(self, value: bool) -> Term:
         """See :class:`s2r_spec.robustness.evaluate.Algebra`, also for the methods below."""
         rho = math.inf if value else -math.inf
-        return self._leaf(lambda k: rho, Number(()), (rho, rho))
+        return self._leaf(lambda k: rho, InstantNumber(()), (rho, rho))
 
     def flag(self, node: f.Flag) -> Term:
         """Return an infinity at each instant."""
         (tape,) = self.signals[node.name]
         return self._leaf(
-            lambda k: math.inf if tape.value(k) > 0 else -math.inf, Number((), (tape,)), INFINITE
+            lambda k: math.inf if tape.value(k) > 0 else -math.inf, InstantNumber((), (tape,)), INFINITE
         )
 
     def margin(self, node: f.Comparison) -> Term:
@@ -100,9 +100,9 @@ class OnlineAlgebra:
             rho = difference(k) if sign is None else sign * abs(difference(k))
             if rho != rho:
                 raise self._no_value(node, k)
-            return signed_number(rho, node.operator)
+            return break_tie(rho, node.operator)
 
-        leaf = self._leaf(margin, Number((), (*left.sources, *right.sources)), INFINITE)
+        leaf = self._leaf(margin, InstantNumber((), (*left.sources, *right.sources)), INFINITE)
         self.predicates.append((leaf, node))
         return leaf
 
@@ -113,7 +113,7 @@ class OnlineAlgebra:
         """Return −x."""
         return x.operand if type(x) is Negative else self._made(Negative(self.clock, x))
 
-    def scaled(self, x: Term, factor: float) -> Term:
+    def scale(self, x: Term, factor: float) -> Term:
         """Return factor · x."""
         return self._made(Scaled(self.clock, x, factor))
 
@@ -139,9 +139,9 @@ class OnlineAlgebra:
         reach, place = self.clock.reach(interval, past), self.places[id(interval.span)]
         return self._made(Until(self.clock, left, right, reach, past, place))
 
-    def step(self, x: Term, node: f.Step) -> Term:
+    def step(self, x: Term, node: f.AdjacentSample) -> Term:
         """Return x at the next sample, or at the previous one for ``prev``."""
-        return self._made(Step(self.clock, x, node.operator == "next"))
+        return self._made(AdjacentSample(self.clock, x, node.operator == "next"))
 
     def rise(self, x: Term) -> Term:
         """Return min(x, −x one sample before)."""

@@ -21,7 +21,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
 
-class Stream(Protocol):
+class Advancing(Protocol):
     """A sequence of values that becomes known as samples come."""
 
     def advance(self) -> None:
@@ -76,7 +76,7 @@ class Reach:
         return first, last - 1
 
 
-class Clock:
+class OnlineClock:
     """Sample times so far, as positions on the axis on which windows are measured.
 
     With a period an instant's position is its index, and windows count samples, as on a
@@ -104,7 +104,7 @@ class Clock:
         self.start = self.time = 0.0
         self.shortest, self.longest = math.inf, 0.0
         self.snap = 0.5 if self.period else 0.0
-        self.streams: list[Stream] = []
+        self.streams: list[Advancing] = []
 
     def tick(self, time: float) -> None:
         """Add the time of the next sample [s].

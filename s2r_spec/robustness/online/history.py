@@ -10,23 +10,23 @@ from collections.abc import Callable
 from operator import add
 from typing import Protocol
 
-from s2r_spec.robustness.online.clock import Clock
-from s2r_spec.robustness.online.tape import Reader, Sliding, Source, Tape
+from s2r_spec.robustness.online.clock import OnlineClock
+from s2r_spec.robustness.online.tape import InstantSource, Reader, Sliding, Tape
 
 
 class Operand(Protocol):
     """The operand of a function."""
 
-    def end(self, clock: Clock) -> int:
+    def end(self, clock: OnlineClock) -> int:
         """Return the number of instants with a known value."""
         ...
 
     def keep(self, reader: Reader) -> None:
-        """See :class:`~s2r_spec.robustness.online.tape.Source`."""
+        """See :class:`~s2r_spec.robustness.online.tape.InstantSource`."""
         ...
 
 
-class Held(Source, Protocol):
+class ConditionSource(InstantSource, Protocol):
     """The robustness of a condition."""
 
     def value(self, k: int) -> float:
@@ -34,10 +34,10 @@ class Held(Source, Protocol):
         ...
 
 
-class Recorded:
+class TapedNumber:
     """A number at each instant, stored on a tape."""
 
-    def __init__(self, clock: Clock) -> None:
+    def __init__(self, clock: OnlineClock) -> None:
         self.clock = clock
         self.tape = Tape()
 
@@ -55,10 +55,12 @@ class Recorded:
         raise AssertionError
 
 
-class Delayed(Recorded):
+class Delayed(TapedNumber):
     """x at the last sample at or before t − seconds, or else the first one."""
 
-    def __init__(self, clock: Clock, part: Callable[[int], float], operand: Operand, seconds: float) -> None:
+    def __init__(
+        self, clock: OnlineClock, part: Callable[[int], float], operand: Operand, seconds: float
+    ) -> None:
         super().__init__(clock)
         self.part, self.operand, self.seconds = part, operand, seconds
         self.shown = 0
@@ -70,17 +72,17 @@ class Delayed(Recorded):
         return self.operand.end(self.clock)
 
     def compute(self, k: int) -> float:
-        """See :class:`Recorded`."""
+        """See :class:`TapedNumber`."""
         latest = self.clock.seconds(k) - self.seconds + self.clock.slack
         while self.shown < k and self.clock.seconds(self.shown + 1) <= latest:
             self.shown += 1
         return self.part(self.shown)
 
 
-class Derivative(Recorded):
+class Derivative(TapedNumber):
     """Backward difference quotient [1/s]; the first sample has the value of the second."""
 
-    def __init__(self, clock: Clock, part: Callable[[int], float], operand: Operand) -> None:
+    def __init__(self, clock: OnlineClock, part: Callable[[int], float], operand: Operand) -> None:
         super().__init__(clock)
         self.part, self.operand = part, operand
         operand.keep(self._oldest)
@@ -95,7 +97,7 @@ class Derivative(Recorded):
         return end if end > 1 or self.clock.ended else 0
 
     def compute(self, k: int) -> float:
-        """See :class:`Recorded`."""
+        """See :class:`TapedNumber`."""
         if k == 0 and self.operand.end(self.clock) == 1:
             return 0.0
         last = max(k, 1)
@@ -103,11 +105,11 @@ class Derivative(Recorded):
         return (self.part(last) - self.part(last - 1)) / step
 
 
-class Accumulated(Recorded):
+class Accumulated(TapedNumber):
     """The integral of straight lines over the last ``seconds``, or their mean."""
 
     def __init__(
-        self, clock: Clock, part: Callable[[int], float], operand: Operand, seconds: float, mean: bool
+        self, clock: OnlineClock, part: Callable[[int], float], operand: Operand, seconds: float, mean: bool
     ) -> None:
         super().__init__(clock)
         self.part, self.operand, self.seconds, self.mean = part, operand, seconds, mean
@@ -116,10 +118,10 @@ class Accumulated(Recorded):
         self.samples = Tape()
         self.oldest = 0
         operand.keep(lambda: self.tape.end)
-        self.samples.keep(self._kept)
-        clock.positions.keep(self._kept)
+        self.samples.keep(self._oldest_needed)
+        clock.positions.keep(self._oldest_needed)
 
-    def _kept(self) -> int:
+    def _oldest_needed(self) -> int:
         return min(self.oldest, self.tape.end - 1) if math.isfinite(self.seconds) else self.tape.end - 1
 
     def ready(self) -> int:
@@ -127,7 +129,7 @@ class Accumulated(Recorded):
         return self.operand.end(self.clock)
 
     def compute(self, k: int) -> float:
-        """See :class:`Recorded`."""
+        """See :class:`TapedNumber`."""
         now = self.clock.seconds(k)
         self.samples.append(self.part(k))
         if k:
@@ -138,7 +140,7 @@ class Accumulated(Recorded):
             while self.oldest < k and self.clock.seconds(self.oldest + 1) <= start:
                 self.areas.pop()
                 self.oldest += 1
-            total = self.areas.total - self._begun(start, k)
+            total = self.areas.total - self._oldest_part(start, k)
         if not self.mean:
             return total
         elapsed = min(now, self.seconds)
@@ -148,7 +150,7 @@ class Accumulated(Recorded):
         step = self.clock.seconds(right) - self.clock.seconds(left)
         return step * (self.samples.value(right) + self.samples.value(left)) / 2
 
-    def _begun(self, start: float, k: int) -> float:
+    def _oldest_part(self, start: float, k: int) -> float:
         """Return the part of the oldest piece that lies before ``start``."""
         if self.oldest == k:
             return 0.0
@@ -158,10 +160,10 @@ class Accumulated(Recorded):
         return part * (x + slope * part / 2)
 
 
-class Duration(Recorded):
+class Duration(TapedNumber):
     """Time for which a condition has held at every sample [s]."""
 
-    def __init__(self, clock: Clock, condition: Held) -> None:
+    def __init__(self, clock: OnlineClock, condition: ConditionSource) -> None:
         super().__init__(clock)
         self.condition = condition
         self.since: float | None = None
@@ -173,7 +175,7 @@ class Duration(Recorded):
         return self.condition.end
 
     def compute(self, k: int) -> float:
-        """See :class:`Recorded`."""
+        """See :class:`TapedNumber`."""
         now = self.clock.seconds(k)
         if self.condition.value(k) < 0:
             self.since = None
@@ -183,17 +185,17 @@ class Duration(Recorded):
         return now - self.since
 
 
-class Count(Recorded):
+class Count(TapedNumber):
     """Number of samples in the last ``seconds`` at which a condition held."""
 
-    def __init__(self, clock: Clock, condition: Held, seconds: float) -> None:
+    def __init__(self, clock: OnlineClock, condition: ConditionSource, seconds: float) -> None:
         super().__init__(clock)
         self.condition, self.seconds = condition, seconds
         self.first, self.total = 0, 0
-        condition.keep(self._kept)
-        clock.positions.keep(self._kept)
+        condition.keep(self._oldest_needed)
+        clock.positions.keep(self._oldest_needed)
 
-    def _kept(self) -> int:
+    def _oldest_needed(self) -> int:
         return self.first if math.isfinite(self.seconds) else self.tape.end
 
     def ready(self) -> int:
@@ -201,7 +203,7 @@ class Count(Recorded):
         return self.condition.end
 
     def compute(self, k: int) -> float:
-        """See :class:`Recorded`."""
+        """See :class:`TapedNumber`."""
         self.total += self.condition.value(k) > 0
         if math.isfinite(self.seconds):
             begin = self.clock.seconds(k) - self.seconds - self.clock.slack

@@ -15,12 +15,12 @@ from s2r_spec.robustness.grid import SNAP, Grid
 from s2r_spec.robustness.horizon import horizon, samples_needed, seconds_needed
 from s2r_spec.robustness.narrow import narrowest, refuse_short
 from s2r_spec.robustness.online.algebra import OnlineAlgebra
-from s2r_spec.robustness.online.clock import Clock
+from s2r_spec.robustness.online.clock import OnlineClock
 from s2r_spec.robustness.online.points import Point, Points
 from s2r_spec.robustness.online.tape import Tape
 from s2r_spec.robustness.online.terms import Term
 from s2r_spec.robustness.reading import HOLD, LEADING, Missing
-from s2r_spec.robustness.ties import plain_number
+from s2r_spec.robustness.ties import restore_zero
 
 Verdict = Literal["holds", "violated", "unknown"]
 
@@ -71,7 +71,7 @@ class RobustInterval:
     def of(cls, lower: float, upper: float) -> RobustInterval:
         """Return the interval of robustness bounds with signs; see :mod:`s2r_spec.robustness.ties`."""
         satisfied = True if lower > 0 else False if upper < 0 else None
-        return cls(plain_number(lower), plain_number(upper), satisfied)
+        return cls(restore_zero(lower), restore_zero(upper), satisfied)
 
     @property
     def decided(self) -> bool:
@@ -94,7 +94,7 @@ class _Recorder:
 
     def __init__(self, followed: Followed) -> None:
         self.followed = followed
-        self.clock = Clock(followed.period)
+        self.clock = OnlineClock(followed.period)
         self.tapes = {signal.name: [Tape() for _ in range(signal.dim)] for signal in followed.signals}
         ranges = {s.name: s.range for s in followed.signals if s.range is not None} if followed.ranges else {}
         self.algebra = OnlineAlgebra(
@@ -309,18 +309,18 @@ class RobustnessStream:
         """
         self._recorder.take(time, sample)
         self._times.append(time)
-        return self._settled()
+        return self._settled_values()
 
     def finish(self) -> dict[str, list[tuple[float, float]]]:
         """End the trace here, and return ρ at the remaining instants, with windows cut at the end."""
         self._recorder.finish()
-        return self._settled()
+        return self._settled_values()
 
-    def _settled(self) -> dict[str, list[tuple[float, float]]]:
-        found = {}
+    def _settled_values(self) -> dict[str, list[tuple[float, float]]]:
+        values = {}
         for name, term in self._recorder.terms.items():
             first, self._sent[name] = self._sent[name], term.end
-            found[name] = [
-                (self._times.value(k), plain_number(term.value(k))) for k in range(first, term.end)
+            values[name] = [
+                (self._times.value(k), restore_zero(term.value(k))) for k in range(first, term.end)
             ]
-        return found
+        return values

@@ -12,12 +12,12 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from s2r_spec.robustness.online.clock import Clock
+from s2r_spec.robustness.online.clock import OnlineClock
 from s2r_spec.robustness.online.spans import Span
 from s2r_spec.robustness.online.tape import lesser
-from s2r_spec.robustness.online.terms import LOWER, UPPER, Least, Negative, Rise, Scaled, Step, Term
+from s2r_spec.robustness.online.terms import LOWER, UPPER, AdjacentSample, Least, Negative, Rise, Scaled, Term
 from s2r_spec.robustness.online.timed import Always, Clamp, Timed, Until, followed_by
-from s2r_spec.robustness.ties import rescaled_number
+from s2r_spec.robustness.ties import rescale_number
 
 OFTEN = 1024
 """Budget: undecided instants that are updated at each sample; h of them are updated at every (h / OFTEN)-th one."""
@@ -44,7 +44,7 @@ class Points:
                 return NegativeAt(term.clock, self(term.operand, k))
             case Least():
                 return LeastAt(term.clock, self(term.left, k), self(term.right, k))
-            case Step():
+            case AdjacentSample():
                 near = k + term.shift
                 return (
                     MinusInfinity(term.clock)
@@ -67,7 +67,7 @@ class Points:
 class Point(ABC):
     """ρ of a formula at one instant: in [lower, upper] for every continuation of the trace."""
 
-    def __init__(self, clock: Clock) -> None:
+    def __init__(self, clock: OnlineClock) -> None:
         self.clock = clock
         self.lower, self.upper = -math.inf, math.inf
         self.settled = False
@@ -78,21 +78,21 @@ class Point(ABC):
         if self.settled or self._round == self.clock.round:
             return
         self._round = self.clock.round
-        (low, high), self.settled = self.found()
+        (low, high), self.settled = self.evaluate()
         if not self.settled:
             # earlier bounds stay valid, also if not every instant was updated
             low, high = max(self.lower, low), min(self.upper, high)
         self.lower, self.upper = low, high
 
     @abstractmethod
-    def found(self) -> tuple[Span, bool]:
+    def evaluate(self) -> tuple[Span, bool]:
         """Return bounds, and whether they are final."""
 
 
 class MinusInfinity(Point):
     """−inf."""
 
-    def found(self) -> tuple[Span, bool]:
+    def evaluate(self) -> tuple[Span, bool]:
         """See :class:`Point`."""
         return (-math.inf, -math.inf), True
 
@@ -100,11 +100,11 @@ class MinusInfinity(Point):
 class StepAt(Point):
     """The operand at the neighbouring sample; −inf if the trace has none."""
 
-    def __init__(self, clock: Clock, operand: Point, k: int) -> None:
+    def __init__(self, clock: OnlineClock, operand: Point, k: int) -> None:
         super().__init__(clock)
         self.operand, self.k = operand, k
 
-    def found(self) -> tuple[Span, bool]:
+    def evaluate(self) -> tuple[Span, bool]:
         """See :class:`Point`."""
         exists = self.k <= self.clock.now
         if self.clock.ended and not exists:
@@ -122,7 +122,7 @@ class FollowedAt(Point):
         term.follow()
         term.keep(lambda: term.end if self.settled else k)
 
-    def found(self) -> tuple[Span, bool]:
+    def evaluate(self) -> tuple[Span, bool]:
         """See :class:`Point`."""
         term, k = self.term, self.k
         if k < term.end:
@@ -136,11 +136,11 @@ class FollowedAt(Point):
 class NegativeAt(Point):
     """−x."""
 
-    def __init__(self, clock: Clock, operand: Point) -> None:
+    def __init__(self, clock: OnlineClock, operand: Point) -> None:
         super().__init__(clock)
         self.operand = operand
 
-    def found(self) -> tuple[Span, bool]:
+    def evaluate(self) -> tuple[Span, bool]:
         """See :class:`Point`."""
         self.operand.refresh()
         return (-self.operand.upper, -self.operand.lower), self.operand.settled
@@ -149,25 +149,25 @@ class NegativeAt(Point):
 class ScaledAt(Point):
     """factor · x, factor > 0."""
 
-    def __init__(self, clock: Clock, operand: Point, factor: float) -> None:
+    def __init__(self, clock: OnlineClock, operand: Point, factor: float) -> None:
         super().__init__(clock)
         self.operand, self.factor = operand, factor
 
-    def found(self) -> tuple[Span, bool]:
+    def evaluate(self) -> tuple[Span, bool]:
         """See :class:`Point`."""
         self.operand.refresh()
         low, high = self.operand.lower, self.operand.upper
-        return (rescaled_number(low, self.factor), rescaled_number(high, self.factor)), self.operand.settled
+        return (rescale_number(low, self.factor), rescale_number(high, self.factor)), self.operand.settled
 
 
 class LeastAt(Point):
     """The smaller of x and y."""
 
-    def __init__(self, clock: Clock, left: Point, right: Point) -> None:
+    def __init__(self, clock: OnlineClock, left: Point, right: Point) -> None:
         super().__init__(clock)
         self.left, self.right = left, right
 
-    def found(self) -> tuple[Span, bool]:
+    def evaluate(self) -> tuple[Span, bool]:
         """See :class:`Point`."""
         left, right = self.left, self.right
         left.refresh()
@@ -176,7 +176,7 @@ class LeastAt(Point):
         return span, left.settled and right.settled
 
 
-class Window(Point):
+class WindowPoint(Point):
     """An operator with a window, at one instant.
 
     Args:
@@ -201,7 +201,7 @@ class Window(Point):
     def _oldest(self) -> int:
         return max(operand.end for operand in self.operands) if self.settled else self.new
 
-    def found(self) -> tuple[Span, bool]:
+    def evaluate(self) -> tuple[Span, bool]:
         """See :class:`Point`."""
         clock, reach = self.clock, self.term.reach
         if self.k > clock.now:
@@ -223,13 +223,13 @@ class Window(Point):
         if not self.waiting or self._looks_away():
             return self.bounds(None, not closed or self.waiting), False
         self.looked = clock.now
-        return self.bounds(self._unsettled(), not closed), False
+        return self.bounds(self._undecided_range(), not closed), False
 
     def _looks_away(self) -> bool:
         """Return whether to treat undecided instants as unknown this time, to keep the cost of a sample constant."""
         return self.clock.now - self.looked < (self.clock.now - self.new + 1) // OFTEN
 
-    def _unsettled(self) -> tuple[int, int, int]:
+    def _undecided_range(self) -> tuple[int, int, int]:
         """Return (first, begin, last): the undecided instants, and the first one in the window."""
         clock, new = self.clock, self.new
         positions = clock.positions.values(new, clock.now + 1)
@@ -249,7 +249,7 @@ class Window(Point):
         """Return bounds of ρ, with the undecided instants and, if ``more``, with later unknown ones."""
 
 
-class AlwaysAt(Window):
+class AlwaysAt(WindowPoint):
     """The least of x in the window."""
 
     def __init__(self, term: Always, k: int) -> None:
@@ -258,17 +258,17 @@ class AlwaysAt(Window):
         self.least = math.inf
 
     def take(self, k: int, inside: bool) -> None:
-        """See :class:`Window`."""
+        """See :class:`WindowPoint`."""
         if inside:
             self.taken += 1
             self.least = lesser(self.least, self.operand.value(k))
 
     def value(self) -> float:
-        """See :class:`Window`."""
+        """See :class:`WindowPoint`."""
         return self.least
 
     def bounds(self, unsettled: tuple[int, int, int] | None, more: bool) -> Span:
-        """See :class:`Window`."""
+        """See :class:`WindowPoint`."""
         ends = [self.least, self.least]
         for side in (LOWER, UPPER):
             # no undecided instant is below the least possible value of later ones
@@ -281,7 +281,7 @@ class AlwaysAt(Window):
         return ends[LOWER], ends[UPPER]
 
 
-class UntilAt(Window):
+class UntilAt(WindowPoint):
     """The best witness in the window."""
 
     def __init__(self, term: Until, k: int) -> None:
@@ -290,17 +290,17 @@ class UntilAt(Window):
         self.clamp: Clamp = (math.inf, -math.inf)
 
     def take(self, k: int, inside: bool) -> None:
-        """See :class:`Window`."""
+        """See :class:`WindowPoint`."""
         self.taken += inside
         right = self.until.right.value(k) if inside else -math.inf
         self.clamp = followed_by(self.clamp, (self.until.left.value(k), right))
 
     def value(self) -> float:
-        """See :class:`Window`."""
+        """See :class:`WindowPoint`."""
         return self.clamp[1]
 
     def bounds(self, unsettled: tuple[int, int, int] | None, more: bool) -> Span:
-        """See :class:`Window`."""
+        """See :class:`WindowPoint`."""
         return self._bound(unsettled, more, LOWER), self._bound(unsettled, more, UPPER)
 
     def _bound(self, unsettled: tuple[int, int, int] | None, more: bool, side: int) -> float:

@@ -47,13 +47,13 @@ class Spans:
         (left,), (right,) = self(node.left), self(node.right)
         match node.operator:
             case "<" | "<=":
-                return subtracted(right, left)
+                return subtract(right, left)
             case ">" | ">=":
-                return subtracted(left, right)
+                return subtract(left, right)
             case "==":
-                return negated(absolute(subtracted(left, right)))
+                return negate(absolute(subtract(left, right)))
             case "!=":
-                return absolute(subtracted(left, right))
+                return absolute(subtract(left, right))
 
     def _spans(self, node: f.Value) -> tuple[Span, ...]:
         match node:
@@ -67,11 +67,9 @@ class Spans:
                 known = self.settled(node)
                 return self(node.operand) if known is None else tuple((value, value) for value in known)
             case f.Overshoot():
-                beyond = subtracted(self(node.signal)[0], self(node.reference)[0])
+                beyond = subtract(self(node.signal)[0], self(node.reference)[0])
                 known = self.settled(node)
-                return (
-                    hull(beyond, negated(beyond)) if known is None else multiplied(beyond, (known[0],) * 2),
-                )
+                return (hull(beyond, negate(beyond)) if known is None else multiply(beyond, (known[0],) * 2),)
             case f.Convert():
                 return tuple(
                     (node.conversion(low), node.conversion(high)) for low, high in self(node.operand)
@@ -113,7 +111,7 @@ def hull(*spans: Span) -> Span:
     return min(low for low, _ in spans), max(high for _, high in spans)
 
 
-def negated(x: Span) -> Span:
+def negate(x: Span) -> Span:
     """Return the span of −x."""
     return -x[1], -x[0]
 
@@ -124,23 +122,23 @@ def absolute(x: Span) -> Span:
     return (0.0 if x[0] <= 0 <= x[1] else min(low, high)), max(low, high)
 
 
-def added(x: Span, y: Span) -> Span:
+def add(x: Span, y: Span) -> Span:
     """Return the span of x + y."""
     return x[0] + y[0], x[1] + y[1]
 
 
-def subtracted(x: Span, y: Span) -> Span:
+def subtract(x: Span, y: Span) -> Span:
     """Return the span of x − y."""
-    return added(x, negated(y))
+    return add(x, negate(y))
 
 
-def multiplied(x: Span, y: Span) -> Span:
+def multiply(x: Span, y: Span) -> Span:
     """Return the span of x · y."""
     corners = [a * b for a in x for b in y]
     return ANY if any(map(math.isnan, corners)) else (min(corners), max(corners))
 
 
-def divided(x: Span, y: Span) -> Span:
+def divide(x: Span, y: Span) -> Span:
     """Return the span of x / y."""
     if y[0] <= 0 <= y[1]:
         return ANY
@@ -148,13 +146,13 @@ def divided(x: Span, y: Span) -> Span:
     return ANY if any(map(math.isnan, corners)) else (min(corners), max(corners))
 
 
-def raised(x: Span, exponent: Span) -> Span:
+def power(x: Span, exponent: Span) -> Span:
     """Return the span of x^e; e is a constant from −9 to 9."""
     e = exponent[0]
     if e == 0:
         return 1.0, 1.0
     if e < 0:
-        return divided((1.0, 1.0), raised(x, (-e, -e)))
+        return divide((1.0, 1.0), power(x, (-e, -e)))
     if not e.is_integer():
         return _power(max(x[0], 0.0), e), _power(max(x[1], 0.0), e)
     if e % 2 == 0:
@@ -192,8 +190,8 @@ def _area(x: Span, seconds: float) -> Span:
 
 
 _ARITHMETIC: dict[str, Callable[[Span, Span], Span]] = {
-    "+": added, "-": subtracted, "*": multiplied, "/": divided, "^": raised,
+    "+": add, "-": subtract, "*": multiply, "/": divide, "^": power,
 }  # fmt: skip
 _ELEMENTARY: dict[str, Callable[[Span], Span]] = {
-    "minus": negated, "abs": absolute, "sign": _sign, "sqrt": _root,
+    "minus": negate, "abs": absolute, "sign": _sign, "sqrt": _root,
 }  # fmt: skip

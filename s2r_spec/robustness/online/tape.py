@@ -13,7 +13,7 @@ Reader = Callable[[], int]
 T = TypeVar("T")
 
 
-class Source(Protocol):
+class InstantSource(Protocol):
     """A sequence with a value at the instants 0, 1, 2, …, which become known in this order."""
 
     @property
@@ -39,7 +39,7 @@ class Tape:
         self.readers: list[Reader] = []
 
     def keep(self, reader: Reader) -> None:
-        """See :class:`Source`."""
+        """See :class:`InstantSource`."""
         self.readers.append(reader)
 
     def append(self, value: float) -> None:

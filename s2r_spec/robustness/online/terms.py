@@ -13,11 +13,11 @@ from abc import ABC, abstractmethod
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.robustness.online.clock import Clock
+from s2r_spec.robustness.online.clock import OnlineClock
 from s2r_spec.robustness.online.spans import ANY, Span
 from s2r_spec.robustness.online.tape import Reader, Tape, lesser
-from s2r_spec.robustness.online.values import Component, Number
-from s2r_spec.robustness.ties import rescaled, rescaled_number
+from s2r_spec.robustness.online.values import Component, InstantNumber
+from s2r_spec.robustness.ties import rescale, rescale_number
 
 FloatArray = NDArray[np.float64]
 LOWER, UPPER = 0, 1
@@ -27,7 +27,7 @@ LOWER, UPPER = 0, 1
 class Term(ABC):
     """The robustness of a formula at every instant."""
 
-    def __init__(self, clock: Clock) -> None:
+    def __init__(self, clock: OnlineClock) -> None:
         self.clock = clock
         self.ahead: Span = ANY  # contains ρ at every instant
         self._bounds: dict[tuple[int, int, int], FloatArray] = {}
@@ -44,7 +44,7 @@ class Term(ABC):
 
     @abstractmethod
     def keep(self, reader: Reader) -> None:
-        """See :class:`~s2r_spec.robustness.online.tape.Source`."""
+        """See :class:`~s2r_spec.robustness.online.tape.InstantSource`."""
 
     @abstractmethod
     def value(self, k: int) -> float:
@@ -72,7 +72,7 @@ class Term(ABC):
 class Stored(Term):
     """A term that stores its values."""
 
-    def __init__(self, clock: Clock) -> None:
+    def __init__(self, clock: OnlineClock) -> None:
         super().__init__(clock)
         self.tape = Tape()
         self.followed = False
@@ -126,7 +126,7 @@ class Stored(Term):
 class Leaf(Stored):
     """A predicate, a boolean signal or a constant, without a window of its own."""
 
-    def __init__(self, clock: Clock, number: Number) -> None:
+    def __init__(self, clock: OnlineClock, number: InstantNumber) -> None:
         super().__init__(clock)
         self.number = number
         self.margin: Component = number.parts[0]
@@ -150,7 +150,7 @@ class Leaf(Stored):
 class Negative(Term):
     """−x."""
 
-    def __init__(self, clock: Clock, operand: Term) -> None:
+    def __init__(self, clock: OnlineClock, operand: Term) -> None:
         super().__init__(clock)
         self.operand = operand
 
@@ -183,27 +183,27 @@ class Negative(Term):
 class Scaled(Negative):
     """factor · x, factor > 0."""
 
-    def __init__(self, clock: Clock, operand: Term, factor: float) -> None:
+    def __init__(self, clock: OnlineClock, operand: Term, factor: float) -> None:
         super().__init__(clock, operand)
         self.factor = factor
 
     def value(self, k: int) -> float:
         """See :class:`Term`."""
-        return rescaled_number(self.operand.value(k), self.factor)
+        return rescale_number(self.operand.value(k), self.factor)
 
     def foresee(self) -> None:
         """See :class:`Term`."""
         low, high = self.operand.ahead
-        self.ahead = rescaled_number(low, self.factor), rescaled_number(high, self.factor)
+        self.ahead = rescale_number(low, self.factor), rescale_number(high, self.factor)
 
     def _bound(self, first: int, last: int, side: int) -> FloatArray:
-        return rescaled(self.operand.bound(first, last, side), self.factor)
+        return rescale(self.operand.bound(first, last, side), self.factor)
 
 
 class Least(Stored):
     """The smaller of x and y."""
 
-    def __init__(self, clock: Clock, left: Term, right: Term) -> None:
+    def __init__(self, clock: OnlineClock, left: Term, right: Term) -> None:
         super().__init__(clock)
         self.left, self.right = left, right
 
@@ -226,10 +226,10 @@ class Least(Stored):
         return np.minimum(self.left.bound(first, last, side), self.right.bound(first, last, side))
 
 
-class Step(Term):
+class AdjacentSample(Term):
     """The operand at the next (or previous) sample, −inf where there is none."""
 
-    def __init__(self, clock: Clock, operand: Term, later: bool) -> None:
+    def __init__(self, clock: OnlineClock, operand: Term, later: bool) -> None:
         super().__init__(clock)
         self.operand = operand
         self.shift = 1 if later else -1
@@ -273,7 +273,7 @@ class Step(Term):
 class Rise(Term):
     """min(x now, −x one sample before); −inf at the first sample."""
 
-    def __init__(self, clock: Clock, operand: Term) -> None:
+    def __init__(self, clock: OnlineClock, operand: Term) -> None:
         super().__init__(clock)
         self.operand = operand
 

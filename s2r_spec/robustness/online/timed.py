@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from s2r_spec.base.errors import UsageError
 from s2r_spec.lang.source import Span as Place
 from s2r_spec.robustness.kernels import range_min, range_until, until
-from s2r_spec.robustness.online.clock import Clock, Reach
+from s2r_spec.robustness.online.clock import OnlineClock, Reach
 from s2r_spec.robustness.online.tape import Sliding, lesser
 from s2r_spec.robustness.online.terms import LOWER, UPPER, Stored, Term
 
@@ -27,7 +27,7 @@ class Timed(Stored):
         place: the place of the operator in the text.
     """
 
-    def __init__(self, clock: Clock, reach: Reach, past: bool, place: Place) -> None:
+    def __init__(self, clock: OnlineClock, reach: Reach, past: bool, place: Place) -> None:
         super().__init__(clock)
         self.reach, self.past, self.place = reach, past, place
         self.first = 0  # the oldest instant in the window of the last decided one
@@ -66,7 +66,7 @@ class Timed(Stored):
 class Always(Timed):
     """The least of x in the window; +inf where it is empty."""
 
-    def __init__(self, clock: Clock, operand: Term, reach: Reach, past: bool, place: Place) -> None:
+    def __init__(self, clock: OnlineClock, operand: Term, reach: Reach, past: bool, place: Place) -> None:
         super().__init__(clock, reach, past, place)
         self.operand = operand
         self.least = Sliding(lesser, math.inf, forgets=reach.low > -math.inf)
@@ -131,7 +131,9 @@ def followed_by(first: Clamp, then: Clamp) -> Clamp:
 class Until(Timed):
     """The robustness of the best witness; −inf where the window is empty."""
 
-    def __init__(self, clock: Clock, left: Term, right: Term, reach: Reach, past: bool, place: Place) -> None:
+    def __init__(
+        self, clock: OnlineClock, left: Term, right: Term, reach: Reach, past: bool, place: Place
+    ) -> None:
         super().__init__(clock, reach, past, place)
         self.left, self.right = left, right
         self.witnesses = Sliding[Clamp](
@@ -222,9 +224,9 @@ class Until(Timed):
             self.reach.low == 0 and begin[0] == 0 and end[0] == end[-1]
         ):  # any later instant may be the witness
             return until(left, right, 0, None)[: last - first + 1]
-        found = range_until(left, right, begin, end)[:-1]
-        found = np.where(self.waits(at, side), np.minimum(found, self.left.ahead[side]), found)
-        return found[: last - first + 1]
+        bounds = range_until(left, right, begin, end)[:-1]
+        bounds = np.where(self.waits(at, side), np.minimum(bounds, self.left.ahead[side]), bounds)
+        return bounds[: last - first + 1]
 
     def _pending_since(self, first: int, last: int, side: int) -> FloatArray:
         base = min(int(self._windows(first, last)[0][0]), first)
@@ -234,5 +236,5 @@ class Until(Timed):
         )  # instants before the first one are not needed, so their windows may begin anywhere
         left, right = (operand.bound(base, last, side)[::-1] for operand in (self.left, self.right))
         newest = last - base
-        found = range_until(left, right, newest - end[::-1], newest - begin[::-1])
-        return found[::-1][first - base :]
+        bounds = range_until(left, right, newest - end[::-1], newest - begin[::-1])
+        return bounds[::-1][first - base :]

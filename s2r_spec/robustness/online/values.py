@@ -16,13 +16,13 @@ import numpy as np
 
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.online import history
-from s2r_spec.robustness.online.clock import Clock
-from s2r_spec.robustness.online.tape import Reader, Source, Tape, greater, lesser
+from s2r_spec.robustness.online.clock import OnlineClock
+from s2r_spec.robustness.online.tape import InstantSource, Reader, Tape, greater, lesser
 
 Component = Callable[[int], float]
 
 
-class Condition(Source, Protocol):
+class Condition(InstantSource, Protocol):
     """The robustness of a condition at each instant."""
 
     def value(self, k: int) -> float:
@@ -31,7 +31,7 @@ class Condition(Source, Protocol):
 
 
 @dataclass(frozen=True)
-class Number:
+class InstantNumber:
     """A value, or its components, as functions of the instant.
 
     Args:
@@ -40,19 +40,19 @@ class Number:
     """
 
     parts: tuple[Component, ...]
-    sources: tuple[Source, ...] = ()
+    sources: tuple[InstantSource, ...] = ()
 
-    def end(self, clock: Clock) -> int:
+    def end(self, clock: OnlineClock) -> int:
         """Return the number of instants with a known value."""
         return min((source.end for source in self.sources), default=clock.now + 1)
 
     def keep(self, reader: Reader) -> None:
-        """See :class:`~s2r_spec.robustness.online.tape.Source`."""
+        """See :class:`~s2r_spec.robustness.online.tape.InstantSource`."""
         for source in self.sources:
             source.keep(reader)
 
 
-class Values:
+class NumberBuilder:
     """Makes the numbers of formulas.
 
     Args:
@@ -65,7 +65,7 @@ class Values:
 
     def __init__(
         self,
-        clock: Clock,
+        clock: OnlineClock,
         signals: Mapping[str, Sequence[Tape]],
         params: Mapping[str, float],
         roots: Iterable[f.Formula],
@@ -75,18 +75,18 @@ class Values:
         self.signals = signals
         self.params = params
         self.condition = condition
-        self.done: dict[int, Number] = {}
+        self.done: dict[int, InstantNumber] = {}
         self.firsts: dict[int, tuple[_First, ...]] = {}
         nodes = {id(node): node for root in roots for node in f.walk(root)}
         self.uses = Counter(id(child) for node in nodes.values() for child in f.children(node))
 
-    def __call__(self, node: f.Value) -> Number:
+    def __call__(self, node: f.Value) -> InstantNumber:
         """Return the number of a node."""
         if id(node) not in self.done:
-            found = self._number(node)
+            number = self._number(node)
             if self.uses[id(node)] > 1:  # otherwise shared parts would be computed repeatedly
-                found = Number(tuple(map(_Remembered, found.parts)), found.sources)
-            self.done[id(node)] = found
+                number = InstantNumber(tuple(map(_Remembered, number.parts)), number.sources)
+            self.done[id(node)] = number
         return self.done[id(node)]
 
     def settled(self, node: f.Value) -> Sequence[float] | None:
@@ -95,20 +95,20 @@ class Values:
         values = [first.value for first in firsts if first.value is not None]
         return values if values and len(values) == len(firsts) else None
 
-    def _number(self, node: f.Value) -> Number:
+    def _number(self, node: f.Value) -> InstantNumber:
         match node:
             case f.Number():
-                return Number((_constant(node.value),))
+                return InstantNumber((_constant(node.value),))
             case f.ParamValue():
-                return Number((_constant(self.params[node.name]),))
+                return InstantNumber((_constant(self.params[node.name]),))
             case f.SignalValue():
                 tapes = self.signals[node.name]
                 tapes = tapes if node.index is None else tapes[node.index : node.index + 1]
-                return Number(tuple(tape.value for tape in tapes), tuple(tapes))
+                return InstantNumber(tuple(tape.value for tape in tapes), tuple(tapes))
             case f.Initial():
                 operand = self(node.operand)
                 firsts = self.firsts[id(node)] = tuple(map(_First, operand.parts))
-                return Number(firsts, operand.sources)
+                return InstantNumber(firsts, operand.sources)
             case f.Overshoot():
                 return self._overshoot(node)
             case f.Convert():
@@ -121,23 +121,25 @@ class Values:
                 return self._folded(lesser if node.function == "min" else greater, node.operands)
             case f.Norm():
                 parts = tuple(part for operand in node.operands for part in self(operand).parts)
-                return Number((lambda k: math.sqrt(_squares(parts, k)),), self._sources(*node.operands))
+                return InstantNumber(
+                    (lambda k: math.sqrt(_squares(parts, k)),), self._sources(*node.operands)
+                )
             case f.Choice():
                 return self._choice(node)
             case _:
                 return self._history(node)
 
-    def _sources(self, *nodes: f.Value) -> tuple[Source, ...]:
+    def _sources(self, *nodes: f.Value) -> tuple[InstantSource, ...]:
         return tuple({id(s): s for node in nodes for s in self(node).sources}.values())
 
-    def _each(self, function: Callable[..., float], *nodes: f.Value) -> Number:
+    def _each(self, function: Callable[..., float], *nodes: f.Value) -> InstantNumber:
         """Apply a function of one or two numbers to each component."""
         operands = [self(node).parts for node in nodes]
         width = max(map(len, operands))
-        parts = [_applied(function, [parts[i % len(parts)] for parts in operands]) for i in range(width)]
-        return Number(tuple(parts), self._sources(*nodes))
+        parts = [_apply(function, [parts[i % len(parts)] for parts in operands]) for i in range(width)]
+        return InstantNumber(tuple(parts), self._sources(*nodes))
 
-    def _folded(self, function: Callable[[float, float], float], nodes: Sequence[f.Value]) -> Number:
+    def _folded(self, function: Callable[[float, float], float], nodes: Sequence[f.Value]) -> InstantNumber:
         first, *rest = (self(node).parts[0] for node in nodes)
 
         def value(k: int) -> float:
@@ -146,17 +148,17 @@ class Values:
                 result = function(result, part(k))
             return result
 
-        return Number((value,), self._sources(*nodes))
+        return InstantNumber((value,), self._sources(*nodes))
 
-    def _overshoot(self, node: f.Overshoot) -> Number:
+    def _overshoot(self, node: f.Overshoot) -> InstantNumber:
         signal, reference = self(node.signal).parts[0], self(node.reference).parts[0]
         origin = _constant(0.0) if node.origin is None else self(node.origin).parts[0]
         direction = _First(lambda k: 1.0 if reference(k) >= origin(k) else -1.0)
         self.firsts[id(node)] = (direction,)
         read = (node.signal, node.reference, *(() if node.origin is None else (node.origin,)))
-        return Number((lambda k: (signal(k) - reference(k)) * direction(k),), self._sources(*read))
+        return InstantNumber((lambda k: (signal(k) - reference(k)) * direction(k),), self._sources(*read))
 
-    def _choice(self, node: f.Choice) -> Number:
+    def _choice(self, node: f.Choice) -> InstantNumber:
         condition = self.condition(node.condition)
         left, right = self(node.left).parts, self(node.right).parts
 
@@ -169,11 +171,11 @@ class Values:
 
         width = max(len(left), len(right))
         parts = tuple(chosen(left[i % len(left)], right[i % len(right)]) for i in range(width))
-        return Number(parts, (*self._sources(node.left, node.right), condition))
+        return InstantNumber(parts, (*self._sources(node.left, node.right), condition))
 
-    def _history(self, node: f.Value) -> Number:
+    def _history(self, node: f.Value) -> InstantNumber:
         clock = self.clock
-        made: list[history.Recorded]
+        made: list[history.TapedNumber]
         match node:
             case f.Duration():
                 made = [history.Duration(clock, self.condition(node.operand))]
@@ -193,7 +195,7 @@ class Values:
             case _:
                 raise AssertionError(node)
         clock.streams.extend(made)
-        return Number(tuple(one.tape.value for one in made), tuple(one.tape for one in made))
+        return InstantNumber(tuple(one.tape.value for one in made), tuple(one.tape for one in made))
 
 
 class _First:
@@ -227,7 +229,7 @@ def _constant(value: float) -> Component:
     return lambda k: value
 
 
-def _applied(function: Callable[..., float], parts: Sequence[Component]) -> Component:
+def _apply(function: Callable[..., float], parts: Sequence[Component]) -> Component:
     if len(parts) == 1:
         (part,) = parts
         return lambda k: function(part(k))

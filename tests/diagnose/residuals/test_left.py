@@ -16,7 +16,7 @@ from s2r_spec.diagnose.residuals.left import Remainder, begin, label, ordered, r
 from s2r_spec.diagnose.simulator.axes import lines
 from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.space import key_of
-from s2r_spec.trace import Trace, thinned
+from s2r_spec.trace import Trace, thin
 from tests.errors import states
 
 LINES = [line for line in lines(EmpsBackend().effects()) if line.effect in {"mass", "coulomb", "cable"}]
@@ -170,7 +170,7 @@ def test_a_channel_that_is_not_recorded_or_recorded_more_seldom_hides_no_other(b
 def test_of_a_machine_that_is_recorded_seldom_as_little_is_read_of_the_simulator(bare):
     """A mean of the samples that are there is no mean of what was between them."""
     values = {"coulomb": {"force": 20.0}}
-    seldom = [(test, thinned(trace, 0.1)) for test, trace in rollouts(bare, values)]
+    seldom = [(test, thin(trace, 0.1)) for test, trace in rollouts(bare, values)]
     assert len(seldom[0][1]) == 26
     left = remainders(bare, LINES, seldom, values)
     assert left

@@ -19,12 +19,12 @@ from s2r_spec.lang.units import UnknownUnitError, parse_unit
 from s2r_spec.logs.account import Account
 from s2r_spec.logs.interpret import Loaded
 from s2r_spec.logs.mapping import ANY
-from s2r_spec.logs.times.time_units import bracketed
+from s2r_spec.logs.times.time_units import split_brackets
 from s2r_spec.logs.topics.formats import opener
 from s2r_spec.logs.topics.join import Joining
-from s2r_spec.recordings.episodes import Stretch, cut, part, slack_of
+from s2r_spec.recordings.episodes import EpisodeWindow, find_episodes, slack_of, take_episode
 from s2r_spec.robustness.silence import silences_of
-from s2r_spec.robustness.stream import Stream
+from s2r_spec.robustness.stream import SignalMessages
 from s2r_spec.spec import Spec, parse_spec
 from s2r_spec.trace import Trace
 from s2r_spec.trace.samples import period_of
@@ -40,7 +40,7 @@ _SI = {
 
 
 @dataclass(frozen=True)
-class Source:
+class ParamColumn:
     """The value of a test parameter in a log: that of a column, at a time after the episode's start.
 
     Args:
@@ -52,14 +52,14 @@ class Source:
     at: float
 
 
-def read_sources(texts: Iterable[str]) -> tuple[list[str], dict[str, Source]]:
+def read_sources(texts: Iterable[str]) -> tuple[list[str], dict[str, ParamColumn]]:
     """Return the texts that state a value, and parameter → source of those such as ``vd=/cmd_vel.linear.x@0``.
 
     Raises:
         UsageError: the text after the @ is not a time in seconds, or a parameter has two sources.
     """
     stated: list[str] = []
-    sources: dict[str, Source] = {}
+    sources: dict[str, ParamColumn] = {}
     for text in texts:
         name, _, value = text.partition("=")
         column, mark, at = value.rpartition("@")
@@ -74,7 +74,7 @@ def read_sources(texts: Iterable[str]) -> tuple[list[str], dict[str, Source]]:
             raise UsageError(
                 f"{text}: {at!r} is not a time after the start in seconds; write {name}={column}@0"
             )
-        source = Source(column.strip(), seconds)
+        source = ParamColumn(column.strip(), seconds)
         if sources.setdefault(name.strip(), source) != source:
             raise UsageError(f"{text}: the parameter {name.strip()} has another source, too; give one")
     return stated, sources
@@ -86,7 +86,7 @@ def read_longest(texts: Iterable[str]) -> dict[str, float]:
     Raises:
         UsageError: a text is not of this form, or a signal has two times.
     """
-    found: dict[str, float] = {}
+    longest: dict[str, float] = {}
     for text in texts:
         name, _, value = (part.strip() for part in text.partition("="))
         try:
@@ -95,13 +95,13 @@ def read_longest(texts: Iterable[str]) -> dict[str, float]:
             seconds = math.nan
         if not name or not 0.0 < seconds < math.inf:
             raise UsageError(f"longest={text!r} is not a signal and seconds, such as --longest hit=2")
-        if found.setdefault(name, seconds) != seconds:
-            raise UsageError(f"longest gives {name} twice, {found[name]:g} s and {seconds:g} s; give one")
-    return found
+        if longest.setdefault(name, seconds) != seconds:
+            raise UsageError(f"longest gives {name} twice, {longest[name]:g} s and {seconds:g} s; give one")
+    return longest
 
 
 @dataclass(frozen=True)
-class Excerpts:
+class EpisodeSettings:
     """How a log becomes traces.
 
     Args:
@@ -121,7 +121,7 @@ class Excerpts:
     when: str | None = None
     start: float | None = None
     duration: float | None = None
-    sources: Mapping[str, Source] = field(default_factory=dict)
+    sources: Mapping[str, ParamColumn] = field(default_factory=dict)
     longest: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -142,7 +142,7 @@ class Excerpts:
         """Return how topics are joined; commands are held, because nobody sends a value between two of them."""
         if self.joining is None:
             return None
-        stems = {split[0] for name in self.commands if (split := bracketed(name)) is not None}
+        stems = {split[0] for name in self.commands if (split := split_brackets(name)) is not None}
         return replace(self.joining, held=self.commands | stems)
 
 
@@ -168,7 +168,7 @@ class Episode:
 
 
 @dataclass(frozen=True)
-class Excerpt:
+class LogEpisodes:
     """What a file gives.
 
     Args:
@@ -192,13 +192,13 @@ class Excerpt:
     stated: bool = True
 
 
-def excerpt(
+def read_log_episodes(
     path: Path,
     signals: Mapping[str, Signal],
     wanted: Mapping[str, int | None] | None,
     horizon: float,
-    excerpts: Excerpts,
-) -> Excerpt:
+    settings: EpisodeSettings,
+) -> LogEpisodes:
     """Return the traces of a file.
 
     Args:
@@ -206,69 +206,69 @@ def excerpt(
         signals: the declared signals, for the units in the condition.
         wanted: signal → None for a number, else its width; None for all that the file has.
         horizon: duration that the requirements need [s]; inf if they need the whole rest.
-        excerpts: how they are read.
+        settings: how they are read.
 
     Raises:
         TraceError: the file cannot be read, or has no episode.
         SpecError: the condition is not valid.
         UsageError: the length of an episode is not known.
     """
-    found = logs.load_episodes(
+    loads = logs.load_episodes(
         path,
-        {**{source.column: source.column for source in excerpts.sources.values()}, **excerpts.columns},
-        _read(wanted, excerpts),
-        time_unit=excerpts.time_unit,
+        {**{source.column: source.column for source in settings.sources.values()}, **settings.columns},
+        _channels_to_read(wanted, settings),
+        time_unit=settings.time_unit,
         gather=wanted is None,
-        joining=excerpts.held(),
-        longest=excerpts.longest,
+        joining=settings.held(),
+        longest=settings.longest,
     )
-    spans: list[tuple[Loaded, Stretch | None]] = [(loaded, None) for loaded in found]
+    windows: list[tuple[Loaded, EpisodeWindow | None]] = [(loaded, None) for loaded in loads]
     sentences: list[str] = []
-    if excerpts.cuts:
-        spans, sentences = _cut_file(path, found, signals, excerpts, horizon)
-    kept = _kept(path, found[0].trace, wanted, excerpts)
-    several = excerpts.cuts or len(spans) > 1
+    if settings.cuts:
+        windows, sentences = _file_windows(path, loads, signals, settings, horizon)
+    kept = _kept_channels(path, loads[0].trace, wanted, settings)
+    several = settings.cuts or len(windows) > 1
     episodes = tuple(
-        _episode(f"{path}#{number}" if several else str(path), loaded.trace, span, kept, excerpts)
-        for number, (loaded, span) in enumerate(spans, 1)
+        _episode(f"{path}#{number}" if several else str(path), loaded.trace, window, kept, settings)
+        for number, (loaded, window) in enumerate(windows, 1)
     )
-    notes = dict.fromkeys(note for loaded in found for note in loaded.notes)
+    notes = dict.fromkeys(note for loaded in loads for note in loaded.notes)
     measured = {name: signals[name] for name in kept if name in signals}
-    refuse_unit_in_name(measured, episodes[0].trace.units, excerpts.columns)
-    assumed = no_units(measured, episodes[0].trace.units, excerpts.columns)
-    assumed += [] if opener(path) is None else _assumed(measured, episodes[0], excerpts)
+    refuse_unit_in_name(measured, episodes[0].trace.units, settings.columns)
+    assumed = no_units(measured, episodes[0].trace.units, settings.columns)
+    assumed += [] if opener(path) is None else _assumptions(measured, episodes[0], settings)
     silences = [
         sentence
         for one in episodes
-        for sentence in _silences(one.trace, excerpts, f"in {one.name}, " if several else "")
+        for sentence in _silences(one.trace, settings, f"in {one.name}, " if several else "")
     ]
-    return Excerpt(
+    return LogEpisodes(
         episodes,
         (*notes, *assumed, *sentences),
-        found[0].begins,
+        loads[0].begins,
         tuple(sentences),
-        found[0].left_out,
+        loads[0].left_out,
         tuple(silences),
-        found[0].accounts,
-        all(loaded.stated for loaded in found),
+        loads[0].accounts,
+        all(loaded.stated for loaded in loads),
     )
 
 
-def _cut_file(
+def _file_windows(
     path: Path,
-    found: Sequence[Loaded],
+    loads: Sequence[Loaded],
     signals: Mapping[str, Signal],
-    excerpts: Excerpts,
+    settings: EpisodeSettings,
     horizon: float,
-) -> tuple[list[tuple[Loaded, Stretch | None]], list[str]]:
-    """Return the stretches of a file that are episodes, at least one, and how they were cut."""
+) -> tuple[list[tuple[Loaded, EpisodeWindow | None]], list[str]]:
+    """Return the windows of the episodes in a file, at least one, and how the log was split."""
     try:
-        spans, sentences = _stretches(found, signals, excerpts, horizon)
+        windows, sentences = _load_windows(loads, signals, settings, horizon)
     except TraceError as error:
         raise TraceError(f"{path}: {error}") from None
-    if not spans:
+    if not windows:
         raise TraceError(f"{path}: no complete episode: {'; '.join(dict.fromkeys(sentences))}")
-    return spans, sentences
+    return windows, sentences
 
 
 def no_units(
@@ -287,7 +287,7 @@ def no_units(
         f"its unit, such as --map '{name}={column} [{signals[name].unit}]'"
         for name, column in mapped
         if name in signals and signals[name].unit and name not in units
-        if (split := bracketed(column)) is not None and not split[1].isdigit()
+        if (split := split_brackets(column)) is not None and not split[1].isdigit()
     ]
 
 
@@ -316,21 +316,21 @@ def refuse_unit_in_name(
             )
 
 
-def _assumed(signals: Mapping[str, Signal], episode: Episode, excerpts: Excerpts) -> list[str]:
+def _assumptions(signals: Mapping[str, Signal], episode: Episode, settings: EpisodeSettings) -> list[str]:
     """Return a sentence for each signal without a unit in the log whose declared unit is not that of SI.
 
     Robots' logs are in SI units as a rule (REP 103 of ROS), so that a declaration in degrees is likely to misread them.
     """
-    columns = {name: excerpts.columns.get(name, name) for name in signals}
+    columns = {name: settings.columns.get(name, name) for name in signals}
     return [
         sentence
         for name, column in columns.items()
         if not episode.trace.units.get(name)
-        if (sentence := assumed(column, signals[name].unit, f"--map '{name}={column} [UNIT]'"))
+        if (sentence := assumption(column, signals[name].unit, f"--map '{name}={column} [UNIT]'"))
     ]
 
 
-def assumed(column: str, declared: str, remedy: str) -> str:
+def assumption(column: str, declared: str, remedy: str) -> str:
     """Return a sentence on a column without a unit that is read in a declared unit; "" if this is of SI.
 
     Args:
@@ -351,7 +351,7 @@ def assumed(column: str, declared: str, remedy: str) -> str:
     )
 
 
-def _silences(trace: Trace, excerpts: Excerpts, where: str) -> Iterator[str]:
+def _silences(trace: Trace, settings: EpisodeSettings, where: str) -> Iterator[str]:
     """Yield a sentence for each signal that is silent within an episode; commands are sent at will."""
     whole = trace if trace.origin is None else trace.origin
     start = whole.begin
@@ -359,10 +359,10 @@ def _silences(trace: Trace, excerpts: Excerpts, where: str) -> Iterator[str]:
         every = f"they come every {period_of(whole.times):.3g} s"
         yield from _silence(f"{where}the file", silences_of(whole.times), every)
     for name, one in whole.messages.items():
-        column = excerpts.columns.get(name, name)
-        if column not in excerpts.commands and math.isfinite(one.bridged):
+        column = settings.columns.get(name, name)
+        if column not in settings.commands and math.isfinite(one.bridged):
             until = whole.ends
-            spans = Stream(one, one.values).silences(start, until)
+            spans = SignalMessages(one, one.values).silences(start, until)
             inner = [(start + begin, min(start + end, until)) for begin, end in spans if math.isfinite(begin)]
             yield from _silence(f"{where}{column}", inner, one.rhythm)
 
@@ -377,108 +377,112 @@ def _silence(name: str, spans: Sequence[tuple[float, float]], rhythm: str) -> It
 
 
 def _episode(
-    name: str, trace: Trace, stretch: Stretch | None, kept: Sequence[str], excerpts: Excerpts
+    name: str, trace: Trace, window: EpisodeWindow | None, kept: Sequence[str], settings: EpisodeSettings
 ) -> Episode:
     """Return an episode of a trace, or all of it."""
-    if stretch is None:
-        return Episode(name, trace.only(kept), _values(name, trace, excerpts))
-    one = part(trace, stretch)
-    begins = stretch.begin - trace.begin
-    return Episode(name, one.only(kept), _values(name, one, excerpts), begins)
+    if window is None:
+        return Episode(name, trace.only(kept), _values(name, trace, settings))
+    one = take_episode(trace, window)
+    begins = window.begin - trace.begin
+    return Episode(name, one.only(kept), _values(name, one, settings), begins)
 
 
-def _kept(
-    path: Path, trace: Trace, wanted: Mapping[str, int | None] | None, excerpts: Excerpts
+def _kept_channels(
+    path: Path, trace: Trace, wanted: Mapping[str, int | None] | None, settings: EpisodeSettings
 ) -> tuple[str, ...]:
     """Return the channels of the traces: without those that were read for the test parameters alone."""
     if wanted is not None:
         return tuple(wanted)
     if opener(path) is None:
         return tuple(trace.channels)
-    sources = {source.column for source in excerpts.sources.values()}
-    return tuple(name for name in trace.channels if name in excerpts.columns or name not in sources)
+    sources = {source.column for source in settings.sources.values()}
+    return tuple(name for name in trace.channels if name in settings.columns or name not in sources)
 
 
-def _read(wanted: Mapping[str, int | None] | None, excerpts: Excerpts) -> dict[str, int | None] | None:
+def _channels_to_read(
+    wanted: Mapping[str, int | None] | None, settings: EpisodeSettings
+) -> dict[str, int | None] | None:
     """Return the channels to read, with those of the condition and of the test parameters; None for all."""
     if wanted is None:
         return None
-    others = [*names(excerpts.when or ""), *(source.column for source in excerpts.sources.values())]
+    others = [*names(settings.when or ""), *(source.column for source in settings.sources.values())]
     return {**dict.fromkeys(others, ANY), **wanted}
 
 
-def _stretches(
-    found: Sequence[Loaded], signals: Mapping[str, Signal], excerpts: Excerpts, horizon: float
-) -> tuple[list[tuple[Loaded, Stretch | None]], list[str]]:
+def _load_windows(
+    loads: Sequence[Loaded], signals: Mapping[str, Signal], settings: EpisodeSettings, horizon: float
+) -> tuple[list[tuple[Loaded, EpisodeWindow | None]], list[str]]:
     """Return the episodes of traces, and sentences on how they were cut.
 
     Raises:
         UsageError: the length of an episode is not known.
     """
-    duration = horizon if excerpts.duration is None else excerpts.duration
+    duration = horizon if settings.duration is None else settings.duration
     if math.isinf(duration):
         raise UsageError("the length of an episode is not known; state it, such as --duration 2")
-    stretches: list[tuple[Loaded, Stretch | None]] = []
+    windows: list[tuple[Loaded, EpisodeWindow | None]] = []
     sentences: list[str] = []
-    for loaded in found:
-        episodes, notes = _cut(loaded.trace, signals, excerpts, duration)
-        stretches += [(loaded, episode) for episode in episodes]
+    for loaded in loads:
+        episodes, notes = _trace_windows(loaded.trace, signals, settings, duration)
+        windows += [(loaded, episode) for episode in episodes]
         sentences += notes
-    return stretches, sentences
+    return windows, sentences
 
 
-def _cut(
-    trace: Trace, signals: Mapping[str, Signal], excerpts: Excerpts, duration: float
-) -> tuple[list[Stretch], list[str]]:
+def _trace_windows(
+    trace: Trace, signals: Mapping[str, Signal], settings: EpisodeSettings, duration: float
+) -> tuple[list[EpisodeWindow], list[str]]:
     """Return the episodes of a log, and sentences on how they were cut."""
     if trace.origin is not None:  # an episode begins with the message that makes the condition true
-        found, sentences = _cut(trace.origin, signals, excerpts, duration)
-        return [_sampled(trace, one) for one in found], sentences
-    start = excerpts.start or 0.0
-    if excerpts.when is None:
-        one = _one(trace, start, duration)
+        windows, sentences = _trace_windows(trace.origin, signals, settings, duration)
+        return [_with_samples(trace, one) for one in windows], sentences
+    start = settings.start or 0.0
+    if settings.when is None:
+        one = _single_window(trace, start, duration)
         return ([], _shortfall(trace, start, duration)) if one is None else ([one], [])
-    condition = _condition(trace, signals, excerpts.when)
+    condition = _condition(trace, signals, settings.when)
     named = trace.only(condition.channels(_CONDITION))
     times, truth = _truth(condition, named, trace.begin)
     failure = trace.failure is not None
     until = trace.ends if trace.messages else None
-    episodes = cut(times, truth, duration, trace.begin + start, failure, until)
-    last = len(episodes.spans) - 1
+    episodes = find_episodes(times, truth, duration, trace.begin + start, failure, until)
+    last = len(episodes.ranges) - 1
     return [
-        Stretch(
+        EpisodeWindow(
             float(times[first]),
             math.inf if episodes.failed and number == last else float(times[first]) + duration,
             slice(first, end),
             episodes.failed and number == last,
         )
-        for number, (first, end) in enumerate(episodes.spans)
-    ], episodes.notes(excerpts.when)
+        for number, (first, end) in enumerate(episodes.ranges)
+    ], episodes.notes(settings.when)
 
 
-def _sampled(trace: Trace, stretch: Stretch) -> Stretch:
+def _with_samples(trace: Trace, window: EpisodeWindow) -> EpisodeWindow:
     """Return an episode with the samples of a trace in it."""
-    first, stop = np.searchsorted(trace.times, (stretch.begin, stretch.end + slack_of(trace.times)))
-    return replace(stretch, samples=slice(int(first), max(int(stop), int(first) + 1)))
+    first, stop = np.searchsorted(trace.times, (window.begin, window.end + slack_of(trace.times)))
+    return replace(window, samples=slice(int(first), max(int(stop), int(first) + 1)))
 
 
 def _truth(condition: Spec, trace: Trace, begin: float) -> tuple[FloatArray, BoolArray]:
     """Return (n,) times and whether a condition is true; before the first value of a channel it is not."""
     if trace.messages:
-        found = condition.evaluate(trace, _CONDITION)
-        early = [begin] if begin < found.times[0] else []
-        times = np.concatenate((early, found.times))
-        return times, np.concatenate((np.zeros(len(early), bool), found.truth & found.complete))
+        evaluation = condition.evaluate(trace, _CONDITION)
+        early = [begin] if begin < evaluation.times[0] else []
+        times = np.concatenate((early, evaluation.times))
+        return times, np.concatenate((np.zeros(len(early), bool), evaluation.truth & evaluation.complete))
     truth = np.zeros(len(trace), dtype=bool)
-    first = _known(trace)
+    first = _first_complete(trace)
     if first < len(trace):
-        rest = part(trace, Stretch(float(trace.times[first]), math.inf, slice(first, None), failed=True))
-        found = condition.evaluate(rest, _CONDITION)
-        truth[first:] = found.truth & found.complete
+        rest = take_episode(
+            trace, EpisodeWindow(float(trace.times[first]), math.inf, slice(first, None), failed=True)
+        )
+        evaluation = condition.evaluate(rest, _CONDITION)
+        truth[first:] = evaluation.truth & evaluation.complete
     return trace.times, truth
 
 
-def _known(trace: Trace) -> int:
+def _first_complete(trace: Trace) -> int:
     """Return the number of the first sample that has all channels."""
     known = np.ones(len(trace), dtype=bool)
     for values in trace.channels.values():
@@ -486,7 +490,7 @@ def _known(trace: Trace) -> int:
     return int(np.argmax(known)) if known.any() else len(trace)
 
 
-def _one(trace: Trace, start: float, duration: float) -> Stretch | None:
+def _single_window(trace: Trace, start: float, duration: float) -> EpisodeWindow | None:
     """Return the one episode from a time on; None if the log does not hold it."""
     failed = trace.failure is not None
     first = trace.begin
@@ -494,7 +498,7 @@ def _one(trace: Trace, start: float, duration: float) -> Stretch | None:
         complete = trace.ends >= first + start + duration - 16 * math.ulp(trace.ends)
         ends = first + start + duration if complete else math.inf
         held = complete or (failed and first + start <= trace.ends)
-        return Stretch(first + start, ends, slice(0, 0), not complete) if held else None
+        return EpisodeWindow(first + start, ends, slice(0, 0), not complete) if held else None
     times = trace.times - first
     slack = slack_of(trace.times)
     begin = int(np.searchsorted(times, start - slack))
@@ -503,7 +507,7 @@ def _one(trace: Trace, start: float, duration: float) -> Stretch | None:
     failed = failed and begin < end and not complete
     if not (complete or failed):
         return None
-    return Stretch(float(trace.times[begin]), first + start + duration, slice(begin, end), failed)
+    return EpisodeWindow(float(trace.times[begin]), first + start + duration, slice(begin, end), failed)
 
 
 def _shortfall(trace: Trace, start: float, duration: float) -> list[str]:
@@ -534,7 +538,7 @@ def _shape(trace: Trace, signal: Signal | None, name: str) -> str:
     return width + (f" {{{unit}}}" if unit else "")
 
 
-def _values(name: str, trace: Trace, excerpts: Excerpts) -> dict[str, tuple[float, str]]:
+def _values(name: str, trace: Trace, settings: EpisodeSettings) -> dict[str, tuple[float, str]]:
     """Return the test parameters that the log holds; a trace's times begin with its episode.
 
     Raises:
@@ -544,7 +548,7 @@ def _values(name: str, trace: Trace, excerpts: Excerpts) -> dict[str, tuple[floa
     trace = (
         trace if trace.origin is None else trace.origin
     )  # the messages, rather than those at a clock's stamps
-    for parameter, source in excerpts.sources.items():
+    for parameter, source in settings.sources.items():
         samples = trace[source.column]
         if samples.ndim != 1:
             raise TraceError(
