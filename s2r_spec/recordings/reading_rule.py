@@ -16,7 +16,7 @@ from typing import Any, Protocol, runtime_checkable
 from s2r_spec.backend import Backend
 from s2r_spec.base.json_values import to_json
 
-READING = 2
+READING = 3
 """Definition: the rule of this version. A change of ρ of any recorded log needs the next number."""
 FIRST = 1
 """Definition: the rule of runs on logs whose header has no number."""
