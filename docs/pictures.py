@@ -189,7 +189,7 @@ def first_contact() -> str:
         with suppress(StoppedError):
             s2r.check(spec, name, f"{folder}/first", budget=8, operator=_Consents())
         (run,) = runs_in(Path(folder, "first"))
-        record = Journal.read(run).records[0]
+        record = Journal.read(run).records()[0]
         walked = s2r.read_trace(run / record.trace)
     simulated = s2r.load_backend("sim").rollout(record.params, 0)
     return _recording(
