@@ -16,7 +16,7 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "backends")]
@@ -45,7 +45,9 @@ SMALL, WIDE = (4.2, 3.4), (7.2, 2.7)
 """Sizes [inch]: one of three in a row, and one alone."""
 
 
-def drawing(name: str, alt: str, size: tuple[float, float], paint: Callable[[Figure], None]) -> str:
+def drawing(
+    name: str, alt: str, size: tuple[float, float], paint: Callable[[Figure], None]
+) -> str:
     """Return a figure as a file of its own; see :func:`standalone`."""
     return standalone(canvas.draw(name, alt, size, paint))
 
@@ -54,7 +56,7 @@ def standalone(svg: str) -> str:
     """Return an SVG of a report as a file: with the colours of a light page, on white."""
     css = (ROOT / "s2r_spec" / "report" / "style.css").read_text(encoding="utf-8")
     colours = dict(re.findall(r"(--\w+): (#\w+)", css.partition("@media")[0]))
-    width, height = re.search(r'viewBox="0 0 (\S+) (\S+)"', svg).groups()
+    (width, height), *_ = re.findall(r'viewBox="0 0 (\S+) (\S+)"', svg)
     svg = re.sub(r"var\((--\w+)\)", lambda found: colours[found[1]], svg)
     svg = re.sub(r"(\d\.\d)\d{3,}", r"\1", svg)  # a tenth of a point is enough
     head = f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}pt" height="{height}pt" '
@@ -65,9 +67,14 @@ def standalone(svg: str) -> str:
 # -- three questions: README and index ------------------------------------------------------------
 
 
+def _kept(name: str) -> Any:
+    """Return what a benchmark kept."""
+    return json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))
+
+
 def _named() -> tuple[str, str]:
     """Return the diagnosed machine, and the simulator with the effects that a committed run names there."""
-    kept = json.loads((RESULTS / "twins_diagnose.json").read_text(encoding="utf-8"))["twins"]["ramp"]
+    kept = _kept("twins_diagnose")["twins"]["ramp"]
     values = [
         f"{effect}.{name}={found['estimate']}"
         for effect in kept["set"]
@@ -79,7 +86,9 @@ def _named() -> tuple[str, str]:
 def trot() -> str:
     """Draw one trot of the simulator and of the machine, with the speeds that the requirement forbids."""
     spec, test = s2r.load_spec(TROT), {"vd": -0.2}
-    machine, simulated = (s2r.load_backend(name).rollout(test, 0) for name in ("twin:ramp", "sim"))
+    machine, simulated = (
+        s2r.load_backend(name).rollout(test, 0) for name in ("twin:ramp", "sim")
+    )
     panel = _panel(spec, machine, test, "vx", beside=(simulated,))
 
     def paint(figure: Figure) -> None:
@@ -89,19 +98,24 @@ def trot() -> str:
         axes.set_xlabel("time [s]")
         axes.set_ylabel("vx [m/s], command −0.2")
 
-    return drawing("trot", "A trot's speed over time, in simulator and twin", SMALL, paint)
+    return drawing(
+        "trot", "A trot's speed over time, in simulator and twin", SMALL, paint
+    )
 
 
 def worst() -> str:
     """Draw the certified interval of the worst expected ρ, and the means of separate rollouts."""
-    kept = json.loads((RESULTS / "dense_reference.json").read_text(encoding="utf-8"))
+    kept = _kept("dense_reference")
     lower, upper = (kept["certificate"][end] for end in ("lower", "upper"))
     at = [row["vd"] for row in kept["reference"]]
 
     def paint(figure: Figure) -> None:
         axes = figure.add_subplot()
-        axes.axhspan(lower, upper, color=BAND, alpha=0.22, lw=0, label="certified: the worst mean is here")
-        means, lowest = ([row[key] for row in kept["reference"]] for key in ("mean", "lowest"))
+        label = "certified: the worst mean is here"
+        axes.axhspan(lower, upper, color=BAND, alpha=0.22, lw=0, label=label)
+        means, lowest = (
+            [row[key] for row in kept["reference"]] for key in ("mean", "lowest")
+        )
         axes.vlines(at, lowest, means, color=MUTED, lw=1)
         axes.plot(at, means, "o", color=INK, ms=4, label="means of separate rollouts")
         axes.axhline(0, color=BAD, lw=1.2)
@@ -110,7 +124,9 @@ def worst() -> str:
         axes.set_ylabel("ρ in simulation [m/s]")
         figure.legend(loc="outside upper left")
 
-    return drawing("worst", "ρ over the test space, and the certified worst mean", SMALL, paint)
+    return drawing(
+        "worst", "ρ over the test space, and the certified worst mean", SMALL, paint
+    )
 
 
 def gap() -> str:
@@ -120,19 +136,23 @@ def gap() -> str:
 
     def mean(name: str, vd: float, first: int) -> float:
         backend, test = s2r.load_backend(name), {"vd": float(vd)}
-        seeds = range(first, first + 2)
-        return float(
-            np.mean([spec.robustness(backend.rollout(test, k), params=test)["walking"] for k in seeds])
-        )
+        traces = [backend.rollout(test, seed) for seed in (first, first + 1)]
+        rho = [spec.robustness(one, params=test)["walking"] for one in traces]
+        return float(np.mean(rho))
 
     real = np.array([mean(machine, vd, 100) for vd in space])
-    before, after = (real - [mean(name, vd, 200) for vd in space] for name in ("sim", better))
+    before, after = (
+        real - [mean(name, vd, 200) for vd in space] for name in ("sim", better)
+    )
 
     def paint(figure: Figure) -> None:
         axes = figure.add_subplot()
         axes.vlines(space, before, after, color=MUTED, lw=0.8)
-        axes.plot(space, before, "o", mfc="none", mec=BAD, mew=1.6, ms=7, label="before")
-        axes.plot(space, after, "o", color=GOOD, ms=6, label="after the named effects are added")
+        axes.plot(
+            space, before, "o", mfc="none", mec=BAD, mew=1.6, ms=7, label="before"
+        )
+        label = "after the named effects are added"
+        axes.plot(space, after, "o", color=GOOD, ms=6, label=label)
         axes.axhline(0, color=INK, lw=0.8)
         axes.set_xlabel("vd [m/s]")
         axes.set_ylabel("Δρ, twin:ramp − simulator [m/s]")
@@ -148,24 +168,33 @@ def ten_seconds() -> str:
     """Draw both recorded runs of the page, with the speeds that the requirement forbids."""
     spec = s2r.load_spec(TROT)
     fails, holds = (
-        s2r.read_trace(ROOT / "specs" / "traces" / f"a1_velocity_{name}.csv") for name in ("fails", "holds")
+        s2r.read_trace(ROOT / "specs" / "traces" / f"a1_velocity_{name}.csv")
+        for name in ("fails", "holds")
     )
     return _recording(
-        "ten-seconds", spec, fails, {"vd": 0.3}, "vx", ("the run that fails", "the run that holds", holds)
+        "ten-seconds",
+        spec,
+        fails,
+        {"vd": 0.3},
+        "vx",
+        ("the run that fails", "the run that holds", holds),
     )
 
 
 def first_spec() -> str:
     """Draw the recording of the page, with the forces that the requirement forbids."""
     with _page("first-spec") as folder:
-        spec, trace = s2r.load_spec(folder / "grip.stl"), s2r.read_trace(folder / "grip.csv")
+        spec = s2r.load_spec(folder / "grip.stl")
+        trace = s2r.read_trace(folder / "grip.csv")
     return _recording("first-spec", spec, trace, {"goal": 12.0}, "force", None)
 
 
 def certify_a1() -> str:
     """Draw the band after the sixteen rollouts of the page."""
     with _page("certify-a1") as folder:
-        return _reported(folder, "check specs/a1_velocity.stl --backend sim --budget 16")
+        return _reported(
+            folder, "check specs/a1_velocity.stl --backend sim --budget 16"
+        )
 
 
 def own_backend() -> str:
@@ -193,7 +222,12 @@ def first_contact() -> str:
         walked = s2r.read_trace(run / record.trace)
     simulated = s2r.load_backend("sim").rollout(record.params, 0)
     return _recording(
-        "first-contact", spec, walked, record.params, "vx", ("the twin", "the simulator", simulated)
+        "first-contact",
+        spec,
+        walked,
+        record.params,
+        "vx",
+        ("the twin", "the simulator", simulated),
     )
 
 
@@ -214,7 +248,11 @@ PICTURES: Mapping[str, Callable[[], str]] = {
 
 
 def _panel(
-    spec: s2r.Spec, trace: Trace, test: Mapping[str, float], channel: str, beside: Sequence[Trace]
+    spec: s2r.Spec,
+    trace: Trace,
+    test: Mapping[str, float],
+    channel: str,
+    beside: Sequence[Trace],
 ) -> Panel:
     (requirement,) = spec.formulas
     component = Component(channel)
@@ -249,7 +287,9 @@ def _recording(
         if beside:
             _two_lines(axes, *beside[:2])
 
-    return drawing(name, f"{channel} over time; red is what the requirement forbids", WIDE, paint)
+    return drawing(
+        name, f"{channel} over time; red is what the requirement forbids", WIDE, paint
+    )
 
 
 @contextmanager
@@ -257,7 +297,9 @@ def _page(name: str) -> Iterator[Path]:
     """Write the files of a tutorial into an empty folder."""
     page = (ROOT / "docs" / "tutorials" / f"{name}.md").read_text(encoding="utf-8")
     with tempfile.TemporaryDirectory() as folder:
-        for file, text in re.findall(r"<!-- file: (\S+) -->\n```\w*\n(.*?)```", page, re.S):
+        for file, text in re.findall(
+            r"<!-- file: (\S+) -->\n```\w*\n(.*?)```", page, re.S
+        ):
             Path(folder, file).write_text(text, encoding="utf-8")
         Path(folder, "specs").symlink_to(ROOT / "specs")
         if Path(folder, "pyproject.toml").exists():
@@ -267,8 +309,12 @@ def _page(name: str) -> Iterator[Path]:
 
 def _install(folder: Path) -> None:
     """Write what pip would note of the backend in a folder."""
-    project = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    about = folder / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
+    project = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))[
+        "project"
+    ]
+    about = (
+        folder / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
+    )
     about.mkdir()
     head = f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n"
     (about / "METADATA").write_text(head, encoding="utf-8")
@@ -281,7 +327,8 @@ def _reported(folder: Path, command: str) -> str:
     """Run a command of a page, and return the first picture of its report."""
     _s2r(folder, *command.split(), "--run", "run", "--quiet")
     _s2r(folder, "report", "run")
-    return standalone(re.search(r"<svg .*?</svg>", (folder / "run" / "report.html").read_text(), re.S)[0])
+    page = (folder / "run" / "report.html").read_text(encoding="utf-8")
+    return standalone(re.findall(r"<svg .*?</svg>", page, re.S)[0])
 
 
 def _s2r(folder: Path, *words: str) -> None:
@@ -289,7 +336,10 @@ def _s2r(folder: Path, *words: str) -> None:
     paths = [str(folder), str(ROOT), str(ROOT / "backends")]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
     done = subprocess.run(
-        [sys.executable, "-m", "s2r_spec", *words], cwd=folder, env=environment, check=False
+        [sys.executable, "-m", "s2r_spec", *words],
+        cwd=folder,
+        env=environment,
+        check=False,
     )
     assert done.returncode in (0, 1, 3), done.returncode
 
@@ -317,16 +367,33 @@ class _Consents:
 def _twin(folder: str) -> Iterator[int]:
     """Start the page's twin on a free port; its guard ends with it."""
     os.environ["S2R_A1_RUN"] = folder
-    words = ["-m", "s2r_a1.twin", "--place", "nominal", "--clock", "lockstep", "--port", "0"]
+    words = [
+        "-m",
+        "s2r_a1.twin",
+        "--place",
+        "nominal",
+        "--clock",
+        "lockstep",
+        "--port",
+        "0",
+    ]
     paths = os.pathsep.join((str(ROOT), str(ROOT / "backends")))
     environment = os.environ | {"PYTHONPATH": paths}
-    process = subprocess.Popen([sys.executable, *words], stdout=subprocess.PIPE, text=True, env=environment)
+    process = subprocess.Popen(
+        [sys.executable, *words], stdout=subprocess.PIPE, text=True, env=environment
+    )
     assert process.stdout is not None
     try:
-        yield int(process.stdout.readline().partition("127.0.0.1:")[2].partition(",")[0])
+        yield int(
+            process.stdout.readline().partition("127.0.0.1:")[2].partition(",")[0]
+        )
     finally:
         for word in ("damp", "stop"):
-            subprocess.run([sys.executable, "-m", "s2r_a1.guard", word], env=environment, check=False)
+            subprocess.run(
+                [sys.executable, "-m", "s2r_a1.guard", word],
+                env=environment,
+                check=False,
+            )
         process.terminate()
         process.wait()
 
