@@ -25,6 +25,8 @@ source_suffix = {".md": "markdown", ".ipynb": "markdown"}
 exclude_patterns = ["_build"]
 html_theme = "furo"
 html_title = f"s2r {version}"
+html_static_path = [str(ROOT / "docs" / "static")]
+html_css_files = ["site.css"]
 html_copy_source = False
 html_show_copyright = False
 suppress_warnings = ["config.cache"]
@@ -58,7 +60,11 @@ def _commands() -> str:
     text = get_docs_for_click(obj=group, ctx=context, name="s2r").split("\n", 1)[1]
     for name, command in group.commands.items():  # typer cuts these sentences
         text = re.sub(
-            rf"^\* `{name}`:.*$", f"* [`{name}`](#s2r-{name}): {command.help}", text, count=1, flags=re.M
+            rf"^\* `{name}`:.*$",
+            f"* [`{name}`](#s2r-{name}): {command.help}",
+            text,
+            count=1,
+            flags=re.M,
         )
     return text
 
@@ -77,22 +83,30 @@ def _fill(app: Sphinx, docname: str, source: list[str]) -> None:
         return f"[{found[1]}](path:{found[2]})" if target.is_file() else found[0]
 
     if app.env.doc2path(docname).suffix == ".ipynb":
-        source[0] = documentation.of_notebook(source[0], rich=("image/svg+xml", "text/html"))
+        source[0] = documentation.of_notebook(
+            source[0], rich=("image/svg+xml", "text/html")
+        )
     source[0] = OUTSIDE.sub(link, source[0])
     if COMMANDS in source[0]:
         source[0] = source[0].replace(COMMANDS, _commands())
 
 
-def _bars(app: Sphinx, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
+def _bars(
+    app: Sphinx, what: str, name: str, thing: object, options: object, lines: list[str]
+) -> None:
     """Escape the bars of an absolute value in a docstring, which reStructuredText takes for a substitution."""
     for i, line in enumerate(lines):
         parts = re.split(r"(``.*?``)", line)
-        lines[i] = "".join(part if part.startswith("``") else part.replace("|", r"\|") for part in parts)
+        lines[i] = "".join(
+            part if part.startswith("``") else part.replace("|", r"\|")
+            for part in parts
+        )
 
 
 def setup(app: Sphinx) -> None:
     """Connect what this file adds to Sphinx."""
     app.add_lexer("stl", StlLexer)
-    app.add_lexer("mermaid", TextLexer)  # a diagram is shown as its source: drawing it would take a network
+    # A diagram is shown as its source: drawing it would take a network.
+    app.add_lexer("mermaid", TextLexer)
     app.connect("source-read", _fill)
     app.connect("autodoc-process-docstring", _bars)

@@ -126,6 +126,21 @@ def test_a_cost_without_a_command_is_noticed():
     assert not unfounded(page + "`python -m benchmarks.a1.speed` prints it.\n")
 
 
+def test_every_picture_is_shown_and_is_drawn_by_the_command():
+    pages = [*(path for path in PAGES if path.suffix == ".md"), ROOT / "README.md"]
+    shown = {name for page in pages for name in re.findall(r"pictures/([\w-]+)\.svg", page.read_text())}
+    files = {path.stem: path.stat().st_size for path in (ROOT / "docs" / "pictures").glob("*.svg")}
+    commands = (ROOT / "docs" / "pictures.py").read_text()
+    assert shown == set(files) == set(re.findall(r'^    "([\w-]+)": \w+,$', commands, re.M))
+    assert sum(files.values()) <= 400_000
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_code_fits_the_width_of_the_site(page):
+    for code in re.findall(r"^```(?:python|stl)\n(.*?)^```", documentation.read(page), re.S | re.M):
+        assert max(map(len, code.splitlines())) <= 88, code
+
+
 def test_every_benchmark_that_a_page_names_exists():
     named = {name for page in PAGES for name in re.findall(r"\bbenchmarks/[\w./*]+\w", page.read_text())}
     assert len(named) > 10
