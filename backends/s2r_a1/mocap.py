@@ -223,14 +223,16 @@ def velocity(poses: Poses, placing: Placing, gyro: Gyro, times: FloatArray) -> V
     base = poses.position - attitude @ np.array(placing.position)
     vx, vy = (_slope(poses.times, base[:, axis]) for axis in (0, 1))
     forward, left = np.cos(yaw) * vx + np.sin(yaw) * vy, np.cos(yaw) * vy - np.sin(yaw) * vx
-    seen = Velocity(np.interp(times, own, forward), np.interp(times, own, left), offset, correlation, turned)
-    speed = float(np.hypot(seen.forward, seen.left).max())
+    estimate = Velocity(
+        np.interp(times, own, forward), np.interp(times, own, left), offset, correlation, turned
+    )
+    speed = float(np.hypot(estimate.forward, estimate.left).max())
     if speed > FASTEST:
         raise MocapError(
             f"according to motion capture the robot moves at {speed:.3g} m/s, too fast for an A1: check that it sends "
             "metres and tracks only one body"
         )
-    return seen
+    return estimate
 
 
 def _tracked(poses: Poses) -> Poses:

@@ -130,7 +130,7 @@ def _seen(trace: Trace, walked: Walked, listener: Listener, placing: mocap.Placi
     meta: dict[str, Any] = dict(trace.meta)
     channels = dict(trace.channels)
     try:
-        seen = mocap.velocity(
+        velocity = mocap.velocity(
             listener.poses(), placing, gyro, trace.times - first.tick / RATE + first.clock * second
         )
     except MocapError as error:
@@ -138,11 +138,11 @@ def _seen(trace: Trace, walked: Walked, listener: Listener, placing: mocap.Placi
         channels |= {"vx": nothing, "vy": nothing}
         meta |= {"void": "mocap", "reason": str(error)}
     else:
-        channels |= {"vx": seen.forward, "vy": seen.left}
+        channels |= {"vx": velocity.forward, "vy": velocity.left}
         meta["mocap"] = {
-            "offset": seen.offset,
-            "correlation": seen.correlation,
-            "turned": seen.turned,
+            "offset": velocity.offset,
+            "correlation": velocity.correlation,
+            "turned": velocity.turned,
             "refused": listener.refused,
         }
     return Trace(trace.times, channels, trace.units, meta)

@@ -159,22 +159,22 @@ def _ticks(
     h, carriage, teeth, n = STEP, p.mass - p.motor, RIPPLES * TURN, reference.size
     dry = p.coulomb != 0.0 or p.stribeck != 0.0 or p.screw != 0.0
     late = p.whole > 0 or p.part > 0.0
-    seen, v = start
+    measured, v = start
     positions, speeds, sent = np.empty(n), np.empty(n), np.empty(n)
 
     # Position of the motor, on whose shaft the encoder sits. An elastic joint is in equilibrium at every tick.
-    q = seen - p.wobble * sin(TURN * seen + p.turned)
+    q = measured - p.wobble * sin(TURN * measured + p.turned)
     ql, vl = q, v  # of the carriage; equal to the motor's without play
-    seen -= h * v
+    measured -= h * v
     speed, current, twist = v, 0.0, 0.0
     for k in range(n):
-        before, seen = seen, q + twist + errors[k]
+        before, measured = measured, q + twist + errors[k]
         if p.wobble != 0.0:
-            seen += p.wobble * sin(TURN * q + p.turned)
-        speed += p.smooth * ((seen - before) / h - speed)
-        u = p.speed_gain * (p.position_gain * (reference[k] - seen) - speed) if closed[k] else voltage[k]
+            measured += p.wobble * sin(TURN * q + p.turned)
+        speed += p.smooth * ((measured - before) / h - speed)
+        u = p.speed_gain * (p.position_gain * (reference[k] - measured) - speed) if closed[k] else voltage[k]
         u = p.limit if u > p.limit else -p.limit if u < -p.limit else u
-        positions[k], speeds[k], sent[k] = seen, speed, u
+        positions[k], speeds[k], sent[k] = measured, speed, u
         if late:
             # The voltage is zero until the first command arrives.
             u = sent[k - p.whole] if k >= p.whole else 0.0

@@ -69,8 +69,8 @@ def _force(trace: Trace, physics: Physics) -> FloatArray:
 @lru_cache(maxsize=4)
 def _motion(trace: Trace, physics: Physics) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return (n,) filtered position [m], speed [m/s] and acceleration [m/s²]."""
-    seen = trace["q"]
-    q = _smooth(seen - encoder_error(seen, physics))
+    measured = trace["q"]
+    q = _smooth(measured - encoder_error(measured, physics))
     v = np.gradient(q, 1 / RATE)
     return q, v, np.gradient(v, 1 / RATE)
 

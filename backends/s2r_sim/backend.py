@@ -206,9 +206,9 @@ class SimBackend:
         from s2r_sim.pictures import draw
 
         trace, true = self.rollout(params, seed), replace(self.settings, record="truth")
-        seen = trace if self.settings == true else replace(self, settings=true).rollout(params, seed)
+        true_trace = trace if self.settings == true else replace(self, settings=true).rollout(params, seed)
         settings = self._settings
-        draw(replace(settings, physics=read_test(params).world(settings.physics)), seen, Path(path))
+        draw(replace(settings, physics=read_test(params).world(settings.physics)), true_trace, Path(path))
         return trace
 
     def residuals(self, trace: Trace, params: Mapping[str, float] | None = None) -> Trace:

@@ -38,11 +38,16 @@ def variants(settings: Settings, noise: Noise) -> dict[str, tuple[Settings, Nois
         "more torsion": replace(p, torsion=3.0 * p.torsion),
         "joints that rub less": replace(p, damping=0.2 * p.damping, dry_friction=0.2 * p.dry_friction),
     }
-    found = {name: (replace(settings, physics=changed), noise) for name, changed in physics.items()}
-    found["lighter legs, heavier trunk"] = (replace(settings, robot=_shifted(settings.robot)), noise)
-    found["twice the sensor noise"] = (settings, _louder(noise))
-    found["measured by instruments"] = (settings, replace(noise, **INSTRUMENTS))
-    return found
+    settings_by_name = {
+        name: (replace(settings, physics=changed), noise) for name, changed in physics.items()
+    }
+    settings_by_name["lighter legs, heavier trunk"] = (
+        replace(settings, robot=_shifted(settings.robot)),
+        noise,
+    )
+    settings_by_name["twice the sensor noise"] = (settings, _louder(noise))
+    settings_by_name["measured by instruments"] = (settings, replace(noise, **INSTRUMENTS))
+    return settings_by_name
 
 
 def _shifted(robot: Robot) -> Robot:

@@ -73,9 +73,9 @@ def places_of(folder: Path, requirements: Sequence[str], resume: bool) -> dict[s
     """
     if not resume:
         return layout.places(folder, requirements, None)
-    found = layout.places(folder, requirements, _own(folder, requirements))
-    require_begun([*found.values()], folder)
-    return found
+    places = layout.places(folder, requirements, _own(folder, requirements))
+    require_begun([*places.values()], folder)
+    return places
 
 
 def _own(folder: Path, requirements: Sequence[str]) -> str | None:

@@ -65,11 +65,11 @@ def _list(as_json: bool) -> None:
     from s2r_spec.backend import installed
     from s2r_spec.report.records.backends import BackendsObject
 
-    found = {key: point.value for key, point in installed().items()}
+    classes = {key: point.value for key, point in installed().items()}
     if as_json:
-        print(line(BackendsObject(backends=found)))
+        print(line(BackendsObject(backends=classes)))
         return
-    for key, value in found.items():
+    for key, value in classes.items():
         say(f"{key:12} {value}")
 
 
@@ -128,16 +128,16 @@ def _checked(machine: Backend, as_json: bool) -> int:
     from s2r_spec.report.records.backends import ConformanceObject
     from s2r_spec.testing.conformance import check_conformance
 
-    found = []
+    checks = []
     for check in check_conformance(machine):
-        found.append(check)
+        checks.append(check)
         if not as_json:
             say(f"{'BROKEN' if check.violations else 'ok    '}  {check.requirement}")
             for sentence in check.violations + check.remarks:
                 say(f"        {sentence}")
-    broken = sum(bool(check.violations) for check in found)
+    broken = sum(bool(check.violations) for check in checks)
     if as_json:
-        print(line(ConformanceObject(name=machine.name, promises=tuple(found))))
+        print(line(ConformanceObject(name=machine.name, promises=tuple(checks))))
     else:
-        say(f"{machine.name} keeps {len(found) - broken} of {len(found)} rules")
+        say(f"{machine.name} keeps {len(checks) - broken} of {len(checks)} rules")
     return 1 if broken else 0

@@ -48,14 +48,14 @@ def report(
             writable(output)
         else:
             form = settle(form, as_json, output)
-        runs, found = {Kind.CHECK: _checks, Kind.GAP: _gap, Kind.CERTIFY: _certify}[kind(run)](run)
+        runs, result = {Kind.CHECK: _checks, Kind.GAP: _gap, Kind.CERTIFY: _certify}[kind(run)](run)
         if page:
             path = output or run / "report.html"
             save(path, html.render(runs))
             say(path)
         else:
-            emit(found, form or "text", output, verbose)
-        raise typer.Exit(found.exit_code)
+            emit(result, form or "text", output, verbose)
+        raise typer.Exit(result.exit_code)
 
 
 def _checks(folder: Path) -> tuple[list[Run], Report]:

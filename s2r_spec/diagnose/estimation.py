@@ -121,16 +121,16 @@ def estimate(
         starts.append(Mode(simulator.corrected(problem, theta) if corrections else problem, theta, members))
     errors = _expected(fitted(library, starts, problem.errors(joint.theta, moments(first)[1])))
     modes = fitted(library, starts, errors)
-    found = over_modes(modes)
+    total = over_modes(modes)
     for _ in range(SIMULATED * corrections):
-        row = next((n for n, own in enumerate(found.sets[:SIMULATED]) if not _settled(modes, own)), None)
+        row = next((n for n, own in enumerate(total.sets[:SIMULATED]) if not _settled(modes, own)), None)
         if row is None:
             break
-        members = found.sets[row]
-        theta = modes[members].fit.theta if members in modes else found.mean[row]
+        members = total.sets[row]
+        theta = modes[members].fit.theta if members in modes else total.mean[row]
         modes |= fitted(library, [Mode(simulator.corrected(problem, theta), theta, members)], errors)
-        found = over_modes(modes)
-    return replace(modes[nearest(modes, found.sets[0])], posterior=found)
+        total = over_modes(modes)
+    return replace(modes[nearest(modes, total.sets[0])], posterior=total)
 
 
 def _settled(modes: Mapping[Set, Estimate], members: Set) -> bool:
@@ -195,16 +195,16 @@ class Mode:
 def _joint(library: ResponseLibrary, problem: Problem) -> Fit:
     """Return the more probable of two joint estimates; the second search starts from the first."""
     first = fit(problem)
-    found = [first, fit(problem, search(problem, first.theta))]
-    found = [fit(problem, one.theta, errors=Errors.at(problem, one.theta)) for one in found]
-    if np.abs(found[0].theta - found[1].theta)[problem.prior.causes].max(initial=0.0) < CLOSE:
-        return found[1]
-    sets = [posterior(one.likelihood, one.theta, problem.prior) for one in found]
-    each = [problem.errors(one.theta) for one in found]
+    fits = [first, fit(problem, search(problem, first.theta))]
+    fits = [fit(problem, one.theta, errors=Errors.at(problem, one.theta)) for one in fits]
+    if np.abs(fits[0].theta - fits[1].theta)[problem.prior.causes].max(initial=0.0) < CLOSE:
+        return fits[1]
+    sets = [posterior(one.likelihood, one.theta, problem.prior) for one in fits]
+    each = [problem.errors(one.theta) for one in fits]
     errors = [np.max(same, axis=0) for same in zip(*each, strict=True)]
     modes = [Mode(problem, one.mean[0], one.sets[0]) for one in sets]
     evidence = [fitted(library, [mode], errors)[mode.active].posterior.log_evidence for mode in modes]
-    return found[int(np.argmax(evidence))]
+    return fits[int(np.argmax(evidence))]
 
 
 def with_likely_law(problem: Problem, theta: FloatArray, deviation: FloatArray) -> Problem:
@@ -212,17 +212,17 @@ def with_likely_law(problem: Problem, theta: FloatArray, deviation: FloatArray) 
     laws, evidence = (0.5 * LAW_SHARE, LAW_SHARE), []
     for law in laws:
         own = problem.with_law(law)
-        found = fit(own, theta, errors=Errors.at(own, theta, deviation))
-        sets = posterior(found.likelihood, found.theta, problem.prior)
+        refit = fit(own, theta, errors=Errors.at(own, theta, deviation))
+        sets = posterior(refit.likelihood, refit.theta, problem.prior)
         evidence.append(sets.log_evidence - np.log(sets.probability[0]))
     weight = np.exp(np.array(evidence) - max(evidence))
     return problem.with_law(float(np.sqrt(weight @ np.square(laws) / weight.sum())))
 
 
-def moments(found: ModelPosterior) -> tuple[FloatArray, FloatArray]:
+def moments(posterior: ModelPosterior) -> tuple[FloatArray, FloatArray]:
     """Return (K,) mean and (K,) standard deviation of every size over all sets, before truncation to the ranges."""
-    mean = found.probability @ found.mean
-    square = found.probability @ (found.deviation**2 + (found.mean - mean) ** 2)
+    mean = posterior.probability @ posterior.mean
+    square = posterior.probability @ (posterior.deviation**2 + (posterior.mean - mean) ** 2)
     return mean, np.sqrt(square)
 
 
@@ -252,15 +252,15 @@ def fitted(
         variances: (n_p,) of the responses in u, for every experiment: the same for all modes, so that their evidence
             can be compared.
     """
-    found = {}
+    estimates = {}
     for mode in modes:
         prior = mode.problem.prior
         start = np.clip(mode.theta, prior.low, prior.high)
         own = Errors(variances, np.abs(start), mode.problem.law)
         last = fit(mode.problem, start, prior.deviation(mode.active), own)
         sets = posterior(last.likelihood, last.theta, prior)
-        found[mode.active] = Estimate(library, last, sets, mode.problem)
-    return found
+        estimates[mode.active] = Estimate(library, last, sets, mode.problem)
+    return estimates
 
 
 def over_modes(modes: Mapping[Set, Estimate]) -> ModelPosterior:
@@ -280,20 +280,20 @@ def over_modes(modes: Mapping[Set, Estimate]) -> ModelPosterior:
 
 def squared_difference(one: Estimate, other: Estimate) -> FloatArray:
     """Return (G,) the mean squared difference of two predictions in each group, in u of the first."""
-    found = []
+    squares = []
     pairs = zip(one.problem.observations, other.problem.observations, one.fit.errors.variances, strict=True)
     for first, second, errors in pairs:
         difference = first.residual(one.fit.theta) - second.residual(other.fit.theta)
-        found += [float(((difference / first.unit(errors))[own] ** 2).mean()) for _, own in first.parts]
-    return np.array(found)
+        squares += [float(((difference / first.unit(errors))[own] ** 2).mean()) for _, own in first.parts]
+    return np.array(squares)
 
 
-def rivals(found: Likelihood, sets: ModelPosterior) -> list[tuple[FloatArray, Set]]:
+def rivals(likelihood: Likelihood, sets: ModelPosterior) -> list[tuple[FloatArray, Set]]:
     """Return a start and a set for each rival: one effect of the most probable set, exchanged for a similar one.
 
     Effects are similar if the cosine of their signatures is large in the metric of the likelihood.
     """
-    active, information = sets.sets[0], found.information
+    active, information = sets.sets[0], likelihood.information
     scale = np.sqrt(np.maximum(np.diag(information), 1e-12))
     cosine = np.abs(information / np.outer(scale, scale))
     others = [k for k in sets.prior.causes.tolist() if k not in active]

@@ -110,14 +110,16 @@ def falls(
         return Falls(True)
     # An end that is nominal is no effect.
     ends = [(line, line.coordinate(end)) for line in lines if not line.base for end in (line.low, line.high)]
-    asked = sorted(((line, x) for line, x in ends if x), key=lambda one: abs(one[1]))
-    enough = [one for one, count in zip(asked, ended(asked, early), strict=True) if count == len(early)]
+    candidates = sorted(((line, x) for line, x in ends if x), key=lambda one: abs(one[1]))
+    enough = [
+        one for one, count in zip(candidates, ended(candidates, early), strict=True) if count == len(early)
+    ]
     effects, high = [line for line, _ in enough], np.array([x for _, x in enough])
     low = np.zeros(len(enough))
     for _ in range(HALVINGS if enough else 0):
         middle = 0.5 * (low + high)
-        found = ended([*zip(effects, middle.tolist(), strict=True)], early)
-        low, high = np.where(found < len(early), middle, low), np.where(found < len(early), high, middle)
+        counts = ended([*zip(effects, middle.tolist(), strict=True)], early)
+        low, high = np.where(counts < len(early), middle, low), np.where(counts < len(early), high, middle)
     least = [*zip(effects, high.tolist(), strict=True)]
     culprits = [Culprit(*one, int(count)) for one, count in zip(least, ended(least, stood), strict=True)]
     culprits = [each for each in culprits if 3 * each.others <= len(stood)]

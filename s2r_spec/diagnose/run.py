@@ -132,8 +132,10 @@ def diagnose(
             data = _campaign(work, real, budget, folder, protocols, passive)
         else:
             data = _recordings(work, real, budget, protocols, passive)
-        found = _answer(work, data, where)
-    return replace(found, notes=(*found.notes, *dict.fromkeys(work.cache.said)), spec=spec, real=called)
+        diagnosis = _answer(work, data, where)
+    return replace(
+        diagnosis, notes=(*diagnosis.notes, *dict.fromkeys(work.cache.notes)), spec=spec, real=called
+    )
 
 
 def _refuse_memory(bench: Bench, seed: int) -> None:
@@ -147,13 +149,13 @@ def _refuse_memory(bench: Bench, seed: int) -> None:
     space = bench.spec.space
     test, other = (bench.matched.to_backend(space.point(corner)) for corner in (space.upper, space.lower))
     try:
-        found = check_here(bench.backend, test, other, seed, elsewhere=False)
+        differences = check_here(bench.backend, test, other, seed, elsewhere=False)
     except S2RError:  # it may not run at a corner; the diagnosis names a rollout that it needs
         return
-    if found:
+    if differences:
         raise UsageError(
             f"no diagnosis: {bench.backend.name} is declared as deterministic, but the test {dict(test)} with seed "
-            f"{seed} gives other bits when it is repeated. {found}"
+            f"{seed} gives other bits when it is repeated. {differences}"
         )
 
 
@@ -210,15 +212,15 @@ class _Data:
     ) -> list[Candidate]:
         """Return every experiment of the library, with the number of its runs so far."""
         runs = train.by_experiment(bench)
-        found = []
+        candidates = []
         for one in (response.experiment for response in self.responses.responses):
             able = one in self.allowed and one.protocol not in dropped
             duration = (
                 protocol_of(bench.backend, one.protocol).duration if one.protocol else bench.backend.duration
             )
             test = None if one.protocol else bench.matched.to_spec(dict(one.params))
-            found.append(Candidate(one, duration, able, len(runs.get(one, [])), test))
-        return found
+            candidates.append(Candidate(one, duration, able, len(runs.get(one, [])), test))
+        return candidates
 
 
 def _campaign(
@@ -232,7 +234,7 @@ def _campaign(
     """Run a campaign: a fixed plan, then the experiments that best separate what is open, until nothing is."""
     bench = work.bench
     tests = star(bench.spec.space)
-    runnable, said = allowed(bench.backend, machine, () if passive else protocols)
+    runnable, refusals = allowed(bench.backend, machine, () if passive else protocols)
     fixed = plan(bench, tests, runnable, BUDGET if budget is None else budget, work.seed)
     others = () if passive else _protocols(bench, runnable)
     middle = representative(fixed.tests.values(), bench.spec.space)
@@ -251,7 +253,7 @@ def _campaign(
         work.library([as_experiment(bench, test) for test in middle[:1]])
         progress = work.progress("real rollouts")
         rollouts = campaign(bench, machine, fixed, work.seed, folder=folder, progress=progress)
-        rollouts = replace(rollouts, notes=(*said, *rollouts.notes))
+        rollouts = replace(rollouts, notes=(*refusals, *rollouts.notes))
         return _tested(work, rollouts, others, frozenset(), " at the other tests")
     experiments = [as_experiment(bench, test) for test in tests]
     responses = work.library([*experiments, *others])
@@ -260,14 +262,14 @@ def _campaign(
     )
 
     def choose(train: RealRollouts, dropped: frozenset[str]) -> Experiment | None:
-        found = estimate(bench.backend, responses, train.by_experiment(bench), corrections=0)
-        if not with_status(_sizes(work, found), Status.POSSIBLE):
+        current = estimate(bench.backend, responses, train.by_experiment(bench), corrections=0)
+        if not with_status(_sizes(work, current), Status.POSSIBLE):
             return None
-        best = next_test(found, before.candidates(bench, train, dropped))
+        best = next_test(current, before.candidates(bench, train, dropped))
         return None if best is None else best.candidate.experiment
 
     rollouts = campaign(bench, machine, fixed, work.seed, choose, folder, work.progress("real rollouts"))
-    rollouts = replace(rollouts, notes=(*said, *rollouts.notes))
+    rollouts = replace(rollouts, notes=(*refusals, *rollouts.notes))
     return replace(before, rollouts=rollouts, parts=split(rollouts, work.seed, fixed.held_out))
 
 
@@ -315,9 +317,11 @@ def _protocols(bench: Bench, runnable: Sequence[Experiment]) -> list[Experiment]
     return [*runnable, *(Experiment(protocol.name) for protocol in own if protocol.name not in have)]
 
 
-def _sizes(work: _Work, found: Estimate) -> tuple[EffectEstimate, ...]:
+def _sizes(work: _Work, estimate: Estimate) -> tuple[EffectEstimate, ...]:
     families = {effect.name: effect.family for effect in catalogue_of(work.bench.backend)}
-    return effect_estimates(found.posterior, found.fit.likelihood, found.library.parameters, families)
+    return effect_estimates(
+        estimate.posterior, estimate.fit.likelihood, estimate.library.parameters, families
+    )
 
 
 def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
@@ -333,29 +337,29 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
     tell("where the simulator falls", 0, 0)
     why, alone = falls(bench, lines, tests, nominal, pool), falls_alone(tests, nominal)
     tell("estimating sizes", 0, 0)
-    found = estimate(bench.backend, data.responses, data.train(bench), executor=pool)
-    sizes = _sizes(work, found)
-    tuned = data.responses.values(mean_sizes(found.posterior))
+    fitted = estimate(bench.backend, data.responses, data.train(bench), executor=pool)
+    sizes = _sizes(work, fitted)
+    tuned = data.responses.values(mean_sizes(fitted.posterior))
     patch = {one.effect: one.values for one in with_status(sizes, Status.NAMED)}
     candidates = data.candidates(bench, parts.train)
     columns = {channel.name: channel.columns for channel in bench.backend.channels}
     tell("gap before and after", 0, 0)
     evidence = Evidence(
         sizes,
-        any_cause(found.posterior),
-        separations(found, [one.effect for one in with_status(sizes, Status.POSSIBLE)], candidates),
+        any_cause(fitted.posterior),
+        separations(fitted, [one.effect for one in with_status(sizes, Status.POSSIBLE)], candidates),
         held_out_gap(bench, parts.held_out, parts.train.tests, patch, tuned, nominal, pool),
         compared_at_all_tests(bench, tests, nominal) if tests else None,
-        goodness=goodness_of_fit(found.problem, found.fit, columns=columns),
+        goodness=goodness_of_fit(fitted.problem, fitted.fit, columns=columns),
         left=remainders(bench, lines, used, tuned, seed, pool, work.progress("unexplained motion"), patch),
         findings=odd,
     )
     nothing = with_status(sizes, Status.POSSIBLE) == ()
-    upcoming: NextTest | None = None if nothing else next_test(found, candidates)
+    upcoming: NextTest | None = None if nothing else next_test(fitted, candidates)
     in_use = Used(tests, len(parts.train.tests), len(parts.held_out), ENOUGH)
     lacking = notes(bench, in_use, _idle(data.responses), why, odd, alone)
     return Diagnosis(
-        Which(evidence, by_effects(found.posterior, lines), upcoming),
+        Which(evidence, by_effects(fitted.posterior, lines), upcoming),
         _where(work, used, tuned) if want_where and used else None,
         tuned,
         {

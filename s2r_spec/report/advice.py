@@ -12,18 +12,18 @@ from s2r_spec.report.gap_words import listed, place_words
 from s2r_spec.spec import Spec
 
 
-def next_step(found: Diagnosis, spec: Spec) -> str:
+def next_step(diagnosis: Diagnosis, spec: Spec) -> str:
     """Return the next step for the user."""
-    if found.misread:
-        what = " and ".join(found.misread)
+    if diagnosis.misread:
+        what = " and ".join(diagnosis.misread)
         return (
             f"First check {what} in the recordings (see the notes), and diagnose again. Until then do not trust any "
             f"cause."
         )
-    test = "" if found.which.next_test is None else test_in_words(found.which.next_test, spec)
-    match found.rule:
+    test = "" if diagnosis.which.next_test is None else test_in_words(diagnosis.which.next_test, spec)
+    match diagnosis.rule:
         case Rule.NONE:
-            return _leave(found)
+            return _leave(diagnosis)
         case Rule.SPREAD:
             use = (
                 "Use the simulator with small amounts of all effects (s2r diagnose … --apply FILE --tuned, then "
@@ -31,25 +31,25 @@ def next_step(found: Diagnosis, spec: Spec) -> str:
             )
             return f"{use}. To see whether one cause stands out, {test}." if test else f"{use}."
         case Rule.EFFECT:
-            return _add(found)
+            return _add(diagnosis)
         case Rule.OPEN | Rule.EITHER:
             if test:
                 return f"To settle what is open, {test}."
-            rivals = listed([one.effect for one in found.which.possible], "or")
-            missing = [one.best(allowed=False) for one in found.evidence.separations]
+            rivals = listed([one.effect for one in diagnosis.which.possible], "or")
+            missing = [one.best(allowed=False) for one in diagnosis.evidence.separations]
             words = {experiment_words(one.candidate, spec) for one in missing if one is not None}
             allow = f"Allow {listed(sorted(words), 'or')}, or measure" if words else "Measure"
             return f"{allow} {rivals} directly on the machine: no allowed experiment separates them."
         case _:
             return (
-                f"Look for a cause outside the catalogue{place_words(found.left, found.where)}. Write it as an effect "
-                f"({page('how-to/effects')}).{_wider(found)}"
+                f"Look for a cause outside the catalogue{place_words(diagnosis.left, diagnosis.where)}. Write it as an "
+                f"effect ({page('how-to/effects')}).{_wider(diagnosis)}"
             )
 
 
-def _leave(found: Diagnosis) -> str:
+def _leave(diagnosis: Diagnosis) -> str:
     """Return that the simulator may stay, and what to look for if the motion matters."""
-    unexplained = [str(each) for each in found.left[:1] if each.material]
+    unexplained = [str(each) for each in diagnosis.left[:1] if each.material]
     if unexplained:
         return (
             f"For this requirement, leave the simulator as it is. If the motion itself matters, look for the cause of "
@@ -61,19 +61,19 @@ def _leave(found: Diagnosis) -> str:
     )
 
 
-def _add(found: Diagnosis) -> str:
+def _add(diagnosis: Diagnosis) -> str:
     """Return that the named cause is to be added to the simulator."""
-    if not found.evidence.shows:
+    if not diagnosis.evidence.shows:
         return (
             "For this requirement, leave the simulator as it is. If the motion itself matters, add the named cause "
             "(s2r diagnose … --apply FILE, then --sim patched:FILE)."
         )
     cause, tuned = "the named cause", ""
-    if found.how_far is not None and found.how_far.better_tuned:
+    if diagnosis.how_far is not None and diagnosis.how_far.better_tuned:
         cause, tuned = "the named cause and small amounts of all other effects", " --tuned"
     return (
         f"Add {cause} to the simulator (s2r diagnose … --apply FILE{tuned}, then --sim patched:FILE). "
-        f"Bound the remaining gap with s2r gap on fresh rollouts.{_wider(found)}"
+        f"Bound the remaining gap with s2r gap on fresh rollouts.{_wider(diagnosis)}"
     )
 
 
@@ -107,7 +107,7 @@ def settled_words(one: Separation | None, spec: Spec) -> str:
     return f"no allowed experiment would {tells}; {words}"
 
 
-def _wider(found: Diagnosis) -> str:
+def _wider(diagnosis: Diagnosis) -> str:
     """Return the advice on values at the end of their ranges; "" if there are none."""
-    ends = listed(found.evidence.at_end)
+    ends = listed(diagnosis.evidence.at_end)
     return f" Or widen the range of {ends}, if the machine can have larger values." if ends else ""

@@ -31,24 +31,24 @@ class Bar:
     tone: str = ""
 
 
-def render(found: Diagnosis, spec: Spec, real: str = "") -> str:
+def render(diagnosis: Diagnosis, spec: Spec, real: str = "") -> str:
     """Return the page: the same bytes for the same diagnosis.
 
     Args:
-        found: the diagnosis.
+        diagnosis: the diagnosis.
         spec: specification of the diagnosed requirement.
         real: name of the real machine, ``twin:lab``; "" for rollouts without a name.
 
     Raises:
         UsageError: a package is missing.
     """
-    words, where, far = describe(found, spec), found.where, found.how_far
+    words, where, far = describe(diagnosis, spec), diagnosis.where, diagnosis.how_far
     return fill(
         "diagnosis.html",
-        found=found,
+        diagnosis=diagnosis,
         words=words,
-        about=about(found.provenance, spec, real),
-        reason=unbroken(found.reason),
+        about=about(diagnosis.provenance, spec, real),
+        reason=unbroken(diagnosis.reason),
         next=unbroken(words.next),
         bars=on_a_line(words.sizes),
         space=space(where, far),
@@ -58,9 +58,9 @@ def render(found: Diagnosis, spec: Spec, real: str = "") -> str:
         formula_unit="" if where is None else where.pair.unit,
         body=body(where),
         shifts=shifts(where),
-        sources=flat(found.provenance),
+        sources=flat(diagnosis.provenance),
         spec_text=spec.text,
-        version=str(found.provenance.get("s2r", "")),
+        version=str(diagnosis.provenance.get("s2r", "")),
     )
 
 
@@ -138,10 +138,10 @@ def shifts(where: Where | None) -> list[tuple[str, str, str]]:
     """Return the place, the residual with its size, and the adjusted p-value of every significant shift."""
     if where is None or where.body is None:
         return []
-    found = where.body
+    body = where.body
     return [
-        (str(found.place(part, shift)), amount(shift), f"p = {shift.adjusted:.1g}, adjusted for all tests")
-        for part in found.shifted
+        (str(body.place(part, shift)), amount(shift), f"p = {shift.adjusted:.1g}, adjusted for all tests")
+        for part in body.shifted
         for shift in part.shifts
     ]
 

@@ -34,7 +34,7 @@ def monitor_file(request: Request, path: Path, conventions: Conventions) -> list
     for one in read_spec_traces(request, path):
         how = replace(conventions, stated=one.stated)
         with named(path):
-            found = monitor_trace(request.spec, one.trace, request.requirements, one.params, how)
+            monitored = monitor_trace(request.spec, one.trace, request.requirements, one.params, how)
         results.append(
             MonitoredTrace(
                 trace=one.name,
@@ -42,7 +42,7 @@ def monitor_file(request: Request, path: Path, conventions: Conventions) -> list
                 from_trace=tuple(sorted(one.taken)),
                 notes=one.notes,
                 accounts=one.accounts,
-                requirements=tuple(map(_requirement, found)),
+                requirements=tuple(map(_requirement, monitored)),
             )
         )
     return results
@@ -64,15 +64,17 @@ def monitor_record(
     )
 
 
-def _requirement(found: Monitored) -> MonitoredKind:
-    sampling = None if found.sampled is None else Sampling(**vars(found.sampled))
-    if found.reason is None:
+def _requirement(monitored: Monitored) -> MonitoredKind:
+    sampling = None if monitored.sampled is None else Sampling(**vars(monitored.sampled))
+    if monitored.reason is None:
         assert sampling is not None
-        return extended(UnknownRequirement, sampling, requirement=found.requirement, text=found.text)
-    verdict = Verdict.of(found.satisfied).value
+        return extended(UnknownRequirement, sampling, requirement=monitored.requirement, text=monitored.text)
+    verdict = Verdict.of(monitored.satisfied).value
     if sampling is None:
-        return extended(FailedRequirement, found.reason, verdict=verdict, text=found.text)
-    return extended(MonitoredRequirement, found.reason, verdict=verdict, text=found.text, **vars(sampling))
+        return extended(FailedRequirement, monitored.reason, verdict=verdict, text=monitored.text)
+    return extended(
+        MonitoredRequirement, monitored.reason, verdict=verdict, text=monitored.text, **vars(sampling)
+    )
 
 
 def change_record(spec: Spec, change: Change) -> ChangeObject:

@@ -160,10 +160,10 @@ def recompute_gap(folder: Path, simulated: Search | None = None) -> RecomputedGa
 
     def outcomes(query: Query) -> list[float]:
         keys = [(query.index, replicate) for replicate in range(query.replicates)]
-        found = [every[key] for key in keys if key in every]
-        for pair in found:
+        pairs = [every[key] for key in keys if key in every]
+        for pair in pairs:
             _asked(query, pair.query, pair.replicate, pair.params, folder)
-        return [pair.simulated - pair.real for pair in found]
+        return [pair.simulated - pair.real for pair in pairs]
 
     if "recorded" in header:
         tests: dict[int, tuple[dict[str, float], list[float]]] = {}
@@ -249,8 +249,8 @@ def _replay(spec: Spec, journal: Journal) -> tuple[Search, list[Certificate]]:
         return search, [search.certificate()]
 
     def outcomes(query: Query) -> list[float]:
-        found = [journal.get(query.index, replicate) for replicate in range(query.replicates)]
-        records = [record for record in found if record is not None]
+        stored = [journal.get(query.index, replicate) for replicate in range(query.replicates)]
+        records = [record for record in stored if record is not None]
         for record in records:
             _asked(query, record.query, record.replicate, record.params, journal.folder)
         return [-record.rho for record in records]
@@ -264,10 +264,10 @@ def _tell(
     """Pass each complete batch of outcomes to a search; return its certificate after each."""
     history: list[Certificate] = []
     while queries := following(search, on_disk):
-        found = [outcomes(query) for query in queries]
-        if any(len(values) < query.replicates for query, values in zip(queries, found, strict=True)):
+        batch = [outcomes(query) for query in queries]
+        if any(len(values) < query.replicates for query, values in zip(queries, batch, strict=True)):
             break
-        for query, values in zip(queries, found, strict=True):
+        for query, values in zip(queries, batch, strict=True):
             search.tell(query, values)
         history.append(search.certificate())
     return history

@@ -30,9 +30,9 @@ _FILES = {
 }  # fmt: skip
 
 _RUNS: dict[str, Callable[[Any], str | Path]] = {
-    "s2r.check/1": lambda found: found["results"][0]["folder"],
-    "s2r.gap/1": lambda found: found["folder"],
-    "s2r.certify/1": lambda found: Path(found["simulation"]["folder"]).parent,
+    "s2r.check/1": lambda saved: saved["results"][0]["folder"],
+    "s2r.gap/1": lambda saved: saved["folder"],
+    "s2r.certify/1": lambda saved: Path(saved["simulation"]["folder"]).parent,
 }
 """Schema of a saved result → the folder of its run."""
 
@@ -71,10 +71,10 @@ def table(result: Known) -> str:
     """Return a table for a notebook: verdict, bounds and effort, and the assumptions to unfold."""
     if isinstance(result, Diagnosis):
         return html_table(line(result), (), _diagnosed(result)) + _folded("This assumes", result.assumptions)
-    found = _finding(result)
-    rows = [("", found.reason), *found.facts, ("run", found.provenance)]
-    return html_table(f"{found.name}: {found.word} ({found.about})", (), rows) + "".join(
-        _folded(title, lines) for title, lines in found.sections
+    finding = _finding(result)
+    rows = [("", finding.reason), *finding.facts, ("run", finding.provenance)]
+    return html_table(f"{finding.name}: {finding.word} ({finding.about})", (), rows) + "".join(
+        _folded(title, lines) for title, lines in finding.sections
     )
 
 
@@ -102,8 +102,8 @@ def _diagnosed(result: Diagnosis) -> list[tuple[str, str]]:
 
 
 def _finding(result: Certified) -> Finding:
-    (found,) = _report(result).findings
-    return found
+    (finding,) = _report(result).findings
+    return finding
 
 
 def _report(result: Certified) -> Report:
@@ -193,10 +193,10 @@ def _folder_in(file: Path) -> Path:
         UsageError: the file is not a saved result, or the folder is gone.
     """
     try:
-        found = json.loads(file.read_text(encoding="utf-8"))
-        if found["schema"].startswith("s2r/diagnosis/"):
+        contents = json.loads(file.read_text(encoding="utf-8"))
+        if contents["schema"].startswith("s2r/diagnosis/"):
             raise UsageError(f"{file} is a diagnosis; read it as plain values: json.loads(path.read_text())")
-        folder = Path(_RUNS[found["schema"]](found))
+        folder = Path(_RUNS[contents["schema"]](contents))
     except (OSError, ValueError, LookupError, TypeError):
         raise UsageError(f"{file} is not a saved result") from None
     if not folder.is_dir():

@@ -58,7 +58,7 @@ class Scorer:
         Raises:
             UsageError: they do not fit together, or no ρ is declared for a fall.
         """
-        name, found = opened(backend, _horizon(spec, requirement) if duration is None else duration)
+        name, system = opened(backend, _horizon(spec, requirement) if duration is None else duration)
         settings = spec.certify.get(requirement)
         if settings is None or settings.fall is None:
             raise UsageError(
@@ -67,12 +67,12 @@ class Scorer:
             )
 
         robustness = _robustness(spec, requirement)
-        if isinstance(found, NeedsSpec):
-            found = found.for_spec(needs_of(spec, requirement, robustness))
-            assert isinstance(found, Backend)
-        matched = check_compatibility(spec, requirement, found)
-        passed = None if isinstance(backend, str) else passing(found)
-        return cls(name, found, robustness, settings.fall, matched.to_backend, matched.channels, passed)
+        if isinstance(system, NeedsSpec):
+            system = system.for_spec(needs_of(spec, requirement, robustness))
+            assert isinstance(system, Backend)
+        matched = check_compatibility(spec, requirement, system)
+        passed = None if isinstance(backend, str) else passing(system)
+        return cls(name, system, robustness, settings.fall, matched.to_backend, matched.channels, passed)
 
     def task(self, query: int, replicate: int, point: Mapping[str, float], seed: int) -> Task:
         """Return the task of one rollout at a test point."""
@@ -121,11 +121,11 @@ def opened(backend: str | Backend, duration: float | None) -> tuple[str, Backend
 
 def as_needed(spec: Spec, requirement: str, backend: Backend) -> Backend:
     """Return a backend with the duration, the channels and the parameters that a requirement needs of it."""
-    _, found = opened(backend, _horizon(spec, requirement))
-    if isinstance(found, NeedsSpec):
-        found = found.for_spec(needs_of(spec, requirement, _robustness(spec, requirement)))
-        assert isinstance(found, Backend)
-    return found
+    _, system = opened(backend, _horizon(spec, requirement))
+    if isinstance(system, NeedsSpec):
+        system = system.for_spec(needs_of(spec, requirement, _robustness(spec, requirement)))
+        assert isinstance(system, Backend)
+    return system
 
 
 def _horizon(spec: Spec, requirement: str) -> float | None:

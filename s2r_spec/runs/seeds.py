@@ -30,19 +30,19 @@ def rollout_seed(seed: int, query: int, replicate: int, stream: Stream = Stream.
     return int(np.random.SeedSequence(seed, spawn_key=key).generate_state(1, np.uint64)[0])
 
 
-def inherited(folder: Path, recorded: int, given: int | None) -> int:
+def inherited(folder: Path, recorded: int, seed: int | None) -> int:
     """Return the seed of a run that is resumed.
 
     Args:
         folder: the folder of the run.
         recorded: the seed that it began with.
-        given: the seed that the user gave; None if none.
+        seed: the seed that the user gave; None if none.
 
     Raises:
         UsageError: they differ.
     """
-    if given not in (None, recorded):
+    if seed not in (None, recorded):
         raise UsageError(
-            f"the run in {folder} has the seed {recorded}, not {given}; leave out the seed, or begin a new run"
+            f"the run in {folder} has the seed {recorded}, not {seed}; leave out the seed, or begin a new run"
         )
     return recorded

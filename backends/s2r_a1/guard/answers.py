@@ -301,10 +301,8 @@ def clockless(guard: Guard) -> str:
     refusal = guard.link.refusal or ""
     if not guard.loopback:
         return refusal
-    seen, _, _ = refusal.partition(";")
-    return (
-        f"{seen}; if this machine is too busy for a twin in real time, use clock=lockstep for guard and twin"
-    )
+    problem, _, _ = refusal.partition(";")
+    return f"{problem}; if this machine is too busy for a twin in real time, use clock=lockstep for guard and twin"
 
 
 _MOTIONS = frozenset({"halt", "lie", "damp"})

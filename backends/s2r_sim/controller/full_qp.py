@@ -39,10 +39,12 @@ class FullQP:
         P, c = self._cost(body, task)
         lower, upper = self._row_bounds(body, task)
         x_l, x_u = self._force_bounds(task)
-        found = self._solver.solve({}, P=P, c=c, A=A, b=b, G=self._G, h_l=lower, h_u=upper, x_l=x_l, x_u=x_u)
-        if found is None:
+        optimum = self._solver.solve(
+            {}, P=P, c=c, A=A, b=b, G=self._G, h_l=lower, h_u=upper, x_l=x_l, x_u=x_u
+        )
+        if optimum is None:
             return None
-        x, iterations = found
+        x, iterations = optimum
         return Solution(x[18:], self._G[16:] @ x + body.bias[6:], x[:6], iterations)
 
     def _laws_of_motion(self, body: RigidBody, task: Task) -> tuple[FloatArray, FloatArray]:

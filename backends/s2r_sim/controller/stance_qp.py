@@ -56,18 +56,18 @@ class StanceQP:
         problem = self._problems[task.stance]
         freely, within_limits = self._solvers[problem.feet]
         problem.condense(body, task)
-        found = freely.solve(problem.friction, P=problem.P, c=problem.c)
-        if found is None:
+        optimum = freely.solve(problem.friction, P=problem.P, c=problem.c)
+        if optimum is None:
             return None
-        solution = problem.solution(body, *found)
+        solution = problem.solution(body, *optimum)
         torque = solution.torque.tolist()
         if -self._torque_limit <= min(torque) and max(torque) <= self._torque_limit:
             return solution
         rows = problem.with_torque_rows(body, self._torque_limit)
-        found = within_limits.solve(problem.bounds, P=problem.P, c=problem.c, **rows)
-        if found is None:
+        optimum = within_limits.solve(problem.bounds, P=problem.P, c=problem.c, **rows)
+        if optimum is None:
             return None
-        return problem.solution(body, found[0], solution.iterations + found[1])
+        return problem.solution(body, optimum[0], solution.iterations + optimum[1])
 
 
 class _Problem:

@@ -83,8 +83,8 @@ class _Residual:
 
     def possible(self, trace: Trace) -> bool:
         """Whether the trace has all that is needed."""
-        given = {*trace.channels, *(("stance",) if self.by_gains and PROTOCOL in trace.meta else ())}
-        return given.issuperset(self.needs)
+        channels = {*trace.channels, *(("stance",) if self.by_gains and PROTOCOL in trace.meta else ())}
+        return channels.issuperset(self.needs)
 
 
 def residuals(

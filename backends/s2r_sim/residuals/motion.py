@@ -83,8 +83,8 @@ class Recorded:
         """(n − 1, 4, 3) velocity of the ball centres, base axes [m/s]: measured from outside, else from the joints."""
         if "foot_velocity" not in self.trace.channels:
             return self._foot_speed_by_joints
-        seen = self.mid("foot_velocity").reshape(-1, 4, 3)
-        speed: FloatArray = np.einsum("nji,nkj->nki", self.attitude, seen)
+        measured = self.mid("foot_velocity").reshape(-1, 4, 3)
+        speed: FloatArray = np.einsum("nji,nkj->nki", self.attitude, measured)
         return (
             speed
             if np.isfinite(speed).all()

@@ -159,15 +159,15 @@ class Motion:
         """(n − 1, 12) torque that the motors should report [N m], with latency and limits."""
         log = self.recorded
         kp, kd = self._joint_gains
-        asked, given = log.at("tau_cmd"), self._given
+        commanded, tick = log.at("tau_cmd"), self._given
         low, high = self._limits
         # The motors report the last step of a tick: its law, with the joints of that step.
-        law, last = given[:, -1], (given.shape[1] - 1) / given.shape[1]
+        law, last = tick[:, -1], (tick.shape[1] - 1) / tick.shape[1]
         moved, turned = (
             log.at(name) + last * np.diff(log.trace[name], axis=0) - log.at(name)[law] for name in ("q", "dq")
         )
         torque: FloatArray = self.strength[:, None] * np.clip(
-            asked[law] - kp[law] * moved - kd[law] * turned, low, high
+            commanded[law] - kp[law] * moved - kd[law] * turned, low, high
         )
         return torque
 
@@ -234,8 +234,8 @@ class Motion:
         # A misaligned IMU counts a part of gravity as acceleration, until leg odometry corrects the estimate.
         leak = GRAVITY * BLEND * np.array([np.sin(pitch), -np.sin(roll)])
         true = np.column_stack([log.at(name) for name in ("vx", "vy")])
-        seen: FloatArray = world.velocity_scale * (true + leak) + np.array(world.velocity_bias)
-        return seen
+        estimate: FloatArray = world.velocity_scale * (true + leak) + np.array(world.velocity_bias)
+        return estimate
 
     @cached_property
     def grips(self) -> FloatArray:

@@ -88,12 +88,12 @@ def as_outcomes(outcomes: ArrayLike, what: str) -> FloatArray:
             f"the outcomes of {what} are {np.asarray(outcomes).dtype}: a certificate needs float64"
         )
     try:
-        given = np.asarray(outcomes)
+        array = np.asarray(outcomes)
     except Exception as error:  # rows of different lengths, or an array on a device
         raise UsageError(f"the outcomes of {what} are not a list of numbers: {error}") from None
-    if given.dtype.kind not in "biuf":
+    if array.dtype.kind not in "biuf":
         raise UsageError(f"the outcomes of {what} are {outcomes!r:.60}; they must be a list of numbers")
-    values = np.atleast_1d(given.astype(np.float64))
+    values = np.atleast_1d(array.astype(np.float64))
     if values.ndim != 1:
         raise UsageError(f"the outcomes of {what} have shape {values.shape}; they must be a list of numbers")
     if not np.isfinite(values).all():

@@ -183,9 +183,9 @@ class CheckResult(Result, Shown):
     @property
     def worst_expected_robustness(self) -> WorstExpectedRobustness:
         """The bounds."""
-        found = self.certificate
+        certificate = self.certificate
         bounds = self.lower, self.upper, self.unit
-        return WorstExpectedRobustness(*bounds, found.epsilon, 1 - found.delta, found.delta)
+        return WorstExpectedRobustness(*bounds, certificate.epsilon, 1 - certificate.delta, certificate.delta)
 
     @property
     def search(self) -> RobustnessSearch:

@@ -217,9 +217,9 @@ class GapResult(Result, Shown):
     @property
     def worst_expected_gap(self) -> WorstExpectedGap:
         """The bounds at the worst test."""
-        found = self.certificate
-        delta = found.delta if found.label.bounds else None
-        return WorstExpectedGap(self.lower, self.upper, self.unit, found.epsilon, delta)
+        certificate = self.certificate
+        delta = certificate.delta if certificate.label.bounds else None
+        return WorstExpectedGap(self.lower, self.upper, self.unit, certificate.epsilon, delta)
 
     @property
     def band(self) -> Band:

@@ -29,12 +29,12 @@ UNFINISHED = "unfinished"
 
 def machine_fields(scorer: Scorer, void: str) -> dict[str, Any]:
     """Return the header fields of a backend beyond its name and hash: of logs and machines, and assumptions."""
-    found: dict[str, Any] = reading_rule.header_fields(scorer.backend)
+    fields: dict[str, Any] = reading_rule.header_fields(scorer.backend)
     if assumptions := (*assumptions_of(scorer.backend), *unchecked(scorer.backend, scorer.passed)):
-        found["assumptions"] = list(assumptions)
+        fields["assumptions"] = list(assumptions)
     if is_exclusive(scorer.backend):
-        found["void"] = void
-    return found
+        fields["void"] = void
+    return fields
 
 
 def is_machine(header: Mapping[str, Any]) -> bool:

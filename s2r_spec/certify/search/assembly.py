@@ -22,14 +22,14 @@ RULES = {
 def certificate(state: State) -> Certificate:
     """Return the certificate from the outcomes so far; valid at any time."""
     settings, confidence, outcomes = state.settings, state.confidence, state.outcomes
-    found, reason = label(state)
+    outcome, reason = label(state)
     ladder = confidence.ladder
     return Certificate(
         lower=ladder[0].lower,
         upper=ladder[0].upper,
         delta=settings.delta,
         target=settings.epsilon,
-        label=found,
+        label=outcome,
         reason=reason,
         worst=settings.space.point(confidence.points[int(confidence.bounds.lower[0].argmax())]),
         rollouts=outcomes.rollouts,

@@ -215,10 +215,10 @@ def _reached(settings: SearchSettings, budget: int, count: Callable[[SearchSetti
         other = min(largest, x - excess / slope)
         if abs(other - x) < CLOSE:
             return math.exp(other)
-        found = math.log(count(replace(settings, epsilon=math.exp(other))) / budget)
+        log_ratio = math.log(count(replace(settings, epsilon=math.exp(other))) / budget)
         # More parameters make the rollouts fall faster than the square as ε grows.
-        slope = min(-1.0, (found - excess) / (other - x))
-        x, excess = other, found
+        slope = min(-1.0, (log_ratio - excess) / (other - x))
+        x, excess = other, log_ratio
     return math.exp(x)
 
 

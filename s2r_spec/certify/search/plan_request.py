@@ -122,12 +122,12 @@ def plan(of: Spec | Space, *, progress: Progress | None = None, **keywords: Unpa
     Raises:
         UsageError: a setting is missing or out of its range, or no rollouts could give a certificate.
     """
-    found = plan_request(of, PlanOptions(**keywords))
-    if isinstance(found, Pilot):
+    request = plan_request(of, PlanOptions(**keywords))
+    if isinstance(request, Pilot):
         raise UsageError(
             "a plan needs epsilon, delta and B beside the pilot's R; declare them in a certify line"
         )
-    return found.plan(progress)
+    return request.plan(progress)
 
 
 def plan_request(of: Spec | Space, options: PlanOptions) -> PlanRequest | Pilot:
@@ -201,14 +201,14 @@ def rollouts_in(time: str | None, seconds: float | None) -> tuple[int, ...]:
         return ()
     if not seconds:
         raise UsageError("--time needs a --backend that declares its cost")
-    found = re.fullmatch(r"\s*([0-9]+(?:\.[0-9]*)?)\s*([a-zA-Z]*)\s*", time)
+    match = re.fullmatch(r"\s*([0-9]+(?:\.[0-9]*)?)\s*([a-zA-Z]*)\s*", time)
     try:
-        unit, of = parse_unit(found[2] or "s") if found else None, parse_unit("s")
+        unit, of = parse_unit(match[2] or "s") if match else None, parse_unit("s")
     except UnknownUnitError:
         unit = None
-    if found is None or unit is None or not unit.fits(of):
+    if match is None or unit is None or not unit.fits(of):
         raise UsageError(f"--time {time} is not a time such as 30min or 1.5h")
-    rollouts = int(unit.to(of)(float(found[1])) / seconds + 1e-9)
+    rollouts = int(unit.to(of)(float(match[1])) / seconds + 1e-9)
     if rollouts < FEWEST:
         raise UsageError(
             f"--time {time} allows {rollouts} rollouts of {seconds:.3g} s; a search needs at least {FEWEST}"
@@ -226,12 +226,12 @@ def pilot_of(folder: Path, requirement: str | None) -> Pilot:
     Raises:
         UsageError: the folder has no journal, or those of several requirements, or too few outcomes.
     """
-    found = {path.name: path for path in runs_in(folder)}
-    if len(found) > 1 and requirement not in found:
+    runs = {path.name: path for path in runs_in(folder)}
+    if len(runs) > 1 and requirement not in runs:
         raise UsageError(
-            f"{folder} holds runs of {one_of(found)}: choose one with --requirement, or give its folder"
+            f"{folder} holds runs of {one_of(runs)}: choose one with --requirement, or give its folder"
         )
-    place = next(iter(found.values())) if len(found) == 1 else found[str(requirement)]
+    place = next(iter(runs.values())) if len(runs) == 1 else runs[str(requirement)]
     groups: dict[int, list[float]] = {}
     for record in Journal.read(place).records():
         groups.setdefault(record.query, []).append(record.rho)

@@ -179,12 +179,12 @@ def left_open(search: Search, what: str) -> list[str]:
 
 def _point(spec: Spec, matched: Interface, recording: Recording) -> dict[str, float] | None:
     """Return the test point of a recording, or None if it is outside the spec's test space."""
-    found = matched.to_spec(recording.params)
-    if found is None:
+    values = matched.to_spec(recording.params)
+    if values is None:
         return None
     point = {}
     for axis in spec.space.axes:
-        value = found[axis.name]
+        value = values[axis.name]
         point[axis.name] = min(max(value, axis.low), axis.high)
         if abs(point[axis.name] - value) > ROUNDING * axis.width:
             return None

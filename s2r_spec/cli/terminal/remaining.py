@@ -84,14 +84,14 @@ class Forecast:
             certificate = None
         if stop == BUDGET or (stop == DECIDED and certificate is None):
             return budget
-        found = self.expected
+        total = self.expected
         if certificate is not None:
-            found = self._until_epsilon(certificate)
+            total = self._until_epsilon(certificate)
             if stop == DECIDED and worst is not None:
-                found = min(found, _until_decided(certificate, worst))
-        if not math.isfinite(found):
+                total = min(total, _until_decided(certificate, worst))
+        if not math.isfinite(total):
             return budget
-        return found if budget is None else min(found, budget)
+        return total if budget is None else min(total, budget)
 
     def _until_epsilon(self, certificate: Certificate) -> float:
         """Return N of the rule ``epsilon``, from n ≥ 1 rollouts."""

@@ -155,13 +155,13 @@ def campaign(
     protocols = machine.protocols() if isinstance(machine, HasProtocols) else ()
     declared = (*(p for protocol in protocols for p in protocol.parameters), *machine.parameters)
     journal = Journal(folder, {p.name: p.unit for p in declared}, seed)
-    found, dropped, done = RealRollouts(), dict[str, str](), list[Experiment]()
+    rollouts, dropped, done = RealRollouts(), dict[str, str](), list[Experiment]()
     planned, budget = iter(plan.steps), len(plan.steps) + plan.chosen
     for number in range(budget):
         begun = journal.experiment(number)
         experiment = next((e for e in planned if e.protocol not in dropped), begun)
         if experiment is None:
-            experiment = choose(replace(found, tests=found.tests[plan.held_out :]), frozenset(dropped))
+            experiment = choose(replace(rollouts, tests=rollouts.tests[plan.held_out :]), frozenset(dropped))
         if experiment is None:
             break
         done.append(experiment)
@@ -178,13 +178,13 @@ def campaign(
         if trace is None:
             dropped[name] = f"the protocol {name!r} was not run: {journal.refused(number)}"
             continue
-        found = found.plus(bench, Recording(f"real rollout {number}", own, trace, name))
+        rollouts = rollouts.plus(bench, Recording(f"real rollout {number}", own, trace, name))
         if name and trace.failure is not None:
             dropped[name] = (
                 f"the protocol {name!r} ended early ({trace.failure}), so it was not run again; its samples before the "
                 f"end are used"
             )
-    return replace(found, notes=tuple(dropped.values()))
+    return replace(rollouts, notes=tuple(dropped.values()))
 
 
 def _test(bench: Bench, experiment: Experiment) -> dict[str, float]:

@@ -50,8 +50,8 @@ class Journal:
                 raise UsageError(f"{folder} has recordings and no {FILE}; use an empty folder, or {instead}")
             return
         try:
-            found = _read(path)
-            self._steps = [_step(_experiment(each), str(each["refused"])) for each in found["steps"]]
+            contents = _read(path)
+            self._steps = [_step(_experiment(each), str(each["refused"])) for each in contents["steps"]]
         except (ValueError, KeyError, TypeError, AttributeError):
             raise UsageError(f"{path} is not the journal of a campaign; restore it, or {instead}") from None
         if (recorded := self.seed_in(folder)) is not None:
@@ -61,10 +61,10 @@ class Journal:
     def seed_in(folder: Path) -> int | None:
         """Return the seed of the campaign in a folder; None without a campaign, or without a seed in its journal."""
         try:
-            found = _read(folder / FILE).get("seed")
+            seed = _read(folder / FILE).get("seed")
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             return None
-        return found if isinstance(found, int) else None
+        return seed if isinstance(seed, int) else None
 
     def experiment(self, number: int) -> Experiment | None:
         """Return an experiment that has begun, with the simulator's parameters; None if none has this number."""
@@ -139,10 +139,10 @@ def _read(path: Path) -> dict[str, Any]:
         OSError: there is no such file.
         ValueError: it is not a journal.
     """
-    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    if found["schema"] != SCHEMA:
+    contents: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    if contents["schema"] != SCHEMA:
         raise ValueError
-    return found
+    return contents
 
 
 def _step(experiment: Experiment, refused: str = "") -> dict[str, Any]:

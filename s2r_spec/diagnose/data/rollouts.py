@@ -60,12 +60,12 @@ class RealRollouts:
 
     def by_experiment(self, bench: Bench) -> dict[Experiment, list[Trace]]:
         """Return experiment → traces, with the tests in the simulator's units."""
-        found: dict[Experiment, list[Trace]] = {}
+        traces: dict[Experiment, list[Trace]] = {}
         for test, trace in self.tests:
-            found.setdefault(as_experiment(bench, test), []).append(trace)
+            traces.setdefault(as_experiment(bench, test), []).append(trace)
         for experiment, trace in self.protocols:
-            found.setdefault(experiment, []).append(trace)
-        return found
+            traces.setdefault(experiment, []).append(trace)
+        return traces
 
 
 def as_experiment(bench: Bench, test: Mapping[str, float]) -> Experiment:
@@ -107,33 +107,33 @@ def recorded(
     """
     others = 0
     if not isinstance(real, Backend):
-        given = _of_pairs(real)
+        recordings = _of_pairs(real)
     elif isinstance(real, HasRecordings):
-        given = _of_backend(bench, real)
-        others = len(real.recordings) - len(given)
+        recordings = _of_backend(bench, real)
+        others = len(real.recordings) - len(recordings)
     else:
         raise UsageError(f"{real.name} has no recordings")
-    given = [run for run in given if not (passive and run.protocol)]
-    joined = sum(bool(run.trace.messages) for run in given)
-    given = [replace(run, trace=run.trace.at_busiest().known()) for run in given]
+    recordings = [run for run in recordings if not (passive and run.protocol)]
+    joined = sum(bool(run.trace.messages) for run in recordings)
+    recordings = [replace(run, trace=run.trace.at_busiest().known()) for run in recordings]
     # A test outside the space is refused before any simulation.
-    used = [run if run.protocol else _inside(bench, run) for run in given[:budget]]
-    found, left_out = RealRollouts(), Counter[str]()
+    used = [run if run.protocol else _inside(bench, run) for run in recordings[:budget]]
+    rollouts, left_out = RealRollouts(), Counter[str]()
     for run in used:
         try:
             experiment_of(bench, run)
         except UsageError as error:
             left_out[f"of the protocol {run.protocol!r} not used: {error}"] += 1
         else:
-            found = found.plus(bench, run)
-    if (count := len(found.tests) + len(found.protocols)) < FEWEST:
+            rollouts = rollouts.plus(bench, run)
+    if (count := len(rollouts.tests) + len(rollouts.protocols)) < FEWEST:
         raise UsageError(
             f"{count} real rollouts are too few to separate a cause from scatter; at least {FEWEST} are needed"
         )
     notes = [f"{count} run{'s' if count > 1 else ''} {what}" for what, count in left_out.items()]
-    if len(used) < len(given):
+    if len(used) < len(recordings):
         notes.append(
-            f"only the first {len(used)} of {len(given)} recorded rollouts were used, because of the budget"
+            f"only the first {len(used)} of {len(recordings)} recorded rollouts were used, because of the budget"
         )
     if joined:
         notes.append(f"{joined} logs of several topics are read at the stamps of the busiest one")
@@ -142,7 +142,7 @@ def recorded(
         notes.append(
             f"{others} recorded rollouts were not used: they have another value of {fixed} than the spec"
         )
-    return replace(found, notes=tuple(notes))
+    return replace(rollouts, notes=tuple(notes))
 
 
 def _of_backend(bench: Bench, real: Backend) -> list[Recording]:
@@ -157,13 +157,15 @@ def _of_backend(bench: Bench, real: Backend) -> list[Recording]:
 
 
 def _of_pairs(real: Rollouts) -> list[Recording]:
-    found = []
+    recordings = []
     for n, item in enumerate(real):
         if not (isinstance(item, tuple | list) and len(item) == 2 and isinstance(item[1], Trace)):
             raise UsageError(f"real rollouts are (params, Trace) pairs, not {type(item).__name__}")
         params = {name: float(value) for name, value in item[0].items()}
-        found.append(Recording(f"real rollout {n}", params, item[1], str(item[1].meta.get(PROTOCOL) or "")))
-    return found
+        recordings.append(
+            Recording(f"real rollout {n}", params, item[1], str(item[1].meta.get(PROTOCOL) or ""))
+        )
+    return recordings
 
 
 def _inside(bench: Bench, run: Recording) -> Recording:
@@ -276,9 +278,9 @@ def as_simulated(trace: Trace, simulator: Backend) -> Trace:
     return replace(trace, channels=channels, units=units)
 
 
-def _conversion(name: str, recorded: str, wanted: str, simulator: str) -> Conversion:
+def _conversion(name: str, recorded: str, unit: str, simulator: str) -> Conversion:
     try:
-        here = parse_unit(wanted)
+        here = parse_unit(unit)
         there = unit_in_log(recorded, here)
     except UnknownUnitError as error:
         raise UsageError(
@@ -286,7 +288,7 @@ def _conversion(name: str, recorded: str, wanted: str, simulator: str) -> Conver
         ) from None
     if not here.fits(there):
         raise UsageError(
-            f"the channel {name!r} is recorded in {recorded}, which does not convert to the {wanted} of backend "
+            f"the channel {name!r} is recorded in {recorded}, which does not convert to the {unit} of backend "
             f"{simulator!r}. "
             f"{there.two_readings(here) or 'Correct the unit in the recording, or leave the channel out'}"
         )

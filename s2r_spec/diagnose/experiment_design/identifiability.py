@@ -140,18 +140,18 @@ class Forecast:
     covariance: FloatArray
 
     @classmethod
-    def of(cls, found: Estimate) -> Forecast:
+    def of(cls, estimate: Estimate) -> Forecast:
         """Return the forecast of an estimate."""
-        theta, seen = found.fit.theta, found.fit.likelihood
-        shared, one = found.fit.shared, np.eye(theta.size)
-        inner = one - seen.information * shared
-        information = np.linalg.solve(inner, seen.information)
+        theta, likelihood = estimate.fit.theta, estimate.fit.likelihood
+        shared, one = estimate.fit.shared, np.eye(theta.size)
+        inner = one - likelihood.information * shared
+        information = np.linalg.solve(inner, likelihood.information)
         information = (information + information.T) / 2.0
-        moment = np.linalg.solve(inner, seen.score + seen.information @ theta)
-        prior = found.posterior.prior
-        variance = np.array([prior.deviation(members) ** 2 for members in found.posterior.sets[:COMPARED]])
+        moment = np.linalg.solve(inner, likelihood.score + likelihood.information @ theta)
+        prior = estimate.posterior.prior
+        variance = np.array([prior.deviation(members) ** 2 for members in estimate.posterior.sets[:COMPARED]])
         covariance = np.array([np.linalg.inv(information + np.diag(1.0 / (v + shared))) for v in variance])
-        return cls(found, information, shared, variance, covariance @ moment, covariance)
+        return cls(estimate, information, shared, variance, covariance @ moment, covariance)
 
     @cached_property
     def names(self) -> tuple[tuple[str, ...], ...]:
@@ -192,15 +192,15 @@ class Forecast:
             for j in range(i):
                 delta = self.mean[i] - self.mean[j]
                 between = 0.5 * (self.covariance[i] + self.covariance[j])
-                seen = np.linalg.solve(np.eye(delta.size) + gained @ between, gained @ delta)
-                distance[i, j] = distance[j, i] = np.sqrt(max(float(delta @ seen), 0.0))
+                projected = np.linalg.solve(np.eye(delta.size) + gained @ between, gained @ delta)
+                distance[i, j] = distance[j, i] = np.sqrt(max(float(delta @ projected), 0.0))
         return distance
 
     def deviation(self, gained: FloatArray, row: int) -> FloatArray:
         """Return (K,) the deviation of every size given a set, after data of this information."""
         total = self.information + gained
-        seen = np.linalg.solve(np.eye(len(total)) + total * self.shared, total)
-        return np.asarray(np.sqrt(np.diag(np.linalg.inv(seen + np.diag(1.0 / self.variance[row])))))
+        precision = np.linalg.solve(np.eye(len(total)) + total * self.shared, total)
+        return np.asarray(np.sqrt(np.diag(np.linalg.inv(precision + np.diag(1.0 / self.variance[row])))))
 
 
 def information(one: Observation, fit: Fit, sizes: FloatArray) -> FloatArray:
@@ -223,27 +223,27 @@ def information(one: Observation, fit: Fit, sizes: FloatArray) -> FloatArray:
         one.effective,
     )
     before, at = Variances.prior(len(one.parts)), fit.errors.sizes
-    found = without_variants(likelihood(groups, at, before), sizes.size)
+    marginal = without_variants(likelihood(groups, at, before), sizes.size)
     kinds = len(one.parts) * [one.response.experiment.protocol]
-    form = form_error(one.law, at, information_by_group(groups, at, before), kinds, found.information)
-    return with_form_error(found, form).information
+    form = form_error(one.law, at, information_by_group(groups, at, before), kinds, marginal.information)
+    return with_form_error(marginal, form).information
 
 
 def separations(
-    found: Estimate, possible: Iterable[str], candidates: Sequence[Candidate]
+    estimate: Estimate, possible: Iterable[str], candidates: Sequence[Candidate]
 ) -> tuple[Separation, ...]:
     """Return what one more run of each candidate says about each possible effect.
 
     Args:
-        found: the estimate.
+        estimate: the estimate.
         possible: names of effects.
         candidates: allowed or not; an experiment that the library does not have is left out.
     """
     names = list(possible)
     if not names:
         return ()
-    forecast = Forecast.of(found)
-    known = {each.experiment for each in found.library.responses}
+    forecast = Forecast.of(estimate)
+    known = {each.experiment for each in estimate.library.responses}
     gains = [(one, forecast.gained(one)) for one in candidates if one.experiment in known]
     distances = [forecast.apart(gained) for _, gained in gains]
     return tuple(_separation(forecast, name, gains, distances) for name in names)

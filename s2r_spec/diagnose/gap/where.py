@@ -146,22 +146,22 @@ def body_of(bench: Bench, pairs: Pairs, seed: int) -> tuple[Body | None, str | N
             f"the backend {backend.name!r} computes no residuals, so the gap cannot be traced to parts of the "
             f"machine; see {page('how-to/effects')}"
         )
-    tests, found, refused = [], [], ""
+    tests, residuals, refused = [], [], ""
     for number, (test, (own, _), (first, _)) in enumerate(zip(*pairs, strict=True)):
         again, params = (
             bench.run({}, test, rollout_seed(seed, number, 1, Stream.CHECK)),
             bench.matched.to_backend(test),
         )
         try:
-            found.append([Residuals(backend.residuals(one, params), one) for one in (own, first, again)])
+            residuals.append([Residuals(backend.residuals(one, params), one) for one in (own, first, again)])
             tests.append([test[name] for name in space.names])
         except TraceError as error:
             refused = f": {error}"
-    if len(found) < FEWEST:
-        few = f"residuals exist for only {len(found)} real rollouts, and at least {FEWEST} are needed"
+    if len(residuals) < FEWEST:
+        few = f"residuals exist for only {len(residuals)} real rollouts, and at least {FEWEST} are needed"
         return None, few + refused
     at = in_cube(space, np.array(tests))
-    body = shifts(at, [own for own, *_ in found], [other for _, *other in found], backend.duration)
+    body = shifts(at, [own for own, *_ in residuals], [other for _, *other in residuals], backend.duration)
     return (
         (body, None) if body.asked else (None, f"no window of time has residuals of {FEWEST} real rollouts")
     )

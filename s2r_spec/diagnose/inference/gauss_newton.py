@@ -162,8 +162,8 @@ class Observation:
             np.zeros(len(curves)),
             np.ones(used.size, dtype=bool),
         )
-        found = bare.of_runs(len(whole))
-        return found._calibrated() if parts else found
+        observation = bare.of_runs(len(whole))
+        return observation._calibrated() if parts else observation
 
     def of_runs(self, runs: int) -> Observation:
         """Return the observation with the scatter of the mean of so many real runs."""
@@ -435,11 +435,11 @@ def fit(
     if errors is None:
         wide = np.maximum(np.abs(theta), deviation)
         errors = Errors(problem.errors(theta), wide, problem.law)
-    found = Variances.prior(sum(len(one.parts) for one in observations))
+    components = Variances.prior(sum(len(one.parts) for one in observations))
     groups = _grouped(problem, theta, errors)
     for step in range(STEPS):
-        found = variances(groups, errors.sizes, found, 2 if step == 0 else 1)
-        total = likelihood(groups, errors.sizes, found)
+        components = variances(groups, errors.sizes, components, 2 if step == 0 else 1)
+        total = likelihood(groups, errors.sizes, components)
         moved = _step(total, theta, deviation) * (FIRST if step < 2 else 1.0)
         new = np.clip(theta + moved, prior.low, prior.high)
         if np.abs(new - theta).max(initial=0.0) < CLOSE:
@@ -447,10 +447,10 @@ def fit(
         theta = new
         groups = _grouped(problem, theta, errors)
     # The evidence of two fits can be compared only where their variances have settled.
-    found = variances(groups, errors.sizes, found, ROUNDS)
-    seen = likelihood(_grouped(problem, theta, errors, secants=True), errors.sizes, found)
+    components = variances(groups, errors.sizes, components, ROUNDS)
+    secant_likelihood = likelihood(_grouped(problem, theta, errors, secants=True), errors.sizes, components)
     kinds = tuple(one.response.experiment.protocol for one in observations for _ in one.parts)
-    return Fit(theta, errors, without_variants(seen, effects), groups, kinds, found)
+    return Fit(theta, errors, without_variants(secant_likelihood, effects), groups, kinds, components)
 
 
 def _grouped(problem: Problem, theta: FloatArray, errors: Errors, secants: bool = False) -> Groups:
@@ -565,17 +565,21 @@ def _points(problem: Problem, members: list[int]) -> list[tuple[float, ...]]:
     those of the library alone.
     """
     base, rest = members[0], members[1:]
-    found = _simulated(problem, base)
-    if found.size < 2:
+    simulated = _simulated(problem, base)
+    if simulated.size < 2:
         return []
-    first = np.array([found[found > 0].min(initial=np.inf), found[found < 0].max(initial=-np.inf)])
-    alone = np.concatenate([found, (found[1:] + found[:-1]) / 2.0, 0.25 * first[np.isfinite(first)]])
+    first = np.array(
+        [simulated[simulated > 0].min(initial=np.inf), simulated[simulated < 0].max(initial=-np.inf)]
+    )
+    alone = np.concatenate(
+        [simulated, (simulated[1:] + simulated[:-1]) / 2.0, 0.25 * first[np.isfinite(first)]]
+    )
     nominal = (0.0,) * len(rest)
     points = [(x, *nominal) for x in _inside(problem, base, alone)]
     for place, k in enumerate(rest):
         for d in _inside(problem, k, _simulated(problem, k)):
             beside = (*nominal[:place], d, *nominal[place + 1 :])
-            points += [(x, *beside) for x in _inside(problem, base, found) if x and d]
+            points += [(x, *beside) for x in _inside(problem, base, simulated) if x and d]
     return points
 
 

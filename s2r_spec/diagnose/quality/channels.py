@@ -41,11 +41,11 @@ large, and stops half as long."""
 def by_channel(of: Recordings) -> list[Finding]:
     """Return the first finding about every channel, and about "the tests"."""
     checks = (still, wrapped, unit, unit_of_one, spike, stopped)
-    found = [
+    mistakes = [
         next(filter(None, (check(channel, of) for check in checks)), None)
         for channel in of.bench.backend.channels
     ]
-    return [*filter(None, found), *copied(of)]
+    return [*filter(None, mistakes), *copied(of)]
 
 
 def still(channel: Channel, of: Recordings) -> Finding | None:
@@ -177,13 +177,13 @@ def stopped(channel: Channel, of: Recordings) -> Finding | None:
 
 def _longest(trace: Trace, name: str) -> FloatArray:
     """Return (2, columns) from when until when [s] each column of a channel keeps its value the longest."""
-    found = []
+    intervals = []
     for values in wide(trace, name).T:
         at = _changes(values[:, None])
         first, last = trace.times[at], trace.times[np.append(at[1:] - 1, len(values) - 1)]
         k = int(np.argmax(last - first))
-        found.append((first[k], last[k]))
-    return np.array(found).reshape(-1, 2).T
+        intervals.append((first[k], last[k]))
+    return np.array(intervals).reshape(-1, 2).T
 
 
 def _changes(values: FloatArray) -> NDArray[np.int64]:
@@ -218,9 +218,9 @@ def _odd(of: Recordings, name: str, part: Callable[[Trace], FloatArray]) -> tupl
 
 def copied(of: Recordings) -> list[Finding]:
     """Find the first recording that stands under two tests; not where these are one to the simulator, too."""
-    seen: dict[tuple[bytes, ...], int] = {}
+    number_by_key: dict[tuple[bytes, ...], int] = {}
     for number, (test, trace) in enumerate(of.rollouts):
-        first = seen.setdefault(_bytes(trace), number)
+        first = number_by_key.setdefault(_bytes(trace), number)
         before = of.rollouts[first][0]
         if key_of(before) == key_of(test):
             continue

@@ -154,11 +154,11 @@ class Comparison:
         flat = rests.reshape(len(rests), len(self.traces), -1)
         white = np.einsum("nsd,mnd->mns", w, flat).reshape(len(flat), -1)
         whole = flat.reshape(len(flat), -1)
-        found = whole @ whole.T - white @ white.T
+        products = whole @ whole.T - white @ white.T
         if effects and len(cj):
             explained = np.linalg.solve(self._root, cj @ whole.T)
-            found -= explained.T @ explained
-        return np.asarray(found / whole.shape[1])
+            products -= explained.T @ explained
+        return np.asarray(products / whole.shape[1])
 
     @cached_property
     def volume(self) -> float:
@@ -191,7 +191,7 @@ def affordable(bench: Bench, rollouts: int, least: int, most: int) -> int:
 
 def columns_of(bench: Bench, traces: Sequence[Trace], without: Sequence[str] = ()) -> tuple[Column, ...]:
     """Return the columns that every recording has, of numbers throughout, but for some channels'."""
-    found: list[Column] = []
+    columns: list[Column] = []
     for channel in bench.backend.channels:
         values = [trace.channels.get(channel.name, np.full(1, np.nan)) for trace in traces]
         alike = len({each.shape[1:] for each in values}) == 1
@@ -199,8 +199,8 @@ def columns_of(bench: Bench, traces: Sequence[Trace], without: Sequence[str] = (
             continue
         words = channel.columns or [f"column {place + 1}" for place in range(channel.width)]
         names = [channel.name] if channel.width == 1 else [f"{channel.name}, {word}" for word in words]
-        found += [Column(channel.name, place, name, channel.unit) for place, name in enumerate(names)]
-    return tuple(found)
+        columns += [Column(channel.name, place, name, channel.unit) for place, name in enumerate(names)]
+    return tuple(columns)
 
 
 def compare(

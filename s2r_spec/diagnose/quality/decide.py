@@ -80,8 +80,8 @@ def findings(
     first = by_channel(of)
     held, straight = hold(of)
     c = compare(bench, straight.rollouts, lines, executor, progress, [each.channel for each in first])
-    found = [] if c is None else suspected(bench, c, straight.rollouts, executor, progress)
-    return (*held, *found, *first)
+    suspects = [] if c is None else suspected(bench, c, straight.rollouts, executor, progress)
+    return (*held, *suspects, *first)
 
 
 def suspected(

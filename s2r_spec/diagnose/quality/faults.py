@@ -134,14 +134,14 @@ def exchanged(c: Comparison) -> Iterable[Fault]:
 
 def _cycles(order: NDArray[np.int64]) -> list[list[int]]:
     """Return the cycles of a permutation that move anything."""
-    found, left = list[list[int]](), {k for k, other in enumerate(order.tolist()) if other != k}
+    cycles, left = list[list[int]](), {k for k, other in enumerate(order.tolist()) if other != k}
     while left:
         cycle = [left.pop()]
         while (after := int(order[cycle[-1]])) in left:
             left.remove(after)
             cycle.append(after)
-        found.append(cycle)
-    return found
+        cycles.append(cycle)
+    return cycles
 
 
 def sign(c: Comparison) -> Iterable[Fault]:
@@ -314,9 +314,9 @@ def search(
         """Return (1 + m, 1 + m) products of the weighted parts, relative to those of r₀."""
         products = c.products(np.multiply(*parts(size))) if callable(parts) else fixed
         rows = np.eye(len(products)) if weights is None else weights(size)
-        found = rows @ products @ rows.T
-        found[0, 0] -= products[0, 0]
-        return np.asarray(found if prices is None else found + np.diag([0.0, *prices(size)]))
+        quadratic = rows @ products @ rows.T
+        quadratic[0, 0] -= products[0, 0]
+        return np.asarray(quadratic if prices is None else quadratic + np.diag([0.0, *prices(size)]))
 
     def grown(products: FloatArray, on: FloatArray) -> tuple[float, FloatArray]:
         """Add or drop the channel that lowers Q most while any does."""
@@ -348,10 +348,10 @@ def search(
             size = min(np.linspace(low, high, 9).tolist(), key=lambda x: float(on @ form(x) @ on))
             low, high = size - (high - low) / 8.0, size + (high - low) / 8.0
         _, on = grown(form(size), on)
-    rests, seen = parts(size) if callable(parts) else parts
+    rests, observed = parts(size) if callable(parts) else parts
     rows = np.eye(len(rests)) if weights is None else weights(size)
     values = c.nominal + c.floor * np.einsum("p,pntc->ntc", on @ rows, rests)
     price = 0.0 if prices is None else float(prices(size) @ on[1:])
     yield Undone(
-        size, Group(name for name, one in zip(names, on[1:], strict=True) if one), values, seen, price
+        size, Group(name for name, one in zip(names, on[1:], strict=True) if one), values, observed, price
     )

@@ -48,7 +48,7 @@ def labels(
     others = [one for one in _others(bench, c, rollouts) if _able(bench, one.tests)]
     means = {key_of(test): mean for test, mean in zip(c.tests, c.nominal, strict=True)}
     tests = {key_of(test): test for one in others for test in one.tests if key_of(test) not in means}
-    found = list(_assigned(c))
+    faults = list(_assigned(c))
     if tests:
         seeds = affordable(bench, len(tests), SEEDS // 6, SEEDS)
         machines: list[tuple[Values, int]] = [({}, seed) for seed in range(seeds)]
@@ -57,8 +57,8 @@ def labels(
     for one in others:
         moved = c.nominal - np.array([means[key_of(test)] for test in one.tests])
         if np.isfinite(moved).all():
-            found += _moved(c, one, moved)
-    return found
+            faults += _moved(c, one, moved)
+    return faults
 
 
 def _moved(c: Comparison, one: _Other, moved: FloatArray) -> Iterable[Fault]:
@@ -126,8 +126,8 @@ def _assigned(c: Comparison) -> Iterable[Fault]:
             f"{int(moved.sum())} of {len(order)} compared recordings fit the test of another recording better than "
             f"their own{_first(c, moved)}. Are lines of the table of tests exchanged?"
         )
-        said = Finding("labels", "the tests", text, "an exchange of tests")
-        yield said, Undone(1.0, Group(), c.recorded - c.nominal[order] + c.nominal)
+        finding = Finding("labels", "the tests", text, "an exchange of tests")
+        yield finding, Undone(1.0, Group(), c.recorded - c.nominal[order] + c.nominal)
 
 
 def _first(c: Comparison, which: Which) -> str:

@@ -31,7 +31,7 @@ def nearest(
     _, cj, gram = c.whitening
     effects = np.array([line.effect for line, _ in c.sizes])
     best, nominal, theta, chosen = c.misfit(values), c.nominal, np.zeros(len(gram)), np.zeros(0, dtype=int)
-    found: Values = {}
+    likeliest: Values = {}
     for _ in range(CAUSES if c.sizes else 0):
         toward = cj @ ((values - nominal) / c.floor).ravel()
         if not len(chosen):
@@ -45,11 +45,11 @@ def nearest(
         left = replace(c, nominal=runs.mean(axis=0)).misfit(values) if np.isfinite(runs).all() else np.inf
         if left >= best:
             break
-        best, nominal, found = left, runs.mean(axis=0), machine
-    if not found:
+        best, nominal, likeliest = left, runs.mean(axis=0), machine
+    if not likeliest:
         return c
     seeds = affordable(bench, len(c.tests), SEEDS // 6, SEEDS)
-    runs = c.view.simulate(bench, _seeds(found, seeds), c.tests, executor)
+    runs = c.view.simulate(bench, _seeds(likeliest, seeds), c.tests, executor)
     return c.beside(runs) if np.isfinite(runs).all() else c
 
 

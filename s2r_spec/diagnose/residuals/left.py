@@ -193,9 +193,9 @@ def remainders(
         for own in simulated:
             sizes = _left(machine - own[at_test], usual, own[few] - usual, typical, other, columns)
             each.append(_largest(*sizes, known, columns))
-    largest = min(each, key=lambda found: max((surplus for surplus, *_ in found), default=0.0))
+    largest = min(each, key=lambda collected: max((surplus for surplus, *_ in collected), default=0.0))
     units, traces = nominal[0][1].units, [trace for _, trace in whole]
-    found = []
+    collected = []
     for surplus, size, column, (along, low, high) in largest:
         name, times, extent = column.quantity, None, None
         if along:
@@ -204,23 +204,23 @@ def remainders(
             extent = (values.lowest, values.highest) if math.isfinite(values.extent) else None
         part = label(bench, nominal[0], column, widths[name])
         unit, along_unit = units.get(name, ""), units.get(along, "") if along else "s"
-        found.append(
+        collected.append(
             Remainder(
                 name.removeprefix(RESIDUAL), column.number, part, along, low, high, size, unit, along_unit,
                 surplus, not column.residual, times, extent,
             )
         )  # fmt: skip
-    return ordered(found)
+    return ordered(collected)
 
 
 def _quantities(traces: Sequence[Trace]) -> dict[str, int]:
     """Return quantity → columns of the channels and residuals that are finite and no flag of 0 and 1."""
-    found = {}
+    columns = {}
     for name, width in widths_of(traces).items():
         values = np.concatenate([trace[name] for trace in traces])
         if np.isfinite(values).all() and not np.isin(values, (0.0, 1.0)).all():
-            found[name] = width
-    return found
+            columns[name] = width
+    return columns
 
 
 def _means(cells: Cells, step: float, bench: Bench, trace: Trace, test: Test) -> FloatArray:
@@ -283,13 +283,13 @@ def _largest(
     Channels count less only beside residuals that are ``known``, which any rollout has.
     """
     acts = any(column.residual and known[column.part].any() for column in columns)
-    found = []
+    candidates = []
     for column in columns:
         own = begin(surplus[column.part] * (EXPLAINS if acts and not column.residual else 1.0))
         k = int(own.argmax())
         if own[k] > 0.0:
-            found.append((float(own[k]), float(size[column.part][k]), column, column.cells[k]))
-    return sorted(found, key=lambda one: -one[0])[:REPORTED]
+            candidates.append((float(own[k]), float(size[column.part][k]), column, column.cells[k]))
+    return sorted(candidates, key=lambda one: -one[0])[:REPORTED]
 
 
 def begin(surplus: FloatArray, windows: int = CELLS) -> FloatArray:
@@ -309,8 +309,8 @@ def label(bench: Bench, nominal: tuple[Test, Trace], column: Column, width: int)
     """Return the name of a column of so many: "" of one, else what the backend calls it, or its number."""
     if column.residual and isinstance(bench.backend, HasResiduals):
         test, trace = nominal
-        found = bench.backend.residuals(trace, bench.matched.to_backend(test))
-        names = part_names(found, column.quantity.removeprefix(RESIDUAL), width)
+        residuals = bench.backend.residuals(trace, bench.matched.to_backend(test))
+        names = part_names(residuals, column.quantity.removeprefix(RESIDUAL), width)
     else:
         names = {each.name: each.columns for each in bench.backend.channels}.get(column.quantity, ())
     if width == 1:
@@ -318,16 +318,16 @@ def label(bench: Bench, nominal: tuple[Test, Trace], column: Column, width: int)
     return names[column.number] if len(names) == width else f"column {column.number}"
 
 
-def ordered(found: Sequence[Remainder]) -> tuple[Remainder, ...]:
+def ordered(remainders: Sequence[Remainder]) -> tuple[Remainder, ...]:
     """Return remainders with the cause's place first.
 
     A residual of the equations of motion shows where a cause acts. A recorded channel also shows the controller's
     reaction. So beside a material residual the time of a recorded channel does not count.
     """
-    acts = any(each.material and not each.recorded for each in found)
+    acts = any(each.material and not each.recorded for each in remainders)
     return tuple(
         cause_first(
-            found,
+            remainders,
             lambda one: Place() if acts and one.recorded else one.place,
             lambda one: one.surplus if one.material else 0.0,
         )

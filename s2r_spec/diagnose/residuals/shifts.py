@@ -159,15 +159,15 @@ def shifts(
     ends = windows()
     rows = [_tested(tests, _window(own, *at), _window(other, *at), rough) for at in ends]
     mean, size, scatter, f, p = np.stack(rows, axis=1)  # (windows, 2c)
-    asked = np.isfinite(p)
+    testable = np.isfinite(p)
     q = np.ones(p.shape)
-    if asked.any():
-        q[asked] = false_discovery_control(p[asked], method="by")
+    if testable.any():
+        q[testable] = false_discovery_control(p[testable], method="by")
     lengths = np.diff(ends)[:, 0]
     # Averaging makes the longest window the most significant one, so the energy decides.
     energy = np.where(q <= LEVEL, lengths[:, None] * size**2, 0.0)
     most = energy.max(axis=0)
-    found: list[tuple[float, str, Shift]] = []
+    significant: list[tuple[float, str, Shift]] = []
     for k, (channel, number, unit, part) in enumerate(columns):
         # A mean has a sign, which an rms lacks, so it is preferred if it has this part of the energy.
         kind = k if most[k] > EXPLAINS * most[k + len(columns)] else k + len(columns)
@@ -178,14 +178,16 @@ def shifts(
         begin, end = (duration / CELLS * cell for cell in ends[best[0]])
         numbers = (mean[best], size[best], size[best] / scatter[best], p[best], q[best])
         named = "mean" if kind == k else "rms"
-        found.append((f[best], part, Shift(channel, number, named, unit, begin, end, *map(float, numbers))))
+        significant.append(
+            (f[best], part, Shift(channel, number, named, unit, begin, end, *map(float, numbers)))
+        )
     # Of several columns of one part, the one with the largest F counts.
     parts: dict[str, dict[str, Shift]] = {}
-    for _, part, shift in sorted(found, key=lambda one: -one[0]):
+    for _, part, shift in sorted(significant, key=lambda one: -one[0]):
         parts.setdefault(part, {}).setdefault(shift.channel, shift)
     names = dict.fromkeys([*parts, *(part for *_, part in columns)])
     body = tuple(BodyPart(name, tuple(parts.get(name, {}).values())) for name in names)
-    return Body(body, len(real), duration, int(asked.sum()))
+    return Body(body, len(real), duration, int(testable.sum()))
 
 
 def windows() -> list[tuple[int, int]]:
@@ -200,11 +202,11 @@ def windows() -> list[tuple[int, int]]:
 
 def _columns(traces: Sequence[Trace]) -> list[_Column]:
     """Return the columns that all of the traces have."""
-    first, found = traces[0], []
+    first, columns = traces[0], []
     for name, width in widths_of(traces).items():
         names = part_names(first, name, width) or (name,) * width
-        found += [(name, k, first.units.get(name, ""), part) for k, part in enumerate(names)]
-    return found
+        columns += [(name, k, first.units.get(name, ""), part) for k, part in enumerate(names)]
+    return columns
 
 
 def _largest(every: Sequence[Residuals], columns: Sequence[_Column]) -> FloatArray:
@@ -249,7 +251,7 @@ def _tested(tests: FloatArray, own: FloatArray, other: FloatArray, rough: FloatA
 
     there = np.isfinite(own) & np.isfinite(other).all(axis=1)
     able = there.sum(axis=0) >= FEWEST
-    found = np.full((5, own.shape[1]), np.nan)
+    statistics = np.full((5, own.shape[1]), np.nan)
     # A rollout that lacks one residual still counts for the others.
     for rollouts in np.unique(there[:, able], axis=1).T:
         mine = able & (there == rollouts[:, None]).all(axis=0)
@@ -265,8 +267,8 @@ def _tested(tests: FloatArray, own: FloatArray, other: FloatArray, rough: FloatA
         scatter = np.where(scatter > 0, scatter, np.inf)
         f = (fitted**2).sum(axis=0) / rank / (scatter**2 * (1 + 1 / m))
         p = fisher.sf(f, rank, min(n * (m - 1), n - rank))
-        found[:, mine] = [y.mean(axis=0), np.sqrt((fitted**2).mean(axis=0)), scatter, f, p]
-    return found
+        statistics[:, mine] = [y.mean(axis=0), np.sqrt((fitted**2).mean(axis=0)), scatter, f, p]
+    return statistics
 
 
 def _design(tests: FloatArray) -> FloatArray:

@@ -196,11 +196,11 @@ class ResponseLibrary:
 
     def values(self, theta: FloatArray) -> dict[str, dict[str, float]]:
         """Return effect → parameter → value at (K,) coordinates, without parameters at nominal."""
-        found: dict[str, dict[str, float]] = {}
+        values: dict[str, dict[str, float]] = {}
         for line, coordinate in zip(self.parameters, theta, strict=True):
             if coordinate:
-                found.setdefault(line.effect, {})[line.parameter] = line.value(float(coordinate))
-        return found
+                values.setdefault(line.effect, {})[line.parameter] = line.value(float(coordinate))
+        return values
 
     def coordinates(self, values: Values) -> FloatArray:
         """Return (K,) the coordinates of values; a parameter without a value is nominal."""
@@ -279,8 +279,8 @@ def most_rollouts(
 
 
 def _acting(backend: Backend, experiments: Sequence[Experiment], cache: Cache) -> dict[str, frozenset[str]]:
-    def save(found: dict[str, frozenset[str]], path: Path) -> None:
-        np.savez(path, names=np.array(json.dumps({e: sorted(names) for e, names in found.items()})))
+    def save(parameters: dict[str, frozenset[str]], path: Path) -> None:
+        np.savez(path, names=np.array(json.dumps({e: sorted(names) for e, names in parameters.items()})))
 
     def load(path: Path) -> dict[str, frozenset[str]]:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
@@ -406,11 +406,11 @@ def _points(line: Line) -> list[float]:
     if line.is_phase:
         return [-0.5, 0.5, 1.0]
     ends = [line.coordinate(line.low), line.coordinate(line.high)]
-    found = set()
+    points = set()
     for sign in (-1.0, 1.0):
         reach = max((sign * end for end in ends), default=0.0)
-        found |= {sign * min(point, reach) for point in POINTS if reach > 1e-9 and point < 1.5 * reach}
-    return sorted(found)
+        points |= {sign * min(point, reach) for point in POINTS if reach > 1e-9 and point < 1.5 * reach}
+    return sorted(points)
 
 
 def _middle(line: Line, coordinate: float) -> float:
@@ -505,8 +505,8 @@ def vectors(backend: Backend, job: _Job, observables: Observables) -> NDArray[np
         assert isinstance(machine, HasEffects)
         machine = machine.with_effects({effect: dict(values) for effect, values in job.values})
     runs = (job.experiment.run(machine, seed) for seed in job.seeds)
-    found = [observables.vector(job.experiment.with_residuals(run, backend)) for run in runs]
-    return np.array(found, dtype=np.float32)
+    rows = [observables.vector(job.experiment.with_residuals(run, backend)) for run in runs]
+    return np.array(rows, dtype=np.float32)
 
 
 def simulated(
@@ -522,7 +522,7 @@ def acting(backend: Backend, experiments: Sequence[Experiment]) -> dict[str, fro
 
     Only an effect of several parameters is tried; without a parameter that acts alone it is left out.
     """
-    found = {}
+    parameters = {}
     nominal: dict[Experiment, Trace] = {}
     for effect in catalogue_of(backend):
         if len(effect.parameters) < 2:
@@ -539,8 +539,8 @@ def acting(backend: Backend, experiments: Sequence[Experiment]) -> dict[str, fro
                     able.add(parameter.name)
                     break
         if able:
-            found[effect.name] = frozenset(able)
-    return found
+            parameters[effect.name] = frozenset(able)
+    return parameters
 
 
 def _same(a: Trace, b: Trace) -> bool:

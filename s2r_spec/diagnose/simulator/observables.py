@@ -119,17 +119,17 @@ class Observables:
         }
         units = traces[0].units
         quantities = tuple(_quantities(plain, {name: units.get(name, "") for name in plain}))
-        found = cls(max(trace.duration for trace in traces), quantities, flags)
-        return replace(found, clocked=found._agrees(traces))
+        observables = cls(max(trace.duration for trace in traces), quantities, flags)
+        return replace(observables, clocked=observables._agrees(traces))
 
     @property
     def groups(self) -> tuple[Group, ...]:
         """The groups of a vector, in its order."""
-        found, start = [], 0
+        groups, start = [], 0
         for quantity, statistic, size in self._layout():
-            found.append(Group(quantity.name, statistic, start, start + size))
+            groups.append(Group(quantity.name, statistic, start, start + size))
             start += size
-        return tuple(found)
+        return tuple(groups)
 
     def vector(self, trace: Trace) -> FloatArray:
         """Return (m,) the observables of a trace with residuals."""

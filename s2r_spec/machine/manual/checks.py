@@ -298,8 +298,8 @@ def _conversion(unit: str | None, declared: str) -> Conversion:
     """Return the conversion of numbers in ``unit`` to the declared one."""
     if not unit or unit == declared:
         return Conversion()
-    wanted = parse_unit(declared)
-    return unit_in_log(unit, wanted).to(wanted)
+    target = parse_unit(declared)
+    return unit_in_log(unit, target).to(target)
 
 
 def _unit(text: str) -> str:

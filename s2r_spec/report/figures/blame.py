@@ -113,15 +113,15 @@ def _limits(
     try:
         if around is None:
             return limits(spec, where.pair.requirement, trace, where.test, component)
-        found = []
+        curves = []
         for must in held(spec.formulas[where.pair.requirement]):
             if reads(must.predicate, component):
                 margins_at = partial(margins, spec, trace, where.test, must, component, around=around)
                 here = margins_at(np.zeros(1))
                 if here is not None:
                     reach = 2.5 * max(difference, float(np.abs(here.margins).max()))
-                    found.append(margins_at(np.linspace(-reach, reach, _VALUES)))
-        return tuple(one for one in found if one is not None)
+                    curves.append(margins_at(np.linspace(-reach, reach, _VALUES)))
+        return tuple(one for one in curves if one is not None)
     except S2RError:
         return ()  # a predicate that has no value there: the picture is drawn without it
 

@@ -93,7 +93,7 @@ def pair_picture(
         f"Pair {record.query}.{record.replicate} at {test}: ρ = {_number(mean, real.unit)} in {simulated.called}, "
         f"{_number(record.rho, real.unit)} in {real.called}, Δ = {_number(record.rho - mean, real.unit)}"
     )
-    beside = [found for other in matching if (found := read_trace(simulated, other)) is not None]
+    beside = [sibling for other in matching if (sibling := read_trace(simulated, other)) is not None]
     return _picture(real, record, title, tuple(beside), name, simulated.called)
 
 
@@ -165,7 +165,7 @@ def _words(reason: Explanation | None) -> str:
 
 def _panels(runs: Runs, trace: Trace, record: Record, beside: tuple[Trace, ...]) -> list[Panel]:
     same = [other for other in runs.records if other.params == record.params and other is not record]
-    others = [found for other in same[:_MOST_SIBLINGS] if (found := read_trace(runs, other)) is not None]
+    others = [sibling for other in same[:_MOST_SIBLINGS] if (sibling := read_trace(runs, other)) is not None]
     panels = []
     for name in runs.spec.channels(runs.requirement):
         columns = range(trace[name].shape[1]) if trace[name].ndim == 2 else [None]
@@ -213,12 +213,12 @@ def limits(
     low, high = float(own.min()), float(own.max())
     span = (high - low) or abs(high) or 1.0
     values = np.linspace(low - 2 * span, high + 2 * span, _VALUES)
-    found = [
+    curves = [
         margins(spec, trace, params, must, component, values)
         for must in held(spec.formulas[requirement])
         if reads(must.predicate, component)
     ]
-    return tuple(limit for limit in found if limit is not None)
+    return tuple(limit for limit in curves if limit is not None)
 
 
 def paint_panel(axes: Axes, panel: Panel, reason: Explanation | None) -> None:
