@@ -25,7 +25,7 @@ from s2r_a1.wire import MOTORS, Reading
 from s2r_sim.controller.gains import RATE
 from s2r_sim.controller.trot import Tick
 from s2r_sim.protocols.references import Reference, reference
-from s2r_sim.robot.figures import A1
+from s2r_sim.robot.constants import A1
 from s2r_sim.robot.signals import Command, MotorCommand
 
 FloatArray = NDArray[np.float64]

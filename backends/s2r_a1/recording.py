@@ -32,7 +32,7 @@ from s2r_a1.wire import LAYOUTS, Layout, Orders, Reading, WireError, unpack, unp
 from s2r_sim.controller.gains import RATE
 from s2r_sim.plant.physics import Physics
 from s2r_sim.plant.recorder import Recorder
-from s2r_sim.robot.figures import A1
+from s2r_sim.robot.constants import A1
 from s2r_sim.robot.signals import Command
 from s2r_sim.settings import Settings
 from s2r_spec.errors import TraceError

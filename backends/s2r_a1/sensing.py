@@ -18,7 +18,7 @@ from s2r_sim.controller import estimator
 from s2r_sim.controller.estimator import Estimate
 from s2r_sim.controller.gains import RATE
 from s2r_sim.controller.qp import Stance
-from s2r_sim.robot.figures import Robot
+from s2r_sim.robot.constants import Robot
 from s2r_sim.robot.rotation import rpy_from_wxyz
 from s2r_sim.robot.signals import State
 

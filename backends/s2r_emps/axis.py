@@ -56,7 +56,7 @@ class Record:
         return Record(self.q[first:], self.v[first:], self.u[first:], self.force[first:])
 
 
-class _Figures(NamedTuple):
+class _Constants(NamedTuple):
     """The constants of a tick: :class:`~s2r_emps.physics.Physics`, and the values that follow from it."""
 
     mass: float
@@ -105,7 +105,7 @@ def simulate(
     p, h, n = physics, STEP, command.reference.size
     follow = 1 - exp(-h / p.lag) if p.lag else 1.0
     whole = int(p.delay / h + 1e-9)
-    figures = _Figures(
+    constants = _Constants(
         mass=float(p.mass),
         motor=float(MOTOR_SHARE * p.mass),
         gain=float(p.gain * draws.gain),
@@ -140,7 +140,7 @@ def simulate(
         (float(start[0]), float(start[1])),
         np.ascontiguousarray(draws.encoder[:n]),
         np.ascontiguousarray(draws.disturbance[:n]),
-        figures,
+        constants,
     )
     return Record(q, speed, volts, GAIN * volts)
 
@@ -153,7 +153,7 @@ def _ticks(
     start: tuple[float, float],
     errors: FloatArray,
     pushes: FloatArray,
-    p: _Figures,
+    p: _Constants,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return (ticks,) the encoder position [m], the fed-back speed [m/s] and the commanded voltage [V]."""
     h, carriage, teeth, n = STEP, p.mass - p.motor, RIPPLES * TURN, reference.size

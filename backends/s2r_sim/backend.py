@@ -89,7 +89,7 @@ class SimBackend:
 
     @property
     def model_hash(self) -> str:
-        """Hex digest over figures, gains, noise, physics, solver versions and this package's source."""
+        """Hex digest over constants, gains, noise, physics, solver versions and this package's source."""
         return _digest(self._settings, self.noise)
 
     def effects(self) -> tuple[Effect, ...]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import fields, replace
 
 from s2r_sim.plant.noise import Noise
-from s2r_sim.robot.figures import Inertia, Robot
+from s2r_sim.robot.constants import Inertia, Robot
 from s2r_sim.settings import Settings
 
 MASS_ERROR = 0.015

@@ -1,4 +1,4 @@
-"""The door to the robot: its figures, its controller, its logger and its catalogue of effects.
+"""The door to the robot: its constants, its controller, its logger and its catalogue of effects.
 
 Everything that this package takes from ``s2r_sim`` passes through here. Nothing of the simulator's physics does.
 """
@@ -14,7 +14,7 @@ from s2r_sim.plant.physics import FallLimits, Physics
 from s2r_sim.plant.recorder import Recorder
 from s2r_sim.protocols import PROTOCOLS as EXCITATION
 from s2r_sim.protocols.references import Reference, reference
-from s2r_sim.robot.figures import A1, GRAVITY, LEGS, Inertia, fused
+from s2r_sim.robot.constants import A1, GRAVITY, LEGS, Inertia, fused
 from s2r_sim.robot.signals import Command, MotorCommand, State
 
 __all__ = [

@@ -51,7 +51,7 @@ def gap_search(
 
 def gap(
     spec: Spec,
-    simulated: Backend | str,
+    sim: Backend | str,
     real: Backend | str,
     folder: Path | str,
     **keywords: Unpack[RunKeywords],
@@ -60,7 +60,7 @@ def gap(
 
     Args:
         spec: a specification with a test space and a certify line.
-        simulated: the simulator: a backend object, or the name of an installed one.
+        sim: the simulator: a backend object, or the name of an installed one.
         real: the real machine, as an object or a name: a robot, its logs, a twin. Every recording inside the test space
             counts once, and the simulator runs at the same tests (or its own logs are read). The search then chooses
             no test.
@@ -73,7 +73,7 @@ def gap(
     """
     options = RunOptions(**keywords)
     spec, folder = as_spec(spec), as_folder(folder)
-    simulated, real = as_backend(simulated, "simulated"), as_backend(real, "real")
+    sim, real = as_backend(sim, "sim"), as_backend(real, "real")
     requirement = options.requirement or only_requirement(spec)
     if options.resume:
         require_begun([folder / side for side in SYSTEMS], folder)
@@ -83,7 +83,7 @@ def gap(
         raise UsageError(
             "a gap has no verdict that stop = 'decided' could wait for; use 'epsilon' or 'budget', or run certify"
         )
-    pairing = Pairing.for_spec(spec, requirement, simulated, real, options.budget)
+    pairing = Pairing.for_spec(spec, requirement, sim, real, options.budget)
     search = gap_search(spec, requirement, options, pairing.per_real)
     return gap_with(search, spec, requirement, pairing, folder, options)
 

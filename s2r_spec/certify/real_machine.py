@@ -56,7 +56,7 @@ class CertifyResult(Result, Shown):
 
 def certify(
     spec: Spec,
-    simulated: Backend | str,
+    sim: Backend | str,
     real: Backend | str,
     folder: Path | str,
     **keywords: Unpack[RunKeywords],
@@ -73,13 +73,13 @@ def certify(
     """
     options = RunOptions(**keywords)
     spec, folder = as_spec(spec), as_folder(folder)
-    simulated, real = as_backend(simulated, "simulated"), as_backend(real, "real")
+    sim, real = as_backend(sim, "sim"), as_backend(real, "real")
     requirement = options.requirement or only_requirement(spec)
     if options.resume:
         require_begun([folder / SIMULATION], folder)
     places = [folder / GAP / side for side in SYSTEMS]
     options = with_seed(with_rule(options, *places), folder / SIMULATION, *places)
-    pairing = Pairing.for_spec(spec, requirement, simulated, real, options.budget)
+    pairing = Pairing.for_spec(spec, requirement, sim, real, options.budget)
     refuse_terms(pairing.real.backend, options.terms)
     of_simulator = replace(options, budget=None, stop=EPSILON, void=AGAIN, operator=None)
     first = search_for(spec, requirement, of_simulator)
@@ -89,7 +89,7 @@ def certify(
     else:
         refuse_rule(second.settings.stop, pairing.real.name)
     second.end_when(lambda: judge(compose(first, second)) is not Verdict.UNKNOWN)
-    checked = check_with(first, spec, requirement, simulated, folder / SIMULATION, of_simulator)
+    checked = check_with(first, spec, requirement, sim, folder / SIMULATION, of_simulator)
     if not checked.certificate.label.bounds:
         return refused_in_simulation(checked, pairing.real.name)
     bounded = gap_with(second, spec, requirement, pairing, folder / GAP, options)

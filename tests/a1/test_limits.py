@@ -16,7 +16,7 @@ from s2r_a1.guard.limits import LIMITS, Limits, Seen
 from s2r_a1.remote import packed
 from s2r_a1.wire import Orders
 from s2r_sim.controller.gains import Gains
-from s2r_sim.robot.figures import A1, LEGS
+from s2r_sim.robot.constants import A1, LEGS
 from s2r_sim.robot.leg_kinematics import foot_motion
 from s2r_sim.robot.rotation import matrix, quaternion
 from tests.a1.guarding import ZERO, at, leaning, reading, walking

@@ -24,7 +24,7 @@ from s2r_a1.wire import (
 )
 from s2r_sim.plant.physics import Physics
 from s2r_sim.plant.plant import Plant
-from s2r_sim.robot.figures import A1 as ROBOT
+from s2r_sim.robot.constants import A1 as ROBOT
 from s2r_sim.robot.rotation import quaternion
 from s2r_sim.robot.signals import MotorCommand
 from s2r_spec.errors import UsageError

@@ -9,7 +9,7 @@ from s2r_sim.controller.dynamics import RigidBody
 from s2r_sim.plant import mujoco_model
 from s2r_sim.plant.physics import Physics
 from s2r_sim.robot import pinocchio_model, rotation
-from s2r_sim.robot.figures import A1, LEGS
+from s2r_sim.robot.constants import A1, LEGS
 from s2r_sim.robot.signals import State
 
 

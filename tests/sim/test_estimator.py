@@ -9,7 +9,7 @@ import pytest
 from s2r_sim import SimBackend
 from s2r_sim.controller import estimator
 from s2r_sim.robot import pinocchio_model, rotation
-from s2r_sim.robot.figures import A1, LEGS
+from s2r_sim.robot.constants import A1, LEGS
 from s2r_sim.robot.leg_kinematics import foot_motion
 from s2r_sim.robot.signals import State
 

@@ -22,7 +22,7 @@ from s2r_sim.residuals.footing import footing
 from s2r_sim.residuals.motion import hann, recorded
 from s2r_sim.residuals.world import Motion
 from s2r_sim.residuals.yielding import yielding
-from s2r_sim.robot.figures import LEGS
+from s2r_sim.robot.constants import LEGS
 from s2r_sim.settings import Settings
 from s2r_spec.backend import HasResiduals
 from s2r_spec.errors import TraceError

@@ -10,7 +10,7 @@ from s2r_sim import SimBackend
 from s2r_sim.controller.gains import Gains
 from s2r_sim.controller.trot import Controller, Memory
 from s2r_sim.plant.noise import Noise
-from s2r_sim.robot.figures import A1
+from s2r_sim.robot.constants import A1
 from s2r_sim.robot.signals import Command, State
 from s2r_sim.settings import Settings
 

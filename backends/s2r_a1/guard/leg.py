@@ -14,7 +14,7 @@ from math import acos, cos, sin
 
 @dataclass(frozen=True)
 class Legs:
-    """Lengths [m] of a quadruped's legs. Source of the defaults: the A1's URDF, as in ``s2r_sim.robot.figures``.
+    """Lengths [m] of a quadruped's legs. Source of the defaults: the A1's URDF, as in ``s2r_sim.robot.constants``.
 
     Attributes:
         hip_x, hip_y: position of the hip joints from the middle of the base.

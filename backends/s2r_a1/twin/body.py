@@ -20,7 +20,7 @@ from s2r_sim.plant.physics import Physics
 from s2r_sim.plant.plant import Plant, Saved
 from s2r_sim.plant.sensors import Sensors
 from s2r_sim.robot import rotation
-from s2r_sim.robot.figures import A1
+from s2r_sim.robot.constants import A1
 from s2r_sim.robot.signals import MotorCommand, State
 
 FloatArray = NDArray[np.float64]

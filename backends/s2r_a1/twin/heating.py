@@ -2,7 +2,7 @@
 
     dT/dt = (T_ambient + c τ² − T) / time constant
 
-All constants are levels of this twin, not figures of the robot. It is only published that the robot's motors stop
+All constants are levels of this twin, not constants of the robot. It is only published that the robot's motors stop
 themselves within 5 to 7 min of walking with 3 kg (arXiv 2605.27046). ``RISE`` is deliberately small: a twin that walks
 for an hour in lock step, without rests, stays below 50 °C, above which no test begins. Hot motors are an inject.
 """

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from s2r_sim.controller.gains import RATE
 from s2r_sim.plant.physics import Physics
 from s2r_sim.plant.plant import Plant, Saved
-from s2r_sim.robot.figures import A1, LEGS
+from s2r_sim.robot.constants import A1, LEGS
 from s2r_sim.robot.signals import MotorCommand
 
 FloatArray = NDArray[np.float64]

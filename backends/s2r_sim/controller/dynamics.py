@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from s2r_sim.controller.foot_jacobian import at_feet
 from s2r_sim.robot import pinocchio_model
-from s2r_sim.robot.figures import LEGS, Robot
+from s2r_sim.robot.constants import LEGS, Robot
 from s2r_sim.robot.rotation import to_pinocchio
 from s2r_sim.robot.signals import State
 

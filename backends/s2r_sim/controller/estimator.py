@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_sim.controller.gains import RATE
-from s2r_sim.robot.figures import GRAVITY, LEGS, Robot
+from s2r_sim.robot.constants import GRAVITY, LEGS, Robot
 from s2r_sim.robot.leg_kinematics import foot_motion
 from s2r_sim.robot.rotation import turned, turned_back
 from s2r_sim.robot.signals import State

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from s2r_sim.controller.dynamics import RigidBody
 from s2r_sim.controller.gains import Gains
 from s2r_sim.controller.qp import Solution, Solver, Task, pyramid
-from s2r_sim.robot.figures import GRAVITY, Robot
+from s2r_sim.robot.constants import GRAVITY, Robot
 
 FloatArray = NDArray[np.float64]
 

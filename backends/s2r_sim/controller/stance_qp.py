@@ -23,7 +23,7 @@ from s2r_sim.controller.dynamics import RigidBody
 from s2r_sim.controller.gains import Gains
 from s2r_sim.controller.qp import Solution, Solver, Stance, Task, pyramid
 from s2r_sim.controller.reduction import base_acceleration, distribute, force_cost, laws_of_motion
-from s2r_sim.robot.figures import GRAVITY, Robot
+from s2r_sim.robot.constants import GRAVITY, Robot
 
 FloatArray = NDArray[np.float64]
 

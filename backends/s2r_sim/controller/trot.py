@@ -19,7 +19,7 @@ from s2r_sim.controller.gait import Gait, Progress
 from s2r_sim.controller.qp import InverseDynamics, Solution, Stance, Task
 from s2r_sim.controller.reduction import in_joint_space
 from s2r_sim.controller.stance_qp import StanceQP
-from s2r_sim.robot.figures import Robot
+from s2r_sim.robot.constants import Robot
 from s2r_sim.robot.signals import Command, MotorCommand, State
 
 FloatArray = NDArray[np.float64]

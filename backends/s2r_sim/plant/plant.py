@@ -14,7 +14,7 @@ from s2r_sim.plant import mujoco_model, terrain
 from s2r_sim.plant.motors import Motors, MotorState
 from s2r_sim.plant.physics import FallLimits, Physics
 from s2r_sim.robot import rotation
-from s2r_sim.robot.figures import LEGS, Robot
+from s2r_sim.robot.constants import LEGS, Robot
 from s2r_sim.robot.signals import MotorCommand, State
 
 FloatArray = NDArray[np.float64]

@@ -9,7 +9,7 @@ from s2r_sim.controller.trot import Tick
 from s2r_sim.plant import terrain
 from s2r_sim.plant.channels import TRUE_CHANNELS
 from s2r_sim.plant.physics import Physics
-from s2r_sim.robot.figures import LEGS, Robot
+from s2r_sim.robot.constants import LEGS, Robot
 from s2r_sim.robot.leg_kinematics import foot_motion
 from s2r_sim.robot.rotation import turned
 from s2r_sim.robot.signals import Command, State

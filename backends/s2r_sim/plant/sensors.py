@@ -15,7 +15,7 @@ from s2r_sim.controller.gains import Feedback
 from s2r_sim.controller.qp import Stance
 from s2r_sim.plant.noise import Draws
 from s2r_sim.plant.physics import Physics
-from s2r_sim.robot.figures import Robot
+from s2r_sim.robot.constants import Robot
 from s2r_sim.robot.signals import State
 
 FloatArray = NDArray[np.float64]

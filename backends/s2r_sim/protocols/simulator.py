@@ -19,7 +19,7 @@ from s2r_sim.plant.plant import Plant
 from s2r_sim.plant.recorder import Recorder
 from s2r_sim.plant.sensors import Sensors
 from s2r_sim.protocols.references import Reference
-from s2r_sim.robot.figures import GRAVITY, LEGS
+from s2r_sim.robot.constants import GRAVITY, LEGS
 from s2r_sim.robot.signals import Command, MotorCommand
 from s2r_sim.settings import Settings
 

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from s2r_sim.residuals.footing import Footing, footing
 from s2r_sim.robot import pinocchio_model
-from s2r_sim.robot.figures import GRAVITY, LEGS, Inertia, Robot
+from s2r_sim.robot.constants import GRAVITY, LEGS, Inertia, Robot
 from s2r_sim.robot.leg_kinematics import foot_motion
 from s2r_spec.trace import Trace
 

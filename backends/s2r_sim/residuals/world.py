@@ -17,7 +17,7 @@ from s2r_sim.protocols.references import reference
 from s2r_sim.residuals.motion import Ground, Recorded, corrected, ground, hann
 from s2r_sim.residuals.play import crossed
 from s2r_sim.residuals.yielding import Yielding, yielding
-from s2r_sim.robot.figures import GRAVITY, Robot
+from s2r_sim.robot.constants import GRAVITY, Robot
 from s2r_sim.robot.rotation import turned, turned_back
 
 FloatArray = NDArray[np.float64]

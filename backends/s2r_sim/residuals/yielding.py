@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from s2r_sim.plant import mujoco_model
 from s2r_sim.plant.physics import Physics
-from s2r_sim.robot.figures import LEGS, Robot
+from s2r_sim.robot.constants import LEGS, Robot
 
 FloatArray = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim.robot.figures import LEGS, Leg, Robot
+from s2r_sim.robot.constants import LEGS, Leg, Robot
 
 
 class FootMotion(NamedTuple):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from s2r_sim.controller.estimator import replay
 from s2r_sim.controller.gains import Gains
 from s2r_sim.controller.trot import Controller, Memory
-from s2r_sim.robot.figures import A1, LEGS
+from s2r_sim.robot.constants import A1, LEGS
 from s2r_sim.robot.signals import Command, State
 
 FloatArray = NDArray[np.float64]

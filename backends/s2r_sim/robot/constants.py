@@ -1,9 +1,9 @@
-"""The robot: all inertial and kinematic figures of the Unitree A1.
+"""The robot: all inertial and kinematic constants of the Unitree A1.
 
 Source: ``a1_description/urdf/a1.urdf`` in the registry package
 ``example-robot-data`` 6.0.0 (13.741 kg with a trunk of 6.0 kg). Newer vendor files
 have a trunk of 4.713 kg; the right mass of a given robot is an open question.
-``tests/sim/test_figures.py`` compares this table with that file. Both the MuJoCo
+``tests/sim/test_constants.py`` compares this table with that file. Both the MuJoCo
 and the Pinocchio model are built from the table.
 
 Legs are always in the order FR, FL, RR, RL; joints of a leg hip, thigh, calf.
