@@ -21,7 +21,7 @@ from s2r_a1.wire import LAYOUTS, Orders, Reading
 from s2r_spec.errors import BackendError, NotBegunError
 
 PATIENCE = 30.0
-"""A budget [s]: longest time of a round in lock step. Twice as much waits longer for a guard that is stuck."""
+"""A budget [s]: longest time of a round in lock step."""
 WAIT = 2.0 * PERIOD
 """A budget [s]: time that a round waits for a state in real time, before it repeats the last orders. The guard bridges
 10 ms; four times as much would count as silence."""

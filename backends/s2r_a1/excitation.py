@@ -31,12 +31,12 @@ from s2r_sim.robot.signals import Command, MotorCommand
 FloatArray = NDArray[np.float64]
 
 SHARES = (0.25, 0.5)
-"""Levels: shares of the amplitude that are rehearsed before the first run of a protocol at these gains, in this order.
-Twice as much begins with half of the amplitude."""
+"""Levels: shares of the amplitude that are rehearsed before the first run of a protocol at these gains, in this
+order."""
 REHEARSED = 2.0
-"""A budget [s]: longest rehearsal of a share. Twice as much warms the motors longer in ``hold`` alone."""
+"""A budget [s]: longest rehearsal of a share."""
 GOING = 1.0
-"""A level [s]: time from one pose to another. Half as much doubles the joints' speeds."""
+"""A level [s]: time from one pose to another."""
 SETTLING = 0.4
 """A definition [s]: time for which the first pose is held before t = 0, as in the simulator."""
 

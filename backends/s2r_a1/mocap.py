@@ -30,28 +30,25 @@ from s2r_spec.errors import BackendError, UsageError
 FloatArray = NDArray[np.float64]
 
 WINDOW = 0.025
-"""A tolerance [s]: width of the window for slopes, five poses at 200 Hz. Twice as much divides the velocity's noise by
-2.8, and attenuates a motion of 10 Hz by 2 % instead of 0.5 %."""
+"""A tolerance [s]: width of the window for slopes, five poses at 200 Hz."""
 SEARCH = 0.15
-"""A budget [s]: longest delay of a pose. Twice as much finds the wrong period of the trot."""
+"""A budget [s]: longest delay of a pose."""
 EARLY = 0.03
-"""A tolerance [s]: apparent arrival of a pose before it was taken, because states are delayed, too. Twice as much finds
-the wrong period for poses that are 0.34 s late, instead of from 0.37 s on."""
+"""A tolerance [s]: apparent arrival of a pose before it was taken, because states are delayed, too."""
 STEP = 0.001
 """A tolerance [s]: step between two candidate offsets; a parabola refines the best."""
 CORRELATED = 0.7
 """A level: smallest correlation of the two yaw rates for an accepted offset. A higher level refuses noisier mocap."""
 TURNED = 10.0
 """A tolerance [deg]: error of the stated heading. Its cosine takes 1.5 % from the forward velocity, and its sine adds
-17 % of the velocity to the left. Twice as much makes them 6 % and 34 %."""
+17 % of the velocity to the left."""
 LEAST = 40
-"""A tolerance: smallest number of poses of a rollout, 0.2 s at 200 Hz; twice as many refuse a fall just after t = 0."""
+"""A tolerance: smallest number of poses of a rollout, 0.2 s at 200 Hz."""
 FASTEST = 3.3
 """A level [m/s]: speed that no A1 reaches, according to its manufacturer. Faster motion means wrong units or jumping
-poses. Twice as much accepts jumps of 8 cm."""
+poses."""
 FARTHEST = 1.0
-"""A level [m]: largest distance of a body from the middle of the base of an A1, which is 0.6 m long. Twice as much
-accepts some inches in place of metres."""
+"""A level [m]: largest distance of a body from the middle of the base of an A1, which is 0.6 m long."""
 LARGEST = 65536
 _NAMES = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
 

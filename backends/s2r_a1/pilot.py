@@ -21,7 +21,7 @@ from s2r_sim.settings import Settings
 
 PRACTICE = 100
 """A budget: control ticks on an artificial reading before the first request to the robot. The first one compiles for
-seconds, which the guard would take for silence; the others fill caches. Twice as many cost 0.1 s per process."""
+seconds, which the guard would take for silence; the others fill caches."""
 
 
 class Note(NamedTuple):

@@ -25,7 +25,7 @@ HEAD = b"\x55\x51"
 
 LOST = 1_000_000_000
 """A level [ns]: time with a head of zeros after which a remote that was on counts as lost; our figure, since none is
-published. Twice as long lets a robot walk for one more second without its operator's stop."""
+published."""
 
 
 def mask(buttons: Iterable[str]) -> int:

@@ -18,10 +18,9 @@ from s2r_sim.plant.noise import Noise, draw
 from s2r_sim.robot.signals import Command
 
 TROT = 600
-"""A budget [ticks]: shortest time of trotting in place before a test, 1.2 s, as in the simulator. Twice as much costs
-1.2 s per rollout."""
+"""A budget [ticks]: shortest time of trotting in place before a test, 1.2 s, as in the simulator."""
 RAMP = 250
-"""A budget [ticks]: duration of the ramp to zero, 0.5 s. Twice as much costs 0.5 s and 8 cm of floor."""
+"""A budget [ticks]: duration of the ramp to zero, 0.5 s."""
 
 _STILL = Command()
 

@@ -18,13 +18,12 @@ SECONDS: dict[TickUnit, float] = {"ms": 1e-3, "us": 1e-6}
 PERIOD = 0.002
 """A definition: seconds between two states of the robot, and of one round in lock step."""
 MEASURED = 0.5
-"""A budget [s]: time over which the unit of the ticks is measured; twice as long halves the effect of a late packet."""
+"""A budget [s]: time over which the unit of the ticks is measured."""
 CLOSE = 0.1
 """A tolerance: relative error of the measured rate of the ticks. Packets that are 8 ms late at both ends change the
-rate by 3 %. The two units differ by a factor of 1000, so twice as much decides the same."""
+rate by 3 %; the two units differ by a factor of 1000."""
 AHEAD = 0.1
-"""A tolerance [s]: advance of a tick beyond the time since the state before. Twice as much finds a clock that jumps or
-changes its unit only from jumps of 0.2 s on."""
+"""A tolerance [s]: advance of a tick beyond the time since the state before."""
 STILL = 1e-4
 """A tolerance [s]: smallest advance of a tick; a smaller one counts as none, as after a change from µs to ms. The
 fastest known robots send every millisecond; with ten times as much their states would not count."""

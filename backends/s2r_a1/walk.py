@@ -22,10 +22,9 @@ from s2r_a1.wire import Orders, Reading, WireError
 from s2r_spec.errors import BackendError, NotBegunError
 
 GETTING_UP = 5000
-"""A budget [rounds of 2 ms]: time to stand up or to lie down, 10 s. Twice as much waits longer for a robot that is
-stuck."""
+"""A budget [rounds of 2 ms]: time to stand up or to lie down, 10 s."""
 SETTLING = 250
-"""A budget [rounds of 2 ms]: time of standing still before and after a walk, 0.5 s. Twice as much costs 1 s more."""
+"""A budget [rounds of 2 ms]: time of standing still before and after a walk, 0.5 s."""
 GONE = "GONE"
 """A definition: the state of a guard that ended while a client was attached."""
 

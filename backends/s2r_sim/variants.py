@@ -23,8 +23,7 @@ INSTRUMENTS = {
     "torque": 0.05,
 }
 """Prior: noise of a laboratory's instruments, in the units of :class:`Noise`. A judgement, of the order of data sheets:
-a few tenths of a millimetre for motion capture, 1 N for force plates, 0.15 % of the largest torque. Twice as much
-lets such noise explain twice as large a difference of a mean square."""
+a few tenths of a millimetre for motion capture, 1 N for force plates, 0.15 % of the largest torque."""
 
 
 def variants(settings: Settings, noise: Noise) -> dict[str, tuple[Settings, Noise]]:

@@ -36,15 +36,13 @@ FloatArray = NDArray[np.float64]
 
 CORRECTIONS = 3
 """Budget: most runs of the simulator at the posterior mean. The most probable sets share :data:`SIMULATED` times as
-many. Twice as many take up to twice the runs."""
+many."""
 SETTLED = 0.02
-"""Tolerance: the simulator does not run again where the estimate moved less, in typical sizes. Twice as much saves a
-run of every experiment in some machines."""
+"""Tolerance: the simulator does not run again where the estimate moved less, in typical sizes."""
 RIVALS = 3
-"""Budget: sets that are fitted beside the most probable one, each with a run of every experiment. Twice as many take
-about twice the time of all fits."""
+"""Budget: sets that are fitted beside the most probable one, each with a run of every experiment."""
 SIMULATED = 2
-"""Budget: most probable sets at whose own estimates the simulator runs. Twice as many take up to twice the runs."""
+"""Budget: most probable sets at whose own estimates the simulator runs."""
 
 
 @dataclass(frozen=True)

@@ -22,9 +22,9 @@ from s2r_spec.diagnose.simulator.bench import Bench, Test, evenly, places_of, ta
 from s2r_spec.trace import Trace
 
 HALVINGS = 6
-"""Budget: halvings of the way from nominal to the end of a range. Doubled, the least is known 64 times as finely."""
+"""Budget: halvings of the way from nominal to the end of a range."""
 SHOWN = 3
-"""Definition: effects that a sentence names; it counts the others. Doubled, sentences get longer."""
+"""Definition: effects that a sentence names; it counts the others."""
 
 Rollouts = Sequence[tuple[Test, Trace]]
 

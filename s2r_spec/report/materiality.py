@@ -10,9 +10,9 @@ from s2r_spec.diagnose.gap.materiality import Failures, GapAtTest, Materiality
 from s2r_spec.report.check import test_words
 
 PLACES = 3
-"""Definition: tests that are printed, largest gap first; doubled, twice as many are printed."""
+"""Definition: tests that are printed, largest gap first."""
 MOST_PERCENT = 10.0
-"""Definition: ratio from which on a part is written as a multiple; doubled, 1500 % stays a percentage."""
+"""Definition: ratio from which on a part is written as a multiple."""
 
 
 def matters_words(materiality: Materiality, units: Mapping[str, str]) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 from s2r_spec.base.errors import UsageError
 
 LONGEST = 1 << 20
-"""Budget: bytes of a line, a thousand times the size of a usual one. Twice as many take twice the memory."""
+"""Budget: bytes of a line, a thousand times the size of a usual one."""
 TRACE_SUM = "trace_crc32"
 """Definition: field with the CRC-32 of the line's trace file, as hex digits."""
 _CHECKED = re.compile(rb'(?P<body>.*), "crc32": "(?P<sum>[0-9a-f]{8})"\}')

@@ -31,7 +31,7 @@ AGAIN, FALL = "again", "fall"
 KILLED = "killed"
 """Definition: the word for a rollout whose process died, was killed, or exceeded its time limit."""
 LONGEST_REASON = 1000
-"""Budget: characters of a reason that a line keeps. Twice as many make the line twice as long."""
+"""Budget: characters of a reason that a line keeps."""
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,7 @@ from s2r_spec.workers.limits import Limit
 from s2r_spec.workers.worker import end_copy, limit
 
 OPENING = 60.0
-"""Budget: time to load a backend on top of a rollout [s], for a cold disk or a licence server. Twice as much waits
-twice as long for a backend that hangs."""
+"""Budget: time to load a backend on top of a rollout [s], for a cold disk or a licence server."""
 
 
 @dataclass(frozen=True)

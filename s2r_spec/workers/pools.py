@@ -18,8 +18,7 @@ from s2r_spec.workers.worker_process import WorkerDiedError, call_in_worker, end
 ExecutorFactory = Callable[[], Executor]
 
 ANSWER = 10.0
-"""Budget: time for a scheduler to answer, and time for its first worker [s]. Twice as much waits twice as long for a
-wrong address."""
+"""Budget: time for a scheduler to answer, and time for its first worker [s]."""
 
 
 def cores() -> int:

@@ -24,8 +24,7 @@ from time import monotonic, sleep
 from uuid import uuid4
 
 GRACE = 1.0
-"""Budget: time between a group's SIGTERM and its SIGKILL [s]. Twice as much delays Ctrl-C and ``--timeout`` by as much
-where a process ignores SIGTERM."""
+"""Budget: time between a group's SIGTERM and its SIGKILL [s]."""
 MARK = "S2R_WORKER"
 """Definition: the environment variable that marks the descendants of a worker."""
 

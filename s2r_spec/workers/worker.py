@@ -23,12 +23,10 @@ from s2r_spec.workers import frames
 from s2r_spec.workers.limits import Limit, own_cpu_time
 
 IDLE = 600.0
-"""Budget: time without a call after which a worker ends itself [s], because its client may have been killed. Twice as
-much keeps the memory of such a worker for twice as long."""
+"""Budget: time without a call after which a worker ends itself [s], because its client may have been killed."""
 ALONE = 3.0
 """Budget: time from the parent's end until the worker kills its group [s]. It is longer than ``PATIENCE`` of
-``worker_process`` and ``GRACE`` of ``process_group``, because those send SIGTERM first. Twice as much lets an orphan
-run for twice as long."""
+``worker_process`` and ``GRACE`` of ``process_group``, because those send SIGTERM first."""
 
 _answers: IO[bytes] | None = None
 _questions: IO[bytes] | None = None

@@ -21,7 +21,7 @@ Reply = dict[str, Any] | Deferred
 
 PATIENCE = 750
 """A budget [rounds]: time for the robot to fulfil the conditions of a request: 1.5 s, with 0.5 s for measuring the
-robot's clock. Twice as many report a missing robot later."""
+robot's clock."""
 LONGEST = 300
 """A budget: characters of a reason."""
 JUDGED = frozenset({"a1"})

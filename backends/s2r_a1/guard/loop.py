@@ -32,17 +32,16 @@ from s2r_a1.rawlog import RawLogError, RawLogWriter
 from s2r_a1.wire import LAYOUTS, Command, Orders
 
 SINKING = {State.DAMPING: 3 * SECOND, State.RESTING: SECOND}
-"""A budget [ns]: time of damping until a robot lies. Twice as long delays the guard's end."""
+"""A budget [ns]: time of damping until a robot lies."""
 LOOKED = 0.2
 """A budget [s]: interval at which an idle guard checks whether it must end."""
 UNANSWERED = 1.0
 """A budget [s]: wait in lock step for a client that may no longer move the robot. A stopped client would delay the
-damping of the robot; twice as long delays it for longer."""
+damping of the robot."""
 GREETED = 10.0
-"""A budget [s]: extra time that a new guard waits for the program that started it. Twice as long keeps a useless guard
-for longer."""
+"""A budget [s]: extra time that a new guard waits for the program that started it."""
 MUTE = 3.0
-"""A budget [s]: time for the first answer of a twin in lock step. Twice as long reveals a wrong twin later."""
+"""A budget [s]: time for the first answer of a twin in lock step."""
 RENEWED = 500
 """A budget [rounds]: interval between two checks of the control socket; each takes 10 µs."""
 POLLED = 0.005

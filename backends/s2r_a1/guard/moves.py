@@ -22,23 +22,22 @@ FloatArray = NDArray[np.float64]
 STAND_HEIGHT = 0.28
 """A definition [m]: height of the base in a stand, as in the walking controller of ``s2r_sim``."""
 STAND_UP = 2_000_000_000
-"""A level [ns]: time to stand up. Source: unitree_guide. Twice as long heats the motors longer."""
+"""A level [ns]: time to stand up. Source: unitree_guide."""
 LIE_DOWN = 2_000_000_000
-"""A level [ns]: time to lie down. Source: as for standing up. Twice as long heats the motors longer."""
+"""A level [ns]: time to lie down. Source: as for standing up."""
 CATCH = 300_000_000
-"""A level [ns]: time from a walk to the stand. A step of the trot takes 200 ms; in twice as long, a robot on two legs
-tips further before the other legs are down."""
+"""A level [ns]: time from a walk to the stand. A step of the trot takes 200 ms; a robot on two legs tips before the
+other legs are down."""
 YIELD = 0.25
 """A budget [rad]: largest angle beyond a joint's own at which a stand may begin, to take over the load of a walk. It
-gives 15 to 20 N·m; twice as much exceeds the motors' torque."""
+gives 15 to 20 N·m."""
 
 KP = np.tile([60.0, 40.0, 80.0], 4)
-"""Levels [N·m/rad]: position gains of hip, thigh, calf. Source: unitree_guide, on the robot. Twice as much makes joints
-ring."""
+"""Levels [N·m/rad]: position gains of hip, thigh, calf. Source: unitree_guide, on the robot."""
 KD = np.tile([5.0, 4.0, 7.0], 4)
-"""Levels [N·m·s/rad]: speed gains of hip, thigh, calf. Source: as for KP. Twice as much amplifies speed noise."""
+"""Levels [N·m·s/rad]: speed gains of hip, thigh, calf. Source: as for KP."""
 DAMPING = 3.0
-"""A level [N·m·s/rad]: speed gain of a damped robot. Source: unitree_guide. Twice as much halves its sinking speed."""
+"""A level [N·m·s/rad]: speed gain of a damped robot. Source: unitree_guide."""
 
 ZERO = np.zeros(MOTORS)
 STANDING = np.tile(leg.standing(leg.A1, STAND_HEIGHT), 4)

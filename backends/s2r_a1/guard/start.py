@@ -19,7 +19,7 @@ from s2r_spec.errors import BackendError, UsageError
 __all__ = ["Robot", "attach", "start"]
 
 PATIENCE = 20.0
-"""A budget [s]: time for a guard to start; it needs about 0.3 s on an idle machine. Twice as much waits longer."""
+"""A budget [s]: time for a guard to start; it needs about 0.3 s on an idle machine."""
 
 
 def attach(robot: Robot, role: Role | None = None, **hello: Any) -> tuple[Connection, dict[str, Any]] | None:

@@ -35,10 +35,9 @@ from s2r_a1.wire import MOTORS, Command, Orders, Reading
 FloatArray = NDArray[np.float64]
 
 RAMP = 1500 * limit.MS
-"""A budget [ns]: time for a client to stop on request; then the guard halts. Twice as long lets a robot walk on for
-twice as long after Ctrl-C."""
+"""A budget [ns]: time for a client to stop on request; then the guard halts."""
 SINKING = 1000 * limit.MS
-"""A budget [ns]: shortest time of damping, so that a reset does not drop the robot. Twice as long delays resets."""
+"""A budget [ns]: shortest time of damping, so that a reset does not drop the robot."""
 
 
 class State(StrEnum):

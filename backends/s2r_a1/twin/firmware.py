@@ -20,7 +20,7 @@ Silence = Literal["brake", "free", "damp"]
 
 PATIENCE = 15
 """A level: rounds of 2 ms without a valid command before the rule for silence applies: 30 ms, the vendor's "safe
-frequency" of 33 Hz. Twice as many let a robot without commands go on for 60 ms."""
+frequency" of 33 Hz."""
 _ZERO = np.zeros(MOTORS)
 _DAMPING = 3.0
 """A level [N·m·s/rad]: speed gain of the rule ``damp``, as in the vendor's own passive state."""

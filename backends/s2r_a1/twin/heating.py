@@ -18,7 +18,7 @@ AMBIENT = 25.0
 """A level [°C]: initial temperature of all motors."""
 RISE = 0.1
 """A level [K/(N·m)²]: equilibrium temperature rise per squared torque. In the trot of `s2r_sim` the mean τ² of a calf
-is 60 (N·m)², which gives +6 K; twice as much gives +12 K."""
+is 60 (N·m)², which gives +6 K."""
 TIME_CONSTANT = 300.0
 """A level [s]: time constant of the temperature."""
 

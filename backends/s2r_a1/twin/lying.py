@@ -25,7 +25,7 @@ FOLDED = np.concatenate([[leg.sy * HIP, THIGH, CALF] for leg in LEGS])
 _ABOVE = 0.08
 """A tolerance [m]: height of the base before it settles; it lies at 0.057 m, half the trunk's height."""
 _HELD, _DAMPED, _LIMP = 0.3, 0.7, 3.0
-"""Budgets [s]: times of holding, braking and releasing the legs; twice as long changes the pose by 0.02 rad."""
+"""Budgets [s]: times of holding, braking and releasing the legs."""
 _RELEASED = np.zeros(12)
 
 

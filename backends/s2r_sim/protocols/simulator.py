@@ -28,7 +28,7 @@ FloatArray = NDArray[np.float64]
 SETTLING = 0.4
 """[s] for which the robot holds the first pose before the protocol begins."""
 RIG = 1e5
-"""[kg] mass of the trunk with the rig that holds it. With twice as much the legs move the base half as far."""
+"""[kg] mass of the trunk with the rig that holds it."""
 LOGGED = (
     *("vx", "vy", "vz", "wz", "x", "y", "z", "height", "roll", "pitch", "yaw", "omega", "fallen"),
     *("q", "dq", "tau_cmd", "tau", "foot_position", "foot_velocity", "foot_force", "contact"),

@@ -24,8 +24,7 @@ FloatArray = NDArray[np.float64]
 LADDER = (1.0, 2.0, 4.0, 8.0)
 """Definition: norm bounds as multiples of the declared B, which is the first."""
 TOLERANCE = 0.05
-"""Tolerance: a cell is split while it hides more than this share of the interval that is left. With twice as much the
-interval is wider, and there are fewer points."""
+"""Tolerance: a cell is split while it hides more than this share of the interval that is left."""
 FIRST_SHARE = 0.5
 """Tolerance: the first division of the box hides at most this share of ε, if that is possible with few points."""
 

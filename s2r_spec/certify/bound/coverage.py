@@ -28,8 +28,7 @@ FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
 PARTS = 8
-"""Budget: parts of an axis' range that are each tested. With twice as many a certificate takes up to twice the
-rollouts, and dips of half the width are seen."""
+"""Budget: parts of an axis' range that are each tested."""
 LEAST = 2
 """Definition: rollouts of a test, for only scatter between replicates can refute R."""
 MOST_ROLLOUTS = 1e12

@@ -19,7 +19,7 @@ IndexArray = NDArray[np.intp]
 Lattice = NDArray[np.int64]
 
 MOST_POINTS = 50_000
-"""Budget: points after which no cell is split any more. Twice as many double the memory and the time."""
+"""Budget: points after which no cell is split any more."""
 DEPTH = 20
 """Definition: how often a cell of the first division can be halved along each axis."""
 FIRST_POINTS = 1500

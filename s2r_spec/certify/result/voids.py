@@ -22,7 +22,7 @@ from s2r_spec.runs.scorer import Scorer
 
 MOST_VOID = 1 / 20
 """Level: largest share of all rollouts that may be void (dimensionless). If outcomes differ by the whole range of ρ,
-void rollouts can shift the mean by this share of the range. Twice as much shifts it twice as far."""
+void rollouts can shift the mean by this share of the range."""
 UNFINISHED = "unfinished"
 """Definition: word for a rollout that runs, or in which s2r was killed and that nobody resumed."""
 

@@ -39,10 +39,9 @@ from s2r_spec.space import Space
 FloatArray = NDArray[np.float64]
 
 GRID = 160
-"""Budget: most grid points. With twice as many the estimate takes eight times as long."""
+"""Budget: most grid points."""
 SPACING = 2.0
-"""Tolerance: grid spacing over the side of a cell that hides the share ``TOLERANCE`` of ε. With half of it the
-estimates change by a few per cent in one and two parameters."""
+"""Tolerance: grid spacing over the side of a cell that hides the share ``TOLERANCE`` of ε."""
 UPDATES = 25
 """Budget: most updates of a design."""
 STEP = 1.3

@@ -35,9 +35,9 @@ from s2r_spec.space import Space
 
 VARIATION = 4.0
 """Definition: change of J over the test space in the easier case, in ε. If ε is half of the worst mean, as the pages
-advise, E ρ rises to three times its worst. With twice as much ``low`` falls by about a quarter."""
+advise, E ρ rises to three times its worst."""
 FUNCTIONS = 5
-"""Budget: random functions for ``low``. With twice as many it is a little smaller, and takes twice the time."""
+"""Budget: random functions for ``low``."""
 SECTIONS = 12
 """Definition: kernel sections in a random function."""
 SHARE_VARIED, SHARE_FLAT = 0.4, 0.5
@@ -48,7 +48,7 @@ MOST = 2_000_000
 WIDTHS = 6
 """Budget: most estimates of the rollouts until the ε of a budget is found."""
 CLOSE = 0.03
-"""Tolerance: relative change of that ε at which it is found. With half as much it takes one more estimate."""
+"""Tolerance: relative change of that ε at which it is found."""
 
 Progress = Callable[[str, int, int], None]
 """Receives the stage, how many estimates are done, and how many there are."""

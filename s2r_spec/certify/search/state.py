@@ -18,8 +18,8 @@ from s2r_spec.runs.stop_rule import DECIDED
 FloatArray = NDArray[np.float64]
 
 LEAST_DEGREES = 20
-"""Level: fewest degrees of freedom of the test of R before a verdict may end a search: rollouts minus replicated tests.
-With twice as many the test refutes smaller errors of R, and the search takes at least twice the rollouts."""
+"""Level: fewest degrees of freedom of the test of R before a verdict may end a search: rollouts minus replicated
+tests."""
 
 
 @dataclass

@@ -38,12 +38,12 @@ FloatArray = NDArray[np.float64]
 
 PLANNED = 32
 """Tolerance: rollouts as which the plan's estimate counts. The width of the first four batches is mostly B, and says
-little about the end. With twice as many the plan counts longer."""
+little about the end."""
 FIRST = 2 * LEAST_DEGREES
 """Definition: rollouts in which the test of R gets its degrees of freedom; the tests spread over the space in them."""
 GROWTH = 0.1
 """Tolerance: growth of the computation between batches with each batch, as a share of its first duration: every batch
-adds tests. With twice as much the time left is longer where rollouts are quick."""
+adds tests."""
 WIDTHS = np.array([1.0, 2.0, 4.0, 8.0, 16.0])
 """Tolerance: widths, in ε, at which a flat objective's rollouts are computed; between them ln F is linear in ln w."""
 

@@ -36,12 +36,11 @@ from s2r_spec.runs.compatibility import check_compatibility
 from s2r_spec.runs.seeds import Stream, rollout_seed
 
 BUDGET = 30
-"""Budget: real rollouts of a machine when the user gives no number. Twice as many halve the variance of an estimate."""
+"""Budget: real rollouts of a machine when the user gives no number."""
 HELD_OUT = 2 * LEAST
 """Definition: tests that a campaign holds out, if its budget is large enough."""
 DISTINCT = 0.6
-"""Budget: share of different tests in a plan without protocols; the rest are second and third runs. With twice as much,
-no test runs again."""
+"""Budget: share of different tests in a plan without protocols; the rest are second and third runs."""
 
 Choose = Callable[[RealRollouts, frozenset[str]], Experiment | None]
 """Chooses the next experiment from the train rollouts and the protocols that must not run again; None ends."""

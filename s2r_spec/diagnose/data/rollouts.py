@@ -34,7 +34,7 @@ TestRun = tuple[dict[str, float], Trace]
 TIMES = {1.0: "s", 1e3: "ms", 1e6: "us", 1e9: "ns"}
 """Definition: units of time, by their number in a second."""
 FEWEST = 6
-"""Budget: real rollouts that a diagnosis needs. With twice as many, small recordings are refused."""
+"""Budget: real rollouts that a diagnosis needs."""
 
 
 @dataclass(frozen=True)

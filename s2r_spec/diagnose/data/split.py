@@ -11,13 +11,13 @@ from s2r_spec.diagnose.data.rollouts import FEWEST, RealRollouts, TestRun
 from s2r_spec.space import key_of
 
 LEAST = 3
-"""Budget: fewest tests whose gap is measured. With twice as many, small recordings have no held-out gap."""
+"""Budget: fewest tests whose gap is measured."""
 HELD_OUT = 0.3
-"""Budget: share of the tests that is held out. Twice as many leave fewer tests to estimate from."""
+"""Budget: share of the tests that is held out."""
 ENOUGH = (9, 2 * FEWEST)
 """Budget: different tests, and runs of tests, from which on some are held out. The first follows from the two above."""
 ACCIDENTS = 0.1
-"""Tolerance: share of the tests that may have failed by accident, or one. Twice as much leaves out more falls."""
+"""Tolerance: share of the tests that may have failed by accident, or one."""
 
 
 @dataclass(frozen=True)

@@ -52,7 +52,7 @@ FloatArray = NDArray[np.float64]
 APART = 3.0
 """Level: standard deviations from which on two sets are told apart. Higher, more pairs are called inseparable."""
 COMPARED = 12
-"""Budget: sets that are compared, most probable first. Doubled, four times as many pairs."""
+"""Budget: sets that are compared, most probable first."""
 
 
 @dataclass(frozen=True)

@@ -54,15 +54,13 @@ from s2r_spec.trace import Trace
 FloatArray = NDArray[np.float64]
 
 HALF = 0.5
-"""Definition: part of the simulated margin that a gap may take without mattering. Doubled, a gap matters only if it may
-change the sign of ρ, or double ρ."""
+"""Definition: part of the simulated margin that a gap may take without mattering."""
 RATIO = 0.4
 """Prior: standard deviation of the logarithm of the ratio r of both standard deviations, without its sign. Half of all
 machines scatter at most 1.3 times as much as their simulator, 19 of 20 at most 2.2 times. `python -m
-benchmarks.diagnose.materiality --a1` prints this ratio for a twin of other code. Doubled, intervals of single real
-rollouts get 2.3 times as long; halved, 24 % shorter."""
+benchmarks.diagnose.materiality --a1` prints this ratio for a twin of other code."""
 NODES = 16
-"""Budget: values of r and of W over which p-values are averaged. Doubled, intervals change by 0.1 %."""
+"""Budget: values of r and of W over which p-values are averaged."""
 
 
 @dataclass(frozen=True, eq=False)

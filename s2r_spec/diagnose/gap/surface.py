@@ -30,18 +30,16 @@ from s2r_spec.space import Space
 FloatArray = NDArray[np.float64]
 
 COUNTS = {1: 101, 2: 21, 3: 7, 4: 5}
-"""Definition: places along each axis of a space of so many parameters; over five, a grid would have too few. Doubled,
-the worst test is known twice as finely."""
+"""Definition: places along each axis of a space of so many parameters; over five, a grid would have too few."""
 MOST_PREDICTED = 0.75
 """Prior: largest weight of the improved simulator, because it was fitted to the same rollouts. At 1, it may be
 alone."""
 KEPT = 32
 """Budget: pairs of size and length scales that remain, of eight times as many draws from their prior, after resampling
-by weight. Doubled, their average is more exact, and sampling functions takes up to twice as long."""
+by weight."""
 PRIOR = ((1.0, 0.7), (0.4, 0.8))
 """Prior: median and standard deviation of the logarithm, of the size over the test space in parts of the data's
-standard deviation, and of a length scale in parts of an axis. A doubled median of the size gives wider bands far from
-the tests; one of the length scale expects a smoother gap."""
+standard deviation, and of a length scale in parts of an axis."""
 
 
 class Predicted(NamedTuple):

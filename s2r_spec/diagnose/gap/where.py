@@ -26,10 +26,10 @@ from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
 SECONDS = 10.0
-"""Budget: time of one core [s] for both simulators over the test space. Doubled, up to twice as many tests; three
-along each axis are run all the same."""
+"""Budget: time of one core [s] for both simulators over the test space. Three tests along each axis are run in any
+case."""
 PLACES = 400
-"""Budget: the most tests over the space. Doubled, a cheap simulator has a finer grid."""
+"""Budget: the most tests over the space."""
 NO_SIMULATOR = "no simulator with residuals was given, so the gap cannot be traced to parts of the machine"
 
 

@@ -68,7 +68,7 @@ FloatArray = NDArray[np.float64]
 GAIN = 2.0
 """Tolerance: least gain of a step of the search, in log-likelihood; the odds of one step change by a factor of 7."""
 TRIED = 40
-"""Budget: moves of the search that are tried before all others. Twice as many take up to twice its time."""
+"""Budget: moves of the search that are tried before all others."""
 STEPS = 12
 """Budget: most Gauss–Newton steps of a fit."""
 CLOSE = 0.002

@@ -64,36 +64,30 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 LAW_ERROR = 0.02
-"""Prior: scale τ0 of the law error of a group, in typical sizes. With twice as much, many groups of a channel that
-follows every law count for more, and the few precise ones for less. Chosen among 0.01, 0.02, 0.05 by the errors on 20
-of the twins of `benchmarks/diagnose/protocol_fit.py`, which are therefore validation."""
+"""Prior: scale τ0 of the law error of a group, in typical sizes. Chosen among 0.01, 0.02, 0.05 by the errors on 20 of
+the twins of `benchmarks/diagnose/protocol_fit.py`, which are therefore validation."""
 LAW_SHARE = 0.1
 """Prior: part ρ0 of an effect's size by which its law is wrong in one kind of motion; ρ is ρ0 or half as much, which is
-equally probable. It is also the scale of ρ_g and κ_g. Twice as much makes intervals of large effects up to twice as
-wide. A quarter was tried, too: intervals then hold fewer than 85 % of the truths of two machines of
-`benchmarks/blind/development.py`, which are therefore validation."""
+equally probable. It is also the scale of ρ_g and κ_g. A quarter was tried, too: intervals then hold fewer than 85 % of
+the truths of two machines of `benchmarks/blind/development.py`, which are therefore validation."""
 DEGREES = 4.0
-"""Prior: degrees of freedom ν of both variances of a group. With twice as many, a group that does not fit keeps more
-of its weight. Chosen like τ0, among 1 and 4."""
+"""Prior: degrees of freedom ν of both variances of a group. Chosen like τ0, among 1 and 4."""
 LARGEST = 60.0
-"""Tolerance: a residual beyond so many units counts as that many; a diverged run then stays finite.
-Twice as much lets one such observable raise s_g² of its group up to four times as far."""
+"""Tolerance: a residual beyond so many units counts as that many; a diverged run then stays finite."""
 SHARED = 0.03
 """Prior: standard deviation σ_c of the error that all groups share at nominal, in typical sizes: two healthy machines
 of different authors differ by so much. Chosen among 0.02 to 0.05 by density of the true sizes and coverage of the
 intervals, in 35 twins of `benchmarks/diagnose/protocol_fit.py` and 17 cases of each of four machines of
-`benchmarks/blind/development.py`, which are therefore validation. Twice as much makes intervals of small effects up to
-twice as wide."""
+`benchmarks/blind/development.py`, which are therefore validation."""
 TINY = 1e-9
-"""Tolerance: information below this part of the largest counts as none. Twice as much changes nothing that shows."""
+"""Tolerance: information below this part of the largest counts as none."""
 ROUNDS = 20
 """Budget: most rounds of the fixed points of variances at an estimate. They end before where nothing changes."""
 CONSTANT = 1e-3
-"""Tolerance: a fixed point ends where no variance changes by more than this part. Evidence is flat there, so twice as
-much changes it by less than 1e-4."""
+"""Tolerance: a fixed point ends where no variance changes by more than this part. Evidence is flat there."""
 VARIANT = 2.0
 """Prior: error of a variant's amount in a group, in units of τ_g; a variant is known less well than an effect. No
-source: a judgement. Twice as much lets each group use the variants more freely."""
+source: a judgement."""
 
 
 @dataclass(frozen=True)

@@ -29,13 +29,11 @@ UNITS = {
 """Definition: factors by which a channel is off whose unit was forgotten: milli and kilo, centi, degrees."""
 NEAR = 1.5
 """Tolerance: a factor is one of these if it is this many times as much at most, for what a machine lacks moves its
-commands, too. Doubled, factors of physics are units."""
+commands, too."""
 ODD = 5.0
-"""Tolerance: one rollout has what most have not if it is so many times as much as in half of them. Twice as much misses
-outliers that are half as large."""
+"""Tolerance: one rollout has what most have not if it is so many times as much as in half of them."""
 PART = 0.2
-"""Tolerance: part of a range, of a turn or of a rollout that counts. Twice as much misses outliers that are half as
-large, and stops half as long."""
+"""Tolerance: part of a range, of a turn or of a rollout that counts."""
 
 
 def by_channel(of: Recordings) -> list[Finding]:

@@ -20,19 +20,17 @@ from s2r_spec.trace.samples import period_of
 FloatArray = NDArray[np.float64]
 
 BUDGET = 20.0
-"""Budget: CPU time [s] for the rollouts of a comparison. Twice as much compares more tests, and effects on both sides
-of nominal. A simulator that cannot run three tests in it runs these all the same."""
+"""Budget: CPU time [s] for the rollouts of a comparison. A simulator that cannot run three tests in it runs these all
+the same."""
 SEEDS = 24
-"""Budget: nominal rollouts a test at most, for their mean and scatter; a sixth of them at least. Twice as many halve
-the variance of the estimate of either."""
+"""Budget: nominal rollouts a test at most, for their mean and scatter; a sixth of them at least."""
 TIMES = 90
-"""Definition: instants of a rollout that are compared. Twice as many see delays half as long, in twice the time."""
+"""Definition: instants of a rollout that are compared."""
 FLOOR = 0.007
-"""Tolerance: part of a column's range that is no discrepancy, whatever the simulator's scatter. Twice as much hides
-mistakes that are half as large."""
+"""Tolerance: part of a column's range that is no discrepancy, whatever the simulator's scatter."""
 CLEAR = 0.15
 """Level: part of the usual misfit by which a discrepancy is there at all, and part of what the best mistake removes by
-which another is worse. Twice as much misses mistakes that are 1.4 times as large, and says more beside the best."""
+which another is worse."""
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,7 @@ FloatArray = NDArray[np.float64]
 
 MOST = 0.75
 """Level: part of what the best machine leaves beyond the usual that undoing a mistake must remove; the rest is what a
-candidate must remove to be tried beside effects. At twice the distance from 1 it finds mistakes beside larger unknown
-effects, and takes more unknown effects for mistakes."""
+candidate must remove to be tried beside effects."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,10 +30,10 @@ Parts = tuple[FloatArray, FloatArray | float]
 PER_RADIAN = {"rad": 1.0, "deg": 180.0 / np.pi}
 """Definition: units of angles, and how many of it a radian is."""
 LATEST = 0.25
-"""Definition: part of a rollout that a delay is looked for up to. Twice as much looks for longer ones."""
+"""Definition: part of a rollout that a delay is looked for up to."""
 FACTORS = tuple(np.geomspace(0.4, 2.5, 59).tolist())
 """Definition: factors of scales and clocks that are tried, before the best is refined. A rate that was set twice as
-high as it was lies well inside; a best at either end is no minimum. Twice as many see clocks of longer rollouts."""
+high as it was lies well inside; a best at either end is no minimum."""
 
 
 @dataclass(frozen=True, eq=False)

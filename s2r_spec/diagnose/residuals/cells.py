@@ -22,10 +22,9 @@ from s2r_spec.trace import Trace
 FloatArray = NDArray[np.float64]
 
 CELLS = 32
-"""Definition: shortest windows of time in a rollout, a power of two; cells along a channel are half as many. Doubled,
-places are twice as fine."""
+"""Definition: shortest windows of time in a rollout, a power of two; cells along a channel are half as many."""
 GRID = 1000
-"""Definition: times of a rollout at which its cell along a channel is known. Doubled, cells have sharper ends."""
+"""Definition: times of a rollout at which its cell along a channel is known."""
 
 
 class Cell(NamedTuple):

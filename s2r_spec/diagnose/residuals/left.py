@@ -46,17 +46,16 @@ from s2r_spec.trace import Trace, thinned
 FloatArray = NDArray[np.float64]
 
 LAWS = 0.3
-"""Prior: laws are off by this part of what the named effects do in a cell, and next to it. Doubled, less is left of a
-machine with large effects."""
+"""Prior: laws are off by this part of what the named effects do in a cell, and next to it."""
 ALLOWED = 0.1
-"""Prior: a little of everything is this part of every typical effect. Doubled, causes half as large are allowed for."""
+"""Prior: a little of everything is this part of every typical effect."""
 NOTHING = 0.03
-"""Tolerance: nobody models a channel better than to this part of how much it varies. Doubled, smaller causes hide."""
+"""Tolerance: nobody models a channel better than to this part of how much it varies."""
 TAIL = 0.2
 """Prior: of a machine that is the simulator's in kind, the largest of many columns is 1 + TAIL · log(columns) times
-allowed, as with an exponential tail. Doubled, machines of many columns show less."""
+allowed, as with an exponential tail."""
 REPORTED = 5
-"""Definition: largest remainders that are kept. Doubled, a report may show twice as many."""
+"""Definition: largest remainders that are kept."""
 
 
 @dataclass(frozen=True)

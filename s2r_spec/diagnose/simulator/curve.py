@@ -14,7 +14,7 @@ FloatArray = NDArray[np.float64]
 HARMONICS = 3
 """Definition: functions of the series of :class:`Turn`: cosine, sine, and the cosine of twice the angle."""
 NEAR = 1e-3
-"""Tolerance: below this coordinate a secant is the derivative at nominal. Twice as much changes nothing that shows."""
+"""Tolerance: below this coordinate a secant is the derivative at nominal."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -48,12 +48,12 @@ POINTS = (0.3, 1.0, 2.0)
 """Definition: coordinates of a response on either side, as far as the range reaches. An effect with a threshold between
 two of them is interpolated; more points cost a run of every experiment each."""
 MACHINES = 24
-"""Budget: practice machines; the error of a sum of responses is then known to 15 %. Twice as many: 10 %."""
+"""Budget: practice machines; the error of a sum of responses is then known to 15 %."""
 CAUSES = 3
 """Definition: a practice machine has 0 to 3 causes, of a quarter of the typical size to all of it. More causes make
 sums of responses look worse."""
 NOMINAL = 8
-"""Budget: nominal runs of an experiment, from which its scatter is known to 27 %. Twice as many: 18 %."""
+"""Budget: nominal runs of an experiment, from which its scatter is known to 27 %."""
 PILOT = 4
 """Budget: nominal runs that decide which observables there are. With two, a gait may agree in time by chance."""
 REPLICATES = {"test": 2, "protocol": 1}

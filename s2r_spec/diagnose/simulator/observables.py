@@ -32,16 +32,15 @@ from s2r_spec.trace import Trace
 FloatArray = NDArray[np.float64]
 
 BINS = 50
-"""Definition: parts of a trace whose means are observables. With twice as many, motions up to twice as fast count."""
+"""Definition: parts of a trace whose means are observables."""
 WINDOWS = (0.0, 0.1, 0.2, 0.35, 0.55, 0.775, 1.0)
 """Definition: edges of the windows, as parts of the trace; narrow where a command has just changed."""
 BLOCKS = 60
 """Definition: the ripple is the scatter within this part of a trace."""
 NEGLIGIBLE = 0.05
-"""Tolerance: a residual below this part of a channel's scatter counts as nothing. Twice it halves small residuals."""
+"""Tolerance: a residual below this part of a channel's scatter counts as nothing."""
 SAME = 0.2
-"""Tolerance: two channels measure the same if their nominal difference is below this part of their rms. Twice it adds
-differences; it takes no observable away."""
+"""Tolerance: two channels measure the same if their nominal difference is below this part of their rms."""
 FLOOR = 0.1
 """Tolerance: scatter below this part of the scale does not change the logarithm of the ripple."""
 

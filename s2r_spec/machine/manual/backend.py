@@ -28,8 +28,7 @@ from s2r_spec.recordings.reading_rule import READING
 from s2r_spec.trace import Trace
 
 COST = 120.0
-"""Prior: a person's time for one test, without the test itself [s]; only plans use it. Twice as much plans half as many
-tests."""
+"""Prior: a person's time for one test, without the test itself [s]; only plans use it."""
 VOID_REASON = "the operator says that the test ran and left no log"
 
 

@@ -27,22 +27,19 @@ COMMANDED = {"vd": ("v", "vx")}
 """Definition: parameter → quantities that it commands, as named in our specs for walking robots."""
 SAME_TEST = 0.01
 """Tolerance: difference between the test in a log and the requested one, as a share of the parameter's range. It is
-above the rounding of any interface. Twice as much accepts tests twice as far away."""
+above the rounding of any interface."""
 FEWEST = 10
 """Tolerance: samples within the horizon. A log with fewer samples and a far too long duration has its times in another
-unit. Twice as many would refuse slow loggers."""
+unit."""
 FAR_TOO_LONG = 100.0
-"""Tolerance: duration of a log, in horizons. Milliseconds read as seconds make a log 1000 times too long. Twice as much
-accepts logs twice as long."""
+"""Tolerance: duration of a log, in horizons. Milliseconds read as seconds make a log 1000 times too long."""
 GAP = 0.05
-"""Tolerance: longest gap between samples, as a share of the horizon. Twice as much may hide a violation of twice the
-length."""
+"""Tolerance: longest gap between samples, as a share of the horizon."""
 WANDERS = 0.05
 """Tolerance: deviation of a command after it reached the test, as a share of the parameter's range. It is above the
-noise of a measured command. Twice as much accepts a command that is off by twice as much."""
+noise of a measured command."""
 STEPS = 10.0
-"""Tolerance: shortest gap, in median sampling periods, so that a slow logger has none. Twice as much finds only gaps of
-twice the length."""
+"""Tolerance: shortest gap, in median sampling periods, so that a slow logger has none."""
 
 
 @dataclass(frozen=True)
