@@ -53,7 +53,7 @@ WORD_CONNECT, WORD_ARM, WORD_PLAY = "connect", "arm", "play"
 
 
 @dataclass(frozen=True)
-class Effort:
+class RunEffort:
     """Time and floor that a run needs.
 
     Attributes:
@@ -108,7 +108,7 @@ class Attendance:
         backend, reached = self._backend, self._backend.reached
         fastest = max(abs(p.low) for p in backend.parameters if p.name == "vd")
         metres = fastest * (backend.duration + RAMP / RATE / 2.0)
-        effort = Effort(coming.rollouts, metres, backend.cost)
+        effort = RunEffort(coming.rollouts, metres, backend.cost)
         where = f"{self._name} at {reached.host}:{reached.port}"
         self._operator.say(effort.sentence(where))
         if reached.is_twin:

@@ -13,7 +13,7 @@ from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, ClassVar, Self
 
 from s2r_a1.channels import channels
-from s2r_a1.guard.place import Robot
+from s2r_a1.guard.place import RobotAddress
 from s2r_a1.mocap import Placing, read_placing
 from s2r_a1.options import EXAMPLE, OFFERED, Options, read_options, write_options
 from s2r_a1.protocols import PROTOCOLS, playable
@@ -122,10 +122,10 @@ class A1Backend:
         return read_placing(self.reached.body, self.reached.heading)
 
     @property
-    def robot(self) -> Robot:
+    def robot(self) -> RobotAddress:
         """Address and settings for the guard."""
         reached = self.reached
-        return Robot(
+        return RobotAddress(
             reached.host, reached.port, clock=reached.clock, local=reached.local, module=reached.module
         )
 

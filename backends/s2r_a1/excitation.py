@@ -26,7 +26,7 @@ from s2r_sim.controller.gains import RATE
 from s2r_sim.controller.trot import Tick
 from s2r_sim.protocols.references import Reference, reference
 from s2r_sim.robot.constants import A1
-from s2r_sim.robot.signals import Command, MotorCommand
+from s2r_sim.robot.signals import MotorCommand, VelocityCommand
 
 FloatArray = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ SETTLING = 0.4
 
 _ZERO = np.zeros(MOTORS)
 _STANCE = (True,) * 4
-_STILL = Command()
+_STILL = VelocityCommand()
 
 
 class Rows(NamedTuple):

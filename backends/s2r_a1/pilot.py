@@ -16,7 +16,7 @@ from s2r_a1.wire import A1, CLOSED_LOOP, MOTORS, Orders, Reading, pack, pack_rea
 from s2r_sim.controller.gains import RATE
 from s2r_sim.controller.trot import Controller, Memory, Tick
 from s2r_sim.robot.leg_kinematics import standing
-from s2r_sim.robot.signals import Command, State
+from s2r_sim.robot.signals import RobotState, VelocityCommand
 from s2r_sim.settings import Settings
 
 PRACTICE = 100
@@ -39,8 +39,8 @@ class Note(NamedTuple):
     clock: int
     tick: int
     late: int
-    command: Command
-    state: State
+    command: VelocityCommand
+    state: RobotState
     done: Tick
 
 
@@ -94,7 +94,7 @@ class Pilot:
         if self._practised:
             return
         unit: TickUnit = "ms"
-        self.begin(Schedule(Command(), PRACTICE // 2, PRACTICE), unit)
+        self.begin(Schedule(VelocityCommand(), PRACTICE // 2, PRACTICE), unit)
         for tick in range(PRACTICE):
             clock = round(tick * (1 + (tick > PRACTICE // 2)) / (RATE * SECONDS[unit]))
             reading = unpack(pack_reading(self._artificial(clock), A1), A1)

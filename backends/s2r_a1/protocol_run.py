@@ -16,7 +16,7 @@ from s2r_a1.schedule import Schedule
 from s2r_a1.walk import Walked, move, walk
 from s2r_sim.controller.gains import RATE
 from s2r_sim.protocols.references import MOTIONS
-from s2r_sim.robot.signals import Command
+from s2r_sim.robot.signals import VelocityCommand
 from s2r_spec.errors import BackendError, NotBegunError, TraceError
 from s2r_spec.protocols import PROTOCOL
 from s2r_spec.trace import Trace
@@ -88,7 +88,7 @@ def _moved(client: Client, protocol: str, player: Player, begins: Callable[[], N
     if height_in_rig(protocol) is not None:
         return move(client, player, "excite_held", begins=begins)
     own = pilot()
-    stepped = walk(client, own, Schedule.of(Command(), 0, 0, own.settings.gains))
+    stepped = walk(client, own, Schedule.of(VelocityCommand(), 0, 0, own.settings.gains))
     if stepped.ending is not None:
         raise NotBegunError(f"while stepping in place, {stepped.ending.reason}")
     client.send(None)  # the answer to the last reading

@@ -33,7 +33,7 @@ from s2r_sim.controller.gains import RATE
 from s2r_sim.plant.physics import Physics
 from s2r_sim.plant.recorder import Recorder
 from s2r_sim.robot.constants import A1
-from s2r_sim.robot.signals import Command
+from s2r_sim.robot.signals import VelocityCommand
 from s2r_sim.settings import Settings
 from s2r_spec.errors import TraceError
 from s2r_spec.trace import Trace
@@ -149,7 +149,7 @@ def ending_of(log: RawLog) -> Ending | None:
 def decided_again(packets: Packets, pilot: Pilot) -> list[Note]:
     """Run the controller again on the recorded readings, and return its notes up to the end of the test."""
     header = packets.log.header
-    schedule = Schedule(Command(**header["command"]), int(header["trot"]), int(header["hold"]))
+    schedule = Schedule(VelocityCommand(**header["command"]), int(header["trot"]), int(header["hold"]))
     pilot.begin(schedule, header["tick_unit"])
     notes = []
     for reading in packets.walked():
@@ -166,7 +166,7 @@ def channels_of(packets: Packets, notes: Sequence[Note]) -> dict[str, FloatArray
         TraceError: the reading of a note was not recorded.
     """
     places = {reading.tick: i for i, (_, reading) in enumerate(packets.readings)}
-    recorder = Recorder(A1, Physics(), Command())
+    recorder = Recorder(A1, Physics(), VelocityCommand())
     commanded = [place for place, _ in packets.sent]
     rows: dict[str, list[FloatArray]] = {
         name: [] for name in ("foot_force_raw", "motor_temperature", "tau_cmd")

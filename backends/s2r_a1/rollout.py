@@ -24,7 +24,7 @@ from s2r_a1.undisturbed import undisturbed
 from s2r_a1.walk import Walked, rest, walk
 from s2r_sim.controller.gains import RATE
 from s2r_sim.plant.recorder import yaw_rate
-from s2r_sim.robot.signals import Command, State
+from s2r_sim.robot.signals import RobotState, VelocityCommand
 from s2r_sim.settings import Settings
 from s2r_spec.backend import Channel
 from s2r_spec.errors import BackendError, NotBegunError, TraceError
@@ -49,7 +49,7 @@ def run(backend: A1Backend, test: Mapping[str, float], seed: int) -> Trace:
         NotBegunError: the test ended before t = 0.
     """
     own = pilot()  # before the first request to the guard, which would take seconds of compiling for silence
-    command = Command(test["vd"], test["vy"], test["wz"])
+    command = VelocityCommand(test["vd"], test["vy"], test["wz"])
     schedule = Schedule.of(command, seed, round(backend.duration * RATE), own.settings.gains)
     about = about_run(backend, seed)
     with ExitStack() as stack:
@@ -125,7 +125,7 @@ def _seen(trace: Trace, walked: Walked, listener: Listener, placing: mocap.Placi
     """Return the trace with the velocity by motion capture; if there is none, the trace is void, with NaN for it."""
     second = SECONDS[client.unit]
     first = next(note for note in walked.notes if note.tick >= 0)
-    states = State(np.array([note.state.flat for note in walked.notes]).T)
+    states = RobotState(np.array([note.state.flat for note in walked.notes]).T)
     gyro = Gyro(np.array([note.clock * second for note in walked.notes]), states.omega.T, yaw_rate(states))
     meta: dict[str, Any] = dict(trace.meta)
     channels = dict(trace.channels)

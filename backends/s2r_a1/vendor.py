@@ -26,8 +26,8 @@ from s2r_a1.wire import (
     GO1,
     LOW_LEVEL,
     MOTORS,
-    Command,
     Layout,
+    MotorPacket,
     Orders,
     Reading,
     WireError,
@@ -148,7 +148,7 @@ class VendorLink:
         self.counters.late += reading is None
         return reading
 
-    def write(self, orders: Orders | Command) -> None:
+    def write(self, orders: Orders | MotorPacket) -> None:
         """Send orders to the motors.
 
         Raises:

@@ -69,7 +69,7 @@ class Orders(NamedTuple):
     tau: FloatArray
 
 
-class Command(NamedTuple):
+class MotorPacket(NamedTuple):
     """A packet's commands for the twelve motors, in its own numbers.
 
     Attributes:
@@ -245,7 +245,7 @@ def checksum(packet: bytes) -> int:
     return int.from_bytes(inverted.to_bytes(4, "little").translate(_MIRRORED), "big")
 
 
-def pack(orders: Orders | Command, layout: Layout) -> bytes:
+def pack(orders: Orders | MotorPacket, layout: Layout) -> bytes:
     """Return the packet with these commands; a packed command stays unchanged.
 
     Counts are truncated towards zero, as in the vendor's library: a kd of 0.8 is sent as 0.75.
@@ -254,7 +254,7 @@ def pack(orders: Orders | Command, layout: Layout) -> bytes:
         WireError: a number is not finite or does not fit. The vendor's library wraps around instead: it sends a torque
             of 200 as −56 N·m.
     """
-    if isinstance(orders, Command):
+    if isinstance(orders, MotorPacket):
         return orders.data
     (q, dq), (kp, kd, tau) = _counted(orders)
     return _command(q, dq, tau, kp, kd, layout)
@@ -303,7 +303,7 @@ def unpack_orders(data: bytes, layout: Layout) -> Orders:
     return read_command(data, layout).orders()
 
 
-def read_command(data: bytes, layout: Layout) -> Command:
+def read_command(data: bytes, layout: Layout) -> MotorPacket:
     """Return the commands of a packet in its own numbers.
 
     Raises:
@@ -314,7 +314,7 @@ def read_command(data: bytes, layout: Layout) -> Command:
     values = layout.orders.unpack(data)
     mode, q, dq, tau, kp, kd = (values[place::6] for place in range(6))
     _check_finite("command", *q, *dq)
-    return Command(data, layout, mode, q, dq, tau, kp, kd)
+    return MotorPacket(data, layout, mode, q, dq, tau, kp, kd)
 
 
 def pack_reading(reading: Reading, layout: Layout) -> bytes:

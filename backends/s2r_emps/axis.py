@@ -23,7 +23,7 @@ BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
-class Command:
+class DriveCommand:
     """What the controller does, (ticks,) each.
 
     Attributes:
@@ -37,13 +37,13 @@ class Command:
     voltage: FloatArray
 
     @classmethod
-    def following(cls, reference: FloatArray, powered: BoolArray) -> Command:
+    def following(cls, reference: FloatArray, powered: BoolArray) -> DriveCommand:
         """Return the command that follows a reference where the drive is on."""
         return cls(reference, powered, np.zeros(reference.size))
 
 
 @dataclass(frozen=True, eq=False)
-class Record:
+class DriveLog:
     """The drive's log, (ticks,) each: position [m], speed [m/s], voltage [V], and nominal force [N]."""
 
     q: FloatArray
@@ -51,9 +51,9 @@ class Record:
     u: FloatArray
     force: FloatArray
 
-    def part(self, first: int) -> Record:
+    def part(self, first: int) -> DriveLog:
         """Return the record from this tick on."""
-        return Record(self.q[first:], self.v[first:], self.u[first:], self.force[first:])
+        return DriveLog(self.q[first:], self.v[first:], self.u[first:], self.force[first:])
 
 
 class _Constants(NamedTuple):
@@ -91,8 +91,8 @@ class _Constants(NamedTuple):
 
 
 def simulate(
-    command: Command, start: tuple[float, float], physics: Physics, draws: Draws, stiffness: float = 1.0
-) -> Record:
+    command: DriveCommand, start: tuple[float, float], physics: Physics, draws: Draws, stiffness: float = 1.0
+) -> DriveLog:
     """Simulate the axis under its controller.
 
     Args:
@@ -142,7 +142,7 @@ def simulate(
         np.ascontiguousarray(draws.disturbance[:n]),
         constants,
     )
-    return Record(q, speed, volts, GAIN * volts)
+    return DriveLog(q, speed, volts, GAIN * volts)
 
 
 @compiled

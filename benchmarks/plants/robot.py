@@ -15,7 +15,7 @@ from s2r_sim.plant.recorder import Recorder
 from s2r_sim.protocols import PROTOCOLS as EXCITATION
 from s2r_sim.protocols.references import Reference, reference
 from s2r_sim.robot.constants import A1, GRAVITY, LEGS, Inertia, fused
-from s2r_sim.robot.signals import Command, MotorCommand, State
+from s2r_sim.robot.signals import MotorCommand, RobotState, VelocityCommand
 
 __all__ = [
     "A1",
@@ -27,15 +27,15 @@ __all__ = [
     "LEGS",
     "PROTOCOLS",
     "RATE",
-    "Command",
     "Controller",
     "Inertia",
     "Memory",
     "MotorCommand",
     "Recorder",
     "Reference",
-    "State",
+    "RobotState",
     "Tick",
+    "VelocityCommand",
     "controller",
     "fused",
     "logger",
@@ -55,6 +55,6 @@ def controller() -> Controller:
     return Controller(A1, Gains(), "condensed")
 
 
-def logger(command: Command, slope: float) -> Recorder:
+def logger(command: VelocityCommand, slope: float) -> Recorder:
     """Return a logger, which makes channels of states; the ground rises by ``slope`` [deg] along x."""
     return Recorder(A1, Physics(slope=slope), command)

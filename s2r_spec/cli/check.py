@@ -58,7 +58,7 @@ def check(
         from s2r_spec.spec import load_spec
 
         form, parsed, resume = writing.settled(), load_spec(spec), running.resume is not None
-        keywords: RunKeywords = {
+        options: RunKeywords = {
             "seed": rules.seed,
             "budget": budget,
             "stop": rules.stop,
@@ -66,7 +66,7 @@ def check(
             "engine": engine,
             "void": rules.void,
         }
-        names = certified_requirements(parsed, requirement, RunOptions(**keywords))
+        names = certified_requirements(parsed, requirement, RunOptions(**options))
         (machine,) = reading.backends([backend], parsed, names)
         executor, machines = pool(running.workers, running.scheduler)
         if takes_turns(machine):
@@ -74,7 +74,7 @@ def check(
         folder = new_or_old(running.run, running.resume, f"{spec.stem}-{backend}", rules.seed or 0)
         places = places_of(folder, names, resume)
         seed = seed_of(rules.seed, *(places.values() if resume else ()))
-        keywords |= {"seed": seed, "executor": executor, "timeout": rules.limit}
+        options |= {"seed": seed, "executor": executor, "timeout": rules.limit}
         results = []
         for name, place in places.items():
             opening = f"{name}: run {place}, seed {seed}, {machines}"
@@ -83,12 +83,9 @@ def check(
                 Live(console(stderr=True), running.quiet, opening=opening) as live,
             ):
                 # In an interrupted run the next requirement may not have begun.
-                keywords |= {
-                    "requirement": name,
-                    "resume": resume and Journal.exists(place),
-                    "observer": live,
-                }
-                results.append(checking.check(parsed, machine, place, **keywords))
+                begun = resume and Journal.exists(place)
+                options |= {"requirement": name, "resume": begun, "observer": live}
+                results.append(checking.check(parsed, machine, place, **options))
         report = check_report.report([(parsed, result) for result in results])
         writing.emit(report, form, lambda: html.from_runs([result.folder for result in results]))
         raise typer.Exit(report.exit_code)

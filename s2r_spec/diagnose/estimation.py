@@ -57,12 +57,12 @@ class Estimate:
 
 def size_prior(library: ResponseLibrary) -> SizePrior:
     """Return the prior of the catalogue's parameters."""
-    lines = library.parameters
-    low = np.array([min(line.coordinate(line.low), line.coordinate(line.high)) for line in lines])
-    high = np.array([max(line.coordinate(line.low), line.coordinate(line.high)) for line in lines])
-    turns = np.array([line.is_phase for line in lines])
+    axes = library.parameters
+    low = np.array([min(axis.coordinate(axis.low), axis.coordinate(axis.high)) for axis in axes])
+    high = np.array([max(axis.coordinate(axis.low), axis.coordinate(axis.high)) for axis in axes])
+    turns = np.array([axis.is_phase for axis in axes])
     low, high = np.where(turns, -np.inf, low), np.where(turns, np.inf, high)
-    return SizePrior.of([line.effect for line in lines], low, high, library.dependence.base >= 0)
+    return SizePrior.of([axis.effect for axis in axes], low, high, library.dependence.base >= 0)
 
 
 def estimate(
@@ -113,10 +113,12 @@ def estimate(
     problem = with_likely_law(problem, joint.theta, moments(first)[1])
     joint = fit(problem, joint.theta, errors=Errors.at(problem, joint.theta, moments(first)[1]))
     first = posterior(joint.likelihood, joint.theta, prior)
-    starts = [Mode(problem, first.mean[0], first.sets[0])]
+    starts = [PosteriorMode(problem, first.mean[0], first.sets[0])]
     for theta, members in rivals(joint.likelihood, first):
         # Beside a large effect a sum of responses may be wrong, so each rival has runs of its own.
-        starts.append(Mode(simulator.corrected(problem, theta) if corrections else problem, theta, members))
+        starts.append(
+            PosteriorMode(simulator.corrected(problem, theta) if corrections else problem, theta, members)
+        )
     errors = _expected(fitted(library, starts, problem.errors(joint.theta, moments(first)[1])))
     modes = fitted(library, starts, errors)
     total = over_modes(modes)
@@ -126,7 +128,7 @@ def estimate(
             break
         members = total.sets[row]
         theta = modes[members].fit.theta if members in modes else total.mean[row]
-        modes |= fitted(library, [Mode(simulator.corrected(problem, theta), theta, members)], errors)
+        modes |= fitted(library, [PosteriorMode(simulator.corrected(problem, theta), theta, members)], errors)
         total = over_modes(modes)
     return replace(modes[nearest(modes, total.sets[0])], posterior=total)
 
@@ -182,7 +184,7 @@ class _Simulator:
 
 
 @dataclass(frozen=True)
-class Mode:
+class PosteriorMode:
     """A mode of the likelihood: a problem, (K,) a point, and the parameters that are causes."""
 
     problem: Problem
@@ -200,7 +202,7 @@ def _joint(library: ResponseLibrary, problem: Problem) -> Fit:
     sets = [posterior(one.likelihood, one.theta, problem.prior) for one in fits]
     each = [problem.errors(one.theta) for one in fits]
     errors = [np.max(same, axis=0) for same in zip(*each, strict=True)]
-    modes = [Mode(problem, one.mean[0], one.sets[0]) for one in sets]
+    modes = [PosteriorMode(problem, one.mean[0], one.sets[0]) for one in sets]
     evidence = [fitted(library, [mode], errors)[mode.active].posterior.log_evidence for mode in modes]
     return fits[int(np.argmax(evidence))]
 
@@ -237,7 +239,7 @@ def _expected(modes: Mapping[Set, Estimate]) -> list[FloatArray]:
 
 
 def fitted(
-    library: ResponseLibrary, modes: Sequence[Mode], variances: Sequence[FloatArray]
+    library: ResponseLibrary, modes: Sequence[PosteriorMode], variances: Sequence[FloatArray]
 ) -> dict[Set, Estimate]:
     """Return the estimate around each mode, by its causes.
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.diagnose.gap import SHOTS
 from s2r_spec.diagnose.gap.nominal import Nominal
-from s2r_spec.diagnose.simulator.axes import Line, Values
+from s2r_spec.diagnose.simulator.axes import EffectAxis, Values
 from s2r_spec.diagnose.simulator.bench import Bench, Test, evenly, places_of, table
 from s2r_spec.trace import Trace
 
@@ -35,13 +35,13 @@ class Culprit(NamedTuple):
     ``others`` is the number of other tests at which it does, too.
     """
 
-    line: Line
+    axis: EffectAxis
     coordinate: float
     others: int
 
     def __str__(self) -> str:
-        value = f"{self.line.value(self.coordinate):.3g} {self.line.unit}".rstrip()
-        return f"{self.line.name} beyond {value}"
+        value = f"{self.axis.value(self.coordinate):.3g} {self.axis.unit}".rstrip()
+        return f"{self.axis.name} beyond {value}"
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class Falls:
 
 def falls(
     bench: Bench,
-    lines: Sequence[Line],
+    axes: Sequence[EffectAxis],
     rollouts: Rollouts,
     nominal: Nominal,
     executor: Callable[[], Executor] | None = None,
@@ -89,7 +89,7 @@ def falls(
 
     Args:
         bench: the simulator.
-        lines: parameters of its effects.
+        axes: parameters of its effects.
         rollouts: (test, trace) of each real one.
         nominal: the simulator at their tests.
         executor: makes a pool; None runs all here.
@@ -101,20 +101,20 @@ def falls(
     if not early or not stood:
         return None
 
-    def ended(tried: Sequence[tuple[Line, float]], tests: Sequence[Test]) -> NDArray[np.int_]:
+    def ended(tried: Sequence[tuple[EffectAxis, float]], tests: Sequence[Test]) -> NDArray[np.int_]:
         """Return at how many of the tests the simulator ends early, with each of these alone."""
-        machines = [line.at(line.value(x)) for line, x in tried]
+        machines = [axis.at(axis.value(x)) for axis, x in tried]
         return np.asarray(_ended(bench, machines, nominal.first(tests), executor).sum(axis=1))
 
     if all(map(nominal.ends, early)):
         return Falls(True)
     # An end that is nominal is no effect.
-    ends = [(line, line.coordinate(end)) for line in lines if not line.base for end in (line.low, line.high)]
-    candidates = sorted(((line, x) for line, x in ends if x), key=lambda one: abs(one[1]))
+    ends = [(axis, axis.coordinate(end)) for axis in axes if not axis.base for end in (axis.low, axis.high)]
+    candidates = sorted(((axis, x) for axis, x in ends if x), key=lambda one: abs(one[1]))
     enough = [
         one for one, count in zip(candidates, ended(candidates, early), strict=True) if count == len(early)
     ]
-    effects, high = [line for line, _ in enough], np.array([x for _, x in enough])
+    effects, high = [axis for axis, _ in enough], np.array([x for _, x in enough])
     low = np.zeros(len(enough))
     for _ in range(HALVINGS if enough else 0):
         middle = 0.5 * (low + high)

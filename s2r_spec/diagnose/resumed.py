@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 from s2r_spec.base.errors import UsageError
-from s2r_spec.diagnose.data.journal import Journal
+from s2r_spec.diagnose.data.journal import CampaignJournal
 from s2r_spec.runs.seeds import NEW_SEED, inherited
 
 REAL, ANSWER = "real", "diagnosis.json"
@@ -45,7 +45,7 @@ def seed_of(run: Path | None, seed: int | None) -> int:
 
 
 def _recorded_seed(run: Path) -> int | None:
-    seed = Journal.seed_in(run / REAL)
+    seed = CampaignJournal.seed_in(run / REAL)
     if seed is not None:
         return seed
     try:

@@ -27,7 +27,7 @@ from s2r_spec.base.errors import S2RError, UsageError
 from s2r_spec.certify.arguments import as_folder, as_rollouts, as_simulator, as_spec
 from s2r_spec.diagnose.data.campaign import BUDGET, campaign, plan, smallest_with_held_out
 from s2r_spec.diagnose.data.cost import Cost, Expected, of_library, on_machine, planned_held_out
-from s2r_spec.diagnose.data.journal import Journal
+from s2r_spec.diagnose.data.journal import CampaignJournal
 from s2r_spec.diagnose.data.protocols import allowed
 from s2r_spec.diagnose.data.rollouts import RealRollouts, Rollouts, as_experiment, recorded
 from s2r_spec.diagnose.data.space_filling import representative, star
@@ -64,7 +64,7 @@ from s2r_spec.diagnose.simulator.library import ResponseLibrary, library, most_r
 from s2r_spec.diagnose.threads import one_thread
 from s2r_spec.diagnose.watched import Progress, Watched
 from s2r_spec.runs.repeatability import check_here, repeated
-from s2r_spec.runs.seeds import NEW_SEED, Stream, inherited, rollout_seed
+from s2r_spec.runs.seeds import NEW_SEED, SeedStream, inherited, rollout_seed
 from s2r_spec.space import key_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
@@ -121,7 +121,7 @@ def diagnose(
     bench = Bench.of(spec, spec.requirements[0] if requirement is None else requirement, sim)
     real = load_backend(real) if isinstance(real, str) else real
     refuse_machine(real)
-    if folder is not None and (recorded_seed := Journal.seed_in(folder)) is not None:
+    if folder is not None and (recorded_seed := CampaignJournal.seed_in(folder)) is not None:
         seed = inherited(folder, recorded_seed, seed)
     seed = NEW_SEED if seed is None else seed
     tell = Watched(progress or (lambda stage, done, of: None))
@@ -326,16 +326,16 @@ def _sizes(work: _Work, estimate: Estimate) -> tuple[EffectEstimate, ...]:
 
 def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
     bench, seed, pool, tell = work.bench, work.seed, work.pool, work.tell
-    tests, parts, lines = data.rollouts.tests, data.parts, data.responses.parameters
+    tests, parts, axes = data.rollouts.tests, data.parts, data.responses.parameters
     used = [*parts.train.tests, *parts.held_out]
-    odd = findings(bench, tests, lines, pool, work.progress("checking the recordings"))
+    odd = findings(bench, tests, axes, pool, work.progress("checking the recordings"))
     # Tests at which a rollout ended early come last, so that an accident changes no seed of another test.
     ordered = sorted(tests, key=lambda run: run[1].failure is not None)
     nominal = Nominal.of(
         bench, [test for test, _ in ordered], seed, pool, work.progress("simulating all tests")
     )
     tell("where the simulator falls", 0, 0)
-    why, alone = falls(bench, lines, tests, nominal, pool), falls_alone(tests, nominal)
+    why, alone = falls(bench, axes, tests, nominal, pool), falls_alone(tests, nominal)
     tell("estimating sizes", 0, 0)
     fitted = estimate(bench.backend, data.responses, data.train(bench), executor=pool)
     sizes = _sizes(work, fitted)
@@ -351,7 +351,7 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
         held_out_gap(bench, parts.held_out, parts.train.tests, patch, tuned, nominal, pool),
         compared_at_all_tests(bench, tests, nominal) if tests else None,
         goodness=goodness_of_fit(fitted.problem, fitted.fit, columns=columns),
-        left=remainders(bench, lines, used, tuned, seed, pool, work.progress("unexplained motion"), patch),
+        left=remainders(bench, axes, used, tuned, seed, pool, work.progress("unexplained motion"), patch),
         findings=odd,
     )
     nothing = with_status(sizes, Status.POSSIBLE) == ()
@@ -359,7 +359,7 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
     in_use = Used(tests, len(parts.train.tests), len(parts.held_out), ENOUGH)
     lacking = notes(bench, in_use, _idle(data.responses), why, odd, alone)
     return Diagnosis(
-        Which(evidence, by_effects(fitted.posterior, lines), upcoming),
+        Which(evidence, by_effects(fitted.posterior, axes), upcoming),
         _where(work, used, tuned) if want_where and used else None,
         tuned,
         {
@@ -383,8 +383,8 @@ def _idle(responses: ResponseLibrary) -> list[str]:
     moved = np.zeros(len(responses.parameters), dtype=bool)
     for response in responses.responses:
         moved |= [bool(np.any(np.nan_to_num(curve.values))) for curve in response.curves]
-    effects = dict.fromkeys(line.effect for line in responses.parameters)
-    acting = {line.effect for line, any_move in zip(responses.parameters, moved, strict=True) if any_move}
+    effects = dict.fromkeys(axis.effect for axis in responses.parameters)
+    acting = {axis.effect for axis, any_move in zip(responses.parameters, moved, strict=True) if any_move}
     return [effect for effect in effects if effect not in acting]
 
 
@@ -392,7 +392,7 @@ def _where(work: _Work, rollouts: Sequence[tuple[Test, Trace]], improved: Values
     """Compare every real rollout with one of the nominal simulator at its test."""
     bench, real, simulated = work.bench, [], []
     for number, (test, trace) in enumerate(rollouts):
-        other = bench.run({}, test, rollout_seed(work.seed, number, 0, Stream.CHECK))
+        other = bench.run({}, test, rollout_seed(work.seed, number, 0, SeedStream.CHECK))
         real.append((trace, bench.rho(trace, test)))
         simulated.append((other, bench.rho(other, test)))
         work.tell("where", number + 1, len(rollouts))

@@ -21,7 +21,7 @@ from s2r_spec.spec import Spec
 
 
 @dataclass(frozen=True)
-class Bar:
+class BarRow:
     """A row with a bar; positions in percent of the line."""
 
     label: str
@@ -64,7 +64,7 @@ def render(diagnosis: Diagnosis, spec: Spec, real: str = "") -> str:
     )
 
 
-def on_a_line(rows: tuple[SizeRow, ...]) -> list[Bar]:
+def on_a_line(rows: tuple[SizeRow, ...]) -> list[BarRow]:
     """Return the interval of every size as a bar on one line of typical sizes; its words are the place of the value."""
     ends = [end for row in rows for end in (row.parameter.size_low, row.parameter.size_high)]
     low, high = min([0.0, *ends]), max([1.0, *ends])
@@ -75,11 +75,11 @@ def on_a_line(rows: tuple[SizeRow, ...]) -> list[Bar]:
     bars = []
     for p in (row.parameter for row in rows):
         left = place(p.size_low)
-        bars.append(Bar("", left, max(place(p.size_high) - left, 0.5), f"{place(p.size)}"))
+        bars.append(BarRow("", left, max(place(p.size_high) - left, 0.5), f"{place(p.size)}"))
     return bars
 
 
-def formula(parts: tuple[Part, ...], delta: float) -> tuple[Bar, ...]:
+def formula(parts: tuple[Part, ...], delta: float) -> tuple[BarRow, ...]:
     """Return a bar for the part of Δρ of each sub-formula, indented by its depth."""
     most = max((abs(part.amount) for part in parts), default=0.0)
     bars = []
@@ -88,7 +88,7 @@ def formula(parts: tuple[Part, ...], delta: float) -> tuple[Bar, ...]:
             share = f", {100 * part.amount / delta:.0f} %" if delta else ""
             label = "\u2003" * part.depth + (f"{part.name}: " if part.name else "") + part.text
             bars.append(
-                Bar(
+                BarRow(
                     label, 0.0, percent(abs(part.amount) / most), f"{part.amount:+.3g}{share}",
                     "worse" if part.amount < 0 else "better",
                 )

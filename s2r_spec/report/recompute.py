@@ -76,7 +76,7 @@ class RecomputedCertify:
     gap: RecomputedGap | None
 
 
-class Kind(Enum):
+class RunKind(Enum):
     """The kind of a run's folder; the value is the command that made it."""
 
     CHECK = "s2r check"
@@ -84,7 +84,7 @@ class Kind(Enum):
     CERTIFY = "s2r certify"
 
 
-def kind(folder: Path) -> Kind:
+def kind(folder: Path) -> RunKind:
     """Return which command made a run.
 
     Raises:
@@ -92,11 +92,11 @@ def kind(folder: Path) -> Kind:
     """
     # A check of requirements with these names has the same folders.
     if all(Journal.header_in(folder / side).get("side") == side for side in SYSTEMS):
-        return Kind.GAP
+        return RunKind.GAP
     if (folder / SIMULATION / FILE).exists() and (folder / GAP / SYSTEMS[1] / FILE).exists():
-        return Kind.CERTIFY
+        return RunKind.CERTIFY
     runs_in(folder)
-    return Kind.CHECK
+    return RunKind.CHECK
 
 
 def recompute(folder: Path) -> Recomputed:

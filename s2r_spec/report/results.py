@@ -167,17 +167,17 @@ def load_result(path: str | os.PathLike[str]) -> Certified:
     Raises:
         UsageError: there is no run, its files were changed, or the file is a diagnosis.
     """
-    from s2r_spec.report.recompute import Kind, kind, recompute, recompute_certify, recompute_gap
+    from s2r_spec.report.recompute import RunKind, kind, recompute, recompute_certify, recompute_gap
     from s2r_spec.runs.layout import runs_in
 
     place = Path(path)
     folder = _folder_in(place) if place.is_file() else place
     match kind(folder):
-        case Kind.GAP:
+        case RunKind.GAP:
             return recompute_gap(folder).result
-        case Kind.CERTIFY:
+        case RunKind.CERTIFY:
             return recompute_certify(folder).result
-        case Kind.CHECK:
+        case RunKind.CHECK:
             runs = runs_in(folder)
             if len(runs) > 1:
                 raise UsageError(

@@ -13,7 +13,7 @@ NEW_SEED = 0
 """Definition: the seed of a new run if the user gives none."""
 
 
-class Stream(IntEnum):
+class SeedStream(IntEnum):
     """Purpose of a rollout: rollouts of different streams share no randomness."""
 
     CHECK = 0
@@ -24,9 +24,9 @@ class Stream(IntEnum):
     NOMINAL = 5
 
 
-def rollout_seed(seed: int, query: int, replicate: int, stream: Stream = Stream.CHECK) -> int:
+def rollout_seed(seed: int, query: int, replicate: int, stream: SeedStream = SeedStream.CHECK) -> int:
     """Return the 64-bit seed of one rollout; it does not depend on the number of workers or on their order."""
-    key = (query, replicate) if stream is Stream.CHECK else (int(stream), query, replicate)
+    key = (query, replicate) if stream is SeedStream.CHECK else (int(stream), query, replicate)
     return int(np.random.SeedSequence(seed, spawn_key=key).generate_state(1, np.uint64)[0])
 
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from s2r_a1.walk import Change
+from s2r_a1.walk import StateChange
 from s2r_a1.wire import A1, CLOSED_LOOP, Reading, pack, pack_reading, unpack, unpack_orders
 from s2r_sim.controller import estimator
 from s2r_sim.plant.plant import Plant
@@ -29,7 +29,7 @@ class PlantLine:
         self.plant.place(np.array([0.0, 0.0, settings.gains.base_height]), np.zeros(3), self.stand)
         if saved is not None:
             self.plant.restore(saved)
-        self.change = Change("STAND")
+        self.change = StateChange("STAND")
         self.wanted = None
         self.packets = []
         self.rounds = 0
@@ -58,7 +58,7 @@ class PlantLine:
         self._arrived = self._seen()
 
     def request(self, do, **fields):
-        self.change = Change(STATES[do])
+        self.change = StateChange(STATES[do])
         return {"ok": True, "state": self.change.state}
 
     def _seen(self):

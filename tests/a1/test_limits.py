@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 
 from s2r_a1 import wire
 from s2r_a1.guard import leg, limits, moves
-from s2r_a1.guard.limits import LIMITS, Limits, Seen
+from s2r_a1.guard.limits import LIMITS, CheckedQuantities, Limits
 from s2r_a1.remote import packed
 from s2r_a1.wire import Orders
 from s2r_sim.controller.gains import Gains
@@ -32,14 +32,14 @@ def pitched(by):
 
 
 def seen(**changes):
-    good = Seen(
+    good = CheckedQuantities(
         reading(STANDING), STANDING, link=0, bad=0, client=0, late=0, power=0, strong=NONE, strained=NONE
     )
-    own = {name: changes.pop(name) for name in list(changes) if name in Seen._fields}
+    own = {name: changes.pop(name) for name in list(changes) if name in CheckedQuantities._fields}
     return good._replace(**{"reading": reading(STANDING)._replace(**changes), **own})
 
 
-CHECKS = [check for check in vars(limits).values() if isinstance(check, limits.Check)]
+CHECKS = [check for check in vars(limits).values() if isinstance(check, limits.LimitCheck)]
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.name)

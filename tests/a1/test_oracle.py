@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from s2r_a1.datagrams import RealTimeSocket
-from s2r_a1.guard.limits import JOINT, LIMITS, Limits, Seen, clipped, power, powered
-from s2r_a1.guard.place import Robot, hold, place
+from s2r_a1.guard.limits import JOINT, LIMITS, CheckedQuantities, Limits, clipped, power, powered
+from s2r_a1.guard.place import RobotAddress, hold, place
 from s2r_a1.guard.start import start
 from s2r_a1.link import RobotSide
 from s2r_a1.vendor import opened
@@ -178,7 +178,7 @@ def test_our_link_drives_the_vendor_s_module(robot, rng):
 def guarded(robot, tmp_path, monkeypatch):
     """An operator's connection to a guard that speaks through the vendor's module; it ends with the test."""
     monkeypatch.setenv("S2R_A1_RUN", str(tmp_path / "run"))
-    where = Robot(HERE, robot.local, layout="go1", local=robot.peer, module=NAME)
+    where = RobotAddress(HERE, robot.local, layout="go1", local=robot.peer, module=NAME)
     connection, _ = start(where)
     yield connection
     connection.request("stop")
@@ -297,7 +297,7 @@ def test_the_margin_of_joints_is_the_vendor_s(rng):
         for motor, angle in zip(motors, q.tolist(), strict=True):
             motor.q = angle
         reading = Reading(zero[:4], zero[:3], zero[:3], q.astype(float), zero, zero, zero, count, 0)
-        sentence = JOINT.find(LIMITS, Seen(reading, None, 0, 0, 0, 0, 0, count, count))
+        sentence = JOINT.find(LIMITS, CheckedQuantities(reading, None, 0, 0, 0, 0, 0, count, count))
         assert (safety.PositionProtect(command, state, LIMITS.margin) < 0) == (sentence is not None)
         found += sentence is not None
     assert 300 < found < 700

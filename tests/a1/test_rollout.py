@@ -9,14 +9,14 @@ import pytest
 from s2r_a1.backend import A1Backend
 from s2r_a1.rollout import ended, lost
 from s2r_a1.schedule import Schedule
-from s2r_a1.walk import Change, Walked
+from s2r_a1.walk import StateChange, Walked
 from s2r_sim.controller.gains import RATE
-from s2r_sim.robot.signals import Command
+from s2r_sim.robot.signals import VelocityCommand
 from s2r_spec.trace import Trace
 
-SCHEDULE = Schedule(Command(0.2, 0.0, 0.0), 600, 100)
-FALL = Change("DAMPING", "fall", "the base is tilted")
-LINK = Change("DAMPING", "link", "no new state")
+SCHEDULE = Schedule(VelocityCommand(0.2, 0.0, 0.0), 600, 100)
+FALL = StateChange("DAMPING", "fall", "the base is tilted")
+LINK = StateChange("DAMPING", "link", "no new state")
 
 
 class Note(NamedTuple):

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from s2r_a1.guard import leg, moves, states
 from s2r_a1.guard.control import ROLES
 from s2r_a1.guard.limits import LIMITS, ROUND, SECOND
-from s2r_a1.guard.states import ROWS, Arrival, Conditions, Inputs, Machine, State
+from s2r_a1.guard.states import RULES, Arrival, Conditions, Inputs, Machine, State
 from s2r_a1.remote import LOST, packed
 from tests.a1.guarding import LYING, READY, ZERO, Rounds, at, leaning, reading, walking
 from tests.examples import examples
@@ -373,7 +373,7 @@ def test_a_guard_that_was_held_up_does_not_move_the_robot_on(brought, state):
 
 # What ends a motion, by state.
 
-MOVING = [state for state, row in ROWS.items() if row.client or row.stands or row.moves]
+MOVING = [state for state, row in RULES.items() if row.client or row.stands or row.moves]
 FAULTS = {
     "fall": {"quaternion": leaning(0.6)},
     "torque": {"tau": at(ZERO, 3, 34.0)},
@@ -666,7 +666,7 @@ def test_whatever_comes_no_gain_leaves_without_consent_and_damping_stays(events)
         if after.state is State.DAMPING:
             assert after.word
             assert after.reason
-        orders = ROWS[after.state].orders(after, after.memory.now, LIMITS)
+        orders = RULES[after.state].orders(after, after.memory.now, LIMITS)
         if after.state in (State.LINKED, State.ARMED):
             assert limp(orders)
         elif after.state is State.OFF:
@@ -677,10 +677,10 @@ def test_whatever_comes_no_gain_leaves_without_consent_and_damping_stays(events)
 
 
 def test_the_table_has_a_row_for_every_state():
-    assert set(ROWS) == set(State)
-    for row in ROWS.values():
+    assert set(RULES) == set(State)
+    for row in RULES.values():
         assert not row.client or row.stands
-        assert row.then is None or row.then in ROWS
+        assert row.then is None or row.then in RULES
     assert {state for _, state in states.BEGINNINGS.values()} <= set(State)
     assert Machine().state is State.OFF
     assert SECOND == 500 * ROUND

@@ -15,7 +15,7 @@ from s2r_spec.diagnose.notes import Used, notes
 from s2r_spec.diagnose.quality import findings
 from s2r_spec.diagnose.quality.channels import wrapped as jumping
 from s2r_spec.diagnose.quality.recordings import Recordings
-from s2r_spec.diagnose.simulator.axes import line, lines
+from s2r_spec.diagnose.simulator.axes import effect_axes, effect_axis
 from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.effects import catalogue_of
 from s2r_spec.errors import BackendError, TraceError, UsageError
@@ -270,7 +270,7 @@ def test_a_simulator_that_all_effects_at_once_break_has_no_commands(how):
             return Trace(trace.times[:5], first, trace.units, {"failure": "stopped"})
 
     bench = Bench.of(s2r.parse_spec(SPEC), "tracking", Frail())
-    assert misread(bench, many(8, 8), lines(Cart().effects())) == {}
+    assert misread(bench, many(8, 8), effect_axes(Cart().effects())) == {}
 
 
 def test_a_channel_that_never_moves_is_told():
@@ -311,7 +311,7 @@ def test_a_channel_that_some_rollouts_lack_or_have_gaps_in_is_told(every, words)
 )
 def test_a_recording_that_begins_at_another_time_is_known_by_a_command(seconds, words):
     """No effect changes the speed that is asked for; where it comes later, the recording began earlier."""
-    found = lines(Cart().effects())
+    found = effect_axes(Cart().effects())
     delayed = [(test, real(test, 40 + i, {"delay": 0.06})) for i, (test, _) in enumerate(many(8, 8))]
     assert misread(BENCH, delayed, found) == {}
 
@@ -487,7 +487,7 @@ def test_a_prior_that_should_have_a_scale_and_has_none_gets_one_sentence(prior, 
             catalogue_of(Odd())
     else:
         first = catalogue_of(Odd())[0]
-        assert line(first, first.parameters[0]).typical == pytest.approx(4.0 * typical)
+        assert effect_axis(first, first.parameters[0]).typical == pytest.approx(4.0 * typical)
 
 
 def test_a_test_that_ends_early_every_time_is_told_to_be_no_accident():

@@ -18,7 +18,7 @@ from s2r_spec.report import REPORTERS, html, reporter
 from s2r_spec.report import certify as certify_report
 from s2r_spec.report import gap as gap_report
 from s2r_spec.report.numberline import bars
-from s2r_spec.report.recompute import Kind, kind, recompute_certify, recompute_gap
+from s2r_spec.report.recompute import RunKind, kind, recompute_certify, recompute_gap
 from s2r_spec.report.records.schema import schema
 from s2r_spec.runs.task import open_backend
 from tests.certify.logs import record_from
@@ -47,9 +47,9 @@ def test_a_promise_recomputed_from_its_folder_is_the_promise(promised, unpromise
 
 def test_what_kind_of_run_a_folder_holds(promised, holds, tmp_path):
     folder = promised[2]
-    assert kind(folder) is Kind.CERTIFY
-    assert kind(folder / "gap") is Kind.GAP
-    assert kind(folder / "simulation") is kind(holds[1].folder.parent) is Kind.CHECK
+    assert kind(folder) is RunKind.CERTIFY
+    assert kind(folder / "gap") is RunKind.GAP
+    assert kind(folder / "simulation") is kind(holds[1].folder.parent) is RunKind.CHECK
     with pytest.raises(UsageError, match=naming(str(tmp_path))):
         kind(tmp_path)
 

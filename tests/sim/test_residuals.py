@@ -20,7 +20,7 @@ from s2r_sim.plant.physics import Physics
 from s2r_sim.residuals import RESIDUALS, WINDOW, residuals
 from s2r_sim.residuals.footing import footing
 from s2r_sim.residuals.motion import hann, recorded
-from s2r_sim.residuals.world import Motion
+from s2r_sim.residuals.world import ModelledMotion
 from s2r_sim.residuals.yielding import yielding
 from s2r_sim.robot.constants import LEGS
 from s2r_sim.settings import Settings
@@ -248,7 +248,7 @@ def test_a_residual_is_shown_every_field_of_the_world_that_changes_it():
         window = hann(trace.times, WINDOW)
         half, n = len(window) // 2, len(trace) - 1
         for one in RESIDUALS:
-            whole = one.of(Motion(log, SIM.settings.gains, test.world(bare), here, test))
+            whole = one.of(ModelledMotion(log, SIM.settings.gains, test.world(bare), here, test))
             smooth = convolve1d(whole, window, axis=0)[half : n - half]
             np.testing.assert_array_equal(asked[one.name], smooth, err_msg=f"{one.name} {values}")
 

@@ -13,7 +13,7 @@ from s2r_spec.diagnose.quality.channels import hold
 from s2r_spec.diagnose.quality.comparison import compare
 from s2r_spec.diagnose.quality.decide import suspected
 from s2r_spec.diagnose.quality.recordings import Recordings
-from s2r_spec.diagnose.simulator.axes import lines
+from s2r_spec.diagnose.simulator.axes import effect_axes
 from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.effects import catalogue_of
 from s2r_turtlebot.effects import TurtlebotWithEffects
@@ -36,7 +36,7 @@ class Remembering(TurtlebotWithEffects):
 
 
 BENCH = Bench.of(s2r.load_spec(ROOT / "specs" / "turtlebot.stl"), "delivers", Remembering())
-LINES = lines(catalogue_of(BENCH.backend))
+LINES = effect_axes(catalogue_of(BENCH.backend))
 TESTS = [{"ox": ox, "oy": oy} for ox in (-0.25, -0.05, 0.2) for oy in (0.03, 0.15, 0.27)]
 POSES = ("x", "y", "heading", "d_goal", "d_obs")
 

@@ -20,7 +20,7 @@ from typing import Any
 
 from s2r_a1.guard.control import Connection, ControlError, Listener
 from s2r_a1.guard.place import claim, folder, hold, place
-from s2r_a1.guard.start import Robot
+from s2r_a1.guard.start import RobotAddress
 from s2r_spec.errors import BackendError, S2RError, UsageError
 
 PRIORITY = 20
@@ -187,7 +187,7 @@ def _begun(arguments: argparse.Namespace) -> Any:
     if hold(files) is None:  # the lock lasts until this process ends
         return None
     claim(files)
-    robot = Robot(
+    robot = RobotAddress(
         arguments.host, arguments.port, arguments.layout, arguments.clock, arguments.local, arguments.module
     )
     guard = Guard(robot, Listener(files.control), answer, arguments.idle)

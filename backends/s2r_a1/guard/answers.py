@@ -15,7 +15,7 @@ from s2r_a1.guard import states
 from s2r_a1.guard.control import ROLES, Party, RefusedError, Request
 from s2r_a1.guard.limits import SECOND
 from s2r_a1.guard.loop import Deferred, Guard
-from s2r_a1.guard.states import ROWS, State
+from s2r_a1.guard.states import RULES, State
 
 Reply = dict[str, Any] | Deferred
 
@@ -59,7 +59,7 @@ def _motion(guard: Guard, party: Party, request: Request) -> Reply:
     machine, refusal = states.request(guard.machine, request.do, party.role, reason, guard.limits)
     if refusal:
         raise RefusedError(refusal)
-    if machine.state is not guard.machine.state and ROWS[machine.state].client:
+    if machine.state is not guard.machine.state and RULES[machine.state].client:
         guard.forget_orders()
     guard.become(machine)
     return {}
@@ -214,7 +214,7 @@ def _stop_recording(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply
 
 def _leave(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
     machine = guard.machine
-    if ROWS[machine.state].client:
+    if RULES[machine.state].client:
         raise RefusedError(f"the robot is in {machine.state}; halt it first")
     guard.release()
     return {}

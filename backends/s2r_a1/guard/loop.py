@@ -25,11 +25,11 @@ from s2r_a1.datagrams import Address, LinkError, Socket, is_loopback, opened
 from s2r_a1.guard import moves, states
 from s2r_a1.guard.control import Listener, Party, RefusedError, Request
 from s2r_a1.guard.limits import LIMITS, ROUND, SECOND
-from s2r_a1.guard.place import Robot
-from s2r_a1.guard.states import ROWS, Arrival, Conditions, Inputs, Machine, State
+from s2r_a1.guard.place import RobotAddress
+from s2r_a1.guard.states import RULES, Arrival, Conditions, Inputs, Machine, State
 from s2r_a1.link import Link, RobotSide, UdpLink
 from s2r_a1.rawlog import RawLogError, RawLogWriter
-from s2r_a1.wire import LAYOUTS, Command, Orders
+from s2r_a1.wire import LAYOUTS, MotorPacket, Orders
 
 SINKING = {State.DAMPING: 3 * SECOND, State.RESTING: SECOND}
 """A budget [ns]: time of damping until a robot lies."""
@@ -66,7 +66,7 @@ class Deferred(NamedTuple):
 
 
 @dataclass
-class Client:
+class ClientSession:
     """The program that moves the robot: its control connection and its packet connection."""
 
     party: Party
@@ -96,7 +96,7 @@ class Guard:
         answer: returns the reply to a request, now or later; raises RefusedError.
     """
 
-    def __init__(self, robot: Robot, listener: Listener, answer: Answer, idle: float = 60.0) -> None:
+    def __init__(self, robot: RobotAddress, listener: Listener, answer: Answer, idle: float = 60.0) -> None:
         self.robot = robot
         self.layout = LAYOUTS[robot.layout]
         self.limits = LIMITS
@@ -105,7 +105,7 @@ class Guard:
         self.listener = listener
         self.machine = Machine()
         self.link: Link | None = None
-        self.client: Client | None = None
+        self.client: ClientSession | None = None
         self.log: RawLogWriter | None = None
         self.rounds = 0
         self.late = 0
@@ -117,7 +117,7 @@ class Guard:
         self._socket: Socket | None = None
         self._pending: list[Deferred] = []
         self._idle = idle
-        self._orders: Orders | Command | None = None
+        self._orders: Orders | MotorPacket | None = None
         self._due = 0
         self._alone = time.monotonic() + GREETED
 
@@ -140,7 +140,7 @@ class Guard:
             if machine.state is State.RESTING:
                 gc.collect()
         wanted = machine.wanted
-        if wanted and wanted != before.wanted and ROWS[machine.state].client:
+        if wanted and wanted != before.wanted and RULES[machine.state].client:
             self._publish("wanted", state=wanted.state, word=wanted.word, reason=wanted.reason)
         if machine.warnings and machine.warnings != before.warnings:
             old = {name for name, _ in before.warnings}
@@ -158,7 +158,7 @@ class Guard:
             self.link = self._opened()
             self.link.tap = self._record
         self.become(states.connected(self.machine, self.now))
-        self._orders, self._due = ROWS[self.machine.state].orders(self.machine, self.now, self.limits), 0
+        self._orders, self._due = RULES[self.machine.state].orders(self.machine, self.now, self.limits), 0
 
     def _opened(self) -> Link:
         robot = self.robot
@@ -200,7 +200,7 @@ class Guard:
         """
         address = ("127.0.0.1", port)
         socket = opened(address, lockstep=self.lockstep)
-        self.client = Client(party, address, socket, RobotSide(socket, self.layout))
+        self.client = ClientSession(party, address, socket, RobotSide(socket, self.layout))
         return socket.port
 
     @property
@@ -328,7 +328,7 @@ class Guard:
     def moving(self) -> bool:
         """Return whether the robot moves without a client; rounds must then go on."""
         machine = self.machine
-        return ROWS[machine.state].moves or machine.wanted is not None or self._sinking()
+        return RULES[machine.state].moves or machine.wanted is not None or self._sinking()
 
     def _sinking(self) -> bool:
         """Return whether a damped robot may still be sinking."""
@@ -392,7 +392,7 @@ class Guard:
         return self._ordered(client if client is self.client else None, arrival)
 
     def _await(
-        self, socket: Socket, peer: Address, seconds: float | None = None, client: Client | None = None
+        self, socket: Socket, peer: Address, seconds: float | None = None, client: ClientSession | None = None
     ) -> None:
         """Serve requests until a datagram arrives at a socket.
 
@@ -419,12 +419,12 @@ class Guard:
                 self.client.side.send(link.packet)
         return arrival
 
-    def _ordered(self, client: Client | None, arrival: Arrival) -> Inputs:
+    def _ordered(self, client: ClientSession | None, arrival: Arrival) -> Inputs:
         """Return the inputs of a round, with the client's newest commands."""
         inputs = Inputs(0, arrival)
         if client is None:
             return inputs
-        if not ROWS[self.machine.state].client or client.party.spent:
+        if not RULES[self.machine.state].client or client.party.spent:
             client.socket.receive()  # discarded without decoding
             return inputs
         counters = client.side.counters
@@ -440,7 +440,7 @@ class Guard:
         """Make the robot lie down if the disk fails, and end the recording of a client that has left."""
         if log.failure and not self.machine.wanted:
             self.become(states.stopped(self.machine, True, "disk", log.failure, now_=True))
-        if self.client is None and not self.moving() and not ROWS[self.machine.state].stands:
+        if self.client is None and not self.moving() and not RULES[self.machine.state].stands:
             self.finish_recording()
 
     # Requests.

@@ -51,7 +51,7 @@ DAMPED = Orders(ZERO, ZERO, ZERO, np.full(MOTORS, DAMPING), ZERO)
 """A definition: commands for a robot that must stop moving."""
 
 
-class Motion(NamedTuple):
+class PoseMotion(NamedTuple):
     """A motion from one pose to another, in a span of time."""
 
     start: FloatArray
@@ -60,12 +60,12 @@ class Motion(NamedTuple):
     span: int
 
 
-def done(motion: Motion, now: int) -> bool:
+def done(motion: PoseMotion, now: int) -> bool:
     """Return whether a motion has ended."""
     return now - motion.begun >= motion.span
 
 
-def desired(motion: Motion, now: int) -> tuple[FloatArray, FloatArray]:
+def desired(motion: PoseMotion, now: int) -> tuple[FloatArray, FloatArray]:
     """Return the reference angles and speeds of a motion now [rad, rad/s]."""
     if done(motion, now):
         return motion.target, ZERO
@@ -74,26 +74,26 @@ def desired(motion: Motion, now: int) -> tuple[FloatArray, FloatArray]:
     return motion.start + x * x * (3.0 - 2.0 * x) * way, (6.0 * x * (1.0 - x) * 1e9 / motion.span) * way
 
 
-def orders(motion: Motion, now: int) -> Orders:
+def orders(motion: PoseMotion, now: int) -> Orders:
     """Return the motor commands of a motion."""
     q, dq = desired(motion, now)
     return Orders(q, dq, KP, KD, ZERO)
 
 
-def standing_up(q: FloatArray, now: int) -> Motion:
+def standing_up(q: FloatArray, now: int) -> PoseMotion:
     """Return the motion from measured angles to the stand."""
-    return Motion(q, STANDING, now, STAND_UP)
+    return PoseMotion(q, STANDING, now, STAND_UP)
 
 
-def catching(q: FloatArray, tau: FloatArray, now: int) -> Motion:
+def catching(q: FloatArray, tau: FloatArray, now: int) -> PoseMotion:
     """Return the motion from a walk to the stand.
 
     It begins beyond the measured angles, so that the stand's gains give the present torques of the motors. Otherwise
     the legs would give way until the gains carry the load.
     """
-    return Motion(q + np.clip(tau / KP, -YIELD, YIELD), STANDING, now, CATCH)
+    return PoseMotion(q + np.clip(tau / KP, -YIELD, YIELD), STANDING, now, CATCH)
 
 
-def lying_down(q: FloatArray, now: int) -> Motion:
+def lying_down(q: FloatArray, now: int) -> PoseMotion:
     """Return the motion from the present reference angles to the lying pose."""
-    return Motion(q, LYING, now, LIE_DOWN)
+    return PoseMotion(q, LYING, now, LIE_DOWN)

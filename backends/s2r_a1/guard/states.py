@@ -9,7 +9,7 @@ maps machine and inputs of a round to the next machine and the commands to send.
     from ARMED on, by any limit of the state: DAMPING → (reset) LINKED
 
 OFF sends nothing. LINKED and ARMED send no gains and no torques. DAMPING is latched: only an operator's ``reset`` ends
-it, and then the robot must be armed again. Each state has a row in :data:`ROWS`. A new motion of a client needs a
+it, and then the robot must be armed again. Each state has a row in :data:`RULES`. A new motion of a client needs a
 member of :class:`State`, a row, and its request in :data:`BEGINNINGS`.
 
 Times are whole nanoseconds of the guard's clock, which counts rounds in lock step.
@@ -28,9 +28,9 @@ from s2r_a1 import remote
 from s2r_a1.guard import limits as limit
 from s2r_a1.guard import moves
 from s2r_a1.guard.control import Role
-from s2r_a1.guard.limits import Check, IntArray, Limits, Seen, Word
-from s2r_a1.guard.moves import Motion
-from s2r_a1.wire import MOTORS, Command, Orders, Reading
+from s2r_a1.guard.limits import CheckedQuantities, IntArray, LimitCheck, Limits, Word
+from s2r_a1.guard.moves import PoseMotion
+from s2r_a1.wire import MOTORS, MotorPacket, Orders, Reading
 
 FloatArray = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ class State(StrEnum):
     DAMPING = "DAMPING"
 
 
-class Memory(NamedTuple):
+class GuardMemory(NamedTuple):
     """The memory of past rounds.
 
     Attributes:
@@ -82,7 +82,7 @@ class Memory(NamedTuple):
     still: int = 0
 
 
-class Followed(NamedTuple):
+class ClientCommands(NamedTuple):
     """The commands of a client.
 
     Attributes:
@@ -94,7 +94,7 @@ class Followed(NamedTuple):
         excused: whether its silence was restarted since the newest commands, because the robot's states were late.
     """
 
-    orders: Orders | Command | None = None
+    orders: Orders | MotorPacket | None = None
     at: int = 0
     dropped: int = 0
     clipped: int = 0
@@ -102,7 +102,7 @@ class Followed(NamedTuple):
     excused: bool = False
 
 
-class Wanted(NamedTuple):
+class RequestedStop(NamedTuple):
     """A requested stop while a client moves the robot: STAND, or RESTING after STAND."""
 
     state: State
@@ -129,10 +129,10 @@ class Machine(NamedTuple):
     since: int = 0
     word: Word | None = None
     reason: str | None = None
-    motion: Motion | None = None
-    wanted: Wanted | None = None
-    memory: Memory = Memory()
-    followed: Followed = Followed()
+    motion: PoseMotion | None = None
+    wanted: RequestedStop | None = None
+    memory: GuardMemory = GuardMemory()
+    followed: ClientCommands = ClientCommands()
     warnings: tuple[tuple[str, str], ...] = ()
     remote: int | None = None
 
@@ -163,18 +163,18 @@ class Inputs(NamedTuple):
 
     now: int
     arrival: Arrival = Arrival()
-    orders: Orders | Command | None = None
+    orders: Orders | MotorPacket | None = None
     dropped: int = 0
 
 
-class Step(NamedTuple):
+class RoundResult(NamedTuple):
     """The result of a round; orders are None if nothing may be sent."""
 
     machine: Machine
-    orders: Orders | Command | None
+    orders: Orders | MotorPacket | None
 
 
-class Row(NamedTuple):
+class StateRules(NamedTuple):
     """The rules of a state.
 
     Attributes:
@@ -187,13 +187,13 @@ class Row(NamedTuple):
         warnings: checks that only warn.
     """
 
-    checks: tuple[Check, ...]
-    orders: Callable[[Machine, int, Limits], Orders | Command | None]
+    checks: tuple[LimitCheck, ...]
+    orders: Callable[[Machine, int, Limits], Orders | MotorPacket | None]
     then: State | None = None
     client: bool = False
     stands: bool = False
     moves: bool = False
-    warnings: tuple[Check, ...] = ()
+    warnings: tuple[LimitCheck, ...] = ()
 
 
 def _nothing(machine: Machine, now: int, limits: Limits) -> None:
@@ -213,7 +213,7 @@ def _own(machine: Machine, now: int, limits: Limits) -> Orders:
     return moves.orders(machine.motion, now)
 
 
-def _followed(machine: Machine, now: int, limits: Limits) -> Orders | Command:
+def _followed(machine: Machine, now: int, limits: Limits) -> Orders | MotorPacket:
     """Return the client's commands; without their torques if they or the robot's states are old."""
     orders, at, dropped = machine.followed[:3]
     if orders is None:
@@ -223,8 +223,8 @@ def _followed(machine: Machine, now: int, limits: Limits) -> Orders | Command:
     return orders
 
 
-def _decoded(orders: Orders | Command) -> Orders:
-    return orders.orders() if isinstance(orders, Command) else orders
+def _decoded(orders: Orders | MotorPacket) -> Orders:
+    return orders.orders() if isinstance(orders, MotorPacket) else orders
 
 
 # The guard's own pause comes first, because the robot's own rule for silence has acted during it. A fall comes before
@@ -234,24 +234,24 @@ _VOID = (limit.LINK, limit.NUMBERS, limit.BUTTON)
 _LIES = (limit.MOTOR, limit.ABSENT, limit.NUMBERS, limit.BUTTON)
 _WARNINGS = (limit.WARMTH, limit.STRAIN)
 
-ROWS: dict[State, Row] = {
-    State.OFF: Row((), _nothing),
-    State.LINKED: Row((), _limp),
-    State.ARMED: Row(_LIES, _limp),
-    State.STANDING_UP: Row(
+RULES: dict[State, StateRules] = {
+    State.OFF: StateRules((), _nothing),
+    State.LINKED: StateRules((), _limp),
+    State.ARMED: StateRules(_LIES, _limp),
+    State.STANDING_UP: StateRules(
         (*_ROBOT, limit.DEVIATION, *_VOID), _own, State.STAND, stands=True, moves=True, warnings=_WARNINGS
     ),
-    State.STAND: Row(
+    State.STAND: StateRules(
         (*_ROBOT, limit.HEIGHT, limit.JOINT, limit.DEVIATION, *_VOID), _own, stands=True, warnings=_WARNINGS
     ),
-    State.WALK: Row(
+    State.WALK: StateRules(
         (*_ROBOT, limit.HEIGHT, limit.JOINT, *_VOID, limit.CLIENT),
         _followed,
         client=True,
         stands=True,
         warnings=_WARNINGS,
     ),
-    State.EXCITE: Row(
+    State.EXCITE: StateRules(
         (*_ROBOT, limit.HEIGHT, limit.JOINT, *_VOID, limit.CLIENT),
         _followed,
         client=True,
@@ -260,14 +260,14 @@ ROWS: dict[State, Row] = {
     ),
     # In a rig the legs' geometry says nothing about the height, and legs without torque swing to their stops. A base
     # that tilts has come loose. Angles of the client's commands stay within the joints' range.
-    State.EXCITE_HELD: Row(
+    State.EXCITE_HELD: StateRules(
         (*_ROBOT, *_VOID, limit.CLIENT), _followed, client=True, stands=True, warnings=_WARNINGS
     ),
-    State.LYING_DOWN: Row(
+    State.LYING_DOWN: StateRules(
         (*_ROBOT, limit.DEVIATION, *_VOID), _own, State.RESTING, moves=True, warnings=_WARNINGS
     ),
-    State.RESTING: Row(_LIES, _damped),
-    State.DAMPING: Row((), _damped),
+    State.RESTING: StateRules(_LIES, _damped),
+    State.DAMPING: StateRules((), _damped),
 }
 """A definition: the table of states."""
 
@@ -295,9 +295,9 @@ def arrived(limits: Limits, reading: Reading | None, fault: str | None) -> Arriv
     return Arrival(bad=True) if limit.impossible(limits, reading) else Arrival(reading)
 
 
-def step(machine: Machine, inputs: Inputs, limits: Limits) -> Step:
+def step(machine: Machine, inputs: Inputs, limits: Limits) -> RoundResult:
     """Return the next machine and the commands of a round."""
-    row = ROWS[machine.state]
+    row = RULES[machine.state]
     now, late = inputs.now, inputs.now - machine.memory.now
     memory = _remembered(machine, inputs, limits)
     followed = _obeyed(machine, inputs, limits) if row.client else machine.followed
@@ -316,7 +316,7 @@ def step(machine: Machine, inputs: Inputs, limits: Limits) -> Step:
                 checks = [check for check in row.warnings if not (check.covered and calm)]
                 machine = _warned(machine, checks, seen, limits)
             machine = _watched(_proceeded(machine, row, now), now)
-    return Step(machine, ROWS[machine.state].orders(machine, now, limits))
+    return RoundResult(machine, RULES[machine.state].orders(machine, now, limits))
 
 
 def damped(machine: Machine, now: int, word: Word, reason: str) -> Machine:
@@ -334,7 +334,7 @@ def left(machine: Machine, now: int, role: Role = "client") -> Machine:
     A standing robot that is not about to lie down is damped, because nobody controls it or can stop it.
     """
     lying = machine.state is State.STAND and machine.wanted and machine.wanted.state is State.RESTING
-    if ROWS[machine.state].stands and not lying:
+    if RULES[machine.state].stands and not lying:
         who = "the program that moves the robot" if role == "client" else "the operator's program"
         return damped(machine, now, role, f"{who} has disconnected")
     return machine
@@ -384,12 +384,12 @@ def connected(machine: Machine, now: int) -> Machine:
     """Return the machine after the operator's first consent: packets without gains may be sent."""
     if machine.state is not State.OFF:
         return machine
-    return Machine(State.LINKED, now, memory=Memory(now=now))
+    return Machine(State.LINKED, now, memory=GuardMemory(now=now))
 
 
 def disconnected(machine: Machine, now: int) -> Machine:
     """Return the machine that sends nothing, after a connection that found no robot."""
-    return Machine(State.OFF, now, memory=Memory(now=now)) if machine.state is State.LINKED else machine
+    return Machine(State.OFF, now, memory=GuardMemory(now=now)) if machine.state is State.LINKED else machine
 
 
 def armed(machine: Machine, now: int) -> Machine:
@@ -407,7 +407,7 @@ def reset(machine: Machine, now: int) -> Machine:
     """Return the machine after the operator's statement that a damped robot lies; it must be armed again."""
     if machine.state is not State.DAMPING:
         return machine
-    return Machine(State.LINKED, now, memory=Memory(now=now))
+    return Machine(State.LINKED, now, memory=GuardMemory(now=now))
 
 
 def request(
@@ -444,28 +444,28 @@ def stopped(
         now_: whether to stop at once, without time for the client.
     """
     now = machine.memory.now
-    if ROWS[machine.state].client:
+    if RULES[machine.state].client:
         end = State.RESTING if lie else State.STAND
         if machine.wanted and machine.wanted.state is State.RESTING:
             end = State.RESTING
         if word and not now_:
             if machine.wanted:
                 return machine._replace(wanted=machine.wanted._replace(state=end))
-            return machine._replace(wanted=Wanted(end, now, word, reason))
+            return machine._replace(wanted=RequestedStop(end, now, word, reason))
         return _halted(machine, end, word, reason)
     if not lie or machine.state not in (State.STANDING_UP, State.STAND):
         return machine
     if word:
         machine = machine._replace(word=word, reason=reason)
     if machine.state is State.STAND:  # it may still be settling
-        return machine._replace(wanted=Wanted(State.RESTING, now, machine.word, machine.reason))
+        return machine._replace(wanted=RequestedStop(State.RESTING, now, machine.word, machine.reason))
     return _lying(machine, now)
 
 
 def _begun(machine: Machine, do: str, limits: Limits) -> tuple[Machine, str | None]:
     """Return the machine after a client's request for a motion."""
     origins, state = BEGINNINGS[do]
-    if machine.state is state or (ROWS[state].then is machine.state and not machine.wanted):
+    if machine.state is state or (RULES[state].then is machine.state and not machine.wanted):
         return machine, None
     if machine.state not in origins or machine.wanted:
         return machine, (
@@ -479,14 +479,14 @@ def _begun(machine: Machine, do: str, limits: Limits) -> tuple[Machine, str | No
     if machine.remote is not None and (lost := remote.lost(now - machine.remote)):
         return machine, lost
     seen = _seen(machine._replace(motion=None), now, 0)._replace(client=0)
-    for check in (*ROWS[state].checks, limit.WARMTH):
+    for check in (*RULES[state].checks, limit.WARMTH):
         if sentence := check.find(limits, seen):
             return machine, sentence
     begun = machine._replace(state=state, since=now, word=None, reason=None)
-    if ROWS[state].client:
+    if RULES[state].client:
         # The stand continues until the client's first commands.
         kept = machine.followed
-        return begun._replace(followed=Followed(None, now, 0, kept.clipped, kept.unusable)), None
+        return begun._replace(followed=ClientCommands(None, now, 0, kept.clipped, kept.unusable)), None
     return begun._replace(motion=moves.standing_up(reading.q, now)), None
 
 
@@ -500,7 +500,7 @@ def _halted(machine: Machine, end: State, word: Word | None, reason: str | None)
     motion = machine.motion
     if machine.followed.orders is not None or motion is None:
         motion = moves.catching(memory.reading.q, memory.reading.tau, memory.now)
-    ahead = Wanted(State.RESTING, memory.now, word, reason) if end is State.RESTING else None
+    ahead = RequestedStop(State.RESTING, memory.now, word, reason) if end is State.RESTING else None
     return machine._replace(
         state=State.STAND, since=memory.now, word=word, reason=reason, motion=motion, wanted=ahead
     )
@@ -513,7 +513,7 @@ def _lying(machine: Machine, now: int) -> Machine:
     return machine._replace(state=State.LYING_DOWN, since=now, motion=moves.lying_down(q, now), wanted=None)
 
 
-def _proceeded(machine: Machine, row: Row, now: int) -> Machine:
+def _proceeded(machine: Machine, row: StateRules, now: int) -> Machine:
     """Return the machine after the end of a motion, or of a client's time to stop."""
     wanted = machine.wanted
     if row.client:
@@ -523,7 +523,7 @@ def _proceeded(machine: Machine, row: Row, now: int) -> Machine:
     if machine.motion is None or not moves.done(machine.motion, now):
         return machine
     if row.then is not None:
-        stays = machine.motion if ROWS[row.then].stands else None
+        stays = machine.motion if RULES[row.then].stands else None
         return machine._replace(state=row.then, since=now, motion=stays)
     return _lying(machine, now) if wanted else machine
 
@@ -536,12 +536,12 @@ def _watched(machine: Machine, now: int) -> Machine:
     if remote.seen(reading.remote):
         return machine._replace(remote=now)
     lost = remote.lost(now - machine.remote)
-    if not lost or machine.wanted or not ROWS[machine.state].stands:
+    if not lost or machine.wanted or not RULES[machine.state].stands:
         return machine
     return stopped(machine, True, "operator", lost)
 
 
-def _remembered(machine: Machine, inputs: Inputs, limits: Limits) -> Memory:
+def _remembered(machine: Machine, inputs: Inputs, limits: Limits) -> GuardMemory:
     """Return the memory after a round."""
     memory, (reading, bad, calm), now = machine.memory, inputs.arrival, inputs.now
     if reading is None:
@@ -558,7 +558,7 @@ def _remembered(machine: Machine, inputs: Inputs, limits: Limits) -> Memory:
         pose is None or np.abs(reading.q - pose).max() > limits.still * limits.still_time / limit.SECOND
     ):
         pose, still = reading.q, now
-    return Memory(
+    return GuardMemory(
         now=now,
         reading=reading,
         fresh=now,
@@ -574,17 +574,19 @@ def _remembered(machine: Machine, inputs: Inputs, limits: Limits) -> Memory:
 _NEVER = np.zeros(MOTORS, dtype=np.int64)
 
 
-def _obeyed(machine: Machine, inputs: Inputs, limits: Limits) -> Followed:
+def _obeyed(machine: Machine, inputs: Inputs, limits: Limits) -> ClientCommands:
     """Return the client's commands after a round."""
     followed = machine.followed
     dropped = inputs.dropped
-    if isinstance(inputs.orders, Command) and limit.allowed(limits, inputs.orders):
-        return Followed(inputs.orders, inputs.now, 0, followed.clipped, followed.unusable + dropped)
+    if isinstance(inputs.orders, MotorPacket) and limit.allowed(limits, inputs.orders):
+        return ClientCommands(inputs.orders, inputs.now, 0, followed.clipped, followed.unusable + dropped)
     if inputs.orders is not None:
         usable = limit.clipped(limits, _decoded(inputs.orders))
         if usable:
             within, beyond = usable
-            return Followed(within, inputs.now, 0, followed.clipped + beyond, followed.unusable + dropped)
+            return ClientCommands(
+                within, inputs.now, 0, followed.clipped + beyond, followed.unusable + dropped
+            )
         dropped += 1
     if dropped:
         followed = followed._replace(dropped=followed.dropped + dropped, unusable=followed.unusable + dropped)
@@ -595,13 +597,13 @@ def _obeyed(machine: Machine, inputs: Inputs, limits: Limits) -> Followed:
     return followed
 
 
-def _seen(machine: Machine, now: int, late: int) -> Seen:
+def _seen(machine: Machine, now: int, late: int) -> CheckedQuantities:
     """Return the quantities that the checks judge."""
     memory = machine.memory
     assert memory.reading is not None
-    row = ROWS[machine.state]
+    row = RULES[machine.state]
     motion = machine.motion
-    return Seen(
+    return CheckedQuantities(
         reading=memory.reading,
         desired=None if motion is None or row.client else moves.desired(motion, now)[0],
         link=_rounds(now - memory.fresh),
@@ -619,7 +621,7 @@ def _rounds(silence: int) -> int:
     return (silence + limit.ROUND // 2) // limit.ROUND * limit.ROUND
 
 
-def _warned(machine: Machine, checks: list[Check], seen: Seen, limits: Limits) -> Machine:
+def _warned(machine: Machine, checks: list[LimitCheck], seen: CheckedQuantities, limits: Limits) -> Machine:
     """Return the machine with the active warnings of these checks."""
     warnings = tuple((check.name, sentence) for check in checks if (sentence := check.find(limits, seen)))
     return machine._replace(warnings=warnings) if warnings or machine.warnings else machine

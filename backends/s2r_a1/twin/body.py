@@ -21,7 +21,7 @@ from s2r_sim.plant.plant import Plant, Saved
 from s2r_sim.plant.sensors import Sensors
 from s2r_sim.robot import rotation
 from s2r_sim.robot.constants import A1
-from s2r_sim.robot.signals import MotorCommand, State
+from s2r_sim.robot.signals import MotorCommand, RobotState
 
 FloatArray = NDArray[np.float64]
 
@@ -74,7 +74,7 @@ class Body:
         self._plant, self._sensors = plant, Sensors(A1, physics, "truth")
         self._velocity = plant.truth().velocity
 
-    def truth(self) -> State:
+    def truth(self) -> RobotState:
         """Return the true state."""
         return self._plant.truth()
 

@@ -76,7 +76,7 @@ def _button(reading: Reading, inject: Inject) -> Reading:
 def _of_motors(field: str) -> Callable[[Reading, Inject], Reading]:
     def report(reading: Reading, inject: Inject) -> Reading:
         values = getattr(reading, field).copy()
-        values[list(inject.part.motors)] = inject.part.number
+        values[list(inject.per_motor.motors)] = inject.per_motor.number
         return reading._replace(**{field: values})
 
     return report

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from s2r_a1 import remote
 from s2r_a1.ticks import TickUnit
 from s2r_a1.twin.body import Body
-from s2r_a1.twin.firmware import Command, Firmware, Silence, read_command
+from s2r_a1.twin.firmware import Firmware, ReceivedCommand, Silence, read_command
 from s2r_a1.twin.injects import Injects, acting
 from s2r_a1.twin.mocap import Mocap
 from s2r_a1.twin.network import Network
@@ -29,7 +29,7 @@ from s2r_a1.twin.start import write_start
 from s2r_a1.wire import A1, Layout, Orders, Reading, WireError
 from s2r_sim.plant.noise import Noise
 from s2r_sim.plant.plant import Saved
-from s2r_sim.robot.signals import State
+from s2r_sim.robot.signals import RobotState
 
 FloatArray = NDArray[np.float64]
 
@@ -111,7 +111,7 @@ class Twin:
         """(12,) true temperatures of the motors [°C]; a state reports whole degrees."""
         return self._body.temperature
 
-    def truth(self) -> State:
+    def truth(self) -> RobotState:
         """Return the true state of the robot, which no packet contains."""
         return self._body.truth()
 
@@ -155,7 +155,7 @@ class Twin:
         """Return the lines of motion capture since the last call; call this after every round, or never."""
         return self._mocap.lines(self.rounds - 1, self.truth()) if self.begun else []
 
-    def _newest(self, arrived: Sequence[bytes]) -> Command | None:
+    def _newest(self, arrived: Sequence[bytes]) -> ReceivedCommand | None:
         newest = None
         for data in arrived:
             if self.begun and not self._network.hears(self.rounds, self.injects):
@@ -200,6 +200,6 @@ def _limp(orders: Orders, injects: Injects, round_: int) -> Orders:
     """Return the motor commands without those for motors that have dropped out."""
     for dropped in acting(injects, round_, "mode"):
         works = np.ones_like(orders.tau)
-        works[list(dropped.part.motors)] = 0.0
+        works[list(dropped.per_motor.motors)] = 0.0
         orders = orders._replace(kp=works * orders.kp, kd=works * orders.kd, tau=works * orders.tau)
     return orders

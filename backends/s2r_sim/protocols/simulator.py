@@ -20,7 +20,7 @@ from s2r_sim.plant.recorder import Recorder
 from s2r_sim.plant.sensors import Sensors
 from s2r_sim.protocols.references import Reference
 from s2r_sim.robot.constants import GRAVITY, LEGS
-from s2r_sim.robot.signals import Command, MotorCommand
+from s2r_sim.robot.signals import MotorCommand, VelocityCommand
 from s2r_sim.settings import Settings
 
 FloatArray = NDArray[np.float64]
@@ -34,7 +34,7 @@ LOGGED = (
     *("q", "dq", "tau_cmd", "tau", "foot_position", "foot_velocity", "foot_force", "contact"),
 )
 """Channels of a protocol's trace: those of a rollout that need no gait and no QP."""
-_STILL = Command()
+_STILL = VelocityCommand()
 
 
 class ProtocolSimulator:

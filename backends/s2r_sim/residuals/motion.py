@@ -25,7 +25,7 @@ from s2r_spec.trace import Trace
 FloatArray = NDArray[np.float64]
 
 
-class Recorded:
+class RecordedMotion:
     """A recorded motion and its kinematics, which depend on the robot's geometry and not on the world.
 
     Arrays have one row per tick, the interval between two samples. The state at the midpoint of a tick is the mean
@@ -189,17 +189,17 @@ class Recorded:
         torque = turned @ about + np.cross(spin, spin @ about) + inertia.mass * np.cross(com, lifted)
         return np.hstack((force, torque))
 
-    def less(self, **errors: FloatArray) -> Recorded:
+    def less(self, **errors: FloatArray) -> RecordedMotion:
         """Return the motion with these errors subtracted from its channels; a channel without a record is skipped."""
         channels = self.trace.channels
         truer = {name: channels[name] - error for name, error in errors.items() if name in channels}
-        return Recorded(replace(self.trace, channels={**channels, **truer}), self.robot)
+        return RecordedMotion(replace(self.trace, channels={**channels, **truer}), self.robot)
 
 
 class Ground:
     """Kinematics of a recorded motion relative to the sloped ground."""
 
-    def __init__(self, motion: Recorded, slope: float) -> None:
+    def __init__(self, motion: RecordedMotion, slope: float) -> None:
         self.motion = motion
         self.rise = tan(radians(slope))
         """Rise of the ground per metre."""
@@ -238,15 +238,15 @@ def hann(times: FloatArray, width: float) -> FloatArray:
 
 
 @lru_cache(maxsize=2)
-def recorded(trace: Trace, robot: Robot) -> Recorded:
+def recorded(trace: Trace, robot: Robot) -> RecordedMotion:
     """Return the motion of a trace; the cache returns the same object for the last traces."""
-    return Recorded(trace, robot)
+    return RecordedMotion(trace, robot)
 
 
 @lru_cache(maxsize=4)
 def corrected(
-    motion: Recorded, encoder_offset: tuple[float, float, float], attitude_bias: tuple[float, float]
-) -> Recorded:
+    motion: RecordedMotion, encoder_offset: tuple[float, float, float], attitude_bias: tuple[float, float]
+) -> RecordedMotion:
     """Return the motion that sensors with these errors [rad], [deg] report as the recorded one; cached."""
     errors: dict[str, FloatArray] = {}
     if any(encoder_offset):
@@ -258,7 +258,7 @@ def corrected(
 
 
 @lru_cache(maxsize=4)
-def ground(motion: Recorded, slope: float) -> Ground:
+def ground(motion: RecordedMotion, slope: float) -> Ground:
     """Return the motion on a slope [deg]; cached."""
     return Ground(motion, slope)
 

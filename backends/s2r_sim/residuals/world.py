@@ -14,7 +14,7 @@ from s2r_sim.controller.gains import RATE, Gains
 from s2r_sim.parameters import Test
 from s2r_sim.plant.physics import USUAL_LOAD, Physics
 from s2r_sim.protocols.references import reference
-from s2r_sim.residuals.motion import Ground, Recorded, corrected, ground, hann
+from s2r_sim.residuals.motion import Ground, RecordedMotion, corrected, ground, hann
 from s2r_sim.residuals.play import crossed
 from s2r_sim.residuals.yielding import Yielding, yielding
 from s2r_sim.robot.constants import GRAVITY, Robot
@@ -34,8 +34,8 @@ _SLIDE_TIME = 0.06
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
-    """Arrays of one row for every tick, as :class:`~s2r_sim.residuals.motion.Recorded`.
+class ModelledMotion:
+    """Arrays of one row for every tick, as :class:`~s2r_sim.residuals.motion.RecordedMotion`.
 
     Attributes:
         recorded: the motion by the robot's own sensors and by motion capture.
@@ -46,7 +46,7 @@ class Motion:
         protocol: name and parameters of the protocol; None for a test.
     """
 
-    recorded: Recorded
+    recorded: RecordedMotion
     gains: Gains
     bare: Physics
     world: Physics
@@ -64,7 +64,7 @@ class Motion:
         return ground(self.moved, self.world.slope)
 
     @cached_property
-    def moved(self) -> Recorded:
+    def moved(self) -> RecordedMotion:
         """The true motion, if the world's sensors had reported the record."""
         motion = corrected(self.recorded, self.world.encoder_offset, self.world.attitude_bias)
         if self._gears is None:

@@ -20,7 +20,7 @@ MOST_PARAMETERS = 8
 """Budget: most test parameters. A cell has 2^dim corners, so one more parameter doubles the work."""
 
 
-class Declared(TypedDict, total=False):
+class DeclaredSettings(TypedDict, total=False):
     """Keywords that every search and plan takes; :class:`SearchSettings` describes them."""
 
     kernel: Required[Kernel]
@@ -32,7 +32,7 @@ class Declared(TypedDict, total=False):
     seed: int
 
 
-class SearchKeywords(Declared, total=False):
+class SearchKeywords(DeclaredSettings, total=False):
     """Keywords of :class:`s2r_spec.Search`; :class:`SearchSettings` describes them and has their defaults."""
 
     batch: float

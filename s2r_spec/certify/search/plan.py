@@ -27,7 +27,7 @@ from s2r_spec.base.errors import UsageError
 from s2r_spec.base.magnitude import whole
 from s2r_spec.certify.bound.coverage import PARTS, Coverage, long_axes
 from s2r_spec.certify.bound.sample_complexity import minimax, sequential_lower_bound
-from s2r_spec.certify.bound.settings import Declared, SearchSettings
+from s2r_spec.certify.bound.settings import DeclaredSettings, SearchSettings
 from s2r_spec.certify.search.effort import Effort, Objective
 from s2r_spec.certify.search.pairing import SIMULATED_PER_REAL
 from s2r_spec.certify.search.search import Search
@@ -91,7 +91,7 @@ class Plan(Floors):
 
 
 def settings_of(
-    space: Space, budgets: tuple[int, ...], most: int, **declared: Unpack[Declared]
+    space: Space, budgets: tuple[int, ...], most: int, **declared: Unpack[DeclaredSettings]
 ) -> SearchSettings:
     """Return the declaration of a plan after its checks.
 
@@ -187,7 +187,7 @@ def _one(settings: SearchSettings, number: int) -> float:
 def _high(settings: SearchSettings) -> float:
     """Return the high end: the rollouts for a flat objective, with a last batch that was not needed."""
     effort = Effort.of(settings)
-    flat = Objective.flat(len(effort.part.points), float(effort.norms[0]) / 2)
+    flat = Objective.flat(len(effort.region.points), float(effort.norms[0]) / 2)
     return max(2 * _least(settings), effort.rollouts(flat, SHARE_FLAT) * (1 + settings.batch))
 
 
@@ -224,10 +224,10 @@ def _reached(settings: SearchSettings, budget: int, count: Callable[[SearchSetti
 
 def _varied(effort: Effort, settings: SearchSettings, rng: np.random.Generator) -> Objective:
     """Return a random function that varies by ``VARIATION`` ε, or less, so that its norm is at most B/2."""
-    part = effort.part
-    centres = rng.uniform(part.space.lower, part.space.upper, (SECTIONS, part.space.dim))
+    region = effort.region
+    centres = rng.uniform(region.space.lower, region.space.upper, (SECTIONS, region.space.dim))
     weights = rng.normal(size=SECTIONS)
-    values = settings.kernel.gram(part.points, centres) @ weights
+    values = settings.kernel.gram(region.points, centres) @ weights
     norm = math.sqrt(float(weights @ settings.kernel.gram(centres, centres) @ weights))
     spread = float(values.max() - values.min())
     scale = min(VARIATION * effort.epsilon / spread, float(effort.norms[0]) / 2 / norm)

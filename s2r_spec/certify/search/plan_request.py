@@ -11,7 +11,7 @@ from s2r_spec.backend import Backend, is_exclusive, load_backend
 from s2r_spec.base.errors import UsageError, one_of
 from s2r_spec.certify.arguments import as_backend
 from s2r_spec.certify.bound.kernels import Kernel
-from s2r_spec.certify.bound.settings import Declared, SearchSettings
+from s2r_spec.certify.bound.settings import DeclaredSettings, SearchSettings
 from s2r_spec.certify.from_spec import only_requirement
 from s2r_spec.certify.search.pilot import Pilot, read_pilot
 from s2r_spec.certify.search.plan import MOST, Floors, Plan, Progress, floors, plan_search, settings_of
@@ -152,7 +152,13 @@ def plan_request(of: Spec | Space, options: PlanOptions) -> PlanRequest | Pilot:
     seconds = None if machine is None else machine.cost / at_once
     afforded = rollouts_in(options.time, seconds)
     budgets = options.budgets
-    declared: Declared = {"kernel": options.kernel, "B": B, "R": R, "delta": delta, "epsilon": epsilon}
+    declared: DeclaredSettings = {
+        "kernel": options.kernel,
+        "B": B,
+        "R": R,
+        "delta": delta,
+        "epsilon": epsilon,
+    }
     declared["mode"] = options.mode
     space = of.space if isinstance(of, Spec) else of
     settings = settings_of(space, (*budgets, *afforded), options.most, **declared)

@@ -10,7 +10,7 @@ import numpy as np
 from s2r_spec.backend import Backend, Recording
 from s2r_spec.base.errors import TraceError, UsageError
 from s2r_spec.certify.bound.rounding import wide
-from s2r_spec.certify.search.experiments import Experiment
+from s2r_spec.certify.search.experiments import OutcomeSource
 from s2r_spec.certify.search.observers import Observer
 from s2r_spec.certify.search.search import Query, Search
 from s2r_spec.recordings.recorded import left_out, refuse_hidden, refuse_unstated_times, tests_of
@@ -89,7 +89,7 @@ def fixed_design(spec: Spec, requirement: str, backend: Backend, recordings: Seq
 
 
 @dataclass(frozen=True)
-class Recorded:
+class RecordedExperiment:
     """An experiment with recorded outcomes.
 
     Attributes:
@@ -105,7 +105,7 @@ class Recorded:
     each: int = 1
 
     def outcomes(self, queries: Sequence[Query], observer: Observer) -> dict[int, list[float]]:
-        """Evaluate the recordings; see :class:`s2r_spec.certify.search.experiments.Experiment`.
+        """Evaluate the recordings; see :class:`s2r_spec.certify.search.experiments.OutcomeSource`.
 
         Raises:
             TraceError: a recording cannot be evaluated; the message names its file.
@@ -136,7 +136,7 @@ class Recorded:
         return [float(np.mean(group)) for group in groups]
 
 
-def observe(search: Search, design: Design, experiment: Experiment, observer: Observer) -> None:
+def observe(search: Search, design: Design, experiment: OutcomeSource, observer: Observer) -> None:
     """Give a search the outcomes of all tests of a design at once; it is then done."""
     outcomes = experiment.outcomes(design.queries, observer)
     search.observe([(query.point, outcomes[query.index]) for query in design.queries], final=True)

@@ -23,7 +23,7 @@ tests."""
 
 
 @dataclass
-class State:
+class SearchState:
     """All that the next batch, the label and the certificate depend on.
 
     Attributes:
@@ -57,7 +57,7 @@ class State:
     missing: str = ""
 
     @classmethod
-    def of(cls, settings: SearchSettings) -> State:
+    def of(cls, settings: SearchSettings) -> SearchState:
         """Return the state before any outcome."""
         return cls(
             settings,

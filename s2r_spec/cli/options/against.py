@@ -26,7 +26,7 @@ from s2r_spec.cli.terminal.terminal import console
 
 
 @dataclass(frozen=True)
-class Search:
+class SearchOptions:
     """The search that a command runs, and its reports.
 
     Attributes:
@@ -44,7 +44,7 @@ class Search:
     journals: tuple[str, ...]
 
 
-def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[..., None]:
+def against(prefix: str, help_: str, search: Callable[[], SearchOptions]) -> Callable[..., None]:
     """Return a command: ``prefix`` begins the name of its runs' folders; ``search`` is loaded when it is called."""
 
     def command(
@@ -92,7 +92,7 @@ class _Begun:
         return Live(console(stderr=True), quiet, opening=self.opening)
 
 
-def _begun(search: Search, name: str, rules: Rules, running: Running, machine: str) -> _Begun:
+def _begun(search: SearchOptions, name: str, rules: Rules, running: Running, machine: str) -> _Begun:
     """Return the folder of a run, new or resumed, and the options of its search."""
     from s2r_spec.certify.resumed_options import seed_of
     from s2r_spec.runs.journal import Journal

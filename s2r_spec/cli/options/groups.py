@@ -19,7 +19,7 @@ log_option = functools.partial(typer.Option, rich_help_panel=LOGS)
 output_option = functools.partial(typer.Option, rich_help_panel=OUTPUT)
 
 
-class Command(TyperCommand):
+class GroupedCommand(TyperCommand):
     """A command whose help lists arguments and options by group."""
 
     def format_options(self, ctx: Any, formatter: Any) -> None:

@@ -49,7 +49,7 @@ WIDTHS = np.array([1.0, 2.0, 4.0, 8.0, 16.0])
 
 
 @dataclass(frozen=True)
-class Forecast:
+class RolloutForecast:
     """What is known of a search's end before it begins.
 
     Attributes:
@@ -63,13 +63,13 @@ class Forecast:
     flat: FloatArray
 
     @classmethod
-    def of(cls, settings: SearchSettings) -> Forecast:
+    def of(cls, settings: SearchSettings) -> RolloutForecast:
         """Return the forecast of a search with these settings."""
         low, high = rollouts(settings)
         flat = []
         for width in WIDTHS:
             effort = Effort.of(replace(settings, epsilon=min(settings.epsilon * width, 1.99 * settings.B)))
-            flat.append(effort.rollouts(Objective.flat(len(effort.part.points), 0.0), SHARE_FLAT))
+            flat.append(effort.rollouts(Objective.flat(len(effort.region.points), 0.0), SHARE_FLAT))
         return cls(settings, math.sqrt(low * high), np.array(flat))
 
     def total(self, certificate: Certificate | None, worst: float | None) -> float | None:

@@ -27,7 +27,7 @@ TRACES = "[!.]*.npz"
 """Definition: names of the traces; hidden files are incomplete."""
 
 
-class Journal:
+class CampaignJournal:
     """The attempts of a campaign so far.
 
     Args:

@@ -44,7 +44,7 @@ from s2r_spec.diagnose.inference.hierarchical import (
     without_variants,
 )
 from s2r_spec.diagnose.inference.prior import NAMED, UNNAMED
-from s2r_spec.diagnose.simulator.axes import Line
+from s2r_spec.diagnose.simulator.axes import EffectAxis
 from s2r_spec.diagnose.simulator.experiments import Experiment
 
 FloatArray = NDArray[np.float64]
@@ -120,7 +120,7 @@ class Separation:
 
 
 @dataclass(frozen=True)
-class Forecast:
+class InformationForecast:
     """The posterior of ψ given each of the most probable sets.
 
     Attributes:
@@ -140,7 +140,7 @@ class Forecast:
     covariance: FloatArray
 
     @classmethod
-    def of(cls, estimate: Estimate) -> Forecast:
+    def of(cls, estimate: Estimate) -> InformationForecast:
         """Return the forecast of an estimate."""
         theta, likelihood = estimate.fit.theta, estimate.fit.likelihood
         shared, one = estimate.fit.shared, np.eye(theta.size)
@@ -157,10 +157,10 @@ class Forecast:
     def names(self) -> tuple[tuple[str, ...], ...]:
         """The effects of each set."""
         sets = self.estimate.posterior.sets[: len(self.mean)]
-        return tuple(tuple(dict.fromkeys(self.lines[k].effect for k in members)) for members in sets)
+        return tuple(tuple(dict.fromkeys(self.axes[k].effect for k in members)) for members in sets)
 
     @property
-    def lines(self) -> tuple[Line, ...]:
+    def axes(self) -> tuple[EffectAxis, ...]:
         """The parameters of the catalogue."""
         return self.estimate.library.parameters
 
@@ -242,7 +242,7 @@ def separations(
     names = list(possible)
     if not names:
         return ()
-    forecast = Forecast.of(estimate)
+    forecast = InformationForecast.of(estimate)
     known = {each.experiment for each in estimate.library.responses}
     gains = [(one, forecast.gained(one)) for one in candidates if one.experiment in known]
     distances = [forecast.apart(gained) for _, gained in gains]
@@ -250,7 +250,7 @@ def separations(
 
 
 def _separation(
-    forecast: Forecast,
+    forecast: InformationForecast,
     effect: str,
     gains: Sequence[tuple[Candidate, FloatArray]],
     distances: Sequence[FloatArray],
@@ -259,7 +259,7 @@ def _separation(
     included = next((n for n, own in enumerate(names) if effect in own), None)
     excluded = next((n for n, own in enumerate(names) if effect not in own), None)
     row = included or 0
-    size = np.where([line.effect == effect for line in forecast.lines], np.abs(forecast.mean[row]), 0.0)
+    size = np.where([axis.effect == effect for axis in forecast.axes], np.abs(forecast.mean[row]), 0.0)
     powers = []
     for (one, gained), distance in zip(gains, distances, strict=True):
         largest = int(size.argmax())

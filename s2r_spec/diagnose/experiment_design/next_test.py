@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.base.json_values import DIGITS, Shown
 from s2r_spec.diagnose.estimation import Estimate
-from s2r_spec.diagnose.experiment_design.identifiability import Candidate, Forecast
+from s2r_spec.diagnose.experiment_design.identifiability import Candidate, InformationForecast
 
 FloatArray = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ def next_test(estimate: Estimate, candidates: Sequence[Candidate]) -> NextTest |
         estimate: the estimate.
         candidates: experiments; those that the library does not have are left out.
     """
-    forecast = Forecast.of(estimate)
+    forecast = InformationForecast.of(estimate)
     p = estimate.posterior.probability[: len(forecast.names)]
     different = np.array([[a != b for a in forecast.names] for b in forecast.names])
     weight = np.where(different, np.outer(p, p), 0.0)
@@ -85,7 +85,7 @@ def next_test(estimate: Estimate, candidates: Sequence[Candidate]) -> NextTest |
     return NextTest(candidate, pair, sigma, entropy_fall(forecast, gained, p))
 
 
-def entropy_fall(forecast: Forecast, gained: FloatArray, probability: FloatArray) -> float:
+def entropy_fall(forecast: InformationForecast, gained: FloatArray, probability: FloatArray) -> float:
     """Return the expected fall of the entropy of the set [bit], by draws of what data of this information may show."""
     size, vectors = np.linalg.eigh(gained)
     kept = size > 1e-6 * max(float(size[-1]), 1e-12)

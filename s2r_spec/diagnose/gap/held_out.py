@@ -31,9 +31,9 @@ from s2r_spec.diagnose.gap import DRAWS, FEWEST, LEVEL, SHOTS
 from s2r_spec.diagnose.gap.materiality import mean_difference
 from s2r_spec.diagnose.gap.nominal import Nominal
 from s2r_spec.diagnose.inference.prior import BACKGROUND
-from s2r_spec.diagnose.simulator.axes import Values, lines
+from s2r_spec.diagnose.simulator.axes import Values, effect_axes
 from s2r_spec.diagnose.simulator.bench import Bench, Test, places_of, table
-from s2r_spec.runs.seeds import Stream
+from s2r_spec.runs.seeds import SeedStream
 from s2r_spec.space import key_of
 from s2r_spec.trace import Trace
 
@@ -277,15 +277,15 @@ def background_machines(bench: Bench, seed: int) -> list[Values]:
 
     They are so many that on average one exceeds the quantile.
     """
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(int(Stream.GAP_SIM),)))
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(int(SeedStream.GAP_SIM),)))
     machines: list[Values] = []
-    parameters = lines(catalogue_of(bench.backend))
+    parameters = effect_axes(catalogue_of(bench.backend))
     for draws in BACKGROUND * rng.normal(size=(round(1.0 / LEVEL), len(parameters))):
         values: dict[str, dict[str, float]] = {}
-        for line, size in zip(parameters, draws.tolist(), strict=True):
-            low, high = sorted((line.coordinate(line.low), line.coordinate(line.high)))
+        for axis, size in zip(parameters, draws.tolist(), strict=True):
+            low, high = sorted((axis.coordinate(axis.low), axis.coordinate(axis.high)))
             inside = size if low < 0.0 < high else abs(size) if high > 0.0 else -abs(size)
-            values.setdefault(line.effect, {})[line.parameter] = line.value(inside)
+            values.setdefault(axis.effect, {})[axis.parameter] = axis.value(inside)
         machines.append(values)
     return machines
 

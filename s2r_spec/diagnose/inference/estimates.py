@@ -29,7 +29,7 @@ from s2r_spec.base.json_values import Shown
 from s2r_spec.diagnose.inference.hierarchical import Likelihood
 from s2r_spec.diagnose.inference.model_search import ModelPosterior
 from s2r_spec.diagnose.inference.prior import LIKELY, NAMED, POSSIBLE, SLAB, SURE, UNNAMED
-from s2r_spec.diagnose.simulator.axes import Line
+from s2r_spec.diagnose.simulator.axes import EffectAxis
 
 FloatArray = NDArray[np.float64]
 
@@ -130,7 +130,10 @@ class EffectEstimate:
 
 
 def effect_estimates(
-    posterior: ModelPosterior, likelihood: Likelihood, parameters: Sequence[Line], families: Mapping[str, str]
+    posterior: ModelPosterior,
+    likelihood: Likelihood,
+    parameters: Sequence[EffectAxis],
+    families: Mapping[str, str],
 ) -> tuple[EffectEstimate, ...]:
     """Return the estimate of every effect, in the order of the catalogue.
 
@@ -146,14 +149,14 @@ def effect_estimates(
     ends = np.array([posterior.prior.low, posterior.prior.high])
     at_end = (posterior.mean[0] / np.where(np.abs(ends) > 1e-9, ends, np.nan) >= 1.0).any(axis=0)
     rows: dict[str, list[ParameterEstimate]] = {}
-    for line, size, below, above, half, end in zip(
+    for axis, size, below, above, half, end in zip(
         parameters, *(x.tolist() for x in (middle, low, high, width, at_end)), strict=True
     ):
-        value, least, most = line.interval(size, below, above)
+        value, least, most = axis.interval(size, below, above)
         one = ParameterEstimate(
-            line.parameter, line.unit, value, least, most, size, below, above, half, end, bool(line.base)
+            axis.parameter, axis.unit, value, least, most, size, below, above, half, end, bool(axis.base)
         )
-        rows.setdefault(line.effect, []).append(one)
+        rows.setdefault(axis.effect, []).append(one)
     probabilities, presences = (posterior.beyond(size).tolist() for size in (NAMED, UNNAMED))
     return tuple(
         EffectEstimate(effect, families.get(effect, ""), p, presence, tuple(own))
@@ -186,7 +189,7 @@ def mean_sizes(posterior: ModelPosterior) -> FloatArray:
 
 
 def by_effects(
-    posterior: ModelPosterior, parameters: Sequence[Line]
+    posterior: ModelPosterior, parameters: Sequence[EffectAxis]
 ) -> tuple[tuple[tuple[str, ...], float], ...]:
     """Return sets of effects with their probabilities, most probable first; sets of parameters are summed."""
     total: dict[tuple[str, ...], float] = {}

@@ -60,7 +60,7 @@ from s2r_spec.diagnose.inference.hierarchical import (
     without_variants,
 )
 from s2r_spec.diagnose.inference.prior import BACKGROUND, SLAB, SizePrior
-from s2r_spec.diagnose.simulator.curve import Curve
+from s2r_spec.diagnose.simulator.curve import ResponseCurve
 from s2r_spec.diagnose.simulator.library import Dependence, Response
 
 FloatArray = NDArray[np.float64]
@@ -108,7 +108,7 @@ class Observation:
     parts: tuple[tuple[tuple[str, str], NDArray[np.int64]], ...]
     observed: FloatArray
     noise: FloatArray
-    curves: tuple[Curve, ...]
+    curves: tuple[ResponseCurve, ...]
     spread: FloatArray
     variants: FloatArray
     coherent: FloatArray

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.diagnose.data.space_filling import TESTS
 from s2r_spec.diagnose.quality.recordings import Rollout, wide
-from s2r_spec.diagnose.simulator.axes import Line, Values
+from s2r_spec.diagnose.simulator.axes import EffectAxis, Values
 from s2r_spec.diagnose.simulator.bench import Bench, Job, Test, evenly, places_of, run_jobs
 from s2r_spec.trace import Trace
 from s2r_spec.trace.samples import period_of
@@ -34,7 +34,7 @@ which another is worse."""
 
 
 @dataclass(frozen=True)
-class Column:
+class ChannelColumn:
     """One column of a channel: its place among them, its name for people ("q, FR hip"), and the channel's unit."""
 
     channel: str
@@ -47,7 +47,7 @@ class Column:
 class View:
     """What is compared of a rollout: c columns at T times [s] from its begin."""
 
-    columns: tuple[Column, ...]
+    columns: tuple[ChannelColumn, ...]
     times: FloatArray
 
     def of(self, trace: Trace, at: FloatArray) -> FloatArray:
@@ -92,7 +92,7 @@ class Comparison:
         floor: (c,) what is no discrepancy, in the units of the columns: the unit of all that follows.
         scatter: (n, s, d) deviations of single nominal rollouts, whose squares sum to their covariance.
         effects: (k, n, d) changes that the catalogue makes.
-        sizes: (k,) the line and its value of each.
+        sizes: (k,) the axis and its value of each.
         usual: Q of a nominal rollout that had no part in mean and scatter; at least that of one floor throughout.
     """
 
@@ -103,11 +103,11 @@ class Comparison:
     floor: FloatArray
     scatter: FloatArray
     effects: FloatArray
-    sizes: tuple[tuple[Line, float], ...]
+    sizes: tuple[tuple[EffectAxis, float], ...]
     usual: float
 
     @property
-    def columns(self) -> tuple[Column, ...]:
+    def columns(self) -> tuple[ChannelColumn, ...]:
         """The c columns, in order."""
         return self.view.columns
 
@@ -187,9 +187,11 @@ def affordable(bench: Bench, rollouts: int, least: int, most: int) -> int:
     return int(np.clip(BUDGET / (max(float(bench.backend.cost), 1e-4) * rollouts), least, most))
 
 
-def columns_of(bench: Bench, traces: Sequence[Trace], without: Sequence[str] = ()) -> tuple[Column, ...]:
+def columns_of(
+    bench: Bench, traces: Sequence[Trace], without: Sequence[str] = ()
+) -> tuple[ChannelColumn, ...]:
     """Return the columns that every recording has, of numbers throughout, but for some channels'."""
-    columns: list[Column] = []
+    columns: list[ChannelColumn] = []
     for channel in bench.backend.channels:
         values = [trace.channels.get(channel.name, np.full(1, np.nan)) for trace in traces]
         alike = len({each.shape[1:] for each in values}) == 1
@@ -197,14 +199,16 @@ def columns_of(bench: Bench, traces: Sequence[Trace], without: Sequence[str] = (
             continue
         words = channel.columns or [f"column {place + 1}" for place in range(channel.width)]
         names = [channel.name] if channel.width == 1 else [f"{channel.name}, {word}" for word in words]
-        columns += [Column(channel.name, place, name, channel.unit) for place, name in enumerate(names)]
+        columns += [
+            ChannelColumn(channel.name, place, name, channel.unit) for place, name in enumerate(names)
+        ]
     return tuple(columns)
 
 
 def compare(
     bench: Bench,
     rollouts: Sequence[Rollout],
-    lines: Sequence[Line] = (),
+    axes: Sequence[EffectAxis] = (),
     executor: Callable[[], Executor] | None = None,
     progress: Callable[[int, int], None] | None = None,
     without: Sequence[str] = (),
@@ -214,15 +218,15 @@ def compare(
     Args:
         bench: the simulator.
         rollouts: the machine's.
-        lines: of the catalogue.
+        axes: of the catalogue.
         executor: makes a pool.
         progress: called with (done, of).
         without: channels that are not compared.
     """
     ran = [(test, trace) for test, trace in rollouts if trace.failure is None and len(trace) > 1]
     ran = [ran[places[0]] for places in places_of([test for test, _ in ran]).values()]
-    values = [(line, line.value(sign)) for line in lines for sign in (-1.0, 1.0)]
-    sizes = [(line, value) for line, value in values if value != line.nominal]
+    values = [(axis, axis.value(sign)) for axis in axes for sign in (-1.0, 1.0)]
+    sizes = [(axis, value) for axis, value in values if value != axis.nominal]
     most = affordable(bench, SEEDS // 2 + len(sizes), TESTS // 3, TESTS)
     chosen = [ran[place] for place in dict.fromkeys(evenly(len(ran), most))]
     columns = columns_of(bench, [trace for _, trace in chosen], without)
@@ -230,12 +234,12 @@ def compare(
         return None
     room = affordable(bench, len(chosen), 0, SEEDS + len(sizes))
     if room < SEEDS // 2 + len(sizes):
-        sizes = [(line, line.at_typical()) for line in lines]
+        sizes = [(axis, axis.at_typical()) for axis in axes]
     seeds = int(np.clip(room - len(sizes), SEEDS // 6, SEEDS))
     tests = tuple(test for test, _ in chosen)
     times = np.linspace(0.0, min(trace.duration for _, trace in chosen), TIMES)
     machines: list[tuple[Values, int]] = [({}, seed) for seed in range(seeds)]
-    machines += [(line.at(value), 0) for line, value in sizes]
+    machines += [(axis.at(value), 0) for axis, value in sizes]
     ran_there = View(columns, times).simulate(bench, machines, tests, executor, progress)
     whole = np.asarray(np.isfinite(ran_there[:seeds]).all(axis=(0, 1, 2)))
     if not whole.any():

@@ -16,7 +16,7 @@ from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.quality.labels import labels
 from s2r_spec.diagnose.quality.machine import nearest
 from s2r_spec.diagnose.quality.recordings import Recordings, Rollout
-from s2r_spec.diagnose.simulator.axes import Line
+from s2r_spec.diagnose.simulator.axes import EffectAxis
 from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.diagnose.simulator.library import CAUSES
 
@@ -62,7 +62,7 @@ class _Judged:
 def findings(
     bench: Bench,
     rollouts: Sequence[Rollout],
-    lines: Sequence[Line] = (),
+    axes: Sequence[EffectAxis] = (),
     executor: Callable[[], Executor] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[Finding, ...]:
@@ -71,14 +71,14 @@ def findings(
     Args:
         bench: the simulator.
         rollouts: the machine's, in the order of their table.
-        lines: of the catalogue.
+        axes: of the catalogue.
         executor: makes a pool for the simulations.
         progress: called with (done, of).
     """
     of = Recordings(bench, rollouts)
     first = by_channel(of)
     held, straight = hold(of)
-    c = compare(bench, straight.rollouts, lines, executor, progress, [each.channel for each in first])
+    c = compare(bench, straight.rollouts, axes, executor, progress, [each.channel for each in first])
     suspects = [] if c is None else suspected(bench, c, straight.rollouts, executor, progress)
     return (*held, *suspects, *first)
 

@@ -21,7 +21,7 @@ from s2r_spec.diagnose.quality.finding import Finding, listed
 from s2r_spec.trace.samples import period_of
 
 FloatArray = NDArray[np.float64]
-Group = frozenset[str]
+ChannelGroup = frozenset[str]
 """Channels, or recordings, that share a mistake."""
 Parts = tuple[FloatArray, FloatArray | float]
 """(parts, n, T, c) parts of a discrepancy, r₀ first, and what of it counts: (T, 1) instants or (n, 1, 1) recordings, of
@@ -49,7 +49,7 @@ class Undone:
     """
 
     size: float
-    group: Group
+    group: ChannelGroup
     values: FloatArray
     there: FloatArray | float = 1.0
     price: float = 0.0
@@ -193,7 +193,7 @@ def turned(c: Comparison) -> Iterable[Fault]:
         along[..., [i, j]] = moved[..., [i, j]] / c.floor[[i, j]]
         aside[..., i], aside[..., j] = moved[..., j] / c.floor[i], -moved[..., i] / c.floor[j]
         parts = np.array([c.rest(c.recorded), along, aside, *back]), 1.0
-        starts = [Group(), *(Group([name]) for name in angles)]
+        starts = [ChannelGroup(), *(ChannelGroup([name]) for name in angles)]
         for one in search(c, angles, np.linspace(-np.pi, np.pi, 37).tolist(), parts, weights, starts):
             tried.append((c.misfit(one.values), [c.columns[i].name, c.columns[j].name], one))
     for _, pair, one in sorted(tried, key=lambda option: option[0])[:1]:
@@ -236,15 +236,15 @@ def mask(c: Comparison, group: Iterable[str]) -> NDArray[np.bool_]:
     return np.isin([column.channel for column in c.columns], list(group))
 
 
-def named(c: Comparison, group: Group) -> str:
+def named(c: Comparison, group: ChannelGroup) -> str:
     """Return the channels of a group in words."""
     return listed([name for name in channels(c) if name in group])
 
 
-def _units(c: Comparison) -> list[Group]:
+def _units(c: Comparison) -> list[ChannelGroup]:
     """Return the channels of each unit."""
     units = dict.fromkeys(column.unit for column in c.columns)
-    return [Group(column.channel for column in c.columns if column.unit == unit) for unit in units]
+    return [ChannelGroup(column.channel for column in c.columns if column.unit == unit) for unit in units]
 
 
 def _neighbours(c: Comparison) -> list[tuple[int, int]]:
@@ -293,7 +293,7 @@ def search(
     sizes: Sequence[float],
     parts: Parts | Callable[[float], Parts],
     weights: Callable[[float], FloatArray] | None = None,
-    starts: Sequence[Group] = (),
+    starts: Sequence[ChannelGroup] = (),
     prices: Callable[[float], FloatArray] | None = None,
 ) -> Iterator[Undone]:
     """Find the size and the group that leave least; none where that is at an end of several sizes.
@@ -308,7 +308,7 @@ def search(
         prices: (m,) of a size for each channel; see :class:`Undone`.
     """
     fixed = np.zeros(0) if callable(parts) else c.products(parts[0] * parts[1])
-    empty = Group() in starts
+    empty = ChannelGroup() in starts
 
     def form(size: float) -> FloatArray:
         """Return (1 + m, 1 + m) products of the weighted parts, relative to those of r₀."""
@@ -331,7 +331,7 @@ def search(
             k = int(change.argmin())
             on[k] = 1.0 - on[k]
 
-    groups = [Group(names), *(Group([name]) for name in names), *starts]
+    groups = [ChannelGroup(names), *(ChannelGroup([name]) for name in names), *starts]
     begin = np.unique([[1.0, *(float(name in group) for name in names)] for group in groups], axis=0)
     begin = begin[begin.sum(axis=1) > (0.0 if empty else 1.0)]
     forms = ((k, form(size)) for k, size in enumerate(sizes))
@@ -353,5 +353,9 @@ def search(
     values = c.nominal + c.floor * np.einsum("p,pntc->ntc", on @ rows, rests)
     price = 0.0 if prices is None else float(prices(size) @ on[1:])
     yield Undone(
-        size, Group(name for name, one in zip(names, on[1:], strict=True) if one), values, observed, price
+        size,
+        ChannelGroup(name for name, one in zip(names, on[1:], strict=True) if one),
+        values,
+        observed,
+        price,
     )

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.quality.comparison import SEEDS, Comparison, affordable
-from s2r_spec.diagnose.quality.faults import Fault, Group, Undone, search
+from s2r_spec.diagnose.quality.faults import ChannelGroup, Fault, Undone, search
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.quality.recordings import Rollout
 from s2r_spec.diagnose.simulator.axes import Values
@@ -127,7 +127,7 @@ def _assigned(c: Comparison) -> Iterable[Fault]:
             f"their own{_first(c, moved)}. Are lines of the table of tests exchanged?"
         )
         finding = Finding("labels", "the tests", text, "an exchange of tests")
-        yield finding, Undone(1.0, Group(), c.recorded - c.nominal[order] + c.nominal)
+        yield finding, Undone(1.0, ChannelGroup(), c.recorded - c.nominal[order] + c.nominal)
 
 
 def _first(c: Comparison, which: Which) -> str:

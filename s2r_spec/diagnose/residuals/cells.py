@@ -38,7 +38,7 @@ class Cell(NamedTuple):
     high: float
 
 
-class Column(NamedTuple):
+class CellColumn(NamedTuple):
     """The cells of one column of a quantity: CELLS windows of time first, and their slice of all cells."""
 
     quantity: str
@@ -100,14 +100,14 @@ class Cells:
                 ends[key] = np.concatenate([[-np.inf], edges, [np.inf]])
         return ends
 
-    def columns(self) -> list[Column]:
+    def columns(self) -> list[CellColumn]:
         """Return the columns of all quantities, with their cells in the order of :meth:`means`."""
-        columns: list[Column] = []
+        columns: list[CellColumn] = []
         for name, number in _columns(self.widths):
             ends = self._axes(name, number).items()
             cells = [Cell(along, *two) for (along, _), each in ends for two in pairwise(each.tolist())]
             begin = columns[-1].part.stop if columns else 0
-            columns.append(Column(name, number, cells, slice(begin, begin + len(cells))))
+            columns.append(CellColumn(name, number, cells, slice(begin, begin + len(cells))))
         return columns
 
     def means(self, trace: Trace, test: Test) -> FloatArray:

@@ -35,11 +35,11 @@ from s2r_spec.backend import HasResiduals, HasVariants
 from s2r_spec.base.json_values import Ends, Shown
 from s2r_spec.base.printable import spelled
 from s2r_spec.diagnose.gap import FEWEST, LEVEL, SHOTS
-from s2r_spec.diagnose.residuals.cells import CELLS, Cell, Cells, Column, part_names, path, widths_of
-from s2r_spec.diagnose.simulator.axes import Line, Values
+from s2r_spec.diagnose.residuals.cells import CELLS, Cell, CellColumn, Cells, part_names, path, widths_of
+from s2r_spec.diagnose.simulator.axes import EffectAxis, Values
 from s2r_spec.diagnose.simulator.bench import Bench, Job, Test, evenly, places_of, run_jobs, seeded
 from s2r_spec.diagnose.simulator.experiments import RESIDUAL
-from s2r_spec.runs.seeds import Stream
+from s2r_spec.runs.seeds import SeedStream
 from s2r_spec.space import key_of
 from s2r_spec.trace import Trace, thinned
 
@@ -128,7 +128,7 @@ class Remainder(Shown):
 
 def remainders(
     bench: Bench,
-    lines: Sequence[Line],
+    axes: Sequence[EffectAxis],
     rollouts: Sequence[tuple[Test, Trace]],
     improved: Values,
     seed: int = 0,
@@ -142,7 +142,7 @@ def remainders(
 
     Args:
         bench: the simulator.
-        lines: of its catalogue.
+        axes: of its catalogue.
         rollouts: (test, trace) of the machine.
         improved: effects with which the simulator should be nearest to it: the likeliest, and a little of all others.
         seed: of the simulated rollouts.
@@ -154,7 +154,7 @@ def remainders(
     if len(whole) < FEWEST:
         return ()
     tests = [dict(key) for key in places_of([test for test, _ in whole])]
-    runs = seeded(tests, seed, Stream.REMAINDER, 2)
+    runs = seeded(tests, seed, SeedStream.REMAINDER, 2)
     first, again = runs[::2], runs[1::2]
     nominal = [(test, bench.seen(bench.run({}, test, own), test)) for test, own in again]
     nominal = [(test, trace) for test, trace in nominal if trace.failure is None] or nominal
@@ -165,7 +165,7 @@ def remainders(
     machines = [improved] if named is None or named == improved else [improved, named]
     variants = list(bench.backend.variants()) if isinstance(bench.backend, HasVariants) else []
     jobs = [Job({}, tuple(first[n] for n in few), name) for name in ("", *variants)]
-    jobs += [Job(line.at(line.at_typical()), (first[few[once]],)) for line in lines]
+    jobs += [Job(axis.at(axis.at_typical()), (first[few[once]],)) for axis in axes]
     jobs += [Job(values, (run,)) for values in machines for run in first]
 
     def tell(before: int, done: int, of: int) -> None:
@@ -181,7 +181,7 @@ def remainders(
     rows = iter(run_jobs(bench, jobs, executor, partial(tell, len(tests)), read))
     usual = next(rows)
     other = [changed - usual for changed in islice(rows, len(variants))]
-    typical = [changed - usual[[once]] for changed in islice(rows, len(lines))]
+    typical = [changed - usual[[once]] for changed in islice(rows, len(axes))]
     simulated = np.concatenate(list(rows)).reshape(len(machines), len(tests), -1)
     machine = np.array([read(bench, trace, test) for test, trace in whole])
     at_test = [tests.index(dict(test)) for test, _ in whole]
@@ -238,7 +238,7 @@ def _left(
     explained: FloatArray,
     typical: Sequence[FloatArray],
     variants: Sequence[FloatArray],
-    columns: Sequence[Column],
+    columns: Sequence[CellColumn],
 ) -> tuple[FloatArray, FloatArray]:
     """Return (cells,) the mean difference d, and its surplus; 0 where a cell says nothing.
 
@@ -275,8 +275,8 @@ def _left(
 
 
 def _largest(
-    size: FloatArray, surplus: FloatArray, known: NDArray[np.bool_], columns: Sequence[Column]
-) -> list[tuple[float, float, Column, Cell]]:
+    size: FloatArray, surplus: FloatArray, known: NDArray[np.bool_], columns: Sequence[CellColumn]
+) -> list[tuple[float, float, CellColumn, Cell]]:
     """Return the REPORTED columns with the largest surplus: this, the size and the cell; all arguments are (cells,).
 
     Channels count less only beside residuals that are ``known``, which any rollout has.
@@ -304,7 +304,7 @@ def begin(surplus: FloatArray, windows: int = CELLS) -> FloatArray:
     return out
 
 
-def label(bench: Bench, nominal: tuple[Test, Trace], column: Column, width: int) -> str:
+def label(bench: Bench, nominal: tuple[Test, Trace], column: CellColumn, width: int) -> str:
     """Return the name of a column of so many: "" of one, else what the backend calls it, or its number."""
     if column.residual and isinstance(bench.backend, HasResiduals):
         test, trace = nominal

@@ -20,7 +20,7 @@ from s2r_spec.base.errors import BackendError, UsageError
 from s2r_spec.diagnose.simulator.axes import Values
 from s2r_spec.diagnose.simulator.experiments import with_residuals
 from s2r_spec.runs.compatibility import Interface, check_compatibility
-from s2r_spec.runs.seeds import Stream, rollout_seed
+from s2r_spec.runs.seeds import SeedStream, rollout_seed
 from s2r_spec.space import Key, key_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
@@ -239,7 +239,9 @@ def run_jobs(
     return [results[index] for index in range(len(jobs))]
 
 
-def seeded(tests: Sequence[Test], seed: int, stream: Stream, shots: int = 1) -> tuple[tuple[Test, int], ...]:
+def seeded(
+    tests: Sequence[Test], seed: int, stream: SeedStream, shots: int = 1
+) -> tuple[tuple[Test, int], ...]:
     """Return (test, seed) of so many rollouts of every test, one test after the other."""
     every = [(n, test, shot) for n, test in enumerate(tests) for shot in range(shots)]
     return tuple((test, rollout_seed(seed, n, shot, stream)) for n, test, shot in every)

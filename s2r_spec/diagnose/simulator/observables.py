@@ -46,7 +46,7 @@ FLOOR = 0.1
 
 
 @dataclass(frozen=True)
-class Quantity:
+class ObservedQuantity:
     """A channel, or the difference of two.
 
     Attributes:
@@ -76,7 +76,7 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class Group:
+class ObservableGroup:
     """Observables of one quantity and one kind of statistic: the places ``start`` to ``stop`` of a vector."""
 
     quantity: str
@@ -97,7 +97,7 @@ class Observables:
     """
 
     duration: float
-    quantities: tuple[Quantity, ...]
+    quantities: tuple[ObservedQuantity, ...]
     flags: tuple[tuple[str, int], ...]
     clocked: bool = True
 
@@ -122,11 +122,11 @@ class Observables:
         return replace(observables, clocked=observables._agrees(traces))
 
     @property
-    def groups(self) -> tuple[Group, ...]:
+    def groups(self) -> tuple[ObservableGroup, ...]:
         """The groups of a vector, in its order."""
         groups, start = [], 0
         for quantity, statistic, size in self._layout():
-            groups.append(Group(quantity.name, statistic, start, start + size))
+            groups.append(ObservableGroup(quantity.name, statistic, start, start + size))
             start += size
         return tuple(groups)
 
@@ -152,19 +152,19 @@ class Observables:
             signal += float(parts.mean(axis=0).var(axis=0).mean()) - scatter / len(traces)
         return noise <= signal
 
-    def partners(self, quantity: Quantity) -> list[str]:
+    def partners(self, quantity: ObservedQuantity) -> list[str]:
         """Return the names of the channels with which a residual is multiplied."""
         if not quantity.residual:
             return []
         return [q.name for q in self.quantities if not q.residual and q.scale.size == quantity.scale.size]
 
-    def flags_of(self, quantity: Quantity) -> list[tuple[str, int]]:
+    def flags_of(self, quantity: ObservedQuantity) -> list[tuple[str, int]]:
         """Return the flags whose phases a quantity has."""
         width = quantity.scale.size
         return [(name, k) for name, k in self.flags if width % k == 0 and (k > 1 or width == 1)]
 
     def _statistic(
-        self, quantity: Quantity, statistic: str, values: Mapping[str, FloatArray], trace: Trace
+        self, quantity: ObservedQuantity, statistic: str, values: Mapping[str, FloatArray], trace: Trace
     ) -> FloatArray:
         """Return the observables of one group; ``values`` are the samples of every quantity."""
         x, times = values[quantity.name], trace.times - trace.times[0]
@@ -183,7 +183,7 @@ class Observables:
             rows += [(x * s).mean(axis=0), (x * np.sign(s)).mean(axis=0), (x * rate).mean(axis=0)]
         return np.concatenate(rows)
 
-    def _layout(self) -> Iterator[tuple[Quantity, str, int]]:
+    def _layout(self) -> Iterator[tuple[ObservedQuantity, str, int]]:
         for quantity in self.quantities:
             width = quantity.scale.size
             yield (
@@ -198,7 +198,7 @@ class Observables:
                 yield quantity, "product", 3 * len(partners) * width
 
 
-def _quantities(samples: dict[str, FloatArray], units: dict[str, str]) -> Iterator[Quantity]:
+def _quantities(samples: dict[str, FloatArray], units: dict[str, str]) -> Iterator[ObservedQuantity]:
     """Yield every channel and residual, and the difference of two channels that measure the same."""
     scatter = {
         name: float(np.min(x.std(axis=0)))
@@ -209,12 +209,12 @@ def _quantities(samples: dict[str, FloatArray], units: dict[str, str]) -> Iterat
         alike = [
             scatter[other] for other in scatter if name.startswith(RESIDUAL) and units[other] == units[name]
         ]
-        yield Quantity(name, name, "", _scale(x, NEGLIGIBLE * min(alike, default=0.0)))
+        yield ObservedQuantity(name, name, "", _scale(x, NEGLIGIBLE * min(alike, default=0.0)))
     for a, b in combinations(scatter, 2):
         if units[a] == units[b] != "" and samples[a].shape == samples[b].shape:
             difference = samples[a] - samples[b]
             if _rms(difference) < SAME * min(_rms(samples[a]), _rms(samples[b])):
-                yield Quantity(
+                yield ObservedQuantity(
                     f"{a} - {b}", a, b, _scale(difference, NEGLIGIBLE * min(scatter[a], scatter[b]))
                 )
 

@@ -46,7 +46,7 @@ class Component:
 
 
 @dataclass(frozen=True)
-class Held:
+class HeldPredicate:
     """A predicate that must hold from ``start`` to ``end`` [s] after the trace's first time."""
 
     predicate: f.Comparison
@@ -69,11 +69,11 @@ class Margins:
     margins: FloatArray
 
 
-def held(formula: f.Formula, start: float = 0.0, end: float = 0.0) -> Iterator[Held]:
+def held(formula: f.Formula, start: float = 0.0, end: float = 0.0) -> Iterator[HeldPredicate]:
     """Yield the predicates that must hold throughout; those below an or, a not or an until need not."""
     match formula:
         case f.Comparison():
-            yield Held(formula, start, end)
+            yield HeldPredicate(formula, start, end)
         case f.Named() | f.Rescale():
             yield from held(formula.operand, start, end)
         case f.Junction(operator="and"):
@@ -102,7 +102,7 @@ def margins(
     spec: Spec,
     trace: Trace,
     params: Mapping[str, float],
-    must: Held,
+    must: HeldPredicate,
     component: Component,
     values: FloatArray,
     around: FloatArray | None = None,

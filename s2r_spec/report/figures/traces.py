@@ -34,7 +34,7 @@ _VALUES = 121
 
 
 @dataclass(frozen=True)
-class Runs:
+class JournalRollouts:
     """The rollouts of one journal, with their spec and requirement.
 
     Attributes:
@@ -68,7 +68,7 @@ class Panel:
     limits: tuple[Margins, ...]
 
 
-def worst_records(runs: Runs) -> list[Record]:
+def worst_records(runs: JournalRollouts) -> list[Record]:
     """Return the rollout of the lowest ρ at each of the lowest tests, lowest first."""
     chosen: dict[tuple[float, ...], Record] = {}
     for record in sorted(runs.records, key=lambda record: (record.rho, record.query, record.replicate)):
@@ -76,7 +76,7 @@ def worst_records(runs: Runs) -> list[Record]:
     return list(chosen.values())[:_MOST_TRACES]
 
 
-def trace_picture(runs: Runs, record: Record, name: str) -> Picture:
+def trace_picture(runs: JournalRollouts, record: Record, name: str) -> Picture:
     """Draw one rollout over time, with others at the same test behind it."""
     test = test_words(record.params, runs.spec.space.units)
     title = f"Rollout {record.query}.{record.replicate}: ρ = {_number(record.rho, runs.unit)} at {test}"
@@ -84,7 +84,7 @@ def trace_picture(runs: Runs, record: Record, name: str) -> Picture:
 
 
 def pair_picture(
-    real: Runs, record: Record, simulated: Runs, matching: Sequence[Record], name: str
+    real: JournalRollouts, record: Record, simulated: JournalRollouts, matching: Sequence[Record], name: str
 ) -> Picture:
     """Draw a real rollout, and beside it the simulated ones that it was compared with."""
     test = test_words(record.params, real.spec.space.units)
@@ -98,7 +98,7 @@ def pair_picture(
 
 
 def _picture(
-    runs: Runs, record: Record, title: str, beside: tuple[Trace, ...], name: str, other: str = ""
+    runs: JournalRollouts, record: Record, title: str, beside: tuple[Trace, ...], name: str, other: str = ""
 ) -> Picture:
     trace = read_trace(runs, record)
     if trace is None:
@@ -130,7 +130,7 @@ def _picture(
     return Picture(title, caption, alt, draw(name, alt, (7.2, 0.7 + 1.9 * len(panels)), paint))
 
 
-def read_trace(runs: Runs, record: Record) -> Trace | None:
+def read_trace(runs: JournalRollouts, record: Record) -> Trace | None:
     """Return the trace of a rollout, or None if there is none."""
     try:
         if record.trace is not None:
@@ -149,7 +149,7 @@ def _number(rho: float, unit: str) -> str:
     return f"{rho:+.4f} {unit}".rstrip()
 
 
-def _explained(runs: Runs, trace: Trace, record: Record) -> Explanation | None:
+def _explained(runs: JournalRollouts, trace: Trace, record: Record) -> Explanation | None:
     try:
         return runs.spec.explain(trace, runs.requirement, record.params)
     except S2RError:
@@ -163,7 +163,7 @@ def _words(reason: Explanation | None) -> str:
     return f"Decided at t = {reason.when} by {reason.predicate} (margin {margin})."
 
 
-def _panels(runs: Runs, trace: Trace, record: Record, beside: tuple[Trace, ...]) -> list[Panel]:
+def _panels(runs: JournalRollouts, trace: Trace, record: Record, beside: tuple[Trace, ...]) -> list[Panel]:
     same = [other for other in runs.records if other.params == record.params and other is not record]
     others = [sibling for other in same[:_MOST_SIBLINGS] if (sibling := read_trace(runs, other)) is not None]
     panels = []
@@ -175,7 +175,7 @@ def _panels(runs: Runs, trace: Trace, record: Record, beside: tuple[Trace, ...])
 
 
 def _panel(
-    runs: Runs,
+    runs: JournalRollouts,
     trace: Trace,
     others: Sequence[Trace],
     beside: Sequence[Trace],

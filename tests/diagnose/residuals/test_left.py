@@ -11,15 +11,15 @@ from s2r_emps import EmpsBackend
 from s2r_spec.backend import Channel
 from s2r_spec.base.json_values import to_json
 from s2r_spec.diagnose.gap import FEWEST
-from s2r_spec.diagnose.residuals.cells import CELLS, GRID, Cells, Column, path
+from s2r_spec.diagnose.residuals.cells import CELLS, GRID, CellColumn, Cells, path
 from s2r_spec.diagnose.residuals.left import Remainder, begin, label, ordered, remainders
-from s2r_spec.diagnose.simulator.axes import lines
+from s2r_spec.diagnose.simulator.axes import effect_axes
 from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.space import key_of
 from s2r_spec.trace import Trace, thinned
 from tests.errors import states
 
-LINES = [line for line in lines(EmpsBackend().effects()) if line.effect in {"mass", "coulomb", "cable"}]
+LINES = [line for line in effect_axes(EmpsBackend().effects()) if line.effect in {"mass", "coulomb", "cable"}]
 TESTS = [
     {"speed": v, "accel": a, "payload": m}
     for v, a, m in zip(
@@ -238,7 +238,7 @@ class TwoMotors:
 def test_a_column_of_many_is_told_by_the_part_it_is_of_or_by_its_number(bench, quantity, named):
     two = replace(bench, backend=TwoMotors())
     nominal = TESTS[0], Trace(np.arange(3.0), {}, {})
-    column = Column(quantity, 1, [], slice(0))
+    column = CellColumn(quantity, 1, [], slice(0))
     assert label(two, nominal, column, 2) == named
     assert label(two, nominal, column, 1) == ""
 

@@ -1,4 +1,4 @@
-"""The parts of an HTML page, one for each result: text, pictures and number lines."""
+"""The sections of an HTML page, one for each result: text, pictures and number lines."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from s2r_spec.report.figures.band import band
 from s2r_spec.report.figures.canvas import Picture
 from s2r_spec.report.figures.field import Field, FloatArray
 from s2r_spec.report.figures.interval import interval
-from s2r_spec.report.figures.traces import Runs, pair_picture, trace_picture, worst_records
+from s2r_spec.report.figures.traces import JournalRollouts, pair_picture, trace_picture, worst_records
 from s2r_spec.report.finding import Finding
 from s2r_spec.report.numberline import Bars, bars
 from s2r_spec.report.recompute import Recomputed, RecomputedCertify, RecomputedGap
@@ -30,8 +30,8 @@ _WIDE = "The search spends few rollouts where the worst case cannot lie, so the 
 
 
 @dataclass(frozen=True)
-class Part:
-    """The part of the page on one requirement."""
+class Section:
+    """The section of the page on one requirement."""
 
     command: str
     finding: Finding
@@ -43,8 +43,8 @@ class Part:
     version: str
 
 
-def part(run: Run, name: str) -> Part:
-    """Return the part of the page on a run; ``name`` makes the names of its pictures unique."""
+def section(run: Run, name: str) -> Section:
+    """Return the section of the page on a run; ``name`` makes the names of its pictures unique."""
     if isinstance(run, RecomputedCertify):
         return _certify(run, name)
     result = run.result
@@ -54,7 +54,7 @@ def part(run: Run, name: str) -> Part:
     else:
         command, symbol, finding = "s2r gap", "Δ", gap_report.finding(run.spec, run.result)
         worst = _worst_pairs(run, name)
-    return Part(
+    return Section(
         command,
         finding,
         _note(result.certificate, run.waiting),
@@ -66,7 +66,7 @@ def part(run: Run, name: str) -> Part:
     )
 
 
-def _certify(run: RecomputedCertify, name: str) -> Part:
+def _certify(run: RecomputedCertify, name: str) -> Section:
     result, gap, composed = run.result, run.gap, run.result.composition
     simulated, unit = run.simulated.result, run.simulated.result.unit
     bars = [_ladder("worst expected ρ in simulation", simulated.certificate, unit)]
@@ -85,7 +85,7 @@ def _certify(run: RecomputedCertify, name: str) -> Part:
     pictures += _search_pictures(run.simulated, f"{name}-simulation")
     if gap is None:
         pictures += _worst_traces(run.simulated, name)
-    return Part(
+    return Section(
         "s2r certify",
         certify_report.finding(run.spec, result),
         note,
@@ -159,11 +159,11 @@ def _worst_pairs(run: RecomputedGap, name: str) -> list[Picture]:
     return [pair_picture(real, record, simulated, matching, f"{name}-pair")]
 
 
-def _runs(run: Recomputed | RecomputedGap, records: tuple[Record, ...], system: str = "") -> Runs:
+def _runs(run: Recomputed | RecomputedGap, records: tuple[Record, ...], system: str = "") -> JournalRollouts:
     result = run.result
     source = result.provenance[system] if system else result.provenance
     made = source["backend"], source["model_hash"]
-    return Runs(run.spec, result.requirement, result.unit, result.folder / system, records, *made)
+    return JournalRollouts(run.spec, result.requirement, result.unit, result.folder / system, records, *made)
 
 
 def _composed(run: RecomputedCertify, gap: RecomputedGap, composed: Composition) -> Field:
