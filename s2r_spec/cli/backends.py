@@ -52,7 +52,7 @@ def backends(name: Name = None, check: Check = False, as_json: AsJson = False) -
                 f"The commands check, gap and certify run it with its operator"
             )
         if check:
-            raise typer.Exit(_checked(machine, as_json))
+            raise typer.Exit(_check(machine, as_json))
         if as_json:
             print(line(record))
             return
@@ -123,7 +123,7 @@ def _effect_lines(effects: tuple[Effect, ...]) -> Iterator[str]:
             yield f"    {one.name:12} [{one.low:g}, {one.high:g}]{unit}; nominal {one.nominal:g}; {one.prior}"
 
 
-def _checked(machine: Backend, as_json: bool) -> int:
+def _check(machine: Backend, as_json: bool) -> int:
     """Print the result of each conformance check as soon as it is known, and return the exit code."""
     from s2r_spec.report.records.backends import ConformanceObject
     from s2r_spec.testing.conformance import check_conformance

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from s2r_spec.cli.options.groups import grouped
+from s2r_spec.cli.options.groups import group_options
 from s2r_spec.cli.options.logs import LogReading
 from s2r_spec.cli.options.output import Writing
 from s2r_spec.cli.options.search import (
@@ -28,7 +28,7 @@ from s2r_spec.cli.terminal.common import (
 from s2r_spec.cli.terminal.terminal import console
 
 
-@grouped
+@group_options
 def check(
     spec: SpecFile,
     backend: Traces = "sim",

@@ -13,12 +13,12 @@ from s2r_spec.base.errors import UsageError
 from s2r_spec.base.files import save
 from s2r_spec.base.json_values import document
 from s2r_spec.base.printable import one_line
-from s2r_spec.cli.options.groups import grouped, output_option, search_option
+from s2r_spec.cli.options.groups import group_options, output_option, search_option
 from s2r_spec.cli.options.logs import LogReading
 from s2r_spec.cli.options.output import AsJson, Output, Page, pageable, settle, writable
 from s2r_spec.cli.options.protocols import Next, NoProtocols, Passive, Protocols, playable, protocol_names
 from s2r_spec.cli.options.search import OneRequirement, RealMachine, Running, Seed, Simulator, SpecFile
-from s2r_spec.cli.terminal.common import begun, resumable, sentences
+from s2r_spec.cli.terminal.common import begin_run, resumable, sentences
 from s2r_spec.cli.terminal.terminal import console, print_json
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ class Writing:
         return self.as_json or self.form == "json"
 
 
-@grouped
+@group_options
 def diagnose(
     spec: SpecFile,
     real: RealMachine,
@@ -121,7 +121,7 @@ def diagnose(
             running = replace(running, resume=begun_in(running.resume))
         seed = seed_of(running.resume, seed)
         name = f"diagnose-{spec.stem}-{sim}-{Path(real).name}"
-        executor, folder, opening = begun(running, name, seed, machine)
+        executor, folder, opening = begin_run(running, name, seed, machine)
         errors = console(stderr=True)
         with resumable(folder), Stages(errors, running.quiet, opening=opening) as stages:
             diagnosis = find(

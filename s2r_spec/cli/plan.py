@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from s2r_spec.base.json_values import line
-from s2r_spec.cli.options.groups import grouped, search_option
+from s2r_spec.cli.options.groups import group_options, search_option
 from s2r_spec.cli.options.search import AsJson, Mode, OneRequirement, Quiet
 from s2r_spec.cli.terminal.common import sentences
 from s2r_spec.cli.terminal.terminal import console, say
@@ -98,7 +98,7 @@ class Declaration:
         return Kernel(self.kernel, self.lengthscale)
 
 
-@grouped
+@group_options
 def plan(
     spec: SpecOfPlan = None,
     requirement: OneRequirement = None,

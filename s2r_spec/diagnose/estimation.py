@@ -24,11 +24,11 @@ from s2r_spec.backend import Backend
 from s2r_spec.base.errors import BackendError, UsageError, one_of
 from s2r_spec.diagnose.inference.gauss_newton import CLOSE, Errors, Fit, Observation, Problem, fit, search
 from s2r_spec.diagnose.inference.hierarchical import LAW_SHARE, Likelihood
-from s2r_spec.diagnose.inference.model_search import ModelPosterior, Set, combined, nearest, posterior
+from s2r_spec.diagnose.inference.model_search import ModelPosterior, Set, combine, nearest_mode, posterior
 from s2r_spec.diagnose.inference.prior import SizePrior
 from s2r_spec.diagnose.simulator.axes import Values
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.diagnose.simulator.library import ResponseLibrary, simulated
+from s2r_spec.diagnose.simulator.library import ResponseLibrary, simulated_mean
 from s2r_spec.trace import Trace
 from s2r_spec.workers.pools import in_this_process
 
@@ -101,7 +101,7 @@ def estimate(
     simulator = _Simulator(backend, library, executor)
     prior = size_prior(library)
     problem = Problem(tuple(observations), prior)
-    joint = _joint(library, problem)
+    joint = _joint_fit(library, problem)
     first = posterior(joint.likelihood, joint.theta, prior)
     for _ in range(corrections):
         before, deviation = moments(first)
@@ -119,21 +119,23 @@ def estimate(
         starts.append(
             PosteriorMode(simulator.corrected(problem, theta) if corrections else problem, theta, members)
         )
-    errors = _expected(fitted(library, starts, problem.errors(joint.theta, moments(first)[1])))
-    modes = fitted(library, starts, errors)
+    errors = _expected_variances(fit_modes(library, starts, problem.errors(joint.theta, moments(first)[1])))
+    modes = fit_modes(library, starts, errors)
     total = over_modes(modes)
     for _ in range(SIMULATED * corrections):
-        row = next((n for n, own in enumerate(total.sets[:SIMULATED]) if not _settled(modes, own)), None)
+        row = next((n for n, own in enumerate(total.sets[:SIMULATED]) if not _is_settled(modes, own)), None)
         if row is None:
             break
         members = total.sets[row]
         theta = modes[members].fit.theta if members in modes else total.mean[row]
-        modes |= fitted(library, [PosteriorMode(simulator.corrected(problem, theta), theta, members)], errors)
+        modes |= fit_modes(
+            library, [PosteriorMode(simulator.corrected(problem, theta), theta, members)], errors
+        )
         total = over_modes(modes)
-    return replace(modes[nearest(modes, total.sets[0])], posterior=total)
+    return replace(modes[nearest_mode(modes, total.sets[0])], posterior=total)
 
 
-def _settled(modes: Mapping[Set, Estimate], members: Set) -> bool:
+def _is_settled(modes: Mapping[Set, Estimate], members: Set) -> bool:
     """Return whether a set has a mode of its own, and the simulator ran at its estimate."""
     if members not in modes:
         return False
@@ -177,7 +179,7 @@ class _Simulator:
         """Return (m,) the mean of every experiment, simulated with these effects."""
         with (self.executor or in_this_process)() as pool:
             runs = [
-                pool.submit(simulated, self.backend, own.observables, own.experiment, values)
+                pool.submit(simulated_mean, self.backend, own.observables, own.experiment, values)
                 for own in (one.response for one in problem.observations)
             ]
             return [run.result() for run in runs]
@@ -192,7 +194,7 @@ class PosteriorMode:
     active: Set
 
 
-def _joint(library: ResponseLibrary, problem: Problem) -> Fit:
+def _joint_fit(library: ResponseLibrary, problem: Problem) -> Fit:
     """Return the more probable of two joint estimates; the second search starts from the first."""
     first = fit(problem)
     fits = [first, fit(problem, search(problem, first.theta))]
@@ -203,7 +205,7 @@ def _joint(library: ResponseLibrary, problem: Problem) -> Fit:
     each = [problem.errors(one.theta) for one in fits]
     errors = [np.max(same, axis=0) for same in zip(*each, strict=True)]
     modes = [PosteriorMode(problem, one.mean[0], one.sets[0]) for one in sets]
-    evidence = [fitted(library, [mode], errors)[mode.active].posterior.log_evidence for mode in modes]
+    evidence = [fit_modes(library, [mode], errors)[mode.active].posterior.log_evidence for mode in modes]
     return fits[int(np.argmax(evidence))]
 
 
@@ -226,7 +228,7 @@ def moments(posterior: ModelPosterior) -> tuple[FloatArray, FloatArray]:
     return mean, np.sqrt(square)
 
 
-def _expected(modes: Mapping[Set, Estimate]) -> list[FloatArray]:
+def _expected_variances(modes: Mapping[Set, Estimate]) -> list[FloatArray]:
     """Return (n_p,) the posterior means over modes of the variances of responses, for every experiment.
 
     Those at the joint estimate, in which every parameter may be a cause, are too large.
@@ -238,7 +240,7 @@ def _expected(modes: Mapping[Set, Estimate]) -> list[FloatArray]:
     return [weight @ np.array(same) for same in zip(*each, strict=True)]
 
 
-def fitted(
+def fit_modes(
     library: ResponseLibrary, modes: Sequence[PosteriorMode], variances: Sequence[FloatArray]
 ) -> dict[Set, Estimate]:
     """Return the estimate around each mode, by its causes.
@@ -275,7 +277,7 @@ def over_modes(modes: Mapping[Set, Estimate]) -> ModelPosterior:
         deficit = most - mode.posterior.log_evidence
         part = best.fit.information_left(squared_difference(best, mode)) if deficit > 0.0 else 1.0
         softened[active] = replace(mode.posterior, log_evidence=most - part * deficit)
-    return combined(softened)
+    return combine(softened)
 
 
 def squared_difference(one: Estimate, other: Estimate) -> FloatArray:

@@ -104,7 +104,7 @@ def falls(
     def ended(tried: Sequence[tuple[EffectAxis, float]], tests: Sequence[Test]) -> NDArray[np.int_]:
         """Return at how many of the tests the simulator ends early, with each of these alone."""
         machines = [axis.at(axis.value(x)) for axis, x in tried]
-        return np.asarray(_ended(bench, machines, nominal.first(tests), executor).sum(axis=1))
+        return np.asarray(_early_ends(bench, machines, nominal.first(tests), executor).sum(axis=1))
 
     if all(map(nominal.ends, early)):
         return Falls(True)
@@ -139,7 +139,7 @@ def _by_end(rollouts: Rollouts) -> tuple[list[Test], list[Test]]:
     return ends
 
 
-def _ended(
+def _early_ends(
     bench: Bench,
     machines: Sequence[Values],
     runs: Sequence[tuple[Test, int]],

@@ -64,7 +64,7 @@ def notes(
         )
     if not used.rollouts:
         return (*sentences, "no test of the specification was run, so the gap in ρ was not measured")
-    sentences += _early(used, why)
+    sentences += _early_notes(used, why)
     tests = places_of([test for test, _ in used.rollouts])
     if alone:
         where = " and ".join(
@@ -106,7 +106,7 @@ def _none_held_out(bench: Bench, used: Used, tests: int) -> str:
     )
 
 
-def _early(used: Used, why: Falls | None) -> Iterator[str]:
+def _early_notes(used: Used, why: Falls | None) -> Iterator[str]:
     """Yield how many rollouts ended early, at which tests every time, and what may be why."""
     fell = [trace.failure is not None for _, trace in used.rollouts]
     if not any(fell):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from s2r_spec.base.errors import UsageError
 from s2r_spec.diagnose.data.journal import CampaignJournal
-from s2r_spec.runs.seeds import NEW_SEED, inherited
+from s2r_spec.runs.seeds import NEW_SEED, inherited_seed
 
 REAL, ANSWER = "real", "diagnosis.json"
 """In the folder of a run: the folder of the real rollouts, and the file of the diagnosis."""
@@ -40,7 +40,7 @@ def seed_of(run: Path | None, seed: int | None) -> int:
     """
     recorded = None if run is None else _recorded_seed(run)
     if run is not None and recorded is not None:
-        return inherited(run, recorded, seed)
+        return inherited_seed(run, recorded, seed)
     return NEW_SEED if seed is None else seed
 
 

@@ -28,8 +28,8 @@ from s2r_spec.certify.arguments import as_folder, as_rollouts, as_simulator, as_
 from s2r_spec.diagnose.data.campaign import BUDGET, campaign, plan, smallest_with_held_out
 from s2r_spec.diagnose.data.cost import Cost, Expected, of_library, on_machine, planned_held_out
 from s2r_spec.diagnose.data.journal import CampaignJournal
-from s2r_spec.diagnose.data.protocols import allowed
-from s2r_spec.diagnose.data.rollouts import RealRollouts, Rollouts, as_experiment, recorded
+from s2r_spec.diagnose.data.protocols import allowed_experiments
+from s2r_spec.diagnose.data.rollouts import RealRollouts, Rollouts, as_experiment, recorded_rollouts
 from s2r_spec.diagnose.data.space_filling import representative, star
 from s2r_spec.diagnose.data.split import ENOUGH, TrainHeldOut, split
 from s2r_spec.diagnose.decision import Evidence
@@ -42,7 +42,7 @@ from s2r_spec.diagnose.gap.held_out import held_out_gap
 from s2r_spec.diagnose.gap.materiality import compared_at_all_tests
 from s2r_spec.diagnose.gap.nominal import Nominal
 from s2r_spec.diagnose.gap.where import Pairs, Where
-from s2r_spec.diagnose.gap.where import where as find_where
+from s2r_spec.diagnose.gap.where import locate as find_where
 from s2r_spec.diagnose.inference.estimates import (
     EffectEstimate,
     Status,
@@ -63,12 +63,12 @@ from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import ResponseLibrary, library, most_rollouts
 from s2r_spec.diagnose.threads import one_thread
 from s2r_spec.diagnose.watched import Progress, Watched
-from s2r_spec.runs.repeatability import check_here, repeated
-from s2r_spec.runs.seeds import NEW_SEED, SeedStream, inherited, rollout_seed
+from s2r_spec.runs.repeatability import check_here, is_repeated
+from s2r_spec.runs.seeds import NEW_SEED, SeedStream, inherited_seed, rollout_seed
 from s2r_spec.space import key_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
-from s2r_spec.workers.pools import kept_open
+from s2r_spec.workers.pools import keep_open
 
 ASSUMPTIONS = (
     "the real rollouts were run at the recorded tests, and only those named in a note were left out",
@@ -122,11 +122,11 @@ def diagnose(
     real = load_backend(real) if isinstance(real, str) else real
     refuse_machine(real)
     if folder is not None and (recorded_seed := CampaignJournal.seed_in(folder)) is not None:
-        seed = inherited(folder, recorded_seed, seed)
+        seed = inherited_seed(folder, recorded_seed, seed)
     seed = NEW_SEED if seed is None else seed
     tell = Watched(progress or (lambda stage, done, of: None))
     able = executor if travels(bench) else None
-    with kept_open(able) as pool, tell.watching():
+    with keep_open(able) as pool, tell.watching():
         work = _Work(bench, seed, pool, tell, Cache.usual() if cache is None else Cache(cache))
         if isinstance(real, Backend) and not isinstance(real, HasRecordings):
             data = _campaign(work, real, budget, folder, protocols, passive)
@@ -144,7 +144,7 @@ def _refuse_memory(bench: Bench, seed: int) -> None:
     Raises:
         UsageError: it does; the sentences name channel, instant, both values and the likely cause.
     """
-    if not repeated(bench.backend):
+    if not is_repeated(bench.backend):
         return
     space = bench.spec.space
     test, other = (bench.matched.to_backend(space.point(corner)) for corner in (space.upper, space.lower))
@@ -234,7 +234,7 @@ def _campaign(
     """Run a campaign: a fixed plan, then the experiments that best separate what is open, until nothing is."""
     bench = work.bench
     tests = star(bench.spec.space)
-    runnable, refusals = allowed(bench.backend, machine, () if passive else protocols)
+    runnable, refusals = allowed_experiments(bench.backend, machine, () if passive else protocols)
     fixed = plan(bench, tests, runnable, BUDGET if budget is None else budget, work.seed)
     others = () if passive else _protocols(bench, runnable)
     middle = representative(fixed.tests.values(), bench.spec.space)
@@ -254,7 +254,7 @@ def _campaign(
         progress = work.progress("real rollouts")
         rollouts = campaign(bench, machine, fixed, work.seed, folder=folder, progress=progress)
         rollouts = replace(rollouts, notes=(*refusals, *rollouts.notes))
-        return _tested(work, rollouts, others, frozenset(), " at the other tests")
+        return _data_of_tests(work, rollouts, others, frozenset(), " at the other tests")
     experiments = [as_experiment(bench, test) for test in tests]
     responses = work.library([*experiments, *others])
     before = _Data(
@@ -277,14 +277,14 @@ def _recordings(
     work: _Work, real: Rollouts | Backend, budget: int | None, protocols: Sequence[str] | None, passive: bool
 ) -> _Data:
     """Read recorded rollouts; the library has all protocols beside their tests."""
-    rollouts = recorded(work.bench, real, budget, passive)
+    rollouts = recorded_rollouts(work.bench, real, budget, passive)
     run = list(dict.fromkeys(experiment for experiment, _ in rollouts.protocols))
-    runnable, _ = allowed(work.bench.backend, work.bench.backend, () if passive else protocols)
+    runnable, _ = allowed_experiments(work.bench.backend, work.bench.backend, () if passive else protocols)
     others = () if passive else _protocols(work.bench, [*run, *runnable])
-    return _tested(work, rollouts, [*run, *others], frozenset([*run, *runnable]))
+    return _data_of_tests(work, rollouts, [*run, *others], frozenset([*run, *runnable]))
 
 
-def _tested(
+def _data_of_tests(
     work: _Work,
     rollouts: RealRollouts,
     others: Sequence[Experiment],
@@ -360,7 +360,7 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
     lacking = notes(bench, in_use, _idle(data.responses), why, odd, alone)
     return Diagnosis(
         Which(evidence, by_effects(fitted.posterior, axes), upcoming),
-        _where(work, used, tuned) if want_where and used else None,
+        _locate(work, used, tuned) if want_where and used else None,
         tuned,
         {
             "s2r": version(),
@@ -388,7 +388,7 @@ def _idle(responses: ResponseLibrary) -> list[str]:
     return [effect for effect in effects if effect not in acting]
 
 
-def _where(work: _Work, rollouts: Sequence[tuple[Test, Trace]], improved: Values) -> Where:
+def _locate(work: _Work, rollouts: Sequence[tuple[Test, Trace]], improved: Values) -> Where:
     """Compare every real rollout with one of the nominal simulator at its test."""
     bench, real, simulated = work.bench, [], []
     for number, (test, trace) in enumerate(rollouts):

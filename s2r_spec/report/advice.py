@@ -8,7 +8,7 @@ from s2r_spec.diagnose.diagnosis import Diagnosis
 from s2r_spec.diagnose.experiment_design.identifiability import Candidate, Separation
 from s2r_spec.diagnose.experiment_design.next_test import NextTest
 from s2r_spec.report.check import test_words
-from s2r_spec.report.gap_words import listed, place_words
+from s2r_spec.report.gap_words import join_names, place_words
 from s2r_spec.spec import Spec
 
 
@@ -35,10 +35,10 @@ def next_step(diagnosis: Diagnosis, spec: Spec) -> str:
         case Rule.OPEN | Rule.EITHER:
             if test:
                 return f"To settle what is open, {test}."
-            rivals = listed([one.effect for one in diagnosis.which.possible], "or")
+            rivals = join_names([one.effect for one in diagnosis.which.possible], "or")
             missing = [one.best(allowed=False) for one in diagnosis.evidence.separations]
             words = {experiment_words(one.candidate, spec) for one in missing if one is not None}
-            allow = f"Allow {listed(sorted(words), 'or')}, or measure" if words else "Measure"
+            allow = f"Allow {join_names(sorted(words), 'or')}, or measure" if words else "Measure"
             return f"{allow} {rivals} directly on the machine: no allowed experiment separates them."
         case _:
             return (
@@ -79,7 +79,7 @@ def _add(diagnosis: Diagnosis) -> str:
 
 def test_in_words(test: NextTest, spec: Spec) -> str:
     """Return the experiment to run: "run air_sine, which separates a and b by 4.0 σ per run"."""
-    sets = " from ".join(listed(names) or "nothing" for names in test.separates)
+    sets = " from ".join(join_names(names) or "nothing" for names in test.separates)
     return (
         f"run {experiment_words(test.candidate, spec)}, which separates {sets} by {test.sigma:.1f} σ per run"
     )
@@ -96,7 +96,7 @@ def settled_words(one: Separation | None, spec: Spec) -> str:
     """Return which experiment settles a possible effect, or which one would if it were allowed."""
     if one is None:
         return ""
-    rivals = listed([name for name in one.excluded if name not in one.included], "or")
+    rivals = join_names([name for name in one.excluded if name not in one.included], "or")
     tells = f"tell it from {rivals}" if rivals else "settle it"
     allowed, other = one.best(allowed=True), one.best(allowed=False)
     if allowed is not None:
@@ -109,5 +109,5 @@ def settled_words(one: Separation | None, spec: Spec) -> str:
 
 def _wider(diagnosis: Diagnosis) -> str:
     """Return the advice on values at the end of their ranges; "" if there are none."""
-    ends = listed(diagnosis.evidence.at_end)
+    ends = join_names(diagnosis.evidence.at_end)
     return f" Or widen the range of {ends}, if the machine can have larger values." if ends else ""

@@ -13,7 +13,7 @@ from s2r_spec.base.quantity import interval, measured, quantity
 from s2r_spec.diagnose.diagnosis import Diagnosis
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, ParameterEstimate, Status, with_status
 from s2r_spec.report.advice import next_step, settled_words
-from s2r_spec.report.gap_words import body_words, gap_title, left_words, listed, shrink_rows, where_words
+from s2r_spec.report.gap_words import body_words, gap_title, join_names, left_words, shrink_rows, where_words
 from s2r_spec.report.materiality import matters_words
 from s2r_spec.report.text import STYLES
 from s2r_spec.spec import Spec
@@ -89,7 +89,7 @@ def describe(diagnosis: Diagnosis, spec: Spec) -> Description:
     mistakes = tuple(each.text for each in diagnosis.evidence.findings)
     by_status = {status: with_status(which.effects, status) for status in Status}
     settled = {one.effect: settled_words(one, spec) for one in which.evidence.separations}
-    names = {status: listed(sorted(one.effect for one in of)) for status, of in by_status.items()}
+    names = {status: join_names(sorted(one.effect for one in of)) for status, of in by_status.items()}
     return Description(
         passive=passive_words(diagnosis),
         mistakes=mistakes,
@@ -99,7 +99,8 @@ def describe(diagnosis: Diagnosis, spec: Spec) -> Description:
         else matters_words(diagnosis.materiality, spec.space.units),
         named=tuple(row for one in by_status[Status.NAMED] for row in _rows(one)),
         possible=tuple(
-            (one.effect, _possible(one, settled.get(one.effect, ""))) for one in by_status[Status.POSSIBLE]
+            (one.effect, _possible_words(one, settled.get(one.effect, "")))
+            for one in by_status[Status.POSSIBLE]
         ),
         ruled_out=names[Status.RULED_OUT],
         hidden=names[Status.HIDDEN],
@@ -119,8 +120,8 @@ def passive_words(diagnosis: Diagnosis) -> str:
     if not diagnosis.passive or not hidden:
         return ""
     return (
-        f"tests of the specification alone cannot measure {listed(hidden, 'or')}: with all other sizes free, the 90 % "
-        f"interval reaches more than a quarter of typical either way"
+        f"tests of the specification alone cannot measure {join_names(hidden, 'or')}: with all other sizes free, the "
+        f"90 % interval reaches more than a quarter of typical either way"
     )
 
 
@@ -140,7 +141,7 @@ def _rows(one: EffectEstimate) -> list[SizeRow]:
     ]
 
 
-def _possible(one: EffectEstimate, settled: str) -> str:
+def _possible_words(one: EffectEstimate, settled: str) -> str:
     p = one.largest
     words = f"{measured(p.value, p.low, p.high, p.unit)}, probability {one.probability:.2f}"
     return f"{words}; {settled}" if settled else words

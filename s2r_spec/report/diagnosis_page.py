@@ -48,8 +48,8 @@ def render(diagnosis: Diagnosis, spec: Spec, real: str = "") -> str:
         diagnosis=diagnosis,
         words=words,
         about=about(diagnosis.provenance, spec, real),
-        reason=unbroken(diagnosis.reason),
-        next=unbroken(words.next),
+        reason=unbreak(diagnosis.reason),
+        next=unbreak(words.next),
         bars=on_a_line(words.sizes),
         space=space(where, far),
         held_out=held_out(where, far, spec),
@@ -58,7 +58,7 @@ def render(diagnosis: Diagnosis, spec: Spec, real: str = "") -> str:
         formula_unit="" if where is None else where.pair.unit,
         body=body(where),
         shifts=shifts(where),
-        sources=flat(diagnosis.provenance),
+        sources=flatten(diagnosis.provenance),
         spec_text=spec.text,
         version=str(diagnosis.provenance.get("s2r", "")),
     )
@@ -96,7 +96,7 @@ def formula(parts: tuple[Part, ...], delta: float) -> tuple[BarRow, ...]:
     return tuple(bars)
 
 
-def unbroken(sentence: str) -> str:
+def unbreak(sentence: str) -> str:
     """Keep numbers and their percent signs on one line."""
     return sentence.replace(" %", "\u00a0%")
 
@@ -146,12 +146,12 @@ def shifts(where: Where | None) -> list[tuple[str, str, str]]:
     ]
 
 
-def flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+def flatten(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
     """Return nested values as rows of names and words."""
     rows: list[tuple[str, str]] = []
     for name, value in values.items():
         if isinstance(value, Mapping):
-            rows += flat(value, f"{prefix}{name}: ")
+            rows += flatten(value, f"{prefix}{name}: ")
         else:
             rows.append((f"{prefix}{name}", str(value)))
     return rows

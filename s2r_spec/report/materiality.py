@@ -24,7 +24,7 @@ def matters_words(materiality: Materiality, units: Mapping[str, str]) -> tuple[s
     """
     lines = []
     if materiality.largest is not None:
-        lines += [_largest(materiality.largest, materiality, units), _tests(materiality, units)]
+        lines += [_largest_gap(materiality.largest, materiality, units), _tests(materiality, units)]
     if materiality.failures is not None:
         lines.append(_failures(materiality.failures))
     return tuple(lines)
@@ -39,7 +39,7 @@ def part_of(part: float, whole: float) -> str:
     return f"{percent:.0f} %" if percent >= 9.5 else f"{percent:.1g} %"
 
 
-def _largest(at: GapAtTest, materiality: Materiality, units: Mapping[str, str]) -> str:
+def _largest_gap(at: GapAtTest, materiality: Materiality, units: Mapping[str, str]) -> str:
     """Return the largest gap, with its parts of the margin and of the tolerance."""
     test = test_words(at.params, units)
     own = quantity(abs(at.gap), materiality.unit)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from s2r_spec.attribution.place import Place, Range
 from s2r_spec.diagnose.decision import Rule, Verdict
 from s2r_spec.diagnose.diagnosis import Diagnosis
-from s2r_spec.report.gap_words import listed
+from s2r_spec.report.gap_words import join_names
 
 LITTLE = "a few percent of every effect"
 """Definition: the words for the small effects that every machine has; alone they make no material gap."""
@@ -13,37 +13,44 @@ LITTLE = "a few percent of every effect"
 
 def reason(diagnosis: Diagnosis) -> str:
     """Return the reason for the verdict of a diagnosis."""
-    material = _material(diagnosis)
+    material = _materiality(diagnosis)
     match diagnosis.rule:
         case Rule.EFFECT | Rule.OPEN:
             closes = _closes(diagnosis) if diagnosis.evidence.shows else []
-            return _joined(
-                material, _cause(diagnosis), *closes, *_open(diagnosis), *_left(diagnosis), *_odd(diagnosis)
+            return _join(
+                material,
+                _cause(diagnosis),
+                *closes,
+                *_open_effects(diagnosis),
+                *_remainder(diagnosis),
+                *_misfit(diagnosis),
             )
         case Rule.EITHER:
-            rivals = listed([one.effect for one in diagnosis.which.possible], "or")
-            return _joined(
+            rivals = join_names([one.effect for one in diagnosis.which.possible], "or")
+            return _join(
                 material, f"There is a cause, but the data do not tell which: {rivals}.", *_closes(diagnosis)
             )
         case Rule.SPREAD:
-            return _joined(material, "No cause stands out.", *_closes(diagnosis), *_mistake(diagnosis))
+            return _join(material, "No cause stands out.", *_closes(diagnosis), *_mistake(diagnosis))
         case Rule.NONE:
-            return _joined(material, *_differ(diagnosis), *_odd(diagnosis), *_mistake(diagnosis))
+            return _join(material, *_differ(diagnosis), *_misfit(diagnosis), *_mistake(diagnosis))
         case Rule.ALIKE:
-            cause = f"{_named(diagnosis)} {_verb(diagnosis, 'explain')} the data, and {_mistaken(diagnosis)}"
+            cause = (
+                f"{_effects(diagnosis)} {_verb(diagnosis, 'explain')} the data, and {_imitation(diagnosis)}"
+            )
             return f"{cause} would do the same: check the recordings first."
         case Rule.MISTAKE:
-            cause = f"Of the catalogue, {_named(diagnosis)} {_verb(diagnosis, 'fit')} best, but {_mistaken(diagnosis)}"
-            return f"{cause} would do the same and explains more: check the recordings first."
+            best = f"{_effects(diagnosis)} {_verb(diagnosis, 'fit')} best"
+            return f"Of the catalogue, {best}, but {_imitation(diagnosis)} would do the same and explains more: check the recordings first."
         case _:
-            return _joined(material, *_unknown(diagnosis))
+            return _join(material, *_unknown(diagnosis))
 
 
-def _joined(*sentences: str) -> str:
+def _join(*sentences: str) -> str:
     return " ".join(filter(None, sentences))
 
 
-def _material(diagnosis: Diagnosis) -> str:
+def _materiality(diagnosis: Diagnosis) -> str:
     """Return whether the gap is material, and where, if not on average over the held-out tests."""
     far, matters = diagnosis.how_far, diagnosis.materiality
     if far is not None and far.material:
@@ -63,8 +70,8 @@ def _material(diagnosis: Diagnosis) -> str:
     return "The gap is material at some tests, but not on average over the held-out tests."
 
 
-def _named(diagnosis: Diagnosis) -> str:
-    return listed(diagnosis.evidence.named)
+def _effects(diagnosis: Diagnosis) -> str:
+    return join_names(diagnosis.evidence.named)
 
 
 def _verb(diagnosis: Diagnosis, verb: str) -> str:
@@ -72,15 +79,15 @@ def _verb(diagnosis: Diagnosis, verb: str) -> str:
 
 
 def _cause(diagnosis: Diagnosis) -> str:
-    return f"{_named(diagnosis)} {_verb(diagnosis, 'explain')} the data best."
+    return f"{_effects(diagnosis)} {_verb(diagnosis, 'explain')} the data best."
 
 
-def _open(diagnosis: Diagnosis) -> list[str]:
+def _open_effects(diagnosis: Diagnosis) -> list[str]:
     """Return which possible effects a further experiment would settle."""
     if diagnosis.rule is not Rule.OPEN:
         return []
     return [
-        f"{listed(diagnosis.evidence.open, 'or')} may be there, too; one more experiment would settle it."
+        f"{join_names(diagnosis.evidence.open, 'or')} may be there, too; one more experiment would settle it."
     ]
 
 
@@ -112,12 +119,12 @@ def _unknown(diagnosis: Diagnosis) -> list[str]:
     sentences += [f"Unexplained: {each}." for each in diagnosis.left[:1] if each.material]
     if diagnosis.which.nearest:
         sentences.append(
-            f"The nearest is {listed(diagnosis.which.nearest)} ({diagnosis.which.nearest_family})."
+            f"The nearest is {join_names(diagnosis.which.nearest)} ({diagnosis.which.nearest_family})."
         )
-    return [*sentences, *_closes(diagnosis), *_odd(diagnosis)]
+    return [*sentences, *_closes(diagnosis), *_misfit(diagnosis)]
 
 
-def _odd(diagnosis: Diagnosis) -> list[str]:
+def _misfit(diagnosis: Diagnosis) -> list[str]:
     """Return that the traces fit no set of effects, if they do not, and where the misfit is largest."""
     goodness = diagnosis.evidence.goodness
     if goodness is None or not goodness.alarm:
@@ -133,7 +140,7 @@ def _odd(diagnosis: Diagnosis) -> list[str]:
     return [f"No set of effects fits the traces (p = {goodness.p:.2g}), {least}.", *also]
 
 
-def _left(diagnosis: Diagnosis) -> list[str]:
+def _remainder(diagnosis: Diagnosis) -> list[str]:
     """Return the motion that no effect explains, if it is more than what is allowed for."""
     return [f"No effect explains {each}." for each in diagnosis.left[:1] if each.material]
 
@@ -141,16 +148,16 @@ def _left(diagnosis: Diagnosis) -> list[str]:
 def _differ(diagnosis: Diagnosis) -> list[str]:
     """Return by which causes the traces differ although none is named, and what no effect explains."""
     first = diagnosis.which.sets[0][0] if diagnosis.which.sets else ()
-    sentences = [f"The traces do differ, most as with {listed(first)}."] if first else []
-    return [*sentences, *_left(diagnosis)]
+    sentences = [f"The traces do differ, most as with {join_names(first)}."] if first else []
+    return [*sentences, *_remainder(diagnosis)]
 
 
 def _mistake(diagnosis: Diagnosis) -> list[str]:
     """Return the mistake of the recordings that would explain a difference without a named cause."""
     if not diagnosis.evidence.rivals:
         return []
-    return [f"But {_mistaken(diagnosis)} would explain how the recordings differ: check them first."]
+    return [f"But {_imitation(diagnosis)} would explain how the recordings differ: check them first."]
 
 
-def _mistaken(diagnosis: Diagnosis) -> str:
+def _imitation(diagnosis: Diagnosis) -> str:
     return diagnosis.evidence.rivals[0].imitates

@@ -12,7 +12,7 @@ from s2r_spec.base.errors import UsageError
 from s2r_spec.base.files import save
 from s2r_spec.base.json_values import document, to_json
 from s2r_spec.base.printable import html_table, html_text, one_line
-from s2r_spec.certify.bound.rounding import between
+from s2r_spec.certify.bound.rounding import interval_text
 from s2r_spec.certify.real_machine import CertifyResult
 from s2r_spec.certify.result.check_result import CheckResult
 from s2r_spec.certify.result.gap_result import GapResult
@@ -50,7 +50,7 @@ def line(result: Known) -> str:
     first, both = result.simulated, result.composition
     words = result.reason
     if both is not None:
-        interval = f"{between(both.lower, both.upper)} {first.unit}".rstrip()
+        interval = f"{interval_text(both.lower, both.upper)} {first.unit}".rstrip()
         words = f"worst expected ρ of {result.real} in {interval}, with probability ≥ 1 − {both.delta:g}"
     return one_line(f"{name}({first.requirement} {result.verdict.name}: {words})")
 
@@ -70,21 +70,23 @@ def _bound(symbol: str, result: CheckResult | GapResult) -> str:
 def table(result: Known) -> str:
     """Return a table for a notebook: verdict, bounds and effort, and the assumptions to unfold."""
     if isinstance(result, Diagnosis):
-        return html_table(line(result), (), _diagnosed(result)) + _folded("This assumes", result.assumptions)
+        return html_table(line(result), (), _diagnosis_rows(result)) + _fold(
+            "This assumes", result.assumptions
+        )
     finding = _finding(result)
     rows = [("", finding.reason), *finding.facts, ("run", finding.provenance)]
     return html_table(f"{finding.name}: {finding.word} ({finding.about})", (), rows) + "".join(
-        _folded(title, lines) for title, lines in finding.sections
+        _fold(title, lines) for title, lines in finding.sections
     )
 
 
-def _folded(title: str, lines: Sequence[str]) -> str:
+def _fold(title: str, lines: Sequence[str]) -> str:
     """Return a list that a click unfolds."""
     items = "".join(f"<li>{html_text(one)}</li>" for one in lines)
     return f"<details><summary>{html_text(title)}</summary><ul>{items}</ul></details>"
 
 
-def _diagnosed(result: Diagnosis) -> list[tuple[str, str]]:
+def _diagnosis_rows(result: Diagnosis) -> list[tuple[str, str]]:
     """Return the (name, text) rows of a diagnosis."""
     if result.spec is None:
         return [("note", note) for note in result.notes]

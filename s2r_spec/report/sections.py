@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from s2r_spec.certify.bound.certificate import Certificate, Label
-from s2r_spec.certify.result.check_result import Tested, tested
+from s2r_spec.certify.result.check_result import Tested, group_by_test
 from s2r_spec.certify.result.compose import Composition
 from s2r_spec.certify.result.gap_result import Pair
 from s2r_spec.certify.search.pairing import SIMULATED_PER_REAL
@@ -79,7 +79,7 @@ def _certify(run: RecomputedCertify, name: str) -> Section:
         note = note or _note(gap.result.certificate, gap.waiting)
     if gap is not None and composed is not None:
         bars.insert(0, _summands(run, composed))
-        pictures.append(band(_composed(run, gap, composed), f"{name}-promise"))
+        pictures.append(band(_composed_field(run, gap, composed), f"{name}-promise"))
     if gap is not None:
         pictures += [*_search_pictures(gap, f"{name}-gap"), *_worst_pairs(gap, f"{name}-gap")]
     pictures += _search_pictures(run.simulated, f"{name}-simulation")
@@ -106,7 +106,7 @@ def _search_pictures(run: Recomputed | RecomputedGap, name: str) -> list[Picture
         return []
     result = run.result
     if isinstance(run, Recomputed):
-        symbol, quantity, tests, of = "ρ", "expected robustness", tested(run.records), "rollouts"
+        symbol, quantity, tests, of = "ρ", "expected robustness", group_by_test(run.records), "rollouts"
         title, remark = f"The bound over the test space, in {result.provenance['backend']}", _WIDE
         batches, counted = "The interval after each batch", "rollouts"
     else:
@@ -166,9 +166,9 @@ def _runs(run: Recomputed | RecomputedGap, records: tuple[Record, ...], system: 
     return JournalRollouts(run.spec, result.requirement, result.unit, result.folder / system, records, *made)
 
 
-def _composed(run: RecomputedCertify, gap: RecomputedGap, composed: Composition) -> Field:
+def _composed_field(run: RecomputedCertify, gap: RecomputedGap, composed: Composition) -> Field:
     """Return the sum of both bands: the bound for the real machine at each test."""
-    tests = tuple(tested(gap.real))
+    tests = tuple(group_by_test(gap.real))
     bands = _negative(run.simulated.search), _negative(gap.search)
 
     def bounds(points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -274,14 +274,14 @@ def _note(certificate: Certificate, waiting: int) -> str:
 
 def _settings(source: Mapping[str, Any], prefix: str = "") -> tuple[tuple[str, str], ...]:
     flat = {**{key: value for key, value in source.items() if key != "settings"}, **source["settings"]}
-    return tuple((prefix + key, _plain(value)) for key, value in flat.items())
+    return tuple((prefix + key, _plain_text(value)) for key, value in flat.items())
 
 
-def _plain(value: object) -> str:
+def _plain_text(value: object) -> str:
     if isinstance(value, float):
         return f"{value:g}"
     if isinstance(value, list):
-        return ", ".join(map(_plain, value)) or "none"
+        return ", ".join(map(_plain_text, value)) or "none"
     if isinstance(value, Mapping):
-        return ", ".join(f"{key} {_plain(one)}" for key, one in value.items())
+        return ", ".join(f"{key} {_plain_text(one)}" for key, one in value.items())
     return str(value)

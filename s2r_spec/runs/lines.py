@@ -63,7 +63,7 @@ def parse(path: Path, number: int, line: bytes) -> dict[str, Any]:
     return value
 
 
-def written(value: Mapping[str, Any], before: int | None) -> tuple[bytes, int | None]:
+def encode(value: Mapping[str, Any], before: int | None) -> tuple[bytes, int | None]:
     """Return a line and its checksum, continued from the checksum ``before``; without a checksum if that is None."""
     body = json.dumps(value, allow_nan=False).encode()[:-1]
     if before is None:
@@ -106,7 +106,7 @@ def fault(values: Mapping[str, Any], schema: Mapping[str, tuple[Test, str]]) -> 
         if name not in values:
             return f"{name} is missing"
         if not is_valid(values[name]):
-            return f"{name} must be {description}, not {shown(values[name])}"
+            return f"{name} must be {description}, not {excerpt(values[name])}"
     return ""
 
 
@@ -169,7 +169,7 @@ def _no_number(word: str) -> NoReturn:
     raise ValueError(f"{word} is not a finite number")
 
 
-def shown(value: object) -> str:
+def excerpt(value: object) -> str:
     """Return a value as JSON for a message, shortened if it is long."""
     try:
         text = json.dumps(value)

@@ -189,7 +189,7 @@ class Attempts:
         kind = values.get("kind")
         fields = _FIELDS.get(kind) if isinstance(kind, str) else None
         if fields is None:
-            wrong = f"kind must be {BEGUN}, {VOID} or {NOT_BEGUN}, not {lines.shown(kind)}"
+            wrong = f"kind must be {BEGUN}, {VOID} or {NOT_BEGUN}, not {lines.excerpt(kind)}"
         else:
             if kind == BEGUN and ANSWERS in values:
                 fields = {**fields, ANSWERS: (_are_answers, "an object with a text for each question")}

@@ -116,12 +116,12 @@ def fault(first: Done, again: Done, afresh: Callable[[], Done] | None) -> str:
     return ""
 
 
-def repeated(backend: Backend) -> bool:
+def is_repeated(backend: Backend) -> bool:
     """Return whether the rollouts of a backend are repeated: a simulator that is declared as deterministic."""
     return backend.deterministic and not is_exclusive(backend) and not isinstance(backend, HasRecordings)
 
 
-def unchecked(backend: Backend, passed: PassedBackend | None) -> tuple[str, ...]:
+def unchecked_assumptions(backend: Backend, passed: PassedBackend | None) -> tuple[str, ...]:
     """Return what a certificate assumes because it was not checked, each in one sentence."""
     if is_exclusive(backend) or isinstance(backend, HasRecordings):
         return ()
@@ -300,11 +300,11 @@ def _of_samples(one: Trace, other: Trace) -> Difference | None:
             else Difference("the number of samples", str(len(one)), str(len(other)))
         )
     row, label, value, changed, unit = min(rows, key=lambda each: each[0])
-    digits, digits_other = _apart(value, changed)
+    digits, digits_other = _distinct_digits(value, changed)
     return Difference(f"{label} at t = {one.times[row]:.6g} s", f"{digits} {unit}".rstrip(), digits_other)
 
 
-def _apart(one: Any, other: Any) -> tuple[str, str]:
+def _distinct_digits(one: Any, other: Any) -> tuple[str, str]:
     """Return two unequal numbers with as many digits as tell them apart, at least six."""
     for digits in range(6, 18):
         words = f"{one:.{digits}g}", f"{other:.{digits}g}"

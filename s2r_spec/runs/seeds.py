@@ -30,7 +30,7 @@ def rollout_seed(seed: int, query: int, replicate: int, stream: SeedStream = See
     return int(np.random.SeedSequence(seed, spawn_key=key).generate_state(1, np.uint64)[0])
 
 
-def inherited(folder: Path, recorded: int, seed: int | None) -> int:
+def inherited_seed(folder: Path, recorded: int, seed: int | None) -> int:
     """Return the seed of a run that is resumed.
 
     Args:

@@ -49,7 +49,7 @@ def dask_pool(address: str) -> ExecutorFactory:
 
 
 @contextmanager
-def kept_open(factory: ExecutorFactory | None) -> Iterator[ExecutorFactory | None]:
+def keep_open(factory: ExecutorFactory | None) -> Iterator[ExecutorFactory | None]:
     """Give a factory that always returns the same pool, made at the first call; close the pool at the end."""
     if factory is None:
         yield None

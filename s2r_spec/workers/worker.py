@@ -143,21 +143,21 @@ def _answer(question: bytes) -> bytes:
         function, arguments = pickle.loads(question)
     except Exception as error:
         # For instance, a worker on another computer lacks a module.
-        return _raised(BackendError(f"a worker cannot run this: {type(error).__name__}: {error}"))
+        return _pickle_error(BackendError(f"a worker cannot run this: {type(error).__name__}: {error}"))
     try:
         return pickle.dumps(("returned", function(*arguments)))
     except Exception as error:
         end_copy(error)
-        return _raised(error)
+        return _pickle_error(error)
     except BaseException as error:
         end_copy(error)
         raise
 
 
-def _raised(error: Exception) -> bytes:
+def _pickle_error(error: Exception) -> bytes:
     try:
         data = pickle.dumps(("raised", error))
         pickle.loads(data)  # some errors can be pickled but not unpickled
     except Exception:
-        return _raised(BackendError(f"{type(error).__name__}: {error}"))
+        return _pickle_error(BackendError(f"{type(error).__name__}: {error}"))
     return data

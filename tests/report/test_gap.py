@@ -11,7 +11,7 @@ import jsonschema
 import pytest
 
 from s2r_spec.base.verdict import Verdict
-from s2r_spec.certify.bound.rounding import between, down
+from s2r_spec.certify.bound.rounding import down, interval_text
 from s2r_spec.certify.gap import gap as bound
 from s2r_spec.errors import UsageError
 from s2r_spec.report import REPORTERS, html, reporter
@@ -91,7 +91,9 @@ def test_every_format_tells_the_verdict_and_the_bound(promised):
     text = reporter("text")(certify_report.report(spec, result))
     assert states(text.splitlines()[0], "walking  HOLDS", "a spec.stl", "toy", "toy:drag")
     promise = result.composition
-    assert states(text, f"{between(promise.lower, promise.upper)} m/s", "toy:drag", "1 − 0.002", "B = 4 m/s")
+    assert states(
+        text, f"{interval_text(promise.lower, promise.upper)} m/s", "toy:drag", "1 − 0.002", "B = 4 m/s"
+    )
 
 
 def test_a_gap_is_bounded_and_neither_holds_nor_fails(promised, unpromised):

@@ -125,7 +125,7 @@ def _number(low: float, high: float) -> Callable[[str], float]:
     return read
 
 
-def _motors(low: float, high: float) -> Callable[[str], MotorNumbers]:
+def _motor(low: float, high: float) -> Callable[[str], MotorNumbers]:
     number = _number(low, high)
 
     def read(text: str) -> MotorNumbers:
@@ -178,14 +178,14 @@ KINDS: dict[str, FaultKind] = {
     "quaternion": FaultKind(2.0, _number(-1e6, 1e6), "multiplies the quaternion by a number"),
     "gyro": FaultKind(100.0, _number(-1e6, 1e6), "replaces the reported roll rate, in rad/s"),
     "tilt": FaultKind(0.6, _number(-3.2, 3.2), "adds to the reported roll, in rad"),
-    "joint": FaultKind(MotorNumbers((0,), 3.0), _motors(-1e6, 1e6), "replaces the reported angle of a motor, in rad"),
-    "speed": FaultKind(MotorNumbers((0,), 20.0), _motors(-1e6, 1e6), "replaces the reported speed of a motor, in rad/s"),
-    "torque": FaultKind(MotorNumbers((0,), 40.0), _motors(-127, 127), "replaces the reported torque of a motor, in N·m"),
+    "joint": FaultKind(MotorNumbers((0,), 3.0), _motor(-1e6, 1e6), "replaces the reported angle of a motor, in rad"),
+    "speed": FaultKind(MotorNumbers((0,), 20.0), _motor(-1e6, 1e6), "replaces the reported speed of a motor, in rad/s"),
+    "torque": FaultKind(MotorNumbers((0,), 40.0), _motor(-127, 127), "replaces the reported torque of a motor, in N·m"),
     "heat": FaultKind(
-        MotorNumbers((0,), 65.0), _motors(-128, 127), "replaces the reported temperature of a motor, in °C"
+        MotorNumbers((0,), 65.0), _motor(-128, 127), "replaces the reported temperature of a motor, in °C"
     ),
-    "mode": FaultKind(MotorNumbers((0,), 0.0), _motors(0, 255), "makes a motor go limp and report this mode"),
-    "error": FaultKind(MotorNumbers((0,), 4.0), _motors(0, 2**32 - 1), "replaces the reported error word of a motor"),
+    "mode": FaultKind(MotorNumbers((0,), 0.0), _motor(0, 255), "makes a motor go limp and report this mode"),
+    "error": FaultKind(MotorNumbers((0,), 4.0), _motor(0, 2**32 - 1), "replaces the reported error word of a motor"),
     "button": FaultKind("R2", _buttons, "holds down buttons of the remote, as L2+B, or switches it off"),
     "push": FaultKind(100.0, _number(-1000, 1000), "pushes the trunk to the left, in N"),
 }  # fmt: skip

@@ -17,7 +17,7 @@ from s2r_spec.certify.bound.certificate import ALL_COUNT, Certificate, Label
 from s2r_spec.recordings import reading_rule
 from s2r_spec.runs.journal import Journal
 from s2r_spec.runs.machine_journal import FALL
-from s2r_spec.runs.repeatability import unchecked
+from s2r_spec.runs.repeatability import unchecked_assumptions
 from s2r_spec.runs.scorer import Scorer
 
 MOST_VOID = 1 / 20
@@ -30,7 +30,10 @@ UNFINISHED = "unfinished"
 def machine_fields(scorer: Scorer, void: str) -> dict[str, Any]:
     """Return the header fields of a backend beyond its name and hash: of logs and machines, and assumptions."""
     fields: dict[str, Any] = reading_rule.header_fields(scorer.backend)
-    if assumptions := (*assumptions_of(scorer.backend), *unchecked(scorer.backend, scorer.passed)):
+    if assumptions := (
+        *assumptions_of(scorer.backend),
+        *unchecked_assumptions(scorer.backend, scorer.passed),
+    ):
         fields["assumptions"] = list(assumptions)
     if is_exclusive(scorer.backend):
         fields["void"] = void

@@ -44,7 +44,7 @@ def certificate(state: SearchState) -> Certificate:
     )
 
 
-def one_sided(state: SearchState) -> Certificate | None:
+def one_sided_certificate(state: SearchState) -> Certificate | None:
     """Return a certificate that the maximum is positive whatever B is; None if the data do not show it.
 
     Only a certificate that is refused because of B or the kernel has a one-sided one. Its lower end follows from the

@@ -107,7 +107,7 @@ class DesignRegion:
         lengthscales = kernel.lengthscales(space.dim)
         wide = (space.upper - space.lower) / lengthscales
         spacing = float((SPACING * kernel.sides_for(TOLERANCE * relative, space.dim) / lengthscales)[0])
-        fits = np.minimum(wide, _largest(wide, spacing))
+        fits = np.minimum(wide, _longest_side(wide, spacing))
         counts = np.maximum(2, np.ceil(np.minimum(fits / spacing, GRID - 1)).astype(int) + 1)
         while counts.prod() > GRID and counts.max() > 2:
             counts[counts.argmax()] -= 1
@@ -123,7 +123,7 @@ class DesignRegion:
         return cls(part, points, kernel.gram(points, points), float(np.exp(min(log_number, 600.0))))
 
 
-def _largest(wide: FloatArray, spacing: float) -> float:
+def _longest_side(wide: FloatArray, spacing: float) -> float:
     """Return the longest side of a part whose grid has at most ``GRID`` points, or 1; all in lengthscales."""
     low, high = 0.0, float(wide.max())
     for _ in range(60):
@@ -214,12 +214,12 @@ class Effort:
             half = np.nanmin(bound.widths[0][:, None] * data.deviation(bound.scales), axis=0)
             half = np.minimum(half, self.norms[0])  # |J| ≤ B without any rollout
             excess = half / allowed
-            if excess.max() <= 1 + CONVERGED and _settled(excess, design):
+            if excess.max() <= 1 + CONVERGED and _is_settled(excess, design):
                 break
             design = np.clip(design * excess**STEP, LEAST, MOST)
         return self.region.number * float(design.sum())
 
 
-def _settled(excess: FloatArray, design: FloatArray) -> bool:
+def _is_settled(excess: FloatArray, design: FloatArray) -> bool:
     """Return whether the rollouts lie where the half-width is at its allowance."""
     return bool(design @ np.abs(excess - 1) <= CONVERGED * design.sum())

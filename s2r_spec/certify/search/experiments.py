@@ -16,7 +16,7 @@ from s2r_spec.certify.search.observers import Observer, OnlyCrashes, Silent
 from s2r_spec.certify.search.search import Query, Search
 from s2r_spec.runs.journal import Journal, Record
 from s2r_spec.runs.machine_journal import Void
-from s2r_spec.runs.repeatability import check_run, repeated
+from s2r_spec.runs.repeatability import check_run, is_repeated
 from s2r_spec.runs.runner import Runner
 from s2r_spec.runs.scorer import Scorer
 from s2r_spec.runs.seeds import SeedStream, rollout_seed
@@ -91,7 +91,7 @@ class Rollouts:
             observer.rollout(record)
             if done.trace is None:
                 observer.crash(record)
-        if isinstance(self.runner, Runner) and repeated(self.scorer.backend):
+        if isinstance(self.runner, Runner) and is_repeated(self.scorer.backend):
             check_run(self.journal, self.runner, [(task, records[key]) for key, task in tasks.items()])
         return {
             query.index: [
@@ -173,7 +173,7 @@ class Pairs:
         return self.real.on_disk(index, replicates) and self.simulated.on_disk(index, replicates)
 
 
-def following(search: Search, on_disk: Callable[[int, int], bool]) -> list[Query]:
+def next_queries(search: Search, on_disk: Callable[[int, int], bool]) -> list[Query]:
     """Return the queries to answer next; none once the search is over.
 
     A run may have more rollouts on disk than its stopping rule or its budget now needs. The bound holds at every time,
@@ -202,7 +202,7 @@ def run_search(search: Search, experiment: OutcomeSource, observer: Observer | N
         BackendError: a rollout raised; every rollout before it is on disk.
     """
     observer = observer or Silent()
-    while queries := following(search, experiment.on_disk):
+    while queries := next_queries(search, experiment.on_disk):
         observer.batch(queries, search.certificate())
         outcomes = experiment.outcomes(queries, observer)
         for query in queries:

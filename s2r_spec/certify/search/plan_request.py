@@ -137,7 +137,7 @@ def plan_request(of: Spec | Space, options: PlanOptions) -> PlanRequest | Pilot:
         UsageError: as for :func:`plan`; or settings are missing, and there is no pilot.
     """
     pilot = None if options.pilot is None else pilot_of(Path(options.pilot), options.requirement)
-    options = _declared(of, _with_proxy(options))
+    options = _declared_options(of, _with_proxy(options))
     R, epsilon, delta, B = options.R, options.epsilon, options.delta, options.B
     if R is None or epsilon is None or delta is None or B is None:
         if pilot is not None:
@@ -175,7 +175,7 @@ def _with_proxy(options: PlanOptions) -> PlanOptions:
     return replace(options, R=(high - low) / 2)
 
 
-def _declared(of: Spec | Space, options: PlanOptions) -> PlanOptions:
+def _declared_options(of: Spec | Space, options: PlanOptions) -> PlanOptions:
     """Return options with the settings of the certify line in the place of those that are not given."""
     if not isinstance(of, Spec):
         return options

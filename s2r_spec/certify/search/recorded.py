@@ -9,7 +9,7 @@ import numpy as np
 
 from s2r_spec.backend import Backend, Recording
 from s2r_spec.base.errors import TraceError, UsageError
-from s2r_spec.certify.bound.rounding import wide
+from s2r_spec.certify.bound.rounding import width_text
 from s2r_spec.certify.search.experiments import OutcomeSource
 from s2r_spec.certify.search.observers import Observer
 from s2r_spec.certify.search.search import Query, Search
@@ -142,7 +142,7 @@ def observe(search: Search, design: Design, experiment: OutcomeSource, observer:
     search.observe([(query.point, outcomes[query.index]) for query in design.queries], final=True)
 
 
-def left_open(search: Search, what: str) -> list[str]:
+def limitations(search: Search, what: str) -> list[str]:
     """Return the limits of a certificate from recorded tests, each in one sentence.
 
     Args:
@@ -168,10 +168,10 @@ def left_open(search: Search, what: str) -> list[str]:
             f"{axis.name} = {value:.4g} {axis.unit}".rstrip()
             for axis, value in zip(space.axes, points[widest], strict=True)
         )
-        share = wide(100 * float(np.mean(widths > search.epsilon)), 0)
+        share = width_text(100 * float(np.mean(widths > search.epsilon)), 0)
         notes.append(
             f"the recorded tests leave the band of {what} wider than ε = {search.epsilon:g}{unit} over {share} % of "
-            f"the test space. It is widest at {where}, {wide(widths[widest])}{unit}, "
+            f"the test space. It is widest at {where}, {width_text(widths[widest])}{unit}, "
             f"{far[widest]:.2g} lengthscales from the nearest recorded test"
         )
     return notes

@@ -198,7 +198,7 @@ class Search:
 
         Only a search whose certificate is refused because of B or the kernel has one.
         """
-        return assembly.one_sided(self._state)
+        return assembly.one_sided_certificate(self._state)
 
     def band(self, points: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return (n,) lower and upper bounds of J at (n, dim) points, all at once with probability ≥ 1 − δ.

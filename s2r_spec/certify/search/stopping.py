@@ -30,17 +30,17 @@ def label(state: SearchState) -> tuple[Label, str]:
     """Return the label, and the reason in one sentence if the certificate is refused or model-based, else ""."""
     if refusal := next(filter(None, _refusals(state)), None):
         return Label.REFUSED, refusal.sentence
-    if not settled(state):
+    if not is_settled(state):
         return Label.RUNNING, ""
     if state.settings.fitted:
         return Label.MODEL_BASED, f"{', '.join(state.settings.fitted)} fitted on the certificate's own data"
     reached = state.confidence.width <= state.settings.epsilon
-    if not reached and decided(state):
+    if not reached and is_decided(state):
         return Label.DECIDED, ""
     return (Label.CERTIFIED if reached else Label.BUDGET), ""
 
 
-def settled(state: SearchState) -> bool:
+def is_settled(state: SearchState) -> bool:
     """Return whether the search needs no further test, unless the certificate is refused before."""
     if state.final or state.confidence.smallest_norm > state.settings.B:
         return True
@@ -52,7 +52,7 @@ def settled(state: SearchState) -> bool:
     return state.confidence.width <= state.settings.epsilon or state.decided
 
 
-def decided(state: SearchState) -> bool:
+def is_decided(state: SearchState) -> bool:
     """Return whether the verdict is known, R was tested, and no test on a long axis is missing."""
     return state.decided and not coverage_tests(state)
 
@@ -86,9 +86,9 @@ def _refusals(state: SearchState) -> Iterator[_Refusal | None]:
     yield _of_data(_left_out(state))
     yield _of_data(_refuted_noise(state))
     yield _of_norm(_contradiction(state))
-    over = settled(state)
+    over = is_settled(state)
     yield _of_norm(_refuted_norm(state)) if over else None
-    yield _of_data(_impossible(state))
+    yield _of_data(_impossibility(state))
     uncovered = state.coverage.uncovered(state.tested, state.outcomes.samples.counts) if over else ""
     yield _of_norm(uncovered)
 
@@ -140,7 +140,7 @@ def _refuted_norm(state: SearchState) -> str:
     return f"B = {B:g} is less than twice the norm that the data already show (B_low = {at_least(B_low)}); {remedy}"
 
 
-def _impossible(state: SearchState) -> str:
+def _impossibility(state: SearchState) -> str:
     settings, width, rollouts = state.settings, state.confidence.width, state.outcomes.rollouts
     if width > settings.B or rollouts >= sequential_lower_bound(settings.R, width, settings.delta):
         return ""

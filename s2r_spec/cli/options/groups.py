@@ -36,7 +36,7 @@ class GroupedCommand(TyperCommand):
                     formatter.write_dl(records)
 
 
-def grouped(command: Callable[..., None]) -> Callable[..., None]:
+def group_options(command: Callable[..., None]) -> Callable[..., None]:
     """Return a command that has the fields of each record among its parameters as options in the record's place."""
     signature = inspect.signature(command, eval_str=True)
     records = {

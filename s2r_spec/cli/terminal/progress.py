@@ -18,7 +18,7 @@ from rich.text import Text
 
 from s2r_spec.base.printable import one_line
 from s2r_spec.certify.bound.certificate import Certificate
-from s2r_spec.certify.bound.rounding import between, wide
+from s2r_spec.certify.bound.rounding import interval_text, width_text
 from s2r_spec.certify.search.observers import Phase
 from s2r_spec.certify.search.search import Query
 from s2r_spec.cli.terminal.remaining import Pace, RolloutForecast
@@ -135,7 +135,7 @@ class Live:
                 f"{certificate.rollouts} rollouts",
                 _interval(self._state),
                 f"next {_next(self._state)}",
-                *_left(self._state),
+                *_left_words(self._state),
             ]
             self._console.print(one_line(", ".join(words)), markup=False, soft_wrap=True)
 
@@ -187,7 +187,7 @@ class Live:
         progress.add_row(
             bar,
             Text(one_line(f"{state.rollouts} of {state.phase.backend}")),
-            *_left(state),
+            *_left_words(state),
             f"{now - state.since:.0f} s so far",
         )
         table.add_row("rollouts", progress)
@@ -206,8 +206,8 @@ def _interval(state: SearchProgress) -> str:
     assert certificate is not None
     symbol, unit = (phase.symbol, f" {phase.unit}" if phase.unit else "") if phase is not None else ("ρ", "")
     return (
-        f"{symbol} in {between(-certificate.upper, -certificate.lower)}{unit} "
-        f"({wide(certificate.epsilon)} wide, target {certificate.target:g})"
+        f"{symbol} in {interval_text(-certificate.upper, -certificate.lower)}{unit} "
+        f"({width_text(certificate.epsilon)} wide, target {certificate.target:g})"
     )
 
 
@@ -216,7 +216,7 @@ def _next(state: SearchProgress) -> str:
     return "; ".join(f"{_test(query.point, units)} ({query.replicates}×)" for query in state.queries)
 
 
-def _left(state: SearchProgress) -> list[str]:
+def _left_words(state: SearchProgress) -> list[str]:
     left, seconds = state.left(), state.seconds_left()
     if left is None:
         return []

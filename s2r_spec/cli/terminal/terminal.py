@@ -40,7 +40,7 @@ _COLOUR = re.compile(r"(\x1b\[[\d;]*m)")
 def prepare() -> None:
     """Make standard output and error accept every text."""
     codecs.register_error(ERRORS, _in_other_letters)
-    sys.stdout, sys.stderr = _prepared(sys.stdout), _prepared(sys.stderr)
+    sys.stdout, sys.stderr = _prepare(sys.stdout), _prepare(sys.stderr)
 
 
 def console(*, stderr: bool = False) -> Console:
@@ -108,7 +108,7 @@ class _Guarded:
         return getattr(self.unguarded, name)
 
 
-def _prepared(stream: Any) -> Any:
+def _prepare(stream: Any) -> Any:
     if stream is None or isinstance(stream, _Guarded):
         return stream
     if hasattr(stream, "reconfigure"):

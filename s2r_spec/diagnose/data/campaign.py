@@ -80,7 +80,7 @@ def plan(
     """
     space = bench.spec.space
     if not protocols:
-        distinct = _different(budget, space.dim)
+        distinct = _distinct_count(budget, space.dim)
         filling = spread(space, distinct, seed)
         places = [i if i < distinct else (i - distinct) // 2 % distinct for i in range(budget)]
         steps = tuple(as_experiment(bench, filling[place]) for place in places)
@@ -109,10 +109,10 @@ def smallest_with_held_out(dim: int) -> int:
     Args:
         dim: number of test parameters.
     """
-    return next(budget for budget in count(1) if number_held_out(_different(budget, dim), budget))
+    return next(budget for budget in count(1) if number_held_out(_distinct_count(budget, dim), budget))
 
 
-def _different(budget: int, dim: int) -> int:
+def _distinct_count(budget: int, dim: int) -> int:
     """Return the number of different tests of a plan without protocols."""
     return max(min(FEWEST, budget), round(budget * DISTINCT)) if dim else 1
 

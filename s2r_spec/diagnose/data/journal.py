@@ -19,7 +19,7 @@ from s2r_spec.backend.protocols import PROTOCOL
 from s2r_spec.base.errors import NotBegunError, UsageError
 from s2r_spec.base.files import save
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.runs.seeds import inherited
+from s2r_spec.runs.seeds import inherited_seed
 from s2r_spec.trace import Trace
 
 FILE, TABLE, SCHEMA = "campaign.json", "rollouts.csv", "s2r.campaign/1"
@@ -55,7 +55,7 @@ class CampaignJournal:
         except (ValueError, KeyError, TypeError, AttributeError):
             raise UsageError(f"{path} is not the journal of a campaign; restore it, or {instead}") from None
         if (recorded := self.seed_in(folder)) is not None:
-            inherited(folder, recorded, seed)
+            inherited_seed(folder, recorded, seed)
 
     @staticmethod
     def seed_in(folder: Path) -> int | None:
@@ -91,7 +91,7 @@ class CampaignJournal:
         path, begun = self._folder / f"{number:04d}.npz", self.experiment(number)
         if begun is None:
             self._save([*self._steps, _step(experiment)])
-        elif not _same(begun, experiment):
+        elif not _is_same(begun, experiment):
             raise UsageError(
                 f"{path} was recorded with {begun}, but this run plans {experiment} in its place. Use the spec, "
                 f"budget, protocols and seed of the first run, or diagnose its recordings with "
@@ -154,7 +154,7 @@ def _experiment(step: Mapping[str, Any]) -> Experiment:
     return Experiment(str(step["protocol"]), tuple(sorted(values.items())))
 
 
-def _same(one: Experiment, other: Experiment) -> bool:
+def _is_same(one: Experiment, other: Experiment) -> bool:
     """Return whether two experiments are equal up to rounding."""
     here, there = dict(one.params), dict(other.params)
     return (one.protocol, here.keys()) == (other.protocol, there.keys()) and all(

@@ -19,7 +19,7 @@ from s2r_spec.backend.protocols import PROTOCOL, protocol_of
 from s2r_spec.base.errors import SamplingError, TraceError, UsageError
 from s2r_spec.diagnose.data.protocols import canonical
 from s2r_spec.diagnose.notes import CUT, READ_AT
-from s2r_spec.diagnose.simulator.bench import Bench, blamed
+from s2r_spec.diagnose.simulator.bench import Bench, name_rollout
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.lang.conversion import Conversion
 from s2r_spec.lang.units import UnknownUnitError, parse_unit, unit_in_log
@@ -52,8 +52,8 @@ class RealRollouts:
     notes: tuple[str, ...] = ()
 
     def plus(self, bench: Bench, run: Recording) -> RealRollouts:
-        """Return these and one more; see :func:`converted`."""
-        trace = converted(bench, run)
+        """Return these and one more; see :func:`comparable_trace`."""
+        trace = comparable_trace(bench, run)
         if run.protocol:
             return replace(self, protocols=(*self.protocols, (experiment_of(bench, run), trace)))
         return replace(self, tests=(*self.tests, (dict(run.params), trace)))
@@ -88,7 +88,7 @@ def experiment_of(bench: Bench, run: Recording) -> Experiment:
     return canonical(protocol, {name: value for name, value in values.items() if name not in of_tests})
 
 
-def recorded(
+def recorded_rollouts(
     bench: Bench, real: Rollouts | Backend, budget: int | None = None, passive: bool = False
 ) -> RealRollouts:
     """Return recorded rollouts; a run of a protocol that the simulator does not have becomes a note.
@@ -117,7 +117,7 @@ def recorded(
     joined = sum(bool(run.trace.messages) for run in recordings)
     recordings = [replace(run, trace=run.trace.at_busiest().known()) for run in recordings]
     # A test outside the space is refused before any simulation.
-    used = [run if run.protocol else _inside(bench, run) for run in recordings[:budget]]
+    used = [run if run.protocol else _clip_to_ranges(bench, run) for run in recordings[:budget]]
     rollouts, left_out = RealRollouts(), Counter[str]()
     for run in used:
         try:
@@ -168,7 +168,7 @@ def _of_pairs(real: Rollouts) -> list[Recording]:
     return recordings
 
 
-def _inside(bench: Bench, run: Recording) -> Recording:
+def _clip_to_ranges(bench: Bench, run: Recording) -> Recording:
     """Return a recording with its test within the spec's ranges.
 
     Raises:
@@ -186,7 +186,7 @@ def _inside(bench: Bench, run: Recording) -> Recording:
     return replace(run, params=test)
 
 
-def converted(bench: Bench, run: Recording) -> Trace:
+def comparable_trace(bench: Bench, run: Recording) -> Trace:
     """Return the trace of a test, or of a protocol, in the simulator's units until the simulator's end.
 
     Where a window of the spec is shorter than the time between samples of a test, it gets the simulator's period.
@@ -201,7 +201,7 @@ def converted(bench: Bench, run: Recording) -> Trace:
             f"{run.source} lasts {run.trace.duration:.4g} s, {longer:.3g} times as long as a rollout of the simulator. "
             f"Its times seem to be in {unit}; convert them to s"
         )
-    trace = cut(as_simulated(run.trace, bench.backend), of.duration)
+    trace = truncate(convert_units(run.trace, bench.backend), of.duration)
     if run.protocol:
         return trace
     horizon = bench.spec.horizon(bench.requirement)
@@ -229,7 +229,7 @@ def _unit(times: float) -> str:
 def _period(bench: Bench, run: Recording) -> float:
     """Return the time between two samples of the simulator [s]."""
     experiment = experiment_of(bench, run)
-    with blamed(bench, {}, dict(experiment.params), 0):
+    with name_rollout(bench, {}, dict(experiment.params), 0):
         return period_of(experiment.run(bench.backend, 0).times)
 
 
@@ -249,7 +249,7 @@ def read_at(trace: Trace, period: float, until: float = 0.0) -> Trace:
     return replace(own.resample(period, rules), meta=dict(trace.meta) | {READ_AT: period})
 
 
-def cut(trace: Trace, duration: float) -> Trace:
+def truncate(trace: Trace, duration: float) -> Trace:
     """Return the first ``duration`` seconds of a trace; one that failed stays as it is."""
     # The last sample must not fall out by rounding, nor is one sample more a longer recording.
     period = trace.duration / max(len(trace) - 1, 1)
@@ -260,7 +260,7 @@ def cut(trace: Trace, duration: float) -> Trace:
     return replace(kept, meta=dict(trace.meta) | {CUT: duration})
 
 
-def as_simulated(trace: Trace, simulator: Backend) -> Trace:
+def convert_units(trace: Trace, simulator: Backend) -> Trace:
     """Return the trace with every channel in the simulator's unit, and NaN for values that are not finite.
 
     A channel without a unit is taken to be in the simulator's.

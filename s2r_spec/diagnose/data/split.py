@@ -51,14 +51,14 @@ def split(rollouts: RealRollouts, seed: int, apart: int = 0) -> TrainHeldOut:
         used = list(range(len(tests)))
     held = set(used) & set(range(apart))
     if not apart:
-        held = {used[k] for k in _drawn([tests[i] for i in used], seed)}
+        held = {used[k] for k in _draw_held_out([tests[i] for i in used], seed)}
     return TrainHeldOut(
         replace(rollouts, tests=tuple(tests[i] for i in used if i not in held)),
         tuple(tests[i] for i in used if i in held),
     )
 
 
-def _drawn(tests: Sequence[TestRun], seed: int) -> set[int]:
+def _draw_held_out(tests: Sequence[TestRun], seed: int) -> set[int]:
     """Return the places of the tests that are held out: all rollouts of some tests, drawn at random."""
     keys = [key_of(test) for test, _ in tests]
     different = list(dict.fromkeys(keys))

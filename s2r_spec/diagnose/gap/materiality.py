@@ -308,7 +308,7 @@ def same_failures(tables: Sequence[Sequence[int]]) -> float:
     return min(1.0, sum(mass for log, mass in sums.items() if log <= observed + 1e-6))
 
 
-def moderated(variances: FloatArray, freedom: FloatArray) -> tuple[FloatArray, float]:
+def moderate(variances: FloatArray, freedom: FloatArray) -> tuple[FloatArray, float]:
     """Return posterior means (T,) of variances, and their degrees of freedom.
 
     Args:
@@ -386,7 +386,7 @@ def _scatter(tests: Sequence[RolloutsAtTest], scale: float) -> tuple[FloatArray,
     repeated = np.array([one.size > 1 for one in samples])
     if not repeated.any():
         return np.zeros(len(tests)), 1.0
-    own, freedom = moderated(
+    own, freedom = moderate(
         np.array([max(float(one.var(ddof=1)), scale**2, 1e-300) for one in samples if one.size > 1]),
         np.array([one.size - 1.0 for one in samples if one.size > 1]),
     )

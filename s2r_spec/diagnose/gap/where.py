@@ -19,7 +19,7 @@ from s2r_spec.diagnose.gap.materiality import RolloutsAtTest
 from s2r_spec.diagnose.gap.surface import COUNTS, GapSurface, Predicted, gap_surface, grid_of, in_cube
 from s2r_spec.diagnose.residuals.shifts import Body, Residuals, shifts
 from s2r_spec.diagnose.simulator.axes import Values
-from s2r_spec.diagnose.simulator.bench import Bench, Test, places_of, seeded, table
+from s2r_spec.diagnose.simulator.bench import Bench, Test, places_of, table, with_seeds
 from s2r_spec.runs.seeds import SeedStream, rollout_seed
 from s2r_spec.space import key_of
 from s2r_spec.spec import Spec
@@ -71,7 +71,7 @@ class Pairs(NamedTuple):
     simulated: Sequence[tuple[Trace, float]]
 
 
-def where(
+def locate(
     spec: Spec,
     requirement: str,
     pairs: Pairs,
@@ -129,7 +129,7 @@ def predict(
     able = min(SECONDS / (2.0 * max(float(bench.backend.cost), 1e-4)), PLACES, len(grid))
     places = space.grid((max(int(able ** (1.0 / space.dim) + 1e-9), 3),) * space.dim)
     every = [*tests, *map(space.point, places)]
-    nominal, improved = table(bench, [{}, values], seeded(every, seed, SeedStream.FORETELL), executor)[0]
+    nominal, improved = table(bench, [{}, values], with_seeds(every, seed, SeedStream.FORETELL), executor)[0]
     gap = improved - nominal
     between = RBFInterpolator(in_cube(space, places), gap[len(tests) :], kernel="linear", degree=1)
     return Predicted(gap[: len(tests)], between(in_cube(space, grid)))

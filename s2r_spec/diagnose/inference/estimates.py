@@ -164,7 +164,7 @@ def effect_estimates(
     )
 
 
-def named(posterior: ModelPosterior) -> NDArray[np.bool_]:
+def is_named(posterior: ModelPosterior) -> NDArray[np.bool_]:
     """Return (E,) whether each effect is named."""
     return (posterior.beyond(UNNAMED) >= SURE) & (posterior.beyond(NAMED) >= LIKELY)
 

@@ -436,7 +436,7 @@ def fit(
         wide = np.maximum(np.abs(theta), deviation)
         errors = Errors(problem.errors(theta), wide, problem.law)
     components = Variances.prior(sum(len(one.parts) for one in observations))
-    groups = _grouped(problem, theta, errors)
+    groups = _group(problem, theta, errors)
     for step in range(STEPS):
         components = variances(groups, errors.sizes, components, 2 if step == 0 else 1)
         total = likelihood(groups, errors.sizes, components)
@@ -445,15 +445,15 @@ def fit(
         if np.abs(new - theta).max(initial=0.0) < CLOSE:
             break
         theta = new
-        groups = _grouped(problem, theta, errors)
+        groups = _group(problem, theta, errors)
     # The evidence of two fits can be compared only where their variances have settled.
     components = variances(groups, errors.sizes, components, ROUNDS)
-    secant_likelihood = likelihood(_grouped(problem, theta, errors, secants=True), errors.sizes, components)
+    secant_likelihood = likelihood(_group(problem, theta, errors, secants=True), errors.sizes, components)
     kinds = tuple(one.response.experiment.protocol for one in observations for _ in one.parts)
     return Fit(theta, errors, without_variants(secant_likelihood, effects), groups, kinds, components)
 
 
-def _grouped(problem: Problem, theta: FloatArray, errors: Errors, secants: bool = False) -> Groups:
+def _group(problem: Problem, theta: FloatArray, errors: Errors, secants: bool = False) -> Groups:
     """Return the groups of all experiments at θ."""
     pairs = zip(problem.observations, errors.variances, strict=True)
     return Groups.joined([one.groups(theta, own, secants) for one, own in pairs])
@@ -478,7 +478,7 @@ def search(problem: Problem, start: FloatArray | None = None) -> FloatArray:
     """
     observations = problem.observations
     theta = np.zeros(problem.prior.low.size) if start is None else start.copy()
-    tables = [_Table.of(problem, members, theta) for members in _together(problem)]
+    tables = [_Table.of(problem, members, theta) for members in _coupled(problem)]
     moves = [(k, j) for k, table in enumerate(tables) for j in range(len(table.points))]
     place = [table.points.index(tuple(theta[table.members].tolist())) for table in tables]
     residuals = [one.residual(theta) for one in observations]
@@ -508,7 +508,7 @@ def search(problem: Problem, start: FloatArray | None = None) -> FloatArray:
     return theta
 
 
-def _together(problem: Problem) -> list[list[int]]:
+def _coupled(problem: Problem) -> list[list[int]]:
     """Return the parameters that move together: each that stands alone, and those that depend on it."""
     dependence = problem.observations[0].dependence
     return [
@@ -565,7 +565,7 @@ def _points(problem: Problem, members: list[int]) -> list[tuple[float, ...]]:
     those of the library alone.
     """
     base, rest = members[0], members[1:]
-    simulated = _simulated(problem, base)
+    simulated = _library_coordinates(problem, base)
     if simulated.size < 2:
         return []
     first = np.array(
@@ -575,21 +575,21 @@ def _points(problem: Problem, members: list[int]) -> list[tuple[float, ...]]:
         [simulated, (simulated[1:] + simulated[:-1]) / 2.0, 0.25 * first[np.isfinite(first)]]
     )
     nominal = (0.0,) * len(rest)
-    points = [(x, *nominal) for x in _inside(problem, base, alone)]
+    points = [(x, *nominal) for x in _in_range(problem, base, alone)]
     for place, k in enumerate(rest):
-        for d in _inside(problem, k, _simulated(problem, k)):
+        for d in _in_range(problem, k, _library_coordinates(problem, k)):
             beside = (*nominal[:place], d, *nominal[place + 1 :])
-            points += [(x, *beside) for x in _inside(problem, base, simulated) if x and d]
+            points += [(x, *beside) for x in _in_range(problem, base, simulated) if x and d]
     return points
 
 
-def _simulated(problem: Problem, parameter: int) -> FloatArray:
+def _library_coordinates(problem: Problem, parameter: int) -> FloatArray:
     """Return the coordinates at which the library has some response to a parameter, and 0."""
     return np.unique(
         np.concatenate([[0.0], *(one.curves[parameter].coordinates for one in problem.observations)])
     )
 
 
-def _inside(problem: Problem, parameter: int, coordinates: FloatArray) -> list[float]:
+def _in_range(problem: Problem, parameter: int, coordinates: FloatArray) -> list[float]:
     low, high = problem.prior.low[parameter], problem.prior.high[parameter]
     return [float(x) for x in np.clip(coordinates, low, high)]

@@ -168,7 +168,7 @@ class _Tested:
         for number, (group, places) in enumerate(one.parts):
             stream = zlib.crc32(f"{one.response.experiment} {group}".encode())
             size, coherent = float(one.effective[number]), float(one.coherent[number])
-            drawn = _drawn(stream, responses[:, places], fit.errors.sizes, coherent, size)
+            drawn = _draw_residuals(stream, responses[:, places], fit.errors.sizes, coherent, size)
             squares = np.clip(np.vstack([data[places], drawn]), -LARGEST, LARGEST) ** 2
             share = size / places.size
             losses.append(_loss(squares, share))
@@ -192,7 +192,7 @@ class _Tested:
         )
 
 
-def _drawn(
+def _draw_residuals(
     stream: int, responses: FloatArray, sizes: FloatArray, coherent: float, effective: float
 ) -> FloatArray:
     """Return (M, n) residuals of a group in units of u, from (K + V, n) its responses.

@@ -139,17 +139,17 @@ def posterior(likelihood: Likelihood, theta: FloatArray, prior: SizePrior) -> Mo
     )
 
 
-def nearest(modes: Iterable[Set], members: Set) -> Set:
+def nearest_mode(modes: Iterable[Set], members: Set) -> Set:
     """Return the mode with the fewest causes that differ from those of a set; the first of several."""
-    return min(modes, key=lambda active: _apart(active, members))
+    return min(modes, key=lambda active: _distance(active, members))
 
 
-def _apart(active: Set, members: Set) -> int:
+def _distance(active: Set, members: Set) -> int:
     """Return the number of causes that only one of two sets has."""
     return len({*active} ^ {*members})
 
 
-def combined(posteriors: Mapping[Set, ModelPosterior]) -> ModelPosterior:
+def combine(posteriors: Mapping[Set, ModelPosterior]) -> ModelPosterior:
     """Return the posterior over the sets of several modes of the likelihood, for the same data and prior.
 
     Each mode has a likelihood of its own, which holds near it. So a set counts in the mode whose causes are most like
@@ -163,7 +163,7 @@ def combined(posteriors: Mapping[Set, ModelPosterior]) -> ModelPosterior:
     for active, one in posteriors.items():
         evidence = one.log_evidence + np.log(one.probability / one.probability[0])
         for row, members in enumerate(one.sets):
-            if _apart(active, members) > _apart(nearest(posteriors, members), members):
+            if _distance(active, members) > _distance(nearest_mode(posteriors, members), members):
                 continue
             if members not in largest or evidence[row] > largest[members][0]:
                 largest[members] = float(evidence[row]), one, row

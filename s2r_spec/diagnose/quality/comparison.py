@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.data.space_filling import TESTS
-from s2r_spec.diagnose.quality.recordings import Rollout, wide
+from s2r_spec.diagnose.quality.recordings import Rollout, as_columns
 from s2r_spec.diagnose.simulator.axes import EffectAxis, Values
 from s2r_spec.diagnose.simulator.bench import Bench, Job, Test, evenly, places_of, run_jobs
 from s2r_spec.trace import Trace
@@ -56,7 +56,7 @@ class View:
         out = np.full((len(at), len(self.columns)), np.nan)
         there = (at >= 0.0) & (at < own[-1] + period_of(own))
         for k, column in enumerate(self.columns):
-            values = wide(trace, column.channel)
+            values = as_columns(trace, column.channel)
             if column.place < values.shape[1]:
                 out[there, k] = np.interp(at[there], own, values[:, column.place])
         return out

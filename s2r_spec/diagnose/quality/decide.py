@@ -14,7 +14,7 @@ from s2r_spec.diagnose.quality.comparison import CLEAR, Comparison, compare
 from s2r_spec.diagnose.quality.faults import Fault, Undone, faults
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.quality.labels import labels
-from s2r_spec.diagnose.quality.machine import nearest
+from s2r_spec.diagnose.quality.machine import nearest_machine
 from s2r_spec.diagnose.quality.recordings import Recordings, Rollout
 from s2r_spec.diagnose.simulator.axes import EffectAxis
 from s2r_spec.diagnose.simulator.bench import Bench
@@ -79,11 +79,11 @@ def findings(
     first = by_channel(of)
     held, straight = hold(of)
     c = compare(bench, straight.rollouts, axes, executor, progress, [each.channel for each in first])
-    suspects = [] if c is None else suspected(bench, c, straight.rollouts, executor, progress)
+    suspects = [] if c is None else find_suspects(bench, c, straight.rollouts, executor, progress)
     return (*held, *suspects, *first)
 
 
-def suspected(
+def find_suspects(
     bench: Bench,
     c: Comparison,
     rollouts: Sequence[Rollout],
@@ -102,12 +102,12 @@ def suspected(
     def left(machine: Comparison, values: FloatArray, undone: Undone) -> float:
         return machine.misfit(values, there=undone.there) + machine.volume - c.volume
 
-    machine = nearest(bench, c, c.recorded, executor)
+    machine = nearest_machine(bench, c, c.recorded, executor)
     if not any(one.removes(MOST, one.before) for one in judged):
         # A mistake may stand beside an effect that is far from nominal.
         for k, one in enumerate(judged[:CAUSES]):
             values = one.undone.values
-            after = left(nearest(bench, c, values, executor), values, one.undone) + one.undone.price
+            after = left(nearest_machine(bench, c, values, executor), values, one.undone) + one.undone.price
             judged[k] = replace(one, after=min(one.after, after))
     out: dict[str, tuple[float, Finding]] = {}
     for one in sorted(judged, key=lambda one: one.after):

@@ -21,7 +21,7 @@ from s2r_spec.diagnose.simulator.library import CAUSES
 FloatArray = NDArray[np.float64]
 
 
-def nearest(
+def nearest_machine(
     bench: Bench, c: Comparison, values: FloatArray, executor: Callable[[], Executor] | None = None
 ) -> Comparison:
     """Return the comparison with the machine that explains recordings best in the nominal one's place.

@@ -121,7 +121,7 @@ class Cells:
         for name, column in _columns(self.widths):
             values = trace[name].reshape(len(trace), -1)[:, column] if name in trace.channels else missing
             ends = self._axes(name, column).items()
-            means += [averaged(values, places[key], len(each) - 1) for key, each in ends]
+            means += [cell_means(values, places[key], len(each) - 1) for key, each in ends]
         return np.concatenate(means)
 
 
@@ -137,7 +137,7 @@ def path(widths: Mapping[str, int], bench: Bench, trace: Trace, test: Test) -> F
     return np.column_stack([complete[name].reshape(len(complete), -1)[sample] for name in widths])
 
 
-def averaged(values: FloatArray, place: NDArray[np.intp], count: int) -> FloatArray:
+def cell_means(values: FloatArray, place: NDArray[np.intp], count: int) -> FloatArray:
     """Return (count,) means of (n,) values by their place; NaN where there is none."""
     there = np.isfinite(values)
     counts = np.bincount(place[there], minlength=count)

@@ -37,7 +37,7 @@ from s2r_spec.base.printable import spelled
 from s2r_spec.diagnose.gap import FEWEST, LEVEL, SHOTS
 from s2r_spec.diagnose.residuals.cells import CELLS, Cell, CellColumn, Cells, part_names, path, widths_of
 from s2r_spec.diagnose.simulator.axes import EffectAxis, Values
-from s2r_spec.diagnose.simulator.bench import Bench, Job, Test, evenly, places_of, run_jobs, seeded
+from s2r_spec.diagnose.simulator.bench import Bench, Job, Test, evenly, places_of, run_jobs, with_seeds
 from s2r_spec.diagnose.simulator.experiments import RESIDUAL
 from s2r_spec.runs.seeds import SeedStream
 from s2r_spec.space import key_of
@@ -154,7 +154,7 @@ def remainders(
     if len(whole) < FEWEST:
         return ()
     tests = [dict(key) for key in places_of([test for test, _ in whole])]
-    runs = seeded(tests, seed, SeedStream.REMAINDER, 2)
+    runs = with_seeds(tests, seed, SeedStream.REMAINDER, 2)
     first, again = runs[::2], runs[1::2]
     nominal = [(test, bench.seen(bench.run({}, test, own), test)) for test, own in again]
     nominal = [(test, trace) for test, trace in nominal if trace.failure is None] or nominal
@@ -190,8 +190,8 @@ def remainders(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of cells into which no rollout reaches
         for own in simulated:
-            sizes = _left(machine - own[at_test], usual, own[few] - usual, typical, other, columns)
-            each.append(_largest(*sizes, known, columns))
+            sizes = _surplus(machine - own[at_test], usual, own[few] - usual, typical, other, columns)
+            each.append(_largest_remainders(*sizes, known, columns))
     largest = min(each, key=lambda collected: max((surplus for surplus, *_ in collected), default=0.0))
     units, traces = nominal[0][1].units, [trace for _, trace in whole]
     collected = []
@@ -209,7 +209,7 @@ def remainders(
                 surplus, not column.residual, times, extent,
             )
         )  # fmt: skip
-    return ordered(collected)
+    return sort_remainders(collected)
 
 
 def _quantities(traces: Sequence[Trace]) -> dict[str, int]:
@@ -232,7 +232,7 @@ def _means(cells: Cells, step: float, bench: Bench, trace: Trace, test: Test) ->
     return row if trace.failure is None else np.full_like(row, np.nan)
 
 
-def _left(
+def _surplus(
     apart: FloatArray,
     nominal: FloatArray,
     explained: FloatArray,
@@ -274,7 +274,7 @@ def _left(
     return size, np.where((n >= FEWEST) & moved, np.nan_to_num(np.abs(size) / allowed), 0.0)
 
 
-def _largest(
+def _largest_remainders(
     size: FloatArray, surplus: FloatArray, known: NDArray[np.bool_], columns: Sequence[CellColumn]
 ) -> list[tuple[float, float, CellColumn, Cell]]:
     """Return the REPORTED columns with the largest surplus: this, the size and the cell; all arguments are (cells,).
@@ -317,7 +317,7 @@ def label(bench: Bench, nominal: tuple[Test, Trace], column: CellColumn, width: 
     return names[column.number] if len(names) == width else f"column {column.number}"
 
 
-def ordered(remainders: Sequence[Remainder]) -> tuple[Remainder, ...]:
+def sort_remainders(remainders: Sequence[Remainder]) -> tuple[Remainder, ...]:
     """Return remainders with the cause's place first.
 
     A residual of the equations of motion shows where a cause acts. A recorded channel also shows the controller's

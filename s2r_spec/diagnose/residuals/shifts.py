@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from s2r_spec.attribution.place import EXPLAINS, Place, Range, cause_first
 from s2r_spec.base.json_values import Count, Probability, Shown
 from s2r_spec.diagnose.gap import FEWEST, LEVEL, ROUNDING
-from s2r_spec.diagnose.residuals.cells import CELLS, averaged, part_names, widths_of
+from s2r_spec.diagnose.residuals.cells import CELLS, cell_means, part_names, widths_of
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
@@ -155,9 +155,9 @@ def shifts(
     columns = _columns([one.trace for several in (real, *simulated) for one in several])
     own = np.array([_cells(one, columns, duration) for one in real])
     other = np.array([[_cells(one, columns, duration) for one in several] for several in simulated])
-    rough = ROUNDING * np.tile(_largest(real, columns), 2)
+    rough = ROUNDING * np.tile(_largest_values(real, columns), 2)
     ends = windows()
-    rows = [_tested(tests, _window(own, *at), _window(other, *at), rough) for at in ends]
+    rows = [_window_statistics(tests, _window(own, *at), _window(other, *at), rough) for at in ends]
     mean, size, scatter, f, p = np.stack(rows, axis=1)  # (windows, 2c)
     testable = np.isfinite(p)
     q = np.ones(p.shape)
@@ -209,7 +209,7 @@ def _columns(traces: Sequence[Trace]) -> list[_Column]:
     return columns
 
 
-def _largest(every: Sequence[Residuals], columns: Sequence[_Column]) -> FloatArray:
+def _largest_values(every: Sequence[Residuals], columns: Sequence[_Column]) -> FloatArray:
     """Return (c,) the largest value in the unit of each column, in recordings and residuals."""
     units: dict[str, float] = {}
     for trace in (trace for one in every for trace in one):
@@ -225,7 +225,7 @@ def _cells(one: Residuals, columns: Sequence[_Column], duration: float) -> Float
     place = np.floor((one.trace.times - one.recorded.times[0]) / duration * CELLS + 1e-9).astype(int)
     inside = (place >= 0) & (place < CELLS)
     both = np.hstack([values, values**2])[inside]
-    return np.column_stack([averaged(column, place[inside], CELLS) for column in both.T])
+    return np.column_stack([cell_means(column, place[inside], CELLS) for column in both.T])
 
 
 def _window(cells: FloatArray, begin: int, end: int) -> FloatArray:
@@ -238,7 +238,9 @@ def _window(cells: FloatArray, begin: int, end: int) -> FloatArray:
     return np.where(2 * count >= end - begin, means, np.nan)
 
 
-def _tested(tests: FloatArray, own: FloatArray, other: FloatArray, rough: FloatArray) -> FloatArray:
+def _window_statistics(
+    tests: FloatArray, own: FloatArray, other: FloatArray, rough: FloatArray
+) -> FloatArray:
     """Return (5, 2c) mean, size, scatter of one rollout, F and p in a window; NaN with too few rollouts.
 
     Args:

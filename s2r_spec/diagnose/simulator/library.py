@@ -237,7 +237,7 @@ def library(
         BackendError: a nominal run fails, or responses to a variant are no numbers.
     """
     cache = Cache.usual() if cache is None else cache
-    parameters = effect_axes(catalogue_of(backend), _acting(backend, experiments, cache))
+    parameters = effect_axes(catalogue_of(backend), _cached_parameters(backend, experiments, cache))
     places = {e: f"responses/{_key(backend, e, parameters)}.npz" for e in experiments}
     missing = [e for e, place in places.items() if not (cache.folder / place).is_file()]
     # All missing experiments share one pool; a damaged file is made again alone.
@@ -257,13 +257,17 @@ def most_rollouts(
 ) -> dict[Experiment, int]:
     """Return experiment → largest number of rollouts that its response takes; 0 where the cache has it.
 
-    Runs nothing. Which parameters act alone is known only after :func:`acting`, so without its result in the cache
-    every parameter counts, and no response is taken from the cache.
+    Runs nothing. Which parameters act alone is known only after :func:`acting_parameters`, so without its result in
+    the cache every parameter counts, and no response is taken from the cache.
     """
     cache = Cache.usual() if cache is None else cache
     effects = catalogue_of(backend)
     tried = (cache.folder / f"acting/{_key(backend, tuple(experiments), ())}.npz").is_file()
-    parameters = effect_axes(effects, _acting(backend, experiments, cache)) if tried else effect_axes(effects)
+    parameters = (
+        effect_axes(effects, _cached_parameters(backend, experiments, cache))
+        if tried
+        else effect_axes(effects)
+    )
     probes = 0 if tried else 1 + sum(len(e.parameters) for e in effects if len(e.parameters) > 1)
     machines = _machines(parameters, list(backend.variants()) if isinstance(backend, HasVariants) else [])
 
@@ -277,7 +281,9 @@ def most_rollouts(
     return {experiment: rollouts(experiment) for experiment in experiments}
 
 
-def _acting(backend: Backend, experiments: Sequence[Experiment], cache: Cache) -> dict[str, frozenset[str]]:
+def _cached_parameters(
+    backend: Backend, experiments: Sequence[Experiment], cache: Cache
+) -> dict[str, frozenset[str]]:
     def save(parameters: dict[str, frozenset[str]], path: Path) -> None:
         np.savez(path, names=np.array(json.dumps({e: sorted(names) for e, names in parameters.items()})))
 
@@ -286,7 +292,7 @@ def _acting(backend: Backend, experiments: Sequence[Experiment], cache: Cache) -
             return {e: frozenset(names) for e, names in json.loads(str(arrays["names"])).items()}
 
     place = f"acting/{_key(backend, tuple(experiments), ())}.npz"
-    return cache.kept(place, load, lambda: acting(backend, experiments), save)
+    return cache.kept(place, load, lambda: acting_parameters(backend, experiments), save)
 
 
 def _make(
@@ -391,15 +397,15 @@ def _nominal_job(experiment: Experiment) -> _Job:
 
 def _point_job(experiment: Experiment, axis: EffectAxis, coordinate: float) -> _Job:
     """Return the runs of one point; at a coordinate of ±1 there are two, which show the scatter of the response."""
-    seeds = (SEED, SEED + 1) if abs(coordinate) == _middle(axis, coordinate) else _seeds(experiment)
-    return _Job(experiment, _frozen(axis.at(axis.value(coordinate))), "", seeds)
+    seeds = (SEED, SEED + 1) if abs(coordinate) == _middle_size(axis, coordinate) else _seeds(experiment)
+    return _Job(experiment, _freeze(axis.at(axis.value(coordinate))), "", seeds)
 
 
 def _practice_job(
     experiment: Experiment, parameters: Sequence[EffectAxis], machine: _Machine, number: int
 ) -> _Job:
     values = ResponseLibrary(tuple(parameters), ()).values(machine.theta)
-    return _Job(experiment, _frozen(values), machine.variant, (SEED + NOMINAL + number,))
+    return _Job(experiment, _freeze(values), machine.variant, (SEED + NOMINAL + number,))
 
 
 def _points(axis: EffectAxis) -> list[float]:
@@ -414,7 +420,7 @@ def _points(axis: EffectAxis) -> list[float]:
     return sorted(points)
 
 
-def _middle(axis: EffectAxis, coordinate: float) -> float:
+def _middle_size(axis: EffectAxis, coordinate: float) -> float:
     """Return the size nearest to 1 of all points on the same side."""
     side = [abs(c) for c in _points(axis) if c * coordinate > 0.0]
     return min(side, key=lambda size: abs(size - 1.0))
@@ -467,16 +473,16 @@ def _response(
         experiment,
         observables,
         nominal.mean(axis=0),
-        _single(nominal.std(axis=0, ddof=1)),
+        _single_precision(nominal.std(axis=0, ddof=1)),
         reference,
-        tuple(replace(curve, values=_single(curve.values)) for curve in curves),
-        _single(spread),
-        _single(np.array(variants).reshape(len(names), reference.size)),
+        tuple(replace(curve, values=_single_precision(curve.values)) for curve in curves),
+        _single_precision(spread),
+        _single_precision(np.array(variants).reshape(len(names), reference.size)),
         practice,
     )
 
 
-def _single(values: FloatArray) -> FloatArray:
+def _single_precision(values: FloatArray) -> FloatArray:
     """Return values in single precision, as the cache keeps them: so the first answer is the same as later ones."""
     return values.astype(np.float32).astype(float)
 
@@ -510,15 +516,15 @@ def vectors(backend: Backend, job: _Job, observables: Observables) -> NDArray[np
     return np.array(rows, dtype=np.float32)
 
 
-def simulated(
+def simulated_mean(
     backend: Backend, observables: Observables, experiment: Experiment, values: Values
 ) -> FloatArray:
     """Return (m,) the mean of an experiment with these effects, in the observables and with the seeds of a response."""
-    job = _Job(experiment, _frozen(values), "", _seeds(experiment))
+    job = _Job(experiment, _freeze(values), "", _seeds(experiment))
     return np.asarray(vectors(backend, job, observables).astype(float).mean(axis=0))
 
 
-def acting(backend: Backend, experiments: Sequence[Experiment]) -> dict[str, frozenset[str]]:
+def acting_parameters(backend: Backend, experiments: Sequence[Experiment]) -> dict[str, frozenset[str]]:
     """Return effect → parameters that change some experiment while the effect's others are nominal.
 
     Only an effect of several parameters is tried; without a parameter that acts alone it is left out.
@@ -536,7 +542,7 @@ def acting(backend: Backend, experiments: Sequence[Experiment]) -> dict[str, fro
             for experiment in experiments:
                 if experiment not in nominal:
                     nominal[experiment] = experiment.run(backend, SEED)
-                if not _same(experiment.run(changed, SEED), nominal[experiment]):
+                if not _is_same(experiment.run(changed, SEED), nominal[experiment]):
                     able.add(parameter.name)
                     break
         if able:
@@ -544,11 +550,11 @@ def acting(backend: Backend, experiments: Sequence[Experiment]) -> dict[str, fro
     return parameters
 
 
-def _same(a: Trace, b: Trace) -> bool:
+def _is_same(a: Trace, b: Trace) -> bool:
     return len(a) == len(b) and all(np.array_equal(a[name], b[name], equal_nan=True) for name in b.channels)
 
 
-def _frozen(values: Values) -> tuple[tuple[str, tuple[tuple[str, float], ...]], ...]:
+def _freeze(values: Values) -> tuple[tuple[str, tuple[tuple[str, float], ...]], ...]:
     return tuple((effect, tuple(sorted(numbers.items()))) for effect, numbers in sorted(values.items()))
 
 

@@ -124,7 +124,7 @@ def length(trace: Trace, test: RequestedTest) -> str | None:
 
 def gaps(trace: Trace, test: RequestedTest) -> str | None:
     """Refuse a log with a long gap between samples within the horizon."""
-    counted = _counted(trace, test.seconds)
+    counted = _in_horizon(trace, test.seconds)
     steps = np.diff(trace.times[counted])
     if not len(steps):
         return None
@@ -155,7 +155,7 @@ def commands(trace: Trace, test: RequestedTest) -> str | None:
     The median within the horizon is compared, which a ramp at the beginning changes little. After the command has
     reached the test it must stay there: an operator who releases the stick runs another test.
     """
-    counted = _counted(trace, test.seconds)
+    counted = _in_horizon(trace, test.seconds)
     for parameter in test.needs.parameters:
         for name in _commands_of(parameter.name, trace, counted):
             unit = trace.units.get(name)
@@ -198,7 +198,7 @@ def within_horizon(trace: Trace, seconds: float) -> Trace:
     return trace.between(trace.times[0], trace.times[0] + (seconds or math.inf))
 
 
-def _counted(trace: Trace, seconds: float) -> NDArray[np.bool_]:
+def _in_horizon(trace: Trace, seconds: float) -> NDArray[np.bool_]:
     """Return (n,) bool: whether each sample lies within the horizon [s]."""
     counted: NDArray[np.bool_] = trace.times - trace.times[0] <= (seconds or math.inf)
     return counted
@@ -230,7 +230,7 @@ OF_FAILURES: tuple[Check, ...] = (stated_test, commands)
 CHECKS: tuple[Check, ...] = (stated_test, channels, clock, length, commands, gaps, samples, score)
 
 
-def as_recorded(trace: Trace, needed: tuple[Channel, ...]) -> Trace:
+def in_common_form(trace: Trace, needed: tuple[Channel, ...]) -> Trace:
     """Return an accepted trace in the folder's common form: the channels of the spec in its units.
 
     A failed trace gets all of these channels, with NaN where its log has no valid one; its robustness is declared.

@@ -13,7 +13,7 @@ from s2r_spec.base.errors import S2RError
 from s2r_spec.diagnose.gap.where import Where
 from s2r_spec.report.check import test_words
 from s2r_spec.report.figures.canvas import BAD, BAND, GOOD, INK, Picture, draw, with_unit
-from s2r_spec.report.figures.tolerance import Component, Margins, held, margins, reads
+from s2r_spec.report.figures.tolerance import Component, Margins, held_predicates, margins, reads
 from s2r_spec.report.figures.traces import Panel, limits, paint_panel
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
@@ -114,7 +114,7 @@ def _limits(
         if around is None:
             return limits(spec, where.pair.requirement, trace, where.test, component)
         curves = []
-        for must in held(spec.formulas[where.pair.requirement]):
+        for must in held_predicates(spec.formulas[where.pair.requirement]):
             if reads(must.predicate, component):
                 margins_at = partial(margins, spec, trace, where.test, must, component, around=around)
                 here = margins_at(np.zeros(1))

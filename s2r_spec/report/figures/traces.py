@@ -14,7 +14,7 @@ from s2r_spec import logs
 from s2r_spec.base.errors import S2RError
 from s2r_spec.report.check import test_words
 from s2r_spec.report.figures.canvas import BAD, BAND, INK, MUTED, Picture, draw, with_unit
-from s2r_spec.report.figures.tolerance import Component, Margins, held, margins, reads
+from s2r_spec.report.figures.tolerance import Component, Margins, held_predicates, margins, reads
 from s2r_spec.runs.journal import Record
 from s2r_spec.runs.scorer import Scorer
 from s2r_spec.runs.task import run_task
@@ -104,7 +104,7 @@ def _picture(
     if trace is None:
         why = record.failure or "its trace is not on disk"
         return Picture(title, f"There is nothing to draw: {why}.", "", "")
-    reason = _explained(runs, trace, record)
+    reason = _explain(runs, trace, record)
     panels = _panels(runs, trace, record, beside)
 
     def paint(figure: Figure) -> None:
@@ -149,7 +149,7 @@ def _number(rho: float, unit: str) -> str:
     return f"{rho:+.4f} {unit}".rstrip()
 
 
-def _explained(runs: JournalRollouts, trace: Trace, record: Record) -> Explanation | None:
+def _explain(runs: JournalRollouts, trace: Trace, record: Record) -> Explanation | None:
     try:
         return runs.spec.explain(trace, runs.requirement, record.params)
     except S2RError:
@@ -215,7 +215,7 @@ def limits(
     values = np.linspace(low - 2 * span, high + 2 * span, _VALUES)
     curves = [
         margins(spec, trace, params, must, component, values)
-        for must in held(spec.formulas[requirement])
+        for must in held_predicates(spec.formulas[requirement])
         if reads(must.predicate, component)
     ]
     return tuple(limit for limit in curves if limit is not None)
