@@ -214,13 +214,15 @@ def _digest(measured: str) -> str:
     here, simulator = Path(__file__).parent, Path(s2r_sim.__file__).parent
     own = [path for path in sorted(here.rglob("*.py")) if path.relative_to(here).parts[0] not in _NOT_HASHED]
     theirs = [
-        path for path in sorted(simulator.rglob("*.py")) if _within(path.relative_to(simulator), _CONTROLLERS)
+        path
+        for path in sorted(simulator.rglob("*.py"))
+        if _is_within(path.relative_to(simulator), _CONTROLLERS)
     ]
     for path in (*own, *theirs):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 
 
-def _within(path: PurePath, places: frozenset[str]) -> bool:
+def _is_within(path: PurePath, places: frozenset[str]) -> bool:
     """Return whether a path is one of these files, or lies in one of these folders."""
     return any(place.as_posix() in places for place in (path, *path.parents))

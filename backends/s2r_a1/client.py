@@ -10,7 +10,7 @@ from typing import Any
 
 from s2r_a1.datagrams import LockStepSocket, RealTimeSocket
 from s2r_a1.guard.control import ControlError
-from s2r_a1.guard.limits import LIMITS, impossible
+from s2r_a1.guard.limits import LIMITS, impossibility
 from s2r_a1.guard.place import RobotAddress
 from s2r_a1.guard.start import attach
 from s2r_a1.link import UdpLink
@@ -100,7 +100,7 @@ class Client:
         if self.change.state == GONE:
             return None
         reading = self._link.read()
-        if reading is None or impossible(
+        if reading is None or impossibility(
             LIMITS, reading
         ):  # the guard forwards every state, and bridges bad ones
             return None

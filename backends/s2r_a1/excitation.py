@@ -72,18 +72,18 @@ def plan(protocol: str, amplitude: float, gain: float, seconds: float = np.inf) 
     made = reference(protocol, amplitude, gain)
     kp, kd = float(made.kp[0]), float(made.kd[0])
     return (
-        Segment(partial(_going, made.q[0], kp, kd, SETTLING)),
-        Segment(partial(_played, made, seconds), measured=True),
-        Segment(partial(_going, moves.STANDING, kp, kd, 0.0)),
+        Segment(partial(_go, made.q[0], kp, kd, SETTLING)),
+        Segment(partial(_play, made, seconds), measured=True),
+        Segment(partial(_go, moves.STANDING, kp, kd, 0.0)),
     )
 
 
-def _played(made: Reference, seconds: float, reading: Reading) -> Rows:
+def _play(made: Reference, seconds: float, reading: Reading) -> Rows:
     count = int(min(len(made.q), seconds * RATE + 1))
     return Rows(made.q[:count], made.dq[:count], made.kp[:count], made.kd[:count])
 
 
-def _going(target: FloatArray, kp: float, kd: float, held: float, reading: Reading) -> Rows:
+def _go(target: FloatArray, kp: float, kd: float, held: float, reading: Reading) -> Rows:
     """Return a smooth motion to a pose (12,) [rad], which is then held for a time [s].
 
     It begins beyond the measured angles, so that the new gains give the present torques of the motors.

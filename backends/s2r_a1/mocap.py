@@ -195,7 +195,7 @@ def velocity(poses: Poses, placing: Placing, gyro: Gyro, times: FloatArray) -> V
         MocapError: there are too few poses, they do not cover the test, the rates do not correlate, the heading is
             wrong, or the velocity is impossible.
     """
-    poses = _tracked(poses)
+    poses = _track(poses)
     if len(poses.times) < LEAST:
         raise MocapError(
             f"motion capture sent {len(poses.times)} valid poses, and {LEAST} are needed: check that it "
@@ -204,7 +204,7 @@ def velocity(poses: Poses, placing: Placing, gyro: Gyro, times: FloatArray) -> V
     attitude, yaw = _base(poses.quaternion, radians(placing.heading))
     offset, correlation = _offset(poses, _slope(poses.times, yaw), gyro)
     own = poses.times + offset
-    turned = _turned(attitude, own, gyro, placing.heading)
+    turned = _heading_error(attitude, own, gyro, placing.heading)
     if times[0] < own[0] - WINDOW or times[-1] > own[-1] + WINDOW:
         raise MocapError(
             "motion capture does not cover the whole rollout; check that it streams without a break"
@@ -232,7 +232,7 @@ def velocity(poses: Poses, placing: Placing, gyro: Gyro, times: FloatArray) -> V
     return estimate
 
 
-def _tracked(poses: Poses) -> Poses:
+def _track(poses: Poses) -> Poses:
     """Return the poses from which a velocity can be computed.
 
     A system that has lost a body may repeat its last pose at new times. A pose without another one within ``WINDOW``
@@ -240,12 +240,12 @@ def _tracked(poses: Poses) -> Poses:
     """
     pose = np.concatenate((poses.position, poses.quaternion), axis=1)
     moved = np.diff(pose, axis=0, prepend=np.nan) != 0.0
-    poses = _those(poses, np.logical_or.reduce(moved, axis=1))
+    poses = _select(poses, np.logical_or.reduce(moved, axis=1))
     first, last = _around(poses.times)
-    return _those(poses, last - first > 1)
+    return _select(poses, last - first > 1)
 
 
-def _those(poses: Poses, chosen: NDArray[np.bool_]) -> Poses:
+def _select(poses: Poses, chosen: NDArray[np.bool_]) -> Poses:
     return Poses(*(column[chosen] for column in poses))
 
 
@@ -281,7 +281,7 @@ def _offset(poses: Poses, rate: FloatArray, gyro: Gyro) -> tuple[float, float]:
     return guess + float(lags[best]) + refined * STEP, float(score[best])
 
 
-def _turned(attitude: FloatArray, own: FloatArray, gyro: Gyro, heading: float) -> float:
+def _heading_error(attitude: FloatArray, own: FloatArray, gyro: Gyro, heading: float) -> float:
     """Return the estimated error of the body's stated heading [deg].
 
     Args:

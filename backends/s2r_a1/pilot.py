@@ -15,7 +15,7 @@ from s2r_a1.ticks import SECONDS, TickUnit
 from s2r_a1.wire import A1, CLOSED_LOOP, MOTORS, Orders, Reading, pack, pack_reading, unpack
 from s2r_sim.controller.gains import RATE
 from s2r_sim.controller.trot import Controller, Memory, Tick
-from s2r_sim.robot.leg_kinematics import standing
+from s2r_sim.robot.leg_kinematics import stand_angles
 from s2r_sim.robot.signals import RobotState, VelocityCommand
 from s2r_sim.settings import Settings
 
@@ -107,7 +107,7 @@ class Pilot:
             quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
             gyro=np.zeros(3),
             accelerometer=np.array([0.0, 0.0, 9.81]),
-            q=standing(settings.robot, settings.gains.base_height),
+            q=stand_angles(settings.robot, settings.gains.base_height),
             dq=np.zeros(MOTORS),
             tau=np.zeros(MOTORS),
             temperature=np.full(MOTORS, 30.0),

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from s2r_a1.ticks import SECONDS, TickUnit, elapsed
+from s2r_a1.ticks import SECONDS, TickUnit, elapsed_ticks
 from s2r_a1.wire import Reading
 from s2r_sim.controller import estimator
 from s2r_sim.controller.estimator import Estimate
@@ -41,7 +41,7 @@ class Sensed(NamedTuple):
 
 def control_ticks(before: int, after: int, unit: TickUnit) -> float:
     """Return the time from one tick of the robot's clock to another, in control ticks of 2 ms."""
-    return elapsed(before, after) * SECONDS[unit] * RATE
+    return elapsed_ticks(before, after) * SECONDS[unit] * RATE
 
 
 def sense(robot: Robot, before: Sensed | None, reading: Reading, stance: Stance, ticks: float) -> Sensed:

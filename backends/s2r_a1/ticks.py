@@ -81,7 +81,7 @@ class Ticks:
             self._last = self._first = (now, tick)
             return None
         then, before = self._last
-        advance = elapsed(before, tick)
+        advance = elapsed_ticks(before, tick)
         if advance < 0:
             self._counters.backwards += 1
             return "backwards"
@@ -108,7 +108,7 @@ class Ticks:
         start, first = self._first
         if now - start < MEASURED:
             return
-        rate = elapsed(first, tick) / (now - start)
+        rate = elapsed_ticks(first, tick) / (now - start)
         self.unit = unit_of(rate)
         self.refusal = None
         if self.unit is None:
@@ -127,6 +127,6 @@ def unit_of(rate: float) -> TickUnit | None:
     return None
 
 
-def elapsed(before: int, after: int) -> int:
+def elapsed_ticks(before: int, after: int) -> int:
     """Return the ticks from one state to another, for a 32-bit clock that wraps around; negative if it went back."""
     return ((after - before + 0x80000000) & 0xFFFFFFFF) - 0x80000000

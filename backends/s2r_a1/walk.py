@@ -131,7 +131,7 @@ def move(
     reading = stand(line)
     if ready is not None:
         ready()
-    notes, ending = _moved(line, mover, motion, reading, begins)
+    notes, ending = _move(line, mover, motion, reading, begins)
     if ending is None or ending.state != GONE:
         _settle(line)
     if not notes or notes[-1].tick < 0:
@@ -175,7 +175,7 @@ def rest(line: Connection) -> None:
         line.receive()
 
 
-def _moved(
+def _move(
     line: Connection, mover: Mover, motion: str, reading: Reading, begins: Callable[[], None] | None
 ) -> tuple[list[Note], StateChange | None]:
     """Return the notes of a motion from a reading on, and the cause of an early end."""
@@ -196,21 +196,21 @@ def _moved(
                 begins()
                 begins = None
             if mover.is_done(note):
-                return notes, _halted(line) or stopped
+                return notes, _halt(line) or stopped
             ordered = orders(note)
         # Without a new state the last orders are sent again, to show the guard that this process is alive.
         try:
             line.send(ordered)
             newest = line.receive()
         except WireError as error:
-            return notes, _damped(line, f"the controller commands a number that no motor can take: {error}")
+            return notes, _damp(line, f"the controller commands a number that no motor can take: {error}")
         except BackendError as error:
             return notes, StateChange(GONE, "link", str(error))
         if line.change.state != motion.upper():
             return notes, line.change
 
 
-def _halted(line: Connection) -> StateChange | None:
+def _halt(line: Connection) -> StateChange | None:
     """Have the guard take over; return its change of state if it acted before."""
     try:
         line.request("halt")
@@ -219,7 +219,7 @@ def _halted(line: Connection) -> StateChange | None:
     return None
 
 
-def _damped(line: Connection, reason: str) -> StateChange:
+def _damp(line: Connection, reason: str) -> StateChange:
     """Have the robot damped; a fault of its controller is an outcome."""
     with suppress(BackendError):
         line.request("damp", reason=reason)

@@ -256,7 +256,7 @@ def pack(orders: Orders | MotorPacket, layout: Layout) -> bytes:
     """
     if isinstance(orders, MotorPacket):
         return orders.data
-    (q, dq), (kp, kd, tau) = _counted(orders)
+    (q, dq), (kp, kd, tau) = _counts(orders)
     return _command(q, dq, tau, kp, kd, layout)
 
 
@@ -336,10 +336,10 @@ def pack_reading(reading: Reading, layout: Layout) -> bytes:
     packet["foot_force"] = reading.foot_force
     packet["tick"] = reading.tick & 0xFFFFFFFF
     packet["remote"] = np.frombuffer(reading.remote, "u1")
-    return _closed(packet.tobytes(), layout)
+    return _close(packet.tobytes(), layout)
 
 
-def _counted(orders: Orders) -> tuple[list[list[float]], list[list[int]]]:
+def _counts(orders: Orders) -> tuple[list[list[float]], list[list[int]]]:
     """Return q and dq of some orders, and kp, kd and tau in counts, truncated towards zero.
 
     Raises:
@@ -376,7 +376,7 @@ def _command(
     """Return the packet for twelve motors in closed loop."""
     fields: list[Any] = [CLOSED_LOOP] * (6 * MOTORS)
     fields[1::6], fields[2::6], fields[3::6], fields[4::6], fields[5::6] = q, dq, tau, kp, kd
-    return _closed(layout.orders.pack(*fields), layout)
+    return _close(layout.orders.pack(*fields), layout)
 
 
 def _check_finite(what: str, *numbers: float) -> None:
@@ -385,7 +385,7 @@ def _check_finite(what: str, *numbers: float) -> None:
         raise WireError("number", f"a {what} has a number that is not finite")
 
 
-def _closed(packet: bytes, layout: Layout) -> bytes:
+def _close(packet: bytes, layout: Layout) -> bytes:
     """Return a packet with its head and checksum filled in."""
     data = layout.head + packet[len(layout.head) :]
     return data[:-4] + checksum(data).to_bytes(4, "little")

@@ -18,7 +18,7 @@ from s2r_sim.plant.noise import Noise, draw, with_instruments
 from s2r_sim.plant.plant import Plant, Saved
 from s2r_sim.plant.recorder import Recorder
 from s2r_sim.plant.sensors import SensorMemory, Sensors
-from s2r_sim.robot.leg_kinematics import standing
+from s2r_sim.robot.leg_kinematics import stand_angles
 from s2r_sim.robot.signals import RobotState, VelocityCommand
 from s2r_sim.settings import Settings
 
@@ -64,7 +64,7 @@ class Simulator:
         settings, plant, controller = self._settings, self._plant, self._controller
         period = Gait.of(settings.gains).period
         height = settings.gains.base_height
-        plant.place(np.array([0.0, 0.0, height]), np.zeros(3), standing(settings.robot, height))
+        plant.place(np.array([0.0, 0.0, height]), np.zeros(3), stand_angles(settings.robot, height))
         controller.restore(Memory())
         saved: dict[int, _Warm] = {}
         warm_up = round(settings.warm_up * RATE)

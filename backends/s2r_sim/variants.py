@@ -41,7 +41,7 @@ def variants(settings: Settings, noise: Noise) -> dict[str, tuple[Settings, Nois
         name: (replace(settings, physics=changed), noise) for name, changed in physics.items()
     }
     settings_by_name["lighter legs, heavier trunk"] = (
-        replace(settings, robot=_shifted(settings.robot)),
+        replace(settings, robot=_shift(settings.robot)),
         noise,
     )
     settings_by_name["twice the sensor noise"] = (settings, _louder(noise))
@@ -49,16 +49,16 @@ def variants(settings: Settings, noise: Noise) -> dict[str, tuple[Settings, Nois
     return settings_by_name
 
 
-def _shifted(robot: Robot) -> Robot:
+def _shift(robot: Robot) -> Robot:
     return replace(
         robot,
-        trunk=_scaled(robot.trunk, 1.0 + MASS_ERROR),
-        thigh=_scaled(robot.thigh, 1.0 - MASS_ERROR),
-        calf=_scaled(robot.calf, 1.0 - MASS_ERROR),
+        trunk=_scale(robot.trunk, 1.0 + MASS_ERROR),
+        thigh=_scale(robot.thigh, 1.0 - MASS_ERROR),
+        calf=_scale(robot.calf, 1.0 - MASS_ERROR),
     )
 
 
-def _scaled(inertia: Inertia, factor: float) -> Inertia:
+def _scale(inertia: Inertia, factor: float) -> Inertia:
     moments = {name: getattr(inertia, name) * factor for name in ("mass", "xx", "yy", "zz", "xy", "xz", "yz")}
     return replace(inertia, **moments)
 

@@ -14,7 +14,7 @@ from s2r_sim.plant.physics import FallLimits, Physics
 from s2r_sim.plant.recorder import Recorder
 from s2r_sim.protocols import PROTOCOLS as EXCITATION
 from s2r_sim.protocols.references import Reference, reference
-from s2r_sim.robot.constants import A1, GRAVITY, LEGS, Inertia, fused
+from s2r_sim.robot.constants import A1, GRAVITY, LEGS, Inertia, fuse
 from s2r_sim.robot.signals import MotorCommand, RobotState, VelocityCommand
 
 __all__ = [
@@ -37,7 +37,7 @@ __all__ = [
     "Tick",
     "VelocityCommand",
     "controller",
-    "fused",
+    "fuse",
     "logger",
     "reference",
     "replay",

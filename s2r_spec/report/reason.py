@@ -41,7 +41,8 @@ def reason(diagnosis: Diagnosis) -> str:
             return f"{cause} would do the same: check the recordings first."
         case Rule.MISTAKE:
             best = f"{_effects(diagnosis)} {_verb(diagnosis, 'fit')} best"
-            return f"Of the catalogue, {best}, but {_imitation(diagnosis)} would do the same and explains more: check the recordings first."
+            rival = f"{_imitation(diagnosis)} would do the same and explains more"
+            return f"Of the catalogue, {best}, but {rival}: check the recordings first."
         case _:
             return _join(material, *_unknown(diagnosis))
 

@@ -9,7 +9,7 @@ from s2r_a1.wire import A1, CLOSED_LOOP, Reading, pack, pack_reading, unpack, un
 from s2r_sim.controller import estimator
 from s2r_sim.plant.plant import Plant
 from s2r_sim.robot import rotation
-from s2r_sim.robot.leg_kinematics import standing
+from s2r_sim.robot.leg_kinematics import stand_angles
 from s2r_sim.robot.signals import MotorCommand
 from s2r_sim.settings import Settings
 
@@ -25,7 +25,7 @@ class PlantLine:
     def __init__(self, saved=None, lost=()):
         settings = Settings()
         self.plant = Plant(settings.robot, settings.physics)
-        self.stand = standing(settings.robot, settings.gains.base_height)
+        self.stand = stand_angles(settings.robot, settings.gains.base_height)
         self.plant.place(np.array([0.0, 0.0, settings.gains.base_height]), np.zeros(3), self.stand)
         if saved is not None:
             self.plant.restore(saved)

@@ -187,7 +187,7 @@ class Rig:
 
     def turn(self, rounds=1):
         """Turn rounds; the sockets that the guard opens meanwhile are the rig's."""
-        with mock.patch.object(loop, "opened", self._opened):
+        with mock.patch.object(loop, "open_socket", self._opened):
             for _ in range(rounds):
                 self.guard.turn()
 

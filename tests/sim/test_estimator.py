@@ -49,7 +49,7 @@ def test_leg_kinematics_are_pinocchio_s(leg):
 
 
 def test_a_vector_is_turned_by_the_rotation_matrix_and_back():
-    turned = rotation.turned(0.3, -0.4, 2.0, (1.0, 2.0, 3.0), sin, cos)
+    turned = rotation.rotate(0.3, -0.4, 2.0, (1.0, 2.0, 3.0), sin, cos)
     np.testing.assert_allclose(turned, rotation.matrix(0.3, -0.4, 2.0) @ [1.0, 2.0, 3.0], atol=1e-15)
     np.testing.assert_allclose(
         rotation.turned_back(0.3, -0.4, 2.0, turned, sin, cos), [1.0, 2.0, 3.0], atol=1e-14

@@ -62,7 +62,7 @@ _COMMANDS = {
 
 def _send(options: argparse.Namespace) -> int:
     """Send a request to a running guard."""
-    connection = Connection(_found(options.host, options.port))
+    connection = Connection(_find_guard(options.host, options.port))
     try:
         reply = connection.request(options.do)
         if options.do == "status":
@@ -76,7 +76,7 @@ def _send(options: argparse.Namespace) -> int:
     return 0
 
 
-def _found(host: str | None, port: int) -> Any:
+def _find_guard(host: str | None, port: int) -> Any:
     """Return the control socket of a robot's guard, or of the only running guard.
 
     Raises:
@@ -166,7 +166,7 @@ def _run(arguments: argparse.Namespace) -> int:
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     with os.fdopen(arguments.ready, "w") as ready:
         try:
-            guard = _begun(arguments)
+            guard = _begin(arguments)
         except S2RError as error:
             ready.write(f"error: {error}\n")
             return error.exit_code
@@ -178,7 +178,7 @@ def _run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _begun(arguments: argparse.Namespace) -> Any:
+def _begin(arguments: argparse.Namespace) -> Any:
     """Return a guard that holds the robot's lock and listens; None if another guard does."""
     from s2r_a1.guard.answers import answer
     from s2r_a1.guard.loop import Guard

@@ -139,7 +139,7 @@ def _arm(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
                 return None
             if sentence:
                 raise RefusedError(sentence)
-            guard.become(states.armed(guard.machine, guard.now))
+            guard.become(states.arm(guard.machine, guard.now))
         return {}
 
     return Deferred(party, poll, rounds=True)
@@ -251,7 +251,7 @@ def status(guard: Guard) -> dict[str, Any]:
         "dropped": followed.unusable,
         "temperatures": None if reading is None else reading.temperature.tolist(),
         "battery": _battery(guard),
-        "remote_seen": reading is not None and remote.seen(reading.remote),
+        "remote_seen": reading is not None and remote.is_on(reading.remote),
         "client": guard.client.party.pid if guard.client else None,
         "operators": [p.pid for p in guard.listener.parties if p.role == "operator" and p.open],
         "recording": str(guard.log.path) if guard.log else None,

@@ -243,7 +243,7 @@ class CheckedQuantities(NamedTuple):
         bad: number of impossible readings in a row.
         client: time since the client's newest commands [ns]; 0 if none are due.
         late: time between the last two rounds of the guard [ns].
-        power: the count of :func:`powered`.
+        power: the count of :func:`power_count`.
         strong: (12,) number of readings in a row above the torque limit.
         strained: (12,) number of rounds in a row above the torque of a warning.
     """
@@ -267,7 +267,7 @@ class LimitCheck(NamedTuple):
         word: cause of the end of a rollout that it stops.
         find: returns the reason for a stop, or None.
         measures: whether it judges the reading; such a check waits in a round without one.
-        covered: whether it passes every reading that is :func:`calm`.
+        covered: whether it passes every reading that is :func:`is_calm`.
     """
 
     name: str
@@ -277,7 +277,7 @@ class LimitCheck(NamedTuple):
     covered: bool = False
 
 
-def calm(limits: Limits, reading: Reading) -> bool:
+def is_calm(limits: Limits, reading: Reading) -> bool:
     """Return whether a reading is possible, and so far from every limit that it passes all covered checks.
 
     Nearly all readings of a walk are calm, so one test replaces six checks.
@@ -300,7 +300,7 @@ def calm(limits: Limits, reading: Reading) -> bool:
     )
 
 
-def impossible(limits: Limits, reading: Reading) -> str | None:
+def impossibility(limits: Limits, reading: Reading) -> str | None:
     """Return the reason why a reading is impossible for an intact robot, or None; NaN is impossible."""
     w, x, y, z = reading.quaternion.tolist()
     norm = w * w + x * x + y * y + z * z
@@ -314,10 +314,10 @@ def impossible(limits: Limits, reading: Reading) -> str | None:
     middle, inverse = limits.possible
     off = np.abs((reading.q - middle) * inverse)
     if not off.max() <= 1.0:
-        joint = _worst(off)
+        joint = _worst_joint(off)
         return f"the encoder of the {JOINTS[joint]} reports {reading.q[joint]:.3g} rad, an impossible angle"
     if not np.abs(reading.dq).max() <= limits.wild_speed:
-        joint = _worst(np.abs(reading.dq))
+        joint = _worst_joint(np.abs(reading.dq))
         return (
             f"the encoder of the {JOINTS[joint]} reports {reading.dq[joint]:.3g} rad/s, an impossible speed"
         )
@@ -330,7 +330,7 @@ def power(reading: Reading) -> float:
     return sum(map(abs, watts))
 
 
-def powered(limits: Limits, count: int, watts: float) -> int:
+def power_count(limits: Limits, count: int, watts: float) -> int:
     """Return the vendor's count of power after one more reading: up by one above the level's power, else down by one.
 
     Source: observed behaviour of ``Safety.PowerProtect`` in the vendor's compiled library: levels 1 to 10 are 100 to
@@ -339,8 +339,8 @@ def powered(limits: Limits, count: int, watts: float) -> int:
     return count + 1 if watts > limits.watts else max(count - 1, 0)
 
 
-def allowed(limits: Limits, command: MotorPacket) -> bool:
-    """Return whether a client's command may be passed on unchanged: :func:`clipped` would change nothing in it."""
+def is_allowed(limits: Limits, command: MotorPacket) -> bool:
+    """Return whether a client's command may be passed on unchanged: :func:`clip` would change nothing in it."""
     q = command.q
     for place, (low, high) in enumerate(zip(limits.lowest, limits.highest, strict=True)):
         angles = q[place::3]
@@ -357,7 +357,7 @@ def allowed(limits: Limits, command: MotorPacket) -> bool:
     )
 
 
-def clipped(limits: Limits, orders: Orders) -> tuple[Orders, int] | None:
+def clip(limits: Limits, orders: Orders) -> tuple[Orders, int] | None:
     """Return a client's commands within the limits, and the number of clipped values.
 
     None if a number is not finite or a gain is negative. A speed beyond the joint's limit switches the speed loop off:
@@ -388,7 +388,7 @@ def clipped(limits: Limits, orders: Orders) -> tuple[Orders, int] | None:
     return within, int(np.count_nonzero(beyond))
 
 
-def _worst(values: FloatArray) -> int:
+def _worst_joint(values: FloatArray) -> int:
     """Return the index of the largest value; NaN counts as the largest."""
     return int(np.argmax(values))
 
@@ -415,7 +415,7 @@ def _client(limits: Limits, seen: CheckedQuantities) -> str | None:
     return None
 
 
-def _held_up(limits: Limits, seen: CheckedQuantities) -> str | None:
+def _guard_delay(limits: Limits, seen: CheckedQuantities) -> str | None:
     if seen.late >= limits.silence:
         return (
             f"the guard itself was delayed by {seen.late / MS:.0f} ms; run no other programs on its machine"
@@ -441,14 +441,14 @@ def _motor(limits: Limits, seen: CheckedQuantities) -> str | None:
 
 
 def _heat(limits: Limits, seen: CheckedQuantities) -> str | None:
-    return _above(limits.hot, seen.reading.temperature)
+    return _too_hot(limits.hot, seen.reading.temperature)
 
 
 def _warmth(limits: Limits, seen: CheckedQuantities) -> str | None:
-    return _above(limits.warm, seen.reading.temperature)
+    return _too_hot(limits.warm, seen.reading.temperature)
 
 
-def _above(limit: float, temperature: FloatArray) -> str | None:
+def _too_hot(limit: float, temperature: FloatArray) -> str | None:
     if temperature.max() < limit:
         return None
     joint = int(np.argmax(temperature))
@@ -484,7 +484,7 @@ def _joints(limits: Limits, seen: CheckedQuantities) -> str | None:
     off = np.abs((q - middle) * inverse)
     if off.max() <= 1.0:
         return None
-    joint = _worst(off)
+    joint = _worst_joint(off)
     bound = (limits.lowest if q[joint] < middle[joint] else limits.highest)[joint % 3]
     return f"the {JOINTS[joint]} is at {q[joint]:.2f} rad, within {limits.margin:g} rad of its limit of {bound:.2f} rad"
 
@@ -495,7 +495,7 @@ def _deviation(limits: Limits, seen: CheckedQuantities) -> str | None:
     off = np.abs(seen.reading.q - seen.desired)
     if off.max() <= limits.deviation:
         return None
-    joint = _worst(off)
+    joint = _worst_joint(off)
     return (
         f"the {JOINTS[joint]} is {off[joint]:.2f} rad from where it should be; "
         "check what holds it, and whether its motor is weak"
@@ -523,7 +523,7 @@ LINK = LimitCheck("link", "link", _link, measures=False)
 ABSENT = LimitCheck("absence", "link", _absent, measures=False)
 NUMBERS = LimitCheck("numbers", "link", _numbers, measures=False)
 CLIENT = LimitCheck("client", "client", _client, measures=False)
-HELD_UP = LimitCheck("guard", "link", _held_up, measures=False)
+HELD_UP = LimitCheck("guard", "link", _guard_delay, measures=False)
 BUTTON = LimitCheck("button", "operator", _button)
 MOTOR = LimitCheck("motor", "motor", _motor)
 HEAT = LimitCheck("heat", "heat", _heat, covered=True)

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
-from s2r_a1.datagrams import Address, LinkError, Socket, is_loopback, opened
+from s2r_a1.datagrams import Address, LinkError, Socket, is_loopback, open_socket
 from s2r_a1.guard import moves, states
 from s2r_a1.guard.control import Listener, Party, RefusedError, Request
 from s2r_a1.guard.limits import LIMITS, ROUND, SECOND
@@ -157,24 +157,24 @@ class Guard:
         if self.link is None:
             self.link = self._opened()
             self.link.tap = self._record
-        self.become(states.connected(self.machine, self.now))
+        self.become(states.connect(self.machine, self.now))
         self._orders, self._due = RULES[self.machine.state].orders(self.machine, self.now, self.limits), 0
 
     def _opened(self) -> Link:
         robot = self.robot
         peer = (robot.host, robot.port)
         if not robot.module:
-            self._socket = opened(peer, lockstep=self.lockstep, port=robot.local)
+            self._socket = open_socket(peer, lockstep=self.lockstep, port=robot.local)
             return UdpLink(self._socket, self.layout)
         if self.lockstep:
             raise LinkError("the vendor's module runs only in real time; leave out module or clock=lockstep")
         from s2r_a1 import vendor  # imported only if the user names a third-party module
 
-        return vendor.opened(robot.module, self.layout, peer, robot.local)
+        return vendor.open_link(robot.module, self.layout, peer, robot.local)
 
     def disconnect(self) -> None:
         """Close the link to a robot that does not answer."""
-        self.become(states.disconnected(self.machine, self.now))
+        self.become(states.disconnect(self.machine, self.now))
         self._close_link()
 
     def reset(self) -> None:
@@ -199,7 +199,7 @@ class Guard:
             LinkError: its port cannot be reached.
         """
         address = ("127.0.0.1", port)
-        socket = opened(address, lockstep=self.lockstep)
+        socket = open_socket(address, lockstep=self.lockstep)
         self.client = ClientSession(party, address, socket, RobotSide(socket, self.layout))
         return socket.port
 
@@ -216,12 +216,12 @@ class Guard:
         """
         if self.client and self.client.party is party:
             self.release()
-            self.become(states.left(self.machine, self.now))
+            self.become(states.leave(self.machine, self.now))
         elif self.client and party.role == "operator" and not self.attended:
-            self.become(states.left(self.machine, self.now, "operator"))
+            self.become(states.leave(self.machine, self.now, "operator"))
         elif not self.client and not self.listener.parties:
             reason = "no program is attached to the guard"
-            self.become(states.stopped(self.machine, True, "operator", reason))
+            self.become(states.stop(self.machine, True, "operator", reason))
 
     def release(self) -> None:
         """Remove the client; the robot's state does not change."""
@@ -298,7 +298,7 @@ class Guard:
     def stop(self, reason: str) -> None:
         """Make a standing robot lie down, and then end."""
         self.ending = True
-        self.become(states.stopped(self.machine, True, "operator", reason))
+        self.become(states.stop(self.machine, True, "operator", reason))
 
     def _ended(self) -> bool:
         """Return whether the guard may end now."""
@@ -369,7 +369,7 @@ class Guard:
             ready = self._ready([] if watched is None else [watched], max(left, 0) / SECOND)
             is_due = left <= 0 or (not ready and time.monotonic_ns() >= self._due)
             if watched in ready or (watched is None and is_due):
-                arrival = _newest(arrival, self._read(link))
+                arrival = _merge(arrival, self._read(link))
             self._serve(ready)
             if is_due:
                 return self._ordered(self.client, arrival)
@@ -412,7 +412,7 @@ class Guard:
 
     def _read(self, link: Link) -> Arrival:
         """Return the arrived states; pass a valid one on to the client."""
-        arrival = states.arrived(self.limits, link.read(), link.fault)
+        arrival = states.judge_arrival(self.limits, link.read(), link.fault)
         if arrival.reading is not None:
             self.packet = link.packet
             if self.client:
@@ -439,7 +439,7 @@ class Guard:
     def _look_at_log(self, log: RawLogWriter) -> None:
         """Make the robot lie down if the disk fails, and end the recording of a client that has left."""
         if log.failure and not self.machine.wanted:
-            self.become(states.stopped(self.machine, True, "disk", log.failure, now_=True))
+            self.become(states.stop(self.machine, True, "disk", log.failure, now_=True))
         if self.client is None and not self.moving() and not RULES[self.machine.state].stands:
             self.finish_recording()
 
@@ -472,7 +472,7 @@ class Guard:
             if deferred.rounds is not rounds:
                 self._pending.append(deferred)
             elif deferred.party.open:
-                self._reply(deferred.party, partial(_polled, deferred))
+                self._reply(deferred.party, partial(_poll, deferred))
 
     def _answered(self, party: Party, request: Request | str) -> dict[str, Any] | Deferred:
         if isinstance(request, str):
@@ -503,14 +503,14 @@ class Guard:
         self.link = self._socket = None
 
 
-def _newest(before: Arrival, after: Arrival) -> Arrival:
+def _merge(before: Arrival, after: Arrival) -> Arrival:
     """Combine two reads of a round: the newest valid reading, or whether an impossible one arrived."""
     if after.reading is not None:
         return after
     return before if before.reading is not None else after._replace(bad=before.bad or after.bad)
 
 
-def _polled(deferred: Deferred) -> dict[str, Any] | Deferred:
+def _poll(deferred: Deferred) -> dict[str, Any] | Deferred:
     reply = deferred.poll()
     return deferred if reply is None else reply
 

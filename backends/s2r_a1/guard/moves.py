@@ -40,7 +40,7 @@ DAMPING = 3.0
 """A level [N·m·s/rad]: speed gain of a damped robot. Source: unitree_guide."""
 
 ZERO = np.zeros(MOTORS)
-STANDING = np.tile(leg.standing(leg.A1, STAND_HEIGHT), 4)
+STANDING = np.tile(leg.stand_angles(leg.A1, STAND_HEIGHT), 4)
 """A definition: pose of the stand, with the feet below the hips."""
 LYING = np.tile([0.0, 1.305, -2.61], 4)
 """A definition: final pose of lying down, 0.12 m high, with the calves 0.09 rad from their stops."""
@@ -65,7 +65,7 @@ def done(motion: PoseMotion, now: int) -> bool:
     return now - motion.begun >= motion.span
 
 
-def desired(motion: PoseMotion, now: int) -> tuple[FloatArray, FloatArray]:
+def desired_state(motion: PoseMotion, now: int) -> tuple[FloatArray, FloatArray]:
     """Return the reference angles and speeds of a motion now [rad, rad/s]."""
     if done(motion, now):
         return motion.target, ZERO
@@ -76,7 +76,7 @@ def desired(motion: PoseMotion, now: int) -> tuple[FloatArray, FloatArray]:
 
 def orders(motion: PoseMotion, now: int) -> Orders:
     """Return the motor commands of a motion."""
-    q, dq = desired(motion, now)
+    q, dq = desired_state(motion, now)
     return Orders(q, dq, KP, KD, ZERO)
 
 
@@ -85,7 +85,7 @@ def standing_up(q: FloatArray, now: int) -> PoseMotion:
     return PoseMotion(q, STANDING, now, STAND_UP)
 
 
-def catching(q: FloatArray, tau: FloatArray, now: int) -> PoseMotion:
+def catch(q: FloatArray, tau: FloatArray, now: int) -> PoseMotion:
     """Return the motion from a walk to the stand.
 
     It begins beyond the measured angles, so that the stand's gains give the present torques of the motors. Otherwise

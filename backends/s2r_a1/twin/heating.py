@@ -23,6 +23,6 @@ TIME_CONSTANT = 300.0
 """A level [s]: time constant of the temperature."""
 
 
-def warmed(temperature: FloatArray, torque: FloatArray, seconds: float) -> FloatArray:
+def warm(temperature: FloatArray, torque: FloatArray, seconds: float) -> FloatArray:
     """Return (12,) temperatures [°C] after a time [s] at (12,) torques [N·m]."""
     return temperature + (AMBIENT + RISE * torque**2 - temperature) * (seconds / TIME_CONSTANT)

@@ -78,7 +78,7 @@ class FaultKind(NamedTuple):
     does: str
 
 
-def acting(injects: Iterable[Inject], round_: int, *kinds: str) -> Iterator[Inject]:
+def acting_faults(injects: Iterable[Inject], round_: int, *kinds: str) -> Iterator[Inject]:
     """Yield the faults of these kinds that act in a round."""
     return (inject for inject in injects if inject.kind in kinds and inject.acts(round_))
 
@@ -148,7 +148,7 @@ def _word(*words: str) -> Callable[[str], str]:
     return read
 
 
-def _nothing(text: str) -> None:
+def _no_value(text: str) -> None:
     raise ValueError(f"it takes no value; leave out ={text}")
 
 
@@ -168,8 +168,8 @@ KINDS: dict[str, FaultKind] = {
     "reorder": FaultKind(1.0, _probability, "delivers states a round late, after that round's own"),
     "corrupt": FaultKind(1.0, _probability, "flips one bit of a state, with a probability per packet"),
     "short": FaultKind(1.0, _probability, "truncates states, with a probability per packet"),
-    "silence": FaultKind(None, _nothing, "sends no state"),
-    "stuck_tick": FaultKind(None, _nothing, "stops the tick"),
+    "silence": FaultKind(None, _no_value, "sends no state"),
+    "stuck_tick": FaultKind(None, _no_value, "stops the tick"),
     "back_tick": FaultKind(
         100.0, _number(-1e6, 1e6), "sets the tick back by a number of ms; negative numbers set it ahead"
     ),

@@ -30,7 +30,7 @@ _RELEASED = np.zeros(12)
 
 
 @lru_cache(maxsize=16)
-def lying(physics: Physics) -> Saved:
+def lying_state(physics: Physics) -> Saved:
     """Return the state of a robot that lies still; the same for all twins of a place."""
     plant = Plant(A1, physics, knees=True)
     plant.place(np.array([0.0, 0.0, _ABOVE]), np.array([0.0, -radians(physics.slope), 0.0]), FOLDED)

@@ -20,11 +20,11 @@ from s2r_a1 import remote
 from s2r_a1.ticks import TickUnit
 from s2r_a1.twin.body import Body
 from s2r_a1.twin.firmware import Firmware, ReceivedCommand, Silence, read_command
-from s2r_a1.twin.injects import Injects, acting
+from s2r_a1.twin.injects import Injects, acting_faults
 from s2r_a1.twin.mocap import Mocap
 from s2r_a1.twin.network import Network
 from s2r_a1.twin.places import physics
-from s2r_a1.twin.reports import distorted, packed, tick
+from s2r_a1.twin.reports import distort, pack, tick
 from s2r_a1.twin.start import write_start
 from s2r_a1.wire import A1, Layout, Orders, Reading, WireError
 from s2r_sim.plant.noise import Noise
@@ -177,7 +177,7 @@ class Twin:
         settings, injects, round_ = self.settings, self.injects, self.rounds
         orders = self._firmware.orders(round_, self.truth().q)
         push = np.zeros(3)
-        for pushed in acting(injects, round_, "push"):
+        for pushed in acting_faults(injects, round_, "push"):
             push[1] += pushed.number
         sensors = self._body.step(_limp(orders, injects, round_), push)
         reading = Reading(
@@ -190,15 +190,15 @@ class Twin:
             sensors.temperature,
             self._firmware.mode,
             tick(round_, self._start_tick, settings.tick_unit, injects),
-            remote.packed(),
+            remote.pack_buttons(),
             foot_force=sensors.foot_force,
         )
-        return packed(distorted(reading, round_, injects), settings.layout)
+        return pack(distort(reading, round_, injects), settings.layout)
 
 
 def _limp(orders: Orders, injects: Injects, round_: int) -> Orders:
     """Return the motor commands without those for motors that have dropped out."""
-    for dropped in acting(injects, round_, "mode"):
+    for dropped in acting_faults(injects, round_, "mode"):
         works = np.ones_like(orders.tau)
         works[list(dropped.per_motor.motors)] = 0.0
         orders = orders._replace(kp=works * orders.kp, kd=works * orders.kd, tau=works * orders.tau)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from s2r_sim.controller.gains import RATE
 from s2r_sim.robot.constants import GRAVITY, LEGS, Robot
 from s2r_sim.robot.leg_kinematics import foot_motion
-from s2r_sim.robot.rotation import turned, turned_back
+from s2r_sim.robot.rotation import rotate, turned_back
 from s2r_sim.robot.signals import RobotState
 
 FloatArray = NDArray[np.float64]
@@ -79,10 +79,10 @@ def leg_odometry(
         (x, y, z), (dx, dy, dz), (sx, sy, sz) = foot_motion(
             robot, leg, measured.q[joints], measured.dq[joints], sin, cos
         )
-        _, _, foot = turned(roll, pitch, yaw, (x, y, z), sin, cos)
+        _, _, foot = rotate(roll, pitch, yaw, (x, y, z), sin, cos)
         moved = (dx + wy * z - wz * y, dy + wz * x - wx * z, dz + wx * y - wy * x)
-        ux, uy, uz = turned(roll, pitch, yaw, moved, sin, cos)
-        spin_x, spin_y, _ = turned(roll, pitch, yaw, (sx + wx, sy + wy, sz + wz), sin, cos)
+        ux, uy, uz = rotate(roll, pitch, yaw, moved, sin, cos)
+        spin_x, spin_y, _ = rotate(roll, pitch, yaw, (sx + wx, sy + wy, sz + wz), sin, cos)
         height = height + stands * (radius - foot)
         vx = vx + stands * (radius * spin_y - ux)
         vy = vy - stands * (radius * spin_x + uy)
@@ -106,7 +106,7 @@ def motion(
     """
     height, velocity = leg_odometry(robot, measured, stance, sin, cos)
     roll, pitch, yaw = measured.rpy
-    ax, ay, az = turned(roll, pitch, yaw, force, sin, cos)
+    ax, ay, az = rotate(roll, pitch, yaw, force, sin, cos)
     return BaseMotion(height, velocity, (ax, ay, az - GRAVITY))
 
 

@@ -11,7 +11,7 @@ from s2r_sim.plant.channels import TRUE_CHANNELS
 from s2r_sim.plant.physics import Physics
 from s2r_sim.robot.constants import LEGS, Robot
 from s2r_sim.robot.leg_kinematics import foot_motion
-from s2r_sim.robot.rotation import turned
+from s2r_sim.robot.rotation import rotate
 from s2r_sim.robot.signals import RobotState, VelocityCommand
 
 FloatArray = NDArray[np.float64]
@@ -118,8 +118,8 @@ class Recorder:
             joints = slice(3 * i, 3 * i + 3)
             motion = foot_motion(self._robot, leg, truth.q[joints], truth.dq[joints], np.sin, np.cos)
             moved = np.cross(truth.omega, motion.position, axis=0) + motion.velocity
-            position += [*(truth.position + turned(roll, pitch, yaw, motion.position, np.sin, np.cos))]
-            velocity += [*(truth.velocity + turned(roll, pitch, yaw, moved, np.sin, np.cos))]
+            position += [*(truth.position + rotate(roll, pitch, yaw, motion.position, np.sin, np.cos))]
+            velocity += [*(truth.velocity + rotate(roll, pitch, yaw, moved, np.sin, np.cos))]
         return np.transpose(position), np.transpose(velocity)
 
     def _predicted(self, own: RobotState) -> FloatArray:
@@ -131,9 +131,9 @@ class Recorder:
         spatial = np.array([none if d.solution is None else d.solution.base for d in self._done]).T
         roll, pitch, yaw = own.rpy
         # Spatial and classical acceleration differ by ω × v; pitch and roll alone lead to the heading frame.
-        forward, left, up = turned(roll, pitch, 0.0, spatial[:3], np.sin, np.cos)
-        wx, wy, wz = turned(roll, pitch, 0.0, own.omega, np.sin, np.cos)
-        vx, vy, vz = turned(0.0, 0.0, -yaw, own.velocity, np.sin, np.cos)
+        forward, left, up = rotate(roll, pitch, 0.0, spatial[:3], np.sin, np.cos)
+        wx, wy, wz = rotate(roll, pitch, 0.0, own.omega, np.sin, np.cos)
+        vx, vy, vz = rotate(0.0, 0.0, -yaw, own.velocity, np.sin, np.cos)
         acceleration = (forward + wy * vz - wz * vy, left + wz * vx - wx * vz, up + wx * vy - wy * vx)
         return np.where([d.solution is None for d in self._done], 0.0, acceleration).T
 

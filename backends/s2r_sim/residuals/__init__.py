@@ -13,7 +13,7 @@ which it acts, under any reaction of the controller. It disappears when the mode
 the world contains it.
 
 ``motion.py`` has the quantities that depend on no world, computed once for a trace.
-``world.py`` has the quantities of a world. ``yielding.py`` gives the compliance of its
+``world.py`` has the quantities of a world. ``compliance.py`` gives the compliance of its
 ground, ``footing.py`` the unevenness, and ``play.py`` the rotors in the play of their gears.
 
 Recorded joints and attitude come from the robot's own sensors. The true motion is the
@@ -39,7 +39,7 @@ from s2r_sim.parameters import Test, read_test
 from s2r_sim.plant.channels import FEET, JOINTS
 from s2r_sim.plant.physics import Physics
 from s2r_sim.protocols import PROTOCOLS
-from s2r_sim.residuals.motion import RecordedMotion, hann, recorded
+from s2r_sim.residuals.motion import RecordedMotion, hann, recorded_motion
 from s2r_sim.residuals.world import ModelledMotion, Protocol
 from s2r_sim.settings import Settings
 from s2r_spec.effects import Choice
@@ -110,13 +110,18 @@ def residuals(
             f"residuals need {len(window) + 1} samples or more, and the trace has {len(trace)}; "
             f"they are averaged over {WINDOW:g} s"
         )
-    log = recorded(trace, settings.robot)
+    log = recorded_motion(trace, settings.robot)
     bare, here = test.world(settings.physics), test.world(with_effects(settings.physics, effects))
     return Trace(
         _inner(trace.times[:-1] + log.dt / 2, window),
         {
-            one.name: _averaged(
-                one, log, settings.gains, _shown(bare, one.knows), _shown(here, one.knows), (test, protocol)
+            one.name: _averages(
+                one,
+                log,
+                settings.gains,
+                _with_fields(bare, one.knows),
+                _with_fields(here, one.knows),
+                (test, protocol),
             )
             for one in possible
         },
@@ -134,7 +139,7 @@ def _protocol(trace: Trace, params: Mapping[str, float]) -> Protocol | None:
 
 
 @lru_cache(maxsize=128)
-def _averaged(
+def _averages(
     one: _Residual,
     log: RecordedMotion,
     gains: Gains,
@@ -144,7 +149,7 @@ def _averaged(
 ) -> FloatArray:
     """Return the (m, columns) averages of a residual; cached, for most worlds change only one or two residuals."""
     window = hann(log.trace.times, WINDOW)
-    return _inner(convolve1d(one.of(_moving(log, gains, bare, here, way)), window, axis=0), window)
+    return _inner(convolve1d(one.of(_modelled_motion(log, gains, bare, here, way)), window, axis=0), window)
 
 
 def _inner(values: FloatArray, window: FloatArray) -> FloatArray:
@@ -154,13 +159,13 @@ def _inner(values: FloatArray, window: FloatArray) -> FloatArray:
 
 
 @lru_cache(maxsize=4)
-def _moving(
+def _modelled_motion(
     log: RecordedMotion, gains: Gains, bare: Physics, here: Physics, way: tuple[Test, Protocol | None]
 ) -> ModelledMotion:
     return ModelledMotion(log, gains, bare, here, *way)
 
 
-def _shown(world: Physics, fields: tuple[str, ...]) -> Physics:
+def _with_fields(world: Physics, fields: tuple[str, ...]) -> Physics:
     """Return a world with these fields of another one, and defaults for the rest."""
     return Physics(**{name: getattr(world, name) for name in fields})
 

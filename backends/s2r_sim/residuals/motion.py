@@ -29,7 +29,7 @@ class RecordedMotion:
     """A recorded motion and its kinematics, which depend on the robot's geometry and not on the world.
 
     Arrays have one row per tick, the interval between two samples. The state at the midpoint of a tick is the mean
-    of the two samples. Built once per trace: :func:`recorded`.
+    of the two samples. Built once per trace: :func:`recorded_motion`.
     """
 
     def __init__(self, trace: Trace, robot: Robot) -> None:
@@ -42,7 +42,7 @@ class RecordedMotion:
 
     def mid(self, name: str) -> FloatArray:
         """Return (n − 1, …): a channel at the midpoint of every tick."""
-        return _middle(self.trace[name])
+        return _midpoints(self.trace[name])
 
     def rate(self, values: FloatArray) -> FloatArray:
         """Return (n − 1, …): the change over every tick, per second."""
@@ -98,7 +98,7 @@ class RecordedMotion:
         own = (slide @ self.mid("dq").reshape(-1, 4, 3, 1))[..., 0] + np.cross(
             self.mid("omega")[:, None], place
         )
-        base = np.einsum("nji,nj->ni", self.attitude, _middle(self.velocity))
+        base = np.einsum("nji,nj->ni", self.attitude, _midpoints(self.velocity))
         speed: FloatArray = own + base[:, None]
         return speed
 
@@ -156,7 +156,7 @@ class RecordedMotion:
         trace = self.trace
         samples = _attitude(*(trace[name] for name in ("roll", "pitch", "yaw")))
         twist = np.hstack((samples.inv().apply(self.velocity), trace["omega"], trace["dq"]))
-        return _middle(twist), self.rate(twist)
+        return _midpoints(twist), self.rate(twist)
 
     @cached_property
     def needed(self) -> FloatArray:
@@ -238,13 +238,13 @@ def hann(times: FloatArray, width: float) -> FloatArray:
 
 
 @lru_cache(maxsize=2)
-def recorded(trace: Trace, robot: Robot) -> RecordedMotion:
+def recorded_motion(trace: Trace, robot: Robot) -> RecordedMotion:
     """Return the motion of a trace; the cache returns the same object for the last traces."""
     return RecordedMotion(trace, robot)
 
 
 @lru_cache(maxsize=4)
-def corrected(
+def corrected_motion(
     motion: RecordedMotion, encoder_offset: tuple[float, float, float], attitude_bias: tuple[float, float]
 ) -> RecordedMotion:
     """Return the motion that sensors with these errors [rad], [deg] report as the recorded one; cached."""
@@ -268,7 +268,7 @@ def _model(robot: Robot) -> Any:
     return pinocchio_model.build(robot)
 
 
-def _middle(values: FloatArray) -> FloatArray:
+def _midpoints(values: FloatArray) -> FloatArray:
     middle: FloatArray = (values[1:] + values[:-1]) / 2
     return middle
 

@@ -14,11 +14,11 @@ from s2r_sim.controller.gains import RATE, Gains
 from s2r_sim.parameters import Test
 from s2r_sim.plant.physics import USUAL_LOAD, Physics
 from s2r_sim.protocols.references import reference
-from s2r_sim.residuals.motion import Ground, RecordedMotion, corrected, ground, hann
-from s2r_sim.residuals.play import crossed
-from s2r_sim.residuals.yielding import Yielding, yielding
+from s2r_sim.residuals.compliance import Compliance, ground_compliance
+from s2r_sim.residuals.motion import Ground, RecordedMotion, corrected_motion, ground, hann
+from s2r_sim.residuals.play import cross_play
 from s2r_sim.robot.constants import GRAVITY, Robot
-from s2r_sim.robot.rotation import turned, turned_back
+from s2r_sim.robot.rotation import rotate, turned_back
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -66,7 +66,7 @@ class ModelledMotion:
     @cached_property
     def moved(self) -> RecordedMotion:
         """The true motion, if the world's sensors had reported the record."""
-        motion = corrected(self.recorded, self.world.encoder_offset, self.world.attitude_bias)
+        motion = corrected_motion(self.recorded, self.world.encoder_offset, self.world.attitude_bias)
         if self._gears is None:
             return motion
         play, rate, _ = self._gears
@@ -74,12 +74,12 @@ class ModelledMotion:
 
     @cached_property
     def _gears(self) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """Play, its rate and the joints' torque by :func:`crossed`; None without backlash or recorded torque."""
+        """Play, its rate and the joints' torque by :func:`cross_play`; None without backlash or recorded torque."""
         log, world = self.recorded, self.world
         if not world.backlash or "tau" not in log.trace.channels:
             return None
         turns = world.torque_constant * log.at("tau")
-        return crossed(turns, log.dt, self._steps, world.backlash, world.armature)
+        return cross_play(turns, log.dt, self._steps, world.backlash, world.armature)
 
     @cached_property
     def loaded(self) -> Robot:
@@ -221,7 +221,7 @@ class ModelledMotion:
                 log.mid(name) if name in log.trace.channels else level for name in ("roll", "pitch")
             )
             by_roll, by_pitch = np.radians(self.world.attitude_bias)
-            felt = _levelled(roll - by_roll, pitch - by_pitch, _in_base(roll, pitch, felt))
+            felt = _level(roll - by_roll, pitch - by_pitch, _in_base(roll, pitch, felt))
         part = self.strength * self.world.torque_constant * self.robot.mass / self.loaded.mass
         follows: FloatArray = part[:, None] * felt - gravity
         return follows
@@ -295,9 +295,11 @@ class ModelledMotion:
         return force, force @ self.ground.normal
 
     @property
-    def _grounds(self) -> tuple[Yielding, Yielding]:
+    def _grounds(self) -> tuple[Compliance, Compliance]:
         here, bare = self.world, self.bare
-        return yielding(self.robot, here.impratio, here.sink), yielding(self.robot, bare.impratio, bare.sink)
+        return ground_compliance(self.robot, here.impratio, here.sink), ground_compliance(
+            self.robot, bare.impratio, bare.sink
+        )
 
 
 def _in_base(roll: FloatArray, pitch: FloatArray, vector: FloatArray) -> FloatArray:
@@ -305,7 +307,7 @@ def _in_base(roll: FloatArray, pitch: FloatArray, vector: FloatArray) -> FloatAr
     return np.column_stack(turned_back(roll, pitch, 0.0, vector.T, np.sin, np.cos))
 
 
-def _levelled(roll: FloatArray, pitch: FloatArray, vector: FloatArray) -> FloatArray:
+def _level(roll: FloatArray, pitch: FloatArray, vector: FloatArray) -> FloatArray:
     """Return (n, 3) vectors, given in base axes, as forward, left and up."""
-    x, y, z = turned(roll, pitch, 0.0, vector.T, np.sin, np.cos)
+    x, y, z = rotate(roll, pitch, 0.0, vector.T, np.sin, np.cos)
     return np.column_stack((x, y, z))

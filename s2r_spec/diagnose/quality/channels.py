@@ -146,8 +146,8 @@ def spike(channel: Channel, of: Recordings) -> Finding | None:
     far = _isolation(as_columns(trace, name))[:, column]
     text = (
         f"{name} of {rollout_name(number, test)} is off by {f'{far.max():.3g} {channel.unit}'.rstrip()} for one sample "
-        f"at {trace.times[far.argmax()]:.4g} s, and in no other rollout. Is it an error of the recording? If so, correct "
-        f"the sample, or leave the rollout out"
+        f"at {trace.times[far.argmax()]:.4g} s, and in no other rollout. Is it an error of the recording? If so, "
+        f"correct the sample, or leave the rollout out"
     )
     return Finding("spike", name, text)
 
