@@ -97,7 +97,7 @@ def rewrite(run: Path, change: Callable[[dict], dict]) -> None:
     written, checksum = [], 0
     for text in (run / FILE).read_text().splitlines():
         kept = {key: value for key, value in json.loads(text).items() if key != "crc32"}
-        line, checksum = lines.written(change(kept), checksum)
+        line, checksum = lines.encode(change(kept), checksum)
         written.append(line + b"\n")
     (run / FILE).write_bytes(b"".join(written))
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import s2r_spec as s2r
-from s2r_spec.certify.bound.rounding import between
+from s2r_spec.certify.bound.rounding import interval_text
 from tests import forked
 from tests.errors import states
 
@@ -21,7 +21,7 @@ def test_the_output_shown_is_the_one_that_the_committed_benchmark_got():
     shown = SAMPLE[2]
     result = json.loads((ROOT / "benchmarks" / "results" / "dense_reference.json").read_text())
     certificate = result["certificate"]
-    assert f"{between(certificate['lower'], certificate['upper'])} m/s" in shown
+    assert f"{interval_text(certificate['lower'], certificate['upper'])} m/s" in shown
     assert f"{certificate['rollouts']} rollouts at" in shown
     assert f"spec {result['spec_hash'][:12]}, model {result['model_hash'][:12]}" in shown
     assert certificate["label"] in shown
@@ -38,15 +38,15 @@ def test_the_promise_shown_is_the_one_that_the_committed_run_got():
     simulated, worst = checked["worst_expected_robustness"], gap["worst_expected_gap"]
     lines = shown.splitlines()
     for facts in (
-        (f"{between(promise['lower'], promise['upper'])} m/s", "twin:lab"),
+        (f"{interval_text(promise['lower'], promise['upper'])} m/s", "twin:lab"),
         (f"vd = {promise['worst']['vd']:.4g} m/s",),
         (
-            f"{between(simulated['lower'], simulated['upper'])} m/s",
+            f"{interval_text(simulated['lower'], simulated['upper'])} m/s",
             f"{checked['search']['rollouts']} rollouts",
             checked["label"],
         ),
-        (f"{between(worst['lower'], worst['upper'])} m/s",),
-        (between(gap["band"]["low"], gap["band"]["high"]),),
+        (f"{interval_text(worst['lower'], worst['upper'])} m/s",),
+        (interval_text(gap["band"]["low"], gap["band"]["high"]),),
         (gap["label"],),
     ):
         assert any(states(line, *facts) for line in lines), facts

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from s2r_spec.certify.bound.rounding import between
+from s2r_spec.certify.bound.rounding import interval_text
 from tests import forked
 
 ROOT = Path(__file__).parents[1]
@@ -68,8 +68,8 @@ def test_what_it_shows_of_a_committed_run_is_what_the_run_got(page):
             assert kept["command"] in PAGES[page]
             bounds, rollouts = kept["result"]["promise"], kept["result"]["gap"]["search"]["rollouts"]
             gap = kept["result"]["gap"]["worst_expected_gap"]
-            assert f"worst expected Δ  in {between(gap['lower'], gap['upper'])} m/s" in text
-        assert f"worst expected ρ  in {between(bounds['lower'], bounds['upper'])} m/s" in text
+            assert f"worst expected Δ  in {interval_text(gap['lower'], gap['upper'])} m/s" in text
+        assert f"worst expected ρ  in {interval_text(bounds['lower'], bounds['upper'])} m/s" in text
         assert f"{rollouts} rollouts" in text
 
 

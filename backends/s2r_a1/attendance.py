@@ -34,15 +34,14 @@ if TYPE_CHECKING:
     from s2r_a1.backend import A1Backend
 
 TESTS = 10
-"""A budget: tests between two rests. Twice as many warm the motors twice as much."""
+"""A budget: tests between two rests."""
 WARM = 50.0
 """A level [°C]: with a motor at least this warm a rest is due, and the guard does not arm the robot."""
 COOL = 45.0
 """A level [°C]: a rest for heat ends when all motors are below it. A higher level ends it sooner, and the next rest
 comes sooner."""
 LYING = 20.0
-"""A budget [s]: time for lying down, in rounds of the guard, because a busy machine is slow in lock step. Twice as much
-waits longer for a robot that is stuck."""
+"""A budget [s]: time for lying down, in rounds of the guard, because a busy machine is slow in lock step."""
 LOOK = 0.02
 """A budget [s]: interval between two requests for the state."""
 
@@ -54,7 +53,7 @@ WORD_CONNECT, WORD_ARM, WORD_PLAY = "connect", "arm", "play"
 
 
 @dataclass(frozen=True)
-class Effort:
+class RunEffort:
     """Time and floor that a run needs.
 
     Attributes:
@@ -109,7 +108,7 @@ class Attendance:
         backend, reached = self._backend, self._backend.reached
         fastest = max(abs(p.low) for p in backend.parameters if p.name == "vd")
         metres = fastest * (backend.duration + RAMP / RATE / 2.0)
-        effort = Effort(coming.rollouts, metres, backend.cost)
+        effort = RunEffort(coming.rollouts, metres, backend.cost)
         where = f"{self._name} at {reached.host}:{reached.port}"
         self._operator.say(effort.sentence(where))
         if reached.is_twin:

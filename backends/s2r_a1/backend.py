@@ -13,7 +13,7 @@ from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, ClassVar, Self
 
 from s2r_a1.channels import channels
-from s2r_a1.guard.place import Robot
+from s2r_a1.guard.place import RobotAddress
 from s2r_a1.mocap import Placing, read_placing
 from s2r_a1.options import EXAMPLE, OFFERED, Options, read_options, write_options
 from s2r_a1.protocols import PROTOCOLS, playable
@@ -122,10 +122,10 @@ class A1Backend:
         return read_placing(self.reached.body, self.reached.heading)
 
     @property
-    def robot(self) -> Robot:
+    def robot(self) -> RobotAddress:
         """Address and settings for the guard."""
         reached = self.reached
-        return Robot(
+        return RobotAddress(
             reached.host, reached.port, clock=reached.clock, local=reached.local, module=reached.module
         )
 
@@ -214,13 +214,15 @@ def _digest(measured: str) -> str:
     here, simulator = Path(__file__).parent, Path(s2r_sim.__file__).parent
     own = [path for path in sorted(here.rglob("*.py")) if path.relative_to(here).parts[0] not in _NOT_HASHED]
     theirs = [
-        path for path in sorted(simulator.rglob("*.py")) if _within(path.relative_to(simulator), _CONTROLLERS)
+        path
+        for path in sorted(simulator.rglob("*.py"))
+        if _is_within(path.relative_to(simulator), _CONTROLLERS)
     ]
     for path in (*own, *theirs):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 
 
-def _within(path: PurePath, places: frozenset[str]) -> bool:
+def _is_within(path: PurePath, places: frozenset[str]) -> bool:
     """Return whether a path is one of these files, or lies in one of these folders."""
     return any(place.as_posix() in places for place in (path, *path.parents))

@@ -10,25 +10,25 @@ from typing import Any
 
 from s2r_a1.datagrams import LockStepSocket, RealTimeSocket
 from s2r_a1.guard.control import ControlError
-from s2r_a1.guard.limits import LIMITS, impossible
-from s2r_a1.guard.place import Robot
+from s2r_a1.guard.limits import LIMITS, impossibility
+from s2r_a1.guard.place import RobotAddress
 from s2r_a1.guard.start import attach
 from s2r_a1.link import UdpLink
 from s2r_a1.mocap import Listener
 from s2r_a1.ticks import PERIOD, SECONDS, TickUnit
-from s2r_a1.walk import GONE, Change
+from s2r_a1.walk import GONE, StateChange
 from s2r_a1.wire import LAYOUTS, Orders, Reading
 from s2r_spec.errors import BackendError, NotBegunError
 
 PATIENCE = 30.0
-"""A budget [s]: longest time of a round in lock step. Twice as much waits longer for a guard that is stuck."""
+"""A budget [s]: longest time of a round in lock step."""
 WAIT = 2.0 * PERIOD
 """A budget [s]: time that a round waits for a state in real time, before it repeats the last orders. The guard bridges
 10 ms; four times as much would count as silence."""
 
 
 class Client:
-    """A :class:`~s2r_a1.walk.Line` to the guard of a robot.
+    """A :class:`~s2r_a1.walk.Connection` to the guard of a robot.
 
     Attributes:
         lockstep: whether the connection runs in lock step.
@@ -39,13 +39,13 @@ class Client:
         mocap: listener that collects poses with every reading; None for none.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: RobotAddress) -> None:
         """Attach to the guard of a robot.
 
         Raises:
             BackendError: no guard runs, it has another client, or it has not measured the robot's clock yet.
         """
-        self.wanted: Change | None = None
+        self.wanted: StateChange | None = None
         self.mocap: Listener | None = None
         self.lockstep = robot.clock == "lockstep"
         self._socket = LockStepSocket() if self.lockstep else RealTimeSocket()
@@ -55,7 +55,7 @@ class Client:
             self._socket.close()
             raise
 
-    def _attach(self, robot: Robot) -> None:
+    def _attach(self, robot: RobotAddress) -> None:
         attached = attach(robot, "client", port=self._socket.port)
         if attached is None:
             raise BackendError(
@@ -69,7 +69,7 @@ class Client:
                 "the guard has not measured the unit of the robot's clock yet; connect the robot first"
             )
         self.unit: TickUnit = hello["tick_unit"]
-        self.change = Change(hello["state"])
+        self.change = StateChange(hello["state"])
         self._socket.connect(("127.0.0.1", int(hello["port"])))
         self.layout: str = hello["layout"]
         self._link = UdpLink(self._socket, LAYOUTS[self.layout], self.unit)
@@ -100,7 +100,7 @@ class Client:
         if self.change.state == GONE:
             return None
         reading = self._link.read()
-        if reading is None or impossible(
+        if reading is None or impossibility(
             LIMITS, reading
         ):  # the guard forwards every state, and bridges bad ones
             return None
@@ -124,7 +124,7 @@ class Client:
         reply: Mapping[str, Any] = self._control.request(do, **fields)
         self._listen()
         if reply["state"] != self.change.state:
-            self.change = Change(reply["state"])
+            self.change = StateChange(reply["state"])
         return reply
 
     def record(self, path: Path, header: Mapping[str, Any]) -> None:
@@ -157,12 +157,14 @@ class Client:
         """Read the guard's new events."""
         try:
             for event in self._control.take():
-                change = Change(str(event.get("state")), event.get("word") or "", event.get("reason") or "")
+                change = StateChange(
+                    str(event.get("state")), event.get("word") or "", event.get("reason") or ""
+                )
                 if event["event"] == "state":
                     self.change = change
                 elif event["event"] == "wanted":
                     self.wanted = change
         except ControlError:
-            self.change = Change(
+            self.change = StateChange(
                 GONE, "link", "the guard of the robot has ended; nothing holds the robot now"
             )

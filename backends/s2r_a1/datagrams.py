@@ -237,7 +237,7 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-def opened(peer: Address, *, lockstep: bool = False, port: int = 0) -> Socket:
+def open_socket(peer: Address, *, lockstep: bool = False, port: int = 0) -> Socket:
     """Return a socket that is connected to a peer, from a local port; 0 for any free one.
 
     Raises:

@@ -25,24 +25,24 @@ from s2r_a1.wire import MOTORS, Reading
 from s2r_sim.controller.gains import RATE
 from s2r_sim.controller.trot import Tick
 from s2r_sim.protocols.references import Reference, reference
-from s2r_sim.robot.figures import A1
-from s2r_sim.robot.signals import Command, MotorCommand
+from s2r_sim.robot.constants import A1
+from s2r_sim.robot.signals import MotorCommand, VelocityCommand
 
 FloatArray = NDArray[np.float64]
 
 SHARES = (0.25, 0.5)
-"""Levels: shares of the amplitude that are rehearsed before the first run of a protocol at these gains, in this order.
-Twice as much begins with half of the amplitude."""
+"""Levels: shares of the amplitude that are rehearsed before the first run of a protocol at these gains, in this
+order."""
 REHEARSED = 2.0
-"""A budget [s]: longest rehearsal of a share. Twice as much warms the motors longer in ``hold`` alone."""
+"""A budget [s]: longest rehearsal of a share."""
 GOING = 1.0
-"""A level [s]: time from one pose to another. Half as much doubles the joints' speeds."""
+"""A level [s]: time from one pose to another."""
 SETTLING = 0.4
 """A definition [s]: time for which the first pose is held before t = 0, as in the simulator."""
 
 _ZERO = np.zeros(MOTORS)
 _STANCE = (True,) * 4
-_STILL = Command()
+_STILL = VelocityCommand()
 
 
 class Rows(NamedTuple):
@@ -72,18 +72,18 @@ def plan(protocol: str, amplitude: float, gain: float, seconds: float = np.inf) 
     made = reference(protocol, amplitude, gain)
     kp, kd = float(made.kp[0]), float(made.kd[0])
     return (
-        Segment(partial(_going, made.q[0], kp, kd, SETTLING)),
-        Segment(partial(_played, made, seconds), measured=True),
-        Segment(partial(_going, moves.STANDING, kp, kd, 0.0)),
+        Segment(partial(_go, made.q[0], kp, kd, SETTLING)),
+        Segment(partial(_play, made, seconds), measured=True),
+        Segment(partial(_go, moves.STANDING, kp, kd, 0.0)),
     )
 
 
-def _played(made: Reference, seconds: float, reading: Reading) -> Rows:
+def _play(made: Reference, seconds: float, reading: Reading) -> Rows:
     count = int(min(len(made.q), seconds * RATE + 1))
     return Rows(made.q[:count], made.dq[:count], made.kp[:count], made.kd[:count])
 
 
-def _going(target: FloatArray, kp: float, kd: float, held: float, reading: Reading) -> Rows:
+def _go(target: FloatArray, kp: float, kd: float, held: float, reading: Reading) -> Rows:
     """Return a smooth motion to a pose (12,) [rad], which is then held for a time [s].
 
     It begins beyond the measured angles, so that the new gains give the present torques of the motors.

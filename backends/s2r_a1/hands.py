@@ -27,7 +27,7 @@ def put(host: str, port: int, rig: float | None) -> None:
     Raises:
         BackendError: the twin does not answer.
     """
-    request = written(rig)
+    request = encode(rig)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as hands:
         hands.connect((host, port))
         for _ in range(TRIES):
@@ -43,7 +43,7 @@ def put(host: str, port: int, rig: float | None) -> None:
     )
 
 
-def written(rig: float | None) -> bytes:
+def encode(rig: float | None) -> bytes:
     """Return the datagram of a request."""
     return PREFIX + json.dumps({"rig": rig}).encode()
 

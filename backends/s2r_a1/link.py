@@ -15,7 +15,7 @@ from typing import Literal, Protocol
 
 from s2r_a1.datagrams import FROM_ROBOT, TO_ROBOT, LinkError, Socket, Tap
 from s2r_a1.ticks import Counters, TickFault, Ticks, TickUnit
-from s2r_a1.wire import Command, Fault, Layout, Orders, Reading, WireError, pack, read_command, unpack
+from s2r_a1.wire import Fault, Layout, MotorPacket, Orders, Reading, WireError, pack, read_command, unpack
 
 __all__ = ["Link", "LinkError", "LinkFault", "RobotSide", "UdpLink"]
 
@@ -49,7 +49,7 @@ class Link(Protocol):
     def read(self) -> Reading | None:
         """Return the newest state that was not returned before; None if there is none."""
 
-    def write(self, orders: Orders | Command) -> None:
+    def write(self, orders: Orders | MotorPacket) -> None:
         """Send commands to the motors.
 
         Raises:
@@ -117,7 +117,7 @@ class UdpLink:
         self.counters.late += newest is None
         return newest
 
-    def write(self, orders: Orders | Command) -> None:
+    def write(self, orders: Orders | MotorPacket) -> None:
         """Send commands to the motors.
 
         Raises:
@@ -181,9 +181,9 @@ class RobotSide:
         command = self.receive()
         return command and command.orders()
 
-    def receive(self) -> Command | None:
+    def receive(self) -> MotorPacket | None:
         """Return the newest valid command of this round; None if there is none."""
-        newest: Command | None = None
+        newest: MotorPacket | None = None
         arrived = self._socket.receive()
         self.packet, self.fault = b"", "gone" if self._socket.gone else "silence"
         for data in arrived:

@@ -30,28 +30,25 @@ from s2r_spec.errors import BackendError, UsageError
 FloatArray = NDArray[np.float64]
 
 WINDOW = 0.025
-"""A tolerance [s]: width of the window for slopes, five poses at 200 Hz. Twice as much divides the velocity's noise by
-2.8, and attenuates a motion of 10 Hz by 2 % instead of 0.5 %."""
+"""A tolerance [s]: width of the window for slopes, five poses at 200 Hz."""
 SEARCH = 0.15
-"""A budget [s]: longest delay of a pose. Twice as much finds the wrong period of the trot."""
+"""A budget [s]: longest delay of a pose."""
 EARLY = 0.03
-"""A tolerance [s]: apparent arrival of a pose before it was taken, because states are delayed, too. Twice as much finds
-the wrong period for poses that are 0.34 s late, instead of from 0.37 s on."""
+"""A tolerance [s]: apparent arrival of a pose before it was taken, because states are delayed, too."""
 STEP = 0.001
 """A tolerance [s]: step between two candidate offsets; a parabola refines the best."""
 CORRELATED = 0.7
 """A level: smallest correlation of the two yaw rates for an accepted offset. A higher level refuses noisier mocap."""
 TURNED = 10.0
 """A tolerance [deg]: error of the stated heading. Its cosine takes 1.5 % from the forward velocity, and its sine adds
-17 % of the velocity to the left. Twice as much makes them 6 % and 34 %."""
+17 % of the velocity to the left."""
 LEAST = 40
-"""A tolerance: smallest number of poses of a rollout, 0.2 s at 200 Hz; twice as many refuse a fall just after t = 0."""
+"""A tolerance: smallest number of poses of a rollout, 0.2 s at 200 Hz."""
 FASTEST = 3.3
 """A level [m/s]: speed that no A1 reaches, according to its manufacturer. Faster motion means wrong units or jumping
-poses. Twice as much accepts jumps of 8 cm."""
+poses."""
 FARTHEST = 1.0
-"""A level [m]: largest distance of a body from the middle of the base of an A1, which is 0.6 m long. Twice as much
-accepts some inches in place of metres."""
+"""A level [m]: largest distance of a body from the middle of the base of an A1, which is 0.6 m long."""
 LARGEST = 65536
 _NAMES = ("t", "x", "y", "z", "qw", "qx", "qy", "qz")
 
@@ -198,7 +195,7 @@ def velocity(poses: Poses, placing: Placing, gyro: Gyro, times: FloatArray) -> V
         MocapError: there are too few poses, they do not cover the test, the rates do not correlate, the heading is
             wrong, or the velocity is impossible.
     """
-    poses = _tracked(poses)
+    poses = _track(poses)
     if len(poses.times) < LEAST:
         raise MocapError(
             f"motion capture sent {len(poses.times)} valid poses, and {LEAST} are needed: check that it "
@@ -207,7 +204,7 @@ def velocity(poses: Poses, placing: Placing, gyro: Gyro, times: FloatArray) -> V
     attitude, yaw = _base(poses.quaternion, radians(placing.heading))
     offset, correlation = _offset(poses, _slope(poses.times, yaw), gyro)
     own = poses.times + offset
-    turned = _turned(attitude, own, gyro, placing.heading)
+    turned = _heading_error(attitude, own, gyro, placing.heading)
     if times[0] < own[0] - WINDOW or times[-1] > own[-1] + WINDOW:
         raise MocapError(
             "motion capture does not cover the whole rollout; check that it streams without a break"
@@ -223,17 +220,19 @@ def velocity(poses: Poses, placing: Placing, gyro: Gyro, times: FloatArray) -> V
     base = poses.position - attitude @ np.array(placing.position)
     vx, vy = (_slope(poses.times, base[:, axis]) for axis in (0, 1))
     forward, left = np.cos(yaw) * vx + np.sin(yaw) * vy, np.cos(yaw) * vy - np.sin(yaw) * vx
-    seen = Velocity(np.interp(times, own, forward), np.interp(times, own, left), offset, correlation, turned)
-    speed = float(np.hypot(seen.forward, seen.left).max())
+    estimate = Velocity(
+        np.interp(times, own, forward), np.interp(times, own, left), offset, correlation, turned
+    )
+    speed = float(np.hypot(estimate.forward, estimate.left).max())
     if speed > FASTEST:
         raise MocapError(
             f"according to motion capture the robot moves at {speed:.3g} m/s, too fast for an A1: check that it sends "
             "metres and tracks only one body"
         )
-    return seen
+    return estimate
 
 
-def _tracked(poses: Poses) -> Poses:
+def _track(poses: Poses) -> Poses:
     """Return the poses from which a velocity can be computed.
 
     A system that has lost a body may repeat its last pose at new times. A pose without another one within ``WINDOW``
@@ -241,12 +240,12 @@ def _tracked(poses: Poses) -> Poses:
     """
     pose = np.concatenate((poses.position, poses.quaternion), axis=1)
     moved = np.diff(pose, axis=0, prepend=np.nan) != 0.0
-    poses = _those(poses, np.logical_or.reduce(moved, axis=1))
+    poses = _select(poses, np.logical_or.reduce(moved, axis=1))
     first, last = _around(poses.times)
-    return _those(poses, last - first > 1)
+    return _select(poses, last - first > 1)
 
 
-def _those(poses: Poses, chosen: NDArray[np.bool_]) -> Poses:
+def _select(poses: Poses, chosen: NDArray[np.bool_]) -> Poses:
     return Poses(*(column[chosen] for column in poses))
 
 
@@ -282,7 +281,7 @@ def _offset(poses: Poses, rate: FloatArray, gyro: Gyro) -> tuple[float, float]:
     return guess + float(lags[best]) + refined * STEP, float(score[best])
 
 
-def _turned(attitude: FloatArray, own: FloatArray, gyro: Gyro, heading: float) -> float:
+def _heading_error(attitude: FloatArray, own: FloatArray, gyro: Gyro, heading: float) -> float:
     """Return the estimated error of the body's stated heading [deg].
 
     Args:

@@ -82,35 +82,35 @@ def read_options(text: str) -> Options:
     Raises:
         UsageError: an option is unknown, missing, given twice or wrong; the message says what is right.
     """
-    given = _words(text)
-    if "host" not in given:
+    words = _words(text)
+    if "host" not in words:
         raise UsageError(
             f"a1 needs the address of the robot, which has no default: {_EXAMPLE}, or host=127.0.0.1 for a twin"
         )
-    if "velocity" not in given:
+    if "velocity" not in words:
         raise UsageError(
             "an A1 does not measure its velocity; write velocity=onboard for its own estimate, or velocity=mocap:PORT "
             "for motion capture that sends to this port"
         )
-    mocap = _mocap(given["velocity"])
-    if mocap is None and given.keys() & {"body", "heading"}:
+    mocap = _mocap(words["velocity"])
+    if mocap is None and words.keys() & {"body", "heading"}:
         raise UsageError(
             "body and heading describe the body that motion capture tracks; add velocity=mocap:PORT, or leave them out"
         )
-    if _one_of("layout", given.get("layout", "a1"), ("a1", "go1")) == "go1":
+    if _one_of("layout", words.get("layout", "a1"), ("a1", "go1")) == "go1":
         raise UsageError(
             "layout=go1: s2r can read a Go1 but not make it walk, because it has no masses and gains for it; use an A1"
         )
     options = Options(
-        host=_host(given["host"]),
-        port=_port("port", given.get("port", str(PORT))),
+        host=_host(words["host"]),
+        port=_port("port", words.get("port", str(PORT))),
         mocap=mocap,
-        body=given.get("body"),
-        heading=given.get("heading"),
-        operator=_one_of("operator", given.get("operator", "tty"), get_args(Operating)),
-        clock=_one_of("clock", given.get("clock", "real"), get_args(Clock)),
-        local=_port("local", given["local"]) if "local" in given else 0,
-        module=_module(given["module"]) if "module" in given else "",
+        body=words.get("body"),
+        heading=words.get("heading"),
+        operator=_one_of("operator", words.get("operator", "tty"), get_args(Operating)),
+        clock=_one_of("clock", words.get("clock", "real"), get_args(Clock)),
+        local=_port("local", words["local"]) if "local" in words else 0,
+        module=_module(words["module"]) if "module" in words else "",
     )
     if options.module and options.clock == "lockstep":
         raise UsageError("the vendor's module has no lock step: leave out module or clock=lockstep")
@@ -133,7 +133,7 @@ def write_options(options: Options) -> str:
 
 
 def _words(text: str) -> Mapping[str, str]:
-    given: dict[str, str] = {}
+    words: dict[str, str] = {}
     for word in filter(None, (word.strip() for word in text.split(","))):
         name, equals, value = word.partition("=")
         if name not in NAMES or not equals:
@@ -141,10 +141,10 @@ def _words(text: str) -> Mapping[str, str]:
                 f"the backend 'a1' has no option {word!r}{did_you_mean(name, NAMES) or ';'} it has {one_of(NAMES)}, "
                 f"as in {_EXAMPLE}"
             )
-        if name in given:
-            raise UsageError(f"the option {name} has two values, {given[name]!r} and {value!r}; give one")
-        given[name] = value
-    return given
+        if name in words:
+            raise UsageError(f"the option {name} has two values, {words[name]!r} and {value!r}; give one")
+        words[name] = value
+    return words
 
 
 def _host(value: str) -> str:

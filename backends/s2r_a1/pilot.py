@@ -15,13 +15,13 @@ from s2r_a1.ticks import SECONDS, TickUnit
 from s2r_a1.wire import A1, CLOSED_LOOP, MOTORS, Orders, Reading, pack, pack_reading, unpack
 from s2r_sim.controller.gains import RATE
 from s2r_sim.controller.trot import Controller, Memory, Tick
-from s2r_sim.robot.leg_kinematics import standing
-from s2r_sim.robot.signals import Command, State
+from s2r_sim.robot.leg_kinematics import stand_angles
+from s2r_sim.robot.signals import RobotState, VelocityCommand
 from s2r_sim.settings import Settings
 
 PRACTICE = 100
 """A budget: control ticks on an artificial reading before the first request to the robot. The first one compiles for
-seconds, which the guard would take for silence; the others fill caches. Twice as many cost 0.1 s per process."""
+seconds, which the guard would take for silence; the others fill caches."""
 
 
 class Note(NamedTuple):
@@ -39,8 +39,8 @@ class Note(NamedTuple):
     clock: int
     tick: int
     late: int
-    command: Command
-    state: State
+    command: VelocityCommand
+    state: RobotState
     done: Tick
 
 
@@ -94,7 +94,7 @@ class Pilot:
         if self._practised:
             return
         unit: TickUnit = "ms"
-        self.begin(Schedule(Command(), PRACTICE // 2, PRACTICE), unit)
+        self.begin(Schedule(VelocityCommand(), PRACTICE // 2, PRACTICE), unit)
         for tick in range(PRACTICE):
             clock = round(tick * (1 + (tick > PRACTICE // 2)) / (RATE * SECONDS[unit]))
             reading = unpack(pack_reading(self._artificial(clock), A1), A1)
@@ -107,7 +107,7 @@ class Pilot:
             quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
             gyro=np.zeros(3),
             accelerometer=np.array([0.0, 0.0, 9.81]),
-            q=standing(settings.robot, settings.gains.base_height),
+            q=stand_angles(settings.robot, settings.gains.base_height),
             dq=np.zeros(MOTORS),
             tau=np.zeros(MOTORS),
             temperature=np.full(MOTORS, 30.0),

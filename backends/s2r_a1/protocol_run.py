@@ -11,12 +11,12 @@ from s2r_a1.channels import EXCITED
 from s2r_a1.client import Client
 from s2r_a1.excitation import REHEARSED, SHARES, Player, plan
 from s2r_a1.protocols import height_in_rig
-from s2r_a1.rollout import about_run, carried_out, ended, fresh, lost, pilot
+from s2r_a1.rollout import about_run, carried_out, ended_trace, lost_trace, new_path, pilot
 from s2r_a1.schedule import Schedule
 from s2r_a1.walk import Walked, move, walk
 from s2r_sim.controller.gains import RATE
 from s2r_sim.protocols.references import MOTIONS
-from s2r_sim.robot.signals import Command
+from s2r_sim.robot.signals import VelocityCommand
 from s2r_spec.errors import BackendError, NotBegunError, TraceError
 from s2r_spec.protocols import PROTOCOL
 from s2r_spec.trace import Trace
@@ -44,24 +44,24 @@ def run(backend: A1Backend, protocol: str, values: Mapping[str, float], seed: in
             client = Client(backend.robot)
             stack.callback(client.close)
             about |= {"layout": client.layout, "tick_unit": client.unit}
-            path = fresh(backend.folder, seed)
+            path = new_path(backend.folder, seed)
             client.record(path, {**about, "hold": hold})
         except BackendError as error:
             raise NotBegunError(str(error)) from None
         try:
-            walked = carried_out(client, backend, lambda: _played(client, backend, protocol, values, shares))
+            walked = carried_out(client, backend, lambda: _play(client, backend, protocol, values, shares))
         except NotBegunError as error:
             raise NotBegunError(f"{protocol} ended before its t = 0: {error}") from None
     try:
         trace = recording.protocol_trace(path, walked.notes)
     except TraceError as error:
-        trace = lost([c for c in backend.channels if c.name in EXCITED], about, str(error))
+        trace = lost_trace([c for c in backend.channels if c.name in EXCITED], about, str(error))
     if walked.ending is None:
         _rehearsed.add(key)
-    return ended(trace, walked, hold, path)
+    return ended_trace(trace, walked, hold, path)
 
 
-def _played(
+def _play(
     client: Client, backend: A1Backend, protocol: str, values: Mapping[str, float], shares: Sequence[float]
 ) -> Walked:
     """Play a protocol, after rehearsals at some shares of its amplitude.
@@ -72,14 +72,14 @@ def _played(
     amplitude, gain = values["amplitude"], values["gain"]
     for share in shares:
         player = Player(plan(protocol, share * amplitude, gain, REHEARSED), client.unit)
-        rehearsed = _moved(client, protocol, player)
+        rehearsed = _move(client, protocol, player)
         if rehearsed.ending is not None:
             raise NotBegunError(f"in a rehearsal at {share:g} of the amplitude, {rehearsed.ending.reason}")
         client.send(None)  # the answer to the last reading
-    return _moved(client, protocol, Player(plan(protocol, amplitude, gain), client.unit), backend.begins)
+    return _move(client, protocol, Player(plan(protocol, amplitude, gain), client.unit), backend.begins)
 
 
-def _moved(client: Client, protocol: str, player: Player, begins: Callable[[], None] | None = None) -> Walked:
+def _move(client: Client, protocol: str, player: Player, begins: Callable[[], None] | None = None) -> Walked:
     """Move the robot once; on the ground it first trots in place.
 
     A robot that has stood up from its belly pushes its feet against each other, by up to the friction, and ``squeeze``
@@ -88,7 +88,7 @@ def _moved(client: Client, protocol: str, player: Player, begins: Callable[[], N
     if height_in_rig(protocol) is not None:
         return move(client, player, "excite_held", begins=begins)
     own = pilot()
-    stepped = walk(client, own, Schedule.of(Command(), 0, 0, own.settings.gains))
+    stepped = walk(client, own, Schedule.of(VelocityCommand(), 0, 0, own.settings.gains))
     if stepped.ending is not None:
         raise NotBegunError(f"while stepping in place, {stepped.ending.reason}")
     client.send(None)  # the answer to the last reading

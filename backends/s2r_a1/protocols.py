@@ -22,7 +22,7 @@ from s2r_spec.protocols import PROTOCOL, Protocol, named
 from s2r_spec.trace import Trace
 
 
-def _allowed(protocol: Protocol) -> Protocol:
+def _clip_gains(protocol: Protocol) -> Protocol:
     """Return a protocol whose gains the guard passes on unchanged."""
     most = min(GAIN.high, floor(100.0 * LIMITS.kp / MOTIONS[protocol.name].kp) / 100.0)
     gain = replace(GAIN, high=most, default=min(GAIN.default, most))
@@ -33,7 +33,7 @@ def _or(parameter: Parameter, other: Parameter) -> Parameter:
     return other if parameter.name == other.name else parameter
 
 
-PROTOCOLS = tuple(_allowed(protocol) for protocol in SIMULATED)
+PROTOCOLS = tuple(_clip_gains(protocol) for protocol in SIMULATED)
 """A definition: every protocol, in the order of `sim`."""
 
 

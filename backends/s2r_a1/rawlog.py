@@ -36,7 +36,7 @@ SUFFIX = ".a1log"
 EVENT = 2
 """A definition: direction of a record with an event of the guard instead of a packet."""
 BLOCK = 100_000_000
-"""A budget [ns]: time of one block, which a kill may lose; half as much doubles the number of writes."""
+"""A budget [ns]: time of one block, which a kill may lose."""
 BEHIND = 64 * 2**20
 """A budget [bytes]: data that wait in memory for a slow disk: a minute of packets in both directions."""
 

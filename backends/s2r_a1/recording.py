@@ -27,13 +27,13 @@ from s2r_a1.guard.limits import ROBOT_WORDS
 from s2r_a1.pilot import Note, Pilot
 from s2r_a1.rawlog import RawLog
 from s2r_a1.schedule import Schedule
-from s2r_a1.ticks import elapsed
+from s2r_a1.ticks import elapsed_ticks
 from s2r_a1.wire import LAYOUTS, Layout, Orders, Reading, WireError, unpack, unpack_orders
 from s2r_sim.controller.gains import RATE
 from s2r_sim.plant.physics import Physics
 from s2r_sim.plant.recorder import Recorder
-from s2r_sim.robot.figures import A1
-from s2r_sim.robot.signals import Command
+from s2r_sim.robot.constants import A1
+from s2r_sim.robot.signals import VelocityCommand
 from s2r_sim.settings import Settings
 from s2r_spec.errors import TraceError
 from s2r_spec.trace import Trace
@@ -85,7 +85,7 @@ class Packets:
                 reading = unpack(self.log.packets[place], self.layout)
             except WireError:
                 continue
-            if not readings or elapsed(readings[-1][1].tick, reading.tick) > 0:
+            if not readings or elapsed_ticks(readings[-1][1].tick, reading.tick) > 0:
                 readings.append((place, reading))
         return tuple(readings)
 
@@ -149,7 +149,7 @@ def ending_of(log: RawLog) -> Ending | None:
 def decided_again(packets: Packets, pilot: Pilot) -> list[Note]:
     """Run the controller again on the recorded readings, and return its notes up to the end of the test."""
     header = packets.log.header
-    schedule = Schedule(Command(**header["command"]), int(header["trot"]), int(header["hold"]))
+    schedule = Schedule(VelocityCommand(**header["command"]), int(header["trot"]), int(header["hold"]))
     pilot.begin(schedule, header["tick_unit"])
     notes = []
     for reading in packets.walked():
@@ -166,7 +166,7 @@ def channels_of(packets: Packets, notes: Sequence[Note]) -> dict[str, FloatArray
         TraceError: the reading of a note was not recorded.
     """
     places = {reading.tick: i for i, (_, reading) in enumerate(packets.readings)}
-    recorder = Recorder(A1, Physics(), Command())
+    recorder = Recorder(A1, Physics(), VelocityCommand())
     commanded = [place for place, _ in packets.sent]
     rows: dict[str, list[FloatArray]] = {
         name: [] for name in ("foot_force_raw", "motor_temperature", "tau_cmd")
@@ -271,13 +271,13 @@ def trace_of(
         name: value for name, value in header.items() if name not in ("command", "trot", "hold", "limits")
     }
     if again:
-        meta |= {"decided_again": True, **_ended(packets.log, over=notes[-1].tick >= int(header["hold"]))}
+        meta |= {"decided_again": True, **_end(packets.log, over=notes[-1].tick >= int(header["hold"]))}
     meta["qp_failures"] = int(np.sum(samples["qp_solved"] == 0.0))
     meta["late"] = int(np.sum(samples["late"]))
     return Trace(np.array([note.tick for note in notes]) / RATE, samples, UNITS, meta)
 
 
-def _ended(log: RawLog, over: bool) -> dict[str, Any]:
+def _end(log: RawLog, over: bool) -> dict[str, Any]:
     """Return the guard's account of a walk's end: a failure, a void walk, or an event after the end of the test."""
     ending = ending_of(log)
     if ending is None:

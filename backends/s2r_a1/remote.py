@@ -25,7 +25,7 @@ HEAD = b"\x55\x51"
 
 LOST = 1_000_000_000
 """A level [ns]: time with a head of zeros after which a remote that was on counts as lost; our figure, since none is
-published. Twice as long lets a robot walk for one more second without its operator's stop."""
+published."""
 
 
 def mask(buttons: Iterable[str]) -> int:
@@ -36,19 +36,19 @@ def mask(buttons: Iterable[str]) -> int:
 _STOPS = tuple((" + ".join(buttons), mask(buttons)) for buttons in STOPS)
 
 
-def seen(remote: bytes) -> bool:
+def is_on(remote: bytes) -> bool:
     """Return whether a remote is on and in reach."""
     return remote[:2] != b"\0\0"
 
 
-def lost(since: int) -> str | None:
+def loss(since: int) -> str | None:
     """Return the reason why a remote last seen this long ago [ns] counts as lost; None if it does not."""
     if since < LOST:
         return None
     return f"the remote control has been off or out of reach for {since / 1e9:.0f} s; switch it on"
 
 
-def pressed(remote: bytes) -> frozenset[str]:
+def pressed_buttons(remote: bytes) -> frozenset[str]:
     """Return the names of the buttons that are held."""
     bits = int.from_bytes(remote[2:4], "little")
     return frozenset(name for place, name in enumerate(BUTTONS) if bits >> place & 1)
@@ -63,6 +63,6 @@ def stop(remote: bytes) -> str | None:
     return next((name for name, buttons in _STOPS if bits & buttons == buttons), None) if bits else None
 
 
-def packed(buttons: Iterable[str] = ()) -> bytes:
+def pack_buttons(buttons: Iterable[str] = ()) -> bytes:
     """Return the bytes of a remote that is on, with these buttons held."""
     return HEAD + mask(buttons).to_bytes(2, "little") + bytes(SIZE - 4)

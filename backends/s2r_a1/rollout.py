@@ -24,7 +24,7 @@ from s2r_a1.undisturbed import undisturbed
 from s2r_a1.walk import Walked, rest, walk
 from s2r_sim.controller.gains import RATE
 from s2r_sim.plant.recorder import yaw_rate
-from s2r_sim.robot.signals import Command, State
+from s2r_sim.robot.signals import RobotState, VelocityCommand
 from s2r_sim.settings import Settings
 from s2r_spec.backend import Channel
 from s2r_spec.errors import BackendError, NotBegunError, TraceError
@@ -49,7 +49,7 @@ def run(backend: A1Backend, test: Mapping[str, float], seed: int) -> Trace:
         NotBegunError: the test ended before t = 0.
     """
     own = pilot()  # before the first request to the guard, which would take seconds of compiling for silence
-    command = Command(test["vd"], test["vy"], test["wz"])
+    command = VelocityCommand(test["vd"], test["vy"], test["wz"])
     schedule = Schedule.of(command, seed, round(backend.duration * RATE), own.settings.gains)
     about = about_run(backend, seed)
     with ExitStack() as stack:
@@ -61,7 +61,7 @@ def run(backend: A1Backend, test: Mapping[str, float], seed: int) -> Trace:
             stack.callback(client.close)
             client.mocap = listener
             about |= {"layout": client.layout, "tick_unit": client.unit}
-            path = fresh(backend.folder, seed)
+            path = new_path(backend.folder, seed)
             client.record(path, recording.header_of(test, schedule, about))
         except BackendError as error:
             raise NotBegunError(str(error)) from None
@@ -71,11 +71,11 @@ def run(backend: A1Backend, test: Mapping[str, float], seed: int) -> Trace:
     try:
         trace = recording.trace_of(path, walked.notes, own)
     except TraceError as error:
-        trace = lost(backend.channels, about | {"params": dict(test)}, str(error))
+        trace = lost_trace(backend.channels, about | {"params": dict(test)}, str(error))
     else:
         if listener is not None:
-            trace = _seen(trace, walked, listener, backend.placing, client)
-    return ended(trace, walked, schedule.hold, path)
+            trace = _with_velocity(trace, walked, listener, backend.placing, client)
+    return ended_trace(trace, walked, schedule.hold, path)
 
 
 def about_run(backend: A1Backend, seed: int) -> dict[str, Any]:
@@ -111,7 +111,7 @@ def carried_out(client: Client, backend: A1Backend, move: Callable[[], Walked]) 
                 rest(client)
 
 
-def fresh(kept: str | None, seed: int) -> Path:
+def new_path(kept: str | None, seed: int) -> Path:
     """Return the path of a new recording."""
     raw = folder() / "raw" if kept is None else Path(kept)
     raw.mkdir(parents=True, exist_ok=True)
@@ -121,16 +121,18 @@ def fresh(kept: str | None, seed: int) -> Path:
     return raw / f"{number:04d}-seed{seed}{SUFFIX}"
 
 
-def _seen(trace: Trace, walked: Walked, listener: Listener, placing: mocap.Placing, client: Client) -> Trace:
+def _with_velocity(
+    trace: Trace, walked: Walked, listener: Listener, placing: mocap.Placing, client: Client
+) -> Trace:
     """Return the trace with the velocity by motion capture; if there is none, the trace is void, with NaN for it."""
     second = SECONDS[client.unit]
     first = next(note for note in walked.notes if note.tick >= 0)
-    states = State(np.array([note.state.flat for note in walked.notes]).T)
+    states = RobotState(np.array([note.state.flat for note in walked.notes]).T)
     gyro = Gyro(np.array([note.clock * second for note in walked.notes]), states.omega.T, yaw_rate(states))
     meta: dict[str, Any] = dict(trace.meta)
     channels = dict(trace.channels)
     try:
-        seen = mocap.velocity(
+        velocity = mocap.velocity(
             listener.poses(), placing, gyro, trace.times - first.tick / RATE + first.clock * second
         )
     except MocapError as error:
@@ -138,24 +140,24 @@ def _seen(trace: Trace, walked: Walked, listener: Listener, placing: mocap.Placi
         channels |= {"vx": nothing, "vy": nothing}
         meta |= {"void": "mocap", "reason": str(error)}
     else:
-        channels |= {"vx": seen.forward, "vy": seen.left}
+        channels |= {"vx": velocity.forward, "vy": velocity.left}
         meta["mocap"] = {
-            "offset": seen.offset,
-            "correlation": seen.correlation,
-            "turned": seen.turned,
+            "offset": velocity.offset,
+            "correlation": velocity.correlation,
+            "turned": velocity.turned,
             "refused": listener.refused,
         }
     return Trace(trace.times, channels, trace.units, meta)
 
 
-def lost(channels: Iterable[Channel], about: Mapping[str, Any], reason: str) -> Trace:
+def lost_trace(channels: Iterable[Channel], about: Mapping[str, Any], reason: str) -> Trace:
     """Return the placeholder for a run without a valid recording: one sample of NaN, void because of the disk."""
     nothing = {c.name: np.full((1, c.width) if c.width > 1 else 1, np.nan) for c in channels}
     units = {name: recording.UNITS[name] for name in nothing}
     return Trace(np.zeros(1), nothing, units, {**about, "void": "disk", "reason": reason})
 
 
-def ended(trace: Trace, walked: Walked, hold: int, path: Path) -> Trace:
+def ended_trace(trace: Trace, walked: Walked, hold: int, path: Path) -> Trace:
     """Return the trace of a run with the cause of an early end and the name of its raw recording.
 
     ``hold`` is the last control tick of the test or protocol itself.

@@ -15,15 +15,14 @@ from dataclasses import dataclass, replace
 from s2r_sim.controller.gains import RATE, Gains
 from s2r_sim.controller.gait import Gait
 from s2r_sim.plant.noise import Noise, draw
-from s2r_sim.robot.signals import Command
+from s2r_sim.robot.signals import VelocityCommand
 
 TROT = 600
-"""A budget [ticks]: shortest time of trotting in place before a test, 1.2 s, as in the simulator. Twice as much costs
-1.2 s per rollout."""
+"""A budget [ticks]: shortest time of trotting in place before a test, 1.2 s, as in the simulator."""
 RAMP = 250
-"""A budget [ticks]: duration of the ramp to zero, 0.5 s. Twice as much costs 0.5 s and 8 cm of floor."""
+"""A budget [ticks]: duration of the ramp to zero, 0.5 s."""
 
-_STILL = Command()
+_STILL = VelocityCommand()
 
 
 @dataclass(frozen=True)
@@ -36,12 +35,12 @@ class Schedule:
         hold: last tick of the test itself.
     """
 
-    command: Command
+    command: VelocityCommand
     trot: int
     hold: int
 
     @classmethod
-    def of(cls, command: Command, seed: int, ticks: int, gains: Gains) -> Schedule:
+    def of(cls, command: VelocityCommand, seed: int, ticks: int, gains: Gains) -> Schedule:
         """Return the schedule of a test that holds its command for this number of ticks after t = 0.
 
         The gait begins with all feet on the ground. Its phase at t = 0 is the one that the simulator draws from
@@ -51,14 +50,14 @@ class Schedule:
         phase = draw(Noise(), seed, 0, period).phase
         return cls(command, TROT + (phase - TROT) % period, ticks)
 
-    def at(self, tick: int) -> Command:
+    def at(self, tick: int) -> VelocityCommand:
         """Return the command at a tick."""
         if tick < 0:
             return _STILL
         scale = min(1.0, max(0.0, 1.0 - (tick - self.hold) / RAMP))
         if scale == 1.0:
             return self.command
-        return Command(*(scale * velocity for velocity in self.command))
+        return VelocityCommand(*(scale * velocity for velocity in self.command))
 
     def cut(self, tick: int) -> Schedule:
         """Return the schedule of the same test, ended at this tick at the latest."""

@@ -12,15 +12,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from s2r_a1.ticks import SECONDS, TickUnit, elapsed
+from s2r_a1.ticks import SECONDS, TickUnit, elapsed_ticks
 from s2r_a1.wire import Reading
 from s2r_sim.controller import estimator
 from s2r_sim.controller.estimator import Estimate
 from s2r_sim.controller.gains import RATE
 from s2r_sim.controller.qp import Stance
-from s2r_sim.robot.figures import Robot
+from s2r_sim.robot.constants import Robot
 from s2r_sim.robot.rotation import rpy_from_wxyz
-from s2r_sim.robot.signals import State
+from s2r_sim.robot.signals import RobotState
 
 
 class Sensed(NamedTuple):
@@ -33,7 +33,7 @@ class Sensed(NamedTuple):
         tick: the robot's clock at this reading.
     """
 
-    state: State
+    state: RobotState
     estimate: Estimate
     heading: float
     tick: int
@@ -41,7 +41,7 @@ class Sensed(NamedTuple):
 
 def control_ticks(before: int, after: int, unit: TickUnit) -> float:
     """Return the time from one tick of the robot's clock to another, in control ticks of 2 ms."""
-    return elapsed(before, after) * SECONDS[unit] * RATE
+    return elapsed_ticks(before, after) * SECONDS[unit] * RATE
 
 
 def sense(robot: Robot, before: Sensed | None, reading: Reading, stance: Stance, ticks: float) -> Sensed:
@@ -60,7 +60,7 @@ def sense(robot: Robot, before: Sensed | None, reading: Reading, stance: Stance,
     flat = np.zeros(36)
     flat[3:6] = roll, pitch, remainder(yaw - heading, 2.0 * pi)
     flat[9:12], flat[12:24], flat[24:] = reading.gyro, reading.q, reading.dq
-    state = State(flat)
+    state = RobotState(flat)
     fx, fy, fz = reading.accelerometer.tolist()
     previous = None if before is None else before.estimate
     estimate = estimator.update(robot, previous, state, (fx, fy, fz), stance, ticks)

@@ -18,13 +18,12 @@ SECONDS: dict[TickUnit, float] = {"ms": 1e-3, "us": 1e-6}
 PERIOD = 0.002
 """A definition: seconds between two states of the robot, and of one round in lock step."""
 MEASURED = 0.5
-"""A budget [s]: time over which the unit of the ticks is measured; twice as long halves the effect of a late packet."""
+"""A budget [s]: time over which the unit of the ticks is measured."""
 CLOSE = 0.1
 """A tolerance: relative error of the measured rate of the ticks. Packets that are 8 ms late at both ends change the
-rate by 3 %. The two units differ by a factor of 1000, so twice as much decides the same."""
+rate by 3 %; the two units differ by a factor of 1000."""
 AHEAD = 0.1
-"""A tolerance [s]: advance of a tick beyond the time since the state before. Twice as much finds a clock that jumps or
-changes its unit only from jumps of 0.2 s on."""
+"""A tolerance [s]: advance of a tick beyond the time since the state before."""
 STILL = 1e-4
 """A tolerance [s]: smallest advance of a tick; a smaller one counts as none, as after a change from µs to ms. The
 fastest known robots send every millisecond; with ten times as much their states would not count."""
@@ -82,7 +81,7 @@ class Ticks:
             self._last = self._first = (now, tick)
             return None
         then, before = self._last
-        advance = elapsed(before, tick)
+        advance = elapsed_ticks(before, tick)
         if advance < 0:
             self._counters.backwards += 1
             return "backwards"
@@ -109,7 +108,7 @@ class Ticks:
         start, first = self._first
         if now - start < MEASURED:
             return
-        rate = elapsed(first, tick) / (now - start)
+        rate = elapsed_ticks(first, tick) / (now - start)
         self.unit = unit_of(rate)
         self.refusal = None
         if self.unit is None:
@@ -128,6 +127,6 @@ def unit_of(rate: float) -> TickUnit | None:
     return None
 
 
-def elapsed(before: int, after: int) -> int:
+def elapsed_ticks(before: int, after: int) -> int:
     """Return the ticks from one state to another, for a 32-bit clock that wraps around; negative if it went back."""
     return ((after - before + 0x80000000) & 0xFFFFFFFF) - 0x80000000

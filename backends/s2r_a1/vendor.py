@@ -26,8 +26,8 @@ from s2r_a1.wire import (
     GO1,
     LOW_LEVEL,
     MOTORS,
-    Command,
     Layout,
+    MotorPacket,
     Orders,
     Reading,
     WireError,
@@ -148,7 +148,7 @@ class VendorLink:
         self.counters.late += reading is None
         return reading
 
-    def write(self, orders: Orders | Command) -> None:
+    def write(self, orders: Orders | MotorPacket) -> None:
         """Send orders to the motors.
 
         Raises:
@@ -189,7 +189,7 @@ class VendorLink:
             state = driver.read()
             if not any(state.imu.quaternion):  # no state has arrived: the module's state is all zero
                 return None
-            raw = _reading(state)
+            raw = _to_reading(state)
         except Exception:
             return None
         self.counters.received += 1
@@ -210,7 +210,7 @@ class VendorLink:
         return reading
 
 
-def opened(
+def open_link(
     name: str, layout: Layout, peer: Address, port: int = 0, clock: Callable[[], float] = time.monotonic
 ) -> VendorLink:
     """Return a link over an installed module.
@@ -257,7 +257,7 @@ def _free_port() -> int:
         return int(one.getsockname()[1])
 
 
-def _reading(state: Any) -> Reading:
+def _to_reading(state: Any) -> Reading:
     """Return the vendor's ``LowState`` as a reading."""
     motors = state.motorState[:MOTORS]
     return Reading(

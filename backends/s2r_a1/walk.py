@@ -22,15 +22,14 @@ from s2r_a1.wire import Orders, Reading, WireError
 from s2r_spec.errors import BackendError, NotBegunError
 
 GETTING_UP = 5000
-"""A budget [rounds of 2 ms]: time to stand up or to lie down, 10 s. Twice as much waits longer for a robot that is
-stuck."""
+"""A budget [rounds of 2 ms]: time to stand up or to lie down, 10 s."""
 SETTLING = 250
-"""A budget [rounds of 2 ms]: time of standing still before and after a walk, 0.5 s. Twice as much costs 1 s more."""
+"""A budget [rounds of 2 ms]: time of standing still before and after a walk, 0.5 s."""
 GONE = "GONE"
 """A definition: the state of a guard that ended while a client was attached."""
 
 
-class Change(NamedTuple):
+class StateChange(NamedTuple):
     """A state of the guard, with the reason as a word and a sentence; both "" if nothing is wrong."""
 
     state: str
@@ -38,7 +37,7 @@ class Change(NamedTuple):
     reason: str = ""
 
 
-class Line(Protocol):
+class Connection(Protocol):
     """The connection to the robot: through the guard, or a substitute in tests.
 
     Attributes:
@@ -48,8 +47,8 @@ class Line(Protocol):
     """
 
     unit: TickUnit
-    change: Change
-    wanted: Change | None
+    change: StateChange
+    wanted: StateChange | None
 
     def receive(self) -> Reading | None:
         """Return the state of this round; None if no valid one arrived."""
@@ -94,11 +93,11 @@ class Walked:
     """
 
     notes: tuple[Note, ...]
-    ending: Change | None
+    ending: StateChange | None
 
 
 def walk(
-    line: Line,
+    line: Connection,
     pilot: Pilot,
     schedule: Schedule,
     ready: Callable[[], None] | None = None,
@@ -122,7 +121,7 @@ def walk(
 
 
 def move(
-    line: Line,
+    line: Connection,
     mover: Mover,
     motion: str,
     ready: Callable[[], None] | None = None,
@@ -132,7 +131,7 @@ def move(
     reading = stand(line)
     if ready is not None:
         ready()
-    notes, ending = _moved(line, mover, motion, reading, begins)
+    notes, ending = _move(line, mover, motion, reading, begins)
     if ending is None or ending.state != GONE:
         _settle(line)
     if not notes or notes[-1].tick < 0:
@@ -140,7 +139,7 @@ def move(
     return Walked(tuple(notes), ending)
 
 
-def stand(line: Line) -> Reading:
+def stand(line: Connection) -> Reading:
     """Have the robot stand up if it lies, and return the newest reading once it stands still.
 
     Raises:
@@ -161,7 +160,7 @@ def stand(line: Line) -> Reading:
     raise NotBegunError("the robot did not stand up within 10 s; check what holds it, and try again")
 
 
-def rest(line: Line) -> None:
+def rest(line: Connection) -> None:
     """Have a standing robot lie down; return when it lies, or when the guard does something else.
 
     Raises:
@@ -176,15 +175,15 @@ def rest(line: Line) -> None:
         line.receive()
 
 
-def _moved(
-    line: Line, mover: Mover, motion: str, reading: Reading, begins: Callable[[], None] | None
-) -> tuple[list[Note], Change | None]:
+def _move(
+    line: Connection, mover: Mover, motion: str, reading: Reading, begins: Callable[[], None] | None
+) -> tuple[list[Note], StateChange | None]:
     """Return the notes of a motion from a reading on, and the cause of an early end."""
     notes: list[Note] = []
     line.request(motion)
     newest: Reading | None = reading
     ordered: Orders | None = None
-    stopped: Change | None = None
+    stopped: StateChange | None = None
     while True:
         if newest is not None:
             if line.wanted and not stopped:
@@ -197,21 +196,21 @@ def _moved(
                 begins()
                 begins = None
             if mover.is_done(note):
-                return notes, _halted(line) or stopped
+                return notes, _halt(line) or stopped
             ordered = orders(note)
         # Without a new state the last orders are sent again, to show the guard that this process is alive.
         try:
             line.send(ordered)
             newest = line.receive()
         except WireError as error:
-            return notes, _damped(line, f"the controller commands a number that no motor can take: {error}")
+            return notes, _damp(line, f"the controller commands a number that no motor can take: {error}")
         except BackendError as error:
-            return notes, Change(GONE, "link", str(error))
+            return notes, StateChange(GONE, "link", str(error))
         if line.change.state != motion.upper():
             return notes, line.change
 
 
-def _halted(line: Line) -> Change | None:
+def _halt(line: Connection) -> StateChange | None:
     """Have the guard take over; return its change of state if it acted before."""
     try:
         line.request("halt")
@@ -220,14 +219,14 @@ def _halted(line: Line) -> Change | None:
     return None
 
 
-def _damped(line: Line, reason: str) -> Change:
+def _damp(line: Connection, reason: str) -> StateChange:
     """Have the robot damped; a fault of its controller is an outcome."""
     with suppress(BackendError):
         line.request("damp", reason=reason)
-    return Change("DAMPING", "torque", reason)
+    return StateChange("DAMPING", "torque", reason)
 
 
-def _settle(line: Line) -> None:
+def _settle(line: Connection) -> None:
     """Wait for ``SETTLING`` rounds until the robot is still; the recording goes on."""
     with suppress(BackendError):
         for _ in range(SETTLING):
@@ -237,6 +236,6 @@ def _settle(line: Line) -> None:
             line.receive()
 
 
-def _sentence(change: Change) -> str:
+def _sentence(change: StateChange) -> str:
     """Return the reason why a walk did not begin."""
     return change.reason or f"the guard of the robot is in the state {change.state}; a walk begins in STAND"

@@ -69,7 +69,7 @@ class Orders(NamedTuple):
     tau: FloatArray
 
 
-class Command(NamedTuple):
+class MotorPacket(NamedTuple):
     """A packet's commands for the twelve motors, in its own numbers.
 
     Attributes:
@@ -245,7 +245,7 @@ def checksum(packet: bytes) -> int:
     return int.from_bytes(inverted.to_bytes(4, "little").translate(_MIRRORED), "big")
 
 
-def pack(orders: Orders | Command, layout: Layout) -> bytes:
+def pack(orders: Orders | MotorPacket, layout: Layout) -> bytes:
     """Return the packet with these commands; a packed command stays unchanged.
 
     Counts are truncated towards zero, as in the vendor's library: a kd of 0.8 is sent as 0.75.
@@ -254,9 +254,9 @@ def pack(orders: Orders | Command, layout: Layout) -> bytes:
         WireError: a number is not finite or does not fit. The vendor's library wraps around instead: it sends a torque
             of 200 as −56 N·m.
     """
-    if isinstance(orders, Command):
+    if isinstance(orders, MotorPacket):
         return orders.data
-    (q, dq), (kp, kd, tau) = _counted(orders)
+    (q, dq), (kp, kd, tau) = _counts(orders)
     return _command(q, dq, tau, kp, kd, layout)
 
 
@@ -303,7 +303,7 @@ def unpack_orders(data: bytes, layout: Layout) -> Orders:
     return read_command(data, layout).orders()
 
 
-def read_command(data: bytes, layout: Layout) -> Command:
+def read_command(data: bytes, layout: Layout) -> MotorPacket:
     """Return the commands of a packet in its own numbers.
 
     Raises:
@@ -314,7 +314,7 @@ def read_command(data: bytes, layout: Layout) -> Command:
     values = layout.orders.unpack(data)
     mode, q, dq, tau, kp, kd = (values[place::6] for place in range(6))
     _check_finite("command", *q, *dq)
-    return Command(data, layout, mode, q, dq, tau, kp, kd)
+    return MotorPacket(data, layout, mode, q, dq, tau, kp, kd)
 
 
 def pack_reading(reading: Reading, layout: Layout) -> bytes:
@@ -336,10 +336,10 @@ def pack_reading(reading: Reading, layout: Layout) -> bytes:
     packet["foot_force"] = reading.foot_force
     packet["tick"] = reading.tick & 0xFFFFFFFF
     packet["remote"] = np.frombuffer(reading.remote, "u1")
-    return _closed(packet.tobytes(), layout)
+    return _close(packet.tobytes(), layout)
 
 
-def _counted(orders: Orders) -> tuple[list[list[float]], list[list[int]]]:
+def _counts(orders: Orders) -> tuple[list[list[float]], list[list[int]]]:
     """Return q and dq of some orders, and kp, kd and tau in counts, truncated towards zero.
 
     Raises:
@@ -376,7 +376,7 @@ def _command(
     """Return the packet for twelve motors in closed loop."""
     fields: list[Any] = [CLOSED_LOOP] * (6 * MOTORS)
     fields[1::6], fields[2::6], fields[3::6], fields[4::6], fields[5::6] = q, dq, tau, kp, kd
-    return _closed(layout.orders.pack(*fields), layout)
+    return _close(layout.orders.pack(*fields), layout)
 
 
 def _check_finite(what: str, *numbers: float) -> None:
@@ -385,7 +385,7 @@ def _check_finite(what: str, *numbers: float) -> None:
         raise WireError("number", f"a {what} has a number that is not finite")
 
 
-def _closed(packet: bytes, layout: Layout) -> bytes:
+def _close(packet: bytes, layout: Layout) -> bytes:
     """Return a packet with its head and checksum filled in."""
     data = layout.head + packet[len(layout.head) :]
     return data[:-4] + checksum(data).to_bytes(4, "little")

@@ -23,7 +23,7 @@ BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
-class Command:
+class DriveCommand:
     """What the controller does, (ticks,) each.
 
     Attributes:
@@ -37,13 +37,13 @@ class Command:
     voltage: FloatArray
 
     @classmethod
-    def following(cls, reference: FloatArray, powered: BoolArray) -> Command:
+    def following(cls, reference: FloatArray, powered: BoolArray) -> DriveCommand:
         """Return the command that follows a reference where the drive is on."""
         return cls(reference, powered, np.zeros(reference.size))
 
 
 @dataclass(frozen=True, eq=False)
-class Record:
+class DriveLog:
     """The drive's log, (ticks,) each: position [m], speed [m/s], voltage [V], and nominal force [N]."""
 
     q: FloatArray
@@ -51,12 +51,12 @@ class Record:
     u: FloatArray
     force: FloatArray
 
-    def part(self, first: int) -> Record:
+    def part(self, first: int) -> DriveLog:
         """Return the record from this tick on."""
-        return Record(self.q[first:], self.v[first:], self.u[first:], self.force[first:])
+        return DriveLog(self.q[first:], self.v[first:], self.u[first:], self.force[first:])
 
 
-class _Figures(NamedTuple):
+class _Constants(NamedTuple):
     """The constants of a tick: :class:`~s2r_emps.physics.Physics`, and the values that follow from it."""
 
     mass: float
@@ -91,8 +91,8 @@ class _Figures(NamedTuple):
 
 
 def simulate(
-    command: Command, start: tuple[float, float], physics: Physics, draws: Draws, stiffness: float = 1.0
-) -> Record:
+    command: DriveCommand, start: tuple[float, float], physics: Physics, draws: Draws, stiffness: float = 1.0
+) -> DriveLog:
     """Simulate the axis under its controller.
 
     Args:
@@ -105,7 +105,7 @@ def simulate(
     p, h, n = physics, STEP, command.reference.size
     follow = 1 - exp(-h / p.lag) if p.lag else 1.0
     whole = int(p.delay / h + 1e-9)
-    figures = _Figures(
+    constants = _Constants(
         mass=float(p.mass),
         motor=float(MOTOR_SHARE * p.mass),
         gain=float(p.gain * draws.gain),
@@ -140,9 +140,9 @@ def simulate(
         (float(start[0]), float(start[1])),
         np.ascontiguousarray(draws.encoder[:n]),
         np.ascontiguousarray(draws.disturbance[:n]),
-        figures,
+        constants,
     )
-    return Record(q, speed, volts, GAIN * volts)
+    return DriveLog(q, speed, volts, GAIN * volts)
 
 
 @compiled
@@ -153,28 +153,28 @@ def _ticks(
     start: tuple[float, float],
     errors: FloatArray,
     pushes: FloatArray,
-    p: _Figures,
+    p: _Constants,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return (ticks,) the encoder position [m], the fed-back speed [m/s] and the commanded voltage [V]."""
     h, carriage, teeth, n = STEP, p.mass - p.motor, RIPPLES * TURN, reference.size
     dry = p.coulomb != 0.0 or p.stribeck != 0.0 or p.screw != 0.0
     late = p.whole > 0 or p.part > 0.0
-    seen, v = start
+    measured, v = start
     positions, speeds, sent = np.empty(n), np.empty(n), np.empty(n)
 
     # Position of the motor, on whose shaft the encoder sits. An elastic joint is in equilibrium at every tick.
-    q = seen - p.wobble * sin(TURN * seen + p.turned)
+    q = measured - p.wobble * sin(TURN * measured + p.turned)
     ql, vl = q, v  # of the carriage; equal to the motor's without play
-    seen -= h * v
+    measured -= h * v
     speed, current, twist = v, 0.0, 0.0
     for k in range(n):
-        before, seen = seen, q + twist + errors[k]
+        before, measured = measured, q + twist + errors[k]
         if p.wobble != 0.0:
-            seen += p.wobble * sin(TURN * q + p.turned)
-        speed += p.smooth * ((seen - before) / h - speed)
-        u = p.speed_gain * (p.position_gain * (reference[k] - seen) - speed) if closed[k] else voltage[k]
+            measured += p.wobble * sin(TURN * q + p.turned)
+        speed += p.smooth * ((measured - before) / h - speed)
+        u = p.speed_gain * (p.position_gain * (reference[k] - measured) - speed) if closed[k] else voltage[k]
         u = p.limit if u > p.limit else -p.limit if u < -p.limit else u
-        positions[k], speeds[k], sent[k] = seen, speed, u
+        positions[k], speeds[k], sent[k] = measured, speed, u
         if late:
             # The voltage is zero until the first command arrives.
             u = sent[k - p.whole] if k >= p.whole else 0.0

@@ -14,14 +14,14 @@ from typing import Any, Self
 import numpy as np
 
 from s2r_emps import residuals
-from s2r_emps.axis import Command, Record, simulate
+from s2r_emps.axis import DriveCommand, DriveLog, simulate
 from s2r_emps.effects import CATALOGUE, world
 from s2r_emps.moves import PARAMETERS, Test, move, read_test
 from s2r_emps.noise import FloatArray, Noise, draw
 from s2r_emps.options import read_options, write_options
 from s2r_emps.physics import MIDDLE, RATE, STEP, Physics
 from s2r_emps.protocols import PROTOCOLS, reference
-from s2r_emps.recorded import Recorded, read_recorded
+from s2r_emps.recorded import RecordedReference, read_recorded
 from s2r_spec.backend import Channel, Effect, Parameter
 from s2r_spec.effects import Choice, Values, as_values, choose
 from s2r_spec.errors import TraceError, UsageError
@@ -98,7 +98,7 @@ class EmpsBackend:
         return _digest(world(self.physics, self.added), self.noise, digest)
 
     @property
-    def _recorded(self) -> Recorded:
+    def _recorded(self) -> RecordedReference:
         return read_recorded(self.reference)
 
     def effects(self) -> tuple[Effect, ...]:
@@ -150,7 +150,7 @@ class EmpsBackend:
             draws = draw(self.noise, seed, ticks)
             start = (float(reference[0]) + draws.start, 0.0)
             physics = replace(physics, mass=physics.mass + test.payload + draws.payload)
-        record = simulate(Command.following(reference, on), start, physics, draws)
+        record = simulate(DriveCommand.following(reference, on), start, physics, draws)
         return self._trace(reference[lead:], record.part(lead), {"params": values, "seed": seed})
 
     def protocols(self) -> tuple[Protocol, ...]:
@@ -170,7 +170,7 @@ class EmpsBackend:
         physics = world(self.physics, self.added)
         if "payload" in values:
             physics = replace(physics, mass=physics.mass + values["payload"] + draws.payload)
-        record = simulate(Command.following(position, on), start, physics, draws, values["gain"])
+        record = simulate(DriveCommand.following(position, on), start, physics, draws, values["gain"])
         return self._trace(position, record, {PROTOCOL: protocol, "params": values, "seed": seed})
 
     def play(self, inputs: Trace, params: Mapping[str, float], seed: int) -> Trace:
@@ -194,11 +194,11 @@ class EmpsBackend:
         physics = replace(physics, mass=physics.mass + values.get("payload", 0.0) + draws.payload)
         begin = float(inputs["q"][0]) if "q" in inputs.channels else MIDDLE
         reference_position = inputs["q_ref"] if "q_ref" in inputs.channels else np.full(voltage.size, begin)
-        command = Command(reference_position, np.zeros(voltage.size, dtype=np.bool_), voltage)
+        command = DriveCommand(reference_position, np.zeros(voltage.size, dtype=np.bool_), voltage)
         record = simulate(command, (begin, 0.0), physics, draws)
         return self._trace(reference_position, record, {PROTOCOL: PLAYED, "params": values, "seed": seed})
 
-    def _trace(self, reference_position: FloatArray, record: Record, facts: dict[str, Any]) -> Trace:
+    def _trace(self, reference_position: FloatArray, record: DriveLog, facts: dict[str, Any]) -> Trace:
         """Return a record as a trace from t = 0, with these facts in its meta."""
         columns = (reference_position, record.q, record.v, record.u, record.force)
         meta: dict[str, Any] = {"backend": self.name, "model_hash": self.model_hash, **facts}

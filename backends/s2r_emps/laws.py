@@ -26,14 +26,14 @@ def drive_force(u: FloatArray, q: FloatArray, physics: Physics) -> FloatArray:
     ticks = np.arange(u.size, dtype=np.float64)
     current = np.interp(ticks - physics.delay / STEP, ticks, u)
     if physics.lag:
-        late = np.concatenate((current[:1], smoothed(current, physics.lag, float(current[0]))[:-1]))
+        late = np.concatenate((current[:1], smooth(current, physics.lag, float(current[0]))[:-1]))
         current = current + physics.lag / STEP * (1 - exp(-STEP / physics.lag)) * (late - current)
     current = np.interp(ticks - 0.5, ticks, current)
     force = physics.gain * current * (1 - physics.sag / VOLTAGE * np.abs(current))
     return np.asarray(force + physics.ripple * np.sin(RIPPLES * TURN * q + physics.ripple_phase))
 
 
-def lacking(
+def lacking_force(
     q: FloatArray, v: FloatArray, speeds_up: FloatArray, force: FloatArray, physics: Physics
 ) -> FloatArray:
     """Return the force [N] that a motion (m, m/s, m/s²) needs on top of the motor's force [N] and the resistance.
@@ -85,7 +85,7 @@ def encoder_error(q: FloatArray, physics: Physics) -> FloatArray:
     return np.asarray(physics.encoder_ripple * np.sin(TURN * q + physics.encoder_phase))
 
 
-def smoothed(values: FloatArray, time: float, first: float) -> FloatArray:
+def smooth(values: FloatArray, time: float, first: float) -> FloatArray:
     """Return values filtered by a first-order lag of time constant ``time`` [s] that starts from ``first``."""
     from scipy.signal import lfilter  # here: a rollout needs no scipy
 

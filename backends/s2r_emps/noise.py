@@ -66,11 +66,11 @@ def draw(noise: Noise, seed: int, ticks: int) -> Draws:
         payload=noise.payload * payload,
         start=noise.start * start,
         encoder=noise.encoder * white[:, 0],
-        disturbance=noise.disturbance * _coloured(white[:, 1], noise.disturbance_time),
+        disturbance=noise.disturbance * _colour(white[:, 1], noise.disturbance_time),
     )
 
 
-def _coloured(white: FloatArray, time: float) -> FloatArray:
+def _colour(white: FloatArray, time: float) -> FloatArray:
     """Return (n,) samples of an Ornstein-Uhlenbeck process with unit variance and correlation time ``time`` [s]."""
     keep = exp(-STEP / time)
     return _autoregressive(np.ascontiguousarray(white), keep, (1.0 - keep * keep) ** 0.5)

@@ -24,7 +24,7 @@ _SETTLED = 10
 
 
 @dataclass(frozen=True, eq=False)
-class Recorded:
+class RecordedReference:
     """A reference on the controller's grid of 1 ms.
 
     Attributes:
@@ -62,7 +62,7 @@ class Recorded:
 
 
 @cache
-def read_recorded(path: str) -> Recorded:
+def read_recorded(path: str) -> RecordedReference:
     """Read a MATLAB file of the EMPS data set.
 
     Raises:
@@ -101,4 +101,4 @@ def read_recorded(path: str) -> Recorded:
         )
     if not (np.isfinite(position).all() and np.isfinite(measured).all()):
         raise UsageError(f"the reference {path} has values of qg or qm that are not finite numbers")
-    return Recorded(position, measured, hashlib.sha256(content).hexdigest())
+    return RecordedReference(position, measured, hashlib.sha256(content).hexdigest())

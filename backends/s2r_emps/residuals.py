@@ -7,7 +7,7 @@ from math import sqrt
 
 import numpy as np
 
-from s2r_emps.laws import drive_force, encoder_error, lacking, smoothed
+from s2r_emps.laws import drive_force, encoder_error, lacking_force, smooth
 from s2r_emps.noise import FloatArray
 from s2r_emps.physics import KP, KV, RATE, Physics
 from s2r_spec.errors import TraceError, one_of
@@ -38,7 +38,7 @@ def residuals(trace: Trace, physics: Physics, stiffness: float = 1.0) -> Trace:
         raise TraceError(
             f"residuals need q and u (and q_ref for the controller's), but the trace has {one_of(trace.channels)}"
         )
-    if not _even(trace):
+    if not _is_even(trace):
         raise TraceError(f"residuals need a trace of more than {3 * EDGE} samples, 1 ms apart")
     inner = slice(EDGE, -EDGE)
     channels = {"force": _force(trace, physics)[inner]}
@@ -51,15 +51,15 @@ def residuals(trace: Trace, physics: Physics, stiffness: float = 1.0) -> Trace:
 
 
 @lru_cache(maxsize=2)
-def _even(trace: Trace) -> bool:
+def _is_even(trace: Trace) -> bool:
     steps = np.diff(trace.times)
     return len(trace) > 3 * EDGE and bool(np.allclose(steps, 1 / RATE, rtol=0, atol=0.01 / RATE))
 
 
 def _force(trace: Trace, physics: Physics) -> FloatArray:
-    q, v, speeds_up = _motion(trace, _only(physics, _ENCODER))
-    force = _driven(trace, _only(physics, _DRIVE))
-    return lacking(q, v, speeds_up, force, physics)
+    q, v, speeds_up = _motion(trace, _with_constants(physics, _ENCODER))
+    force = _drive_force(trace, _with_constants(physics, _DRIVE))
+    return lacking_force(q, v, speeds_up, force, physics)
 
 
 # A diagnosis computes the residuals of one trace with many effects, and most effects leave the motion or the drive
@@ -69,16 +69,16 @@ def _force(trace: Trace, physics: Physics) -> FloatArray:
 @lru_cache(maxsize=4)
 def _motion(trace: Trace, physics: Physics) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return (n,) filtered position [m], speed [m/s] and acceleration [m/s²]."""
-    seen = trace["q"]
-    q = _smooth(seen - encoder_error(seen, physics))
+    measured = trace["q"]
+    q = _smooth(measured - encoder_error(measured, physics))
     v = np.gradient(q, 1 / RATE)
     return q, v, np.gradient(v, 1 / RATE)
 
 
 @lru_cache(maxsize=4)
-def _driven(trace: Trace, physics: Physics) -> FloatArray:
+def _drive_force(trace: Trace, physics: Physics) -> FloatArray:
     """Return (n,) the motor's force [N], filtered like the motion."""
-    q, _, _ = _motion(trace, _only(physics, _ENCODER))
+    q, _, _ = _motion(trace, _with_constants(physics, _ENCODER))
     return _smooth(drive_force(trace["u"], q, physics))
 
 
@@ -86,7 +86,7 @@ _ENCODER = frozenset({"encoder_ripple", "encoder_phase"})
 _DRIVE = _ENCODER | {"gain", "delay", "lag", "sag", "ripple", "ripple_phase"}
 
 
-def _only(physics: Physics, names: frozenset[str]) -> Physics:
+def _with_constants(physics: Physics, names: frozenset[str]) -> Physics:
     """Return the nominal axis with these constants of another one, so that the cache ignores the other constants."""
     return Physics(**{name: getattr(physics, name) for name in names})
 
@@ -94,7 +94,7 @@ def _only(physics: Physics, names: frozenset[str]) -> Physics:
 def _controller(trace: Trace, physics: Physics, stiffness: float) -> FloatArray:
     speed = np.diff(trace["q"], prepend=2 * trace["q"][0] - trace["q"][1]) * RATE
     if physics.speed_filter:
-        speed = smoothed(speed, physics.speed_filter, float(speed[0]))
+        speed = smooth(speed, physics.speed_filter, float(speed[0]))
     root = sqrt(stiffness)
     law = KV * root * (KP * root * (trace["q_ref"] - trace["q"]) - speed)
     u = trace["u"]

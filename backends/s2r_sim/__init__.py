@@ -10,7 +10,7 @@ A module imports only from its own line and the lines below it; ``tests/test_lay
     effects/                     physics that the nominal plant leaves out, one folder for each family
     plant/                       MuJoCo, ground, motors, sensors and noise, and the recorder of channels
     controller/                  gait, tasks, QPs and velocity estimator; it does not know the plant
-    robot/                       figures, kinematics, rigid-body model, signals between robot and controller
+    robot/                       constants, kinematics, rigid-body model, signals between robot and controller
 
 The plant stands above the controller for two reasons: its sensors run the robot's own velocity estimator, and its
 recorder stores the controller's decisions.

@@ -89,7 +89,7 @@ class SimBackend:
 
     @property
     def model_hash(self) -> str:
-        """Hex digest over figures, gains, noise, physics, solver versions and this package's source."""
+        """Hex digest over constants, gains, noise, physics, solver versions and this package's source."""
         return _digest(self._settings, self.noise)
 
     def effects(self) -> tuple[Effect, ...]:
@@ -206,9 +206,9 @@ class SimBackend:
         from s2r_sim.pictures import draw
 
         trace, true = self.rollout(params, seed), replace(self.settings, record="truth")
-        seen = trace if self.settings == true else replace(self, settings=true).rollout(params, seed)
+        true_trace = trace if self.settings == true else replace(self, settings=true).rollout(params, seed)
         settings = self._settings
-        draw(replace(settings, physics=read_test(params).world(settings.physics)), seen, Path(path))
+        draw(replace(settings, physics=read_test(params).world(settings.physics)), true_trace, Path(path))
         return trace
 
     def residuals(self, trace: Trace, params: Mapping[str, float] | None = None) -> Trace:

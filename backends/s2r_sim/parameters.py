@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from s2r_sim.plant.physics import Physics
-from s2r_sim.robot.signals import Command
+from s2r_sim.robot.signals import VelocityCommand
 from s2r_spec import backend
 from s2r_spec.backend import Parameter
 
@@ -43,9 +43,9 @@ class Test(NamedTuple):
     push_time: float
 
     @property
-    def command(self) -> Command:
+    def command(self) -> VelocityCommand:
         """The commanded velocity."""
-        return Command(self.vd, self.vy, self.wz)
+        return VelocityCommand(self.vd, self.vy, self.wz)
 
     def world(self, physics: Physics) -> Physics:
         """Return the world in which the test takes place."""

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from s2r_sim.controller.gains import RATE
 from s2r_sim.plant import mujoco_model
 from s2r_sim.robot import rotation
-from s2r_sim.robot.figures import LEGS
+from s2r_sim.robot.constants import LEGS
 from s2r_sim.settings import Settings
 from s2r_spec.errors import UsageError, one_of, require
 from s2r_spec.trace import Trace

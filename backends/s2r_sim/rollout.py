@@ -18,16 +18,16 @@ from s2r_sim.plant.noise import Noise, draw, with_instruments
 from s2r_sim.plant.plant import Plant, Saved
 from s2r_sim.plant.recorder import Recorder
 from s2r_sim.plant.sensors import SensorMemory, Sensors
-from s2r_sim.robot.leg_kinematics import standing
-from s2r_sim.robot.signals import Command, State
+from s2r_sim.robot.leg_kinematics import stand_angles
+from s2r_sim.robot.signals import RobotState, VelocityCommand
 from s2r_sim.settings import Settings
 
 FloatArray = NDArray[np.float64]
 
-_STILL = Command()
+_STILL = VelocityCommand()
 
 
-class Record(NamedTuple):
+class RolloutRecord(NamedTuple):
     """Record of a rollout: samples by channel, failed QPs, whether it ended in a fall."""
 
     ticks: int
@@ -64,7 +64,7 @@ class Simulator:
         settings, plant, controller = self._settings, self._plant, self._controller
         period = Gait.of(settings.gains).period
         height = settings.gains.base_height
-        plant.place(np.array([0.0, 0.0, height]), np.zeros(3), standing(settings.robot, height))
+        plant.place(np.array([0.0, 0.0, height]), np.zeros(3), stand_angles(settings.robot, height))
         controller.restore(Memory())
         saved: dict[int, _Warm] = {}
         warm_up = round(settings.warm_up * RATE)
@@ -75,12 +75,12 @@ class Simulator:
             plant.step(controller.tick(measured, _STILL).motors, -inf)
         return tuple(saved[tick] for tick in range(period))
 
-    def rollout(self, test: Test, noise: Noise, seed: int, ticks: int) -> Record:
+    def rollout(self, test: Test, noise: Noise, seed: int, ticks: int) -> RolloutRecord:
         """Run one test for this number of control ticks, or until the robot falls."""
         with self._lock:
             return self._rollout(test, noise, seed, ticks)
 
-    def _rollout(self, test: Test, noise: Noise, seed: int, ticks: int) -> Record:
+    def _rollout(self, test: Test, noise: Noise, seed: int, ticks: int) -> RolloutRecord:
         plant, sensors, controller = self._plant, self._sensors, self._controller
         settling = round(self._settings.settling * RATE)
         period = len(self._warm)
@@ -109,7 +109,7 @@ class Simulator:
                 break
         channels = recorder.channels(sensors.estimates()[settling:], fallen)
         channels = with_instruments(channels, noise, seed)
-        return Record(len(recorder), channels, recorder.qp_failures, fallen)
+        return RolloutRecord(len(recorder), channels, recorder.qp_failures, fallen)
 
 
 @lru_cache(maxsize=32)
@@ -122,7 +122,7 @@ def simulator(settings: Settings) -> Simulator:
     return Simulator(settings)
 
 
-def _push(test: Test, tick: int, truth: State) -> FloatArray | None:
+def _push(test: Test, tick: int, truth: RobotState) -> FloatArray | None:
     """Return the (3,) force on the base [N] at this tick, world axes."""
     force = test.push_force(tick / RATE)
     if force == 0.0:

@@ -7,7 +7,7 @@ from typing import Literal
 
 from s2r_sim.controller.gains import Feedback, Form, Gains
 from s2r_sim.plant.physics import FallLimits, Physics
-from s2r_sim.robot.figures import A1, Robot
+from s2r_sim.robot.constants import A1, Robot
 
 Record = Literal["measured", "truth"]
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import fields, replace
 
 from s2r_sim.plant.noise import Noise
-from s2r_sim.robot.figures import Inertia, Robot
+from s2r_sim.robot.constants import Inertia, Robot
 from s2r_sim.settings import Settings
 
 MASS_ERROR = 0.015
@@ -23,8 +23,7 @@ INSTRUMENTS = {
     "torque": 0.05,
 }
 """Prior: noise of a laboratory's instruments, in the units of :class:`Noise`. A judgement, of the order of data sheets:
-a few tenths of a millimetre for motion capture, 1 N for force plates, 0.15 % of the largest torque. Twice as much
-lets such noise explain twice as large a difference of a mean square."""
+a few tenths of a millimetre for motion capture, 1 N for force plates, 0.15 % of the largest torque."""
 
 
 def variants(settings: Settings, noise: Noise) -> dict[str, tuple[Settings, Noise]]:
@@ -38,23 +37,28 @@ def variants(settings: Settings, noise: Noise) -> dict[str, tuple[Settings, Nois
         "more torsion": replace(p, torsion=3.0 * p.torsion),
         "joints that rub less": replace(p, damping=0.2 * p.damping, dry_friction=0.2 * p.dry_friction),
     }
-    found = {name: (replace(settings, physics=changed), noise) for name, changed in physics.items()}
-    found["lighter legs, heavier trunk"] = (replace(settings, robot=_shifted(settings.robot)), noise)
-    found["twice the sensor noise"] = (settings, _louder(noise))
-    found["measured by instruments"] = (settings, replace(noise, **INSTRUMENTS))
-    return found
+    settings_by_name = {
+        name: (replace(settings, physics=changed), noise) for name, changed in physics.items()
+    }
+    settings_by_name["lighter legs, heavier trunk"] = (
+        replace(settings, robot=_shift(settings.robot)),
+        noise,
+    )
+    settings_by_name["twice the sensor noise"] = (settings, _louder(noise))
+    settings_by_name["measured by instruments"] = (settings, replace(noise, **INSTRUMENTS))
+    return settings_by_name
 
 
-def _shifted(robot: Robot) -> Robot:
+def _shift(robot: Robot) -> Robot:
     return replace(
         robot,
-        trunk=_scaled(robot.trunk, 1.0 + MASS_ERROR),
-        thigh=_scaled(robot.thigh, 1.0 - MASS_ERROR),
-        calf=_scaled(robot.calf, 1.0 - MASS_ERROR),
+        trunk=_scale(robot.trunk, 1.0 + MASS_ERROR),
+        thigh=_scale(robot.thigh, 1.0 - MASS_ERROR),
+        calf=_scale(robot.calf, 1.0 - MASS_ERROR),
     )
 
 
-def _scaled(inertia: Inertia, factor: float) -> Inertia:
+def _scale(inertia: Inertia, factor: float) -> Inertia:
     moments = {name: getattr(inertia, name) * factor for name in ("mass", "xx", "yy", "zz", "xy", "xz", "yz")}
     return replace(inertia, **moments)
 

@@ -20,7 +20,7 @@ from s2r_spec.trace import Trace
 
 
 @dataclass(frozen=True)
-class Figures:
+class Constants:
     """The constants of a rollout, besides test and seed. Lengths in m, times in s."""
 
     start: tuple[float, float] = (-0.8, 0.0)
@@ -43,7 +43,7 @@ def ideal(*values: float) -> tuple[float, ...]:
     return values
 
 
-def steer(x: float, y: float, ox: float, oy: float, figures: Figures) -> tuple[float, float]:
+def steer(x: float, y: float, ox: float, oy: float, constants: Constants) -> tuple[float, float]:
     """Return the velocity [m/s] of the steered point: towards the goal, with a barrier around the obstacle.
 
     The desired velocity is an attraction to the goal plus a swirl around the obstacle, on the side where the straight
@@ -51,38 +51,44 @@ def steer(x: float, y: float, ox: float, oy: float, figures: Figures) -> tuple[f
     barrier h = |p − o|² − keep² satisfies ḣ ≥ −decay h. This quadratic program has one constraint, and a projection on
     its half-plane solves it.
     """
-    gx, gy = figures.goal[0] - x, figures.goal[1] - y
+    gx, gy = constants.goal[0] - x, constants.goal[1] - y
     distance = hypot(gx, gy)
-    pull = figures.speed * tanh(distance / figures.reach) / max(distance, 1e-9)
+    pull = constants.speed * tanh(distance / constants.reach) / max(distance, 1e-9)
     dx, dy = x - ox, y - oy
     square = max(dx * dx + dy * dy, 1e-9)
-    barrier = square - figures.keep**2
-    (sx, sy), (ex, ey) = figures.start, figures.goal
+    barrier = square - constants.keep**2
+    (sx, sy), (ex, ey) = constants.start, constants.goal
     side = 1.0 if (ex - sx) * (oy - sy) >= (ey - sy) * (ox - sx) else -1.0
-    turn = side * figures.speed * figures.swirl * exp(-square / figures.keep**2) / figures.keep
+    turn = side * constants.speed * constants.swirl * exp(-square / constants.keep**2) / constants.keep
     ux, uy = pull * gx - turn * dy, pull * gy + turn * dx
-    lacking = max(0.0, -figures.decay * barrier - 2 * (dx * ux + dy * uy)) / (2 * square)
+    lacking = max(0.0, -constants.decay * barrier - 2 * (dx * ux + dy * uy)) / (2 * square)
     return ux + lacking * dx, uy + lacking * dy
 
 
 def drive(
-    ox: float, oy: float, ticks: int, seed: int, figures: Figures, look: Body = ideal, wheels: Body = ideal
+    ox: float,
+    oy: float,
+    ticks: int,
+    seed: int,
+    constants: Constants,
+    look: Body = ideal,
+    wheels: Body = ideal,
 ) -> np.ndarray:
     """Return (ticks + 1, 5) of x, y, heading, v and w, for a unicycle with white noise on both speeds."""
     # The error in one tick exceeds the mean error over one second by the square root of the ratio of the two times.
-    errors = np.random.default_rng(seed).normal(scale=figures.slip / figures.step**0.5, size=(ticks, 2))
-    (x, y), heading = figures.start, 0.0
+    errors = np.random.default_rng(seed).normal(scale=constants.slip / constants.step**0.5, size=(ticks, 2))
+    (x, y), heading = constants.start, 0.0
     rows = [(x, y, heading, 0.0, 0.0)]
     for forward, turning in errors.tolist():
         seen_x, seen_y, seen_heading = look(x, y, heading)
         c, s = cos(seen_heading), sin(seen_heading)
-        ux, uy = steer(seen_x + figures.ahead * c, seen_y + figures.ahead * s, ox, oy, figures)
-        v, w = c * ux + s * uy, (c * uy - s * ux) / figures.ahead
+        ux, uy = steer(seen_x + constants.ahead * c, seen_y + constants.ahead * s, ox, oy, constants)
+        v, w = c * ux + s * uy, (c * uy - s * ux) / constants.ahead
         speed, rate = wheels(v, w)
         # The two errors of a differential drive: both wheels too fast, or one faster than the other.
-        x += figures.step * speed * (1 + forward) * cos(heading)
-        y += figures.step * speed * (1 + forward) * sin(heading)
-        heading += figures.step * (rate + turning)
+        x += constants.step * speed * (1 + forward) * cos(heading)
+        y += constants.step * speed * (1 + forward) * sin(heading)
+        heading += constants.step * (rate + turning)
         rows.append((x, y, heading, v, w))
     return np.array(rows)
 
@@ -111,7 +117,7 @@ class TurtlebotBackend:
     """
 
     duration: float = 8.0
-    figures: Figures = field(default_factory=Figures)
+    constants: Constants = field(default_factory=Constants)
     name: str = field(default="turtlebot", init=False)
     deterministic: bool = field(default=True, init=False)
     channels: tuple[Channel, ...] = field(default=CHANNELS, init=False, repr=False)
@@ -120,12 +126,12 @@ class TurtlebotBackend:
     @property
     def cost(self) -> float:
         """Expected time of one rollout on one core [s]: about 3 µs a tick."""
-        return 3e-6 * self.duration / self.figures.step
+        return 3e-6 * self.duration / self.constants.step
 
     @property
     def model_hash(self) -> str:
         """Hash of the constants and of this file."""
-        return hashlib.sha256(repr(self.figures).encode() + Path(__file__).read_bytes()).hexdigest()
+        return hashlib.sha256(repr(self.constants).encode() + Path(__file__).read_bytes()).hexdigest()
 
     def with_duration(self, seconds: float) -> Self:
         """Return this robot with rollouts of this duration [s]."""
@@ -138,10 +144,10 @@ class TurtlebotBackend:
     def rollout(self, params: Mapping[str, float], seed: int) -> Trace:
         """Run one test; a missing parameter takes its default, and an unknown one raises a UsageError."""
         ox, oy = read_test(self.name, self.parameters, params).values()
-        step = self.figures.step
+        step = self.constants.step
         ticks = ceil(self.duration / step - 1e-9)
-        x, y, heading, v, w = drive(ox, oy, ticks, seed, self.figures, *self._body()).T
-        to_goal = np.hypot(x - self.figures.goal[0], y - self.figures.goal[1])
+        x, y, heading, v, w = drive(ox, oy, ticks, seed, self.constants, *self._body()).T
+        to_goal = np.hypot(x - self.constants.goal[0], y - self.constants.goal[1])
         columns = (x, y, heading, v, w, to_goal, np.hypot(x - ox, y - oy))
         units = {channel.name: channel.unit for channel in self.channels}
         times = step * np.arange(ticks + 1, dtype=np.float64)

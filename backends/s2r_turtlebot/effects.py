@@ -167,7 +167,7 @@ class TurtlebotWithEffects(TurtlebotBackend):
 
     def _body(self) -> tuple[Body, Body]:
         physics = self._physics
-        return (ideal, ideal) if physics == Physics() else (physics.look, physics.wheels(self.figures.step))
+        return (ideal, ideal) if physics == Physics() else (physics.look, physics.wheels(self.constants.step))
 
 
 def turtlebot(options: str = "") -> TurtlebotWithEffects:

@@ -164,7 +164,7 @@ def step_of_the_a1() -> float:
 
     from s2r_sim.plant import mujoco_model
     from s2r_sim.plant.physics import Physics
-    from s2r_sim.robot.figures import A1 as ROBOT
+    from s2r_sim.robot.constants import A1 as ROBOT
 
     model = mujoco_model.build(ROBOT, Physics())
     data = mujoco.MjData(model)

@@ -21,7 +21,7 @@ from s2r_a1.channels import channels
 from s2r_a1.guard import leg, moves, states
 from s2r_a1.guard import limits as limit
 from s2r_a1.guard.limits import LIMITS, MS, ROBOT_WORDS, SECOND, Figure, Limits
-from s2r_a1.guard.states import ROWS, State
+from s2r_a1.guard.states import RULES, State
 from s2r_a1.protocols import PROTOCOLS, height_in_rig
 from s2r_sim.controller.gains import RATE
 
@@ -98,7 +98,7 @@ LEAVES: dict[State, str] = {
 def state_table() -> str:
     return table(
         ("state", "what the guard sends", "what ends it"),
-        [(state, SENT[state], LEAVES[state]) for state in ROWS],
+        [(state, SENT[state], LEAVES[state]) for state in RULES],
     )
 
 
@@ -108,13 +108,13 @@ def limit_table() -> str:
         *(State.ARMED, State.STANDING_UP, State.STAND, State.WALK, State.EXCITE, State.EXCITE_HELD),
         *(State.LYING_DOWN, State.RESTING),
     )
-    checks: dict[str, limit.Check] = {}
-    for state in (State.WALK, State.STAND, State.STANDING_UP, *ROWS):
-        checks |= {check.name: check for check in ROWS[state].checks if check.name not in checks}
+    checks: dict[str, limit.LimitCheck] = {}
+    for state in (State.WALK, State.STAND, State.STANDING_UP, *RULES):
+        checks |= {check.name: check for check in RULES[state].checks if check.name not in checks}
     conditions = means()
     rows = []
     for check in sorted(checks.values(), key=lambda check: check.word not in ROBOT_WORDS):
-        holds = ("yes" if check in ROWS[state].checks else "–" for state in shown)
+        holds = ("yes" if check in RULES[state].checks else "–" for state in shown)
         rows.append((conditions[check.name], f"{check.word}, {outcome(check.word)}", *holds))
     return table(("condition", "word", *(state.replace("_", " ") for state in shown)), rows)
 
@@ -122,7 +122,7 @@ def limit_table() -> str:
 def warning_table() -> str:
     """Return the conditions that only print a warning."""
     warned: dict[str, list[str]] = {}
-    for state, row in ROWS.items():
+    for state, row in RULES.items():
         for check in row.warnings:
             warned.setdefault(check.name, []).append(state)
     return table(

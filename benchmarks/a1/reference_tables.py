@@ -18,7 +18,7 @@ from s2r_sim.plant.channels import CHANNELS, FROM_OUTSIDE, TRUE_CHANNELS
 from s2r_sim.plant.noise import Noise
 from s2r_sim.plant.physics import Physics
 from s2r_sim.residuals import RESIDUALS
-from s2r_sim.robot.figures import A1, GRAVITY
+from s2r_sim.robot.constants import A1, GRAVITY
 from s2r_sim.twins import PLACES
 from s2r_spec.trace import Trace
 

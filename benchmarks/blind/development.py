@@ -38,7 +38,7 @@ from benchmarks.blind.outsiders.generate import MACHINES as OUTSIDERS
 from benchmarks.blind.protocol.score import NOTHING, SMALLEST, ranked, truth
 from s2r_spec.backend import load_backend
 from s2r_spec.diagnose import diagnose
-from s2r_spec.diagnose.simulator.axes import Line, line
+from s2r_spec.diagnose.simulator.axes import EffectAxis, effect_axis
 from s2r_spec.effects import catalogue_of
 from s2r_spec.spec import load_spec
 
@@ -67,10 +67,10 @@ def simulator(machine: str) -> str:
 
 
 @cache
-def axes(machine: str) -> dict[str, Line]:
+def axes(machine: str) -> dict[str, EffectAxis]:
     """Return effect → axis of its first parameter."""
     catalogue = catalogue_of(load_backend(simulator(machine)))
-    return {effect.name: line(effect, effect.parameters[0]) for effect in catalogue}
+    return {effect.name: effect_axis(effect, effect.parameters[0]) for effect in catalogue}
 
 
 def generate(machine: str, count: int, seed: int, out: Path) -> list[str]:
@@ -164,7 +164,7 @@ class Scored:
     name: str
     label: Label
     answer: Answer
-    axes: Mapping[str, Line]
+    axes: Mapping[str, EffectAxis]
 
     @property
     def kind(self) -> str:

@@ -40,7 +40,7 @@ from benchmarks.rows import add_arguments, resumed
 from s2r_spec.diagnose.data.rollouts import as_experiment
 from s2r_spec.diagnose.data.space_filling import star
 from s2r_spec.diagnose.estimation import Estimate, estimate
-from s2r_spec.diagnose.inference.estimates import named
+from s2r_spec.diagnose.inference.estimates import is_named
 from s2r_spec.diagnose.inference.prior import NAMED, UNNAMED
 from s2r_spec.diagnose.simulator.bench import Bench as SimulatorBench
 from s2r_spec.diagnose.simulator.experiments import Experiment
@@ -141,7 +141,7 @@ def row(
         "median": found.posterior.quantile(0.5).tolist(),
         "low": low.tolist(),
         "high": high.tolist(),
-        "named": named(found.posterior).tolist(),
+        "named": is_named(found.posterior).tolist(),
         "misfit": misfit(found),
         "seconds": seconds,
     }
@@ -192,7 +192,7 @@ def verdicts(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
             )
             for effect in effects
         }
-        answer = {effect for effect, is_named in zip(effects, one["named"], strict=True) if is_named}
+        answer = {effect for effect, is_asserted in zip(effects, one["named"], strict=True) if is_asserted}
         lost = {effect for effect in effects if size[effect] >= NAMED} - answer
         extra = {effect for effect in answer if size[effect] < UNNAMED}
         right.append(not lost and not extra)

@@ -24,7 +24,7 @@ from numpy.random import Generator
 from benchmarks.plants import PLANTS, Plant
 from benchmarks.plants.machine import EFFECTS, Machine, healthy
 from benchmarks.plants.robot import CATALOGUE, PROTOCOLS
-from s2r_spec.diagnose.simulator.axes import Line, line
+from s2r_spec.diagnose.simulator.axes import EffectAxis, effect_axis
 from s2r_spec.trace import Trace
 
 Kind = Literal["null", "single"]
@@ -91,9 +91,11 @@ def large(effect: str, parameter: str, size: float, rng: Generator) -> Label:
     return Label(effect, parameter, one.value(signed), signed)
 
 
-def axis(effect: str, parameter: str) -> Line:
+def axis(effect: str, parameter: str) -> EffectAxis:
     """Return the parameter's axis, with its typical size."""
-    return line(CATALOGUE[effect], next(one for one in CATALOGUE[effect].parameters if one.name == parameter))
+    return effect_axis(
+        CATALOGUE[effect], next(one for one in CATALOGUE[effect].parameters if one.name == parameter)
+    )
 
 
 def affected(machine: Machine, label: Label) -> Machine:

@@ -25,7 +25,7 @@ from benchmarks.plants import PLANTS
 from benchmarks.plants.cases import KINDS, Kind, plant
 from benchmarks.rows import add_arguments, resumed
 from s2r_spec.diagnose.estimation import estimate
-from s2r_spec.diagnose.inference.estimates import named
+from s2r_spec.diagnose.inference.estimates import is_named
 from s2r_spec.diagnose.simulator.library import library
 
 RESULT = Path(__file__).parents[1] / "results" / "plants_diagnose.json"
@@ -57,7 +57,7 @@ def answer(job: tuple[str, Kind, int]) -> dict[str, Any]:
         "plant": name,
         "kind": kind,
         "seed": seed,
-        "named": [effect for effect, own in zip(effects, named(found.posterior), strict=True) if own],
+        "named": [effect for effect, own in zip(effects, is_named(found.posterior), strict=True) if own],
         "probability": {e: round(p, 3) for e, p in probabilities.items() if p >= 0.05},
         "sizes": sizes,
         "falls": [str(e) for e, runs in traces.items() if any(run.failure for run in runs)],

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.random import Generator
 
-from benchmarks.plants.robot import A1, CATALOGUE, LEGS, Inertia, fused
+from benchmarks.plants.robot import A1, CATALOGUE, LEGS, Inertia, fuse
 
 EFFECTS: dict[str, tuple[str, ...]] = {
     "motor_strength": ("factor",),
@@ -115,7 +115,7 @@ def bodies(machine: Machine, load: Inertia) -> tuple[Inertia, list[list[Link]]]:
     shift = machine["com_offset.x"], machine["com_offset.y"], machine["com_offset.z"]
     factors = iter(machine.masses)
     origin = (0.0, 0.0, 0.0)
-    trunk = fused([(_scaled(A1.loaded((), shift).base, next(factors)), origin), (load, origin)])
+    trunk = fuse([(_scaled(A1.loaded((), shift).base, next(factors)), origin), (load, origin)])
     legs = [
         [(name, _scaled(inertia, next(factors)), at) for name, inertia, at in A1.links(leg)] for leg in LEGS
     ]

@@ -1,4 +1,4 @@
-"""The door to the robot: its figures, its controller, its logger and its catalogue of effects.
+"""The door to the robot: its constants, its controller, its logger and its catalogue of effects.
 
 Everything that this package takes from ``s2r_sim`` passes through here. Nothing of the simulator's physics does.
 """
@@ -14,8 +14,8 @@ from s2r_sim.plant.physics import FallLimits, Physics
 from s2r_sim.plant.recorder import Recorder
 from s2r_sim.protocols import PROTOCOLS as EXCITATION
 from s2r_sim.protocols.references import Reference, reference
-from s2r_sim.robot.figures import A1, GRAVITY, LEGS, Inertia, fused
-from s2r_sim.robot.signals import Command, MotorCommand, State
+from s2r_sim.robot.constants import A1, GRAVITY, LEGS, Inertia, fuse
+from s2r_sim.robot.signals import MotorCommand, RobotState, VelocityCommand
 
 __all__ = [
     "A1",
@@ -27,17 +27,17 @@ __all__ = [
     "LEGS",
     "PROTOCOLS",
     "RATE",
-    "Command",
     "Controller",
     "Inertia",
     "Memory",
     "MotorCommand",
     "Recorder",
     "Reference",
-    "State",
+    "RobotState",
     "Tick",
+    "VelocityCommand",
     "controller",
-    "fused",
+    "fuse",
     "logger",
     "reference",
     "replay",
@@ -55,6 +55,6 @@ def controller() -> Controller:
     return Controller(A1, Gains(), "condensed")
 
 
-def logger(command: Command, slope: float) -> Recorder:
+def logger(command: VelocityCommand, slope: float) -> Recorder:
     """Return a logger, which makes channels of states; the ground rises by ``slope`` [deg] along x."""
     return Recorder(A1, Physics(slope=slope), command)

@@ -18,11 +18,11 @@ from benchmarks.plants.robot import (
     CHANNELS,
     FALL,
     RATE,
-    Command,
     Memory,
     MotorCommand,
-    State,
+    RobotState,
     Tick,
+    VelocityCommand,
     controller,
     logger,
     reference,
@@ -56,7 +56,7 @@ class Senses(Protocol):
     """The sensors of one run; their noise is drawn once."""
 
     def read(self, truth: FloatArray, encoders: FloatArray) -> FloatArray:
-        """Return (36,) what the robot measures, ordered as ``State.flat``; the velocity has no systematic error yet."""
+        """Return (36,) what the robot measures, ordered as ``RobotState.flat``; the velocity has no bias."""
         ...
 
     def accelerometer(self, ticks: int) -> FloatArray:
@@ -79,7 +79,7 @@ class Body(Protocol):
         ...
 
     def truth(self) -> FloatArray:
-        """Return (36,) the true state, ordered as ``State.flat``."""
+        """Return (36,) the true state, ordered as ``RobotState.flat``."""
         ...
 
     def encoders(self) -> FloatArray:
@@ -121,7 +121,7 @@ class _Run:
     machine: Machine
     body: Body
     senses: Senses
-    command: Command
+    command: VelocityCommand
 
     def __post_init__(self) -> None:
         self.log = logger(self.command, self.machine["slope.angle"])
@@ -129,14 +129,14 @@ class _Run:
         self.measured: list[FloatArray] = []
         self.stance: list[tuple[bool, ...]] = []
 
-    def look(self) -> State:
+    def look(self) -> RobotState:
         """Return what the controller is given."""
         truth = self.body.truth()
         measured = self.senses.read(truth, self.body.encoders())
         self.truths.append(truth)
         self.measured.append(measured.copy())
         measured[6:8] = _distorted(self.machine, measured[6:8], truth[5])
-        return State(measured)
+        return RobotState(measured)
 
     def fallen(self) -> bool:
         """Return whether the base is too low or too tilted at the last look."""
@@ -146,9 +146,9 @@ class _Run:
             return True
         return height < FALL.height or cos(roll) * cos(pitch) < cos(FALL.tilt)
 
-    def write(self, seen: State, done: Tick) -> None:
+    def write(self, seen: RobotState, done: Tick) -> None:
         """Log the tick that has just been run."""
-        self.log.write(State(self.truths[-1]), seen, done, self.body.reported(), self.body.foot_force())
+        self.log.write(RobotState(self.truths[-1]), seen, done, self.body.reported(), self.body.foot_force())
 
     def trace(self, fallen: bool, plant: str, protocol: str | None) -> Trace:
         """Return the trace of what was logged."""
@@ -169,8 +169,8 @@ class _Run:
     def _estimate(self) -> FloatArray:
         """Return the robot's own estimate of its velocity [m/s], world axes, over settling and run."""
         n = min(len(self.truths), SETTLING + len(self.log))
-        truth = State(np.array(self.truths[-n:]).T)
-        measured = State(np.array(self.measured[-n:]).T)
+        truth = RobotState(np.array(self.truths[-n:]).T)
+        measured = RobotState(np.array(self.measured[-n:]).T)
         change = np.diff(truth.velocity, axis=1, prepend=truth.velocity[:, :1])
         noise = self.senses.accelerometer(n).T
         force = specific_force(truth.rpy, list(change), noise, np.sin, np.cos)
@@ -185,7 +185,7 @@ def trot(author: Author, machine: Machine, vd: float, rng: Generator, duration: 
     ticks = round(duration * RATE) + 1
     machine = machine.of_today(rng)
     body = author.body(machine, False, rng)
-    command = Command(vd)
+    command = VelocityCommand(vd)
     run = _Run(machine, body, author.senses(machine, rng, warm + ticks), command)
     brain = controller()
     brain.restore(Memory())
@@ -195,7 +195,7 @@ def trot(author: Author, machine: Machine, vd: float, rng: Generator, duration: 
         seen = run.look()
         run.stance.append(brain.stance)
         fallen = run.fallen()
-        done = brain.tick(seen, command if tick >= 0 else Command())
+        done = brain.tick(seen, command if tick >= 0 else VelocityCommand())
         body.step(done.motors)
         if tick < 0 and not fallen:
             continue
@@ -219,7 +219,7 @@ def run(
     ticks = len(made.q)
     machine = machine.of_today(rng)
     body = author.body(machine, made.held, rng)
-    one = _Run(machine, body, author.senses(machine, rng, HELD + ticks), Command())
+    one = _Run(machine, body, author.senses(machine, rng, HELD + ticks), VelocityCommand())
     body.place(made.height, made.q[0] + DISPLACED * rng.normal(size=12))
     ones, none = np.ones(12), np.zeros(12)
     stance = (True,) * 4

@@ -75,8 +75,8 @@ def as_backend(backend: Any, what: str = "backend") -> Backend | str:
         )
     if words := fault(backend):
         raise UsageError(f"{what} ({type(backend).__name__}) {words}")
-    found: Backend = backend
-    return found
+    checked: Backend = backend
+    return checked
 
 
 def as_simulator(backend: Any) -> Backend | str:

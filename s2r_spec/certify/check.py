@@ -20,7 +20,7 @@ from s2r_spec.certify.result.voids import machine_fields
 from s2r_spec.certify.resumed_options import refuse_rule, with_rule, with_seed
 from s2r_spec.certify.search.experiments import Rollouts, run_search
 from s2r_spec.certify.search.observers import Phase
-from s2r_spec.certify.search.recorded import Design, Recorded, fixed_design, observe
+from s2r_spec.certify.search.recorded import Design, RecordedExperiment, fixed_design, observe
 from s2r_spec.certify.search.search import Search
 from s2r_spec.machine.attendance import refuse_terms
 from s2r_spec.machine.machine_runner import runner_for
@@ -101,7 +101,7 @@ def check_with(
         )
     )
     if design is not None:
-        observe(search, design, Recorded(design, scorer, journal), options.watching)
+        observe(search, design, RecordedExperiment(design, scorer, journal), options.watching)
     else:
         with (
             options.runner(scorer.passed) as pool,

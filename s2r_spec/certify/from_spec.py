@@ -39,8 +39,8 @@ def search_for(spec: Spec, requirement: str, options: RunOptions, noise: float =
     delta, epsilon, B, R = settings.delta, settings.epsilon, settings.B, settings.R
     kernel = settings.kernel
     if delta is None or epsilon is None or B is None or R is None or kernel is None or settings.fall is None:
-        wanted = ("delta", "epsilon", "B", "R", "kernel", "fall")
-        lacking = [name for name in wanted if getattr(settings, name) is None]
+        names = ("delta", "epsilon", "B", "R", "kernel", "fall")
+        lacking = [name for name in names if getattr(settings, name) is None]
         raise UsageError(
             f"the certificate of {requirement!r} needs {', '.join(lacking)}, declared before the data "
             f"in a line 'certify {requirement}: {lacking[0]} = …' of {spec.name}"
@@ -80,9 +80,9 @@ def certified_requirements(spec: Spec, names: Sequence[str] | None, options: Run
     Raises:
         UsageError: there is none, or one cannot be checked with these options.
     """
-    found = list(dict.fromkeys(names or [name for name in spec.requirements if name in spec.certify]))
-    if not found:
+    requirements = list(dict.fromkeys(names or [name for name in spec.requirements if name in spec.certify]))
+    if not requirements:
         raise UsageError(f"{spec.name} has no certify line, so there is nothing to certify")
-    for name in found:
+    for name in requirements:
         search_for(spec, name, options)
-    return found
+    return requirements

@@ -23,16 +23,16 @@ from s2r_spec.certify.result.check_result import rho_unit
 from s2r_spec.certify.result.gap_result import GapResult, conclude_gap
 from s2r_spec.certify.result.voids import machine_fields
 from s2r_spec.certify.resumed_options import refuse_rule, with_rule, with_seed
-from s2r_spec.certify.search.experiments import Experiment, Pairs, Rollouts, run_search
+from s2r_spec.certify.search.experiments import OutcomeSource, Pairs, Rollouts, run_search
 from s2r_spec.certify.search.observers import Phase
 from s2r_spec.certify.search.pairing import SIMULATED_PER_REAL, Pairing
-from s2r_spec.certify.search.recorded import Recorded, observe
+from s2r_spec.certify.search.recorded import RecordedExperiment, observe
 from s2r_spec.certify.search.search import Search
 from s2r_spec.machine.attendance import refuse_terms
 from s2r_spec.machine.machine_runner import runner_for
 from s2r_spec.runs.journal import Journal
 from s2r_spec.runs.layout import SYSTEMS
-from s2r_spec.runs.seeds import Stream
+from s2r_spec.runs.seeds import SeedStream
 from s2r_spec.runs.spec_files import spec_texts
 from s2r_spec.runs.stop_rule import DECIDED, EPSILON, header_fields
 from s2r_spec.spec import Spec
@@ -51,7 +51,7 @@ def gap_search(
 
 def gap(
     spec: Spec | Path | str,
-    simulated: Backend | str,
+    sim: Backend | str,
     real: Backend | str,
     folder: Path | str | None = None,
     **keywords: Unpack[RunKeywords],
@@ -60,7 +60,7 @@ def gap(
 
     Args:
         spec: a specification with a test space and a certify line, or its file.
-        simulated: the simulator: a backend object, or the name of an installed one.
+        sim: the simulator: a backend object, or the name of an installed one.
         real: the real machine, as an object or a name: a robot, its logs, a twin. Every recording inside the test space
             counts once, and the simulator runs at the same tests (or its own logs are read). The search then chooses
             no test.
@@ -73,9 +73,9 @@ def gap(
     """
     options = options_from(RunOptions, keywords)
     spec = as_spec(spec)
-    simulated, real = as_backend(simulated, "simulated"), as_backend(real, "real")
+    sim, real = as_backend(sim, "sim"), as_backend(real, "real")
     requirement = options.requirement or only_requirement(spec)
-    name = f"gap-{Path(spec.name).stem}-{name_of(simulated)}-{name_of(real)}"
+    name = f"gap-{Path(spec.name).stem}-{name_of(sim)}-{name_of(real)}"
     with run_folder(folder, name, options) as run:
         if options.resume:
             require_begun([run / side for side in SYSTEMS], run)
@@ -85,7 +85,7 @@ def gap(
             raise UsageError(
                 "a gap has no verdict that stop = 'decided' could wait for; use 'epsilon' or 'budget', or run certify"
             )
-        pairing = Pairing.for_spec(spec, requirement, simulated, real, options.budget)
+        pairing = Pairing.for_spec(spec, requirement, sim, real, options.budget)
         search = gap_search(spec, requirement, options, pairing.per_real)
         return gap_with(search, spec, requirement, pairing, run, options)
 
@@ -131,16 +131,18 @@ def gap_with(
         options.runner(pairing.sim.passed, pairing.real.passed) as runner,
         runner_for(runner, machine, journals["real"], terms, search.budget) as attended,
     ):
-        simulated: Experiment = Rollouts(
-            pairing.sim, options.fixed_seed, journals["sim"], runner, Stream.GAP_SIM, SIMULATED_PER_REAL
+        simulated: OutcomeSource = Rollouts(
+            pairing.sim, options.fixed_seed, journals["sim"], runner, SeedStream.GAP_SIM, SIMULATED_PER_REAL
         )
         if pairing.recorded is None:
-            real = Rollouts(pairing.real, options.fixed_seed, journals["real"], attended, Stream.GAP_REAL)
+            real = Rollouts(pairing.real, options.fixed_seed, journals["real"], attended, SeedStream.GAP_REAL)
             run_search(search, Pairs(simulated, real), options.watching)
         else:
             if pairing.simulated is not None:
-                simulated = Recorded(pairing.simulated, pairing.sim, journals["sim"], SIMULATED_PER_REAL)
-            recorded = Recorded(pairing.recorded, pairing.real, journals["real"])
+                simulated = RecordedExperiment(
+                    pairing.simulated, pairing.sim, journals["sim"], SIMULATED_PER_REAL
+                )
+            recorded = RecordedExperiment(pairing.recorded, pairing.real, journals["real"])
             pairs = Pairs(simulated, recorded, watched="simulated")
             observe(search, pairing.recorded, pairs, options.watching)
     return conclude_gap(spec, search, journals, provenance, folder)

@@ -19,7 +19,7 @@ from s2r_spec.certify.search.search import Search
 from s2r_spec.machine.attendance import Terms, refuse_terms
 from s2r_spec.machine.machine_runner import runner_for
 from s2r_spec.runs.journal import Journal
-from s2r_spec.runs.scorer import Measure, Scorer, opened, passing
+from s2r_spec.runs.scorer import Measure, Scorer, open_system, pass_backend
 
 
 def check_measure(
@@ -57,9 +57,9 @@ def check_measure(
         require_begun([folder], folder)
     options = with_seed(options, folder)
     search.refuse_hopeless()
-    (called, machine), terms = opened(backend, options.duration), Terms()
+    (called, machine), terms = open_system(backend, options.duration), Terms()
     refuse_terms(machine, terms)
-    passed = None if isinstance(backend, str) else passing(machine)
+    passed = None if isinstance(backend, str) else pass_backend(machine)
     scorer = Scorer(called, machine, measure, options.fall, passed=passed)
     header: dict[str, Any] = {
         "s2r": version(),

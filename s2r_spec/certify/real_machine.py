@@ -56,7 +56,7 @@ class CertifyResult(Result, Shown):
 
 def certify(
     spec: Spec | Path | str,
-    simulated: Backend | str,
+    sim: Backend | str,
     real: Backend | str,
     folder: Path | str | None = None,
     **keywords: Unpack[RunKeywords],
@@ -73,15 +73,15 @@ def certify(
     """
     options = options_from(RunOptions, keywords)
     spec = as_spec(spec)
-    simulated, real = as_backend(simulated, "simulated"), as_backend(real, "real")
+    sim, real = as_backend(sim, "sim"), as_backend(real, "real")
     requirement = options.requirement or only_requirement(spec)
-    name = f"certify-{Path(spec.name).stem}-{name_of(simulated)}-{name_of(real)}"
+    name = f"certify-{Path(spec.name).stem}-{name_of(sim)}-{name_of(real)}"
     with run_folder(folder, name, options) as run:
         if options.resume:
             require_begun([run / SIMULATION], run)
         places = [run / GAP / side for side in SYSTEMS]
         options = with_seed(with_rule(options, *places), run / SIMULATION, *places)
-        pairing = Pairing.for_spec(spec, requirement, simulated, real, options.budget)
+        pairing = Pairing.for_spec(spec, requirement, sim, real, options.budget)
         refuse_terms(pairing.real.backend, options.terms)
         of_simulator = replace(options, budget=None, stop=EPSILON, void=AGAIN, operator=None)
         first = search_for(spec, requirement, of_simulator)
@@ -91,7 +91,7 @@ def certify(
         else:
             refuse_rule(second.settings.stop, pairing.real.name)
         second.end_when(lambda: judge(compose(first, second)) is not Verdict.UNKNOWN)
-        checked = check_with(first, spec, requirement, simulated, run / SIMULATION, of_simulator)
+        checked = check_with(first, spec, requirement, sim, run / SIMULATION, of_simulator)
         if not checked.certificate.label.bounds:
             return refused_in_simulation(checked, pairing.real.name)
         bounded = gap_with(second, spec, requirement, pairing, run / GAP, options)

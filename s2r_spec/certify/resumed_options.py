@@ -13,7 +13,7 @@ from s2r_spec.certify.options import Execution, RunOptions
 from s2r_spec.runs import layout
 from s2r_spec.runs.journal import Journal
 from s2r_spec.runs.lines import is_count
-from s2r_spec.runs.seeds import NEW_SEED, inherited
+from s2r_spec.runs.seeds import NEW_SEED, inherited_seed
 from s2r_spec.runs.stop_rule import BUDGET, EPSILON, stop_of
 
 Options = TypeVar("Options", bound=Execution)
@@ -56,7 +56,7 @@ def seed_of(given: int | None, *places: Path) -> int:
     for place in places:
         seed = Journal.header_in(place).get("seed")
         if seed is not None and is_count(seed):  # the check of the whole header names a fault
-            return inherited(place, seed, given)
+            return inherited_seed(place, seed, given)
     return NEW_SEED if given is None else given
 
 
@@ -73,12 +73,12 @@ def places_of(folder: Path, requirements: Sequence[str], resume: bool) -> dict[s
     """
     if not resume:
         return layout.places(folder, requirements, None)
-    found = layout.places(folder, requirements, _own(folder, requirements))
-    require_begun([*found.values()], folder)
-    return found
+    places = layout.places(folder, requirements, _direct_requirement(folder, requirements))
+    require_begun([*places.values()], folder)
+    return places
 
 
-def _own(folder: Path, requirements: Sequence[str]) -> str | None:
+def _direct_requirement(folder: Path, requirements: Sequence[str]) -> str | None:
     """Return the requirement whose journal lies directly in a folder; None if the folder holds a whole run."""
     header = Journal.header_in(folder)
     own = header.get("requirement")

@@ -13,7 +13,7 @@ import traceback
 import typer
 
 from s2r_spec.base import distribution
-from s2r_spec.cli.commands import Group, epilog
+from s2r_spec.cli.commands import CommandGroup, epilog
 from s2r_spec.cli.terminal import common
 from s2r_spec.cli.terminal.terminal import prepare
 
@@ -22,7 +22,7 @@ UNREAD = 141
 
 app = typer.Typer(
     name="s2r",
-    cls=Group,
+    cls=CommandGroup,
     help="Test a robot's controller against a specification. Bound its worst case in simulation and on the machine, "
     "and find the cause of the gap between the two.",
     epilog=epilog("check specs/a1_velocity.stl --backend sim", codes=True),

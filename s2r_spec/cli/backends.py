@@ -52,7 +52,7 @@ def backends(name: Name = None, check: Check = False, as_json: AsJson = False) -
                 f"The commands check, gap and certify run it with its operator"
             )
         if check:
-            raise typer.Exit(_checked(machine, as_json))
+            raise typer.Exit(_check(machine, as_json))
         if as_json:
             print(line(record))
             return
@@ -65,11 +65,11 @@ def _list(as_json: bool) -> None:
     from s2r_spec.backend import installed
     from s2r_spec.report.records.backends import BackendsObject
 
-    found = {key: point.value for key, point in installed().items()}
+    classes = {key: point.value for key, point in installed().items()}
     if as_json:
-        print(line(BackendsObject(backends=found)))
+        print(line(BackendsObject(backends=classes)))
         return
-    for key, value in found.items():
+    for key, value in classes.items():
         say(f"{key:12} {value}")
 
 
@@ -123,21 +123,21 @@ def _effect_lines(effects: tuple[Effect, ...]) -> Iterator[str]:
             yield f"    {one.name:12} [{one.low:g}, {one.high:g}]{unit}; nominal {one.nominal:g}; {one.prior}"
 
 
-def _checked(machine: Backend, as_json: bool) -> int:
+def _check(machine: Backend, as_json: bool) -> int:
     """Print the result of each conformance check as soon as it is known, and return the exit code."""
     from s2r_spec.report.records.backends import ConformanceObject
     from s2r_spec.testing.conformance import check_conformance
 
-    found = []
+    checks = []
     for check in check_conformance(machine):
-        found.append(check)
+        checks.append(check)
         if not as_json:
             say(f"{'BROKEN' if check.violations else 'ok    '}  {check.requirement}")
             for sentence in check.violations + check.remarks:
                 say(f"        {sentence}")
-    broken = sum(bool(check.violations) for check in found)
+    broken = sum(bool(check.violations) for check in checks)
     if as_json:
-        print(line(ConformanceObject(name=machine.name, promises=tuple(found))))
+        print(line(ConformanceObject(name=machine.name, promises=tuple(checks))))
     else:
-        say(f"{machine.name} keeps {len(found) - broken} of {len(found)} rules")
+        say(f"{machine.name} keeps {len(checks) - broken} of {len(checks)} rules")
     return 1 if broken else 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from s2r_spec.cli.options.groups import grouped
+from s2r_spec.cli.options.groups import group_options
 from s2r_spec.cli.options.logs import LogReading
 from s2r_spec.cli.options.output import Writing
 from s2r_spec.cli.options.search import (
@@ -28,7 +28,7 @@ from s2r_spec.cli.terminal.common import (
 from s2r_spec.cli.terminal.terminal import console
 
 
-@grouped
+@group_options
 def check(
     spec: SpecFile,
     backend: Traces = "sim",
@@ -58,7 +58,7 @@ def check(
         from s2r_spec.spec import load_spec
 
         form, parsed, resume = writing.settled(), load_spec(spec), running.resume is not None
-        asked: RunKeywords = {
+        options: RunKeywords = {
             "seed": rules.seed,
             "budget": budget,
             "stop": rules.stop,
@@ -66,7 +66,7 @@ def check(
             "engine": engine,
             "void": rules.void,
         }
-        names = certified_requirements(parsed, requirement, RunOptions(**asked))
+        names = certified_requirements(parsed, requirement, RunOptions(**options))
         (machine,) = reading.backends([backend], parsed, names)
         executor, machines = pool(running.workers, running.scheduler)
         if takes_turns(machine):
@@ -74,7 +74,7 @@ def check(
         folder = new_or_old(running.run, running.resume, f"{spec.stem}-{backend}", rules.seed or 0)
         places = places_of(folder, names, resume)
         seed = seed_of(rules.seed, *(places.values() if resume else ()))
-        asked |= {"seed": seed, "executor": executor, "timeout": rules.limit}
+        options |= {"seed": seed, "executor": executor, "timeout": rules.limit}
         results = []
         for name, place in places.items():
             opening = f"{name}: run {place}, seed {seed}, {machines}"
@@ -83,8 +83,9 @@ def check(
                 Live(console(stderr=True), running.quiet, opening=opening) as live,
             ):
                 # In an interrupted run the next requirement may not have begun.
-                asked |= {"requirement": name, "resume": resume and Journal.exists(place), "observer": live}
-                results.append(checking.check(parsed, machine, place, **asked))
+                begun = resume and Journal.exists(place)
+                options |= {"requirement": name, "resume": begun, "observer": live}
+                results.append(checking.check(parsed, machine, place, **options))
         report = check_report.report([(parsed, result) for result in results])
         writing.emit(report, form, lambda: html.from_runs([result.folder for result in results]))
         raise typer.Exit(report.exit_code)

@@ -23,7 +23,7 @@ def choose(
 ) -> None:
     """Choose the controller with the largest certified worst expected ρ, from the folders of finished checks."""
     with sentences(as_json):
-        from s2r_spec.certify.bound.rounding import at_most, between, down, wide
+        from s2r_spec.certify.bound.rounding import at_most, down, interval_text, width_text
         from s2r_spec.certify.choose import choose as pick
         from s2r_spec.report.recompute import recompute
         from s2r_spec.report.records.runs import Candidate, ChoiceObject
@@ -59,13 +59,13 @@ def choose(
             bound = (
                 f"refused: {row.refused}"
                 if i in choice.refused
-                else f"worst expected ρ in {between(result.lower, result.upper)}{unit}"
+                else f"worst expected ρ in {interval_text(result.lower, result.upper)}{unit}"
             )
             say(f"{mark} {row.backend:32} {bound}, {row.rollouts} rollouts")
         if choice.best is None:
             say("no choice: every certificate was refused")
             raise typer.Exit(3)
-        least, regret = f"{down(choice.lower)}{unit}", f"{wide(choice.regret)}{unit}"
+        least, regret = f"{down(choice.lower)}{unit}", f"{width_text(choice.regret)}{unit}"
         say(
             f"choose {rows[choice.best].backend}: its worst expected ρ is at least {least}, and no other "
             f"candidate's is more than {regret} better, with probability ≥ 1 − {at_most(choice.delta)}"

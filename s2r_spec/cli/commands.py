@@ -48,7 +48,7 @@ def epilog(example: str, codes: bool = False) -> str:
     return f"Example: s2r {example}" + (f"\n\n{EXIT_CODES}" if codes else "")
 
 
-class Group(TyperGroup):
+class CommandGroup(TyperGroup):
     """The group of all commands."""
 
     def __init__(self, **settings: Any) -> None:
@@ -83,7 +83,7 @@ class _Commands(UserDict[str, Any]):
 @cache
 def _command(name: str, example: str) -> Any:
     application = typer.Typer(add_completion=False, rich_markup_mode=None)
-    application.command(name, cls=groups.Command, epilog=epilog(example, name in WITH_VERDICT))(
+    application.command(name, cls=groups.GroupedCommand, epilog=epilog(example, name in WITH_VERDICT))(
         _function(name)
     )
     return typer.main.get_command(application)

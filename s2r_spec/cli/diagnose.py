@@ -13,12 +13,12 @@ from s2r_spec.base.errors import UsageError
 from s2r_spec.base.files import save
 from s2r_spec.base.json_values import document
 from s2r_spec.base.printable import one_line
-from s2r_spec.cli.options.groups import grouped, output_option, search_option
+from s2r_spec.cli.options.groups import group_options, output_option, search_option
 from s2r_spec.cli.options.logs import LogReading
 from s2r_spec.cli.options.output import AsJson, Output, Page, pageable, settle, writable
 from s2r_spec.cli.options.protocols import Next, NoProtocols, Passive, Protocols, playable, protocol_names
 from s2r_spec.cli.options.search import OneRequirement, RealMachine, Running, Seed, Simulator, SpecFile
-from s2r_spec.cli.terminal.common import begun, resumable, sentences
+from s2r_spec.cli.terminal.common import begin_run, resumable, sentences
 from s2r_spec.cli.terminal.terminal import console, print_json
 
 if TYPE_CHECKING:
@@ -70,9 +70,9 @@ class Campaign:
         writable(self.apply)
         if self.tuned and self.apply is None:
             raise UsageError("--tuned changes what --apply writes; give --apply FILE with it")
-        found = protocol_names(self.protocols, self.no_protocols, self.passive)
+        names = protocol_names(self.protocols, self.no_protocols, self.passive)
         playable(self.following)
-        return found
+        return names
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,7 +90,7 @@ class Writing:
         return self.as_json or self.form == "json"
 
 
-@grouped
+@group_options
 def diagnose(
     spec: SpecFile,
     real: RealMachine,
@@ -121,10 +121,10 @@ def diagnose(
             running = replace(running, resume=begun_in(running.resume))
         seed = seed_of(running.resume, seed)
         name = f"diagnose-{spec.stem}-{sim}-{Path(real).name}"
-        executor, folder, opening = begun(running, name, seed, machine)
+        executor, folder, opening = begin_run(running, name, seed, machine)
         errors = console(stderr=True)
         with resumable(folder), Stages(errors, running.quiet, opening=opening) as stages:
-            found = find(
+            diagnosis = find(
                 parsed,
                 sim,
                 machine,
@@ -137,14 +137,14 @@ def diagnose(
                 protocols=names,
                 passive=campaign.passive,
             )
-        _keep(found, parsed, folder)
-        patch = _patch(found, sim, campaign)
-        _emit(found, parsed, real, form, writing)
-        following = _next(found, sim, machine, campaign.following)
+        _keep(diagnosis, parsed, folder)
+        patch = _patch(diagnosis, sim, campaign)
+        _emit(diagnosis, parsed, real, form, writing)
+        following = _next(diagnosis, sim, machine, campaign.following)
         for sentence in ("" if form == "json" else patch, following):
             if sentence:
                 errors.print(one_line(sentence), markup=False, soft_wrap=True)
-        raise typer.Exit(found.exit_code)
+        raise typer.Exit(diagnosis.exit_code)
 
 
 def _forms() -> dict[str, Callable[[Diagnosis, Spec], str]]:
@@ -152,47 +152,51 @@ def _forms() -> dict[str, Callable[[Diagnosis, Spec], str]]:
     from s2r_spec.report import diagnosis as diagnosis_report
     from s2r_spec.report.diagnosis_markdown import markdown
 
-    return {"text": diagnosis_report.text, "json": lambda found, _: document(found), "markdown": markdown}
+    return {
+        "text": diagnosis_report.text,
+        "json": lambda diagnosis, _: document(diagnosis),
+        "markdown": markdown,
+    }
 
 
-def _keep(found: Diagnosis, spec: Spec, folder: Path) -> None:
+def _keep(diagnosis: Diagnosis, spec: Spec, folder: Path) -> None:
     """Write the diagnosis into the folder of the run."""
     from s2r_spec.diagnose.resumed import ANSWER
 
     folder.mkdir(parents=True, exist_ok=True)
-    save(folder / ANSWER, document(found) + "\n")
+    save(folder / ANSWER, document(diagnosis) + "\n")
 
 
-def _patch(found: Diagnosis, sim: str, campaign: Campaign) -> str:
+def _patch(diagnosis: Diagnosis, sim: str, campaign: Campaign) -> str:
     """Write the simulator with the named effects if it is asked for; return a sentence on it."""
     from s2r_spec.runs import patched
 
     if campaign.apply is None:
         return ""
-    if not (added := found.improved(campaign.tuned)):
+    if not (added := diagnosis.improved(campaign.tuned)):
         return f"{campaign.apply} is not written: no effect is named"
     patched.write(campaign.apply, sim, added)
     return f"use it as --sim patched:{campaign.apply}"
 
 
-def _emit(found: Diagnosis, spec: Spec, real: str, form: str, writing: Writing) -> None:
+def _emit(diagnosis: Diagnosis, spec: Spec, real: str, form: str, writing: Writing) -> None:
     """Write the diagnosis to a file or to stdout, and the HTML page if one is asked for."""
     from s2r_spec.report import diagnosis as diagnosis_report
     from s2r_spec.report import diagnosis_page
 
     if writing.output is not None:
-        save(writing.output, _forms()[form](found, spec) + "\n")
+        save(writing.output, _forms()[form](diagnosis, spec) + "\n")
     elif form == "text":
-        console().print(diagnosis_report.markup(found, spec))
+        console().print(diagnosis_report.markup(diagnosis, spec))
     elif form == "json":
-        print_json(document(found))
+        print_json(document(diagnosis))
     else:
-        print(_forms()[form](found, spec))
+        print(_forms()[form](diagnosis, spec))
     if writing.page is not None:
-        save(writing.page, diagnosis_page.render(found, spec, real))
+        save(writing.page, diagnosis_page.render(diagnosis, spec, real))
 
 
-def _next(found: Diagnosis, sim: str, machine: object, path: Path | None) -> str:
+def _next(diagnosis: Diagnosis, sim: str, machine: object, path: Path | None) -> str:
     """Return which experiment to run next; write the references of a protocol to a file if the robot has them."""
     from s2r_spec.backend.protocols import HasPlayable
     from s2r_spec.diagnose.data.protocols import next_words
@@ -200,9 +204,9 @@ def _next(found: Diagnosis, sim: str, machine: object, path: Path | None) -> str
 
     if path is None:
         return ""
-    if found.which.next_test is None:
+    if diagnosis.which.next_test is None:
         return f"{path} is not written: no further experiment would separate what is open"
-    assert found.spec is not None
-    bench = Bench.of(found.spec, str(found.provenance["requirement"]), sim)
+    assert diagnosis.spec is not None
+    bench = Bench.of(diagnosis.spec, str(diagnosis.provenance["requirement"]), sim)
     robot = machine if isinstance(machine, HasPlayable) else bench.backend
-    return next_words(bench, found.which.next_test.candidate.experiment, robot, path)
+    return next_words(bench, diagnosis.which.next_test.candidate.experiment, robot, path)

@@ -31,12 +31,12 @@ def docs(name: Name = None) -> None:
                 print(f"{each:{widest}}  {_title(documentation.read(path))}")
             return
         bare = name.removesuffix(".md").removesuffix(documentation.NOTEBOOK)
-        found = [each for each in pages if each == bare or each.endswith(f"/{bare}")]
-        if len(found) > 1:
-            raise UsageError(f"several pages end in {bare}: {one_of(found)}; give one of them")
-        if not found:
+        matches = [each for each in pages if each == bare or each.endswith(f"/{bare}")]
+        if len(matches) > 1:
+            raise UsageError(f"several pages end in {bare}: {one_of(matches)}; give one of them")
+        if not matches:
             raise UsageError(f"no page {name!r}{suggest(name, pages)} `s2r docs` lists all pages")
-        print(documentation.read(pages[found[0]]), end="")
+        print(documentation.read(pages[matches[0]]), end="")
 
 
 def _title(text: str) -> str:

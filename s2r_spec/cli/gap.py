@@ -5,16 +5,16 @@ A gap has no verdict. Exit code 0 means that its interval is at most ε wide, 3 
 
 from __future__ import annotations
 
-from s2r_spec.cli.options.against import Search, against
+from s2r_spec.cli.options.against import SearchOptions, against
 
 
-def _search() -> Search:
+def _search() -> SearchOptions:
     from s2r_spec.certify.gap import gap as bound
     from s2r_spec.report import gap as gap_report
     from s2r_spec.report.recompute import recompute_gap
     from s2r_spec.runs.layout import SYSTEMS
 
-    return Search(bound, gap_report.report, lambda folder, _: recompute_gap(folder), SYSTEMS, SYSTEMS)
+    return SearchOptions(bound, gap_report.report, lambda folder, _: recompute_gap(folder), SYSTEMS, SYSTEMS)
 
 
 gap = against(

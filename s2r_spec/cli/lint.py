@@ -35,7 +35,7 @@ def lint(
         texts = {path: read_text(path) for path in specs}
         flat: list[LintWarning | Diagnostic] = []
         for path, text in texts.items():
-            findings, mistakes = _checked(text, str(path))
+            findings, mistakes = _check(text, str(path))
             if fix and any(finding.edits for finding in findings):
                 save(path, apply_fixes(text, findings))
             flat += [*mistakes, *(finding for finding in findings if not (fix and finding.edits))]
@@ -57,7 +57,7 @@ def lint(
         raise typer.Exit(1 if flat else 0)
 
 
-def _checked(text: str, name: str) -> tuple[tuple[LintWarning, ...], tuple[Diagnostic, ...]]:
+def _check(text: str, name: str) -> tuple[tuple[LintWarning, ...], tuple[Diagnostic, ...]]:
     """Return the findings in a specification, or else its mistakes."""
     from s2r_spec.lang.diagnostics import SpecError
     from s2r_spec.lang.lints import lint as findings_of

@@ -38,13 +38,13 @@ def log(
         from s2r_spec.logs.summary import summary
         from s2r_spec.report.records.log import LogObject
 
-        found = summary(file, read_map(columns or []), time_unit)
+        description = summary(file, read_map(columns or []), time_unit)
         if as_json:
-            print(line(LogObject(log=str(file), topics=found.topics, notes=found.notes)))
+            print(line(LogObject(log=str(file), topics=description.topics, notes=description.notes)))
             return
-        for sentence in found.notes:
+        for sentence in description.notes:
             note(f"{file}: {sentence}")
-        for topic in found.topics:
+        for topic in description.topics:
             for text in _lines(topic):
                 say(text)
 

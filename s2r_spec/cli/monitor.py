@@ -13,11 +13,11 @@ import typer
 from s2r_spec.base.json_values import line
 from s2r_spec.base.printable import lines, one_line
 from s2r_spec.base.verdict import Verdict
-from s2r_spec.cli.options.groups import grouped, output_option
+from s2r_spec.cli.options.groups import group_options, output_option
 from s2r_spec.cli.options.logs import LogForm, missing
 from s2r_spec.cli.options.search import SpecFile
 from s2r_spec.cli.terminal import terminal
-from s2r_spec.cli.terminal.common import answered, note, sentences
+from s2r_spec.cli.terminal.common import mark_answered, note, sentences
 
 if TYPE_CHECKING:
     from s2r_spec.recordings.spec_traces import TraceRequest
@@ -86,7 +86,7 @@ class Following:
     ranges: Ranges = True
 
 
-@grouped
+@group_options
 def monitor(
     spec: SpecFile,
     traces: TraceFiles,
@@ -149,7 +149,7 @@ def _evaluate(request: TraceRequest, traces: list[Path], conventions: Convention
             results.append(UnreadTrace(trace=str(path), error=str(error)))
     record = monitor_record(request, results, conventions.like)
     if as_json:
-        answered()
+        mark_answered()
         print(line(record, infinite=True))
     else:
         for result in results:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from s2r_spec.base.json_values import line
-from s2r_spec.cli.options.groups import grouped, search_option
+from s2r_spec.cli.options.groups import group_options, search_option
 from s2r_spec.cli.options.search import AsJson, Mode, OneRequirement, Quiet
 from s2r_spec.cli.terminal.common import sentences
 from s2r_spec.cli.terminal.terminal import console, say
@@ -98,7 +98,7 @@ class Declaration:
         return Kernel(self.kernel, self.lengthscale)
 
 
-@grouped
+@group_options
 def plan(
     spec: SpecOfPlan = None,
     requirement: OneRequirement = None,
@@ -138,7 +138,7 @@ def plan(
         if isinstance(request, Pilot):
             _print_pilot(request, as_json)
             return
-        cost = Cost.of(request)
+        cost = PlanWords.of(request)
         if not as_json:  # what needs no estimate is printed before the estimates
             _print_request(request, cost)
         with Stages(console(stderr=True), quiet) as stages:
@@ -164,7 +164,7 @@ def _print_json(request: PlanRequest, result: Plan) -> None:
     print(line(extend(PlanObject, result, **values, **more)))
 
 
-def _print_request(request: PlanRequest, cost: Cost) -> None:
+def _print_request(request: PlanRequest, cost: PlanWords) -> None:
     of, least = request.settings, request.floors
     where = f"{of.kernel.name} over {of.space.dim} parameter{'' if of.space.dim == 1 else 's'}"
     say(f"R = {of.R:g}, ε = {of.epsilon:g}, δ = {of.delta:g}, B = {of.B:g}, {where}")
@@ -172,7 +172,7 @@ def _print_request(request: PlanRequest, cost: Cost) -> None:
     say(f"  at one known test     {cost.words(least.minimax)} (fixed width, Gaussian noise of deviation R)")
 
 
-def _print_plan(result: Plan, cost: Cost) -> None:
+def _print_plan(result: Plan, cost: PlanWords) -> None:
     from s2r_spec.certify.search.plan import VARIATION
 
     low, high = cost.count(result.peaked), cost.count(result.flat)
@@ -198,7 +198,7 @@ def _print_pilot(noise: Pilot, as_json: bool) -> None:
 
 
 @dataclass(frozen=True)
-class Cost:
+class PlanWords:
     """Words for numbers of rollouts and their time.
 
     Attributes:
@@ -210,7 +210,7 @@ class Cost:
     where: str
 
     @classmethod
-    def of(cls, request: PlanRequest) -> Cost:
+    def of(cls, request: PlanRequest) -> PlanWords:
         """Return the words for a plan."""
         return cls(request.seconds, "" if request.at_once == 1 else f" on {request.at_once} cores")
 

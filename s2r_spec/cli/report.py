@@ -15,7 +15,7 @@ from s2r_spec.cli.terminal.terminal import say
 
 if TYPE_CHECKING:
     from s2r_spec.report.finding import Report
-    from s2r_spec.report.parts import Run
+    from s2r_spec.report.sections import Run
 
 NAME = "s2r report"
 
@@ -40,7 +40,7 @@ def report(
     """Compute a run's certificate again from its rollouts, and report it; HTML goes to the run's folder."""
     with sentences(as_json or form == "json"):
         from s2r_spec.report import html
-        from s2r_spec.report.recompute import Kind, kind
+        from s2r_spec.report.recompute import RunKind, kind
 
         page = not as_json and form in (None, "html")
         if page:
@@ -48,14 +48,14 @@ def report(
             writable(output)
         else:
             form = settle(form, as_json, output)
-        runs, found = {Kind.CHECK: _checks, Kind.GAP: _gap, Kind.CERTIFY: _certify}[kind(run)](run)
+        runs, result = {RunKind.CHECK: _checks, RunKind.GAP: _gap, RunKind.CERTIFY: _certify}[kind(run)](run)
         if page:
             path = output or run / "report.html"
             save(path, html.render(runs))
             say(path)
         else:
-            emit(found, form or "text", output, verbose)
-        raise typer.Exit(found.exit_code)
+            emit(result, form or "text", output, verbose)
+        raise typer.Exit(result.exit_code)
 
 
 def _checks(folder: Path) -> tuple[list[Run], Report]:

@@ -77,7 +77,7 @@ class Which(Shown):
         """The probability of no cause, and of each effect alone."""
         sets = dict(self.sets)
         alone = {one.effect: sets.get((one.effect,), 0.0) for one in self.effects}
-        return _rounded({"none": sets.get((), 0.0)} | alone)
+        return _round({"none": sets.get((), 0.0)} | alone)
 
     @property
     def pairs(self) -> tuple[LikelySet, ...]:
@@ -97,12 +97,12 @@ class Which(Shown):
     @property
     def membership(self) -> dict[str, float]:
         """Effect → probability that it is at least a quarter of typical."""
-        return _rounded({e.effect: e.probability for e in sorted(self.effects, key=lambda e: -e.probability)})
+        return _round({e.effect: e.probability for e in sorted(self.effects, key=lambda e: -e.probability)})
 
     @property
     def presence(self) -> dict[str, float]:
         """Effect → probability that it is at least an eighth of typical."""
-        return _rounded({one.effect: one.presence for one in self.effects})
+        return _round({one.effect: one.presence for one in self.effects})
 
     @property
     def status(self) -> dict[str, Status]:
@@ -150,7 +150,7 @@ class Which(Shown):
         return " and ".join(dict.fromkeys(one.family for one in self.effects if one.effect in self.nearest))
 
 
-def _rounded(probabilities: Mapping[str, float]) -> dict[str, float]:
+def _round(probabilities: Mapping[str, float]) -> dict[str, float]:
     return {name: round(p, 6) for name, p in probabilities.items()}
 
 

@@ -24,11 +24,11 @@ from s2r_spec.backend import Backend
 from s2r_spec.base.errors import BackendError, UsageError, one_of
 from s2r_spec.diagnose.inference.gauss_newton import CLOSE, Errors, Fit, Observation, Problem, fit, search
 from s2r_spec.diagnose.inference.hierarchical import LAW_SHARE, Likelihood
-from s2r_spec.diagnose.inference.model_search import ModelPosterior, Set, combined, nearest, posterior
+from s2r_spec.diagnose.inference.model_search import ModelPosterior, Set, combine, nearest_mode, posterior
 from s2r_spec.diagnose.inference.prior import SizePrior
 from s2r_spec.diagnose.simulator.axes import Values
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.diagnose.simulator.library import ResponseLibrary, simulated
+from s2r_spec.diagnose.simulator.library import ResponseLibrary, simulated_mean
 from s2r_spec.trace import Trace
 from s2r_spec.workers.pools import in_this_process
 
@@ -36,15 +36,13 @@ FloatArray = NDArray[np.float64]
 
 CORRECTIONS = 3
 """Budget: most runs of the simulator at the posterior mean. The most probable sets share :data:`SIMULATED` times as
-many. Twice as many take up to twice the runs."""
+many."""
 SETTLED = 0.02
-"""Tolerance: the simulator does not run again where the estimate moved less, in typical sizes. Twice as much saves a
-run of every experiment in some machines."""
+"""Tolerance: the simulator does not run again where the estimate moved less, in typical sizes."""
 RIVALS = 3
-"""Budget: sets that are fitted beside the most probable one, each with a run of every experiment. Twice as many take
-about twice the time of all fits."""
+"""Budget: sets that are fitted beside the most probable one, each with a run of every experiment."""
 SIMULATED = 2
-"""Budget: most probable sets at whose own estimates the simulator runs. Twice as many take up to twice the runs."""
+"""Budget: most probable sets at whose own estimates the simulator runs."""
 
 
 @dataclass(frozen=True)
@@ -59,12 +57,12 @@ class Estimate:
 
 def size_prior(library: ResponseLibrary) -> SizePrior:
     """Return the prior of the catalogue's parameters."""
-    lines = library.parameters
-    low = np.array([min(line.coordinate(line.low), line.coordinate(line.high)) for line in lines])
-    high = np.array([max(line.coordinate(line.low), line.coordinate(line.high)) for line in lines])
-    turns = np.array([line.is_phase for line in lines])
+    axes = library.parameters
+    low = np.array([min(axis.coordinate(axis.low), axis.coordinate(axis.high)) for axis in axes])
+    high = np.array([max(axis.coordinate(axis.low), axis.coordinate(axis.high)) for axis in axes])
+    turns = np.array([axis.is_phase for axis in axes])
     low, high = np.where(turns, -np.inf, low), np.where(turns, np.inf, high)
-    return SizePrior.of([line.effect for line in lines], low, high, library.dependence.base >= 0)
+    return SizePrior.of([axis.effect for axis in axes], low, high, library.dependence.base >= 0)
 
 
 def estimate(
@@ -103,7 +101,7 @@ def estimate(
     simulator = _Simulator(backend, library, executor)
     prior = size_prior(library)
     problem = Problem(tuple(observations), prior)
-    joint = _joint(library, problem)
+    joint = _joint_fit(library, problem)
     first = posterior(joint.likelihood, joint.theta, prior)
     for _ in range(corrections):
         before, deviation = moments(first)
@@ -115,25 +113,29 @@ def estimate(
     problem = with_likely_law(problem, joint.theta, moments(first)[1])
     joint = fit(problem, joint.theta, errors=Errors.at(problem, joint.theta, moments(first)[1]))
     first = posterior(joint.likelihood, joint.theta, prior)
-    starts = [Mode(problem, first.mean[0], first.sets[0])]
+    starts = [PosteriorMode(problem, first.mean[0], first.sets[0])]
     for theta, members in rivals(joint.likelihood, first):
         # Beside a large effect a sum of responses may be wrong, so each rival has runs of its own.
-        starts.append(Mode(simulator.corrected(problem, theta) if corrections else problem, theta, members))
-    errors = _expected(fitted(library, starts, problem.errors(joint.theta, moments(first)[1])))
-    modes = fitted(library, starts, errors)
-    found = over_modes(modes)
+        starts.append(
+            PosteriorMode(simulator.corrected(problem, theta) if corrections else problem, theta, members)
+        )
+    errors = _expected_variances(fit_modes(library, starts, problem.errors(joint.theta, moments(first)[1])))
+    modes = fit_modes(library, starts, errors)
+    total = over_modes(modes)
     for _ in range(SIMULATED * corrections):
-        row = next((n for n, own in enumerate(found.sets[:SIMULATED]) if not _settled(modes, own)), None)
+        row = next((n for n, own in enumerate(total.sets[:SIMULATED]) if not _is_settled(modes, own)), None)
         if row is None:
             break
-        members = found.sets[row]
-        theta = modes[members].fit.theta if members in modes else found.mean[row]
-        modes |= fitted(library, [Mode(simulator.corrected(problem, theta), theta, members)], errors)
-        found = over_modes(modes)
-    return replace(modes[nearest(modes, found.sets[0])], posterior=found)
+        members = total.sets[row]
+        theta = modes[members].fit.theta if members in modes else total.mean[row]
+        modes |= fit_modes(
+            library, [PosteriorMode(simulator.corrected(problem, theta), theta, members)], errors
+        )
+        total = over_modes(modes)
+    return replace(modes[nearest_mode(modes, total.sets[0])], posterior=total)
 
 
-def _settled(modes: Mapping[Set, Estimate], members: Set) -> bool:
+def _is_settled(modes: Mapping[Set, Estimate], members: Set) -> bool:
     """Return whether a set has a mode of its own, and the simulator ran at its estimate."""
     if members not in modes:
         return False
@@ -177,14 +179,14 @@ class _Simulator:
         """Return (m,) the mean of every experiment, simulated with these effects."""
         with (self.executor or in_this_process)() as pool:
             runs = [
-                pool.submit(simulated, self.backend, own.observables, own.experiment, values)
+                pool.submit(simulated_mean, self.backend, own.observables, own.experiment, values)
                 for own in (one.response for one in problem.observations)
             ]
             return [run.result() for run in runs]
 
 
 @dataclass(frozen=True)
-class Mode:
+class PosteriorMode:
     """A mode of the likelihood: a problem, (K,) a point, and the parameters that are causes."""
 
     problem: Problem
@@ -192,19 +194,19 @@ class Mode:
     active: Set
 
 
-def _joint(library: ResponseLibrary, problem: Problem) -> Fit:
+def _joint_fit(library: ResponseLibrary, problem: Problem) -> Fit:
     """Return the more probable of two joint estimates; the second search starts from the first."""
     first = fit(problem)
-    found = [first, fit(problem, search(problem, first.theta))]
-    found = [fit(problem, one.theta, errors=Errors.at(problem, one.theta)) for one in found]
-    if np.abs(found[0].theta - found[1].theta)[problem.prior.causes].max(initial=0.0) < CLOSE:
-        return found[1]
-    sets = [posterior(one.likelihood, one.theta, problem.prior) for one in found]
-    each = [problem.errors(one.theta) for one in found]
+    fits = [first, fit(problem, search(problem, first.theta))]
+    fits = [fit(problem, one.theta, errors=Errors.at(problem, one.theta)) for one in fits]
+    if np.abs(fits[0].theta - fits[1].theta)[problem.prior.causes].max(initial=0.0) < CLOSE:
+        return fits[1]
+    sets = [posterior(one.likelihood, one.theta, problem.prior) for one in fits]
+    each = [problem.errors(one.theta) for one in fits]
     errors = [np.max(same, axis=0) for same in zip(*each, strict=True)]
-    modes = [Mode(problem, one.mean[0], one.sets[0]) for one in sets]
-    evidence = [fitted(library, [mode], errors)[mode.active].posterior.log_evidence for mode in modes]
-    return found[int(np.argmax(evidence))]
+    modes = [PosteriorMode(problem, one.mean[0], one.sets[0]) for one in sets]
+    evidence = [fit_modes(library, [mode], errors)[mode.active].posterior.log_evidence for mode in modes]
+    return fits[int(np.argmax(evidence))]
 
 
 def with_likely_law(problem: Problem, theta: FloatArray, deviation: FloatArray) -> Problem:
@@ -212,21 +214,21 @@ def with_likely_law(problem: Problem, theta: FloatArray, deviation: FloatArray) 
     laws, evidence = (0.5 * LAW_SHARE, LAW_SHARE), []
     for law in laws:
         own = problem.with_law(law)
-        found = fit(own, theta, errors=Errors.at(own, theta, deviation))
-        sets = posterior(found.likelihood, found.theta, problem.prior)
+        refit = fit(own, theta, errors=Errors.at(own, theta, deviation))
+        sets = posterior(refit.likelihood, refit.theta, problem.prior)
         evidence.append(sets.log_evidence - np.log(sets.probability[0]))
     weight = np.exp(np.array(evidence) - max(evidence))
     return problem.with_law(float(np.sqrt(weight @ np.square(laws) / weight.sum())))
 
 
-def moments(found: ModelPosterior) -> tuple[FloatArray, FloatArray]:
+def moments(posterior: ModelPosterior) -> tuple[FloatArray, FloatArray]:
     """Return (K,) mean and (K,) standard deviation of every size over all sets, before truncation to the ranges."""
-    mean = found.probability @ found.mean
-    square = found.probability @ (found.deviation**2 + (found.mean - mean) ** 2)
+    mean = posterior.probability @ posterior.mean
+    square = posterior.probability @ (posterior.deviation**2 + (posterior.mean - mean) ** 2)
     return mean, np.sqrt(square)
 
 
-def _expected(modes: Mapping[Set, Estimate]) -> list[FloatArray]:
+def _expected_variances(modes: Mapping[Set, Estimate]) -> list[FloatArray]:
     """Return (n_p,) the posterior means over modes of the variances of responses, for every experiment.
 
     Those at the joint estimate, in which every parameter may be a cause, are too large.
@@ -238,8 +240,8 @@ def _expected(modes: Mapping[Set, Estimate]) -> list[FloatArray]:
     return [weight @ np.array(same) for same in zip(*each, strict=True)]
 
 
-def fitted(
-    library: ResponseLibrary, modes: Sequence[Mode], variances: Sequence[FloatArray]
+def fit_modes(
+    library: ResponseLibrary, modes: Sequence[PosteriorMode], variances: Sequence[FloatArray]
 ) -> dict[Set, Estimate]:
     """Return the estimate around each mode, by its causes.
 
@@ -252,15 +254,15 @@ def fitted(
         variances: (n_p,) of the responses in u, for every experiment: the same for all modes, so that their evidence
             can be compared.
     """
-    found = {}
+    estimates = {}
     for mode in modes:
         prior = mode.problem.prior
         start = np.clip(mode.theta, prior.low, prior.high)
         own = Errors(variances, np.abs(start), mode.problem.law)
         last = fit(mode.problem, start, prior.deviation(mode.active), own)
         sets = posterior(last.likelihood, last.theta, prior)
-        found[mode.active] = Estimate(library, last, sets, mode.problem)
-    return found
+        estimates[mode.active] = Estimate(library, last, sets, mode.problem)
+    return estimates
 
 
 def over_modes(modes: Mapping[Set, Estimate]) -> ModelPosterior:
@@ -275,25 +277,25 @@ def over_modes(modes: Mapping[Set, Estimate]) -> ModelPosterior:
         deficit = most - mode.posterior.log_evidence
         part = best.fit.information_left(squared_difference(best, mode)) if deficit > 0.0 else 1.0
         softened[active] = replace(mode.posterior, log_evidence=most - part * deficit)
-    return combined(softened)
+    return combine(softened)
 
 
 def squared_difference(one: Estimate, other: Estimate) -> FloatArray:
     """Return (G,) the mean squared difference of two predictions in each group, in u of the first."""
-    found = []
+    squares = []
     pairs = zip(one.problem.observations, other.problem.observations, one.fit.errors.variances, strict=True)
     for first, second, errors in pairs:
         difference = first.residual(one.fit.theta) - second.residual(other.fit.theta)
-        found += [float(((difference / first.unit(errors))[own] ** 2).mean()) for _, own in first.parts]
-    return np.array(found)
+        squares += [float(((difference / first.unit(errors))[own] ** 2).mean()) for _, own in first.parts]
+    return np.array(squares)
 
 
-def rivals(found: Likelihood, sets: ModelPosterior) -> list[tuple[FloatArray, Set]]:
+def rivals(likelihood: Likelihood, sets: ModelPosterior) -> list[tuple[FloatArray, Set]]:
     """Return a start and a set for each rival: one effect of the most probable set, exchanged for a similar one.
 
     Effects are similar if the cosine of their signatures is large in the metric of the likelihood.
     """
-    active, information = sets.sets[0], found.information
+    active, information = sets.sets[0], likelihood.information
     scale = np.sqrt(np.maximum(np.diag(information), 1e-12))
     cosine = np.abs(information / np.outer(scale, scale))
     others = [k for k in sets.prior.causes.tolist() if k not in active]

@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 
 from s2r_spec.diagnose.gap import SHOTS
 from s2r_spec.diagnose.gap.nominal import Nominal
-from s2r_spec.diagnose.simulator.axes import Line, Values
+from s2r_spec.diagnose.simulator.axes import EffectAxis, Values
 from s2r_spec.diagnose.simulator.bench import Bench, Test, evenly, places_of, table
 from s2r_spec.trace import Trace
 
 HALVINGS = 6
-"""Budget: halvings of the way from nominal to the end of a range. Doubled, the least is known 64 times as finely."""
+"""Budget: halvings of the way from nominal to the end of a range."""
 SHOWN = 3
-"""Definition: effects that a sentence names; it counts the others. Doubled, sentences get longer."""
+"""Definition: effects that a sentence names; it counts the others."""
 
 Rollouts = Sequence[tuple[Test, Trace]]
 
@@ -35,13 +35,13 @@ class Culprit(NamedTuple):
     ``others`` is the number of other tests at which it does, too.
     """
 
-    line: Line
+    axis: EffectAxis
     coordinate: float
     others: int
 
     def __str__(self) -> str:
-        value = f"{self.line.value(self.coordinate):.3g} {self.line.unit}".rstrip()
-        return f"{self.line.name} beyond {value}"
+        value = f"{self.axis.value(self.coordinate):.3g} {self.axis.unit}".rstrip()
+        return f"{self.axis.name} beyond {value}"
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class Falls:
 
 def falls(
     bench: Bench,
-    lines: Sequence[Line],
+    axes: Sequence[EffectAxis],
     rollouts: Rollouts,
     nominal: Nominal,
     executor: Callable[[], Executor] | None = None,
@@ -89,7 +89,7 @@ def falls(
 
     Args:
         bench: the simulator.
-        lines: parameters of its effects.
+        axes: parameters of its effects.
         rollouts: (test, trace) of each real one.
         nominal: the simulator at their tests.
         executor: makes a pool; None runs all here.
@@ -101,23 +101,25 @@ def falls(
     if not early or not stood:
         return None
 
-    def ended(tried: Sequence[tuple[Line, float]], tests: Sequence[Test]) -> NDArray[np.int_]:
+    def ended(tried: Sequence[tuple[EffectAxis, float]], tests: Sequence[Test]) -> NDArray[np.int_]:
         """Return at how many of the tests the simulator ends early, with each of these alone."""
-        machines = [line.at(line.value(x)) for line, x in tried]
-        return np.asarray(_ended(bench, machines, nominal.first(tests), executor).sum(axis=1))
+        machines = [axis.at(axis.value(x)) for axis, x in tried]
+        return np.asarray(_early_ends(bench, machines, nominal.first(tests), executor).sum(axis=1))
 
     if all(map(nominal.ends, early)):
         return Falls(True)
     # An end that is nominal is no effect.
-    ends = [(line, line.coordinate(end)) for line in lines if not line.base for end in (line.low, line.high)]
-    asked = sorted(((line, x) for line, x in ends if x), key=lambda one: abs(one[1]))
-    enough = [one for one, count in zip(asked, ended(asked, early), strict=True) if count == len(early)]
-    effects, high = [line for line, _ in enough], np.array([x for _, x in enough])
+    ends = [(axis, axis.coordinate(end)) for axis in axes if not axis.base for end in (axis.low, axis.high)]
+    candidates = sorted(((axis, x) for axis, x in ends if x), key=lambda one: abs(one[1]))
+    enough = [
+        one for one, count in zip(candidates, ended(candidates, early), strict=True) if count == len(early)
+    ]
+    effects, high = [axis for axis, _ in enough], np.array([x for _, x in enough])
     low = np.zeros(len(enough))
     for _ in range(HALVINGS if enough else 0):
         middle = 0.5 * (low + high)
-        found = ended([*zip(effects, middle.tolist(), strict=True)], early)
-        low, high = np.where(found < len(early), middle, low), np.where(found < len(early), high, middle)
+        counts = ended([*zip(effects, middle.tolist(), strict=True)], early)
+        low, high = np.where(counts < len(early), middle, low), np.where(counts < len(early), high, middle)
     least = [*zip(effects, high.tolist(), strict=True)]
     culprits = [Culprit(*one, int(count)) for one, count in zip(least, ended(least, stood), strict=True)]
     culprits = [each for each in culprits if 3 * each.others <= len(stood)]
@@ -137,7 +139,7 @@ def _by_end(rollouts: Rollouts) -> tuple[list[Test], list[Test]]:
     return ends
 
 
-def _ended(
+def _early_ends(
     bench: Bench,
     machines: Sequence[Values],
     runs: Sequence[tuple[Test, int]],

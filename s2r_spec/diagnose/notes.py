@@ -55,44 +55,44 @@ def notes(
         odd: suspected mistakes of the recordings.
         alone: tests at which the simulator ends early, and the machine does not.
     """
-    found = [each.text for each in odd]
+    sentences = [each.text for each in odd]
     if idle:
         one = len(idle) == 1
-        found.append(
+        sentences.append(
             f"in these experiments, {', '.join(idle)} {'changes' if one else 'change'} nothing in the "
             f"simulator, so no data can show {'it' if one else 'them'}"
         )
     if not used.rollouts:
-        return (*found, "no test of the specification was run, so the gap in ρ was not measured")
-    found += _early(used, why)
+        return (*sentences, "no test of the specification was run, so the gap in ρ was not measured")
+    sentences += _early_notes(used, why)
     tests = places_of([test for test, _ in used.rollouts])
     if alone:
         where = " and ".join(
             ", ".join(f"{k} = {v:.4g}" for k, v in test.items()) or "the only test" for test in alone[:SHOWN]
         )
-        found.append(
+        sentences.append(
             f"without any effect, the simulator ends early at {len(alone)} of {len(tests)} tests where no real rollout "
             f"does ({where}). There the gap in ρ is the cost of a fall and shows few causes. Make the simulator stand "
             f"at these tests first, or use a smaller test space"
         )
     traces = [trace for _, trace in used.rollouts]
     if longer := [trace.meta[CUT] for trace in traces if CUT in trace.meta]:
-        found.append(
+        sentences.append(
             f"{len(longer)} of {len(traces)} real rollouts are longer than the simulator's; only their first "
             f"{longer[0]:g} s are used"
         )
     if apart := [trace.meta[READ_AT] for trace in traces if READ_AT in trace.meta]:
-        found.append(
+        sentences.append(
             f"a window of the spec is shorter than the sample period of {len(apart)} of {len(traces)} real rollouts. "
             f"They are interpolated linearly at the simulator's period of {apart[0]:g} s, which may change ρ a little"
         )
-    found += _channels(bench, traces)
-    found += _without_residuals(bench, used.rollouts)
+    sentences += _channels(bench, traces)
+    sentences += _without_residuals(bench, used.rollouts)
     if len(tests) == 1 and bench.spec.space.dim:
-        found.append("all real rollouts repeat one test, so nothing is known about other tests")
+        sentences.append("all real rollouts repeat one test, so nothing is known about other tests")
     if not used.held_out:
-        found.append(_none_held_out(bench, used, len(tests)))
-    return tuple(found)
+        sentences.append(_none_held_out(bench, used, len(tests)))
+    return tuple(sentences)
 
 
 def _none_held_out(bench: Bench, used: Used, tests: int) -> str:
@@ -106,7 +106,7 @@ def _none_held_out(bench: Bench, used: Used, tests: int) -> str:
     )
 
 
-def _early(used: Used, why: Falls | None) -> Iterator[str]:
+def _early_notes(used: Used, why: Falls | None) -> Iterator[str]:
     """Yield how many rollouts ended early, at which tests every time, and what may be why."""
     fell = [trace.failure is not None for _, trace in used.rollouts]
     if not any(fell):

@@ -6,8 +6,8 @@ import json
 from pathlib import Path
 
 from s2r_spec.base.errors import UsageError
-from s2r_spec.diagnose.data.journal import Journal
-from s2r_spec.runs.seeds import NEW_SEED, inherited
+from s2r_spec.diagnose.data.journal import CampaignJournal
+from s2r_spec.runs.seeds import NEW_SEED, inherited_seed
 
 REAL, ANSWER = "real", "diagnosis.json"
 """In the folder of a run: the folder of the real rollouts, and the file of the diagnosis."""
@@ -28,26 +28,26 @@ def begun_in(folder: Path) -> Path:
     return run
 
 
-def seed_of(run: Path | None, given: int | None) -> int:
+def seed_of(run: Path | None, seed: int | None) -> int:
     """Return the seed of a diagnosis.
 
     Args:
         run: the folder of the diagnosis to continue; None for a new one.
-        given: the seed that the user gave; None for that of the run, or of a new one.
+        seed: the seed that the user gave; None for that of the run, or of a new one.
 
     Raises:
         UsageError: the run has another seed.
     """
     recorded = None if run is None else _recorded_seed(run)
     if run is not None and recorded is not None:
-        return inherited(run, recorded, given)
-    return NEW_SEED if given is None else given
+        return inherited_seed(run, recorded, seed)
+    return NEW_SEED if seed is None else seed
 
 
 def _recorded_seed(run: Path) -> int | None:
-    found = Journal.seed_in(run / REAL)
-    if found is not None:
-        return found
+    seed = CampaignJournal.seed_in(run / REAL)
+    if seed is not None:
+        return seed
     try:
         return int(json.loads((run / ANSWER).read_text(encoding="utf-8"))["provenance"]["seed"])
     except (OSError, ValueError, KeyError, TypeError):

@@ -27,9 +27,9 @@ from s2r_spec.base.errors import S2RError, UsageError
 from s2r_spec.certify.arguments import as_folder, as_rollouts, as_simulator, as_spec
 from s2r_spec.diagnose.data.campaign import BUDGET, campaign, plan, smallest_with_held_out
 from s2r_spec.diagnose.data.cost import Cost, Expected, of_library, on_machine, planned_held_out
-from s2r_spec.diagnose.data.journal import Journal
-from s2r_spec.diagnose.data.protocols import allowed
-from s2r_spec.diagnose.data.rollouts import RealRollouts, Rollouts, as_experiment, recorded
+from s2r_spec.diagnose.data.journal import CampaignJournal
+from s2r_spec.diagnose.data.protocols import allowed_experiments
+from s2r_spec.diagnose.data.rollouts import RealRollouts, Rollouts, as_experiment, recorded_rollouts
 from s2r_spec.diagnose.data.space_filling import representative, star
 from s2r_spec.diagnose.data.split import ENOUGH, TrainHeldOut, split
 from s2r_spec.diagnose.decision import Evidence
@@ -42,7 +42,7 @@ from s2r_spec.diagnose.gap.held_out import held_out_gap
 from s2r_spec.diagnose.gap.materiality import compared_at_all_tests
 from s2r_spec.diagnose.gap.nominal import Nominal
 from s2r_spec.diagnose.gap.where import Pairs, Where
-from s2r_spec.diagnose.gap.where import where as find_where
+from s2r_spec.diagnose.gap.where import locate as find_where
 from s2r_spec.diagnose.inference.estimates import (
     EffectEstimate,
     Status,
@@ -63,12 +63,12 @@ from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import ResponseLibrary, library, most_rollouts
 from s2r_spec.diagnose.threads import one_thread
 from s2r_spec.diagnose.watched import Progress, Watched
-from s2r_spec.runs.repeatability import check_here, repeated
-from s2r_spec.runs.seeds import NEW_SEED, Stream, inherited, rollout_seed
+from s2r_spec.runs.repeatability import check_here, is_repeated
+from s2r_spec.runs.seeds import NEW_SEED, SeedStream, inherited_seed, rollout_seed
 from s2r_spec.space import key_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
-from s2r_spec.workers.pools import kept_open
+from s2r_spec.workers.pools import keep_open
 
 ASSUMPTIONS = (
     "the real rollouts were run at the recorded tests, and only those named in a note were left out",
@@ -121,19 +121,21 @@ def diagnose(
     bench = Bench.of(spec, spec.requirements[0] if requirement is None else requirement, sim)
     real = load_backend(real) if isinstance(real, str) else real
     refuse_machine(real)
-    if folder is not None and (recorded_seed := Journal.seed_in(folder)) is not None:
-        seed = inherited(folder, recorded_seed, seed)
+    if folder is not None and (recorded_seed := CampaignJournal.seed_in(folder)) is not None:
+        seed = inherited_seed(folder, recorded_seed, seed)
     seed = NEW_SEED if seed is None else seed
     tell = Watched(progress or (lambda stage, done, of: None))
     able = executor if travels(bench) else None
-    with kept_open(able) as pool, tell.watching():
+    with keep_open(able) as pool, tell.watching():
         work = _Work(bench, seed, pool, tell, Cache.usual() if cache is None else Cache(cache))
         if isinstance(real, Backend) and not isinstance(real, HasRecordings):
             data = _campaign(work, real, budget, folder, protocols, passive)
         else:
             data = _recordings(work, real, budget, protocols, passive)
-        found = _answer(work, data, where)
-    return replace(found, notes=(*found.notes, *dict.fromkeys(work.cache.said)), spec=spec, real=called)
+        diagnosis = _answer(work, data, where)
+    return replace(
+        diagnosis, notes=(*diagnosis.notes, *dict.fromkeys(work.cache.notes)), spec=spec, real=called
+    )
 
 
 def _refuse_memory(bench: Bench, seed: int) -> None:
@@ -142,18 +144,18 @@ def _refuse_memory(bench: Bench, seed: int) -> None:
     Raises:
         UsageError: it does; the sentences name channel, instant, both values and the likely cause.
     """
-    if not repeated(bench.backend):
+    if not is_repeated(bench.backend):
         return
     space = bench.spec.space
     test, other = (bench.matched.to_backend(space.point(corner)) for corner in (space.upper, space.lower))
     try:
-        found = check_here(bench.backend, test, other, seed, elsewhere=False)
+        differences = check_here(bench.backend, test, other, seed, elsewhere=False)
     except S2RError:  # it may not run at a corner; the diagnosis names a rollout that it needs
         return
-    if found:
+    if differences:
         raise UsageError(
             f"no diagnosis: {bench.backend.name} is declared as deterministic, but the test {dict(test)} with seed "
-            f"{seed} gives other bits when it is repeated. {found}"
+            f"{seed} gives other bits when it is repeated. {differences}"
         )
 
 
@@ -210,15 +212,15 @@ class _Data:
     ) -> list[Candidate]:
         """Return every experiment of the library, with the number of its runs so far."""
         runs = train.by_experiment(bench)
-        found = []
+        candidates = []
         for one in (response.experiment for response in self.responses.responses):
             able = one in self.allowed and one.protocol not in dropped
             duration = (
                 protocol_of(bench.backend, one.protocol).duration if one.protocol else bench.backend.duration
             )
             test = None if one.protocol else bench.matched.to_spec(dict(one.params))
-            found.append(Candidate(one, duration, able, len(runs.get(one, [])), test))
-        return found
+            candidates.append(Candidate(one, duration, able, len(runs.get(one, [])), test))
+        return candidates
 
 
 def _campaign(
@@ -232,7 +234,7 @@ def _campaign(
     """Run a campaign: a fixed plan, then the experiments that best separate what is open, until nothing is."""
     bench = work.bench
     tests = star(bench.spec.space)
-    runnable, said = allowed(bench.backend, machine, () if passive else protocols)
+    runnable, refusals = allowed_experiments(bench.backend, machine, () if passive else protocols)
     fixed = plan(bench, tests, runnable, BUDGET if budget is None else budget, work.seed)
     others = () if passive else _protocols(bench, runnable)
     middle = representative(fixed.tests.values(), bench.spec.space)
@@ -251,8 +253,8 @@ def _campaign(
         work.library([as_experiment(bench, test) for test in middle[:1]])
         progress = work.progress("real rollouts")
         rollouts = campaign(bench, machine, fixed, work.seed, folder=folder, progress=progress)
-        rollouts = replace(rollouts, notes=(*said, *rollouts.notes))
-        return _tested(work, rollouts, others, frozenset(), " at the other tests")
+        rollouts = replace(rollouts, notes=(*refusals, *rollouts.notes))
+        return _data_of_tests(work, rollouts, others, frozenset(), " at the other tests")
     experiments = [as_experiment(bench, test) for test in tests]
     responses = work.library([*experiments, *others])
     before = _Data(
@@ -260,14 +262,14 @@ def _campaign(
     )
 
     def choose(train: RealRollouts, dropped: frozenset[str]) -> Experiment | None:
-        found = estimate(bench.backend, responses, train.by_experiment(bench), corrections=0)
-        if not with_status(_sizes(work, found), Status.POSSIBLE):
+        current = estimate(bench.backend, responses, train.by_experiment(bench), corrections=0)
+        if not with_status(_sizes(work, current), Status.POSSIBLE):
             return None
-        best = next_test(found, before.candidates(bench, train, dropped))
+        best = next_test(current, before.candidates(bench, train, dropped))
         return None if best is None else best.candidate.experiment
 
     rollouts = campaign(bench, machine, fixed, work.seed, choose, folder, work.progress("real rollouts"))
-    rollouts = replace(rollouts, notes=(*said, *rollouts.notes))
+    rollouts = replace(rollouts, notes=(*refusals, *rollouts.notes))
     return replace(before, rollouts=rollouts, parts=split(rollouts, work.seed, fixed.held_out))
 
 
@@ -275,14 +277,14 @@ def _recordings(
     work: _Work, real: Rollouts | Backend, budget: int | None, protocols: Sequence[str] | None, passive: bool
 ) -> _Data:
     """Read recorded rollouts; the library has all protocols beside their tests."""
-    rollouts = recorded(work.bench, real, budget, passive)
+    rollouts = recorded_rollouts(work.bench, real, budget, passive)
     run = list(dict.fromkeys(experiment for experiment, _ in rollouts.protocols))
-    runnable, _ = allowed(work.bench.backend, work.bench.backend, () if passive else protocols)
+    runnable, _ = allowed_experiments(work.bench.backend, work.bench.backend, () if passive else protocols)
     others = () if passive else _protocols(work.bench, [*run, *runnable])
-    return _tested(work, rollouts, [*run, *others], frozenset([*run, *runnable]))
+    return _data_of_tests(work, rollouts, [*run, *others], frozenset([*run, *runnable]))
 
 
-def _tested(
+def _data_of_tests(
     work: _Work,
     rollouts: RealRollouts,
     others: Sequence[Experiment],
@@ -315,48 +317,50 @@ def _protocols(bench: Bench, runnable: Sequence[Experiment]) -> list[Experiment]
     return [*runnable, *(Experiment(protocol.name) for protocol in own if protocol.name not in have)]
 
 
-def _sizes(work: _Work, found: Estimate) -> tuple[EffectEstimate, ...]:
+def _sizes(work: _Work, estimate: Estimate) -> tuple[EffectEstimate, ...]:
     families = {effect.name: effect.family for effect in catalogue_of(work.bench.backend)}
-    return effect_estimates(found.posterior, found.fit.likelihood, found.library.parameters, families)
+    return effect_estimates(
+        estimate.posterior, estimate.fit.likelihood, estimate.library.parameters, families
+    )
 
 
 def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
     bench, seed, pool, tell = work.bench, work.seed, work.pool, work.tell
-    tests, parts, lines = data.rollouts.tests, data.parts, data.responses.parameters
+    tests, parts, axes = data.rollouts.tests, data.parts, data.responses.parameters
     used = [*parts.train.tests, *parts.held_out]
-    odd = findings(bench, tests, lines, pool, work.progress("checking the recordings"))
+    odd = findings(bench, tests, axes, pool, work.progress("checking the recordings"))
     # Tests at which a rollout ended early come last, so that an accident changes no seed of another test.
     ordered = sorted(tests, key=lambda run: run[1].failure is not None)
     nominal = Nominal.of(
         bench, [test for test, _ in ordered], seed, pool, work.progress("simulating all tests")
     )
     tell("where the simulator falls", 0, 0)
-    why, alone = falls(bench, lines, tests, nominal, pool), falls_alone(tests, nominal)
+    why, alone = falls(bench, axes, tests, nominal, pool), falls_alone(tests, nominal)
     tell("estimating sizes", 0, 0)
-    found = estimate(bench.backend, data.responses, data.train(bench), executor=pool)
-    sizes = _sizes(work, found)
-    tuned = data.responses.values(mean_sizes(found.posterior))
+    fitted = estimate(bench.backend, data.responses, data.train(bench), executor=pool)
+    sizes = _sizes(work, fitted)
+    tuned = data.responses.values(mean_sizes(fitted.posterior))
     patch = {one.effect: one.values for one in with_status(sizes, Status.NAMED)}
     candidates = data.candidates(bench, parts.train)
     columns = {channel.name: channel.columns for channel in bench.backend.channels}
     tell("gap before and after", 0, 0)
     evidence = Evidence(
         sizes,
-        any_cause(found.posterior),
-        separations(found, [one.effect for one in with_status(sizes, Status.POSSIBLE)], candidates),
+        any_cause(fitted.posterior),
+        separations(fitted, [one.effect for one in with_status(sizes, Status.POSSIBLE)], candidates),
         held_out_gap(bench, parts.held_out, parts.train.tests, patch, tuned, nominal, pool),
         compared_at_all_tests(bench, tests, nominal) if tests else None,
-        goodness=goodness_of_fit(found.problem, found.fit, columns=columns),
-        left=remainders(bench, lines, used, tuned, seed, pool, work.progress("unexplained motion"), patch),
+        goodness=goodness_of_fit(fitted.problem, fitted.fit, columns=columns),
+        left=remainders(bench, axes, used, tuned, seed, pool, work.progress("unexplained motion"), patch),
         findings=odd,
     )
     nothing = with_status(sizes, Status.POSSIBLE) == ()
-    upcoming: NextTest | None = None if nothing else next_test(found, candidates)
+    upcoming: NextTest | None = None if nothing else next_test(fitted, candidates)
     in_use = Used(tests, len(parts.train.tests), len(parts.held_out), ENOUGH)
     lacking = notes(bench, in_use, _idle(data.responses), why, odd, alone)
     return Diagnosis(
-        Which(evidence, by_effects(found.posterior, lines), upcoming),
-        _where(work, used, tuned) if want_where and used else None,
+        Which(evidence, by_effects(fitted.posterior, axes), upcoming),
+        _locate(work, used, tuned) if want_where and used else None,
         tuned,
         {
             "s2r": version(),
@@ -379,16 +383,16 @@ def _idle(responses: ResponseLibrary) -> list[str]:
     moved = np.zeros(len(responses.parameters), dtype=bool)
     for response in responses.responses:
         moved |= [bool(np.any(np.nan_to_num(curve.values))) for curve in response.curves]
-    effects = dict.fromkeys(line.effect for line in responses.parameters)
-    acting = {line.effect for line, any_move in zip(responses.parameters, moved, strict=True) if any_move}
+    effects = dict.fromkeys(axis.effect for axis in responses.parameters)
+    acting = {axis.effect for axis, any_move in zip(responses.parameters, moved, strict=True) if any_move}
     return [effect for effect in effects if effect not in acting]
 
 
-def _where(work: _Work, rollouts: Sequence[tuple[Test, Trace]], improved: Values) -> Where:
+def _locate(work: _Work, rollouts: Sequence[tuple[Test, Trace]], improved: Values) -> Where:
     """Compare every real rollout with one of the nominal simulator at its test."""
     bench, real, simulated = work.bench, [], []
     for number, (test, trace) in enumerate(rollouts):
-        other = bench.run({}, test, rollout_seed(work.seed, number, 0, Stream.CHECK))
+        other = bench.run({}, test, rollout_seed(work.seed, number, 0, SeedStream.CHECK))
         real.append((trace, bench.rho(trace, test)))
         simulated.append((other, bench.rho(other, test)))
         work.tell("where", number + 1, len(rollouts))

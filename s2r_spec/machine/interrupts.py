@@ -9,8 +9,7 @@ from types import FrameType, TracebackType
 from typing import Any, Self
 
 LOOK = 0.1
-"""Budget: interval at which a wait looks for a Ctrl-C [s]. A Ctrl-C just before a wait does not end it at once; twice
-as much delays it by as much."""
+"""Budget: interval at which a wait looks for a Ctrl-C [s]: one just before a wait does not end it at once."""
 
 
 class Interrupts:

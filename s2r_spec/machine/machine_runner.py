@@ -54,8 +54,7 @@ ERROR = "error"
 RAW = "raw"
 """Folder in a journal's folder for recordings of a machine other than its traces."""
 MOST_VOID_IN_A_ROW = 3
-"""Budget: void attempts in a row at one rollout of an unattended machine, before the run ends. Twice as many occupy a
-broken machine for twice as long."""
+"""Budget: void attempts in a row at one rollout of an unattended machine, before the run ends."""
 
 
 @contextmanager

@@ -8,22 +8,22 @@ from s2r_spec.diagnose.diagnosis import Diagnosis
 from s2r_spec.diagnose.experiment_design.identifiability import Candidate, Separation
 from s2r_spec.diagnose.experiment_design.next_test import NextTest
 from s2r_spec.report.check import test_words
-from s2r_spec.report.gap_words import listed, place_words
+from s2r_spec.report.gap_words import join_names, place_words
 from s2r_spec.spec import Spec
 
 
-def next_step(found: Diagnosis, spec: Spec) -> str:
+def next_step(diagnosis: Diagnosis, spec: Spec) -> str:
     """Return the next step for the user."""
-    if found.misread:
-        what = " and ".join(found.misread)
+    if diagnosis.misread:
+        what = " and ".join(diagnosis.misread)
         return (
             f"First check {what} in the recordings (see the notes), and diagnose again. Until then do not trust any "
             f"cause."
         )
-    test = "" if found.which.next_test is None else test_in_words(found.which.next_test, spec)
-    match found.rule:
+    test = "" if diagnosis.which.next_test is None else test_in_words(diagnosis.which.next_test, spec)
+    match diagnosis.rule:
         case Rule.NONE:
-            return _leave(found)
+            return _leave(diagnosis)
         case Rule.SPREAD:
             use = (
                 "Use the simulator with small amounts of all effects (s2r diagnose … --apply FILE --tuned, then "
@@ -31,25 +31,25 @@ def next_step(found: Diagnosis, spec: Spec) -> str:
             )
             return f"{use}. To see whether one cause stands out, {test}." if test else f"{use}."
         case Rule.EFFECT:
-            return _add(found)
+            return _add(diagnosis)
         case Rule.OPEN | Rule.EITHER:
             if test:
                 return f"To settle what is open, {test}."
-            rivals = listed([one.effect for one in found.which.possible], "or")
-            missing = [one.best(allowed=False) for one in found.evidence.separations]
+            rivals = join_names([one.effect for one in diagnosis.which.possible], "or")
+            missing = [one.best(allowed=False) for one in diagnosis.evidence.separations]
             words = {experiment_words(one.candidate, spec) for one in missing if one is not None}
-            allow = f"Allow {listed(sorted(words), 'or')}, or measure" if words else "Measure"
+            allow = f"Allow {join_names(sorted(words), 'or')}, or measure" if words else "Measure"
             return f"{allow} {rivals} directly on the machine: no allowed experiment separates them."
         case _:
             return (
-                f"Look for a cause outside the catalogue{place_words(found.left, found.where)}. Write it as an effect "
-                f"({page('how-to/effects')}).{_wider(found)}"
+                f"Look for a cause outside the catalogue{place_words(diagnosis.left, diagnosis.where)}. Write it as an "
+                f"effect ({page('how-to/effects')}).{_wider(diagnosis)}"
             )
 
 
-def _leave(found: Diagnosis) -> str:
+def _leave(diagnosis: Diagnosis) -> str:
     """Return that the simulator may stay, and what to look for if the motion matters."""
-    unexplained = [str(each) for each in found.left[:1] if each.material]
+    unexplained = [str(each) for each in diagnosis.left[:1] if each.material]
     if unexplained:
         return (
             f"For this requirement, leave the simulator as it is. If the motion itself matters, look for the cause of "
@@ -61,25 +61,25 @@ def _leave(found: Diagnosis) -> str:
     )
 
 
-def _add(found: Diagnosis) -> str:
+def _add(diagnosis: Diagnosis) -> str:
     """Return that the named cause is to be added to the simulator."""
-    if not found.evidence.shows:
+    if not diagnosis.evidence.shows:
         return (
             "For this requirement, leave the simulator as it is. If the motion itself matters, add the named cause "
             "(s2r diagnose … --apply FILE, then --sim patched:FILE)."
         )
     cause, tuned = "the named cause", ""
-    if found.how_far is not None and found.how_far.better_tuned:
+    if diagnosis.how_far is not None and diagnosis.how_far.better_tuned:
         cause, tuned = "the named cause and small amounts of all other effects", " --tuned"
     return (
         f"Add {cause} to the simulator (s2r diagnose … --apply FILE{tuned}, then --sim patched:FILE). "
-        f"Bound the remaining gap with s2r gap on fresh rollouts.{_wider(found)}"
+        f"Bound the remaining gap with s2r gap on fresh rollouts.{_wider(diagnosis)}"
     )
 
 
 def test_in_words(test: NextTest, spec: Spec) -> str:
     """Return the experiment to run: "run air_sine, which separates a and b by 4.0 σ per run"."""
-    sets = " from ".join(listed(names) or "nothing" for names in test.separates)
+    sets = " from ".join(join_names(names) or "nothing" for names in test.separates)
     return (
         f"run {experiment_words(test.candidate, spec)}, which separates {sets} by {test.sigma:.1f} σ per run"
     )
@@ -96,7 +96,7 @@ def settled_words(one: Separation | None, spec: Spec) -> str:
     """Return which experiment settles a possible effect, or which one would if it were allowed."""
     if one is None:
         return ""
-    rivals = listed([name for name in one.excluded if name not in one.included], "or")
+    rivals = join_names([name for name in one.excluded if name not in one.included], "or")
     tells = f"tell it from {rivals}" if rivals else "settle it"
     allowed, other = one.best(allowed=True), one.best(allowed=False)
     if allowed is not None:
@@ -107,7 +107,7 @@ def settled_words(one: Separation | None, spec: Spec) -> str:
     return f"no allowed experiment would {tells}; {words}"
 
 
-def _wider(found: Diagnosis) -> str:
+def _wider(diagnosis: Diagnosis) -> str:
     """Return the advice on values at the end of their ranges; "" if there are none."""
-    ends = listed(found.evidence.at_end)
+    ends = join_names(diagnosis.evidence.at_end)
     return f" Or widen the range of {ends}, if the machine can have larger values." if ends else ""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from s2r_spec.backend import short
-from s2r_spec.certify.bound.rounding import between, down
+from s2r_spec.certify.bound.rounding import down, interval_text
 from s2r_spec.certify.real_machine import CertifyResult
 from s2r_spec.report import check as check_report
 from s2r_spec.report import gap as gap_report
@@ -67,7 +67,7 @@ def _facts(spec: Spec, result: CertifyResult) -> tuple[tuple[str, str], ...]:
         bound = (
             (
                 "worst expected ρ",
-                f"in {between(composed.lower, composed.upper)}{unit} for {result.real}, "
+                f"in {interval_text(composed.lower, composed.upper)}{unit} for {result.real}, "
                 f"with probability ≥ 1 − {composed.delta:g}",
             ),
             ("worst test", check_report.test_words(composed.worst, spec.space.units)),

@@ -10,7 +10,7 @@ from s2r_spec.backend import short
 from s2r_spec.base.json_values import Location
 from s2r_spec.base.verdict import Verdict, worst
 from s2r_spec.certify.bound.certificate import Certificate, Label
-from s2r_spec.certify.bound.rounding import at_least, at_most, between, down, up, wide
+from s2r_spec.certify.bound.rounding import at_least, at_most, down, interval_text, up, width_text
 from s2r_spec.certify.check import CheckResult
 from s2r_spec.certify.result.gap_result import GapResult
 from s2r_spec.certify.result.voids import void_words
@@ -92,14 +92,14 @@ def interval_words(result: Result) -> str:
     unit = f" {result.unit}" if result.unit else ""
     if result.certificate.label is Label.ONE_SIDED:
         return f"≤ {up(result.upper)}{unit}"
-    return f"in {between(result.lower, result.upper)}{unit}"
+    return f"in {interval_text(result.lower, result.upper)}{unit}"
 
 
 def _label_words(certificate: Certificate) -> str:
     if certificate.label is Label.ONE_SIDED:
         return str(certificate.label.value)
     return (
-        f"{certificate.label.value}; interval {wide(certificate.epsilon)} wide "
+        f"{certificate.label.value}; interval {width_text(certificate.epsilon)} wide "
         f"(target {certificate.target:g}), including {at_most(certificate.discretisation, 2)} for the grid"
     )
 
@@ -119,7 +119,7 @@ def bound(verdict: Verdict, lower: float, upper: float) -> str:
         case Verdict.VIOLATED:
             return f"≤ {up(upper)}"
         case Verdict.UNKNOWN:
-            return f"in {between(lower, upper)}"
+            return f"in {interval_text(lower, upper)}"
 
 
 def origin(source: Mapping[str, Any], models: str) -> str:
@@ -132,7 +132,7 @@ def ladder(result: Result, symbol: str) -> tuple[str, ...]:
     unit = f" {result.unit}" if result.unit else ""
     return (
         *(
-            f"if B = {rung.B:g}{unit}: {symbol} in {between(-rung.upper, -rung.lower)}{unit}"
+            f"if B = {rung.B:g}{unit}: {symbol} in {interval_text(-rung.upper, -rung.lower)}{unit}"
             for rung in result.certificate.ladder
         ),
         refuted_words(result.certificate, result.unit),

@@ -13,7 +13,7 @@ from s2r_spec.base.quantity import format_estimate, interval, quantity
 from s2r_spec.diagnose.diagnosis import Diagnosis
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, ParameterEstimate, Status, with_status
 from s2r_spec.report.advice import next_step, settled_words
-from s2r_spec.report.gap_words import body_words, gap_title, left_words, listed, shrink_rows, where_words
+from s2r_spec.report.gap_words import body_words, gap_title, join_names, left_words, shrink_rows, where_words
 from s2r_spec.report.materiality import matters_words
 from s2r_spec.report.text import STYLES
 from s2r_spec.spec import Spec
@@ -83,21 +83,24 @@ class Description:
     provenance: str
 
 
-def describe(found: Diagnosis, spec: Spec) -> Description:
+def describe(diagnosis: Diagnosis, spec: Spec) -> Description:
     """Return what every form of a diagnosis says."""
-    which, where, far = found.which, found.where, found.how_far
-    mistakes = tuple(each.text for each in found.evidence.findings)
+    which, where, far = diagnosis.which, diagnosis.where, diagnosis.how_far
+    mistakes = tuple(each.text for each in diagnosis.evidence.findings)
     by_status = {status: with_status(which.effects, status) for status in Status}
     settled = {one.effect: settled_words(one, spec) for one in which.evidence.separations}
-    names = {status: listed(sorted(one.effect for one in of)) for status, of in by_status.items()}
+    names = {status: join_names(sorted(one.effect for one in of)) for status, of in by_status.items()}
     return Description(
-        passive=passive_words(found),
+        passive=passive_words(diagnosis),
         mistakes=mistakes,
-        notes=tuple(note for note in found.notes if note not in mistakes),
-        matters=() if found.materiality is None else matters_words(found.materiality, spec.space.units),
+        notes=tuple(note for note in diagnosis.notes if note not in mistakes),
+        matters=()
+        if diagnosis.materiality is None
+        else matters_words(diagnosis.materiality, spec.space.units),
         named=tuple(row for one in by_status[Status.NAMED] for row in _rows(one)),
         possible=tuple(
-            (one.effect, _possible(one, settled.get(one.effect, ""))) for one in by_status[Status.POSSIBLE]
+            (one.effect, _possible_words(one, settled.get(one.effect, "")))
+            for one in by_status[Status.POSSIBLE]
         ),
         ruled_out=names[Status.RULED_OUT],
         hidden=names[Status.HIDDEN],
@@ -105,20 +108,20 @@ def describe(found: Diagnosis, spec: Spec) -> Description:
         gap_title="" if far is None else gap_title(far),
         gap=() if far is None else shrink_rows(far),
         where=() if where is None else where_words(where, spec),
-        parts=() if where is None else (*body_words(where), *left_words(found.left)),
-        next=next_step(found, spec),
-        provenance=provenance(found),
+        parts=() if where is None else (*body_words(where), *left_words(diagnosis.left)),
+        next=next_step(diagnosis, spec),
+        provenance=provenance(diagnosis),
     )
 
 
-def passive_words(found: Diagnosis) -> str:
+def passive_words(diagnosis: Diagnosis) -> str:
     """Return what tests of the specification alone cannot tell; "" where protocols were run, or nothing is hidden."""
-    hidden = found.which.hidden
-    if not found.passive or not hidden:
+    hidden = diagnosis.which.hidden
+    if not diagnosis.passive or not hidden:
         return ""
     return (
-        f"tests of the specification alone cannot measure {listed(hidden, 'or')}: with all other sizes free, the 90 % "
-        f"interval reaches more than a quarter of typical either way"
+        f"tests of the specification alone cannot measure {join_names(hidden, 'or')}: with all other sizes free, the "
+        f"90 % interval reaches more than a quarter of typical either way"
     )
 
 
@@ -138,29 +141,28 @@ def _rows(one: EffectEstimate) -> list[SizeRow]:
     ]
 
 
-def _possible(one: EffectEstimate, settled: str) -> str:
+def _possible_words(one: EffectEstimate, settled: str) -> str:
     p = one.largest
     words = f"{format_estimate(p.value, p.low, p.high, p.unit)}, probability {one.probability:.2f}"
     return f"{words}; {settled}" if settled else words
 
 
-def text(found: Diagnosis, spec: Spec) -> str:
+def text(diagnosis: Diagnosis, spec: Spec) -> str:
     """Return plain text."""
-    return Text.from_markup(markup(found, spec)).plain
+    return Text.from_markup(markup(diagnosis, spec)).plain
 
 
-def markup(found: Diagnosis, spec: Spec) -> str:
+def markup(diagnosis: Diagnosis, spec: Spec) -> str:
     """Return rich markup: mistakes of the recordings, the answer, then its details."""
-    first = "".join(f"{escape(one_line(f'note: {each.text}'))}\n" for each in found.evidence.findings)
-    headline = (
-        f"[{STYLES[found.verdict.tone]}]{found.verdict.value.upper()}[/]  {escape(one_line(found.reason))}"
-    )
-    return f"{first}{headline}\n{escape(body(found, spec))}"
+    first = "".join(f"{escape(one_line(f'note: {each.text}'))}\n" for each in diagnosis.evidence.findings)
+    colour, word = STYLES[diagnosis.verdict.tone], diagnosis.verdict.value.upper()
+    headline = f"[{colour}]{word}[/]  {escape(one_line(diagnosis.reason))}"
+    return f"{first}{headline}\n{escape(body(diagnosis, spec))}"
 
 
-def body(found: Diagnosis, spec: Spec) -> str:
+def body(diagnosis: Diagnosis, spec: Spec) -> str:
     """Return whether the gap matters, its causes, how far it shrinks, where it lies, and what to do next."""
-    words = describe(found, spec)
+    words = describe(diagnosis, spec)
     lines = [f"  {words.passive}"] if words.passive else []
     lines += [f"  {line}" for line in words.matters] + [f"  note: {line}" for line in words.notes]
     if words.named:
@@ -178,13 +180,13 @@ def body(found: Diagnosis, spec: Spec) -> str:
     if words.where:
         first, *rest = words.where + words.parts
         lines += ["", f"  where: {first}", *(f"    {line}" for line in rest)]
-    lines += ["", f"  next: {words.next}", "", *(f"  - {line}" for line in found.assumptions)]
+    lines += ["", f"  next: {words.next}", "", *(f"  - {line}" for line in diagnosis.assumptions)]
     return "\n".join(map(one_line, [*lines, "", f"  {words.provenance}"]))
 
 
-def provenance(found: Diagnosis) -> str:
+def provenance(diagnosis: Diagnosis) -> str:
     """Return the numbers of rollouts, the seed, the backend and the model hash in one line."""
-    p = found.provenance
+    p = diagnosis.provenance
     return (
         f"{p['rollouts']} real rollouts, {p['held_out']} of them held out, seed {p['seed']}, "
         f"backend {p['backend']}, model {short(str(p['model_hash']))}"

@@ -8,11 +8,11 @@ from s2r_spec.report.markdown import cell
 from s2r_spec.spec import Spec
 
 
-def markdown(found: Diagnosis, spec: Spec) -> str:
+def markdown(diagnosis: Diagnosis, spec: Spec) -> str:
     """Return the answer, then all sizes, how far the gap shrinks, where it lies, the next step, and the assumptions."""
-    words = describe(found, spec)
+    words = describe(diagnosis, spec)
     lines = ["### s2r diagnose", "", *_notes(words.mistakes)]
-    lines += [f"**{found.verdict.value.upper()}**: {cell(found.reason)}", ""]
+    lines += [f"**{diagnosis.verdict.value.upper()}**: {cell(diagnosis.reason)}", ""]
     lines += [f"{cell(words.passive)}.", ""] if words.passive else []
     lines += [*(f"- {cell(line)}" for line in words.matters), ""] if words.matters else []
     lines += _notes(words.notes)
@@ -28,7 +28,7 @@ def markdown(found: Diagnosis, spec: Spec) -> str:
     if words.where:
         lines += ["", "Where:", "", *(f"- {cell(line)}" for line in words.where + words.parts)]
     lines += ["", f"**Next**: {cell(words.next)}", "", "<details>", "<summary>This assumes</summary>", ""]
-    lines += [f"- {cell(line)}" for line in found.assumptions]
+    lines += [f"- {cell(line)}" for line in diagnosis.assumptions]
     return "\n".join([*lines, "", "</details>", "", cell(words.provenance)])
 
 

@@ -21,7 +21,7 @@ from s2r_spec.spec import Spec
 
 
 @dataclass(frozen=True)
-class Bar:
+class BarRow:
     """A row with a bar; positions in percent of the line."""
 
     label: str
@@ -31,25 +31,25 @@ class Bar:
     tone: str = ""
 
 
-def render(found: Diagnosis, spec: Spec, real: str = "") -> str:
+def render(diagnosis: Diagnosis, spec: Spec, real: str = "") -> str:
     """Return the page: the same bytes for the same diagnosis.
 
     Args:
-        found: the diagnosis.
+        diagnosis: the diagnosis.
         spec: specification of the diagnosed requirement.
         real: name of the real machine, ``twin:lab``; "" for rollouts without a name.
 
     Raises:
         UsageError: a package is missing.
     """
-    words, where, far = describe(found, spec), found.where, found.how_far
+    words, where, far = describe(diagnosis, spec), diagnosis.where, diagnosis.how_far
     return fill(
         "diagnosis.html",
-        found=found,
+        diagnosis=diagnosis,
         words=words,
-        about=about(found.provenance, spec, real),
-        reason=unbroken(found.reason),
-        next=unbroken(words.next),
+        about=about(diagnosis.provenance, spec, real),
+        reason=unbreak(diagnosis.reason),
+        next=unbreak(words.next),
         bars=on_a_line(words.sizes),
         space=space(where, far),
         held_out=held_out(where, far, spec),
@@ -58,13 +58,13 @@ def render(found: Diagnosis, spec: Spec, real: str = "") -> str:
         formula_unit="" if where is None else where.pair.unit,
         body=body(where),
         shifts=shifts(where),
-        sources=flat(found.provenance),
+        sources=flatten(diagnosis.provenance),
         spec_text=spec.text,
-        version=str(found.provenance.get("s2r", "")),
+        version=str(diagnosis.provenance.get("s2r", "")),
     )
 
 
-def on_a_line(rows: tuple[SizeRow, ...]) -> list[Bar]:
+def on_a_line(rows: tuple[SizeRow, ...]) -> list[BarRow]:
     """Return the interval of every size as a bar on one line of typical sizes; its words are the place of the value."""
     ends = [end for row in rows for end in (row.parameter.size_low, row.parameter.size_high)]
     low, high = min([0.0, *ends]), max([1.0, *ends])
@@ -75,11 +75,11 @@ def on_a_line(rows: tuple[SizeRow, ...]) -> list[Bar]:
     bars = []
     for p in (row.parameter for row in rows):
         left = place(p.size_low)
-        bars.append(Bar("", left, max(place(p.size_high) - left, 0.5), f"{place(p.size)}"))
+        bars.append(BarRow("", left, max(place(p.size_high) - left, 0.5), f"{place(p.size)}"))
     return bars
 
 
-def formula(parts: tuple[FormulaShare, ...], delta: float) -> tuple[Bar, ...]:
+def formula(parts: tuple[FormulaShare, ...], delta: float) -> tuple[BarRow, ...]:
     """Return a bar for the part of Δρ of each sub-formula, indented by its depth."""
     most = max((abs(part.amount) for part in parts), default=0.0)
     bars = []
@@ -88,7 +88,7 @@ def formula(parts: tuple[FormulaShare, ...], delta: float) -> tuple[Bar, ...]:
             share = f", {100 * part.amount / delta:.0f} %" if delta else ""
             label = "\u2003" * part.depth + (f"{part.name}: " if part.name else "") + part.text
             bars.append(
-                Bar(
+                BarRow(
                     label, 0.0, percent(abs(part.amount) / most), f"{part.amount:+.3g}{share}",
                     "worse" if part.amount < 0 else "better",
                 )
@@ -96,7 +96,7 @@ def formula(parts: tuple[FormulaShare, ...], delta: float) -> tuple[Bar, ...]:
     return tuple(bars)
 
 
-def unbroken(sentence: str) -> str:
+def unbreak(sentence: str) -> str:
     """Keep numbers and their percent signs on one line."""
     return sentence.replace(" %", "\u00a0%")
 
@@ -138,20 +138,20 @@ def shifts(where: Where | None) -> list[tuple[str, str, str]]:
     """Return the place, the residual with its size, and the adjusted p-value of every significant shift."""
     if where is None or where.body is None:
         return []
-    found = where.body
+    body = where.body
     return [
-        (str(found.place(part, shift)), amount(shift), f"p = {shift.adjusted:.1g}, adjusted for all tests")
-        for part in found.shifted
+        (str(body.place(part, shift)), amount(shift), f"p = {shift.adjusted:.1g}, adjusted for all tests")
+        for part in body.shifted
         for shift in part.shifts
     ]
 
 
-def flat(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+def flatten(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
     """Return nested values as rows of names and words."""
     rows: list[tuple[str, str]] = []
     for name, value in values.items():
         if isinstance(value, Mapping):
-            rows += flat(value, f"{prefix}{name}: ")
+            rows += flatten(value, f"{prefix}{name}: ")
         else:
             rows.append((f"{prefix}{name}", str(value)))
     return rows

@@ -55,7 +55,7 @@ class Finding:
     def __post_init__(self) -> None:
         """Escape line breaks and control characters in every text."""
         for field in fields(self):
-            object.__setattr__(self, field.name, _escaped(getattr(self, field.name)))
+            object.__setattr__(self, field.name, _escape(getattr(self, field.name)))
 
     @property
     def sections(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
@@ -66,10 +66,10 @@ class Finding:
         )
 
 
-def _escaped(value: Any) -> Any:
+def _escape(value: Any) -> Any:
     if isinstance(value, str):
         return one_line(value)
-    return tuple(map(_escaped, value)) if isinstance(value, tuple) else value
+    return tuple(map(_escape, value)) if isinstance(value, tuple) else value
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from s2r_spec.backend import short
 from s2r_spec.base.verdict import Verdict
 from s2r_spec.certify.bound.certificate import Label
-from s2r_spec.certify.bound.rounding import between, down
+from s2r_spec.certify.bound.rounding import down, interval_text
 from s2r_spec.certify.result.gap_result import GapResult
 from s2r_spec.report.check import effort, ladder, location, origin, probability_words, test_words
 from s2r_spec.report.finding import Finding, Report
@@ -29,7 +29,7 @@ def finding(spec: Spec, result: GapResult) -> Finding:
     certificate, source = result.certificate, result.provenance
     unit = f" {result.unit}" if result.unit else ""
     bound = f"worst expected Δ ≥ {down(result.lower)}{unit}, {probability_words(certificate)}"
-    verdict, word, reason = _judged(result)
+    verdict, word, reason = _judge(result)
     return Finding(
         name=result.requirement,
         verdict=verdict,
@@ -60,10 +60,10 @@ def facts(result: GapResult, units: Mapping[str, str]) -> tuple[tuple[str, str],
     unit = f" {result.unit}" if result.unit else ""
     certificate = result.certificate
     reason = f" ({certificate.reason})" if certificate.reason else ""
-    certain = f", {probability_words(certificate)}; anywhere in {between(result.low, result.high)}"
+    certain = f", {probability_words(certificate)}; anywhere in {interval_text(result.low, result.high)}"
     computed = "" if certificate.label.bounds else " (not certified)"
     return (
-        ("worst expected Δ", f"in {between(result.lower, result.upper)}{unit}{computed or certain}"),
+        ("worst expected Δ", f"in {interval_text(result.lower, result.upper)}{unit}{computed or certain}"),
         (
             "worst gap at",
             f"{test_words(result.worst.params, units)}: mean Δ {result.worst.mean:+.4f}{unit}, "
@@ -78,7 +78,7 @@ def facts(result: GapResult, units: Mapping[str, str]) -> tuple[tuple[str, str],
     )
 
 
-def _judged(result: GapResult) -> tuple[Verdict, str, str]:
+def _judge(result: GapResult) -> tuple[Verdict, str, str]:
     """Return verdict, word and reason. A gap neither holds nor fails: its interval is at most ε wide, or wider."""
     certificate = result.certificate
     if not certificate.label.bounds:

@@ -20,7 +20,7 @@ LATE = 0.95
 """Definition: part of a rollout; a window that ends later than it says nothing about the time of the cause."""
 
 
-def listed(names: Sequence[str], last: str = "and") -> str:
+def join_names(names: Sequence[str], last: str = "and") -> str:
     """Return "a, b and c"."""
     return f" {last} ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 
@@ -30,7 +30,7 @@ def where_words(where: Where, spec: Spec) -> tuple[str, ...]:
     unit = where.pair.unit
     test = test_words(where.test, spec.space.units)
     lines = [
-        f"worst test of those run{f', {test}' if test else ''}: Δρ {_signed(where.pair.delta, unit)}{_rho(where)}"
+        f"worst test of those run{f', {test}' if test else ''}: Δρ {_signed_words(where.pair.delta, unit)}{_rho(where)}"
     ]
     window = where.pair.window
     if where.pair.delta and window is None:
@@ -44,7 +44,7 @@ def where_words(where: Where, spec: Spec) -> tuple[str, ...]:
     credit = {name: float(values.sum()) for name, values in where.pair.credit.items()}
     if credit and window is not None:
         name = max(credit, key=lambda n: abs(credit[n]))
-        lines.append(f"most of it comes from {name} ({_signed(credit[name], unit)})")
+        lines.append(f"most of it comes from {name} ({_signed_words(credit[name], unit)})")
     if where.pair.switch is not None:
         lines.append(str(where.pair.switch))
     if where.space is not None:
@@ -54,7 +54,7 @@ def where_words(where: Where, spec: Spec) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _signed(value: float, unit: str) -> str:
+def _signed_words(value: float, unit: str) -> str:
     """Return a quantity with its sign: ``−12 µm``."""
     return f"{'−' if value < 0.0 else '+'}{quantity(abs(value), unit)}"
 
@@ -67,9 +67,8 @@ def _rho(where: Where) -> str:
     simulated, real = switch.simulated.simulated, switch.real.real
     if not math.isclose(real - simulated, pair.delta, rel_tol=1e-6, abs_tol=1e-12):
         return ""
-    return (
-        f" (ρ {_signed(simulated, pair.unit)} in simulation, {_signed(real, pair.unit)} on the real machine)"
-    )
+    own, other = _signed_words(simulated, pair.unit), _signed_words(real, pair.unit)
+    return f" (ρ {own} in simulation, {other} on the real machine)"
 
 
 def body_words(where: Where) -> tuple[str, ...]:

@@ -9,8 +9,8 @@ from typing import Any
 
 from s2r_spec.base.errors import require
 from s2r_spec.base.verdict import Tone
-from s2r_spec.report.parts import Run, part
 from s2r_spec.report.recompute import recompute
+from s2r_spec.report.sections import Run, section
 
 PACKAGES = ("jinja2", "matplotlib")
 SIGNS = {Tone.GOOD: ("✓", "holds"), Tone.BAD: ("✗", "violated"), Tone.OPEN: ("?", "unknown")}
@@ -37,8 +37,8 @@ def render(runs: Sequence[Run]) -> str:
     Raises:
         UsageError: a package is missing.
     """
-    parts = [part(run, f"r{number}") for number, run in enumerate(runs)]
-    return fill("template.html", parts=parts, command=parts[0].command)
+    sections = [section(run, f"r{number}") for number, run in enumerate(runs)]
+    return fill("template.html", sections=sections, command=sections[0].command)
 
 
 def fill(template: str, **words: Any) -> str:

@@ -10,23 +10,23 @@ from s2r_spec.diagnose.gap.materiality import Failures, GapAtTest, Materiality
 from s2r_spec.report.check import test_words
 
 PLACES = 3
-"""Definition: tests that are printed, largest gap first; doubled, twice as many are printed."""
+"""Definition: tests that are printed, largest gap first."""
 MOST_PERCENT = 10.0
-"""Definition: ratio from which on a part is written as a multiple; doubled, 1500 % stays a percentage."""
+"""Definition: ratio from which on a part is written as a multiple."""
 
 
-def matters_words(found: Materiality, units: Mapping[str, str]) -> tuple[str, ...]:
+def matters_words(materiality: Materiality, units: Mapping[str, str]) -> tuple[str, ...]:
     """Return sentences on the largest gap, on the tests at which the gap matters, and on early ends.
 
     Args:
-        found: the answer.
+        materiality: the answer.
         units: parameter → unit, in the spec's order.
     """
     lines = []
-    if found.largest is not None:
-        lines += [_largest(found.largest, found, units), _tests(found, units)]
-    if found.failures is not None:
-        lines.append(_failures(found.failures))
+    if materiality.largest is not None:
+        lines += [_largest_gap(materiality.largest, materiality, units), _tests(materiality, units)]
+    if materiality.failures is not None:
+        lines.append(_failures(materiality.failures))
     return tuple(lines)
 
 
@@ -39,28 +39,28 @@ def part_of(part: float, whole: float) -> str:
     return f"{percent:.0f} %" if percent >= 9.5 else f"{percent:.1g} %"
 
 
-def _largest(at: GapAtTest, found: Materiality, units: Mapping[str, str]) -> str:
+def _largest_gap(at: GapAtTest, materiality: Materiality, units: Mapping[str, str]) -> str:
     """Return the largest gap, with its parts of the margin and of the tolerance."""
     test = test_words(at.params, units)
-    own = quantity(abs(at.gap), found.unit)
+    own = quantity(abs(at.gap), materiality.unit)
     worse = "worse" if at.gap < 0.0 else "better"
     parts = [
-        f"{part_of(at.gap, whole)} of the {name} of {quantity(whole, found.unit)}"
-        for name, whole in (("simulated margin", abs(at.simulated)), ("tolerance", found.tolerance))
+        f"{part_of(at.gap, whole)} of the {name} of {quantity(whole, materiality.unit)}"
+        for name, whole in (("simulated margin", abs(at.simulated)), ("tolerance", materiality.tolerance))
         if whole
     ]
     words = f"largest gap{f' at {test}' if test else ''}: the machine is {own} {worse} than the simulator"
     return ", ".join([words, *parts])
 
 
-def _tests(found: Materiality, units: Mapping[str, str]) -> str:
+def _tests(materiality: Materiality, units: Mapping[str, str]) -> str:
     """Return the number of tests at which the gap matters, and the first of them."""
-    places = found.places
+    places = materiality.places
     if not places:
         false = f"at most {100 * LEVEL:.0f} % false alarms"
-        return f"it matters at none of {len(found.tests)} tests, each compared by itself ({false})"
+        return f"it matters at none of {len(materiality.tests)} tests, each compared by itself ({false})"
     changed = sum(at.changes_sign for at in places)
-    words = f"it matters at {len(places)} of {len(found.tests)} tests"
+    words = f"it matters at {len(places)} of {len(materiality.tests)} tests"
     names = [name for name in (test_words(at.params, units) for at in places[:PLACES]) if name]
     if names:
         more = f", and {len(places) - PLACES} more" if len(places) > PLACES else ""
@@ -68,10 +68,10 @@ def _tests(found: Materiality, units: Mapping[str, str]) -> str:
     return words + (f". The sign of ρ changes at {changed} of them" if changed else "")
 
 
-def _failures(found: Failures) -> str:
+def _failures(failures: Failures) -> str:
     """Return how many rollouts ended early."""
-    than = "more than chance" if found.matters else "no more than chance; repeat these tests to decide"
+    than = "more than chance" if failures.matters else "no more than chance; repeat these tests to decide"
     return (
-        f"{found.real} of {found.real_rollouts} real rollouts ended early, and {found.simulated} of "
-        f"{found.simulated_rollouts} simulated ones: {than} (p = {found.p:.2g})"
+        f"{failures.real} of {failures.real_rollouts} real rollouts ended early, and {failures.simulated} of "
+        f"{failures.simulated_rollouts} simulated ones: {than} (p = {failures.p:.2g})"
     )

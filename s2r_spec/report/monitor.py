@@ -34,7 +34,7 @@ def monitor_file(request: TraceRequest, path: Path, conventions: Conventions) ->
     for one in read_spec_traces(request, path):
         how = replace(conventions, stated=one.stated)
         with in_file(path):
-            found = monitor_trace(request.spec, one.trace, request.requirements, one.params, how)
+            monitored = monitor_trace(request.spec, one.trace, request.requirements, one.params, how)
         results.append(
             MonitoredTrace(
                 trace=one.name,
@@ -42,7 +42,7 @@ def monitor_file(request: TraceRequest, path: Path, conventions: Conventions) ->
                 from_trace=tuple(sorted(one.taken)),
                 notes=one.notes,
                 accounts=one.accounts,
-                requirements=tuple(map(_requirement, found)),
+                requirements=tuple(map(_requirement, monitored)),
             )
         )
     return results
@@ -64,15 +64,17 @@ def monitor_record(
     )
 
 
-def _requirement(found: Monitored) -> MonitoredKind:
-    sampling = None if found.sampled is None else Sampling(**vars(found.sampled))
-    if found.reason is None:
+def _requirement(monitored: Monitored) -> MonitoredKind:
+    sampling = None if monitored.sampled is None else Sampling(**vars(monitored.sampled))
+    if monitored.reason is None:
         assert sampling is not None
-        return extend(UnknownRequirement, sampling, requirement=found.requirement, text=found.text)
-    verdict = Verdict.of(found.satisfied).value
+        return extend(UnknownRequirement, sampling, requirement=monitored.requirement, text=monitored.text)
+    verdict = Verdict.of(monitored.satisfied).value
     if sampling is None:
-        return extend(FailedRequirement, found.reason, verdict=verdict, text=found.text)
-    return extend(MonitoredRequirement, found.reason, verdict=verdict, text=found.text, **vars(sampling))
+        return extend(FailedRequirement, monitored.reason, verdict=verdict, text=monitored.text)
+    return extend(
+        MonitoredRequirement, monitored.reason, verdict=verdict, text=monitored.text, **vars(sampling)
+    )
 
 
 def change_record(spec: Spec, change: VerdictChange) -> ChangeObject:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from s2r_spec.certify.bound.rounding import between
+from s2r_spec.certify.bound.rounding import interval_text
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ def bars(intervals: Sequence[tuple[str, float, float]], unit: str) -> tuple[Bar,
     return tuple(
         Bar(
             label=label,
-            words=f"{between(lower, upper)} {unit}".rstrip(),
+            words=f"{interval_text(lower, upper)} {unit}".rstrip(),
             zero=place(0.0),
             left=place(lower),
             width=max(0.5, round(place(upper) - place(lower), 3)),

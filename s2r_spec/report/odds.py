@@ -46,21 +46,21 @@ def odds(run: Path, levels: Sequence[float], B: float, delta: float | None = Non
     """
     results = []
     for folder in runs_in(run):
-        found = recompute(folder)
-        requirement = found.result.requirement
-        risk = found.spec.certify[requirement].delta if delta is None else delta
+        recomputed = recompute(folder)
+        requirement = recomputed.result.requirement
+        risk = recomputed.spec.certify[requirement].delta if delta is None else delta
         assert risk is not None  # recompute has searched with it
         # In an unfinished batch, which rollouts are on disk may depend on their outcomes.
-        counted = found.records[: len(found.records) - found.waiting]
+        counted = recomputed.records[: len(recomputed.records) - recomputed.waiting]
         bounds = bound_failure_probability(
-            found.spec.space,
+            recomputed.spec.space,
             [(record.params, [record.rho]) for record in counted],
             levels,
-            kernel=found.search.kernel,
+            kernel=recomputed.search.kernel,
             B=B,
             delta=risk,
         )
-        results.append(Odds(requirement, found.result.unit, B, risk, tuple(bounds)))
+        results.append(Odds(requirement, recomputed.result.unit, B, risk, tuple(bounds)))
     return results
 
 

@@ -5,48 +5,58 @@ from __future__ import annotations
 from s2r_spec.attribution.place import Place, ValueRange
 from s2r_spec.diagnose.decision import Rule, Verdict
 from s2r_spec.diagnose.diagnosis import Diagnosis
-from s2r_spec.report.gap_words import listed
+from s2r_spec.report.gap_words import join_names
 
 LITTLE = "a few percent of every effect"
 """Definition: the words for the small effects that every machine has; alone they make no material gap."""
 
 
-def reason(found: Diagnosis) -> str:
+def reason(diagnosis: Diagnosis) -> str:
     """Return the reason for the verdict of a diagnosis."""
-    material = _material(found)
-    match found.rule:
+    material = _materiality(diagnosis)
+    match diagnosis.rule:
         case Rule.EFFECT | Rule.OPEN:
-            closes = _closes(found) if found.evidence.shows else []
-            return _joined(material, _cause(found), *closes, *_open(found), *_left(found), *_odd(found))
+            closes = _closes(diagnosis) if diagnosis.evidence.shows else []
+            return _join(
+                material,
+                _cause(diagnosis),
+                *closes,
+                *_open_effects(diagnosis),
+                *_remainder(diagnosis),
+                *_misfit(diagnosis),
+            )
         case Rule.EITHER:
-            rivals = listed([one.effect for one in found.which.possible], "or")
-            return _joined(
-                material, f"There is a cause, but the data do not tell which: {rivals}.", *_closes(found)
+            rivals = join_names([one.effect for one in diagnosis.which.possible], "or")
+            return _join(
+                material, f"There is a cause, but the data do not tell which: {rivals}.", *_closes(diagnosis)
             )
         case Rule.SPREAD:
-            return _joined(material, "No cause stands out.", *_closes(found), *_mistake(found))
+            return _join(material, "No cause stands out.", *_closes(diagnosis), *_mistake(diagnosis))
         case Rule.NONE:
-            return _joined(material, *_differ(found), *_odd(found), *_mistake(found))
+            return _join(material, *_differ(diagnosis), *_misfit(diagnosis), *_mistake(diagnosis))
         case Rule.ALIKE:
-            cause = f"{_named(found)} {_verb(found, 'explain')} the data, and {_mistaken(found)} would do the same"
-            return f"{cause}: check the recordings first."
+            cause = (
+                f"{_effects(diagnosis)} {_verb(diagnosis, 'explain')} the data, and {_imitation(diagnosis)}"
+            )
+            return f"{cause} would do the same: check the recordings first."
         case Rule.MISTAKE:
-            cause = f"Of the catalogue, {_named(found)} {_verb(found, 'fit')} best, but {_mistaken(found)} would do"
-            return f"{cause} the same and explains more: check the recordings first."
+            best = f"{_effects(diagnosis)} {_verb(diagnosis, 'fit')} best"
+            rival = f"{_imitation(diagnosis)} would do the same and explains more"
+            return f"Of the catalogue, {best}, but {rival}: check the recordings first."
         case _:
-            return _joined(material, *_unknown(found))
+            return _join(material, *_unknown(diagnosis))
 
 
-def _joined(*sentences: str) -> str:
+def _join(*sentences: str) -> str:
     return " ".join(filter(None, sentences))
 
 
-def _material(found: Diagnosis) -> str:
+def _materiality(diagnosis: Diagnosis) -> str:
     """Return whether the gap is material, and where, if not on average over the held-out tests."""
-    far, matters = found.how_far, found.materiality
+    far, matters = diagnosis.how_far, diagnosis.materiality
     if far is not None and far.material:
         return "The gap is material."
-    if not found.evidence.shows:
+    if not diagnosis.evidence.shows:
         if far is None:
             return "The gap matters at no test." if matters is not None else "The gap was not measured."
         return f"The gap in ρ is not material: {LITTLE} would make one as large."
@@ -61,29 +71,31 @@ def _material(found: Diagnosis) -> str:
     return "The gap is material at some tests, but not on average over the held-out tests."
 
 
-def _named(found: Diagnosis) -> str:
-    return listed(found.evidence.named)
+def _effects(diagnosis: Diagnosis) -> str:
+    return join_names(diagnosis.evidence.named)
 
 
-def _verb(found: Diagnosis, verb: str) -> str:
-    return verb if len(found.evidence.named) > 1 else f"{verb}s"
+def _verb(diagnosis: Diagnosis, verb: str) -> str:
+    return verb if len(diagnosis.evidence.named) > 1 else f"{verb}s"
 
 
-def _cause(found: Diagnosis) -> str:
-    return f"{_named(found)} {_verb(found, 'explain')} the data best."
+def _cause(diagnosis: Diagnosis) -> str:
+    return f"{_effects(diagnosis)} {_verb(diagnosis, 'explain')} the data best."
 
 
-def _open(found: Diagnosis) -> list[str]:
+def _open_effects(diagnosis: Diagnosis) -> list[str]:
     """Return which possible effects a further experiment would settle."""
-    if found.rule is not Rule.OPEN:
+    if diagnosis.rule is not Rule.OPEN:
         return []
-    return [f"{listed(found.evidence.open, 'or')} may be there, too; one more experiment would settle it."]
+    return [
+        f"{join_names(diagnosis.evidence.open, 'or')} may be there, too; one more experiment would settle it."
+    ]
 
 
-def _closes(found: Diagnosis) -> list[str]:
+def _closes(diagnosis: Diagnosis) -> list[str]:
     """Return how much of the held-out gap is closed, by the named effects or by all together."""
-    far, named = found.how_far, found.evidence.named
-    ends = [f"{name} is at the end of its range." for name in found.evidence.at_end]
+    far, named = diagnosis.how_far, diagnosis.evidence.named
+    ends = [f"{name} is at the end of its range." for name in diagnosis.evidence.at_end]
     if far is not None and named and far.share is not None:
         subject = "it closes" if len(named) == 1 else "they close"
         words = [
@@ -102,47 +114,51 @@ def _part(share: float) -> str:
     return "none of" if share <= 0.0 else "all of" if share > 1.0 else f"{100 * share:.0f} % of"
 
 
-def _unknown(found: Diagnosis) -> list[str]:
+def _unknown(diagnosis: Diagnosis) -> list[str]:
     """Return why no effect of the catalogue is the answer, and the nearest one."""
     sentences = ["No effect of the catalogue explains the data."]
-    sentences += [f"Unexplained: {each}." for each in found.left[:1] if each.material]
-    if found.which.nearest:
-        sentences.append(f"The nearest is {listed(found.which.nearest)} ({found.which.nearest_family}).")
-    return [*sentences, *_closes(found), *_odd(found)]
+    sentences += [f"Unexplained: {each}." for each in diagnosis.left[:1] if each.material]
+    if diagnosis.which.nearest:
+        sentences.append(
+            f"The nearest is {join_names(diagnosis.which.nearest)} ({diagnosis.which.nearest_family})."
+        )
+    return [*sentences, *_closes(diagnosis), *_misfit(diagnosis)]
 
 
-def _odd(found: Diagnosis) -> list[str]:
+def _misfit(diagnosis: Diagnosis) -> list[str]:
     """Return that the traces fit no set of effects, if they do not, and where the misfit is largest."""
-    goodness = found.evidence.goodness
+    goodness = diagnosis.evidence.goodness
     if goodness is None or not goodness.alarm:
         return []
     worst = goodness.worst
     place = Place(ValueRange(worst.begin, worst.end), worst.part)
     least = f"least of all {worst.quantity} of {worst.experiment} {place}"
     also = (
-        [] if found.verdict is Verdict.UNKNOWN else ["Something differs that this requirement does not need."]
+        []
+        if diagnosis.verdict is Verdict.UNKNOWN
+        else ["Something differs that this requirement does not need."]
     )
     return [f"No set of effects fits the traces (p = {goodness.p:.2g}), {least}.", *also]
 
 
-def _left(found: Diagnosis) -> list[str]:
+def _remainder(diagnosis: Diagnosis) -> list[str]:
     """Return the motion that no effect explains, if it is more than what is allowed for."""
-    return [f"No effect explains {each}." for each in found.left[:1] if each.material]
+    return [f"No effect explains {each}." for each in diagnosis.left[:1] if each.material]
 
 
-def _differ(found: Diagnosis) -> list[str]:
+def _differ(diagnosis: Diagnosis) -> list[str]:
     """Return by which causes the traces differ although none is named, and what no effect explains."""
-    first = found.which.sets[0][0] if found.which.sets else ()
-    seen = [f"The traces do differ, most as with {listed(first)}."] if first else []
-    return [*seen, *_left(found)]
+    first = diagnosis.which.sets[0][0] if diagnosis.which.sets else ()
+    sentences = [f"The traces do differ, most as with {join_names(first)}."] if first else []
+    return [*sentences, *_remainder(diagnosis)]
 
 
-def _mistake(found: Diagnosis) -> list[str]:
+def _mistake(diagnosis: Diagnosis) -> list[str]:
     """Return the mistake of the recordings that would explain a difference without a named cause."""
-    if not found.evidence.rivals:
+    if not diagnosis.evidence.rivals:
         return []
-    return [f"But {_mistaken(found)} would explain how the recordings differ: check them first."]
+    return [f"But {_imitation(diagnosis)} would explain how the recordings differ: check them first."]
 
 
-def _mistaken(found: Diagnosis) -> str:
-    return found.evidence.rivals[0].imitates
+def _imitation(diagnosis: Diagnosis) -> str:
+    return diagnosis.evidence.rivals[0].imitates

@@ -18,7 +18,7 @@ from s2r_spec.certify.real_machine import CertifyResult, conclude_certify, judge
 from s2r_spec.certify.result.check_result import CheckResult, conclude, of_recordings
 from s2r_spec.certify.result.compose import compose
 from s2r_spec.certify.result.gap_result import GapResult, Pair, conclude_gap, pairs_of
-from s2r_spec.certify.search.experiments import following
+from s2r_spec.certify.search.experiments import next_queries
 from s2r_spec.certify.search.search import Query, Search
 from s2r_spec.runs.journal import Journal, Record
 from s2r_spec.runs.layout import FILE, GAP, SIMULATION, SYSTEMS, runs_in
@@ -76,7 +76,7 @@ class RecomputedCertify:
     gap: RecomputedGap | None
 
 
-class Kind(Enum):
+class RunKind(Enum):
     """The kind of a run's folder; the value is the command that made it."""
 
     CHECK = "s2r check"
@@ -84,7 +84,7 @@ class Kind(Enum):
     CERTIFY = "s2r certify"
 
 
-def kind(folder: Path) -> Kind:
+def kind(folder: Path) -> RunKind:
     """Return which command made a run.
 
     Raises:
@@ -92,11 +92,11 @@ def kind(folder: Path) -> Kind:
     """
     # A check of requirements with these names has the same folders.
     if all(Journal.header_in(folder / side).get("side") == side for side in SYSTEMS):
-        return Kind.GAP
+        return RunKind.GAP
     if (folder / SIMULATION / FILE).exists() and (folder / GAP / SYSTEMS[1] / FILE).exists():
-        return Kind.CERTIFY
+        return RunKind.CERTIFY
     runs_in(folder)
-    return Kind.CHECK
+    return RunKind.CHECK
 
 
 def recompute(folder: Path) -> Recomputed:
@@ -160,10 +160,10 @@ def recompute_gap(folder: Path, simulated: Search | None = None) -> RecomputedGa
 
     def outcomes(query: Query) -> list[float]:
         keys = [(query.index, replicate) for replicate in range(query.replicates)]
-        found = [every[key] for key in keys if key in every]
-        for pair in found:
-            _asked(query, pair.query, pair.replicate, pair.params, folder)
-        return [pair.simulated - pair.real for pair in found]
+        pairs = [every[key] for key in keys if key in every]
+        for pair in pairs:
+            _check_query(query, pair.query, pair.replicate, pair.params, folder)
+        return [pair.simulated - pair.real for pair in pairs]
 
     if "recorded" in header:
         tests: dict[int, tuple[dict[str, float], list[float]]] = {}
@@ -245,14 +245,14 @@ def _replay(spec: Spec, journal: Journal) -> tuple[Search, list[Certificate]]:
     search = search_for(spec, header["requirement"], _options(header))
     _same_settings(search, header, journal.folder)
     if "recorded" in header:
-        search.observe(_recorded(journal), final=True)
+        search.observe(_recorded_outcomes(journal), final=True)
         return search, [search.certificate()]
 
     def outcomes(query: Query) -> list[float]:
-        found = [journal.get(query.index, replicate) for replicate in range(query.replicates)]
-        records = [record for record in found if record is not None]
+        stored = [journal.get(query.index, replicate) for replicate in range(query.replicates)]
+        records = [record for record in stored if record is not None]
         for record in records:
-            _asked(query, record.query, record.replicate, record.params, journal.folder)
+            _check_query(query, record.query, record.replicate, record.params, journal.folder)
         return [-record.rho for record in records]
 
     return search, _tell(search, outcomes, journal.has)
@@ -263,11 +263,11 @@ def _tell(
 ) -> list[Certificate]:
     """Pass each complete batch of outcomes to a search; return its certificate after each."""
     history: list[Certificate] = []
-    while queries := following(search, on_disk):
-        found = [outcomes(query) for query in queries]
-        if any(len(values) < query.replicates for query, values in zip(queries, found, strict=True)):
+    while queries := next_queries(search, on_disk):
+        batch = [outcomes(query) for query in queries]
+        if any(len(values) < query.replicates for query, values in zip(queries, batch, strict=True)):
             break
-        for query, values in zip(queries, found, strict=True):
+        for query, values in zip(queries, batch, strict=True):
             search.tell(query, values)
         history.append(search.certificate())
     return history
@@ -287,7 +287,7 @@ def _same_settings(search: Search, header: Mapping[str, Any], folder: Path) -> N
         )
 
 
-def _asked(query: Query, index: int, replicate: int, params: Mapping[str, float], folder: Path) -> None:
+def _check_query(query: Query, index: int, replicate: int, params: Mapping[str, float], folder: Path) -> None:
     if dict(params) != query.point:
         raise UsageError(
             f"rollout {index}.{replicate} of {folder} was run at {dict(params)}, but the search now chooses "
@@ -295,7 +295,7 @@ def _asked(query: Query, index: int, replicate: int, params: Mapping[str, float]
         )
 
 
-def _recorded(journal: Journal) -> list[tuple[dict[str, float], list[float]]]:
+def _recorded_outcomes(journal: Journal) -> list[tuple[dict[str, float], list[float]]]:
     """Return (point, −ρ of its recordings) for every test of a fixed design."""
     groups: dict[int, tuple[dict[str, float], list[float]]] = {}
     for record in journal.records():

@@ -12,7 +12,7 @@ from s2r_spec.base.errors import UsageError
 from s2r_spec.base.files import save
 from s2r_spec.base.json_values import document, to_json
 from s2r_spec.base.printable import html_table, html_text, one_line
-from s2r_spec.certify.bound.rounding import between
+from s2r_spec.certify.bound.rounding import interval_text
 from s2r_spec.certify.real_machine import CertifyResult
 from s2r_spec.certify.result.check_result import CheckResult
 from s2r_spec.certify.result.gap_result import GapResult
@@ -30,9 +30,9 @@ _FILES = {
 }  # fmt: skip
 
 _RUNS: dict[str, Callable[[Any], str | Path]] = {
-    "s2r.check/1": lambda found: found["results"][0]["folder"],
-    "s2r.gap/1": lambda found: found["folder"],
-    "s2r.certify/1": lambda found: Path(found["simulation"]["folder"]).parent,
+    "s2r.check/1": lambda saved: saved["results"][0]["folder"],
+    "s2r.gap/1": lambda saved: saved["folder"],
+    "s2r.certify/1": lambda saved: Path(saved["simulation"]["folder"]).parent,
 }
 """Schema of a saved result → the folder of its run."""
 
@@ -50,7 +50,7 @@ def line(result: Known) -> str:
     first, both = result.simulated, result.composition
     words = result.reason
     if both is not None:
-        interval = f"{between(both.lower, both.upper)} {first.unit}".rstrip()
+        interval = f"{interval_text(both.lower, both.upper)} {first.unit}".rstrip()
         words = f"worst expected ρ of {result.real} in {interval}, with probability ≥ 1 − {both.delta:g}"
     return one_line(f"{name}({first.requirement} {result.verdict.name}: {words})")
 
@@ -70,21 +70,23 @@ def _bound(symbol: str, result: CheckResult | GapResult) -> str:
 def table(result: Known) -> str:
     """Return a table for a notebook: verdict, bounds and effort, and the assumptions to unfold."""
     if isinstance(result, Diagnosis):
-        return html_table(line(result), (), _diagnosed(result)) + _folded("This assumes", result.assumptions)
-    found = _finding(result)
-    rows = [("", found.reason), *found.facts, ("run", found.provenance)]
-    return html_table(f"{found.name}: {found.word} ({found.about})", (), rows) + "".join(
-        _folded(title, lines) for title, lines in found.sections
+        return html_table(line(result), (), _diagnosis_rows(result)) + _fold(
+            "This assumes", result.assumptions
+        )
+    finding = _finding(result)
+    rows = [("", finding.reason), *finding.facts, ("run", finding.provenance)]
+    return html_table(f"{finding.name}: {finding.word} ({finding.about})", (), rows) + "".join(
+        _fold(title, lines) for title, lines in finding.sections
     )
 
 
-def _folded(title: str, lines: Sequence[str]) -> str:
+def _fold(title: str, lines: Sequence[str]) -> str:
     """Return a list that a click unfolds."""
     items = "".join(f"<li>{html_text(one)}</li>" for one in lines)
     return f"<details><summary>{html_text(title)}</summary><ul>{items}</ul></details>"
 
 
-def _diagnosed(result: Diagnosis) -> list[tuple[str, str]]:
+def _diagnosis_rows(result: Diagnosis) -> list[tuple[str, str]]:
     """Return the (name, text) rows of a diagnosis."""
     if result.spec is None:
         return [("note", note) for note in result.notes]
@@ -102,8 +104,8 @@ def _diagnosed(result: Diagnosis) -> list[tuple[str, str]]:
 
 
 def _finding(result: Certified) -> Finding:
-    (found,) = _report(result).findings
-    return found
+    (finding,) = _report(result).findings
+    return finding
 
 
 def _report(result: Certified) -> Report:
@@ -167,17 +169,17 @@ def load_result(path: str | os.PathLike[str]) -> Certified:
     Raises:
         UsageError: there is no run, its files were changed, or the file is a diagnosis.
     """
-    from s2r_spec.report.recompute import Kind, kind, recompute, recompute_certify, recompute_gap
+    from s2r_spec.report.recompute import RunKind, kind, recompute, recompute_certify, recompute_gap
     from s2r_spec.runs.layout import runs_in
 
     place = Path(path)
     folder = _folder_in(place) if place.is_file() else place
     match kind(folder):
-        case Kind.GAP:
+        case RunKind.GAP:
             return recompute_gap(folder).result
-        case Kind.CERTIFY:
+        case RunKind.CERTIFY:
             return recompute_certify(folder).result
-        case Kind.CHECK:
+        case RunKind.CHECK:
             runs = runs_in(folder)
             if len(runs) > 1:
                 raise UsageError(
@@ -193,10 +195,10 @@ def _folder_in(file: Path) -> Path:
         UsageError: the file is not a saved result, or the folder is gone.
     """
     try:
-        found = json.loads(file.read_text(encoding="utf-8"))
-        if found["schema"].startswith("s2r/diagnosis/"):
+        contents = json.loads(file.read_text(encoding="utf-8"))
+        if contents["schema"].startswith("s2r/diagnosis/"):
             raise UsageError(f"{file} is a diagnosis; read it as plain values: json.loads(path.read_text())")
-        folder = Path(_RUNS[found["schema"]](found))
+        folder = Path(_RUNS[contents["schema"]](contents))
     except (OSError, ValueError, LookupError, TypeError):
         raise UsageError(f"{file} is not a saved result") from None
     if not folder.is_dir():

@@ -7,7 +7,7 @@ from s2r_spec.runs.task import Done, Task
 from s2r_spec.workers.limits import TimeLimitError
 
 STRIKES = 3
-"""Budget: workers that a rollout may break before it counts as a crash. Twice as many take twice as long."""
+"""Budget: workers that a rollout may break before it counts as a crash."""
 
 
 def workers_died(task: Task) -> Done:

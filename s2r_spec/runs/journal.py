@@ -121,7 +121,7 @@ class Journal:
             # The file appears whole or not at all, so a kill at this point leaves no run.
             path.unlink(missing_ok=True)
             path.with_suffix(".new").unlink(missing_ok=True)
-            line, checksum = lines.written({"schema": SCHEMA} | dict(header), 0)
+            line, checksum = lines.encode({"schema": SCHEMA} | dict(header), 0)
             _append(path.with_suffix(".new"), line)
             path.with_suffix(".new").replace(path)
             onto_disk(folder)
@@ -229,7 +229,7 @@ class Journal:
             recorded, now = journal.header.get(key), current.get(key)
             if recorded != now and key != stop_rule.KIND:
                 raise JournalError(
-                    f"{folder} is another run: its {key} is {lines.shown(recorded)}, now it is {lines.shown(now)}; "
+                    f"{folder} is another run: its {key} is {lines.excerpt(recorded)}, now it is {lines.excerpt(now)}; "
                     f"a certificate cannot mix the two, so begin a new run"
                 )
         if journal.note:
@@ -409,7 +409,7 @@ class Journal:
                 _write(trace, self.folder / name)
                 trace_sum = _sum(self.folder / name)
             more = {} if trace_sum is None else {lines.TRACE_SUM: trace_sum}
-            line, checksum = lines.written(dict(values) | more, self._checksum)
+            line, checksum = lines.encode(dict(values) | more, self._checksum)
             if len(line) > lines.LONGEST:
                 raise JournalError(
                     f"the line of {rollout} has {len(line)} bytes, more than {lines.LONGEST}: shorten its failure "
@@ -435,7 +435,7 @@ def _with_rule(path: Path, number: int, header: Mapping[str, Any], line: Mapping
     if line.get(stop_rule.KIND) not in stop_rule.STOPS:
         raise JournalError(
             f"{path}:{number}: stop must be one of {one_of(stop_rule.STOPS)}, not "
-            f"{lines.shown(line.get(stop_rule.KIND))}; restore the journal from a copy, or begin a new run"
+            f"{lines.excerpt(line.get(stop_rule.KIND))}; restore the journal from a copy, or begin a new run"
         )
     return stop_rule.with_line(header, line)
 

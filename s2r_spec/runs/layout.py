@@ -102,7 +102,7 @@ def runs_in(folder: Path) -> list[Path]:
     """
     if (folder / FILE).exists():
         return [folder]
-    found = sorted(path.parent for path in folder.glob(f"*/{FILE}"))
-    if not found:
+    runs = sorted(path.parent for path in folder.glob(f"*/{FILE}"))
+    if not runs:
         raise UsageError(f"no run in {folder}: neither it nor a subfolder has a {FILE}")
-    return found
+    return runs

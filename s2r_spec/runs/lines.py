@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 from s2r_spec.base.errors import UsageError
 
 LONGEST = 1 << 20
-"""Budget: bytes of a line, a thousand times the size of a usual one. Twice as many take twice the memory."""
+"""Budget: bytes of a line, a thousand times the size of a usual one."""
 TRACE_SUM = "trace_crc32"
 """Definition: field with the CRC-32 of the line's trace file, as hex digits."""
 _CHECKED = re.compile(rb'(?P<body>.*), "crc32": "(?P<sum>[0-9a-f]{8})"\}')
@@ -63,7 +63,7 @@ def parse(path: Path, number: int, line: bytes) -> dict[str, Any]:
     return value
 
 
-def written(value: Mapping[str, Any], before: int | None) -> tuple[bytes, int | None]:
+def encode(value: Mapping[str, Any], before: int | None) -> tuple[bytes, int | None]:
     """Return a line and its checksum, continued from the checksum ``before``; without a checksum if that is None."""
     body = json.dumps(value, allow_nan=False).encode()[:-1]
     if before is None:
@@ -106,7 +106,7 @@ def fault(values: Mapping[str, Any], schema: Mapping[str, tuple[Test, str]]) -> 
         if name not in values:
             return f"{name} is missing"
         if not is_valid(values[name]):
-            return f"{name} must be {description}, not {shown(values[name])}"
+            return f"{name} must be {description}, not {excerpt(values[name])}"
     return ""
 
 
@@ -169,7 +169,7 @@ def _no_number(word: str) -> NoReturn:
     raise ValueError(f"{word} is not a finite number")
 
 
-def shown(value: object) -> str:
+def excerpt(value: object) -> str:
     """Return a value as JSON for a message, shortened if it is long."""
     try:
         text = json.dumps(value)

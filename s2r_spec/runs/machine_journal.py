@@ -31,7 +31,7 @@ AGAIN, FALL = "again", "fall"
 KILLED = "killed"
 """Definition: the word for a rollout whose process died, was killed, or exceeded its time limit."""
 LONGEST_REASON = 1000
-"""Budget: characters of a reason that a line keeps. Twice as many make the line twice as long."""
+"""Budget: characters of a reason that a line keeps."""
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ class Attempts:
         kind = values.get("kind")
         fields = _FIELDS.get(kind) if isinstance(kind, str) else None
         if fields is None:
-            wrong = f"kind must be {BEGUN}, {VOID} or {NOT_BEGUN}, not {lines.shown(kind)}"
+            wrong = f"kind must be {BEGUN}, {VOID} or {NOT_BEGUN}, not {lines.excerpt(kind)}"
         else:
             if kind == BEGUN and ANSWERS in values:
                 fields = {**fields, ANSWERS: (_are_answers, "an object with a text for each question")}

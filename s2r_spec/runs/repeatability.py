@@ -76,8 +76,8 @@ def difference(one: Trace, other: Trace) -> Difference | None:
         one: a trace.
         other: another one, with at least the channels of the first.
     """
-    if found := _of_samples(one, other):
-        return found
+    if first := _of_samples(one, other):
+        return first
     ends = [trace.failure or "no failure" for trace in (one, other)]
     return None if ends[0] == ends[1] else Difference("the end", *ends)
 
@@ -105,21 +105,23 @@ def fault(first: Done, again: Done, afresh: Callable[[], Done] | None) -> str:
         (new, " in a new process"),
     )
     for (one, where), (other, elsewhere) in ((at_first, after), (at_first, in_new), (after, in_new)):
-        if one is None or other is None or (found := _of_rollouts(one, other)) is None:
+        if one is None or other is None or (unequal := _of_rollouts(one, other)) is None:
             continue
         cause = _EITHER
         if afresh is not None and new is not None:
             cause = _MEMORY if _of_rollouts(new, afresh()) is None else _PROCESS
-        return f"{found.what} was {found.one}{where or ' at first'}, and {found.other}{elsewhere}. {cause}"
+        return (
+            f"{unequal.what} was {unequal.one}{where or ' at first'}, and {unequal.other}{elsewhere}. {cause}"
+        )
     return ""
 
 
-def repeated(backend: Backend) -> bool:
+def is_repeated(backend: Backend) -> bool:
     """Return whether the rollouts of a backend are repeated: a simulator that is declared as deterministic."""
     return backend.deterministic and not is_exclusive(backend) and not isinstance(backend, HasRecordings)
 
 
-def unchecked(backend: Backend, passed: PassedBackend | None) -> tuple[str, ...]:
+def unchecked_assumptions(backend: Backend, passed: PassedBackend | None) -> tuple[str, ...]:
     """Return what a certificate assumes because it was not checked, each in one sentence."""
     if is_exclusive(backend) or isinstance(backend, HasRecordings):
         return ()
@@ -170,14 +172,14 @@ def check_run(journal: Journal, runner: Runner, rollouts: Sequence[tuple[Task, R
         new.append(_run(runner, whole, run_afresh))
         return new[-1]
 
-    found = fault(first, again, afresh if portable else None)
-    if found:
+    sentence = fault(first, again, afresh if portable else None)
+    if sentence:
         test = ", ".join(f"{name} = {value:.6g}" for name, value in record.params.items())
-        found = (
+        sentence = (
             f"{task.backend} is declared as deterministic, but rollout {record.query}.{record.replicate} "
-            f"({test}, seed {record.seed}) gives other bits when it is repeated. {found}, and begin a new run"
+            f"({test}, seed {record.seed}) gives other bits when it is repeated. {sentence}, and begin a new run"
         )
-    _save(journal, record, {"same-process": again} | ({"new-process": new[0]} if new else {}), found)
+    _save(journal, record, {"same-process": again} | ({"new-process": new[0]} if new else {}), sentence)
     refuse_unrepeatable(journal.folder)
 
 
@@ -298,11 +300,11 @@ def _of_samples(one: Trace, other: Trace) -> Difference | None:
             else Difference("the number of samples", str(len(one)), str(len(other)))
         )
     row, label, value, changed, unit = min(rows, key=lambda each: each[0])
-    told, told_other = _apart(value, changed)
-    return Difference(f"{label} at t = {one.times[row]:.6g} s", f"{told} {unit}".rstrip(), told_other)
+    digits, digits_other = _distinct_digits(value, changed)
+    return Difference(f"{label} at t = {one.times[row]:.6g} s", f"{digits} {unit}".rstrip(), digits_other)
 
 
-def _apart(one: Any, other: Any) -> tuple[str, str]:
+def _distinct_digits(one: Any, other: Any) -> tuple[str, str]:
     """Return two unequal numbers with as many digits as tell them apart, at least six."""
     for digits in range(6, 18):
         words = f"{one:.{digits}g}", f"{other:.{digits}g}"

@@ -103,7 +103,7 @@ def replay(rollout: str, backend: Backend | None = None) -> Replay:
         trace, seconds = run_task(task)
         done = Done(task, trace, seconds)
     else:
-        trace = _recorded(journal, record)
+        trace = _recorded_trace(journal, record)
         done = Done(task, trace, record.seconds, record.failure)
     rho, _ = scorer.score(point, done)
     difference = ""
@@ -130,7 +130,7 @@ def replay(rollout: str, backend: Backend | None = None) -> Replay:
     )
 
 
-def _recorded(journal: Journal, record: Record) -> Trace:
+def _recorded_trace(journal: Journal, record: Record) -> Trace:
     """Return the recorded trace of a machine's rollout.
 
     Raises:

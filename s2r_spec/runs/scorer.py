@@ -11,7 +11,7 @@ from s2r_spec.backend import Backend, Channel, Needs, NeedsSpec, Parameter, is_e
 from s2r_spec.base.errors import BackendError, S2RError, UsageError
 from s2r_spec.runs.compatibility import check_compatibility
 from s2r_spec.runs.passed import PassedBackend
-from s2r_spec.runs.task import Done, Task, lasting, open_backend
+from s2r_spec.runs.task import Done, Task, open_backend, with_rollout_duration
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
@@ -58,7 +58,7 @@ class Scorer:
         Raises:
             UsageError: they do not fit together, or no ρ is declared for a fall.
         """
-        name, found = opened(backend, _horizon(spec, requirement) if duration is None else duration)
+        name, system = open_system(backend, _horizon(spec, requirement) if duration is None else duration)
         settings = spec.certify.get(requirement)
         if settings is None or settings.fall is None:
             raise UsageError(
@@ -67,12 +67,12 @@ class Scorer:
             )
 
         robustness = _robustness(spec, requirement)
-        if isinstance(found, NeedsSpec):
-            found = found.for_spec(needs_of(spec, requirement, robustness))
-            assert isinstance(found, Backend)
-        matched = check_compatibility(spec, requirement, found)
-        passed = None if isinstance(backend, str) else passing(found)
-        return cls(name, found, robustness, settings.fall, matched.to_backend, matched.channels, passed)
+        if isinstance(system, NeedsSpec):
+            system = system.for_spec(needs_of(spec, requirement, robustness))
+            assert isinstance(system, Backend)
+        matched = check_compatibility(spec, requirement, system)
+        passed = None if isinstance(backend, str) else pass_backend(system)
+        return cls(name, system, robustness, settings.fall, matched.to_backend, matched.channels, passed)
 
     def task(self, query: int, replicate: int, point: Mapping[str, float], seed: int) -> Task:
         """Return the task of one rollout at a test point."""
@@ -112,20 +112,20 @@ class Scorer:
         return _number(value), None
 
 
-def opened(backend: str | Backend, duration: float | None) -> tuple[str, Backend]:
+def open_system(backend: str | Backend, duration: float | None) -> tuple[str, Backend]:
     """Return the name of a backend, and the backend with rollouts of ``duration`` seconds if that is given."""
     if isinstance(backend, str):
         return backend, open_backend(backend, duration)
-    return backend.name, lasting(backend, backend.name, duration)
+    return backend.name, with_rollout_duration(backend, backend.name, duration)
 
 
-def as_needed(spec: Spec, requirement: str, backend: Backend) -> Backend:
+def open_for_requirement(spec: Spec, requirement: str, backend: Backend) -> Backend:
     """Return a backend with the duration, the channels and the parameters that a requirement needs of it."""
-    _, found = opened(backend, _horizon(spec, requirement))
-    if isinstance(found, NeedsSpec):
-        found = found.for_spec(needs_of(spec, requirement, _robustness(spec, requirement)))
-        assert isinstance(found, Backend)
-    return found
+    _, system = open_system(backend, _horizon(spec, requirement))
+    if isinstance(system, NeedsSpec):
+        system = system.for_spec(needs_of(spec, requirement, _robustness(spec, requirement)))
+        assert isinstance(system, Backend)
+    return system
 
 
 def _horizon(spec: Spec, requirement: str) -> float | None:
@@ -141,7 +141,7 @@ def _robustness(spec: Spec, requirement: str) -> Measure:
     return robustness
 
 
-def passing(backend: Backend) -> PassedBackend:
+def pass_backend(backend: Backend) -> PassedBackend:
     """Return a backend object for its rollouts.
 
     Raises:

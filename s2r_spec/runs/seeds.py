@@ -13,7 +13,7 @@ NEW_SEED = 0
 """Definition: the seed of a new run if the user gives none."""
 
 
-class Stream(IntEnum):
+class SeedStream(IntEnum):
     """Purpose of a rollout: rollouts of different streams share no randomness."""
 
     CHECK = 0
@@ -24,25 +24,25 @@ class Stream(IntEnum):
     NOMINAL = 5
 
 
-def rollout_seed(seed: int, query: int, replicate: int, stream: Stream = Stream.CHECK) -> int:
+def rollout_seed(seed: int, query: int, replicate: int, stream: SeedStream = SeedStream.CHECK) -> int:
     """Return the 64-bit seed of one rollout; it does not depend on the number of workers or on their order."""
-    key = (query, replicate) if stream is Stream.CHECK else (int(stream), query, replicate)
+    key = (query, replicate) if stream is SeedStream.CHECK else (int(stream), query, replicate)
     return int(np.random.SeedSequence(seed, spawn_key=key).generate_state(1, np.uint64)[0])
 
 
-def inherited(folder: Path, recorded: int, given: int | None) -> int:
+def inherited_seed(folder: Path, recorded: int, seed: int | None) -> int:
     """Return the seed of a run that is resumed.
 
     Args:
         folder: the folder of the run.
         recorded: the seed that it began with.
-        given: the seed that the user gave; None if none.
+        seed: the seed that the user gave; None if none.
 
     Raises:
         UsageError: they differ.
     """
-    if given not in (None, recorded):
+    if seed not in (None, recorded):
         raise UsageError(
-            f"the run in {folder} has the seed {recorded}, not {given}; leave out the seed, or begin a new run"
+            f"the run in {folder} has the seed {recorded}, not {seed}; leave out the seed, or begin a new run"
         )
     return recorded

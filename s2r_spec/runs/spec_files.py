@@ -76,7 +76,7 @@ def load_run_spec(journal: Journal) -> Spec:
     else:
         spec = load_spec(path)
         if spec.hash != header["spec_hash"]:
-            raise _changed(path)
+            raise _changed_error(path)
     if header["requirement"] not in spec.requirements:
         raise JournalError(
             f"{journal.path}:1: requirement is {header['requirement']!r}, and {path} has no such requirement; "
@@ -156,14 +156,14 @@ def _with_imports(path: Path, expected: str) -> Spec:
         UsageError: an import cannot be read.
     """
     name, imports = _read_imports(path.parent / IMPORTS_FILE)
-    text = _plain(read_text(path))
+    text = _with_line_feeds(read_text(path))
     stored = {}
     for key, (file, digest) in imports.items():
-        stored[key] = _plain(read_text(path.parent / file))
+        stored[key] = _with_line_feeds(read_text(path.parent / file))
         if _sha256(stored[key]) != digest:
-            raise _changed(path.parent / file)
+            raise _changed_error(path.parent / file)
     if hash_of(text, stored.values()) != expected:
-        raise _changed(path)
+        raise _changed_error(path)
     return replace(parse_spec(text, name, imports=stored), name=str(path))
 
 
@@ -184,14 +184,14 @@ def _read_imports(path: Path) -> tuple[str, dict[str, tuple[str, str]]]:
     return name, files
 
 
-def _changed(path: Path) -> JournalError:
+def _changed_error(path: Path) -> JournalError:
     return JournalError(
         f"{path} was changed after the run began: the journal has another hash; restore it from a copy, or begin a "
         f"new run"
     )
 
 
-def _plain(text: str) -> str:
+def _with_line_feeds(text: str) -> str:
     """Return a text with line feeds as its only line breaks, the form that is hashed."""
     return text.replace("\r\n", "\n").replace("\r", "\n")
 

@@ -31,8 +31,7 @@ from s2r_spec.workers.limits import Limit
 from s2r_spec.workers.worker import end_copy, limit
 
 OPENING = 60.0
-"""Budget: time to load a backend on top of a rollout [s], for a cold disk or a licence server. Twice as much waits
-twice as long for a backend that hangs."""
+"""Budget: time to load a backend on top of a rollout [s], for a cold disk or a licence server."""
 
 
 @dataclass(frozen=True)
@@ -82,10 +81,10 @@ def open_backend(name: str, duration: float | None) -> Backend:
     Raises:
         BackendError: the backend's rollouts have a fixed length that is too short.
     """
-    return lasting(load_backend(name), name, duration)
+    return with_rollout_duration(load_backend(name), name, duration)
 
 
-def lasting(backend: Backend, name: str, duration: float | None) -> Backend:
+def with_rollout_duration(backend: Backend, name: str, duration: float | None) -> Backend:
     """Return a backend with rollouts of ``duration`` seconds if that is given; see :func:`open_backend`."""
     if duration is None or duration == backend.duration:
         return backend
@@ -107,8 +106,8 @@ def run_task(task: Task) -> tuple[Trace, float]:
         BackendError: the rollout raised any exception, even SystemExit; or it returned no trace, or a trace that
             lacks a channel. The original exception may not pickle, and must not end s2r.
     """
-    limit(_opening(task))
-    with _naming(task, NotBegunError):
+    limit(_opening_limit(task))
+    with _name_errors(task, NotBegunError):
         backend = _open(task)
         if isinstance(backend, Prepares) and not is_exclusive(
             backend
@@ -118,11 +117,11 @@ def run_task(task: Task) -> tuple[Trace, float]:
     if task.protocol is None:  # a protocol checks its own parameters
         refuse_unknown(task.backend, declared, task.params)
     global _last_test
-    with _naming(task):
+    with _name_errors(task):
         of_rollout = Limit(task.timeout) if is_exclusive(backend) else Limit.of_simulation(task.timeout)
         if isinstance(backend, SaysWhenItBegins):
             backend = backend.saying(partial(limit, of_rollout))
-            limit(_opening(task))
+            limit(_opening_limit(task))
         else:
             limit(of_rollout)
         start = perf_counter()
@@ -177,14 +176,14 @@ def prepare(task: Task) -> None:
     Raises:
         NotBegunError: the backend raised an error.
     """
-    limit(_opening(task))
-    with _naming(task, NotBegunError):
+    limit(_opening_limit(task))
+    with _name_errors(task, NotBegunError):
         backend = _open(task)
         if isinstance(backend, Prepares):
             backend.prepare()
 
 
-def _opening(task: Task) -> Limit:
+def _opening_limit(task: Task) -> Limit:
     return Limit(task.timeout + OPENING, opening=True)
 
 
@@ -193,7 +192,7 @@ def _where(task: Task) -> str:
 
 
 @contextmanager
-def _naming(task: Task, kind: type[BackendError] = BackendError) -> Iterator[None]:
+def _name_errors(task: Task, kind: type[BackendError] = BackendError) -> Iterator[None]:
     """Turn an exception of a backend into an error that names the backend and the rollout."""
     try:
         yield
@@ -218,7 +217,7 @@ def _open(task: Task) -> Backend:
             f"these,"
         )
     if task.raw is not None:
-        backend = _keeping(backend, task.raw)
+        backend = _keep_recordings(backend, task.raw)
     if task.model_hash is not None and backend.model_hash != task.model_hash:
         raise BackendError(
             f"the worker on {gethostname()} has the model {short(backend.model_hash)}, but the run began with "
@@ -230,7 +229,7 @@ def _open(task: Task) -> Backend:
 _with_raw: list[tuple[Backend, str, Backend]] = []
 
 
-def _keeping(backend: Backend, folder: str) -> Backend:
+def _keep_recordings(backend: Backend, folder: str) -> Backend:
     """Return the backend with its raw recordings in a folder; the same object for all tasks of a run."""
     if not isinstance(backend, KeepsRaw):
         return backend

@@ -33,7 +33,7 @@ from s2r_spec.base.errors import UsageError
 from s2r_spec.base.json_values import Shown
 from s2r_spec.runs.passed import PassedBackend
 from s2r_spec.runs.repeatability import check_here, difference
-from s2r_spec.runs.scorer import as_needed
+from s2r_spec.runs.scorer import open_for_requirement
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
@@ -91,7 +91,7 @@ def check_conformance(
             f"{backend.name} is a machine, and the checks would move it to the ends of its ranges; check its twin"
         )
     if spec is not None and isinstance(backend, NeedsSpec):
-        backend = as_needed(spec, requirement or spec.requirements[0], backend)
+        backend = open_for_requirement(spec, requirement or spec.requirements[0], backend)
     subject = _Subject(backend)
     checks: list[tuple[str, Callable[[_Subject, Check], None]]] = [
         ("its default test runs", _runs),

@@ -18,8 +18,7 @@ from s2r_spec.workers.worker_process import WorkerDiedError, call_in_worker, end
 ExecutorFactory = Callable[[], Executor]
 
 ANSWER = 10.0
-"""Budget: time for a scheduler to answer, and time for its first worker [s]. Twice as much waits twice as long for a
-wrong address."""
+"""Budget: time for a scheduler to answer, and time for its first worker [s]."""
 
 
 def cores() -> int:
@@ -50,7 +49,7 @@ def dask_pool(address: str) -> ExecutorFactory:
 
 
 @contextmanager
-def kept_open(factory: ExecutorFactory | None) -> Iterator[ExecutorFactory | None]:
+def keep_open(factory: ExecutorFactory | None) -> Iterator[ExecutorFactory | None]:
     """Give a factory that always returns the same pool, made at the first call; close the pool at the end."""
     if factory is None:
         yield None

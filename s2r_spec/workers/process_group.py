@@ -24,8 +24,7 @@ from time import monotonic, sleep
 from uuid import uuid4
 
 GRACE = 1.0
-"""Budget: time between a group's SIGTERM and its SIGKILL [s]. Twice as much delays Ctrl-C and ``--timeout`` by as much
-where a process ignores SIGTERM."""
+"""Budget: time between a group's SIGTERM and its SIGKILL [s]."""
 MARK = "S2R_WORKER"
 """Definition: the environment variable that marks the descendants of a worker."""
 
@@ -106,7 +105,7 @@ class ProcessGroup:
         mark = f"{MARK}={self._mark}".encode()
         return [
             Process(pid, _command(pid))
-            for pid, group in _running()
+            for pid, group in _running_processes()
             if group != self.process.pid and mark in _bytes(pid, "environ").split(b"\0")
         ]
 
@@ -156,10 +155,12 @@ def _lives(group: int) -> bool:
         return False
     except PermissionError:
         return True
-    return not _PROCESSES.joinpath("self", "stat").exists() or any(of == group for _, of in _running())
+    return not _PROCESSES.joinpath("self", "stat").exists() or any(
+        of == group for _, of in _running_processes()
+    )
 
 
-def _running() -> Iterator[tuple[int, int]]:
+def _running_processes() -> Iterator[tuple[int, int]]:
     """Yield (process, its group) of all processes except zombies; nothing on systems without ``/proc``."""
     with suppress(OSError):
         for name in filter(str.isdigit, os.listdir(_PROCESSES)):

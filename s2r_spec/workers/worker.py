@@ -23,12 +23,10 @@ from s2r_spec.workers import frames
 from s2r_spec.workers.limits import Limit, own_cpu_time
 
 IDLE = 600.0
-"""Budget: time without a call after which a worker ends itself [s], because its client may have been killed. Twice as
-much keeps the memory of such a worker for twice as long."""
+"""Budget: time without a call after which a worker ends itself [s], because its client may have been killed."""
 ALONE = 3.0
 """Budget: time from the parent's end until the worker kills its group [s]. It is longer than ``PATIENCE`` of
-``worker_process`` and ``GRACE`` of ``process_group``, because those send SIGTERM first. Twice as much lets an orphan
-run for twice as long."""
+``worker_process`` and ``GRACE`` of ``process_group``, because those send SIGTERM first."""
 
 _answers: IO[bytes] | None = None
 _questions: IO[bytes] | None = None
@@ -145,21 +143,21 @@ def _answer(question: bytes) -> bytes:
         function, arguments = pickle.loads(question)
     except Exception as error:
         # For instance, a worker on another computer lacks a module.
-        return _raised(BackendError(f"a worker cannot run this: {type(error).__name__}: {error}"))
+        return _pickle_error(BackendError(f"a worker cannot run this: {type(error).__name__}: {error}"))
     try:
         return pickle.dumps(("returned", function(*arguments)))
     except Exception as error:
         end_copy(error)
-        return _raised(error)
+        return _pickle_error(error)
     except BaseException as error:
         end_copy(error)
         raise
 
 
-def _raised(error: Exception) -> bytes:
+def _pickle_error(error: Exception) -> bytes:
     try:
         data = pickle.dumps(("raised", error))
         pickle.loads(data)  # some errors can be pickled but not unpickled
     except Exception:
-        return _raised(BackendError(f"{type(error).__name__}: {error}"))
+        return _pickle_error(BackendError(f"{type(error).__name__}: {error}"))
     return data

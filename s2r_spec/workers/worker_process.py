@@ -28,11 +28,10 @@ from s2r_spec.workers.pipe_wait import waiter
 from s2r_spec.workers.process_group import Process, ProcessGroup
 
 PATIENCE = 1.0
-"""Budget: time from the close of a worker's pipe until its group gets a SIGTERM [s]. Twice as much delays Ctrl-C by as
-much in the middle of a long rollout."""
+"""Budget: time from the close of a worker's pipe until its group gets a SIGTERM [s]."""
 BEGINNING = 60.0
 """Budget: time until a worker must begin a call [s]. A worker that does not was stopped, or cannot start; it is ended,
-and the call counts as a worker's death. Twice as much waits twice as long."""
+and the call counts as a worker's death."""
 
 _POLL = 1.0  # interval between two looks at a silent worker [s]
 _LOOK = 0.05  # least interval between two looks at a worker's CPU time [s], a few ticks of its clock

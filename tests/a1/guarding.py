@@ -5,7 +5,7 @@ import numpy as np
 from s2r_a1.guard import moves, states
 from s2r_a1.guard.limits import LIMITS, ROUND
 from s2r_a1.guard.states import Conditions, Inputs, Machine, State
-from s2r_a1.remote import packed
+from s2r_a1.remote import pack_buttons
 from s2r_a1.wire import CLOSED_LOOP, Orders, Reading
 
 ZERO = np.zeros(12)
@@ -25,7 +25,7 @@ def reading(q=LYING, tick=0, **fields):
         temperature=np.full(12, 30.0),
         mode=np.full(12, CLOSED_LOOP),
         tick=tick,
-        remote=packed(),
+        remote=pack_buttons(),
     )
     return made._replace(**fields)
 
@@ -68,7 +68,7 @@ class Rounds:
             if self.orders is not None and self.orders.kp.any():
                 self.q = self.orders.q
             seen = None if silent or bad else reading(self.q, **fields)
-            came = states.arrived(LIMITS, seen, "number" if bad else None)
+            came = states.judge_arrival(LIMITS, seen, "number" if bad else None)
             done = states.step(self.machine, Inputs(now, came, orders, dropped), LIMITS)
             self.machine, self.orders = done
         return count
@@ -81,12 +81,12 @@ class Rounds:
     def bring(self, state):
         """Bring the robot from OFF to a state by the operator's and the client's requests."""
         now = self.machine.memory.now
-        self.machine = states.connected(self.machine, now)
+        self.machine = states.connect(self.machine, now)
         self.turn(300)
         if state is State.LINKED:
             return self
         assert states.unready(self.machine, READY, LIMITS) is None
-        self.machine = states.armed(self.machine, self.machine.memory.now)
+        self.machine = states.arm(self.machine, self.machine.memory.now)
         self.turn()
         ways = {
             State.ARMED: (),

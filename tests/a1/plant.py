@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 
-from s2r_a1.walk import Change
+from s2r_a1.walk import StateChange
 from s2r_a1.wire import A1, CLOSED_LOOP, Reading, pack, pack_reading, unpack, unpack_orders
 from s2r_sim.controller import estimator
 from s2r_sim.plant.plant import Plant
 from s2r_sim.robot import rotation
-from s2r_sim.robot.leg_kinematics import standing
+from s2r_sim.robot.leg_kinematics import stand_angles
 from s2r_sim.robot.signals import MotorCommand
 from s2r_sim.settings import Settings
 
@@ -25,11 +25,11 @@ class PlantLine:
     def __init__(self, saved=None, lost=()):
         settings = Settings()
         self.plant = Plant(settings.robot, settings.physics)
-        self.stand = standing(settings.robot, settings.gains.base_height)
+        self.stand = stand_angles(settings.robot, settings.gains.base_height)
         self.plant.place(np.array([0.0, 0.0, settings.gains.base_height]), np.zeros(3), self.stand)
         if saved is not None:
             self.plant.restore(saved)
-        self.change = Change("STAND")
+        self.change = StateChange("STAND")
         self.wanted = None
         self.packets = []
         self.rounds = 0
@@ -58,7 +58,7 @@ class PlantLine:
         self._arrived = self._seen()
 
     def request(self, do, **fields):
-        self.change = Change(STATES[do])
+        self.change = StateChange(STATES[do])
         return {"ok": True, "state": self.change.state}
 
     def _seen(self):

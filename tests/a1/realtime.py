@@ -14,7 +14,7 @@ from collections import deque
 import numpy as np
 
 from s2r_a1.datagrams import TO_ROBOT, RealTimeSocket
-from s2r_a1.guard.place import Robot
+from s2r_a1.guard.place import RobotAddress
 from s2r_a1.guard.start import attach, start
 from s2r_a1.twin import Twin, TwinSettings, read_inject
 from s2r_a1.twin.server import Server
@@ -144,7 +144,7 @@ class Walking:
         self._line, theirs = PROCESSES.Pipe()
         self._twin = PROCESSES.Process(target=_robot, args=(theirs, place), daemon=True)
         self._twin.start()
-        self.robot = Robot("127.0.0.1", self._line.recv())
+        self.robot = RobotAddress("127.0.0.1", self._line.recv())
         self.operator, self.client, self.client_closed = None, None, None
 
     def __enter__(self):

@@ -20,7 +20,7 @@ import numpy as np
 from s2r_a1.guard import loop, moves
 from s2r_a1.guard.answers import answer
 from s2r_a1.guard.control import Request
-from s2r_a1.guard.place import Robot
+from s2r_a1.guard.place import RobotAddress
 from s2r_a1.guard.states import State
 from s2r_a1.ticks import PERIOD, Counters
 from s2r_a1.twin import Twin, TwinSettings, read_inject
@@ -162,7 +162,7 @@ class Rig:
         os.write(self._other, b"\0")  # never read: what waits for this waits for nothing
         listener = Listener(self._ready)
         layout = self.twin.settings.layout.name.lower()
-        self.guard = loop.Guard(Robot("127.0.0.1", ROBOT_PORT, layout, "lockstep"), listener, answer)
+        self.guard = loop.Guard(RobotAddress("127.0.0.1", ROBOT_PORT, layout, "lockstep"), listener, answer)
         self.operator, self.client = Party(listener), Party(listener)
         self.orders = STAND_ON
         self.received, self.client_ticks = [], []
@@ -187,7 +187,7 @@ class Rig:
 
     def turn(self, rounds=1):
         """Turn rounds; the sockets that the guard opens meanwhile are the rig's."""
-        with mock.patch.object(loop, "opened", self._opened):
+        with mock.patch.object(loop, "open_socket", self._opened):
             for _ in range(rounds):
                 self.guard.turn()
 

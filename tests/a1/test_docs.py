@@ -80,7 +80,7 @@ def test_the_first_contact_stands_a_robot_up_and_lays_it_down(tmp_path, monkeypa
         monkeypatch.setattr(sys, "argv", ["stand.py", name])
         exec(compile(script, "stand.py", "exec"), {})
         assert "stands at [" in capsys.readouterr().out
-        status = guard._found("127.0.0.1", port)
+        status = guard._find_guard("127.0.0.1", port)
         assert status.exists()
         assert guard.main(["status"]) == 0
         assert capsys.readouterr().out.startswith("RESTING")

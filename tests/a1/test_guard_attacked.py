@@ -9,7 +9,7 @@ from s2r_a1.datagrams import LockStepSocket
 from s2r_a1.guard import states
 from s2r_a1.guard.control import RefusedError
 from s2r_a1.guard.limits import LIMITS, MS
-from s2r_a1.guard.place import Robot, place
+from s2r_a1.guard.place import RobotAddress, place
 from s2r_a1.guard.start import attach, start
 from s2r_a1.guard.states import Arrival, Inputs, State
 from s2r_a1.twin import TwinSettings
@@ -75,7 +75,7 @@ def walked(tmp_path_factory):
         patch.setenv("S2R_A1_RUN", str(folder / "run"))
         robot = Steered(TwinSettings(place="nominal"))
         with served(robot) as port:
-            walker = Walker(Robot("127.0.0.1", port, clock="lockstep"), folder)
+            walker = Walker(RobotAddress("127.0.0.1", port, clock="lockstep"), folder)
             try:
                 yield walker
             finally:
@@ -208,7 +208,7 @@ def test_a_control_socket_that_was_deleted_comes_back(walked):
 
 def test_without_its_lock_s_file_a_robot_has_one_guard_still(walked, monkeypatch, tmp_path):
     """A cleaner of /tmp, or another shell with another folder: two guards would fight over the motors."""
-    robot = Robot("127.0.0.1", walked.hello["port"], clock="lockstep")
+    robot = RobotAddress("127.0.0.1", walked.hello["port"], clock="lockstep")
     monkeypatch.setenv("S2R_A1_RUN", str(tmp_path / "other"))
     with pytest.raises(BackendError, match="guard"):
         start(robot)

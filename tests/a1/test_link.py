@@ -18,10 +18,10 @@ from s2r_a1.datagrams import (
     LockStepSocket,
     RealTimeSocket,
     is_loopback,
-    opened,
+    open_socket,
 )
 from s2r_a1.link import Link, RobotSide, UdpLink
-from s2r_a1.ticks import PERIOD, Counters, Ticks, elapsed, unit_of
+from s2r_a1.ticks import PERIOD, Counters, Ticks, elapsed_ticks, unit_of
 from s2r_a1.vendor import VendorLink
 from s2r_a1.wire import A1, GO1, Orders, Reading, WireError, pack, pack_reading
 from tests.examples import examples
@@ -216,7 +216,7 @@ def test_a_robot_that_is_not_there_is_silence_in_real_time():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
         one.bind((HERE, 0))
         nobody = one.getsockname()
-    link = UdpLink(opened(nobody), A1)
+    link = UdpLink(open_socket(nobody), A1)
     for _ in range(5):
         link.write(ZERO)
         assert link.read() is None
@@ -227,7 +227,7 @@ def test_a_robot_that_is_not_there_is_silence_in_real_time():
 def test_a_robot_that_comes_later_gets_the_first_command_after_it_came():
     first = RealTimeSocket()
     port = first.port
-    mine = opened((HERE, port))
+    mine = open_socket((HERE, port))
     link = UdpLink(mine, A1)
     first.close()
     link.write(ZERO)  # to nobody, which the network says on the next use
@@ -288,7 +288,7 @@ def test_a_flood_is_taken_in_parts(real, monkeypatch):
 
 def test_a_local_port_that_is_taken_is_an_error(other_sender):
     with pytest.raises(LinkError, match="cannot be opened"):
-        opened((HERE, 9), port=other_sender.getsockname()[1])
+        open_socket((HERE, 9), port=other_sender.getsockname()[1])
 
 
 @pytest.mark.parametrize(
@@ -296,18 +296,18 @@ def test_a_local_port_that_is_taken_is_an_error(other_sender):
 )
 def test_an_address_that_is_none_is_an_error(host, port):
     with pytest.raises(LinkError, match="cannot be reached"):
-        opened((host, port))
+        open_socket((host, port))
 
 
 def test_a_local_port_that_is_none_is_an_error():
     with pytest.raises(LinkError, match="cannot be opened"):
-        opened((HERE, 9), port=70_000)
+        open_socket((HERE, 9), port=70_000)
 
 
 @pytest.mark.parametrize("host", ["192.168.123.10", "8.8.8.8", "no.such.host.invalid"])
 def test_lock_step_is_refused_with_another_machine(host):
     with pytest.raises(LinkError, match="this computer"):
-        opened((host, 8007), lockstep=True)
+        open_socket((host, 8007), lockstep=True)
 
 
 def test_loopback_is_distinguished_from_networks():
@@ -419,7 +419,7 @@ def test_a_long_silence_is_lost_states_and_no_fault():
 @given(before=st.integers(0, 2**32 - 1), step=st.integers(-(2**31), 2**31 - 1))
 @settings(max_examples=examples(300), deadline=None)
 def test_ticks_are_subtracted_on_a_circle(before, step):
-    assert elapsed(before, (before + step) % 2**32) == step
+    assert elapsed_ticks(before, (before + step) % 2**32) == step
 
 
 @given(ticks=st.lists(st.integers(0, 40), max_size=60))

@@ -21,11 +21,11 @@ from s2r_a1.schedule import Schedule
 from s2r_a1.twin import TwinSettings, read_inject
 from s2r_a1.twin.start import read_start
 from s2r_a1.wire import A1, Orders, pack, unpack_orders
-from s2r_sim.controller.base_task import Reference
+from s2r_sim.controller.base_task import BaseReference
 from s2r_sim.controller.trot import Controller, Memory
 from s2r_sim.plant.plant import Plant
 from s2r_sim.plant.sensors import Sensors
-from s2r_sim.robot.signals import Command, MotorCommand
+from s2r_sim.robot.signals import MotorCommand, VelocityCommand
 from s2r_sim.settings import Settings
 from s2r_spec.backend import Coming
 from s2r_spec.errors import BackendError
@@ -119,7 +119,7 @@ def same(one, other):
 
 def trot(seed):
     """Return the ticks before the command."""
-    return Schedule.of(Command(), seed, 0, SETTINGS.gains).trot
+    return Schedule.of(VelocityCommand(), seed, 0, SETTINGS.gains).trot
 
 
 @pytest.fixture(scope="module")
@@ -184,13 +184,13 @@ def test_from_the_same_start_the_simulator_takes_the_same_way_until_a_foot_touch
     controller = Controller(SETTINGS.robot, SETTINGS.gains)
     # A robot's own world begins where it stands, and looks where it looks.
     (x, y, _), (_, _, yaw) = plant.truth().position, plant.truth().rpy
-    controller.restore(Memory(Reference(x, y, yaw)))
+    controller.restore(Memory(BaseReference(x, y, yaw)))
     apart = 0.0
     for tick in range(TOUCH_DOWN):
         truth = plant.truth()
         apart = max(apart, np.abs(walked[tick].q - truth.q).max())
         orders = Orders(
-            *controller.tick(sensors.read(truth, plant.play, controller.stance), Command()).motors
+            *controller.tick(sensors.read(truth, plant.play, controller.stance), VelocityCommand()).motors
         )
         plant.step(MotorCommand(*unpack_orders(pack(orders, A1), A1)), -math.inf)
     assert apart < 1e-3

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 from s2r_a1.datagrams import RealTimeSocket
-from s2r_a1.guard.limits import JOINT, LIMITS, Limits, Seen, clipped, power, powered
-from s2r_a1.guard.place import Robot, hold, place
+from s2r_a1.guard.limits import JOINT, LIMITS, CheckedQuantities, Limits, clip, power, power_count
+from s2r_a1.guard.place import RobotAddress, hold, place
 from s2r_a1.guard.start import start
 from s2r_a1.link import RobotSide
-from s2r_a1.vendor import opened
+from s2r_a1.vendor import open_link
 from s2r_a1.wire import CLOSED_LOOP, GO1, POSITION_OFF, Orders, Reading, checksum, pack_reading, unpack
 from tests.processes import until
 
@@ -156,7 +156,7 @@ def test_both_refuse_the_same_damaged_states(robot, udp, rng):
 
 def test_our_link_drives_the_vendor_s_module(robot, rng):
     """``VendorLink`` over the module as it is, against the robot's side of our own wire."""
-    link = opened(NAME, GO1, (HERE, robot.local), port=robot.peer)
+    link = open_link(NAME, GO1, (HERE, robot.local), port=robot.peer)
     assert link.read() is None
     assert link.fault == "silence"
     for tick in range(1, 20):
@@ -178,7 +178,7 @@ def test_our_link_drives_the_vendor_s_module(robot, rng):
 def guarded(robot, tmp_path, monkeypatch):
     """An operator's connection to a guard that speaks through the vendor's module; it ends with the test."""
     monkeypatch.setenv("S2R_A1_RUN", str(tmp_path / "run"))
-    where = Robot(HERE, robot.local, layout="go1", local=robot.peer, module=NAME)
+    where = RobotAddress(HERE, robot.local, layout="go1", local=robot.peer, module=NAME)
     connection, _ = start(where)
     yield connection
     connection.request("stop")
@@ -251,7 +251,7 @@ def test_limits_of_angles_are_the_vendor_s(rng):
         for motor, angle in zip(motors, q.tolist(), strict=True):
             motor.q = angle
         safety.PositionLimit(command)
-        ours, _ = clipped(LIMITS, Orders(q.astype(float), 0 * ones, ones, ones, 0 * ones))
+        ours, _ = clip(LIMITS, Orders(q.astype(float), 0 * ones, ones, ones, 0 * ones))
         assert ours.q.astype(np.float32).tolist() == [motor.q for motor in motors]
 
 
@@ -275,7 +275,7 @@ def test_the_count_of_power_is_the_vendor_s(rng):
                 motor.dq, motor.tauEst = speed, torque
             measured = power(any_reading._replace(dq=dq, tau=tau))
             for level, (limits, safety) in enumerate(zip(tables, safeties, strict=True)):
-                counts[level] = powered(limits, counts[level], measured)
+                counts[level] = power_count(limits, counts[level], measured)
                 trips = counts[level] >= limits.power_rounds
                 assert (safety.PowerProtect(command, state, limits.power_level) < 0) == trips
                 if trips:  # where the A1's library ends the process
@@ -297,7 +297,7 @@ def test_the_margin_of_joints_is_the_vendor_s(rng):
         for motor, angle in zip(motors, q.tolist(), strict=True):
             motor.q = angle
         reading = Reading(zero[:4], zero[:3], zero[:3], q.astype(float), zero, zero, zero, count, 0)
-        sentence = JOINT.find(LIMITS, Seen(reading, None, 0, 0, 0, 0, 0, count, count))
+        sentence = JOINT.find(LIMITS, CheckedQuantities(reading, None, 0, 0, 0, 0, 0, count, count))
         assert (safety.PositionProtect(command, state, LIMITS.margin) < 0) == (sentence is not None)
         found += sentence is not None
     assert 300 < found < 700

@@ -8,7 +8,7 @@ from s2r_a1 import attendance, hands, rawlog
 from s2r_a1.backend import A1Backend
 from s2r_a1.excitation import GOING, SHARES, Player, plan
 from s2r_a1.guard import moves
-from s2r_a1.guard.limits import LIMITS, clipped
+from s2r_a1.guard.limits import LIMITS, clip
 from s2r_a1.guard.states import State
 from s2r_a1.protocols import PROTOCOLS, height_in_rig
 from s2r_a1.twin import Twin, TwinSettings, read_inject
@@ -47,7 +47,7 @@ def test_the_guard_passes_every_reference_on_unchanged(protocol, tmp_path):
             orders = Orders(
                 played["q"][i], played["dq"][i], played["kp"][i] * one, played["kd"][i] * one, zero
             )
-            assert clipped(LIMITS, orders)[1] == 0
+            assert clip(LIMITS, orders)[1] == 0
     with pytest.raises(UsageError, match=naming("gain")):
         backend.playable(protocol.name, {"gain": gain.high + 0.01})
     words = write_playable(backend, protocol.name, {}, tmp_path / "play.csv")
@@ -162,8 +162,8 @@ def test_the_risk_of_a_protocol_is_accepted_before_its_first_run(scene):
 
 
 def test_what_lies_in_a_datagram_of_hands():
-    assert hands.read(hands.written(0.3)) == (0.3,)
-    assert hands.read(hands.written(None)) == (None,)
+    assert hands.read(hands.encode(0.3)) == (0.3,)
+    assert hands.read(hands.encode(None)) == (None,)
     for data in (b"", b"s2r hands 1 [", b's2r hands 1 {"rig": 99}', b's2r hands 1 {"rig": "x"}', bytes(610)):
         assert hands.read(data) is None
 

@@ -7,28 +7,28 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from s2r_a1 import remote
-from s2r_a1.remote import BUTTONS, packed, pressed, seen, stop
+from s2r_a1.remote import BUTTONS, is_on, pack_buttons, pressed_buttons, stop
 
 
 @given(held=st.frozensets(st.sampled_from(BUTTONS)))
 def test_buttons_come_back(held):
-    data = packed(held)
+    data = pack_buttons(held)
     assert len(data) == remote.SIZE
-    assert pressed(data) == held
-    assert seen(data)
+    assert pressed_buttons(data) == held
+    assert is_on(data)
 
 
 @pytest.mark.parametrize(
     ("button", "bits"), [("R1", 0x0001), ("R2", 0x0010), ("L2", 0x0020), ("left", 0x8000)]
 )
 def test_bits_are_the_vendor_s(button, bits):
-    assert struct.unpack_from("<H", packed([button]), 2)[0] == bits
+    assert struct.unpack_from("<H", pack_buttons([button]), 2)[0] == bits
 
 
 @given(held=st.frozensets(st.sampled_from(BUTTONS)))
 def test_r2_and_l2_with_a_or_b_stop_the_robot_whatever_else_is_held(held):
     wanted = "R2" in held or ("L2" in held and held & {"A", "B"})
-    assert bool(stop(packed(held))) == bool(wanted)
+    assert bool(stop(pack_buttons(held))) == bool(wanted)
 
 
 def test_a_stop_counts_without_a_head():
@@ -36,6 +36,6 @@ def test_a_stop_counts_without_a_head():
 
 
 def test_a_remote_that_is_off_is_not_seen_and_stops_nothing():
-    assert not seen(bytes(40))
+    assert not is_on(bytes(40))
     assert stop(bytes(40)) is None
-    assert pressed(bytes(40)) == frozenset()
+    assert pressed_buttons(bytes(40)) == frozenset()

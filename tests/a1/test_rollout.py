@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from s2r_a1.backend import A1Backend
-from s2r_a1.rollout import ended, lost
+from s2r_a1.rollout import ended_trace, lost_trace
 from s2r_a1.schedule import Schedule
-from s2r_a1.walk import Change, Walked
+from s2r_a1.walk import StateChange, Walked
 from s2r_sim.controller.gains import RATE
-from s2r_sim.robot.signals import Command
+from s2r_sim.robot.signals import VelocityCommand
 from s2r_spec.trace import Trace
 
-SCHEDULE = Schedule(Command(0.2, 0.0, 0.0), 600, 100)
-FALL = Change("DAMPING", "fall", "the base is tilted")
-LINK = Change("DAMPING", "link", "no new state")
+SCHEDULE = Schedule(VelocityCommand(0.2, 0.0, 0.0), 600, 100)
+FALL = StateChange("DAMPING", "fall", "the base is tilted")
+LINK = StateChange("DAMPING", "link", "no new state")
 
 
 class Note(NamedTuple):
@@ -28,7 +28,7 @@ def counts(last, recorded=None, ending=None, **meta):
     times = np.arange((last if recorded is None else recorded) + 1) / RATE
     trace = Trace(times, {"vx": np.zeros(len(times))}, {"vx": "m/s"}, meta)
     notes = tuple(Note(tick) for tick in range(-10, last + 1))
-    return ended(trace, Walked(notes, ending), SCHEDULE.hold, Path("0000-seed0.a1log")).meta  # type: ignore[arg-type]
+    return ended_trace(trace, Walked(notes, ending), SCHEDULE.hold, Path("0000-seed0.a1log")).meta  # type: ignore[arg-type]
 
 
 def test_a_test_that_was_walked_and_recorded_to_its_end_is_an_outcome():
@@ -59,10 +59,10 @@ def test_why_motion_capture_made_a_test_void_is_kept_whatever_came_after_it():
 
 def test_a_fall_counts_without_its_recording_and_another_walk_is_void():
     backend = A1Backend("host=127.0.0.1,velocity=onboard")
-    nothing = lost(backend.channels, {"params": {"vd": 0.2}}, "the disk was full")
+    nothing = lost_trace(backend.channels, {"params": {"vd": 0.2}}, "the disk was full")
     assert set(nothing.channels) == {channel.name for channel in backend.channels}
     for last, ending, counted in ((40, FALL, ("failure", "fall")), (100, None, ("void", "disk"))):
         walked = Walked(tuple(Note(tick) for tick in range(last + 1)), ending)  # type: ignore[arg-type]
-        meta = ended(nothing, walked, SCHEDULE.hold, Path("0000-seed0.a1log")).meta
+        meta = ended_trace(nothing, walked, SCHEDULE.hold, Path("0000-seed0.a1log")).meta
         assert meta.get(counted[0]) == counted[1]
         assert len({"failure", "void"} & meta.keys()) == 1

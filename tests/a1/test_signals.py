@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from s2r_a1.guard.place import Robot, hold, place
+from s2r_a1.guard.place import RobotAddress, hold, place
 from s2r_a1.guard.start import attach
 from s2r_a1.twin import TwinSettings
 from s2r_spec.runs.journal import FILE, Journal
@@ -72,7 +72,7 @@ class Lab:
     """A twin, and the commands of a user in a folder of her own."""
 
     def __init__(self, s2r, twin, port):
-        self.s2r, self.twin, self.robot = s2r, twin, Robot("127.0.0.1", port, clock="lockstep")
+        self.s2r, self.twin, self.robot = s2r, twin, RobotAddress("127.0.0.1", port, clock="lockstep")
         self.folder = s2r.folder / "r" / "walking"
         backend = f"a1:host=127.0.0.1,port={port},velocity=onboard,operator=auto,clock=lockstep"
         self._words = ["check", s2r.spec(), "-b", backend, "--budget", "8"]

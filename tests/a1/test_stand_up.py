@@ -16,7 +16,7 @@ def moved(robot, motion, rounds):
     errors, tilts = [], []
     for tick in range(1, rounds + 1):
         reading = steer(robot, moves.orders(motion, tick * ROUND))
-        errors.append(np.abs(reading.q - moves.desired(motion, tick * ROUND)[0]).max())
+        errors.append(np.abs(reading.q - moves.desired_state(motion, tick * ROUND)[0]).max())
         tilts.append(np.abs(robot.truth().rpy[:2]).max())
     return reading, max(errors), max(tilts)
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from s2r_a1.guard import leg, moves, states
 from s2r_a1.guard.control import ROLES
 from s2r_a1.guard.limits import LIMITS, ROUND, SECOND
-from s2r_a1.guard.states import ROWS, Arrival, Conditions, Inputs, Machine, State
-from s2r_a1.remote import LOST, packed
+from s2r_a1.guard.states import RULES, Arrival, Conditions, Inputs, Machine, State
+from s2r_a1.remote import LOST, pack_buttons
 from tests.a1.guarding import LYING, READY, ZERO, Rounds, at, leaning, reading, walking
 from tests.examples import examples
 
@@ -59,7 +59,7 @@ def test_nothing_leaves_before_the_first_consent_and_no_gain_before_the_second()
         {"mode": np.zeros(12, dtype=int)},
         {"error": np.full(12, 4)},
         {"tau": np.full(12, 100.0), "dq": np.full(12, 20.0)},
-        {"remote": packed(["R2"])},
+        {"remote": pack_buttons(["R2"])},
     ],
     ids=str,
 )
@@ -69,7 +69,7 @@ def test_no_trouble_found_while_connecting_ever_sends_a_gain(brought, trouble):
         rounds.turn(20, **trouble)
         assert rounds.ask("damp", "operator") is None
         assert rounds.ask("stand")
-        rounds.machine = states.left(rounds.machine, rounds.machine.memory.now)
+        rounds.machine = states.leave(rounds.machine, rounds.machine.memory.now)
         assert rounds.state is State.LINKED
         assert limp(rounds.orders)
 
@@ -82,7 +82,7 @@ UNREADY = {
     "mode": ({"mode": at(np.full(12, 10), 3, 0).astype(int)}, READY),
     "error": ({"error": at(ZERO, 3, 1).astype(int)}, READY),
     "warm": ({"temperature": WARM}, READY),
-    "button": ({"remote": packed(["R2"])}, READY),
+    "button": ({"remote": pack_buttons(["R2"])}, READY),
     "no remote": ({"remote": bytes(40)}, Conditions(True, None, loopback=False)),
 }
 
@@ -140,7 +140,7 @@ def test_a_remote_that_comes_back_in_time_ends_no_walk(brought):
 def test_a_twin_that_had_no_remote_misses_none(brought):
     rounds = brought(State.LINKED)
     rounds.turn(1, **OFF)
-    rounds.machine = states.armed(rounds.machine, rounds.machine.memory.now)
+    rounds.machine = states.arm(rounds.machine, rounds.machine.memory.now)
     assert rounds.ask("stand") is None
     rounds.turn(3 * SOON, **OFF)
     assert (rounds.state, rounds.machine.wanted) == (State.STAND, None)
@@ -152,7 +152,7 @@ def test_a_twin_that_had_no_remote_misses_none(brought):
 @pytest.mark.parametrize(("speed", "still"), [(0.04, True), (0.06, False)])
 def test_a_robot_that_moves_is_not_armed(speed, still):
     rounds = Rounds()
-    rounds.machine = states.connected(rounds.machine, 0)
+    rounds.machine = states.connect(rounds.machine, 0)
     sometimes = []
     for tick in range(1000):
         rounds.q = LYING + speed * 0.002 * tick
@@ -163,7 +163,7 @@ def test_a_robot_that_moves_is_not_armed(speed, still):
 
 def test_a_robot_is_armed_once_it_was_still_for_half_a_second():
     rounds = Rounds()
-    rounds.machine = states.connected(rounds.machine, 0)
+    rounds.machine = states.connect(rounds.machine, 0)
     rounds.turn()
     rounds.turn(249)
     assert states.unready(rounds.machine, READY, LIMITS)
@@ -173,7 +173,7 @@ def test_a_robot_is_armed_once_it_was_still_for_half_a_second():
 
 def test_a_robot_that_rocks_is_not_armed():
     rounds = Rounds()
-    rounds.machine = states.connected(rounds.machine, 0)
+    rounds.machine = states.connect(rounds.machine, 0)
     for tick in range(1000):
         rounds.q = LYING + 0.05 * np.sin(2 * np.pi * 2.5 * 0.002 * tick)
         rounds.turn()
@@ -355,12 +355,12 @@ def test_one_reading_that_cannot_be_is_bridged_and_two_in_a_row_damp(brought):
 def test_a_reading_that_cannot_be_never_arrives(field):
     good = reading()
     wrong = good._replace(**{field: np.full_like(getattr(good, field), np.nan)})
-    found = states.arrived(LIMITS, good, None)
+    found = states.judge_arrival(LIMITS, good, None)
     assert found.reading is good
     assert not found.bad
-    assert states.arrived(LIMITS, wrong, None) == (None, True, False)
-    assert states.arrived(LIMITS, None, "number") == (None, True, False)
-    assert states.arrived(LIMITS, None, "silence") == (None, False, False)
+    assert states.judge_arrival(LIMITS, wrong, None) == (None, True, False)
+    assert states.judge_arrival(LIMITS, None, "number") == (None, True, False)
+    assert states.judge_arrival(LIMITS, None, "silence") == (None, False, False)
 
 
 @pytest.mark.parametrize("state", [State.STANDING_UP, State.STAND, State.WALK, State.LYING_DOWN])
@@ -373,14 +373,14 @@ def test_a_guard_that_was_held_up_does_not_move_the_robot_on(brought, state):
 
 # What ends a motion, by state.
 
-MOVING = [state for state, row in ROWS.items() if row.client or row.stands or row.moves]
+MOVING = [state for state, row in RULES.items() if row.client or row.stands or row.moves]
 FAULTS = {
     "fall": {"quaternion": leaning(0.6)},
     "torque": {"tau": at(ZERO, 3, 34.0)},
     "power": {"tau": np.full(12, 10.0), "dq": np.full(12, 5.0)},
     "heat": {"temperature": at(ZERO, 3, 60.0)},
     "motor": {"mode": at(np.full(12, 10), 3, 0).astype(int)},
-    "operator": {"remote": packed(["L2", "B"])},
+    "operator": {"remote": pack_buttons(["L2", "B"])},
 }
 ROUNDS = {"torque": 3, "power": 6}
 
@@ -409,7 +409,7 @@ def test_where_no_reading_came_the_last_one_is_not_held_against_a_motion_that_we
     rounds = brought(State.STANDING_UP)
     rounds.turn(200)
     now, motion = rounds.machine.memory.now, rounds.machine.motion
-    (near, _), (far, _) = (moves.desired(motion, now + k * ROUND) for k in (1, 4))
+    (near, _), (far, _) = (moves.desired_state(motion, now + k * ROUND) for k in (1, 4))
     joint = int(np.argmax(np.abs(far - near)))
     behind = near[joint] - 0.4999 * np.sign(far[joint] - near[joint])
     machine = after(rounds, reading(at(near, joint, behind)))
@@ -443,7 +443,7 @@ def test_a_joint_that_does_not_follow_ends_the_guards_own_motions(brought, state
 
 
 def test_a_low_base_is_a_fall_where_the_robot_stands(brought):
-    low = np.tile(leg.standing(leg.A1, 0.17), 4)
+    low = np.tile(leg.stand_angles(leg.A1, 0.17), 4)
     fallen = after(brought(State.WALK), reading(low))
     assert (fallen.state, fallen.word) == (State.DAMPING, "fall")
 
@@ -496,7 +496,7 @@ def test_warnings_stop_nothing(brought, name):
 @pytest.mark.parametrize("state", [State.ARMED, State.RESTING])
 @pytest.mark.parametrize(
     "trouble",
-    [{"temperature": WARM}, {"silent": True}, {"quaternion": leaning(0.6)}, {"remote": packed(["R2"])}],
+    [{"temperature": WARM}, {"silent": True}, {"quaternion": leaning(0.6)}, {"remote": pack_buttons(["R2"])}],
     ids=str,
 )
 def test_the_robot_does_not_stand_up_unless_all_is_well(brought, state, trouble):
@@ -566,7 +566,7 @@ def test_a_client_that_stops_when_asked_ends_as_it_was_asked(brought):
 
 def test_a_full_disk_leaves_the_client_no_time(brought):
     rounds = brought(State.WALK)
-    rounds.machine = states.stopped(rounds.machine, True, "disk", "the disk is full", now_=True)
+    rounds.machine = states.stop(rounds.machine, True, "disk", "the disk is full", now_=True)
     assert rounds.state is State.STAND
     rounds.turn(2000, until=State.RESTING)
     assert rounds.state is State.RESTING
@@ -576,7 +576,7 @@ def test_a_full_disk_leaves_the_client_no_time(brought):
 @pytest.mark.parametrize("state", list(State))
 def test_a_client_that_dies_leaves_the_robot_damped_where_it_is_up(brought, state):
     rounds = Rounds() if state is State.OFF else brought(state)
-    alone = states.left(rounds.machine, rounds.machine.memory.now)
+    alone = states.leave(rounds.machine, rounds.machine.memory.now)
     if state in (State.STANDING_UP, State.STAND, State.WALK, State.EXCITE, State.EXCITE_HELD):
         assert (alone.state, alone.word) == (State.DAMPING, "client")
     else:
@@ -586,7 +586,7 @@ def test_a_client_that_dies_leaves_the_robot_damped_where_it_is_up(brought, stat
 def test_a_client_may_leave_once_the_robot_is_to_lie_down(brought):
     rounds = brought(State.STAND)
     rounds.ask("lie", "operator")
-    rounds.machine = states.left(rounds.machine, rounds.machine.memory.now)
+    rounds.machine = states.leave(rounds.machine, rounds.machine.memory.now)
     rounds.turn(2000, until=State.RESTING)
     assert rounds.state is State.RESTING
 
@@ -607,8 +607,8 @@ def test_nothing_but_a_reset_leaves_damping_and_then_the_robot_must_be_armed_ane
     for do in ("stand", "walk", "halt", "lie"):
         assert rounds.ask(do)
     rounds.ask("damp", "client", "second")
-    rounds.machine = states.left(rounds.machine, rounds.machine.memory.now)
-    rounds.machine = states.connected(states.armed(rounds.machine, 0), 0)
+    rounds.machine = states.leave(rounds.machine, rounds.machine.memory.now)
+    rounds.machine = states.connect(states.arm(rounds.machine, 0), 0)
     rounds.turn(5000, orders=walking(20.0))
     assert (rounds.state, rounds.machine.reason) == (State.DAMPING, "first")
     assert damping(rounds.orders)
@@ -644,16 +644,16 @@ def test_whatever_comes_no_gain_leaves_without_consent_and_damping_stays(events)
         elif event == "ask":
             rounds.ask(first, second)
         elif event == "connect":
-            rounds.machine = states.connected(before, now)
+            rounds.machine = states.connect(before, now)
         elif event == "arm" and not states.unready(before, READY, LIMITS):
-            rounds.machine = states.armed(before, now)
+            rounds.machine = states.arm(before, now)
             consent = consent or rounds.state is State.ARMED
         elif event == "reset":
             rounds.machine = states.reset(before, now)
         elif event == "leave":
-            rounds.machine = states.left(before, now)
+            rounds.machine = states.leave(before, now)
         elif event == "disk":
-            rounds.machine = states.stopped(before, True, "disk", "full", now_=True)
+            rounds.machine = states.stop(before, True, "disk", "full", now_=True)
         after = rounds.machine
         if before.state is State.DAMPING and event != "reset":
             assert after.state is State.DAMPING
@@ -666,7 +666,7 @@ def test_whatever_comes_no_gain_leaves_without_consent_and_damping_stays(events)
         if after.state is State.DAMPING:
             assert after.word
             assert after.reason
-        orders = ROWS[after.state].orders(after, after.memory.now, LIMITS)
+        orders = RULES[after.state].orders(after, after.memory.now, LIMITS)
         if after.state in (State.LINKED, State.ARMED):
             assert limp(orders)
         elif after.state is State.OFF:
@@ -677,10 +677,10 @@ def test_whatever_comes_no_gain_leaves_without_consent_and_damping_stays(events)
 
 
 def test_the_table_has_a_row_for_every_state():
-    assert set(ROWS) == set(State)
-    for row in ROWS.values():
+    assert set(RULES) == set(State)
+    for row in RULES.values():
         assert not row.client or row.stands
-        assert row.then is None or row.then in ROWS
+        assert row.then is None or row.then in RULES
     assert {state for _, state in states.BEGINNINGS.values()} <= set(State)
     assert Machine().state is State.OFF
     assert SECOND == 500 * ROUND

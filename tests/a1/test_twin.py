@@ -24,7 +24,7 @@ from s2r_a1.wire import (
 )
 from s2r_sim.plant.physics import Physics
 from s2r_sim.plant.plant import Plant
-from s2r_sim.robot.figures import A1 as ROBOT
+from s2r_sim.robot.constants import A1 as ROBOT
 from s2r_sim.robot.rotation import quaternion
 from s2r_sim.robot.signals import MotorCommand
 from s2r_spec.errors import UsageError
@@ -69,8 +69,8 @@ def test_a_state_is_that_of_a_robot_that_lies():
     np.testing.assert_allclose(last.gyro, 0, atol=0.1)
     np.testing.assert_allclose(last.tau, 0, atol=0.01)
     np.testing.assert_allclose(last.temperature, 25, atol=1)
-    assert remote.seen(last.remote)
-    assert not remote.pressed(last.remote)
+    assert remote.is_on(last.remote)
+    assert not remote.pressed_buttons(last.remote)
     # With knees behind the hips and calves at their stops.
     np.testing.assert_allclose(last.q[1::3], 1.3, atol=0.2)
     np.testing.assert_allclose(last.q[2::3], -2.7, atol=0.02)
@@ -341,9 +341,9 @@ def test_a_report_can_be_of_all_motors_or_of_the_first():
 
 def test_buttons_of_the_remote():
     assert remote.stop(at("button=R2@1", 1).remote)
-    assert remote.pressed(at("button=L2+B@1", 1).remote) == {"L2", "B"}
-    assert not remote.seen(at("button=off@1", 1).remote)
-    assert not remote.pressed(at("button@3", 1).remote)
+    assert remote.pressed_buttons(at("button=L2+B@1", 1).remote) == {"L2", "B"}
+    assert not remote.is_on(at("button=off@1", 1).remote)
+    assert not remote.pressed_buttons(at("button@3", 1).remote)
 
 
 def test_a_motor_that_drops_out_goes_limp():

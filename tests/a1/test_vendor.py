@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from s2r_a1.datagrams import FROM_ROBOT, TO_ROBOT, LinkError
-from s2r_a1.remote import packed, stop
-from s2r_a1.vendor import COMPILED_IN, opened
+from s2r_a1.remote import pack_buttons, stop
+from s2r_a1.vendor import COMPILED_IN, open_link
 from s2r_a1.wire import A1, GO1, Orders, WireError, pack, unpack
 
 PEER = ("127.0.0.1", 8007)
@@ -139,7 +139,7 @@ def vendor(request, installed):
     robots = []
     installed(make(robots))
     now = [0.0]
-    link = opened("robot_interface", A1, peer, port=8080, clock=lambda: now[0])
+    link = open_link("robot_interface", A1, peer, port=8080, clock=lambda: now[0])
     return SimpleNamespace(link=link, robot=robots[0], now=now)
 
 
@@ -174,7 +174,7 @@ def test_before_anything_came_there_is_silence(vendor):
 
 def test_a_state_is_read_once_however_often_the_module_hands_it_out(vendor):
     arrives(vendor.robot.state, 2, tauEst=1.5, temperature=31, reserve=[4, 0])
-    vendor.robot.state.wirelessRemote = list(packed(["R2"]))
+    vendor.robot.state.wirelessRemote = list(pack_buttons(["R2"]))
     reading = vendor.link.read()
     assert reading.quaternion.tolist() == [0.5, 0.5, 0.25, 0.5]
     assert reading.accelerometer.tolist() == [0, 0, 9.75]
@@ -233,7 +233,7 @@ def test_the_newest_module_gets_the_lengths_and_others_the_level(installed):
     for lengths, expected in ((True, (8080, *PEER, 610, 771, -1)), (False, (0xFF, 8080, *PEER))):
         robots = []
         installed(udp_module(robots, lengths=lengths))
-        opened("robot_interface", A1, PEER, port=8080)
+        open_link("robot_interface", A1, PEER, port=8080)
         assert robots[0].arguments == expected
 
 
@@ -242,7 +242,7 @@ def test_a_module_of_another_robot_is_refused(installed):
         robots = []
         installed(udp_module(robots, go1=go1))
         with pytest.raises(LinkError, match=layout.name):
-            opened("robot_interface", layout, PEER)
+            open_link("robot_interface", layout, PEER)
         assert robots == []
 
 
@@ -250,15 +250,15 @@ def test_binding_a_is_refused_for_another_address_than_its_own(installed):
     robots = []
     installed(interface_module(robots))
     with pytest.raises(LinkError, match=r"192\.168\.123\.10"):
-        opened("robot_interface", A1, PEER)
+        open_link("robot_interface", A1, PEER)
     assert robots == []
 
 
 def test_a_module_that_is_not_there_or_not_the_vendor_s_is_refused():
     with pytest.raises(LinkError, match="no_such_module"):
-        opened("no_such_module", A1, PEER)
+        open_link("no_such_module", A1, PEER)
     with pytest.raises(LinkError, match="'json'"):
-        opened("json", A1, PEER)
+        open_link("json", A1, PEER)
 
 
 def test_a_module_that_raises_is_silence_and_commands_that_were_not_sent(vendor, monkeypatch):
@@ -277,4 +277,4 @@ def test_a_module_that_cannot_be_opened_is_refused(installed):
     module.UDP = unused
     installed(module)
     with pytest.raises(LinkError, match="cannot be opened"):
-        opened("robot_interface", A1, PEER)
+        open_link("robot_interface", A1, PEER)

@@ -10,17 +10,17 @@ from s2r_a1 import recording
 from s2r_a1.pilot import Pilot
 from s2r_a1.rawlog import RawLogWriter
 from s2r_a1.schedule import Schedule
-from s2r_a1.walk import SETTLING, Change, walk
+from s2r_a1.walk import SETTLING, StateChange, walk
 from s2r_a1.wire import A1, Orders, pack, pack_reading, unpack, unpack_orders
 from s2r_sim.controller.gains import RATE
 from s2r_sim.controller.trot import Controller, Memory
 from s2r_sim.plant.sensors import Sensors
-from s2r_sim.robot.signals import Command, MotorCommand
+from s2r_sim.robot.signals import MotorCommand, VelocityCommand
 from s2r_sim.settings import Settings
 from s2r_spec.errors import BackendError, NotBegunError, TraceError
 from tests.a1.plant import HOLDING, PlantLine, reading
 
-COMMAND = Command(0.25, 0.0, 0.2)
+COMMAND = VelocityCommand(0.25, 0.0, 0.2)
 TICKS = 50
 SETTINGS = Settings()
 PLANNED = Schedule.of(COMMAND, 3, TICKS, SETTINGS.gains)
@@ -61,7 +61,7 @@ def test_a_walk_goes_as_planned_and_ends_standing(walked):
     assert ticks == list(range(-SCHEDULE.trot, ticks[-1] + 1))
     assert all(note.late == 0 for note in done.notes)
     assert all(done.notes[-1].done.stance)
-    assert [note.command for note in done.notes if note.tick in (-1, 0)] == [Command(), COMMAND]
+    assert [note.command for note in done.notes if note.tick in (-1, 0)] == [VelocityCommand(), COMMAND]
     assert line.plant.truth().position[2] == pytest.approx(0.27, abs=0.015)
 
 
@@ -82,7 +82,7 @@ def test_the_walk_is_the_simulator_s_own_until_a_foot_touches_down(walked):
         truth = plant.truth()
         np.testing.assert_allclose(done.notes[tick].state.q, truth.q, atol=1e-3)
         measured = sensors.read(truth, plant.play, controller.stance)
-        decided = controller.tick(measured, Command()).motors
+        decided = controller.tick(measured, VelocityCommand()).motors
         plant.step(MotorCommand(*unpack_orders(pack(Orders(*decided), A1), A1)), -math.inf)
 
 
@@ -181,7 +181,7 @@ def test_lost_states_leave_the_gait_on_the_robot_s_clock(pilot, tmp_path):
 
 def test_a_fall_after_the_command_ends_the_walk_there(pilot):
     line = PlantLine()
-    fall = Change("DAMPING", "fall", "the base is tilted by 0.6 rad")
+    fall = StateChange("DAMPING", "fall", "the base is tilted by 0.6 rad")
     line.endings[SETTLING + 1 + SCHEDULE.trot + 30] = fall
     done = walk(line, pilot, SCHEDULE)
     assert done.ending == fall
@@ -221,14 +221,14 @@ def test_a_guard_that_does_nothing_any_more_is_a_broken_link_and_not_the_robot_s
 
 def test_before_the_command_there_is_no_rollout(pilot):
     line = PlantLine()
-    line.endings[SETTLING + 150] = Change("DAMPING", "link", "no state for 20 ms")
+    line.endings[SETTLING + 150] = StateChange("DAMPING", "link", "no state for 20 ms")
     with pytest.raises(NotBegunError, match="no state for 20 ms"):
         walk(line, pilot, SCHEDULE)
 
 
 def test_a_walk_that_is_to_stop_ramps_down_and_stands(pilot):
     line = PlantLine()
-    receive, stop = line.receive, Change("RESTING", "operator", "the operator asked the robot to lie")
+    receive, stop = line.receive, StateChange("RESTING", "operator", "the operator asked the robot to lie")
 
     def asked_to_stop():
         if line.rounds == SETTLING + SCHEDULE.trot + 20:

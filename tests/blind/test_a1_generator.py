@@ -29,7 +29,7 @@ SHARED = {
     "s2r_sim.controller.base_task",
     "s2r_sim.controller.trot",
     "s2r_sim.controller.estimator",
-    "s2r_sim.robot.figures",
+    "s2r_sim.robot.constants",
     "s2r_sim.controller.gains",
     "s2r_sim.robot.signals",
 }

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.blind import development
 from benchmarks.blind.development import Scored, generate, paired, scores
 from s2r_spec.backend import Effect, EffectParameter
-from s2r_spec.diagnose.simulator.axes import line
+from s2r_spec.diagnose.simulator.axes import effect_axis
 
 
 def effect(name):
@@ -16,7 +16,7 @@ def effect(name):
     return Effect(name, "friction", "", (EffectParameter("x", "N", -4.0, 4.0, 0.0, "normal, 1 N"),))
 
 
-AXES = {name: line(effect(name), effect(name).parameters[0]) for name in ("drag", "mass", "lag")}
+AXES = {name: effect_axis(effect(name), effect(name).parameters[0]) for name in ("drag", "mass", "lag")}
 
 
 def case(truth, answer, kind="single", verdict="named", p=1.0, **values):

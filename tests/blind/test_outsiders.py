@@ -25,7 +25,7 @@ from benchmarks.blind.segway import machine as segway
 from s2r_spec import load_backend, load_spec
 from s2r_spec.backend import registry
 from s2r_spec.diagnose.residuals.left import remainders
-from s2r_spec.diagnose.simulator.axes import lines
+from s2r_spec.diagnose.simulator.axes import effect_axes
 from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.recordings.recorded import LogBackend
 
@@ -326,7 +326,7 @@ def test_a_gust_is_seen_in_what_a_car_without_residuals_recorded(simulators, gus
     ]
     bench = Bench.of(spec, spec.requirements[0], car_of_ours)
     # The other author's tyres saturate, and ours are linear: a law that is off is no cause of its own.
-    left = remainders(bench, lines(car_of_ours.effects()), rollouts, {"front_grip": {"factor": 0.8}})
+    left = remainders(bench, effect_axes(car_of_ours.effects()), rollouts, {"front_grip": {"factor": 0.8}})
     assert any(each.material for each in left) == (gust > 0.0)
     if gust:
         assert (left[0].quantity, left[0].unit, left[0].along) == ("ay_m", "m/s^2", "")

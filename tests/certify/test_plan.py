@@ -71,7 +71,7 @@ PLANE = Space.of({"x": (0.0, 0.5), "y": (0.0, 0.3)})
 def test_a_flat_outcome_takes_what_the_design_of_a_flat_objective_takes(space, settings):
     """The design has no batches and no discrete tests."""
     effort = Effort.of(SearchSettings(space=space, **settings))
-    design = effort.rollouts(Objective.flat(len(effort.part.points), 0.0), 0.4)
+    design = effort.rollouts(Objective.flat(len(effort.region.points), 0.0), 0.4)
     assert 0.6 < taken_by(settings, space, lambda point: 0.0) / design < 1.7
 
 
@@ -88,7 +88,7 @@ def test_the_rollouts_grow_as_the_square_of_the_number_of_lengthscales():
             epsilon=0.03,
         )
         effort = Effort.of(settings)
-        counts.append(effort.rollouts(Objective.flat(len(effort.part.points), 0.0), 0.5))
+        counts.append(effort.rollouts(Objective.flat(len(effort.region.points), 0.0), 0.5))
     assert 2000 < counts[1] / counts[0] < 10_000
     assert counts[2] / counts[1] == pytest.approx(4, rel=0.2)
 

@@ -2,18 +2,18 @@ import numpy as np
 import pytest
 
 from s2r_spec.certify.bound import confidence
-from s2r_spec.certify.bound.confidence import Evidence
+from s2r_spec.certify.bound.confidence import SampleEvidence
 from s2r_spec.certify.bound.kernels import Kernel
 from s2r_spec.certify.bound.modes import MODES
 from s2r_spec.certify.bound.posterior import GPyTorch, Spectral
-from s2r_spec.certify.bound.samples import Samples
+from s2r_spec.certify.bound.samples import OutcomeSamples
 
 
 def problem(name, dim, most):
     rng = np.random.default_rng(3)
     points = rng.uniform(0, 0.5, (300, dim))
     counts = np.floor(10 ** rng.uniform(0, np.log10(most), 30))
-    samples = Samples(rng.choice(300, 30, replace=False), counts, counts * rng.normal(size=30))
+    samples = OutcomeSamples(rng.choice(300, 30, replace=False), counts, counts * rng.normal(size=30))
     return Kernel(name, 0.2), points, samples
 
 
@@ -55,7 +55,7 @@ def test_replicates_at_one_point_are_worth_exactly_their_single_rollouts():
     at, counts = np.array([3, 20, 41]), np.array([1, 4, 7])
     single = rng.normal(size=counts.sum())
     means = np.array([part.mean() for part in np.split(single, np.cumsum(counts)[:-1])])
-    merged = Spectral(kernel).condition(grid, Samples(at, counts.astype(float), counts * means))
+    merged = Spectral(kernel).condition(grid, OutcomeSamples(at, counts.astype(float), counts * means))
     moments, evidence = merged.moments(np.array([c]), grid), merged.evidence(np.array([c]))
     each = grid[np.repeat(at, counts)]
     K, k = c * kernel.gram(each, each), c * kernel.gram(each, grid)
@@ -77,15 +77,15 @@ def test_with_one_scale_the_width_is_beta():
         np.array([1.5, 3.0]),
         0.1,
     )
-    radius = confidence.data_radius(Evidence(log_det, quadratic), delta)
+    radius = confidence.data_radius(SampleEvidence(log_det, quadratic), delta)
     widths = confidence.width(B, c, radius, quadratic)
     assert widths[:, 0] == pytest.approx(np.sqrt(B**2 / 0.5 + 3.0 + 2 * np.log(10)))
 
 
 def test_a_mixture_costs_at_most_the_logarithm_of_its_size_over_its_best_scale():
     log_det, quadratic = np.array([3.0, 9.0, 30.0]), np.array([7.0, 4.0, 1.0])
-    mixed = confidence.data_radius(Evidence(log_det, quadratic), 0.1)
-    single = [confidence.data_radius(Evidence(log_det[[i]], quadratic[[i]]), 0.1) for i in range(3)]
+    mixed = confidence.data_radius(SampleEvidence(log_det, quadratic), 0.1)
+    single = [confidence.data_radius(SampleEvidence(log_det[[i]], quadratic[[i]]), 0.1) for i in range(3)]
     assert min(single) <= mixed <= min(single) + 2 * np.log(3)
 
 
@@ -116,7 +116,7 @@ def test_the_papers_mode_is_its_algorithm_written_out_over_single_rollouts():
     beta = confidence.published_beta(B, R, np.linalg.slogdet(K + ridge * np.eye(len(each)))[1], delta)
     norms = np.array([B / R])
     sums = np.array([part.sum() for part in np.split(single / R, np.cumsum(counts)[:-1])])
-    data = Spectral(kernel).condition(grid, Samples(at, counts.astype(float), sums))
+    data = Spectral(kernel).condition(grid, OutcomeSamples(at, counts.astype(float), sums))
     bound = MODES["paper"](kernel, norms).bound(data, len(single), norms, delta)
     moments = data.moments(bound.scales, grid)
     assert np.allclose(moments.mean[0] * R, mean, atol=1e-9)
@@ -163,7 +163,7 @@ def test_the_dual_bound_is_the_exact_maximum_over_the_confidence_set():
         key=lambda result: -result.fun if result.success else -np.inf,
     )
     scales = np.geomspace(1e-5, 1e3, 3000)
-    fitted = Spectral(kernel).condition(grid, Samples(at, counts, counts * means))
+    fitted = Spectral(kernel).condition(grid, OutcomeSamples(at, counts, counts * means))
     widths = confidence.width(np.array([B]), scales, radius, fitted.evidence(scales).quadratic)[0]
     moments = fitted.moments(scales, grid[3:])
     upper = (moments.mean[:, 0] + widths * moments.std[:, 0]).min()

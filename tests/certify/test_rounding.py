@@ -3,7 +3,7 @@ from decimal import Decimal
 import numpy as np
 import pytest
 
-from s2r_spec.certify.bound.rounding import at_least, at_most, between, down, up, wide
+from s2r_spec.certify.bound.rounding import at_least, at_most, down, interval_text, up, width_text
 
 
 def test_a_bound_is_never_printed_tighter_than_it_is():
@@ -36,11 +36,11 @@ def test_a_bound_is_never_printed_tighter_than_it_is():
 )
 def test_the_texts(value, below, above):
     assert (down(value), up(value)) == (below, above)
-    assert between(value, value) == f"[{below}, {above}]"
+    assert interval_text(value, value) == f"[{below}, {above}]"
 
 
 def test_widths_and_significant_digits():
-    assert wide(0.01932) == "0.0194"
+    assert width_text(0.01932) == "0.0194"
     assert (at_least(0.028649), at_most(0.028649)) == ("0.0286", "0.0287")
     assert (at_least(1234.5), at_most(1234.5)) == ("1.23e+03", "1.24e+03")
     assert at_most(0.0) == at_least(0.0) == "0"

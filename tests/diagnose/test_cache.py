@@ -112,13 +112,13 @@ def test_a_damaged_or_hostile_file_runs_nothing_and_is_made_again(kept, tmp_path
     cache = Cache(folder)
     made = library(Toy(), EXPERIMENTS, cache=cache)
     assert not marker.exists()
-    [sentence] = cache.said
+    [sentence] = cache.notes
     assert str(path) in sentence
     assert "made again" in sentence
     assert same(made, library(Toy(), EXPERIMENTS, cache=Cache(kept)))
     again = Cache(folder)
     assert same(made, library(Toy(), EXPERIMENTS, cache=again))
-    assert not again.said
+    assert not again.notes
     assert files(folder) == files(kept)
 
 
@@ -147,4 +147,4 @@ def test_a_folder_that_cannot_be_written_costs_no_answer(tmp_path):
     (tmp_path / "file").write_text("")
     own = Cache(tmp_path / "file")
     assert own.kept("x/x.npz", np.load, lambda: "made", lambda made, path: path.touch()) == "made"
-    assert "could not be written" in own.said[0]
+    assert "could not be written" in own.notes[0]

@@ -7,7 +7,7 @@ import pytest
 
 from s2r_spec.diagnose.decision import Evidence, Rule, Verdict
 from s2r_spec.diagnose.experiment_design.identifiability import Candidate, Power, Separation
-from s2r_spec.diagnose.gap.held_out import compared, gap
+from s2r_spec.diagnose.gap.held_out import compare, gap
 from s2r_spec.diagnose.gap.materiality import Failures, Materiality, RolloutsAtTest, materiality
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, ParameterEstimate
 from s2r_spec.diagnose.inference.goodness_of_fit import GoodnessOfFit, Misfit
@@ -31,7 +31,7 @@ def far(tuned, named=None, size=1.0, seen=None):
         *([np.full(9, (1 - named) * size)] if named is not None else []),
     ]
     real = np.full(9, size)
-    return compared(real, [left[0], *(real - each for each in left[1:])], TESTS, 0.01, 0.1, "m", seen)
+    return compare(real, [left[0], *(real - each for each in left[1:])], TESTS, 0.01, 0.1, "m", seen)
 
 
 WORST = Misfit(Experiment("chirp"), "q", "bin", "FR calf", 0.2, 0.4)

@@ -9,7 +9,7 @@ from s2r_cart import SPEC, Cart
 import s2r_spec as s2r
 from s2r_spec.diagnose.falls import falls, falls_alone
 from s2r_spec.diagnose.gap.nominal import Nominal
-from s2r_spec.diagnose.simulator.axes import lines
+from s2r_spec.diagnose.simulator.axes import effect_axes
 from s2r_spec.diagnose.simulator.bench import Bench
 
 TRIPS = 0.35
@@ -43,21 +43,23 @@ def asked(real, sim=None):
     bench = Bench.of(s2r.parse_spec(SPEC), s2r.parse_spec(SPEC).requirements[0], sim or Tripping())
     runs = [(test, real.rollout(test, 7 + n)) for n, test in enumerate(TESTS)]
     nominal = Nominal.of(bench, TESTS, 0)
-    return falls(bench, lines(Cart().effects()), runs, nominal), [t.failure is not None for _, t in runs]
+    return falls(bench, effect_axes(Cart().effects()), runs, nominal), [
+        t.failure is not None for _, t in runs
+    ]
 
 
 def test_what_ends_the_simulator_early_at_the_same_tests_and_not_at_others_is_told_with_its_size():
     found, ended = asked(machine(motor=0.62))
     assert 0 < sum(ended) < 5
     assert not found.nominal
-    motor = [each for each in found.culprits if each.line.effect == "motor"]
+    motor = [each for each in found.culprits if each.axis.effect == "motor"]
     assert motor, str(found)
-    least = motor[0].line.value(motor[0].coordinate)
+    least = motor[0].axis.value(motor[0].coordinate)
     assert 0.62 <= least < 0.95
     _, fell = asked(machine(motor=least))
     assert fell[-1], "with the least of it, too, the cart trips where it trips most"
     assert motor[0].others == 0
-    assert str(motor[0]).split()[0] == f"motor.{motor[0].line.parameter}"
+    assert str(motor[0]).split()[0] == f"motor.{motor[0].axis.parameter}"
     assert f" {least:.3g}" in str(motor[0])
     first = found.culprits[0]
     assert abs(first.coordinate) == min(abs(each.coordinate) for each in found.culprits)
@@ -67,14 +69,16 @@ def test_what_ends_the_simulator_early_at_the_same_tests_and_not_at_others_is_to
 
 def test_a_range_on_one_side_of_nominal_is_asked_up_to_its_far_end():
     sided = [
-        line for line in lines(Cart().effects()) if (line.low == line.nominal) != (line.high == line.nominal)
+        line
+        for line in effect_axes(Cart().effects())
+        if (line.low == line.nominal) != (line.high == line.nominal)
     ]
     assert sided
     real = machine(coulomb=2.0)
     found, ended = asked(real)
     assert any(ended)
-    [coulomb] = [each for each in found.culprits if each.line.effect == "coulomb"]
-    assert 0.0 < coulomb.line.value(coulomb.coordinate) <= 2.0
+    [coulomb] = [each for each in found.culprits if each.axis.effect == "coulomb"]
+    assert 0.0 < coulomb.axis.value(coulomb.coordinate) <= 2.0
 
 
 def test_a_simulator_that_ends_early_there_by_itself_is_no_gap():
@@ -89,7 +93,7 @@ def test_a_fall_that_no_effect_makes_has_no_culprit():
     runs = [(test, Cart().rollout(test, n)) for n, test in enumerate(TESTS)]
     runs[0] = (runs[0][0], replace(runs[0][1], meta={"failure": "emergency stop"}))
     bench = Bench.of(s2r.parse_spec(SPEC), "tracking", Cart())
-    found = falls(bench, lines(Cart().effects()), runs, Nominal.of(bench, TESTS, 0))
+    found = falls(bench, effect_axes(Cart().effects()), runs, Nominal.of(bench, TESTS, 0))
     assert found.culprits == ()
 
 
@@ -99,7 +103,7 @@ def test_nothing_is_asked_where_nothing_fell_or_everything_did():
     assert found is None
     runs = [(test, replace(Cart().rollout(test, 1), meta={"failure": "fall"})) for test in TESTS]
     bench = Bench.of(s2r.parse_spec(SPEC), "tracking", Cart())
-    assert falls(bench, lines(Cart().effects()), runs, Nominal.of(bench, TESTS, 0)) is None
+    assert falls(bench, effect_axes(Cart().effects()), runs, Nominal.of(bench, TESTS, 0)) is None
 
 
 def test_where_the_simulator_ends_early_by_itself_and_no_real_rollout_does_is_found():

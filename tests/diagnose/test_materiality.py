@@ -12,7 +12,7 @@ from s2r_spec.diagnose.gap.materiality import (
     RolloutsAtTest,
     compared_at_all_tests,
     materiality,
-    moderated,
+    moderate,
     same_failures,
     smallest_tolerance,
     tail,
@@ -168,14 +168,14 @@ def test_a_rho_that_is_no_number_is_refused(value, side):
 def test_variances_are_pooled_as_far_as_they_agree():
     rng, freedom = np.random.default_rng(6), np.full(400, 5.0)
     alike = rng.chisquare(5, 400) / 5
-    own, of = moderated(alike, freedom)
+    own, of = moderate(alike, freedom)
     assert np.ptp(np.log(own)) < 0.3 * np.ptp(np.log(alike))
     assert of > 50.0
     true = 4.0 / rng.chisquare(4, 400)
-    own, of = moderated(true * alike, freedom)
+    own, of = moderate(true * alike, freedom)
     assert of == pytest.approx(9.0, rel=0.3)
     assert np.log(own / true).std() < np.log(alike).std()
-    assert moderated(np.array([2.0]), np.array([5.0])) == (np.array([2.0]), 5.0)
+    assert moderate(np.array([2.0]), np.array([5.0])) == (np.array([2.0]), 5.0)
 
 
 def test_the_tail_bounds_that_of_log_concave_densities():

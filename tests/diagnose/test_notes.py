@@ -9,13 +9,13 @@ from s2r_cart import SPEC, Cart, Machine, real
 import s2r_spec as s2r
 from s2r_spec import logs
 from s2r_spec.backend import Channel
-from s2r_spec.diagnose.data.rollouts import as_simulated, cut, recorded
+from s2r_spec.diagnose.data.rollouts import convert_units, recorded_rollouts, truncate
 from s2r_spec.diagnose.data.split import ENOUGH
 from s2r_spec.diagnose.notes import Used, notes
 from s2r_spec.diagnose.quality import findings
-from s2r_spec.diagnose.quality.channels import wrapped as jumping
+from s2r_spec.diagnose.quality.channels import find_wrapped as jumping
 from s2r_spec.diagnose.quality.recordings import Recordings
-from s2r_spec.diagnose.simulator.axes import line, lines
+from s2r_spec.diagnose.simulator.axes import effect_axes, effect_axis
 from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.effects import catalogue_of
 from s2r_spec.errors import BackendError, TraceError, UsageError
@@ -55,7 +55,7 @@ def many(count, tests, spoil=lambda trace: trace):
 
 def test_that_recordings_are_longer_is_told():
     tests = many(8, 8)
-    longer = [(test, cut(trace, Cart().duration / 2)) for test, trace in tests]
+    longer = [(test, truncate(trace, Cart().duration / 2)) for test, trace in tests]
     [note] = notes(BENCH, used(longer))
     assert note.startswith("8 of 8 real rollouts")
     assert f" {Cart().duration / 2:g} s " in note
@@ -65,7 +65,7 @@ def test_that_recordings_are_longer_is_told():
 def test_a_unit_that_does_not_convert_gets_one_sentence(unit, words):
     trace = changed(u=(Cart().rollout(TEST, 0)["u"], unit))
     with pytest.raises(UsageError, match="'u'") as raised:
-        as_simulated(trace, Cart())
+        convert_units(trace, Cart())
     for word in words:
         assert word in str(raised.value)
 
@@ -169,7 +169,7 @@ def test_a_recording_that_ends_too_early_is_named_by_its_file(tmp_path):
     with pytest.raises(
         UsageError, match=r"r5\.npz: 'tracking' looks 1\.99 s ahead, but the trace lasts 0\.49 s; leave"
     ):
-        recorded(bench, s2r.load_backend(f"log:{tmp_path}"))
+        recorded_rollouts(bench, s2r.load_backend(f"log:{tmp_path}"))
 
 
 def slower(trace, step):
@@ -181,7 +181,7 @@ def slower(trace, step):
 def test_recordings_whose_samples_miss_an_end_of_a_window_are_used_as_they_are():
     runs = many(8, 8)
     slow = [(test, slower(trace, 0.03)) for test, trace in runs]
-    read = recorded(BENCH, slow).tests
+    read = recorded_rollouts(BENCH, slow).tests
     for (test, found), (_, before), (_, trace) in zip(read, slow, runs, strict=True):
         np.testing.assert_array_equal(np.diff(found.times), np.diff(before.times))
         assert BENCH.rho(found, test) == pytest.approx(BENCH.rho(trace, test), abs=0.02)
@@ -191,7 +191,7 @@ def test_recordings_whose_samples_miss_an_end_of_a_window_are_used_as_they_are()
 def test_where_a_window_is_shorter_than_the_time_between_samples_the_simulators_are_read():
     short = Bench.of(s2r.parse_spec(SPEC.replace("[0, 1.99 s]", "[1.98 s, 1.99 s]")), "tracking", Cart())
     runs = many(8, 8)
-    read = recorded(short, [(test, slower(trace, 0.03)) for test, trace in runs]).tests
+    read = recorded_rollouts(short, [(test, slower(trace, 0.03)) for test, trace in runs]).tests
     for (test, found), (_, trace) in zip(read, runs, strict=True):
         np.testing.assert_allclose(found.times, trace.times[: len(found)] - trace.times[0], atol=1e-9)
         assert short.rho(found, test) == pytest.approx(short.rho(trace, test), abs=0.02)
@@ -202,7 +202,7 @@ def test_where_a_window_is_shorter_than_the_time_between_samples_the_simulators_
 
 def test_recordings_as_fine_as_the_simulators_are_not_changed():
     runs = many(8, 8)
-    same = recorded(BENCH, runs).tests[0][1]
+    same = recorded_rollouts(BENCH, runs).tests[0][1]
     np.testing.assert_array_equal(same["v"], runs[0][1]["v"])
     assert dict(same.meta) == dict(runs[0][1].meta)
 
@@ -213,7 +213,7 @@ def test_a_rollout_that_rho_cannot_be_told_of_is_named():
     kept = {name: values for name, values in trace.channels.items() if name != "v"}
     runs[3] = (test, Trace(trace.times, kept, {n: unit for n, unit in trace.units.items() if n in kept}))
     with pytest.raises(UsageError, match=r"^real rollout 3: the trace has no channel 'v'"):
-        recorded(BENCH, runs)
+        recorded_rollouts(BENCH, runs)
 
 
 def flipped(trace):
@@ -270,7 +270,7 @@ def test_a_simulator_that_all_effects_at_once_break_has_no_commands(how):
             return Trace(trace.times[:5], first, trace.units, {"failure": "stopped"})
 
     bench = Bench.of(s2r.parse_spec(SPEC), "tracking", Frail())
-    assert misread(bench, many(8, 8), lines(Cart().effects())) == {}
+    assert misread(bench, many(8, 8), effect_axes(Cart().effects())) == {}
 
 
 def test_a_channel_that_never_moves_is_told():
@@ -311,7 +311,7 @@ def test_a_channel_that_some_rollouts_lack_or_have_gaps_in_is_told(every, words)
 )
 def test_a_recording_that_begins_at_another_time_is_known_by_a_command(seconds, words):
     """No effect changes the speed that is asked for; where it comes later, the recording began earlier."""
-    found = lines(Cart().effects())
+    found = effect_axes(Cart().effects())
     delayed = [(test, real(test, 40 + i, {"delay": 0.06})) for i, (test, _) in enumerate(many(8, 8))]
     assert misread(BENCH, delayed, found) == {}
 
@@ -333,7 +333,7 @@ def test_times_that_are_no_seconds_get_one_sentence():
         return Trace(1e3 * trace.times, dict(trace.channels), trace.units)
 
     with pytest.raises(UsageError, match=r"real rollout 0 lasts 1990 s, .* in ms\b"):
-        recorded(BENCH, many(8, 8, in_ms))
+        recorded_rollouts(BENCH, many(8, 8, in_ms))
 
 
 def test_a_long_recording_at_the_simulators_rate_is_not_in_ms():
@@ -341,7 +341,7 @@ def test_a_long_recording_at_the_simulators_rate_is_not_in_ms():
         channels = {name: np.tile(values, 150) for name, values in trace.channels.items()}
         return Trace(0.01 * np.arange(150 * len(trace)), channels, trace.units)
 
-    assert len(recorded(BENCH, many(8, 8, repeated)).tests) == 8
+    assert len(recorded_rollouts(BENCH, many(8, 8, repeated)).tests) == 8
 
 
 def test_an_angle_that_is_kept_within_a_turn_is_told():
@@ -424,14 +424,14 @@ def test_a_parameter_that_varies_and_that_the_spec_does_not_know_gets_one_senten
         rows.append(f"r{i},{test['vd']},{test['acc']},{i}")
     (tmp_path / "rollouts.csv").write_text("\n".join(rows) + "\n")
     # What the simulator does not have is nobody's business.
-    assert len(recorded(BENCH, s2r.load_backend(f"log:{tmp_path}")).tests) == 8
+    assert len(recorded_rollouts(BENCH, s2r.load_backend(f"log:{tmp_path}")).tests) == 8
     of_one = s2r.parse_spec(SPEC.replace("param  acc {m/s^2} in [1, 4]\n", ""))
     with pytest.raises(UsageError, match=r"'acc' from 2 to 2\.7.* does not declare"):
-        recorded(Bench.of(of_one, "tracking", Cart()), s2r.load_backend(f"log:{tmp_path}"))
+        recorded_rollouts(Bench.of(of_one, "tracking", Cart()), s2r.load_backend(f"log:{tmp_path}"))
     # Of what is left out, for the spec keeps to another value, nothing is asked.
     of_one = s2r.parse_spec(SPEC.replace("acc {m/s^2} in [1, 4]", "acc {m/s^2} = 2"))
     with pytest.raises(UsageError, match=r"^1 real rollouts"):
-        recorded(Bench.of(of_one, "tracking", Cart()), s2r.load_backend(f"log:{tmp_path}"))
+        recorded_rollouts(Bench.of(of_one, "tracking", Cart()), s2r.load_backend(f"log:{tmp_path}"))
 
 
 @pytest.mark.slow
@@ -487,7 +487,7 @@ def test_a_prior_that_should_have_a_scale_and_has_none_gets_one_sentence(prior, 
             catalogue_of(Odd())
     else:
         first = catalogue_of(Odd())[0]
-        assert line(first, first.parameters[0]).typical == pytest.approx(4.0 * typical)
+        assert effect_axis(first, first.parameters[0]).typical == pytest.approx(4.0 * typical)
 
 
 def test_a_test_that_ends_early_every_time_is_told_to_be_no_accident():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from s2r_emps import EmpsBackend
-from s2r_emps.axis import Command, simulate
+from s2r_emps.axis import DriveCommand, simulate
 from s2r_emps.effects import CATALOGUE
 from s2r_emps.noise import Noise, draw
 from s2r_emps.physics import STEP, Physics
@@ -234,7 +234,7 @@ def test_no_voltage_reaches_the_axis_before_the_delay(delay):
     ticks = 30
     draws = draw(Noise.off(), 0, ticks)
     reference = np.full(ticks, 0.11)
-    command = Command.following(reference, np.ones(ticks, dtype=bool))
+    command = DriveCommand.following(reference, np.ones(ticks, dtype=bool))
     found = simulate(command, (0.1, 0.0), replace(Physics(), delay=delay), draws)
     moved = np.flatnonzero(np.abs(found.q - 0.1) > 1e-12)[0]
     assert found.u[0] > 1.0  # it is asked for at once

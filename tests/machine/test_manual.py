@@ -131,7 +131,7 @@ def test_a_spec_that_looks_at_the_whole_rest_takes_a_log_of_any_length():
 
 
 def test_a_failed_log_gets_the_channels_that_it_lacks(question):
-    trace = checks.as_recorded(
+    trace = checks.in_common_form(
         log(vx=None, q=np.zeros((101, 3)), meta={"failure": "fall"}), question.needs.channels
     )
     assert np.isnan(trace["vx"]).all()

@@ -9,7 +9,7 @@ import s2r_spec as s2r
 from s2r_spec.attribution.attribute import attribute
 from s2r_spec.diagnose.gap.materiality import RolloutsAtTest, materiality
 from s2r_spec.diagnose.gap.surface import Band, GapSurface, LargestGap
-from s2r_spec.diagnose.gap.where import Pairs, Where, where
+from s2r_spec.diagnose.gap.where import Pairs, Where, locate
 from s2r_spec.diagnose.residuals.shifts import Body, BodyPart, Shift
 from s2r_spec.trace import Trace
 from tests.report.conftest import undrawn
@@ -48,7 +48,7 @@ def where_of(dim, n=10, size=0.4):
         rhos = [spec.robustness(t, d)["near"] for t, d in zip(traces, tests, strict=True)]
         sides.append(list(zip(traces, rhos, strict=True)))
     if dim < 2:
-        return tests, where(spec, "near", Pairs(tests, *sides))
+        return tests, locate(spec, "near", Pairs(tests, *sides))
     pair = attribute(spec, "near", sides[0][0][0], sides[1][0][0], tests[0])
     return tests, Where(made_up(spec.space, tests), tests[0], pair)
 

@@ -12,7 +12,7 @@ from s2r_spec.diagnose.decision import Evidence, Rule
 from s2r_spec.diagnose.diagnosis import Diagnosis, Which
 from s2r_spec.diagnose.experiment_design.identifiability import Candidate, Power, Separation
 from s2r_spec.diagnose.experiment_design.next_test import NextTest
-from s2r_spec.diagnose.gap.held_out import Share, compared
+from s2r_spec.diagnose.gap.held_out import Share, compare
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, ParameterEstimate
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.residuals.left import Remainder
@@ -61,7 +61,7 @@ def far_of(dim, closed=0.95, size=0.3):
     rng = np.random.default_rng(2)
     real = -size + 0.02 * rng.normal(size=len(tests))
     left = [closed * real + scatter * rng.normal(size=len(tests)) for scatter in (0.01, 0.01)]
-    return compared(real, [np.zeros(len(tests)), *left], tests, 0.01, 0.02, "m")
+    return compare(real, [np.zeros(len(tests)), *left], tests, 0.01, 0.02, "m")
 
 
 def diagnosis(dim=0, effects=EFFECTS, separation=SETTLED, test=NEXT, passive=False, any_cause=0.999, **more):

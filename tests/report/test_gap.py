@@ -11,14 +11,14 @@ import jsonschema
 import pytest
 
 from s2r_spec.base.verdict import Verdict
-from s2r_spec.certify.bound.rounding import between, down
+from s2r_spec.certify.bound.rounding import down, interval_text
 from s2r_spec.certify.gap import gap as bound
 from s2r_spec.errors import UsageError
 from s2r_spec.report import REPORTERS, html, reporter
 from s2r_spec.report import certify as certify_report
 from s2r_spec.report import gap as gap_report
 from s2r_spec.report.numberline import bars
-from s2r_spec.report.recompute import Kind, kind, recompute_certify, recompute_gap
+from s2r_spec.report.recompute import RunKind, kind, recompute_certify, recompute_gap
 from s2r_spec.report.records.schema import schema
 from s2r_spec.runs.task import open_backend
 from tests.certify.logs import record_from
@@ -47,9 +47,9 @@ def test_a_promise_recomputed_from_its_folder_is_the_promise(promised, unpromise
 
 def test_what_kind_of_run_a_folder_holds(promised, holds, tmp_path):
     folder = promised[2]
-    assert kind(folder) is Kind.CERTIFY
-    assert kind(folder / "gap") is Kind.GAP
-    assert kind(folder / "simulation") is kind(holds[1].folder.parent) is Kind.CHECK
+    assert kind(folder) is RunKind.CERTIFY
+    assert kind(folder / "gap") is RunKind.GAP
+    assert kind(folder / "simulation") is kind(holds[1].folder.parent) is RunKind.CHECK
     with pytest.raises(UsageError, match=naming(str(tmp_path))):
         kind(tmp_path)
 
@@ -91,7 +91,9 @@ def test_every_format_tells_the_verdict_and_the_bound(promised):
     text = reporter("text")(certify_report.report(spec, result))
     assert states(text.splitlines()[0], "walking  HOLDS", "a spec.stl", "toy", "toy:drag")
     promise = result.composition
-    assert states(text, f"{between(promise.lower, promise.upper)} m/s", "toy:drag", "1 − 0.002", "B = 4 m/s")
+    assert states(
+        text, f"{interval_text(promise.lower, promise.upper)} m/s", "toy:drag", "1 − 0.002", "B = 4 m/s"
+    )
 
 
 def test_a_gap_is_bounded_and_neither_holds_nor_fails(promised, unpromised):

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 import s2r_spec as s2r
-from s2r_spec.diagnose.gap.held_out import compared
-from s2r_spec.diagnose.gap.where import Pairs, where
+from s2r_spec.diagnose.gap.held_out import compare
+from s2r_spec.diagnose.gap.where import Pairs, locate
 from s2r_spec.diagnose.residuals.shifts import Body, BodyPart, Shift
 from s2r_spec.report.gap_words import body_words, gap_title, place_words, shrink_rows, where_words
 from tests.report.made import SPACES, rollout, spec_of, where_of
@@ -67,7 +67,7 @@ def test_a_gap_that_a_fall_makes_is_in_no_window():
 def test_small_gaps_are_not_rounded_to_nothing():
     tests = [{"vd": k / 9} for k in range(9)]
     rho = 1e-5 * np.linspace(1.0, 2.0, 9)
-    far = compared(rho, [np.zeros(9), np.zeros(9)], tests, 1e-7, 0.0, "m")
+    far = compare(rho, [np.zeros(9), np.zeros(9)], tests, 1e-7, 0.0, "m")
     assert "in µm" in gap_title(far)
     assert dict(shrink_rows(far))["before"].startswith("15.0 (95 %: ")
     assert dict(shrink_rows(far))["before"].endswith("20.0 at the worst test")
@@ -80,7 +80,7 @@ def test_rho_at_the_worst_test_is_given_where_one_predicate_decides_it():
     rng = np.random.default_rng(1)
     real, simulated = rollout(rng, 0.5), rollout(rng, 0.1)
     rhos = [spec.robustness(trace, {"vd": 0.5})["near"] for trace in (real, simulated)]
-    found = where(spec, "near", Pairs([{"vd": 0.5}], [(real, rhos[0])], [(simulated, rhos[1])]))
+    found = locate(spec, "near", Pairs([{"vd": 0.5}], [(real, rhos[0])], [(simulated, rhos[1])]))
     first = where_words(found, spec)[0]
     assert f"{rhos[1]:+.3g} m in simulation" in first
     assert f"{rhos[0]:+.3g} m on the real machine".replace("-", "−") in first

@@ -7,7 +7,7 @@ from xml.etree import ElementTree as ET
 import jsonschema
 import pytest
 
-from s2r_spec.certify.bound.rounding import between
+from s2r_spec.certify.bound.rounding import interval_text
 from s2r_spec.errors import UsageError
 from s2r_spec.report import REPORTERS, reporter
 from s2r_spec.report import check as check_report
@@ -39,7 +39,7 @@ def test_the_text_is_what_the_record_says(holds):
     _, result = holds
     shown = reporter("text")(check_report.report([holds]))
     assert states(shown.splitlines()[0], "walking  HOLDS", "a spec.stl", "toy")
-    assert states(shown, f"{between(result.lower, result.upper)} m/s", "1 − 0.001")
+    assert states(shown, f"{interval_text(result.lower, result.upper)} m/s", "1 − 0.001")
     assert f"s2r replay {result.folder}#{result.lowest.query}.{result.lowest.replicate}" in shown
 
 

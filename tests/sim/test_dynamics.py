@@ -9,8 +9,8 @@ from s2r_sim.controller.dynamics import RigidBody
 from s2r_sim.plant import mujoco_model
 from s2r_sim.plant.physics import Physics
 from s2r_sim.robot import pinocchio_model, rotation
-from s2r_sim.robot.figures import A1, LEGS
-from s2r_sim.robot.signals import State
+from s2r_sim.robot.constants import A1, LEGS
+from s2r_sim.robot.signals import RobotState
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +85,7 @@ def random_body(seed):
     """Return the controller's picture of a robot in any state, and Pinocchio's model and data of the same."""
     position, rpy, joints, v = random_state(seed)
     body = RigidBody(A1, rotor_inertia=0.005)
-    body.update(State(np.concatenate([position, rpy, v[:6], joints, v[6:]])))
+    body.update(RobotState(np.concatenate([position, rpy, v[:6], joints, v[6:]])))
     x, y, z, w = rotation.quaternion(*rpy)
     model = pinocchio_model.build(A1, 0.005)
     data = model.createData()
@@ -126,7 +126,7 @@ def test_a_state_of_mujoco_keeps_its_parts():
     x, y, z, w = rotation.quaternion(0.3, -0.4, 2.0)
     qpos, qvel = rng.normal(size=19), rng.normal(size=18)
     qpos[3:7] = w, x, y, z
-    state = State(rotation.from_mujoco(qpos, qvel))
+    state = RobotState(rotation.from_mujoco(qpos, qvel))
     np.testing.assert_allclose(state.rpy, [0.3, -0.4, 2.0], atol=1e-14)
     assert np.concatenate([state.position, state.q]).tolist() == [*qpos[:3], *qpos[7:]]
     assert np.concatenate([state.velocity, state.omega, state.dq]).tolist() == qvel.tolist()

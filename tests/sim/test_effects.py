@@ -10,7 +10,7 @@ from s2r_sim import SimBackend
 from s2r_sim.effects import CATALOGUE, with_effects
 from s2r_sim.plant.noise import Noise
 from s2r_sim.plant.physics import USUAL_LOAD, Physics
-from s2r_sim.robot.figures import A1
+from s2r_sim.robot.constants import A1
 from s2r_sim.settings import Settings
 from s2r_spec.backend import HasEffects
 from s2r_spec.effects import choose

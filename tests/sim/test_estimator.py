@@ -9,16 +9,16 @@ import pytest
 from s2r_sim import SimBackend
 from s2r_sim.controller import estimator
 from s2r_sim.robot import pinocchio_model, rotation
-from s2r_sim.robot.figures import A1, LEGS
+from s2r_sim.robot.constants import A1, LEGS
 from s2r_sim.robot.leg_kinematics import foot_motion
-from s2r_sim.robot.signals import State
+from s2r_sim.robot.signals import RobotState
 
 MODEL = pinocchio_model.build(A1)
 
 
 def random_state(seed):
     rng = np.random.default_rng(seed)
-    return State(
+    return RobotState(
         np.concatenate([rng.uniform(-0.5, 0.5, 12), np.tile([0.1, 0.9, -1.7], 4), rng.normal(size=12)])
     )
 
@@ -49,7 +49,7 @@ def test_leg_kinematics_are_pinocchio_s(leg):
 
 
 def test_a_vector_is_turned_by_the_rotation_matrix_and_back():
-    turned = rotation.turned(0.3, -0.4, 2.0, (1.0, 2.0, 3.0), sin, cos)
+    turned = rotation.rotate(0.3, -0.4, 2.0, (1.0, 2.0, 3.0), sin, cos)
     np.testing.assert_allclose(turned, rotation.matrix(0.3, -0.4, 2.0) @ [1.0, 2.0, 3.0], atol=1e-15)
     np.testing.assert_allclose(
         rotation.turned_back(0.3, -0.4, 2.0, turned, sin, cos), [1.0, 2.0, 3.0], atol=1e-14
@@ -63,9 +63,9 @@ def test_tick_by_tick_and_all_at_once_give_the_same_estimate():
     force = rng.normal(size=(6, 3)) + np.array([0.0, 0.0, 9.81])
     one, velocities = None, []
     for k in range(6):
-        one = estimator.update(A1, one, State(states[k]), tuple(force[k]), stance[k])
+        one = estimator.update(A1, one, RobotState(states[k]), tuple(force[k]), stance[k])
         velocities.append(one.velocity)
-    together = estimator.replay(A1, State(states.T), force.T, np.array(stance, dtype=float).T)
+    together = estimator.replay(A1, RobotState(states.T), force.T, np.array(stance, dtype=float).T)
     np.testing.assert_allclose(together, velocities, atol=1e-13)
 
 
@@ -82,14 +82,14 @@ def test_odometry_is_exact_for_a_foot_that_rolls():
 
 
 def test_inertial_measurement_carries_the_estimate_between_contacts():
-    still = State(np.concatenate([np.zeros(12), np.tile([0.0, 0.9, -1.8], 4), np.zeros(12)]))
+    still = RobotState(np.concatenate([np.zeros(12), np.tile([0.0, 0.9, -1.8], 4), np.zeros(12)]))
     before = estimator.Estimate((0.0, 0.0, 0.28), (0.0, 0.0, 0.0))
     after = estimator.update(A1, before, still, (5.0, 0.0, 9.81), (True, False, False, True))
     assert after.velocity[0] == pytest.approx(5.0 / 500 * (1 - 1 / (estimator.BLEND * 500)))
 
 
 def test_a_missed_tick_is_carried_over_by_the_time_that_passed():
-    still = State(np.concatenate([np.zeros(12), np.tile([0.0, 0.9, -1.8], 4), np.zeros(12)]))
+    still = RobotState(np.concatenate([np.zeros(12), np.tile([0.0, 0.9, -1.8], 4), np.zeros(12)]))
     before = estimator.Estimate((0.0, 0.0, 0.28), (0.1, 0.0, 0.0))
     stance, force = (True, False, False, True), (0.0, 0.0, 9.81)
     one = estimator.update(A1, before, still, force, stance)
@@ -106,7 +106,7 @@ def test_a_missed_tick_is_carried_over_by_the_time_that_passed():
 
 
 def test_after_a_long_gap_leg_odometry_alone_counts():
-    still = State(np.concatenate([np.zeros(12), np.tile([0.0, 0.9, -1.8], 4), np.zeros(12)]))
+    still = RobotState(np.concatenate([np.zeros(12), np.tile([0.0, 0.9, -1.8], 4), np.zeros(12)]))
     before = estimator.Estimate((0.0, 0.0, 0.28), (0.4, 0.0, 0.0))
     after = estimator.update(A1, before, still, (0.0, 0.0, 9.81), (True,) * 4, ticks=50.0)
     np.testing.assert_allclose(after.velocity, 0.0, atol=1e-12)

@@ -8,7 +8,7 @@ from s2r_sim.plant import terrain
 from s2r_sim.plant.motors import Law
 from s2r_sim.plant.physics import Physics
 from s2r_sim.plant.plant import Plant
-from s2r_sim.robot.figures import A1
+from s2r_sim.robot.constants import A1
 from s2r_sim.robot.signals import MotorCommand
 
 NONE = np.zeros(12)

@@ -8,7 +8,7 @@ import pytest
 
 from s2r_sim.plant.physics import Physics
 from s2r_sim.plant.plant import Plant
-from s2r_sim.robot.figures import A1, GRAVITY
+from s2r_sim.robot.constants import A1, GRAVITY
 from s2r_sim.robot.signals import MotorCommand
 
 FREE = Physics(timestep=0.0002, armature=0.0, damping=0.0, dry_friction=0.0)

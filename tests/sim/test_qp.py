@@ -9,7 +9,7 @@ from s2r_sim import SimBackend
 from s2r_sim.controller.gains import Gains
 from s2r_sim.controller.qp import Solver
 from s2r_sim.controller.stance_qp import StanceQP
-from s2r_sim.robot.figures import A1
+from s2r_sim.robot.constants import A1
 from s2r_sim.settings import Settings
 
 qpsolvers = pytest.importorskip("qpsolvers")

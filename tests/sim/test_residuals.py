@@ -18,11 +18,11 @@ from s2r_sim.parameters import read_test
 from s2r_sim.plant import mujoco_model
 from s2r_sim.plant.physics import Physics
 from s2r_sim.residuals import RESIDUALS, WINDOW, residuals
+from s2r_sim.residuals.compliance import ground_compliance
 from s2r_sim.residuals.footing import footing
-from s2r_sim.residuals.motion import hann, recorded
-from s2r_sim.residuals.world import Motion
-from s2r_sim.residuals.yielding import yielding
-from s2r_sim.robot.figures import LEGS
+from s2r_sim.residuals.motion import hann, recorded_motion
+from s2r_sim.residuals.world import ModelledMotion
+from s2r_sim.robot.constants import LEGS
 from s2r_sim.settings import Settings
 from s2r_spec.backend import HasResiduals
 from s2r_spec.errors import TraceError
@@ -234,7 +234,7 @@ def test_noise_of_a_velocity_is_no_slide():
 def test_a_residual_is_shown_every_field_of_the_world_that_changes_it():
     """What it is not shown it takes for nominal, in silence: so here all fields at once, and one by one."""
     trace = plain()
-    log = recorded(trace, SIM.settings.robot)
+    log = recorded_motion(trace, SIM.settings.robot)
     test, bare = read_test({"vd": 0.3}), SIM.settings.physics
     ends = [
         {e.name: {p.name: p.low if p.low != p.nominal else p.high for p in e.parameters}}
@@ -248,7 +248,7 @@ def test_a_residual_is_shown_every_field_of_the_world_that_changes_it():
         window = hann(trace.times, WINDOW)
         half, n = len(window) // 2, len(trace) - 1
         for one in RESIDUALS:
-            whole = one.of(Motion(log, SIM.settings.gains, test.world(bare), here, test))
+            whole = one.of(ModelledMotion(log, SIM.settings.gains, test.world(bare), here, test))
             smooth = convolve1d(whole, window, axis=0)[half : n - half]
             np.testing.assert_array_equal(asked[one.name], smooth, err_msg=f"{one.name} {values}")
 
@@ -278,7 +278,7 @@ def test_a_ball_sinks_as_deep_as_in_the_physics_engine(sink):
     depth = robot.foot_radius - data.geom_xpos[feet, 2]
     force = np.array(data.sensordata).reshape(4, 3)[:, 2]
     assert np.abs(data.qvel[:3]).max() < 1e-3
-    expected = yielding(robot, Physics.impratio, sink).depth_under(force)
+    expected = ground_compliance(robot, Physics.impratio, sink).depth_under(force)
     np.testing.assert_allclose(depth, expected, rtol=0.02)
 
 

@@ -10,8 +10,8 @@ from s2r_sim import SimBackend
 from s2r_sim.controller.gains import Gains
 from s2r_sim.controller.trot import Controller, Memory
 from s2r_sim.plant.noise import Noise
-from s2r_sim.robot.figures import A1
-from s2r_sim.robot.signals import Command, State
+from s2r_sim.robot.constants import A1
+from s2r_sim.robot.signals import RobotState, VelocityCommand
 from s2r_sim.settings import Settings
 
 QUIET = SimBackend(noise=Noise.off())
@@ -107,11 +107,13 @@ def test_after_failed_qps_the_last_forces_are_held_and_then_the_joints_brake():
     gains = Gains()
     controller = Controller(A1, gains)
     controller.restore(Memory())
-    standing = State(np.concatenate([[0.0, 0.0, 0.28], np.zeros(9), [0.0, 0.863, -1.726] * 4, np.zeros(12)]))
-    good = controller.tick(standing, Command())
+    standing = RobotState(
+        np.concatenate([[0.0, 0.0, 0.28], np.zeros(9), [0.0, 0.863, -1.726] * 4, np.zeros(12)])
+    )
+    good = controller.tick(standing, VelocityCommand())
     controller._qp = _Unsolvable()
-    held = [controller.tick(standing, Command()) for _ in range(gains.hold_ticks)]
-    braking = controller.tick(standing, Command())
+    held = [controller.tick(standing, VelocityCommand()) for _ in range(gains.hold_ticks)]
+    braking = controller.tick(standing, VelocityCommand())
     assert good.solution is not None
     for tick in held:
         assert tick.solution is None
@@ -122,8 +124,10 @@ def test_after_failed_qps_the_last_forces_are_held_and_then_the_joints_brake():
 
 
 def test_after_skipped_ticks_gait_and_reference_are_where_they_would_have_been():
-    standing = State(np.concatenate([[0.0, 0.0, 0.28], np.zeros(9), [0.0, 0.863, -1.726] * 4, np.zeros(12)]))
-    command = Command(0.2, 0.1, 0.3)
+    standing = RobotState(
+        np.concatenate([[0.0, 0.0, 0.28], np.zeros(9), [0.0, 0.863, -1.726] * 4, np.zeros(12)])
+    )
+    command = VelocityCommand(0.2, 0.1, 0.3)
     slow, swift = Controller(A1, Gains()), Controller(A1, Gains())
     for controller in (slow, swift):
         controller.restore(Memory())

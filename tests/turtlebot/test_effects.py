@@ -117,7 +117,7 @@ def test_a_command_arrives_after_the_delay():
 @pytest.mark.parametrize("ticks", [1.0, 2.5, 6.0, 7.25, 15.0])
 def test_nothing_arrives_before_the_delay_and_everything_after_it(ticks):
     """A pulse of one tick: what arrives covers the shares of the two ticks in which it does."""
-    delay = ticks * ROBOT.figures.step
+    delay = ticks * ROBOT.constants.step
     part = ROBOT.with_effects({"latency": {"delay": delay}})._body()[1]
     arrived = np.array([part(float(k == 0), float(k == 3)) for k in range(24)])
     for column, sent in ((0, 0), (1, 3)):

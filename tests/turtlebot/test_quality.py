@@ -11,9 +11,9 @@ import pytest
 import s2r_spec as s2r
 from s2r_spec.diagnose.quality.channels import hold
 from s2r_spec.diagnose.quality.comparison import compare
-from s2r_spec.diagnose.quality.decide import suspected
+from s2r_spec.diagnose.quality.decide import find_suspects
 from s2r_spec.diagnose.quality.recordings import Recordings
-from s2r_spec.diagnose.simulator.axes import lines
+from s2r_spec.diagnose.simulator.axes import effect_axes
 from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.effects import catalogue_of
 from s2r_turtlebot.effects import TurtlebotWithEffects
@@ -36,7 +36,7 @@ class Remembering(TurtlebotWithEffects):
 
 
 BENCH = Bench.of(s2r.load_spec(ROOT / "specs" / "turtlebot.stl"), "delivers", Remembering())
-LINES = lines(catalogue_of(BENCH.backend))
+LINES = effect_axes(catalogue_of(BENCH.backend))
 TESTS = [{"ox": ox, "oy": oy} for ox in (-0.25, -0.05, 0.2) for oy in (0.03, 0.15, 0.27)]
 POSES = ("x", "y", "heading", "d_goal", "d_obs")
 
@@ -58,7 +58,7 @@ def found(nominal, runs):
     held, straight = hold(Recordings(BENCH, runs))
     of_test = {tuple(test.values()): trace for test, trace in straight.rollouts}
     traces = tuple(of_test[tuple(test.values())] for test in nominal.tests)
-    return [*held, *suspected(BENCH, replace(nominal, traces=traces), straight.rollouts)]
+    return [*held, *find_suspects(BENCH, replace(nominal, traces=traces), straight.rollouts)]
 
 
 def changed(trace, **channels):
@@ -213,7 +213,7 @@ def moved(rows, first):
 def test_recordings_under_another_test_are_told(mislabelled, name):
     runs = mislabelled(recorded())
     [finding] = [
-        each for each in suspected(BENCH, compare(BENCH, runs, LINES), runs) if each.code == "labels"
+        each for each in find_suspects(BENCH, compare(BENCH, runs, LINES), runs) if each.code == "labels"
     ]
     assert finding.channel == "the tests"
     assert name in finding.text

@@ -6,13 +6,13 @@ import pytest
 
 import s2r_spec as s2r
 from s2r_spec.errors import UsageError
-from s2r_turtlebot import Figures, TurtlebotBackend, steer
+from s2r_turtlebot import Constants, TurtlebotBackend, steer
 from tests.errors import naming
 
 ROOT = Path(__file__).parents[2]
 SPEC = ROOT / "specs" / "turtlebot.stl"
 ROBOT = TurtlebotBackend()
-FIGURES = Figures()
+CONSTANTS = Constants()
 
 
 def test_with_the_obstacle_out_of_the_way_it_drives_straight_to_the_goal():
@@ -31,7 +31,7 @@ def test_it_keeps_its_distance_and_arrives_all_the_same(ox, oy):
 
 
 def test_without_slip_left_and_right_are_mirror_images():
-    ideal = replace(ROBOT, figures=replace(FIGURES, slip=0.0))
+    ideal = replace(ROBOT, constants=replace(CONSTANTS, slip=0.0))
     left, right = (ideal.rollout({"ox": 0.1, "oy": oy}, seed=0) for oy in (0.2, -0.2))
     assert np.allclose(left["y"], -right["y"], atol=1e-12)
     assert np.allclose(left["d_obs"], right["d_obs"], atol=1e-12)
@@ -40,12 +40,12 @@ def test_without_slip_left_and_right_are_mirror_images():
 def test_the_filter_is_the_nearest_velocity_that_satisfies_the_barrier():
     """Held to the definition: feasible, and no random feasible velocity is nearer to what was wanted."""
     rng = np.random.default_rng(0)
-    free = replace(FIGURES, keep=1e-6, swirl=0.0)
+    free = replace(CONSTANTS, keep=1e-6, swirl=0.0)
     for _ in range(50):
         x, y, ox, oy = rng.uniform(-0.5, 0.5, 4)
         away = np.array([x - ox, y - oy])
-        least = -FIGURES.decay * (away @ away - FIGURES.keep**2)
-        chosen = np.array(steer(x, y, ox, oy, replace(FIGURES, swirl=0.0)))
+        least = -CONSTANTS.decay * (away @ away - CONSTANTS.keep**2)
+        chosen = np.array(steer(x, y, ox, oy, replace(CONSTANTS, swirl=0.0)))
         wanted = np.array(steer(x, y, 9.0, 9.0, free))
         assert 2 * away @ chosen >= least - 1e-9
         others = chosen + rng.normal(scale=0.1, size=(500, 2))
@@ -71,7 +71,7 @@ def test_a_shorter_rollout_is_the_beginning_of_a_longer_one_and_another_model_ha
     short = ROBOT.with_duration(1.0).rollout({}, seed=1)
     assert np.array_equal(short["y"], ROBOT.rollout({}, seed=1)["y"][: len(short)])
     assert short.duration == pytest.approx(1)
-    assert ROBOT.model_hash != replace(ROBOT, figures=Figures(speed=0.5)).model_hash
+    assert ROBOT.model_hash != replace(ROBOT, constants=Constants(speed=0.5)).model_hash
 
 
 def test_an_obstacle_outside_the_range_gets_a_sentence():

@@ -258,14 +258,14 @@ def test_a_pool_that_is_kept_open_is_made_once_and_closed_once():
         made.append(Counted())
         return made[-1]
 
-    with pools.kept_open(factory) as lend:
+    with pools.keep_open(factory) as lend:
         for number in range(3):
             with lend() as pool:
                 assert pool.submit(abs, -number).result() == number
         assert (len(made), len(closed)) == (1, 0)
     assert closed == made
-    with pools.kept_open(factory):
+    with pools.keep_open(factory):
         pass  # nobody asked for it
     assert len(made) == 1
-    with pools.kept_open(None) as lend:
+    with pools.keep_open(None) as lend:
         assert lend is None

@@ -20,7 +20,7 @@ from typing import Any
 
 from s2r_a1.guard.control import Connection, ControlError, Listener
 from s2r_a1.guard.place import claim, folder, hold, place
-from s2r_a1.guard.start import Robot
+from s2r_a1.guard.start import RobotAddress
 from s2r_spec.errors import BackendError, S2RError, UsageError
 
 PRIORITY = 20
@@ -62,7 +62,7 @@ _COMMANDS = {
 
 def _send(options: argparse.Namespace) -> int:
     """Send a request to a running guard."""
-    connection = Connection(_found(options.host, options.port))
+    connection = Connection(_find_guard(options.host, options.port))
     try:
         reply = connection.request(options.do)
         if options.do == "status":
@@ -76,7 +76,7 @@ def _send(options: argparse.Namespace) -> int:
     return 0
 
 
-def _found(host: str | None, port: int) -> Any:
+def _find_guard(host: str | None, port: int) -> Any:
     """Return the control socket of a robot's guard, or of the only running guard.
 
     Raises:
@@ -158,15 +158,15 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--ready", type=int, required=True)
 
 
-def _run(given: argparse.Namespace) -> int:
+def _run(arguments: argparse.Namespace) -> int:
     """Start a guard in a process of its own, which reports through the descriptor ``ready`` that it listens."""
     if os.fork():
         os._exit(0)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    with os.fdopen(given.ready, "w") as ready:
+    with os.fdopen(arguments.ready, "w") as ready:
         try:
-            guard = _begun(given)
+            guard = _begin(arguments)
         except S2RError as error:
             ready.write(f"error: {error}\n")
             return error.exit_code
@@ -178,24 +178,26 @@ def _run(given: argparse.Namespace) -> int:
     return 0
 
 
-def _begun(given: argparse.Namespace) -> Any:
+def _begin(arguments: argparse.Namespace) -> Any:
     """Return a guard that holds the robot's lock and listens; None if another guard does."""
     from s2r_a1.guard.answers import answer
     from s2r_a1.guard.loop import Guard
 
-    files = place(given.host, given.port)
+    files = place(arguments.host, arguments.port)
     if hold(files) is None:  # the lock lasts until this process ends
         return None
     claim(files)
-    robot = Robot(given.host, given.port, given.layout, given.clock, given.local, given.module)
-    guard = Guard(robot, Listener(files.control), answer, given.idle)
+    robot = RobotAddress(
+        arguments.host, arguments.port, arguments.layout, arguments.clock, arguments.local, arguments.module
+    )
+    guard = Guard(robot, Listener(files.control), answer, arguments.idle)
 
     def terminated(number: int, frame: Any) -> None:
         guard.terminated = True
 
     signal.signal(signal.SIGTERM, terminated)
     sys.setswitchinterval(SWITCH)
-    if given.clock == "real":
+    if arguments.clock == "real":
         # Most users lack this permission; without it the guard has more late rounds, and counts them.
         with contextlib.suppress(OSError):
             policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK

@@ -15,13 +15,13 @@ from s2r_a1.guard import states
 from s2r_a1.guard.control import ROLES, Party, RefusedError, Request
 from s2r_a1.guard.limits import SECOND
 from s2r_a1.guard.loop import Deferred, Guard
-from s2r_a1.guard.states import ROWS, State
+from s2r_a1.guard.states import RULES, State
 
 Reply = dict[str, Any] | Deferred
 
 PATIENCE = 750
 """A budget [rounds]: time for the robot to fulfil the conditions of a request: 1.5 s, with 0.5 s for measuring the
-robot's clock. Twice as many report a missing robot later."""
+robot's clock."""
 LONGEST = 300
 """A budget: characters of a reason."""
 JUDGED = frozenset({"a1"})
@@ -59,7 +59,7 @@ def _motion(guard: Guard, party: Party, request: Request) -> Reply:
     machine, refusal = states.request(guard.machine, request.do, party.role, reason, guard.limits)
     if refusal:
         raise RefusedError(refusal)
-    if machine.state is not guard.machine.state and ROWS[machine.state].client:
+    if machine.state is not guard.machine.state and RULES[machine.state].client:
         guard.forget_orders()
     guard.become(machine)
     return {}
@@ -139,7 +139,7 @@ def _arm(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
                 return None
             if sentence:
                 raise RefusedError(sentence)
-            guard.become(states.armed(guard.machine, guard.now))
+            guard.become(states.arm(guard.machine, guard.now))
         return {}
 
     return Deferred(party, poll, rounds=True)
@@ -214,7 +214,7 @@ def _stop_recording(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply
 
 def _leave(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
     machine = guard.machine
-    if ROWS[machine.state].client:
+    if RULES[machine.state].client:
         raise RefusedError(f"the robot is in {machine.state}; halt it first")
     guard.release()
     return {}
@@ -251,7 +251,7 @@ def status(guard: Guard) -> dict[str, Any]:
         "dropped": followed.unusable,
         "temperatures": None if reading is None else reading.temperature.tolist(),
         "battery": _battery(guard),
-        "remote_seen": reading is not None and remote.seen(reading.remote),
+        "remote_seen": reading is not None and remote.is_on(reading.remote),
         "client": guard.client.party.pid if guard.client else None,
         "operators": [p.pid for p in guard.listener.parties if p.role == "operator" and p.open],
         "recording": str(guard.log.path) if guard.log else None,
@@ -301,10 +301,8 @@ def clockless(guard: Guard) -> str:
     refusal = guard.link.refusal or ""
     if not guard.loopback:
         return refusal
-    seen, _, _ = refusal.partition(";")
-    return (
-        f"{seen}; if this machine is too busy for a twin in real time, use clock=lockstep for guard and twin"
-    )
+    problem, _, _ = refusal.partition(";")
+    return f"{problem}; if this machine is too busy for a twin in real time, use clock=lockstep for guard and twin"
 
 
 _MOTIONS = frozenset({"halt", "lie", "damp"})

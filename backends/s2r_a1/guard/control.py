@@ -254,7 +254,7 @@ def _request(line: bytes) -> Request | str:
     return Request(message.pop("do"), message)
 
 
-def _listening(path: Path) -> socket.socket:
+def _listen(path: Path) -> socket.socket:
     """Return a socket that listens at a path; an existing file is replaced."""
     path.unlink(missing_ok=True)
     listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -280,14 +280,14 @@ class Listener:
         """Listen at a path; an existing file is replaced, because the caller holds the robot's lock."""
         self.parties: list[Party] = []
         self._path = path
-        self._socket = _listening(path)
+        self._socket = _listen(path)
 
     def renew(self) -> None:
         """Listen again if the socket's file was deleted, so that the guard can be reached."""
         if self._path.exists():
             return
         with contextlib.suppress(OSError):  # the folder was deleted, too; open connections go on
-            fresh = _listening(self._path)
+            fresh = _listen(self._path)
             self._socket.close()
             self._socket = fresh
 

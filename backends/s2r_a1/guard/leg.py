@@ -14,7 +14,7 @@ from math import acos, cos, sin
 
 @dataclass(frozen=True)
 class Legs:
-    """Lengths [m] of a quadruped's legs. Source of the defaults: the A1's URDF, as in ``s2r_sim.robot.figures``.
+    """Lengths [m] of a quadruped's legs. Source of the defaults: the A1's URDF, as in ``s2r_sim.robot.constants``.
 
     Attributes:
         hip_x, hip_y: position of the hip joints from the middle of the base.
@@ -55,7 +55,7 @@ def heights(legs: Legs, q: Sequence[float], quaternion: Sequence[float]) -> Iter
         yield legs.foot - (up[0] * x + up[1] * y + up[2] * z)
 
 
-def standing(legs: Legs, height: float) -> tuple[float, float, float]:
+def stand_angles(legs: Legs, height: float) -> tuple[float, float, float]:
     """Return the hip, thigh and calf angles [rad] of a stand: the base at this height [m], the feet below the hips.
 
     Thigh and calf must have equal lengths.

@@ -1,7 +1,8 @@
 """Judge whether a robot may go on: all constants in one table, and one pure function for each limit.
 
-Data: the newest reading of the robot, and counts of the state machine (:class:`Seen`). A check returns the reason for a
-stop, or None. ``states.ROWS`` lists the checks of each state. The word of a check names the cause of a stopped rollout.
+Data: the newest reading of the robot, and counts of the state machine (:class:`CheckedQuantities`). A check returns the
+reason for a stop, or None. ``states.RULES`` lists the checks of each state. The word of a check names the cause of a
+stopped rollout.
 
 Words of the robot, which count as outcomes: fall, joint, torque, power, heat, motor. Words of other causes, which make
 a rollout void: link, client, operator, disk.
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 
 from s2r_a1 import remote
 from s2r_a1.guard import leg
-from s2r_a1.wire import CLOSED_LOOP, KD, KP, MOTORS, TAU, Command, Orders, Reading
+from s2r_a1.wire import CLOSED_LOOP, KD, KP, MOTORS, TAU, MotorPacket, Orders, Reading
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -232,7 +233,7 @@ _ALL_CLOSED = np.full(MOTORS, CLOSED_LOOP, dtype=np.int64).tobytes()
 _NO_ERROR = np.zeros(MOTORS, dtype=np.int64).tobytes()
 
 
-class Seen(NamedTuple):
+class CheckedQuantities(NamedTuple):
     """The quantities that the checks judge.
 
     Attributes:
@@ -242,7 +243,7 @@ class Seen(NamedTuple):
         bad: number of impossible readings in a row.
         client: time since the client's newest commands [ns]; 0 if none are due.
         late: time between the last two rounds of the guard [ns].
-        power: the count of :func:`powered`.
+        power: the count of :func:`power_count`.
         strong: (12,) number of readings in a row above the torque limit.
         strained: (12,) number of rounds in a row above the torque of a warning.
     """
@@ -258,7 +259,7 @@ class Seen(NamedTuple):
     strained: IntArray
 
 
-class Check(NamedTuple):
+class LimitCheck(NamedTuple):
     """One limit.
 
     Attributes:
@@ -266,17 +267,17 @@ class Check(NamedTuple):
         word: cause of the end of a rollout that it stops.
         find: returns the reason for a stop, or None.
         measures: whether it judges the reading; such a check waits in a round without one.
-        covered: whether it passes every reading that is :func:`calm`.
+        covered: whether it passes every reading that is :func:`is_calm`.
     """
 
     name: str
     word: Word
-    find: Callable[[Limits, Seen], str | None]
+    find: Callable[[Limits, CheckedQuantities], str | None]
     measures: bool = True
     covered: bool = False
 
 
-def calm(limits: Limits, reading: Reading) -> bool:
+def is_calm(limits: Limits, reading: Reading) -> bool:
     """Return whether a reading is possible, and so far from every limit that it passes all covered checks.
 
     Nearly all readings of a walk are calm, so one test replaces six checks.
@@ -299,7 +300,7 @@ def calm(limits: Limits, reading: Reading) -> bool:
     )
 
 
-def impossible(limits: Limits, reading: Reading) -> str | None:
+def impossibility(limits: Limits, reading: Reading) -> str | None:
     """Return the reason why a reading is impossible for an intact robot, or None; NaN is impossible."""
     w, x, y, z = reading.quaternion.tolist()
     norm = w * w + x * x + y * y + z * z
@@ -313,10 +314,10 @@ def impossible(limits: Limits, reading: Reading) -> str | None:
     middle, inverse = limits.possible
     off = np.abs((reading.q - middle) * inverse)
     if not off.max() <= 1.0:
-        joint = _worst(off)
+        joint = _worst_joint(off)
         return f"the encoder of the {JOINTS[joint]} reports {reading.q[joint]:.3g} rad, an impossible angle"
     if not np.abs(reading.dq).max() <= limits.wild_speed:
-        joint = _worst(np.abs(reading.dq))
+        joint = _worst_joint(np.abs(reading.dq))
         return (
             f"the encoder of the {JOINTS[joint]} reports {reading.dq[joint]:.3g} rad/s, an impossible speed"
         )
@@ -329,7 +330,7 @@ def power(reading: Reading) -> float:
     return sum(map(abs, watts))
 
 
-def powered(limits: Limits, count: int, watts: float) -> int:
+def power_count(limits: Limits, count: int, watts: float) -> int:
     """Return the vendor's count of power after one more reading: up by one above the level's power, else down by one.
 
     Source: observed behaviour of ``Safety.PowerProtect`` in the vendor's compiled library: levels 1 to 10 are 100 to
@@ -338,8 +339,8 @@ def powered(limits: Limits, count: int, watts: float) -> int:
     return count + 1 if watts > limits.watts else max(count - 1, 0)
 
 
-def allowed(limits: Limits, command: Command) -> bool:
-    """Return whether a client's command may be passed on unchanged: :func:`clipped` would change nothing in it."""
+def is_allowed(limits: Limits, command: MotorPacket) -> bool:
+    """Return whether a client's command may be passed on unchanged: :func:`clip` would change nothing in it."""
     q = command.q
     for place, (low, high) in enumerate(zip(limits.lowest, limits.highest, strict=True)):
         angles = q[place::3]
@@ -356,7 +357,7 @@ def allowed(limits: Limits, command: Command) -> bool:
     )
 
 
-def clipped(limits: Limits, orders: Orders) -> tuple[Orders, int] | None:
+def clip(limits: Limits, orders: Orders) -> tuple[Orders, int] | None:
     """Return a client's commands within the limits, and the number of clipped values.
 
     None if a number is not finite or a gain is negative. A speed beyond the joint's limit switches the speed loop off:
@@ -387,34 +388,34 @@ def clipped(limits: Limits, orders: Orders) -> tuple[Orders, int] | None:
     return within, int(np.count_nonzero(beyond))
 
 
-def _worst(values: FloatArray) -> int:
+def _worst_joint(values: FloatArray) -> int:
     """Return the index of the largest value; NaN counts as the largest."""
     return int(np.argmax(values))
 
 
-def _link(limits: Limits, seen: Seen) -> str | None:
+def _link(limits: Limits, seen: CheckedQuantities) -> str | None:
     if seen.link >= limits.silence:
         return f"the robot has sent no new state for {seen.link / MS:.0f} ms"
     return None
 
 
-def _absent(limits: Limits, seen: Seen) -> str | None:
+def _absent(limits: Limits, seen: CheckedQuantities) -> str | None:
     if seen.link >= limits.absence:
         return f"the robot has sent no new state for {seen.link / SECOND:.1f} s"
     return None
 
 
-def _numbers(limits: Limits, seen: Seen) -> str | None:
+def _numbers(limits: Limits, seen: CheckedQuantities) -> str | None:
     return "two states in a row had impossible numbers" if seen.bad >= 2 else None
 
 
-def _client(limits: Limits, seen: Seen) -> str | None:
+def _client(limits: Limits, seen: CheckedQuantities) -> str | None:
     if seen.client >= limits.silence:
         return f"the program that moves the robot has sent no valid command for {seen.client / MS:.0f} ms"
     return None
 
 
-def _held_up(limits: Limits, seen: Seen) -> str | None:
+def _guard_delay(limits: Limits, seen: CheckedQuantities) -> str | None:
     if seen.late >= limits.silence:
         return (
             f"the guard itself was delayed by {seen.late / MS:.0f} ms; run no other programs on its machine"
@@ -422,12 +423,12 @@ def _held_up(limits: Limits, seen: Seen) -> str | None:
     return None
 
 
-def _button(limits: Limits, seen: Seen) -> str | None:
+def _button(limits: Limits, seen: CheckedQuantities) -> str | None:
     pressed = remote.stop(seen.reading.remote)
     return f"{pressed} was pressed on the remote control" if pressed else None
 
 
-def _motor(limits: Limits, seen: Seen) -> str | None:
+def _motor(limits: Limits, seen: CheckedQuantities) -> str | None:
     mode, error = seen.reading.mode, seen.reading.error
     # Bytes compare in a tenth of the time that arrays take.
     if mode.tobytes() != _ALL_CLOSED:
@@ -439,22 +440,22 @@ def _motor(limits: Limits, seen: Seen) -> str | None:
     return None
 
 
-def _heat(limits: Limits, seen: Seen) -> str | None:
-    return _above(limits.hot, seen.reading.temperature)
+def _heat(limits: Limits, seen: CheckedQuantities) -> str | None:
+    return _too_hot(limits.hot, seen.reading.temperature)
 
 
-def _warmth(limits: Limits, seen: Seen) -> str | None:
-    return _above(limits.warm, seen.reading.temperature)
+def _warmth(limits: Limits, seen: CheckedQuantities) -> str | None:
+    return _too_hot(limits.warm, seen.reading.temperature)
 
 
-def _above(limit: float, temperature: FloatArray) -> str | None:
+def _too_hot(limit: float, temperature: FloatArray) -> str | None:
     if temperature.max() < limit:
         return None
     joint = int(np.argmax(temperature))
     return f"the motor of the {JOINTS[joint]} is at {temperature[joint]:.0f} °C; the limit is {limit:.0f} °C"
 
 
-def _torque(limits: Limits, seen: Seen) -> str | None:
+def _torque(limits: Limits, seen: CheckedQuantities) -> str | None:
     if seen.strong.max() < limits.torque_rounds:
         return None
     joint = int(np.argmax(seen.strong))
@@ -464,44 +465,44 @@ def _torque(limits: Limits, seen: Seen) -> str | None:
     )
 
 
-def _strain(limits: Limits, seen: Seen) -> str | None:
+def _strain(limits: Limits, seen: CheckedQuantities) -> str | None:
     if seen.strained.max() * ROUND < limits.strain_time:
         return None
     joint = int(np.argmax(seen.strained))
     return f"the torque of the {JOINTS[joint]} has exceeded {limits.strain:g} N·m for {limits.strain_time / SECOND:g} s"
 
 
-def _power(limits: Limits, seen: Seen) -> str | None:
+def _power(limits: Limits, seen: CheckedQuantities) -> str | None:
     if seen.power < limits.power_rounds:
         return None
     return f"the motors take {power(seen.reading):.0f} W; level {limits.power_level} of 10 allows {limits.watts:.0f} W"
 
 
-def _joints(limits: Limits, seen: Seen) -> str | None:
+def _joints(limits: Limits, seen: CheckedQuantities) -> str | None:
     q = seen.reading.q
     middle, inverse = limits.kept
     off = np.abs((q - middle) * inverse)
     if off.max() <= 1.0:
         return None
-    joint = _worst(off)
+    joint = _worst_joint(off)
     bound = (limits.lowest if q[joint] < middle[joint] else limits.highest)[joint % 3]
     return f"the {JOINTS[joint]} is at {q[joint]:.2f} rad, within {limits.margin:g} rad of its limit of {bound:.2f} rad"
 
 
-def _deviation(limits: Limits, seen: Seen) -> str | None:
+def _deviation(limits: Limits, seen: CheckedQuantities) -> str | None:
     if seen.desired is None:
         return None
     off = np.abs(seen.reading.q - seen.desired)
     if off.max() <= limits.deviation:
         return None
-    joint = _worst(off)
+    joint = _worst_joint(off)
     return (
         f"the {JOINTS[joint]} is {off[joint]:.2f} rad from where it should be; "
         "check what holds it, and whether its motor is weak"
     )
 
 
-def _tilt(limits: Limits, seen: Seen) -> str | None:
+def _tilt(limits: Limits, seen: CheckedQuantities) -> str | None:
     _, x, y, _ = seen.reading.quaternion.tolist()
     upright = 1.0 - 2.0 * (x * x + y * y)
     if upright >= limits.upright:
@@ -509,7 +510,7 @@ def _tilt(limits: Limits, seen: Seen) -> str | None:
     return f"the base is tilted by {acos(max(upright, -1.0)):.2f} rad; the limit is {limits.tilt:g} rad"
 
 
-def _height(limits: Limits, seen: Seen) -> str | None:
+def _height(limits: Limits, seen: CheckedQuantities) -> str | None:
     highest = -inf
     for height in leg.heights(limits.legs, seen.reading.q.tolist(), seen.reading.quaternion.tolist()):
         if height >= limits.height:  # mostly the first foot, and one is enough
@@ -518,19 +519,19 @@ def _height(limits: Limits, seen: Seen) -> str | None:
     return f"the base is {highest:.2f} m over the lowest foot; the limit is {limits.height:g} m"
 
 
-LINK = Check("link", "link", _link, measures=False)
-ABSENT = Check("absence", "link", _absent, measures=False)
-NUMBERS = Check("numbers", "link", _numbers, measures=False)
-CLIENT = Check("client", "client", _client, measures=False)
-HELD_UP = Check("guard", "link", _held_up, measures=False)
-BUTTON = Check("button", "operator", _button)
-MOTOR = Check("motor", "motor", _motor)
-HEAT = Check("heat", "heat", _heat, covered=True)
-WARMTH = Check("warmth", "heat", _warmth, covered=True)
-TORQUE = Check("torque", "torque", _torque, covered=True)
-STRAIN = Check("strain", "torque", _strain, covered=True)
-POWER = Check("power", "power", _power)
-JOINT = Check("joint", "joint", _joints, covered=True)
-DEVIATION = Check("deviation", "joint", _deviation)
-TILT = Check("tilt", "fall", _tilt, covered=True)
-HEIGHT = Check("height", "fall", _height)
+LINK = LimitCheck("link", "link", _link, measures=False)
+ABSENT = LimitCheck("absence", "link", _absent, measures=False)
+NUMBERS = LimitCheck("numbers", "link", _numbers, measures=False)
+CLIENT = LimitCheck("client", "client", _client, measures=False)
+HELD_UP = LimitCheck("guard", "link", _guard_delay, measures=False)
+BUTTON = LimitCheck("button", "operator", _button)
+MOTOR = LimitCheck("motor", "motor", _motor)
+HEAT = LimitCheck("heat", "heat", _heat, covered=True)
+WARMTH = LimitCheck("warmth", "heat", _warmth, covered=True)
+TORQUE = LimitCheck("torque", "torque", _torque, covered=True)
+STRAIN = LimitCheck("strain", "torque", _strain, covered=True)
+POWER = LimitCheck("power", "power", _power)
+JOINT = LimitCheck("joint", "joint", _joints, covered=True)
+DEVIATION = LimitCheck("deviation", "joint", _deviation)
+TILT = LimitCheck("tilt", "fall", _tilt, covered=True)
+HEIGHT = LimitCheck("height", "fall", _height)

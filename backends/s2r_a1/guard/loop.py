@@ -21,28 +21,27 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
-from s2r_a1.datagrams import Address, LinkError, Socket, is_loopback, opened
+from s2r_a1.datagrams import Address, LinkError, Socket, is_loopback, open_socket
 from s2r_a1.guard import moves, states
 from s2r_a1.guard.control import Listener, Party, RefusedError, Request
 from s2r_a1.guard.limits import LIMITS, ROUND, SECOND
-from s2r_a1.guard.place import Robot
-from s2r_a1.guard.states import ROWS, Arrival, Conditions, Inputs, Machine, State
+from s2r_a1.guard.place import RobotAddress
+from s2r_a1.guard.states import RULES, Arrival, Conditions, Inputs, Machine, State
 from s2r_a1.link import Link, RobotSide, UdpLink
 from s2r_a1.rawlog import RawLogError, RawLogWriter
-from s2r_a1.wire import LAYOUTS, Command, Orders
+from s2r_a1.wire import LAYOUTS, MotorPacket, Orders
 
 SINKING = {State.DAMPING: 3 * SECOND, State.RESTING: SECOND}
-"""A budget [ns]: time of damping until a robot lies. Twice as long delays the guard's end."""
+"""A budget [ns]: time of damping until a robot lies."""
 LOOKED = 0.2
 """A budget [s]: interval at which an idle guard checks whether it must end."""
 UNANSWERED = 1.0
 """A budget [s]: wait in lock step for a client that may no longer move the robot. A stopped client would delay the
-damping of the robot; twice as long delays it for longer."""
+damping of the robot."""
 GREETED = 10.0
-"""A budget [s]: extra time that a new guard waits for the program that started it. Twice as long keeps a useless guard
-for longer."""
+"""A budget [s]: extra time that a new guard waits for the program that started it."""
 MUTE = 3.0
-"""A budget [s]: time for the first answer of a twin in lock step. Twice as long reveals a wrong twin later."""
+"""A budget [s]: time for the first answer of a twin in lock step."""
 RENEWED = 500
 """A budget [rounds]: interval between two checks of the control socket; each takes 10 µs."""
 POLLED = 0.005
@@ -67,7 +66,7 @@ class Deferred(NamedTuple):
 
 
 @dataclass
-class Client:
+class ClientSession:
     """The program that moves the robot: its control connection and its packet connection."""
 
     party: Party
@@ -97,7 +96,7 @@ class Guard:
         answer: returns the reply to a request, now or later; raises RefusedError.
     """
 
-    def __init__(self, robot: Robot, listener: Listener, answer: Answer, idle: float = 60.0) -> None:
+    def __init__(self, robot: RobotAddress, listener: Listener, answer: Answer, idle: float = 60.0) -> None:
         self.robot = robot
         self.layout = LAYOUTS[robot.layout]
         self.limits = LIMITS
@@ -106,7 +105,7 @@ class Guard:
         self.listener = listener
         self.machine = Machine()
         self.link: Link | None = None
-        self.client: Client | None = None
+        self.client: ClientSession | None = None
         self.log: RawLogWriter | None = None
         self.rounds = 0
         self.late = 0
@@ -118,7 +117,7 @@ class Guard:
         self._socket: Socket | None = None
         self._pending: list[Deferred] = []
         self._idle = idle
-        self._orders: Orders | Command | None = None
+        self._orders: Orders | MotorPacket | None = None
         self._due = 0
         self._alone = time.monotonic() + GREETED
 
@@ -141,7 +140,7 @@ class Guard:
             if machine.state is State.RESTING:
                 gc.collect()
         wanted = machine.wanted
-        if wanted and wanted != before.wanted and ROWS[machine.state].client:
+        if wanted and wanted != before.wanted and RULES[machine.state].client:
             self._publish("wanted", state=wanted.state, word=wanted.word, reason=wanted.reason)
         if machine.warnings and machine.warnings != before.warnings:
             old = {name for name, _ in before.warnings}
@@ -158,24 +157,24 @@ class Guard:
         if self.link is None:
             self.link = self._opened()
             self.link.tap = self._record
-        self.become(states.connected(self.machine, self.now))
-        self._orders, self._due = ROWS[self.machine.state].orders(self.machine, self.now, self.limits), 0
+        self.become(states.connect(self.machine, self.now))
+        self._orders, self._due = RULES[self.machine.state].orders(self.machine, self.now, self.limits), 0
 
     def _opened(self) -> Link:
         robot = self.robot
         peer = (robot.host, robot.port)
         if not robot.module:
-            self._socket = opened(peer, lockstep=self.lockstep, port=robot.local)
+            self._socket = open_socket(peer, lockstep=self.lockstep, port=robot.local)
             return UdpLink(self._socket, self.layout)
         if self.lockstep:
             raise LinkError("the vendor's module runs only in real time; leave out module or clock=lockstep")
         from s2r_a1 import vendor  # imported only if the user names a third-party module
 
-        return vendor.opened(robot.module, self.layout, peer, robot.local)
+        return vendor.open_link(robot.module, self.layout, peer, robot.local)
 
     def disconnect(self) -> None:
         """Close the link to a robot that does not answer."""
-        self.become(states.disconnected(self.machine, self.now))
+        self.become(states.disconnect(self.machine, self.now))
         self._close_link()
 
     def reset(self) -> None:
@@ -200,8 +199,8 @@ class Guard:
             LinkError: its port cannot be reached.
         """
         address = ("127.0.0.1", port)
-        socket = opened(address, lockstep=self.lockstep)
-        self.client = Client(party, address, socket, RobotSide(socket, self.layout))
+        socket = open_socket(address, lockstep=self.lockstep)
+        self.client = ClientSession(party, address, socket, RobotSide(socket, self.layout))
         return socket.port
 
     @property
@@ -217,12 +216,12 @@ class Guard:
         """
         if self.client and self.client.party is party:
             self.release()
-            self.become(states.left(self.machine, self.now))
+            self.become(states.leave(self.machine, self.now))
         elif self.client and party.role == "operator" and not self.attended:
-            self.become(states.left(self.machine, self.now, "operator"))
+            self.become(states.leave(self.machine, self.now, "operator"))
         elif not self.client and not self.listener.parties:
             reason = "no program is attached to the guard"
-            self.become(states.stopped(self.machine, True, "operator", reason))
+            self.become(states.stop(self.machine, True, "operator", reason))
 
     def release(self) -> None:
         """Remove the client; the robot's state does not change."""
@@ -299,7 +298,7 @@ class Guard:
     def stop(self, reason: str) -> None:
         """Make a standing robot lie down, and then end."""
         self.ending = True
-        self.become(states.stopped(self.machine, True, "operator", reason))
+        self.become(states.stop(self.machine, True, "operator", reason))
 
     def _ended(self) -> bool:
         """Return whether the guard may end now."""
@@ -329,7 +328,7 @@ class Guard:
     def moving(self) -> bool:
         """Return whether the robot moves without a client; rounds must then go on."""
         machine = self.machine
-        return ROWS[machine.state].moves or machine.wanted is not None or self._sinking()
+        return RULES[machine.state].moves or machine.wanted is not None or self._sinking()
 
     def _sinking(self) -> bool:
         """Return whether a damped robot may still be sinking."""
@@ -370,7 +369,7 @@ class Guard:
             ready = self._ready([] if watched is None else [watched], max(left, 0) / SECOND)
             is_due = left <= 0 or (not ready and time.monotonic_ns() >= self._due)
             if watched in ready or (watched is None and is_due):
-                arrival = _newest(arrival, self._read(link))
+                arrival = _merge(arrival, self._read(link))
             self._serve(ready)
             if is_due:
                 return self._ordered(self.client, arrival)
@@ -393,7 +392,7 @@ class Guard:
         return self._ordered(client if client is self.client else None, arrival)
 
     def _await(
-        self, socket: Socket, peer: Address, seconds: float | None = None, client: Client | None = None
+        self, socket: Socket, peer: Address, seconds: float | None = None, client: ClientSession | None = None
     ) -> None:
         """Serve requests until a datagram arrives at a socket.
 
@@ -413,19 +412,19 @@ class Guard:
 
     def _read(self, link: Link) -> Arrival:
         """Return the arrived states; pass a valid one on to the client."""
-        arrival = states.arrived(self.limits, link.read(), link.fault)
+        arrival = states.judge_arrival(self.limits, link.read(), link.fault)
         if arrival.reading is not None:
             self.packet = link.packet
             if self.client:
                 self.client.side.send(link.packet)
         return arrival
 
-    def _ordered(self, client: Client | None, arrival: Arrival) -> Inputs:
+    def _ordered(self, client: ClientSession | None, arrival: Arrival) -> Inputs:
         """Return the inputs of a round, with the client's newest commands."""
         inputs = Inputs(0, arrival)
         if client is None:
             return inputs
-        if not ROWS[self.machine.state].client or client.party.spent:
+        if not RULES[self.machine.state].client or client.party.spent:
             client.socket.receive()  # discarded without decoding
             return inputs
         counters = client.side.counters
@@ -440,8 +439,8 @@ class Guard:
     def _look_at_log(self, log: RawLogWriter) -> None:
         """Make the robot lie down if the disk fails, and end the recording of a client that has left."""
         if log.failure and not self.machine.wanted:
-            self.become(states.stopped(self.machine, True, "disk", log.failure, now_=True))
-        if self.client is None and not self.moving() and not ROWS[self.machine.state].stands:
+            self.become(states.stop(self.machine, True, "disk", log.failure, now_=True))
+        if self.client is None and not self.moving() and not RULES[self.machine.state].stands:
             self.finish_recording()
 
     # Requests.
@@ -473,7 +472,7 @@ class Guard:
             if deferred.rounds is not rounds:
                 self._pending.append(deferred)
             elif deferred.party.open:
-                self._reply(deferred.party, partial(_polled, deferred))
+                self._reply(deferred.party, partial(_poll, deferred))
 
     def _answered(self, party: Party, request: Request | str) -> dict[str, Any] | Deferred:
         if isinstance(request, str):
@@ -504,14 +503,14 @@ class Guard:
         self.link = self._socket = None
 
 
-def _newest(before: Arrival, after: Arrival) -> Arrival:
+def _merge(before: Arrival, after: Arrival) -> Arrival:
     """Combine two reads of a round: the newest valid reading, or whether an impossible one arrived."""
     if after.reading is not None:
         return after
     return before if before.reading is not None else after._replace(bad=before.bad or after.bad)
 
 
-def _polled(deferred: Deferred) -> dict[str, Any] | Deferred:
+def _poll(deferred: Deferred) -> dict[str, Any] | Deferred:
     reply = deferred.poll()
     return deferred if reply is None else reply
 

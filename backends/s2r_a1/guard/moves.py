@@ -22,26 +22,25 @@ FloatArray = NDArray[np.float64]
 STAND_HEIGHT = 0.28
 """A definition [m]: height of the base in a stand, as in the walking controller of ``s2r_sim``."""
 STAND_UP = 2_000_000_000
-"""A level [ns]: time to stand up. Source: unitree_guide. Twice as long heats the motors longer."""
+"""A level [ns]: time to stand up. Source: unitree_guide."""
 LIE_DOWN = 2_000_000_000
-"""A level [ns]: time to lie down. Source: as for standing up. Twice as long heats the motors longer."""
+"""A level [ns]: time to lie down. Source: as for standing up."""
 CATCH = 300_000_000
-"""A level [ns]: time from a walk to the stand. A step of the trot takes 200 ms; in twice as long, a robot on two legs
-tips further before the other legs are down."""
+"""A level [ns]: time from a walk to the stand. A step of the trot takes 200 ms; a robot on two legs tips before the
+other legs are down."""
 YIELD = 0.25
 """A budget [rad]: largest angle beyond a joint's own at which a stand may begin, to take over the load of a walk. It
-gives 15 to 20 N·m; twice as much exceeds the motors' torque."""
+gives 15 to 20 N·m."""
 
 KP = np.tile([60.0, 40.0, 80.0], 4)
-"""Levels [N·m/rad]: position gains of hip, thigh, calf. Source: unitree_guide, on the robot. Twice as much makes joints
-ring."""
+"""Levels [N·m/rad]: position gains of hip, thigh, calf. Source: unitree_guide, on the robot."""
 KD = np.tile([5.0, 4.0, 7.0], 4)
-"""Levels [N·m·s/rad]: speed gains of hip, thigh, calf. Source: as for KP. Twice as much amplifies speed noise."""
+"""Levels [N·m·s/rad]: speed gains of hip, thigh, calf. Source: as for KP."""
 DAMPING = 3.0
-"""A level [N·m·s/rad]: speed gain of a damped robot. Source: unitree_guide. Twice as much halves its sinking speed."""
+"""A level [N·m·s/rad]: speed gain of a damped robot. Source: unitree_guide."""
 
 ZERO = np.zeros(MOTORS)
-STANDING = np.tile(leg.standing(leg.A1, STAND_HEIGHT), 4)
+STANDING = np.tile(leg.stand_angles(leg.A1, STAND_HEIGHT), 4)
 """A definition: pose of the stand, with the feet below the hips."""
 LYING = np.tile([0.0, 1.305, -2.61], 4)
 """A definition: final pose of lying down, 0.12 m high, with the calves 0.09 rad from their stops."""
@@ -52,7 +51,7 @@ DAMPED = Orders(ZERO, ZERO, ZERO, np.full(MOTORS, DAMPING), ZERO)
 """A definition: commands for a robot that must stop moving."""
 
 
-class Motion(NamedTuple):
+class PoseMotion(NamedTuple):
     """A motion from one pose to another, in a span of time."""
 
     start: FloatArray
@@ -61,12 +60,12 @@ class Motion(NamedTuple):
     span: int
 
 
-def done(motion: Motion, now: int) -> bool:
+def done(motion: PoseMotion, now: int) -> bool:
     """Return whether a motion has ended."""
     return now - motion.begun >= motion.span
 
 
-def desired(motion: Motion, now: int) -> tuple[FloatArray, FloatArray]:
+def desired_state(motion: PoseMotion, now: int) -> tuple[FloatArray, FloatArray]:
     """Return the reference angles and speeds of a motion now [rad, rad/s]."""
     if done(motion, now):
         return motion.target, ZERO
@@ -75,26 +74,26 @@ def desired(motion: Motion, now: int) -> tuple[FloatArray, FloatArray]:
     return motion.start + x * x * (3.0 - 2.0 * x) * way, (6.0 * x * (1.0 - x) * 1e9 / motion.span) * way
 
 
-def orders(motion: Motion, now: int) -> Orders:
+def orders(motion: PoseMotion, now: int) -> Orders:
     """Return the motor commands of a motion."""
-    q, dq = desired(motion, now)
+    q, dq = desired_state(motion, now)
     return Orders(q, dq, KP, KD, ZERO)
 
 
-def standing_up(q: FloatArray, now: int) -> Motion:
+def standing_up(q: FloatArray, now: int) -> PoseMotion:
     """Return the motion from measured angles to the stand."""
-    return Motion(q, STANDING, now, STAND_UP)
+    return PoseMotion(q, STANDING, now, STAND_UP)
 
 
-def catching(q: FloatArray, tau: FloatArray, now: int) -> Motion:
+def catch(q: FloatArray, tau: FloatArray, now: int) -> PoseMotion:
     """Return the motion from a walk to the stand.
 
     It begins beyond the measured angles, so that the stand's gains give the present torques of the motors. Otherwise
     the legs would give way until the gains carry the load.
     """
-    return Motion(q + np.clip(tau / KP, -YIELD, YIELD), STANDING, now, CATCH)
+    return PoseMotion(q + np.clip(tau / KP, -YIELD, YIELD), STANDING, now, CATCH)
 
 
-def lying_down(q: FloatArray, now: int) -> Motion:
+def lying_down(q: FloatArray, now: int) -> PoseMotion:
     """Return the motion from the present reference angles to the lying pose."""
-    return Motion(q, LYING, now, LIE_DOWN)
+    return PoseMotion(q, LYING, now, LIE_DOWN)

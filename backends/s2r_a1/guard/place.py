@@ -26,7 +26,7 @@ Clock = Literal["real", "lockstep"]
 
 
 @dataclass(frozen=True)
-class Robot:
+class RobotAddress:
     """A robot, and its guard's connection to it.
 
     Attributes:
@@ -47,7 +47,7 @@ class Robot:
 
 
 @dataclass(frozen=True)
-class Place:
+class GuardFiles:
     """The files of the guard of one robot.
 
     Attributes:
@@ -86,7 +86,7 @@ def folder() -> Path:
     return path
 
 
-def place(host: str, port: int) -> Place:
+def place(host: str, port: int) -> GuardFiles:
     """Return the files of the guard of the robot at this address; a host name is looked up.
 
     Raises:
@@ -102,10 +102,10 @@ def place(host: str, port: int) -> Place:
     stem = folder() / f"{address}_{port}"
     if len(str(stem)) + len(".sock") > LONGEST:
         raise UsageError(f"the path {stem.parent} is too long for a socket; name a shorter one in S2R_A1_RUN")
-    return Place(*(stem.with_name(stem.name + end) for end in (".lock", ".sock", ".words")))
+    return GuardFiles(*(stem.with_name(stem.name + end) for end in (".lock", ".sock", ".words")))
 
 
-def hold(place: Place) -> int | None:
+def hold(place: GuardFiles) -> int | None:
     """Take the lock of a robot until the returned descriptor is closed; None if a guard holds it."""
     held = os.open(place.lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
@@ -116,7 +116,7 @@ def hold(place: Place) -> int | None:
     return held
 
 
-def claim(place: Place) -> None:
+def claim(place: GuardFiles) -> None:
     """Claim a robot for this process on this computer, by an abstract socket name (Linux only).
 
     A lock file can be deleted, and another shell may use another folder; an abstract name has no file. Two guards of

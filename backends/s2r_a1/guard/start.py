@@ -13,16 +13,18 @@ import time
 from typing import Any
 
 from s2r_a1.guard.control import Connection, ControlError, RefusedError, Role
-from s2r_a1.guard.place import Place, Robot, hold, place
+from s2r_a1.guard.place import GuardFiles, RobotAddress, hold, place
 from s2r_spec.errors import BackendError, UsageError
 
-__all__ = ["Robot", "attach", "start"]
+__all__ = ["RobotAddress", "attach", "start"]
 
 PATIENCE = 20.0
-"""A budget [s]: time for a guard to start; it needs about 0.3 s on an idle machine. Twice as much waits longer."""
+"""A budget [s]: time for a guard to start; it needs about 0.3 s on an idle machine."""
 
 
-def attach(robot: Robot, role: Role | None = None, **hello: Any) -> tuple[Connection, dict[str, Any]] | None:
+def attach(
+    robot: RobotAddress, role: Role | None = None, **hello: Any
+) -> tuple[Connection, dict[str, Any]] | None:
     """Return a connection to the running guard of a robot, and its reply to hello; None if no guard runs.
 
     Args:
@@ -60,7 +62,7 @@ def attach(robot: Robot, role: Role | None = None, **hello: Any) -> tuple[Connec
     return connection, answer
 
 
-def start(robot: Robot, idle: float = 60.0) -> tuple[Connection, dict[str, Any]]:
+def start(robot: RobotAddress, idle: float = 60.0) -> tuple[Connection, dict[str, Any]]:
     """Return an operator's connection to the guard of a robot, and its reply to hello; start a guard if none runs.
 
     A start sends nothing to the robot; only the request ``connect`` does.
@@ -90,7 +92,7 @@ def start(robot: Robot, idle: float = 60.0) -> tuple[Connection, dict[str, Any]]
     )
 
 
-def _is_locked(files: Place) -> bool:
+def _is_locked(files: GuardFiles) -> bool:
     """Return whether a guard holds the robot's lock."""
     lock = hold(files)
     if lock is None:
@@ -99,7 +101,7 @@ def _is_locked(files: Place) -> bool:
     return False
 
 
-def _begin(robot: Robot, files: Place, idle: float) -> str | None:
+def _begin(robot: RobotAddress, files: GuardFiles, idle: float) -> str | None:
     """Start a guard, and wait until it listens or ends; return its message if it could not start.
 
     If another guard started at the same time, return None; the caller attaches to that one.

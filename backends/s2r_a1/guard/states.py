@@ -9,7 +9,7 @@ maps machine and inputs of a round to the next machine and the commands to send.
     from ARMED on, by any limit of the state: DAMPING → (reset) LINKED
 
 OFF sends nothing. LINKED and ARMED send no gains and no torques. DAMPING is latched: only an operator's ``reset`` ends
-it, and then the robot must be armed again. Each state has a row in :data:`ROWS`. A new motion of a client needs a
+it, and then the robot must be armed again. Each state has a row in :data:`RULES`. A new motion of a client needs a
 member of :class:`State`, a row, and its request in :data:`BEGINNINGS`.
 
 Times are whole nanoseconds of the guard's clock, which counts rounds in lock step.
@@ -28,17 +28,16 @@ from s2r_a1 import remote
 from s2r_a1.guard import limits as limit
 from s2r_a1.guard import moves
 from s2r_a1.guard.control import Role
-from s2r_a1.guard.limits import Check, IntArray, Limits, Seen, Word
-from s2r_a1.guard.moves import Motion
-from s2r_a1.wire import MOTORS, Command, Orders, Reading
+from s2r_a1.guard.limits import CheckedQuantities, IntArray, LimitCheck, Limits, Word
+from s2r_a1.guard.moves import PoseMotion
+from s2r_a1.wire import MOTORS, MotorPacket, Orders, Reading
 
 FloatArray = NDArray[np.float64]
 
 RAMP = 1500 * limit.MS
-"""A budget [ns]: time for a client to stop on request; then the guard halts. Twice as long lets a robot walk on for
-twice as long after Ctrl-C."""
+"""A budget [ns]: time for a client to stop on request; then the guard halts."""
 SINKING = 1000 * limit.MS
-"""A budget [ns]: shortest time of damping, so that a reset does not drop the robot. Twice as long delays resets."""
+"""A budget [ns]: shortest time of damping, so that a reset does not drop the robot."""
 
 
 class State(StrEnum):
@@ -57,7 +56,7 @@ class State(StrEnum):
     DAMPING = "DAMPING"
 
 
-class Memory(NamedTuple):
+class GuardMemory(NamedTuple):
     """The memory of past rounds.
 
     Attributes:
@@ -83,7 +82,7 @@ class Memory(NamedTuple):
     still: int = 0
 
 
-class Followed(NamedTuple):
+class ClientCommands(NamedTuple):
     """The commands of a client.
 
     Attributes:
@@ -95,7 +94,7 @@ class Followed(NamedTuple):
         excused: whether its silence was restarted since the newest commands, because the robot's states were late.
     """
 
-    orders: Orders | Command | None = None
+    orders: Orders | MotorPacket | None = None
     at: int = 0
     dropped: int = 0
     clipped: int = 0
@@ -103,7 +102,7 @@ class Followed(NamedTuple):
     excused: bool = False
 
 
-class Wanted(NamedTuple):
+class RequestedStop(NamedTuple):
     """A requested stop while a client moves the robot: STAND, or RESTING after STAND."""
 
     state: State
@@ -130,16 +129,16 @@ class Machine(NamedTuple):
     since: int = 0
     word: Word | None = None
     reason: str | None = None
-    motion: Motion | None = None
-    wanted: Wanted | None = None
-    memory: Memory = Memory()
-    followed: Followed = Followed()
+    motion: PoseMotion | None = None
+    wanted: RequestedStop | None = None
+    memory: GuardMemory = GuardMemory()
+    followed: ClientCommands = ClientCommands()
     warnings: tuple[tuple[str, str], ...] = ()
     remote: int | None = None
 
 
 class Arrival(NamedTuple):
-    """The states that arrived in a round, as :func:`arrived` judges them.
+    """The states that arrived in a round, as :func:`judge_arrival` judges them.
 
     Attributes:
         reading: newest valid reading; None if there is none.
@@ -164,18 +163,18 @@ class Inputs(NamedTuple):
 
     now: int
     arrival: Arrival = Arrival()
-    orders: Orders | Command | None = None
+    orders: Orders | MotorPacket | None = None
     dropped: int = 0
 
 
-class Step(NamedTuple):
+class RoundResult(NamedTuple):
     """The result of a round; orders are None if nothing may be sent."""
 
     machine: Machine
-    orders: Orders | Command | None
+    orders: Orders | MotorPacket | None
 
 
-class Row(NamedTuple):
+class StateRules(NamedTuple):
     """The rules of a state.
 
     Attributes:
@@ -188,16 +187,16 @@ class Row(NamedTuple):
         warnings: checks that only warn.
     """
 
-    checks: tuple[Check, ...]
-    orders: Callable[[Machine, int, Limits], Orders | Command | None]
+    checks: tuple[LimitCheck, ...]
+    orders: Callable[[Machine, int, Limits], Orders | MotorPacket | None]
     then: State | None = None
     client: bool = False
     stands: bool = False
     moves: bool = False
-    warnings: tuple[Check, ...] = ()
+    warnings: tuple[LimitCheck, ...] = ()
 
 
-def _nothing(machine: Machine, now: int, limits: Limits) -> None:
+def _no_orders(machine: Machine, now: int, limits: Limits) -> None:
     return None
 
 
@@ -205,27 +204,27 @@ def _limp(machine: Machine, now: int, limits: Limits) -> Orders:
     return moves.LIMP
 
 
-def _damped(machine: Machine, now: int, limits: Limits) -> Orders:
+def _damping_orders(machine: Machine, now: int, limits: Limits) -> Orders:
     return moves.DAMPED
 
 
-def _own(machine: Machine, now: int, limits: Limits) -> Orders:
+def _own_orders(machine: Machine, now: int, limits: Limits) -> Orders:
     assert machine.motion is not None
     return moves.orders(machine.motion, now)
 
 
-def _followed(machine: Machine, now: int, limits: Limits) -> Orders | Command:
+def _client_orders(machine: Machine, now: int, limits: Limits) -> Orders | MotorPacket:
     """Return the client's commands; without their torques if they or the robot's states are old."""
     orders, at, dropped = machine.followed[:3]
     if orders is None:
-        return _own(machine, now, limits)
+        return _own_orders(machine, now, limits)
     if max(now - at, now - machine.memory.fresh) >= limits.bridged or dropped >= limits.dropped:
-        return _decoded(orders)._replace(tau=moves.ZERO)
+        return _decode(orders)._replace(tau=moves.ZERO)
     return orders
 
 
-def _decoded(orders: Orders | Command) -> Orders:
-    return orders.orders() if isinstance(orders, Command) else orders
+def _decode(orders: Orders | MotorPacket) -> Orders:
+    return orders.orders() if isinstance(orders, MotorPacket) else orders
 
 
 # The guard's own pause comes first, because the robot's own rule for silence has acted during it. A fall comes before
@@ -235,40 +234,48 @@ _VOID = (limit.LINK, limit.NUMBERS, limit.BUTTON)
 _LIES = (limit.MOTOR, limit.ABSENT, limit.NUMBERS, limit.BUTTON)
 _WARNINGS = (limit.WARMTH, limit.STRAIN)
 
-ROWS: dict[State, Row] = {
-    State.OFF: Row((), _nothing),
-    State.LINKED: Row((), _limp),
-    State.ARMED: Row(_LIES, _limp),
-    State.STANDING_UP: Row(
-        (*_ROBOT, limit.DEVIATION, *_VOID), _own, State.STAND, stands=True, moves=True, warnings=_WARNINGS
+RULES: dict[State, StateRules] = {
+    State.OFF: StateRules((), _no_orders),
+    State.LINKED: StateRules((), _limp),
+    State.ARMED: StateRules(_LIES, _limp),
+    State.STANDING_UP: StateRules(
+        (*_ROBOT, limit.DEVIATION, *_VOID),
+        _own_orders,
+        State.STAND,
+        stands=True,
+        moves=True,
+        warnings=_WARNINGS,
     ),
-    State.STAND: Row(
-        (*_ROBOT, limit.HEIGHT, limit.JOINT, limit.DEVIATION, *_VOID), _own, stands=True, warnings=_WARNINGS
+    State.STAND: StateRules(
+        (*_ROBOT, limit.HEIGHT, limit.JOINT, limit.DEVIATION, *_VOID),
+        _own_orders,
+        stands=True,
+        warnings=_WARNINGS,
     ),
-    State.WALK: Row(
+    State.WALK: StateRules(
         (*_ROBOT, limit.HEIGHT, limit.JOINT, *_VOID, limit.CLIENT),
-        _followed,
+        _client_orders,
         client=True,
         stands=True,
         warnings=_WARNINGS,
     ),
-    State.EXCITE: Row(
+    State.EXCITE: StateRules(
         (*_ROBOT, limit.HEIGHT, limit.JOINT, *_VOID, limit.CLIENT),
-        _followed,
+        _client_orders,
         client=True,
         stands=True,
         warnings=_WARNINGS,
     ),
     # In a rig the legs' geometry says nothing about the height, and legs without torque swing to their stops. A base
     # that tilts has come loose. Angles of the client's commands stay within the joints' range.
-    State.EXCITE_HELD: Row(
-        (*_ROBOT, *_VOID, limit.CLIENT), _followed, client=True, stands=True, warnings=_WARNINGS
+    State.EXCITE_HELD: StateRules(
+        (*_ROBOT, *_VOID, limit.CLIENT), _client_orders, client=True, stands=True, warnings=_WARNINGS
     ),
-    State.LYING_DOWN: Row(
-        (*_ROBOT, limit.DEVIATION, *_VOID), _own, State.RESTING, moves=True, warnings=_WARNINGS
+    State.LYING_DOWN: StateRules(
+        (*_ROBOT, limit.DEVIATION, *_VOID), _own_orders, State.RESTING, moves=True, warnings=_WARNINGS
     ),
-    State.RESTING: Row(_LIES, _damped),
-    State.DAMPING: Row((), _damped),
+    State.RESTING: StateRules(_LIES, _damping_orders),
+    State.DAMPING: StateRules((), _damping_orders),
 }
 """A definition: the table of states."""
 
@@ -281,7 +288,7 @@ BEGINNINGS: dict[str, tuple[frozenset[State], State]] = {
 """A definition: request of a client → the states in which it is allowed, and the state that it leads to."""
 
 
-def arrived(limits: Limits, reading: Reading | None, fault: str | None) -> Arrival:
+def judge_arrival(limits: Limits, reading: Reading | None, fault: str | None) -> Arrival:
     """Judge the reading of a round.
 
     Args:
@@ -291,36 +298,36 @@ def arrived(limits: Limits, reading: Reading | None, fault: str | None) -> Arriv
     """
     if reading is None:
         return Arrival(bad=fault == "number")
-    if limit.calm(limits, reading):
+    if limit.is_calm(limits, reading):
         return Arrival(reading, calm=True)
-    return Arrival(bad=True) if limit.impossible(limits, reading) else Arrival(reading)
+    return Arrival(bad=True) if limit.impossibility(limits, reading) else Arrival(reading)
 
 
-def step(machine: Machine, inputs: Inputs, limits: Limits) -> Step:
+def step(machine: Machine, inputs: Inputs, limits: Limits) -> RoundResult:
     """Return the next machine and the commands of a round."""
-    row = ROWS[machine.state]
+    row = RULES[machine.state]
     now, late = inputs.now, inputs.now - machine.memory.now
-    memory = _remembered(machine, inputs, limits)
-    followed = _obeyed(machine, inputs, limits) if row.client else machine.followed
+    memory = _remember(machine, inputs, limits)
+    followed = _obey(machine, inputs, limits) if row.client else machine.followed
     machine = machine._replace(memory=memory, followed=followed)
     if row.checks:
-        seen = _seen(machine, now, late)
+        seen = _checked_quantities(machine, now, late)
         new, calm = inputs.arrival.reading is not None, inputs.arrival.calm
         for check in row.checks:
             if (check.measures and not new) or (check.covered and calm):
                 continue
             if sentence := check.find(limits, seen):
-                machine = damped(machine, now, check.word, sentence)
+                machine = damp(machine, now, check.word, sentence)
                 break
         else:
             if new:
                 checks = [check for check in row.warnings if not (check.covered and calm)]
-                machine = _warned(machine, checks, seen, limits)
-            machine = _watched(_proceeded(machine, row, now), now)
-    return Step(machine, ROWS[machine.state].orders(machine, now, limits))
+                machine = _warn(machine, checks, seen, limits)
+            machine = _watch_remote(_proceed(machine, row, now), now)
+    return RoundResult(machine, RULES[machine.state].orders(machine, now, limits))
 
 
-def damped(machine: Machine, now: int, word: Word, reason: str) -> Machine:
+def damp(machine: Machine, now: int, word: Word, reason: str) -> Machine:
     """Return the machine in DAMPING; unchanged in a state that may send no gains."""
     if machine.state in (State.OFF, State.LINKED, State.DAMPING):
         return machine
@@ -329,15 +336,15 @@ def damped(machine: Machine, now: int, word: Word, reason: str) -> Machine:
     )
 
 
-def left(machine: Machine, now: int, role: Role = "client") -> Machine:
+def leave(machine: Machine, now: int, role: Role = "client") -> Machine:
     """Return the machine after its client or its last operator has disconnected.
 
     A standing robot that is not about to lie down is damped, because nobody controls it or can stop it.
     """
     lying = machine.state is State.STAND and machine.wanted and machine.wanted.state is State.RESTING
-    if ROWS[machine.state].stands and not lying:
+    if RULES[machine.state].stands and not lying:
         who = "the program that moves the robot" if role == "client" else "the operator's program"
-        return damped(machine, now, role, f"{who} has disconnected")
+        return damp(machine, now, role, f"{who} has disconnected")
     return machine
 
 
@@ -367,7 +374,7 @@ def unready(machine: Machine, conditions: Conditions, limits: Limits) -> str | N
         return conditions.refusal
     if not conditions.unit:
         return "the guard is still measuring the robot's clock; try again in a second"
-    seen = _seen(machine, memory.now, 0)
+    seen = _checked_quantities(machine, memory.now, 0)
     for check in (limit.MOTOR, limit.WARMTH, limit.BUTTON):
         if sentence := check.find(limits, seen):
             return sentence
@@ -376,29 +383,29 @@ def unready(machine: Machine, conditions: Conditions, limits: Limits) -> str | N
             f"joints move by more than {limits.still:g} rad/s; "
             "end the factory's controller, and let the robot hang or lie"
         )
-    if not (conditions.loopback or remote.seen(reading.remote)):
+    if not (conditions.loopback or remote.is_on(reading.remote)):
         return "no remote control is on; switch it on, and keep it at hand"
     return None
 
 
-def connected(machine: Machine, now: int) -> Machine:
+def connect(machine: Machine, now: int) -> Machine:
     """Return the machine after the operator's first consent: packets without gains may be sent."""
     if machine.state is not State.OFF:
         return machine
-    return Machine(State.LINKED, now, memory=Memory(now=now))
+    return Machine(State.LINKED, now, memory=GuardMemory(now=now))
 
 
-def disconnected(machine: Machine, now: int) -> Machine:
+def disconnect(machine: Machine, now: int) -> Machine:
     """Return the machine that sends nothing, after a connection that found no robot."""
-    return Machine(State.OFF, now, memory=Memory(now=now)) if machine.state is State.LINKED else machine
+    return Machine(State.OFF, now, memory=GuardMemory(now=now)) if machine.state is State.LINKED else machine
 
 
-def armed(machine: Machine, now: int) -> Machine:
+def arm(machine: Machine, now: int) -> Machine:
     """Return the machine after the operator's second consent; the caller has checked :func:`unready`."""
     if machine.state is not State.LINKED:
         return machine
     reading = machine.memory.reading
-    there = reading is not None and remote.seen(reading.remote)
+    there = reading is not None and remote.is_on(reading.remote)
     return machine._replace(
         state=State.ARMED, since=now, word=None, reason=None, remote=now if there else None
     )
@@ -408,7 +415,7 @@ def reset(machine: Machine, now: int) -> Machine:
     """Return the machine after the operator's statement that a damped robot lies; it must be armed again."""
     if machine.state is not State.DAMPING:
         return machine
-    return Machine(State.LINKED, now, memory=Memory(now=now))
+    return Machine(State.LINKED, now, memory=GuardMemory(now=now))
 
 
 def request(
@@ -421,18 +428,18 @@ def request(
     """
     now = machine.memory.now
     if do in BEGINNINGS:
-        return _begun(machine, do, limits)
+        return _begin(machine, do, limits)
     word: Word | None = None if role == "client" else "operator"
     who = "the program that moves the robot" if role == "client" else "the operator"
     if do == "damp":
         sentence = reason or f"{who} asked for it"
-        return damped(machine, now, word or "client", sentence), None
+        return damp(machine, now, word or "client", sentence), None
     if machine.state is State.DAMPING:
         return machine, f"the robot is damped ({machine.reason}); only an operator's reset ends that"
-    return stopped(machine, do == "lie", word, word and (reason or f"{who} asked the robot to {do}")), None
+    return stop(machine, do == "lie", word, word and (reason or f"{who} asked the robot to {do}")), None
 
 
-def stopped(
+def stop(
     machine: Machine, lie: bool, word: Word | None, reason: str | None, *, now_: bool = False
 ) -> Machine:
     """Return the machine that brings the robot to a stand, or to rest.
@@ -445,28 +452,28 @@ def stopped(
         now_: whether to stop at once, without time for the client.
     """
     now = machine.memory.now
-    if ROWS[machine.state].client:
+    if RULES[machine.state].client:
         end = State.RESTING if lie else State.STAND
         if machine.wanted and machine.wanted.state is State.RESTING:
             end = State.RESTING
         if word and not now_:
             if machine.wanted:
                 return machine._replace(wanted=machine.wanted._replace(state=end))
-            return machine._replace(wanted=Wanted(end, now, word, reason))
-        return _halted(machine, end, word, reason)
+            return machine._replace(wanted=RequestedStop(end, now, word, reason))
+        return _halt(machine, end, word, reason)
     if not lie or machine.state not in (State.STANDING_UP, State.STAND):
         return machine
     if word:
         machine = machine._replace(word=word, reason=reason)
     if machine.state is State.STAND:  # it may still be settling
-        return machine._replace(wanted=Wanted(State.RESTING, now, machine.word, machine.reason))
-    return _lying(machine, now)
+        return machine._replace(wanted=RequestedStop(State.RESTING, now, machine.word, machine.reason))
+    return _lie_down(machine, now)
 
 
-def _begun(machine: Machine, do: str, limits: Limits) -> tuple[Machine, str | None]:
+def _begin(machine: Machine, do: str, limits: Limits) -> tuple[Machine, str | None]:
     """Return the machine after a client's request for a motion."""
     origins, state = BEGINNINGS[do]
-    if machine.state is state or (ROWS[state].then is machine.state and not machine.wanted):
+    if machine.state is state or (RULES[state].then is machine.state and not machine.wanted):
         return machine, None
     if machine.state not in origins or machine.wanted:
         return machine, (
@@ -477,21 +484,21 @@ def _begun(machine: Machine, do: str, limits: Limits) -> tuple[Machine, str | No
     reading = memory.reading
     if reading is None or now - memory.fresh >= limits.bridged:
         return machine, "the robot sends no new state; wait, or check the cable"
-    if machine.remote is not None and (lost := remote.lost(now - machine.remote)):
+    if machine.remote is not None and (lost := remote.loss(now - machine.remote)):
         return machine, lost
-    seen = _seen(machine._replace(motion=None), now, 0)._replace(client=0)
-    for check in (*ROWS[state].checks, limit.WARMTH):
+    seen = _checked_quantities(machine._replace(motion=None), now, 0)._replace(client=0)
+    for check in (*RULES[state].checks, limit.WARMTH):
         if sentence := check.find(limits, seen):
             return machine, sentence
     begun = machine._replace(state=state, since=now, word=None, reason=None)
-    if ROWS[state].client:
+    if RULES[state].client:
         # The stand continues until the client's first commands.
         kept = machine.followed
-        return begun._replace(followed=Followed(None, now, 0, kept.clipped, kept.unusable)), None
+        return begun._replace(followed=ClientCommands(None, now, 0, kept.clipped, kept.unusable)), None
     return begun._replace(motion=moves.standing_up(reading.q, now)), None
 
 
-def _halted(machine: Machine, end: State, word: Word | None, reason: str | None) -> Machine:
+def _halt(machine: Machine, end: State, word: Word | None, reason: str | None) -> Machine:
     """Return the machine in STAND, with a motion that catches the walk."""
     memory = machine.memory
     assert memory.reading is not None
@@ -500,49 +507,49 @@ def _halted(machine: Machine, end: State, word: Word | None, reason: str | None)
         word, reason = wanted.word, wanted.reason
     motion = machine.motion
     if machine.followed.orders is not None or motion is None:
-        motion = moves.catching(memory.reading.q, memory.reading.tau, memory.now)
-    ahead = Wanted(State.RESTING, memory.now, word, reason) if end is State.RESTING else None
+        motion = moves.catch(memory.reading.q, memory.reading.tau, memory.now)
+    ahead = RequestedStop(State.RESTING, memory.now, word, reason) if end is State.RESTING else None
     return machine._replace(
         state=State.STAND, since=memory.now, word=word, reason=reason, motion=motion, wanted=ahead
     )
 
 
-def _lying(machine: Machine, now: int) -> Machine:
+def _lie_down(machine: Machine, now: int) -> Machine:
     """Return the machine in LYING_DOWN, from the present reference angles."""
     assert machine.motion is not None
-    q, _ = moves.desired(machine.motion, now)
+    q, _ = moves.desired_state(machine.motion, now)
     return machine._replace(state=State.LYING_DOWN, since=now, motion=moves.lying_down(q, now), wanted=None)
 
 
-def _proceeded(machine: Machine, row: Row, now: int) -> Machine:
+def _proceed(machine: Machine, row: StateRules, now: int) -> Machine:
     """Return the machine after the end of a motion, or of a client's time to stop."""
     wanted = machine.wanted
     if row.client:
         if wanted and now - wanted.since >= RAMP:
-            return _halted(machine, wanted.state, wanted.word, wanted.reason)
+            return _halt(machine, wanted.state, wanted.word, wanted.reason)
         return machine
     if machine.motion is None or not moves.done(machine.motion, now):
         return machine
     if row.then is not None:
-        stays = machine.motion if ROWS[row.then].stands else None
+        stays = machine.motion if RULES[row.then].stands else None
         return machine._replace(state=row.then, since=now, motion=stays)
-    return _lying(machine, now) if wanted else machine
+    return _lie_down(machine, now) if wanted else machine
 
 
-def _watched(machine: Machine, now: int) -> Machine:
+def _watch_remote(machine: Machine, now: int) -> Machine:
     """Return the machine after a check of the remote: without it nobody can stop the robot, so the robot lies down."""
     reading = machine.memory.reading
     if machine.remote is None or reading is None:
         return machine
-    if remote.seen(reading.remote):
+    if remote.is_on(reading.remote):
         return machine._replace(remote=now)
-    lost = remote.lost(now - machine.remote)
-    if not lost or machine.wanted or not ROWS[machine.state].stands:
+    lost = remote.loss(now - machine.remote)
+    if not lost or machine.wanted or not RULES[machine.state].stands:
         return machine
-    return stopped(machine, True, "operator", lost)
+    return stop(machine, True, "operator", lost)
 
 
-def _remembered(machine: Machine, inputs: Inputs, limits: Limits) -> Memory:
+def _remember(machine: Machine, inputs: Inputs, limits: Limits) -> GuardMemory:
     """Return the memory after a round."""
     memory, (reading, bad, calm), now = machine.memory, inputs.arrival, inputs.now
     if reading is None:
@@ -559,12 +566,12 @@ def _remembered(machine: Machine, inputs: Inputs, limits: Limits) -> Memory:
         pose is None or np.abs(reading.q - pose).max() > limits.still * limits.still_time / limit.SECOND
     ):
         pose, still = reading.q, now
-    return Memory(
+    return GuardMemory(
         now=now,
         reading=reading,
         fresh=now,
         bad=0,
-        power=limit.powered(limits, memory.power, watts),
+        power=limit.power_count(limits, memory.power, watts),
         strong=strong,
         strained=strained,
         pose=pose,
@@ -575,17 +582,19 @@ def _remembered(machine: Machine, inputs: Inputs, limits: Limits) -> Memory:
 _NEVER = np.zeros(MOTORS, dtype=np.int64)
 
 
-def _obeyed(machine: Machine, inputs: Inputs, limits: Limits) -> Followed:
+def _obey(machine: Machine, inputs: Inputs, limits: Limits) -> ClientCommands:
     """Return the client's commands after a round."""
     followed = machine.followed
     dropped = inputs.dropped
-    if isinstance(inputs.orders, Command) and limit.allowed(limits, inputs.orders):
-        return Followed(inputs.orders, inputs.now, 0, followed.clipped, followed.unusable + dropped)
+    if isinstance(inputs.orders, MotorPacket) and limit.is_allowed(limits, inputs.orders):
+        return ClientCommands(inputs.orders, inputs.now, 0, followed.clipped, followed.unusable + dropped)
     if inputs.orders is not None:
-        usable = limit.clipped(limits, _decoded(inputs.orders))
+        usable = limit.clip(limits, _decode(inputs.orders))
         if usable:
             within, beyond = usable
-            return Followed(within, inputs.now, 0, followed.clipped + beyond, followed.unusable + dropped)
+            return ClientCommands(
+                within, inputs.now, 0, followed.clipped + beyond, followed.unusable + dropped
+            )
         dropped += 1
     if dropped:
         followed = followed._replace(dropped=followed.dropped + dropped, unusable=followed.unusable + dropped)
@@ -596,15 +605,15 @@ def _obeyed(machine: Machine, inputs: Inputs, limits: Limits) -> Followed:
     return followed
 
 
-def _seen(machine: Machine, now: int, late: int) -> Seen:
+def _checked_quantities(machine: Machine, now: int, late: int) -> CheckedQuantities:
     """Return the quantities that the checks judge."""
     memory = machine.memory
     assert memory.reading is not None
-    row = ROWS[machine.state]
+    row = RULES[machine.state]
     motion = machine.motion
-    return Seen(
+    return CheckedQuantities(
         reading=memory.reading,
-        desired=None if motion is None or row.client else moves.desired(motion, now)[0],
+        desired=None if motion is None or row.client else moves.desired_state(motion, now)[0],
         link=_rounds(now - memory.fresh),
         bad=memory.bad,
         client=_rounds(now - machine.followed.at) if row.client else 0,
@@ -620,7 +629,7 @@ def _rounds(silence: int) -> int:
     return (silence + limit.ROUND // 2) // limit.ROUND * limit.ROUND
 
 
-def _warned(machine: Machine, checks: list[Check], seen: Seen, limits: Limits) -> Machine:
+def _warn(machine: Machine, checks: list[LimitCheck], seen: CheckedQuantities, limits: Limits) -> Machine:
     """Return the machine with the active warnings of these checks."""
     warnings = tuple((check.name, sentence) for check in checks if (sentence := check.find(limits, seen)))
     return machine._replace(warnings=warnings) if warnings or machine.warnings else machine

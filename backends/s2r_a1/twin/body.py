@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_a1.twin.heating import AMBIENT, warmed
-from s2r_a1.twin.lying import FOLDED, lying
+from s2r_a1.twin.heating import AMBIENT, warm
+from s2r_a1.twin.lying import FOLDED, lying_state
 from s2r_a1.twin.rig import Rig
 from s2r_a1.wire import MOTORS, Orders
 from s2r_sim.controller import estimator
@@ -20,8 +20,8 @@ from s2r_sim.plant.physics import Physics
 from s2r_sim.plant.plant import Plant, Saved
 from s2r_sim.plant.sensors import Sensors
 from s2r_sim.robot import rotation
-from s2r_sim.robot.figures import A1
-from s2r_sim.robot.signals import MotorCommand, State
+from s2r_sim.robot.constants import A1
+from s2r_sim.robot.signals import MotorCommand, RobotState
 
 FloatArray = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ class Body:
         self._physics = physics
         self._errors = _Errors(noise, seed)
         self.temperature = np.full(MOTORS, AMBIENT)
-        self._lie(lying(physics) if start is None else start)
+        self._lie(lying_state(physics) if start is None else start)
 
     _rig: Rig | None
     _plant: Plant
@@ -59,7 +59,7 @@ class Body:
     def put(self, rig: float | None) -> None:
         """Hang the robot into a rig at a height [m] with folded legs, or lay it onto its floor (None)."""
         if rig is None:
-            self._lie(lying(self._physics))
+            self._lie(lying_state(self._physics))
             return
         self._rig = held = Rig(self._physics, rig, FOLDED)
         self._begin(held.plant, held.physics)
@@ -74,7 +74,7 @@ class Body:
         self._plant, self._sensors = plant, Sensors(A1, physics, "truth")
         self._velocity = plant.truth().velocity
 
-    def truth(self) -> State:
+    def truth(self) -> RobotState:
         """Return the true state."""
         return self._plant.truth()
 
@@ -99,7 +99,7 @@ class Body:
         self._velocity = truth.velocity
         force = estimator.specific_force(truth.rpy.tolist(), change, noise_of_force, math.sin, math.cos)
         torque = plant.torque
-        self.temperature = warmed(self.temperature, torque, 1.0 / RATE)
+        self.temperature = warm(self.temperature, torque, 1.0 / RATE)
         x, y, z, w = rotation.quaternion(*own.rpy.tolist())
         # The unit of the robot's foot sensors is unknown; here one count is one newton along the world's z.
         feet = plant.foot_forces.reshape(4, 3)[:, 2]

@@ -20,7 +20,7 @@ Silence = Literal["brake", "free", "damp"]
 
 PATIENCE = 15
 """A level: rounds of 2 ms without a valid command before the rule for silence applies: 30 ms, the vendor's "safe
-frequency" of 33 Hz. Twice as many let a robot without commands go on for 60 ms."""
+frequency" of 33 Hz."""
 _ZERO = np.zeros(MOTORS)
 _DAMPING = 3.0
 """A level [N·m·s/rad]: speed gain of the rule ``damp``, as in the vendor's own passive state."""
@@ -29,14 +29,14 @@ _STIFFNESS, _BRAKE = np.tile([60.0, 40.0, 80.0], 4), np.tile([5.0, 4.0, 7.0], 4)
 stand. A real brake may be weaker; this one differs most from the other two rules."""
 
 
-class Command(NamedTuple):
+class ReceivedCommand(NamedTuple):
     """A received command: motor commands, and modes (12,) of the motors."""
 
     orders: Orders
     mode: IntArray
 
 
-def read_command(data: bytes, layout: Layout) -> Command:
+def read_command(data: bytes, layout: Layout) -> ReceivedCommand:
     """Return the command in a packet.
 
     Raises:
@@ -44,7 +44,7 @@ def read_command(data: bytes, layout: Layout) -> Command:
     """
     orders = unpack_orders(data, layout)
     motors = np.frombuffer(data, layout.command).reshape(())["motors"][:MOTORS]
-    return Command(orders, motors["mode"].astype(np.int64))
+    return ReceivedCommand(orders, motors["mode"].astype(np.int64))
 
 
 class Firmware:
@@ -62,7 +62,7 @@ class Firmware:
         self._last = 0
         self._silent = False
 
-    def take(self, round_: int, command: Command) -> None:
+    def take(self, round_: int, command: ReceivedCommand) -> None:
         """Accept a command that arrives in this round."""
         self.mode = command.mode
         self._last = round_

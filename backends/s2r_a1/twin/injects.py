@@ -31,14 +31,14 @@ REMOTE_OFF = "off"
 """A definition: value of the inject ``button`` for a remote that is switched off."""
 
 
-class Part(NamedTuple):
+class MotorNumbers(NamedTuple):
     """A number for some motors."""
 
     motors: tuple[int, ...]
     number: float
 
 
-Value = float | str | Part | None
+Value = float | str | MotorNumbers | None
 
 
 @dataclass(frozen=True)
@@ -61,16 +61,16 @@ class Inject:
         return self.value
 
     @property
-    def part(self) -> Part:
+    def per_motor(self) -> MotorNumbers:
         """The value, for a kind whose value is a number for some motors."""
-        assert isinstance(self.value, Part)
+        assert isinstance(self.value, MotorNumbers)
         return self.value
 
 
 Injects = tuple[Inject, ...]
 
 
-class Kind(NamedTuple):
+class FaultKind(NamedTuple):
     """One kind of fault: its default value, the parser of its value, and its effect."""
 
     default: Value
@@ -78,7 +78,7 @@ class Kind(NamedTuple):
     does: str
 
 
-def acting(injects: Iterable[Inject], round_: int, *kinds: str) -> Iterator[Inject]:
+def acting_faults(injects: Iterable[Inject], round_: int, *kinds: str) -> Iterator[Inject]:
     """Yield the faults of these kinds that act in a round."""
     return (inject for inject in injects if inject.kind in kinds and inject.acts(round_))
 
@@ -125,16 +125,16 @@ def _number(low: float, high: float) -> Callable[[str], float]:
     return read
 
 
-def _part(low: float, high: float) -> Callable[[str], Part]:
+def _motor(low: float, high: float) -> Callable[[str], MotorNumbers]:
     number = _number(low, high)
 
-    def read(text: str) -> Part:
+    def read(text: str) -> MotorNumbers:
         who, colon, value = text.rpartition(":")
         if who in GROUPS:
-            return Part(GROUPS[who], number(value))
+            return MotorNumbers(GROUPS[who], number(value))
         if colon and not (who.isascii() and who.isdigit() and int(who) < MOTORS):
             raise ValueError(f"{who!r} is not a motor; write 0…{MOTORS - 1}, or one of {one_of(GROUPS)}")
-        return Part((int(who or 0),), number(value))
+        return MotorNumbers((int(who or 0),), number(value))
 
     return read
 
@@ -148,7 +148,7 @@ def _word(*words: str) -> Callable[[str], str]:
     return read
 
 
-def _nothing(text: str) -> None:
+def _no_value(text: str) -> None:
     raise ValueError(f"it takes no value; leave out ={text}")
 
 
@@ -160,29 +160,33 @@ def _buttons(text: str) -> str:
 
 _probability = _number(0.0, 1.0)
 
-KINDS: dict[str, Kind] = {
-    "loss": Kind(1.0, _probability, "loses states, with a probability per packet"),
-    "deaf": Kind(1.0, _probability, "loses commands, with a probability per packet"),
-    "delay": Kind(5.0, _number(0, 1000), "holds states back for a number of rounds"),
-    "duplicate": Kind(1.0, _probability, "delivers states once more a round later, after that round's own"),
-    "reorder": Kind(1.0, _probability, "delivers states a round late, after that round's own"),
-    "corrupt": Kind(1.0, _probability, "flips one bit of a state, with a probability per packet"),
-    "short": Kind(1.0, _probability, "truncates states, with a probability per packet"),
-    "silence": Kind(None, _nothing, "sends no state"),
-    "stuck_tick": Kind(None, _nothing, "stops the tick"),
-    "back_tick": Kind(100.0, _number(-1e6, 1e6), "sets the tick back by a number of ms; negative numbers set it ahead"),
-    "tick_unit": Kind("us", _word("ms", "us"), "counts the tick in ms or us from then on"),
-    "nan": Kind("q", _word(*NUMBERS), f"makes one of {one_of(NUMBERS)} NaN"),
-    "quaternion": Kind(2.0, _number(-1e6, 1e6), "multiplies the quaternion by a number"),
-    "gyro": Kind(100.0, _number(-1e6, 1e6), "replaces the reported roll rate, in rad/s"),
-    "tilt": Kind(0.6, _number(-3.2, 3.2), "adds to the reported roll, in rad"),
-    "joint": Kind(Part((0,), 3.0), _part(-1e6, 1e6), "replaces the reported angle of a motor, in rad"),
-    "speed": Kind(Part((0,), 20.0), _part(-1e6, 1e6), "replaces the reported speed of a motor, in rad/s"),
-    "torque": Kind(Part((0,), 40.0), _part(-127, 127), "replaces the reported torque of a motor, in N·m"),
-    "heat": Kind(Part((0,), 65.0), _part(-128, 127), "replaces the reported temperature of a motor, in °C"),
-    "mode": Kind(Part((0,), 0.0), _part(0, 255), "makes a motor go limp and report this mode"),
-    "error": Kind(Part((0,), 4.0), _part(0, 2**32 - 1), "replaces the reported error word of a motor"),
-    "button": Kind("R2", _buttons, "holds down buttons of the remote, as L2+B, or switches it off"),
-    "push": Kind(100.0, _number(-1000, 1000), "pushes the trunk to the left, in N"),
+KINDS: dict[str, FaultKind] = {
+    "loss": FaultKind(1.0, _probability, "loses states, with a probability per packet"),
+    "deaf": FaultKind(1.0, _probability, "loses commands, with a probability per packet"),
+    "delay": FaultKind(5.0, _number(0, 1000), "holds states back for a number of rounds"),
+    "duplicate": FaultKind(1.0, _probability, "delivers states once more a round later, after that round's own"),
+    "reorder": FaultKind(1.0, _probability, "delivers states a round late, after that round's own"),
+    "corrupt": FaultKind(1.0, _probability, "flips one bit of a state, with a probability per packet"),
+    "short": FaultKind(1.0, _probability, "truncates states, with a probability per packet"),
+    "silence": FaultKind(None, _no_value, "sends no state"),
+    "stuck_tick": FaultKind(None, _no_value, "stops the tick"),
+    "back_tick": FaultKind(
+        100.0, _number(-1e6, 1e6), "sets the tick back by a number of ms; negative numbers set it ahead"
+    ),
+    "tick_unit": FaultKind("us", _word("ms", "us"), "counts the tick in ms or us from then on"),
+    "nan": FaultKind("q", _word(*NUMBERS), f"makes one of {one_of(NUMBERS)} NaN"),
+    "quaternion": FaultKind(2.0, _number(-1e6, 1e6), "multiplies the quaternion by a number"),
+    "gyro": FaultKind(100.0, _number(-1e6, 1e6), "replaces the reported roll rate, in rad/s"),
+    "tilt": FaultKind(0.6, _number(-3.2, 3.2), "adds to the reported roll, in rad"),
+    "joint": FaultKind(MotorNumbers((0,), 3.0), _motor(-1e6, 1e6), "replaces the reported angle of a motor, in rad"),
+    "speed": FaultKind(MotorNumbers((0,), 20.0), _motor(-1e6, 1e6), "replaces the reported speed of a motor, in rad/s"),
+    "torque": FaultKind(MotorNumbers((0,), 40.0), _motor(-127, 127), "replaces the reported torque of a motor, in N·m"),
+    "heat": FaultKind(
+        MotorNumbers((0,), 65.0), _motor(-128, 127), "replaces the reported temperature of a motor, in °C"
+    ),
+    "mode": FaultKind(MotorNumbers((0,), 0.0), _motor(0, 255), "makes a motor go limp and report this mode"),
+    "error": FaultKind(MotorNumbers((0,), 4.0), _motor(0, 2**32 - 1), "replaces the reported error word of a motor"),
+    "button": FaultKind("R2", _buttons, "holds down buttons of the remote, as L2+B, or switches it off"),
+    "push": FaultKind(100.0, _number(-1000, 1000), "pushes the trunk to the left, in N"),
 }  # fmt: skip
 """A definition: all faults. Most change reported values or the network; ``mode`` and ``push`` act on the robot."""

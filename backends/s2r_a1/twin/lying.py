@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from s2r_sim.controller.gains import RATE
 from s2r_sim.plant.physics import Physics
 from s2r_sim.plant.plant import Plant, Saved
-from s2r_sim.robot.figures import A1, LEGS
+from s2r_sim.robot.constants import A1, LEGS
 from s2r_sim.robot.signals import MotorCommand
 
 FloatArray = NDArray[np.float64]
@@ -25,12 +25,12 @@ FOLDED = np.concatenate([[leg.sy * HIP, THIGH, CALF] for leg in LEGS])
 _ABOVE = 0.08
 """A tolerance [m]: height of the base before it settles; it lies at 0.057 m, half the trunk's height."""
 _HELD, _DAMPED, _LIMP = 0.3, 0.7, 3.0
-"""Budgets [s]: times of holding, braking and releasing the legs; twice as long changes the pose by 0.02 rad."""
+"""Budgets [s]: times of holding, braking and releasing the legs."""
 _RELEASED = np.zeros(12)
 
 
 @lru_cache(maxsize=16)
-def lying(physics: Physics) -> Saved:
+def lying_state(physics: Physics) -> Saved:
     """Return the state of a robot that lies still; the same for all twins of a place."""
     plant = Plant(A1, physics, knees=True)
     plant.place(np.array([0.0, 0.0, _ABOVE]), np.array([0.0, -radians(physics.slope), 0.0]), FOLDED)

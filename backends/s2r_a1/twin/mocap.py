@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from s2r_sim.controller.gains import RATE
 from s2r_sim.robot import rotation
-from s2r_sim.robot.signals import State
+from s2r_sim.robot.signals import RobotState
 
 FloatArray = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ class Mocap:
         self._before: FloatArray | None = None
         self._sent = 0
 
-    def lines(self, round_: int, truth: State) -> list[bytes]:
+    def lines(self, round_: int, truth: RobotState) -> list[bytes]:
         """Return the lines of poses up to the end of a round."""
         x, y, z, w = rotation.quaternion(*truth.rpy.tolist())
         pose = np.array([*truth.position, w, x, y, z])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from s2r_a1.twin.injects import Injects, acting
+from s2r_a1.twin.injects import Injects, acting_faults
 
 
 class Network:
@@ -25,8 +25,8 @@ class Network:
     def carry(self, round_: int, injects: Injects, data: bytes) -> list[bytes]:
         """Send these bytes in a round, and return the datagrams that arrive in it, in order of arrival."""
         behind, self._behind = self._behind, []
-        delay = sum(int(inject.number) for inject in acting(injects, round_, "delay"))
-        if not any(acting(injects, round_, "silence")) and not self._happens(round_, injects, "loss"):
+        delay = sum(int(inject.number) for inject in acting_faults(injects, round_, "delay"))
+        if not any(acting_faults(injects, round_, "silence")) and not self._happens(round_, injects, "loss"):
             data = self._damaged(round_, injects, data)
             overtaken = self._happens(round_, injects, "reorder")
             if overtaken or self._happens(round_, injects, "duplicate"):
@@ -41,7 +41,7 @@ class Network:
 
     def _happens(self, round_: int, injects: Injects, kind: str) -> bool:
         """Draw for every fault of this kind whether it occurs; all are drawn, even if the first one occurs."""
-        occurs = [self._random.random() < inject.number for inject in acting(injects, round_, kind)]
+        occurs = [self._random.random() < inject.number for inject in acting_faults(injects, round_, kind)]
         return any(occurs)
 
     def _damaged(self, round_: int, injects: Injects, data: bytes) -> bytes:

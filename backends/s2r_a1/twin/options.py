@@ -91,13 +91,20 @@ def _parser() -> argparse.ArgumentParser:
     add(
         "--host", default="127.0.0.1", help="loopback address on which the twin listens; 127.0.0.1 by default"
     )
-    add("--port", type=_within(0, 65535), default=8007, help="UDP port, 8007 by default; 0 for any free one")
+    add(
+        "--port",
+        type=_whole_within(0, 65535),
+        default=8007,
+        help="UDP port, 8007 by default; 0 for any free one",
+    )
     add("--clock", choices=get_args(Clock), default="real", help="real, or lockstep: one state per command")
     add("--layout", choices=sorted(LAYOUTS), default="a1", help="layout of the packets; a1 by default")
-    add("--seed", type=_within(0, 2**63 - 1), default=0, help="seed of all random numbers; 0 by default")
+    add(
+        "--seed", type=_whole_within(0, 2**63 - 1), default=0, help="seed of all random numbers; 0 by default"
+    )
     add(
         "--delay",
-        type=_within(0, _MOST_DELAY),
+        type=_whole_within(0, _MOST_DELAY),
         default=1,
         help="delay of commands in rounds of 2 ms; 1 by default",
     )
@@ -105,7 +112,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--tick", choices=get_args(TickUnit), default="ms", help="unit of the robot's clock; ms by default")
     add(
         "--mocap",
-        type=_within(1, 65535),
+        type=_whole_within(1, 65535),
         metavar="PORT",
         help="send the true pose to this port, as lines of JSON",
     )
@@ -122,7 +129,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _within(low: int, high: int) -> Callable[[str], int]:
+def _whole_within(low: int, high: int) -> Callable[[str], int]:
     def read(text: str) -> int:
         try:
             value = int(text)

@@ -8,7 +8,7 @@ import numpy as np
 
 from s2r_a1 import remote
 from s2r_a1.ticks import SECONDS, TickUnit
-from s2r_a1.twin.injects import REMOTE_OFF, Inject, Injects, acting
+from s2r_a1.twin.injects import REMOTE_OFF, Inject, Injects, acting_faults
 from s2r_a1.wire import Layout, Reading, checksum, pack_reading
 from s2r_sim.robot import rotation
 
@@ -18,24 +18,24 @@ def tick(round_: int, start: int, unit: TickUnit, injects: Injects) -> int:
 
     Faults can stop it, set it back, or change its unit.
     """
-    for stuck in acting(injects, round_, "stuck_tick"):
+    for stuck in acting_faults(injects, round_, "stuck_tick"):
         round_ = min(round_, stuck.first - 1)
     milliseconds = start + 2 * (round_ + 1)
-    for back in acting(injects, round_, "back_tick"):
+    for back in acting_faults(injects, round_, "back_tick"):
         milliseconds -= int(back.number)
-    for other in acting(injects, round_, "tick_unit"):
+    for other in acting_faults(injects, round_, "tick_unit"):
         unit = "us" if other.value == "us" else "ms"
     return round(milliseconds * 1e-3 / SECONDS[unit]) & 0xFFFFFFFF
 
 
-def distorted(reading: Reading, round_: int, injects: Injects) -> Reading:
+def distort(reading: Reading, round_: int, injects: Injects) -> Reading:
     """Return the reading with the faults of this round."""
-    for inject in acting(injects, round_, *_REPORTS):
+    for inject in acting_faults(injects, round_, *_REPORTS):
         reading = _REPORTS[inject.kind](reading, inject)
     return reading
 
 
-def packed(reading: Reading, layout: Layout) -> bytes:
+def pack(reading: Reading, layout: Layout) -> bytes:
     """Return the packet of a state, with roll, pitch and yaw [rad] computed from its quaternion.
 
     :class:`Reading` has no such angles, because s2r reads the quaternion; other programs may read the angles.
@@ -70,13 +70,13 @@ def _tilt(reading: Reading, inject: Inject) -> Reading:
 
 def _button(reading: Reading, inject: Inject) -> Reading:
     names = str(inject.value).split("+")
-    return reading._replace(remote=bytes(remote.SIZE) if REMOTE_OFF in names else remote.packed(names))
+    return reading._replace(remote=bytes(remote.SIZE) if REMOTE_OFF in names else remote.pack_buttons(names))
 
 
 def _of_motors(field: str) -> Callable[[Reading, Inject], Reading]:
     def report(reading: Reading, inject: Inject) -> Reading:
         values = getattr(reading, field).copy()
-        values[list(inject.part.motors)] = inject.part.number
+        values[list(inject.per_motor.motors)] = inject.per_motor.number
         return reading._replace(**{field: values})
 
     return report

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from s2r_sim.plant.physics import Physics
 from s2r_sim.plant.plant import Plant
 from s2r_sim.protocols.simulator import RIG
-from s2r_sim.robot.figures import A1, GRAVITY, LEGS
+from s2r_sim.robot.constants import A1, GRAVITY, LEGS
 
 FloatArray = NDArray[np.float64]
 

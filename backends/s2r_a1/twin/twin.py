@@ -19,17 +19,17 @@ from numpy.typing import NDArray
 from s2r_a1 import remote
 from s2r_a1.ticks import TickUnit
 from s2r_a1.twin.body import Body
-from s2r_a1.twin.firmware import Command, Firmware, Silence, read_command
-from s2r_a1.twin.injects import Injects, acting
+from s2r_a1.twin.firmware import Firmware, ReceivedCommand, Silence, read_command
+from s2r_a1.twin.injects import Injects, acting_faults
 from s2r_a1.twin.mocap import Mocap
 from s2r_a1.twin.network import Network
 from s2r_a1.twin.places import physics
-from s2r_a1.twin.reports import distorted, packed, tick
+from s2r_a1.twin.reports import distort, pack, tick
 from s2r_a1.twin.start import write_start
 from s2r_a1.wire import A1, Layout, Orders, Reading, WireError
 from s2r_sim.plant.noise import Noise
 from s2r_sim.plant.plant import Saved
-from s2r_sim.robot.signals import State
+from s2r_sim.robot.signals import RobotState
 
 FloatArray = NDArray[np.float64]
 
@@ -111,7 +111,7 @@ class Twin:
         """(12,) true temperatures of the motors [°C]; a state reports whole degrees."""
         return self._body.temperature
 
-    def truth(self) -> State:
+    def truth(self) -> RobotState:
         """Return the true state of the robot, which no packet contains."""
         return self._body.truth()
 
@@ -155,7 +155,7 @@ class Twin:
         """Return the lines of motion capture since the last call; call this after every round, or never."""
         return self._mocap.lines(self.rounds - 1, self.truth()) if self.begun else []
 
-    def _newest(self, arrived: Sequence[bytes]) -> Command | None:
+    def _newest(self, arrived: Sequence[bytes]) -> ReceivedCommand | None:
         newest = None
         for data in arrived:
             if self.begun and not self._network.hears(self.rounds, self.injects):
@@ -177,7 +177,7 @@ class Twin:
         settings, injects, round_ = self.settings, self.injects, self.rounds
         orders = self._firmware.orders(round_, self.truth().q)
         push = np.zeros(3)
-        for pushed in acting(injects, round_, "push"):
+        for pushed in acting_faults(injects, round_, "push"):
             push[1] += pushed.number
         sensors = self._body.step(_limp(orders, injects, round_), push)
         reading = Reading(
@@ -190,16 +190,16 @@ class Twin:
             sensors.temperature,
             self._firmware.mode,
             tick(round_, self._start_tick, settings.tick_unit, injects),
-            remote.packed(),
+            remote.pack_buttons(),
             foot_force=sensors.foot_force,
         )
-        return packed(distorted(reading, round_, injects), settings.layout)
+        return pack(distort(reading, round_, injects), settings.layout)
 
 
 def _limp(orders: Orders, injects: Injects, round_: int) -> Orders:
     """Return the motor commands without those for motors that have dropped out."""
-    for dropped in acting(injects, round_, "mode"):
+    for dropped in acting_faults(injects, round_, "mode"):
         works = np.ones_like(orders.tau)
-        works[list(dropped.part.motors)] = 0.0
+        works[list(dropped.per_motor.motors)] = 0.0
         orders = orders._replace(kp=works * orders.kp, kd=works * orders.kd, tau=works * orders.tau)
     return orders

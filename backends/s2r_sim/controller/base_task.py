@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_sim.controller.gains import RATE
-from s2r_sim.robot.signals import Command, State
+from s2r_sim.robot.signals import RobotState, VelocityCommand
 from s2r_spec.compiled import compiled
 
 FloatArray = NDArray[np.float64]
 Vector3 = tuple[float, float, float]
 
 
-class Reference(NamedTuple):
+class BaseReference(NamedTuple):
     """Reference pose of the base: (x, y) [m] and yaw [rad] in the world.
 
     Along the heading it moves with the robot, since only the speed is commanded
@@ -27,12 +27,12 @@ class Reference(NamedTuple):
     y: float
     yaw: float
 
-    def advanced(self, measured: State, command: Command) -> Reference:
+    def advanced(self, measured: RobotState, command: VelocityCommand) -> BaseReference:
         """Return the reference one tick later."""
         x, y, _ = measured.position.tolist()
         across = self.left_of(x, y) + command.vy / RATE
         yaw = self.yaw + command.wz / RATE
-        return Reference(x - across * sin(yaw), y + across * cos(yaw), yaw)
+        return BaseReference(x - across * sin(yaw), y + across * cos(yaw), yaw)
 
     def left_of(self, x: float, y: float) -> float:
         """Return the distance from a point to the reference, left positive [m]."""

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from s2r_sim.controller.foot_jacobian import at_feet
 from s2r_sim.robot import pinocchio_model
-from s2r_sim.robot.figures import LEGS, Robot
+from s2r_sim.robot.constants import LEGS, Robot
 from s2r_sim.robot.rotation import to_pinocchio
-from s2r_sim.robot.signals import State
+from s2r_sim.robot.signals import RobotState
 
 FloatArray = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ class RigidBody:
         upper = np.triu(self.mass_upper)
         return upper + np.triu(upper, 1).T
 
-    def update(self, state: State) -> None:
+    def update(self, state: RobotState) -> None:
         """Compute all attributes at this state."""
         model, data, q, twist = self._model, self._data, self._q, self.twist
         to_pinocchio(state.flat, q, twist)

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_sim.controller.gains import RATE
-from s2r_sim.robot.figures import GRAVITY, LEGS, Robot
+from s2r_sim.robot.constants import GRAVITY, LEGS, Robot
 from s2r_sim.robot.leg_kinematics import foot_motion
-from s2r_sim.robot.rotation import turned, turned_back
-from s2r_sim.robot.signals import State
+from s2r_sim.robot.rotation import rotate, turned_back
+from s2r_sim.robot.signals import RobotState
 
 FloatArray = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -29,7 +29,7 @@ BLEND = 0.02
 """[s] time constant: inertial above its frequency, leg odometry below."""
 
 
-class Motion(NamedTuple):
+class BaseMotion(NamedTuple):
     """Motion of the base, from joints and IMU, at one tick or at n of them.
 
     Attributes:
@@ -63,7 +63,7 @@ def specific_force(rpy: Any, change: Sequence[Any], noise: Any, sin: Any, cos: A
 
 
 def leg_odometry(
-    robot: Robot, measured: State, stance: Any, sin: Any, cos: Any
+    robot: Robot, measured: RobotState, stance: Any, sin: Any, cos: Any
 ) -> tuple[Any, tuple[Any, Any, Any]]:
     """Return height above the ground [m] and velocity [m/s] of the base, as the mean over standing feet.
 
@@ -79,10 +79,10 @@ def leg_odometry(
         (x, y, z), (dx, dy, dz), (sx, sy, sz) = foot_motion(
             robot, leg, measured.q[joints], measured.dq[joints], sin, cos
         )
-        _, _, foot = turned(roll, pitch, yaw, (x, y, z), sin, cos)
+        _, _, foot = rotate(roll, pitch, yaw, (x, y, z), sin, cos)
         moved = (dx + wy * z - wz * y, dy + wz * x - wx * z, dz + wx * y - wy * x)
-        ux, uy, uz = turned(roll, pitch, yaw, moved, sin, cos)
-        spin_x, spin_y, _ = turned(roll, pitch, yaw, (sx + wx, sy + wy, sz + wz), sin, cos)
+        ux, uy, uz = rotate(roll, pitch, yaw, moved, sin, cos)
+        spin_x, spin_y, _ = rotate(roll, pitch, yaw, (sx + wx, sy + wy, sz + wz), sin, cos)
         height = height + stands * (radius - foot)
         vx = vx + stands * (radius * spin_y - ux)
         vy = vy - stands * (radius * spin_x + uy)
@@ -91,7 +91,9 @@ def leg_odometry(
     return height / feet, (vx / feet, vy / feet, vz / feet)
 
 
-def motion(robot: Robot, measured: State, force: Sequence[Any], stance: Any, sin: Any, cos: Any) -> Motion:
+def motion(
+    robot: Robot, measured: RobotState, force: Sequence[Any], stance: Any, sin: Any, cos: Any
+) -> BaseMotion:
     """Return the motion of the base, from joints and IMU.
 
     Args:
@@ -104,8 +106,8 @@ def motion(robot: Robot, measured: State, force: Sequence[Any], stance: Any, sin
     """
     height, velocity = leg_odometry(robot, measured, stance, sin, cos)
     roll, pitch, yaw = measured.rpy
-    ax, ay, az = turned(roll, pitch, yaw, force, sin, cos)
-    return Motion(height, velocity, (ax, ay, az - GRAVITY))
+    ax, ay, az = rotate(roll, pitch, yaw, force, sin, cos)
+    return BaseMotion(height, velocity, (ax, ay, az - GRAVITY))
 
 
 def blend(
@@ -118,7 +120,12 @@ def blend(
 
 
 def update(
-    robot: Robot, before: Estimate | None, measured: State, force: Vector, stance: Any, ticks: float = 1.0
+    robot: Robot,
+    before: Estimate | None,
+    measured: RobotState,
+    force: Vector,
+    stance: Any,
+    ticks: float = 1.0,
 ) -> Estimate:
     """Return the estimate at one tick; the first one is leg odometry alone.
 
@@ -130,7 +137,7 @@ def update(
         stance: (4,) 1 for feet that stand, else 0.
         ticks: time since ``before`` on the robot's own clock, in control ticks of 2 ms.
     """
-    numbers = State(measured.flat.tolist())
+    numbers = RobotState(measured.flat.tolist())
     height, odometry, acceleration = motion(robot, numbers, force, stance, math.sin, math.cos)
     if before is None:
         return Estimate((numbers.position[0], numbers.position[1], height), odometry)
@@ -139,7 +146,7 @@ def update(
     return Estimate((x + vx * ticks / RATE, y + vy * ticks / RATE, height), (vx, vy, vz))
 
 
-def replay(robot: Robot, measured: State, force: Sequence[Any], stance: Any) -> FloatArray:
+def replay(robot: Robot, measured: RobotState, force: Sequence[Any], stance: Any) -> FloatArray:
     """Return (n, 3) the estimator's velocities over a recording of n ticks."""
     _, odometry, acceleration = motion(robot, measured, force, stance, np.sin, np.cos)
     rows = zip(np.transpose(odometry).tolist(), np.transpose(acceleration).tolist(), strict=True)

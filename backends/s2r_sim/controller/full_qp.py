@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from s2r_sim.controller.dynamics import RigidBody
 from s2r_sim.controller.gains import Gains
-from s2r_sim.controller.qp import Solution, Solver, Task, pyramid
-from s2r_sim.robot.figures import GRAVITY, Robot
+from s2r_sim.controller.qp import ControlTask, Solution, Solver, pyramid
+from s2r_sim.robot.constants import GRAVITY, Robot
 
 FloatArray = NDArray[np.float64]
 
@@ -33,19 +33,21 @@ class FullQP:
         """Drop the solver's workspace."""
         self._solver.reset()
 
-    def solve(self, body: RigidBody, task: Task) -> Solution | None:
+    def solve(self, body: RigidBody, task: ControlTask) -> Solution | None:
         """Return the optimum, or None when the solver fails."""
         A, b = self._laws_of_motion(body, task)
         P, c = self._cost(body, task)
         lower, upper = self._row_bounds(body, task)
         x_l, x_u = self._force_bounds(task)
-        found = self._solver.solve({}, P=P, c=c, A=A, b=b, G=self._G, h_l=lower, h_u=upper, x_l=x_l, x_u=x_u)
-        if found is None:
+        optimum = self._solver.solve(
+            {}, P=P, c=c, A=A, b=b, G=self._G, h_l=lower, h_u=upper, x_l=x_l, x_u=x_u
+        )
+        if optimum is None:
             return None
-        x, iterations = found
+        x, iterations = optimum
         return Solution(x[18:], self._G[16:] @ x + body.bias[6:], x[:6], iterations)
 
-    def _laws_of_motion(self, body: RigidBody, task: Task) -> tuple[FloatArray, FloatArray]:
+    def _laws_of_motion(self, body: RigidBody, task: ControlTask) -> tuple[FloatArray, FloatArray]:
         """Return A and b: six floating-base rows, then each foot's acceleration (stance) or zero force (swing)."""
         A = np.zeros((18, 30), order="F")
         b = np.empty(18)
@@ -62,7 +64,7 @@ class FullQP:
                 b[rows] = 0.0
         return A, b
 
-    def _cost(self, body: RigidBody, task: Task) -> tuple[FloatArray, FloatArray]:
+    def _cost(self, body: RigidBody, task: ControlTask) -> tuple[FloatArray, FloatArray]:
         gains = self._gains
         P = np.zeros((30, 30), order="F")
         c = np.zeros(30)
@@ -82,7 +84,7 @@ class FullQP:
         c[20::3] -= gains.weight_force * share * np.array(task.stance, dtype=float)
         return P, c
 
-    def _row_bounds(self, body: RigidBody, task: Task) -> tuple[FloatArray, FloatArray]:
+    def _row_bounds(self, body: RigidBody, task: ControlTask) -> tuple[FloatArray, FloatArray]:
         """Return the bounds of the friction pyramids, then of |τ| ≤ limit with τ = M a + h − J'f."""
         G = self._G
         G[16:, :18] = body.mass_matrix[6:]
@@ -93,7 +95,7 @@ class FullQP:
         upper = np.concatenate([slack, self._torque_limit - body.bias[6:]])
         return lower, upper
 
-    def _force_bounds(self, task: Task) -> tuple[FloatArray, FloatArray]:
+    def _force_bounds(self, task: ControlTask) -> tuple[FloatArray, FloatArray]:
         x_l, x_u = np.full(30, -np.inf), np.full(30, np.inf)
         for leg, stands in enumerate(task.stance):
             if stands:

@@ -17,7 +17,7 @@ Stance = tuple[bool, bool, bool, bool]
 _SOLVED = piqp.PIQP_SOLVED
 
 
-class Task(NamedTuple):
+class ControlTask(NamedTuple):
     """Task of the robot at this instant.
 
     Attributes:
@@ -57,7 +57,7 @@ class InverseDynamics(Protocol):
         """Drop the state of earlier problems, so that a rollout does not depend on earlier rollouts."""
         ...
 
-    def solve(self, body: RigidBody, task: Task) -> Solution | None:
+    def solve(self, body: RigidBody, task: ControlTask) -> Solution | None:
         """Solve for one tick."""
         ...
 

@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 
 from s2r_sim.controller.dynamics import RigidBody
 from s2r_sim.controller.gains import Gains
-from s2r_sim.controller.qp import Solution, Solver, Stance, Task, pyramid
+from s2r_sim.controller.qp import ControlTask, Solution, Solver, Stance, pyramid
 from s2r_sim.controller.reduction import base_acceleration, distribute, force_cost, laws_of_motion
-from s2r_sim.robot.figures import GRAVITY, Robot
+from s2r_sim.robot.constants import GRAVITY, Robot
 
 FloatArray = NDArray[np.float64]
 
@@ -51,23 +51,23 @@ class StanceQP:
             for solver in solvers:
                 solver.reset()
 
-    def solve(self, body: RigidBody, task: Task) -> Solution | None:
+    def solve(self, body: RigidBody, task: ControlTask) -> Solution | None:
         """Return the optimum, or None when the solver fails."""
         problem = self._problems[task.stance]
         freely, within_limits = self._solvers[problem.feet]
         problem.condense(body, task)
-        found = freely.solve(problem.friction, P=problem.P, c=problem.c)
-        if found is None:
+        optimum = freely.solve(problem.friction, P=problem.P, c=problem.c)
+        if optimum is None:
             return None
-        solution = problem.solution(body, *found)
+        solution = problem.solution(body, *optimum)
         torque = solution.torque.tolist()
         if -self._torque_limit <= min(torque) and max(torque) <= self._torque_limit:
             return solution
         rows = problem.with_torque_rows(body, self._torque_limit)
-        found = within_limits.solve(problem.bounds, P=problem.P, c=problem.c, **rows)
-        if found is None:
+        optimum = within_limits.solve(problem.bounds, P=problem.P, c=problem.c, **rows)
+        if optimum is None:
             return None
-        return problem.solution(body, found[0], solution.iterations + found[1])
+        return problem.solution(body, optimum[0], solution.iterations + optimum[1])
 
 
 class _Problem:
@@ -97,7 +97,7 @@ class _Problem:
         pyramids = np.kron(np.eye(feet), pyramid(gains))
         self.friction = {**self.bounds, "G": np.asfortranarray(pyramids), "h_u": np.zeros(4 * feet)}
 
-    def condense(self, body: RigidBody, task: Task) -> None:
+    def condense(self, body: RigidBody, task: ControlTask) -> None:
         """Write the laws of motion, the base acceleration and the cost of a tick."""
         laws_of_motion(body.mass_upper, body.bias, task.legs, self.law)
         base_acceleration(self.law, body.jacobian, self.loaded, self.acceleration)

@@ -10,17 +10,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim.controller.base_task import Reference, base_task
+from s2r_sim.controller.base_task import BaseReference, base_task
 from s2r_sim.controller.dynamics import RigidBody
 from s2r_sim.controller.foot_task import STANDS, foot_task, note_stance
 from s2r_sim.controller.full_qp import FullQP
 from s2r_sim.controller.gains import Form, Gains
 from s2r_sim.controller.gait import Gait, Progress
-from s2r_sim.controller.qp import InverseDynamics, Solution, Stance, Task
+from s2r_sim.controller.qp import ControlTask, InverseDynamics, Solution, Stance
 from s2r_sim.controller.reduction import in_joint_space
 from s2r_sim.controller.stance_qp import StanceQP
-from s2r_sim.robot.figures import Robot
-from s2r_sim.robot.signals import Command, MotorCommand, State
+from s2r_sim.robot.constants import Robot
+from s2r_sim.robot.signals import MotorCommand, RobotState, VelocityCommand
 
 FloatArray = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ FORMS: dict[Form, Callable[[Gains, Robot], InverseDynamics]] = {"condensed": Sta
 class Memory:
     """The controller's state between two ticks; a copy of it restores the controller."""
 
-    reference: Reference = field(default_factory=lambda: Reference(0.0, 0.0, 0.0))
+    reference: BaseReference = field(default_factory=lambda: BaseReference(0.0, 0.0, 0.0))
     tick: int = 0
     lift_off: FloatArray = field(default_factory=lambda: np.zeros((4, 3)))
     forces: FloatArray = field(default_factory=lambda: np.zeros(12))
@@ -74,7 +74,7 @@ class Controller:
         """Feet that stand at the next tick, by the gait's clock."""
         return self._schedule[self.memory.tick % len(self._schedule)].stance
 
-    def skip(self, ticks: int, measured: State, command: Command) -> None:
+    def skip(self, ticks: int, measured: RobotState, command: VelocityCommand) -> None:
         """Advance the gait's clock and the reference over ticks that were missed.
 
         Args:
@@ -87,7 +87,7 @@ class Controller:
         for _ in range(ticks):
             memory.reference = memory.reference.advanced(measured, command)
 
-    def tick(self, measured: State, command: Command) -> Tick:
+    def tick(self, measured: RobotState, command: VelocityCommand) -> Tick:
         """Run one control tick."""
         gains, body, memory = self._gains, self._body, self.memory
         phase = self._schedule[memory.tick % len(self._schedule)]
@@ -117,7 +117,7 @@ class Controller:
             gains.base_height - (z - (contact - self._foot_radius)),
             self._base_gains,
         )
-        solution = self._qp.solve(body, Task(base, feet[0], legs, phase.stance))
+        solution = self._qp.solve(body, ControlTask(base, feet[0], legs, phase.stance))
         torque = self._feedforward(solution, phase.stance)
         if torque is None:
             return Tick(_damping(gains), phase.stance, solution)

@@ -6,7 +6,7 @@ noise. Base, feet and ground are true, as motion capture and force plates measur
 
 from __future__ import annotations
 
-from s2r_sim.robot.figures import LEGS
+from s2r_sim.robot.constants import LEGS
 from s2r_spec.backend import Channel
 
 FEET = tuple(leg.name for leg in LEGS)

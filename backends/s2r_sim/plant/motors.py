@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_sim.plant.physics import USUAL_LOAD, Physics
-from s2r_sim.robot.figures import Robot
+from s2r_sim.robot.constants import Robot
 from s2r_sim.robot.signals import MotorCommand
 from s2r_spec.compiled import compiled
 
@@ -130,7 +130,7 @@ class Motors:
 
     def _limit_at_speed(self, strength: float) -> None:
         """Limit the driving torque by a line over speed, which is 0 at ``voltage`` times the top speed."""
-        _limited(self._dq, self._range, self._physics.voltage, self._top_speed, strength * self._limit)
+        _limit(self._dq, self._range, self._physics.voltage, self._top_speed, strength * self._limit)
 
     def _cross_the_gap(self, law: Law, strength: float) -> None:
         """Let rotors turn freely between the flanks of their gears, and push only against a flank."""
@@ -139,14 +139,14 @@ class Motors:
         # The loop is closed on the rotor's side, at q + play.
         self._control -= law.kp * play + law.kd * speed
         motion, actuators = (self._q, self._dq), (self._control, self._gain, self._bias, self._range)
-        play, speed, self._driven = _crossed(
+        play, speed, self._driven = _cross_gap(
             motion, actuators, (play, speed), strength, gap, physics.armature, physics.timestep
         )
         self.state = self.state._replace(play=play, play_speed=speed)
 
 
 @compiled
-def _limited(dq: FloatArray, within: FloatArray, voltage: float, top_speed: float, full: float) -> None:
+def _limit(dq: FloatArray, within: FloatArray, voltage: float, top_speed: float, full: float) -> None:
     """Write (12, 2) the least and the largest torque [N m] at (12,) speeds [rad/s]."""
     for j in range(dq.shape[0]):
         driving = full * min(max(2.0 * (voltage - abs(dq[j]) / top_speed), 0.0), 1.0)
@@ -155,7 +155,7 @@ def _limited(dq: FloatArray, within: FloatArray, voltage: float, top_speed: floa
 
 
 @compiled
-def _crossed(
+def _cross_gap(
     motion: tuple[FloatArray, FloatArray],
     actuators: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
     rotors: tuple[FloatArray, FloatArray],

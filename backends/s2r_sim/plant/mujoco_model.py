@@ -1,4 +1,4 @@
-"""The plant's MuJoCo model, built from the robot's figures: primitives only, no meshes."""
+"""The plant's MuJoCo model, built from the robot's constants: primitives only, no meshes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import mujoco
 
 from s2r_sim.plant import terrain
 from s2r_sim.plant.physics import Physics
-from s2r_sim.robot.figures import LEGS, Inertia, Leg, Robot
+from s2r_sim.robot.constants import LEGS, Inertia, Leg, Robot
 
 FLOOR = "floor"
 GROUNDS = tuple(f"{leg.name}_ground" for leg in LEGS)

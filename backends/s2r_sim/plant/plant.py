@@ -14,8 +14,8 @@ from s2r_sim.plant import mujoco_model, terrain
 from s2r_sim.plant.motors import Motors, MotorState
 from s2r_sim.plant.physics import FallLimits, Physics
 from s2r_sim.robot import rotation
-from s2r_sim.robot.figures import LEGS, Robot
-from s2r_sim.robot.signals import MotorCommand, State
+from s2r_sim.robot.constants import LEGS, Robot
+from s2r_sim.robot.signals import MotorCommand, RobotState
 
 FloatArray = NDArray[np.float64]
 
@@ -69,9 +69,9 @@ class Plant:
         """(12,) angle [rad] and speed of the rotors, where the encoders sit, relative to the joints."""
         return self._motors.state.play, self._motors.state.play_speed
 
-    def truth(self) -> State:
+    def truth(self) -> RobotState:
         """Return the true state."""
-        return State(rotation.from_mujoco(self._qpos, self._qvel))
+        return RobotState(rotation.from_mujoco(self._qpos, self._qvel))
 
     def place(self, position: FloatArray, rpy: FloatArray, q: FloatArray) -> None:
         """Put the robot at rest in a pose, and reset the rest of the state."""
@@ -144,7 +144,7 @@ class Plant:
         mujoco.mj_kinematics(self.model, self.data)
         self._motors.state = saved.motors
 
-    def has_fallen(self, state: State, limits: FallLimits) -> bool:
+    def has_fallen(self, state: RobotState, limits: FallLimits) -> bool:
         """Return whether the base is too low or too tilted, or the physics has diverged."""
         roll, pitch, _ = state.rpy.tolist()
         x, _, z = state.position.tolist()

@@ -9,10 +9,10 @@ from s2r_sim.controller.trot import Tick
 from s2r_sim.plant import terrain
 from s2r_sim.plant.channels import TRUE_CHANNELS
 from s2r_sim.plant.physics import Physics
-from s2r_sim.robot.figures import LEGS, Robot
+from s2r_sim.robot.constants import LEGS, Robot
 from s2r_sim.robot.leg_kinematics import foot_motion
-from s2r_sim.robot.rotation import turned
-from s2r_sim.robot.signals import Command, State
+from s2r_sim.robot.rotation import rotate
+from s2r_sim.robot.signals import RobotState, VelocityCommand
 
 FloatArray = NDArray[np.float64]
 
@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 class Recorder:
     """Stores references tick by tick and computes over whole arrays once, in a tenth of the time."""
 
-    def __init__(self, robot: Robot, physics: Physics, command: Command, truth: bool = False) -> None:
+    def __init__(self, robot: Robot, physics: Physics, command: VelocityCommand, truth: bool = False) -> None:
         """Record a rollout under one command; with ``truth``, also the :data:`TRUE_CHANNELS`."""
         self._robot = robot
         self._physics = physics
@@ -36,7 +36,7 @@ class Recorder:
         return len(self._done)
 
     def write(
-        self, truth: State, own: State, done: Tick, torque: FloatArray, foot_forces: FloatArray
+        self, truth: RobotState, own: RobotState, done: Tick, torque: FloatArray, foot_forces: FloatArray
     ) -> None:
         """Append a tick; ``own`` is the state from the robot's own sensors. The arrays must not change afterwards."""
         self._truth.append(truth.flat)
@@ -61,9 +61,9 @@ class Recorder:
             fallen: whether the robot has fallen at the last sample.
         """
         n = len(self)
-        truth = State(np.array(self._truth).T)
+        truth = RobotState(np.array(self._truth).T)
         # Without sensor errors they are the same arrays.
-        own = truth if self._own[0] is self._truth[0] else State(np.array(self._own).T)
+        own = truth if self._own[0] is self._truth[0] else RobotState(np.array(self._own).T)
         roll, pitch, yaw = own.rpy
         vx, vy, vz = truth.velocity
         own_x, own_y, _ = estimate.T
@@ -104,13 +104,13 @@ class Recorder:
             "contact": (foot_force[:, 2::3] > 0.0).astype(float),
         } | (self._true(truth) if self._with_truth else {})
 
-    def _true(self, truth: State) -> dict[str, FloatArray]:
+    def _true(self, truth: RobotState) -> dict[str, FloatArray]:
         """Return the true values of the quantities that the robot's own sensors measure, as in ``TRUE_CHANNELS``."""
         roll, pitch, _ = truth.rpy
         values = (truth.q.T, truth.dq.T, roll, pitch, yaw_rate(truth))
         return dict(zip((channel.name for channel in TRUE_CHANNELS), values, strict=True))
 
-    def _feet(self, truth: State) -> tuple[FloatArray, FloatArray]:
+    def _feet(self, truth: RobotState) -> tuple[FloatArray, FloatArray]:
         """Return (n, 12) true positions [m] and (n, 12) velocities [m/s] of the ball centres, world axes."""
         position, velocity = [], []
         roll, pitch, yaw = truth.rpy
@@ -118,11 +118,11 @@ class Recorder:
             joints = slice(3 * i, 3 * i + 3)
             motion = foot_motion(self._robot, leg, truth.q[joints], truth.dq[joints], np.sin, np.cos)
             moved = np.cross(truth.omega, motion.position, axis=0) + motion.velocity
-            position += [*(truth.position + turned(roll, pitch, yaw, motion.position, np.sin, np.cos))]
-            velocity += [*(truth.velocity + turned(roll, pitch, yaw, moved, np.sin, np.cos))]
+            position += [*(truth.position + rotate(roll, pitch, yaw, motion.position, np.sin, np.cos))]
+            velocity += [*(truth.velocity + rotate(roll, pitch, yaw, moved, np.sin, np.cos))]
         return np.transpose(position), np.transpose(velocity)
 
-    def _predicted(self, own: State) -> FloatArray:
+    def _predicted(self, own: RobotState) -> FloatArray:
         """Return (n, 3) the base acceleration that the QP predicts, forward, left, up [m/s²]; 0 without one.
 
         In the robot's own heading frame, level by its own attitude.
@@ -131,20 +131,20 @@ class Recorder:
         spatial = np.array([none if d.solution is None else d.solution.base for d in self._done]).T
         roll, pitch, yaw = own.rpy
         # Spatial and classical acceleration differ by ω × v; pitch and roll alone lead to the heading frame.
-        forward, left, up = turned(roll, pitch, 0.0, spatial[:3], np.sin, np.cos)
-        wx, wy, wz = turned(roll, pitch, 0.0, own.omega, np.sin, np.cos)
-        vx, vy, vz = turned(0.0, 0.0, -yaw, own.velocity, np.sin, np.cos)
+        forward, left, up = rotate(roll, pitch, 0.0, spatial[:3], np.sin, np.cos)
+        wx, wy, wz = rotate(roll, pitch, 0.0, own.omega, np.sin, np.cos)
+        vx, vy, vz = rotate(0.0, 0.0, -yaw, own.velocity, np.sin, np.cos)
         acceleration = (forward + wy * vz - wz * vy, left + wz * vx - wx * vz, up + wx * vy - wy * vx)
         return np.where([d.solution is None for d in self._done], 0.0, acceleration).T
 
-    def _commanded(self, own: State) -> FloatArray:
+    def _commanded(self, own: RobotState) -> FloatArray:
         """Return (n, 12) torque commands of the motors' own loops, from encoder readings, before saturation [N m]."""
         q, dq, kp, kd, tau = (np.array(rows) for rows in zip(*(d.motors for d in self._done), strict=True))
         torque: FloatArray = tau + kp * (q - own.q.T) + kd * (dq - own.dq.T)
         return torque
 
 
-def yaw_rate(state: State) -> FloatArray:
+def yaw_rate(state: RobotState) -> FloatArray:
     """Return (n,) the rate of the heading [rad/s] of n states."""
     roll, pitch, _ = state.rpy
     wx, wy, wz = state.omega

@@ -15,8 +15,8 @@ from s2r_sim.controller.gains import Feedback
 from s2r_sim.controller.qp import Stance
 from s2r_sim.plant.noise import Draws
 from s2r_sim.plant.physics import Physics
-from s2r_sim.robot.figures import Robot
-from s2r_sim.robot.signals import State
+from s2r_sim.robot.constants import Robot
+from s2r_sim.robot.signals import RobotState
 
 FloatArray = NDArray[np.float64]
 
@@ -53,7 +53,7 @@ class Sensors:
         self._stance: list[Stance] = []
         self._own: list[Sequence[float]] = []
 
-    def reported(self, truth: State, play: tuple[FloatArray, FloatArray]) -> State:
+    def reported(self, truth: RobotState, play: tuple[FloatArray, FloatArray]) -> RobotState:
         """Return the state as encoders, IMU and velocity feedback report it, without their white noise.
 
         The motors' own loops act on this state, and a robot logs it. Position and yaw are true; without sensor errors
@@ -65,7 +65,9 @@ class Sensors:
         own.velocity[:] = self._distorted(truth.velocity.tolist(), float(truth.rpy[2]))
         return own
 
-    def disturbed(self, truth: State, play: tuple[FloatArray, FloatArray], noise: FloatArray | None) -> State:
+    def disturbed(
+        self, truth: RobotState, play: tuple[FloatArray, FloatArray], noise: FloatArray | None
+    ) -> RobotState:
         """Return the state with all errors of encoders and IMU; ``noise`` is (36,) white, or none.
 
         ``play`` is the angle [rad] and the speed of the rotors, which carry the encoders.
@@ -76,9 +78,9 @@ class Sensors:
         if self._physics.backlash:
             flat[12:24] += play[0]
             flat[24:36] += play[1]
-        return State(flat)
+        return RobotState(flat)
 
-    def read(self, truth: State, play: tuple[FloatArray, FloatArray], stance: Stance) -> State:
+    def read(self, truth: RobotState, play: tuple[FloatArray, FloatArray], stance: Stance) -> RobotState:
         """Return the controller's measurement of the state; for ``play`` see :meth:`disturbed`."""
         tick = len(self._truth)
         measured = self.disturbed(truth, play, None if self._random is None else self._random.sensors[tick])
@@ -91,7 +93,7 @@ class Sensors:
             measured.velocity[:] = self._distorted(measured.velocity.tolist(), float(measured.rpy[2]))
         return measured
 
-    def _feed_back(self, truth: State, measured: State, tick: int) -> None:
+    def _feed_back(self, truth: RobotState, measured: RobotState, tick: int) -> None:
         """Replace position and velocity by the robot's own estimate."""
         memory = self.memory
         noise = (0.0, 0.0, 0.0) if self._random is None else self._random.accelerometer[tick].tolist()
@@ -109,7 +111,7 @@ class Sensors:
         """Return (n, 3) the robot's own estimate of its velocity [m/s], world axes, at every tick so far."""
         if self._feedback == "estimate":
             return np.array(self._own)
-        truth, measured = State(np.array(self._truth).T), State(np.array(self._measured).T)
+        truth, measured = RobotState(np.array(self._truth).T), RobotState(np.array(self._measured).T)
         n = len(self._truth)
         noise = np.zeros((n, 3)) if self._random is None else self._random.accelerometer[:n]
         change = np.diff(truth.velocity, axis=1, prepend=truth.velocity[:, :1])

@@ -49,7 +49,7 @@ def surface(
     height, slope_x, slope_y = mean_height(physics, x), tan(radians(physics.slope)), 0.0
     if scale == 0.0:
         return height, slope_x, slope_y
-    return _added(_UNEVEN, scale, x + origin[0], y + origin[1], height, slope_x)
+    return _add_waves(_UNEVEN, scale, x + origin[0], y + origin[1], height, slope_x)
 
 
 def covariance(dx: FloatArray, dy: FloatArray) -> FloatArray:
@@ -61,7 +61,7 @@ def covariance(dx: FloatArray, dy: FloatArray) -> FloatArray:
 
 
 @compiled
-def _added(
+def _add_waves(
     waves: FloatArray, scale: float, x: float, y: float, height: float, slope_x: float
 ) -> tuple[float, float, float]:
     """Return height and slopes plus those of (waves, 3) plane waves."""

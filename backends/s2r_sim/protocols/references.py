@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_sim.controller.gains import RATE
-from s2r_sim.robot.figures import A1, LEGS
+from s2r_sim.robot.constants import A1, LEGS
 
 FloatArray = NDArray[np.float64]
 
@@ -81,7 +81,7 @@ def leg(x: FloatArray | float, z: FloatArray | float) -> tuple[FloatArray, Float
     return knee - np.arctan2(x, z), -2.0 * knee
 
 
-def _alike(
+def _same_on_all_legs(
     hip: FloatArray | float, thigh: FloatArray | float, calf: FloatArray | float, n: int
 ) -> FloatArray:
     """Return (n, 12) joint angles that are the same on all legs."""
@@ -90,7 +90,7 @@ def _alike(
 
 
 def _air_sine(times: FloatArray, amplitude: float) -> FloatArray:
-    q = _alike(0.0, 0.8, -1.6, times.size)
+    q = _same_on_all_legs(0.0, 0.8, -1.6, times.size)
     grown = amplitude * ramp(times, 0.2)
     for number in range(q.shape[1]):
         side, joint = divmod(number, 3)
@@ -104,11 +104,11 @@ def _air_sine(times: FloatArray, amplitude: float) -> FloatArray:
 
 def _air_coast(times: FloatArray, amplitude: float) -> FloatArray:
     out = amplitude * ramp(times, 0.4)
-    return _alike(0.35 * out, 0.8 + 0.6 * out, -1.6 - 0.5 * out, times.size)
+    return _same_on_all_legs(0.35 * out, 0.8 + 0.6 * out, -1.6 - 0.5 * out, times.size)
 
 
 def _air_low(times: FloatArray, amplitude: float) -> FloatArray:
-    q = _alike(0.0, *leg(0.0, 0.25), times.size)
+    q = _same_on_all_legs(0.0, *leg(0.0, 0.25), times.size)
     for side in range(len(LEGS)):
         x = 0.1 * amplitude * ramp(times, 0.2) * np.sin(2 * pi * (1.5 + 0.2 * side) * times)
         q[:, 3 * side + 1], q[:, 3 * side + 2] = leg(x, 0.25)
@@ -117,23 +117,23 @@ def _air_low(times: FloatArray, amplitude: float) -> FloatArray:
 
 def _squat(times: FloatArray, amplitude: float) -> FloatArray:
     down = 0.26 - 0.035 * amplitude * ramp(times, 0.3) * np.sin(2 * pi * 1.1 * times)
-    return _alike(0.0, *leg(0.0, down), times.size)
+    return _same_on_all_legs(0.0, *leg(0.0, down), times.size)
 
 
 def _sway(times: FloatArray, amplitude: float) -> FloatArray:
     grown = amplitude * ramp(times, 0.3)
     ahead, aside = 0.045 * grown * np.sin(2 * pi * 0.9 * times), 0.12 * grown * np.sin(2 * pi * 1.3 * times)
-    return _alike(aside, *leg(ahead, 0.26), times.size)
+    return _same_on_all_legs(aside, *leg(ahead, 0.26), times.size)
 
 
 def _squeeze(times: FloatArray, amplitude: float) -> FloatArray:
-    q = _alike(0.0, *leg(0.0, 0.26), times.size)
+    q = _same_on_all_legs(0.0, *leg(0.0, 0.26), times.size)
     q[:, 0::3] += 0.5 * amplitude * ramp(times - 0.3, 1.4)[:, None] * SIDES
     return q
 
 
 def _hold(times: FloatArray, amplitude: float) -> FloatArray:
-    return _alike(0.0, *leg(0.0, 0.26 - 0.06 * amplitude * ramp(times, 0.4)), times.size)
+    return _same_on_all_legs(0.0, *leg(0.0, 0.26 - 0.06 * amplitude * ramp(times, 0.4)), times.size)
 
 
 STAND = 0.285

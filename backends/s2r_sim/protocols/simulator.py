@@ -19,8 +19,8 @@ from s2r_sim.plant.plant import Plant
 from s2r_sim.plant.recorder import Recorder
 from s2r_sim.plant.sensors import Sensors
 from s2r_sim.protocols.references import Reference
-from s2r_sim.robot.figures import GRAVITY, LEGS
-from s2r_sim.robot.signals import Command, MotorCommand
+from s2r_sim.robot.constants import GRAVITY, LEGS
+from s2r_sim.robot.signals import MotorCommand, VelocityCommand
 from s2r_sim.settings import Settings
 
 FloatArray = NDArray[np.float64]
@@ -28,13 +28,13 @@ FloatArray = NDArray[np.float64]
 SETTLING = 0.4
 """[s] for which the robot holds the first pose before the protocol begins."""
 RIG = 1e5
-"""[kg] mass of the trunk with the rig that holds it. With twice as much the legs move the base half as far."""
+"""[kg] mass of the trunk with the rig that holds it."""
 LOGGED = (
     *("vx", "vy", "vz", "wz", "x", "y", "z", "height", "roll", "pitch", "yaw", "omega", "fallen"),
     *("q", "dq", "tau_cmd", "tau", "foot_position", "foot_velocity", "foot_force", "contact"),
 )
 """Channels of a protocol's trace: those of a rollout that need no gait and no QP."""
-_STILL = Command()
+_STILL = VelocityCommand()
 
 
 class ProtocolSimulator:

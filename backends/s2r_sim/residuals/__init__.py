@@ -13,7 +13,7 @@ which it acts, under any reaction of the controller. It disappears when the mode
 the world contains it.
 
 ``motion.py`` has the quantities that depend on no world, computed once for a trace.
-``world.py`` has the quantities of a world. ``yielding.py`` gives the compliance of its
+``world.py`` has the quantities of a world. ``compliance.py`` gives the compliance of its
 ground, ``footing.py`` the unevenness, and ``play.py`` the rotors in the play of their gears.
 
 Recorded joints and attitude come from the robot's own sensors. The true motion is the
@@ -39,8 +39,8 @@ from s2r_sim.parameters import Test, read_test
 from s2r_sim.plant.channels import FEET, JOINTS
 from s2r_sim.plant.physics import Physics
 from s2r_sim.protocols import PROTOCOLS
-from s2r_sim.residuals.motion import Recorded, hann, recorded
-from s2r_sim.residuals.world import Motion, Protocol
+from s2r_sim.residuals.motion import RecordedMotion, hann, recorded_motion
+from s2r_sim.residuals.world import ModelledMotion, Protocol
 from s2r_sim.settings import Settings
 from s2r_spec.effects import Choice
 from s2r_spec.errors import TraceError, one_of
@@ -78,13 +78,13 @@ class _Residual:
     needs: tuple[str, ...]
     knows: tuple[str, ...]
     parts: tuple[str, ...]
-    of: Callable[[Motion], FloatArray]
+    of: Callable[[ModelledMotion], FloatArray]
     by_gains: bool = False
 
     def possible(self, trace: Trace) -> bool:
         """Whether the trace has all that is needed."""
-        given = {*trace.channels, *(("stance",) if self.by_gains and PROTOCOL in trace.meta else ())}
-        return given.issuperset(self.needs)
+        channels = {*trace.channels, *(("stance",) if self.by_gains and PROTOCOL in trace.meta else ())}
+        return channels.issuperset(self.needs)
 
 
 def residuals(
@@ -110,13 +110,18 @@ def residuals(
             f"residuals need {len(window) + 1} samples or more, and the trace has {len(trace)}; "
             f"they are averaged over {WINDOW:g} s"
         )
-    log = recorded(trace, settings.robot)
+    log = recorded_motion(trace, settings.robot)
     bare, here = test.world(settings.physics), test.world(with_effects(settings.physics, effects))
     return Trace(
         _inner(trace.times[:-1] + log.dt / 2, window),
         {
-            one.name: _averaged(
-                one, log, settings.gains, _shown(bare, one.knows), _shown(here, one.knows), (test, protocol)
+            one.name: _averages(
+                one,
+                log,
+                settings.gains,
+                _with_fields(bare, one.knows),
+                _with_fields(here, one.knows),
+                (test, protocol),
             )
             for one in possible
         },
@@ -134,9 +139,9 @@ def _protocol(trace: Trace, params: Mapping[str, float]) -> Protocol | None:
 
 
 @lru_cache(maxsize=128)
-def _averaged(
+def _averages(
     one: _Residual,
-    log: Recorded,
+    log: RecordedMotion,
     gains: Gains,
     bare: Physics,
     here: Physics,
@@ -144,7 +149,7 @@ def _averaged(
 ) -> FloatArray:
     """Return the (m, columns) averages of a residual; cached, for most worlds change only one or two residuals."""
     window = hann(log.trace.times, WINDOW)
-    return _inner(convolve1d(one.of(_moving(log, gains, bare, here, way)), window, axis=0), window)
+    return _inner(convolve1d(one.of(_modelled_motion(log, gains, bare, here, way)), window, axis=0), window)
 
 
 def _inner(values: FloatArray, window: FloatArray) -> FloatArray:
@@ -154,74 +159,74 @@ def _inner(values: FloatArray, window: FloatArray) -> FloatArray:
 
 
 @lru_cache(maxsize=4)
-def _moving(
-    log: Recorded, gains: Gains, bare: Physics, here: Physics, way: tuple[Test, Protocol | None]
-) -> Motion:
-    return Motion(log, gains, bare, here, *way)
+def _modelled_motion(
+    log: RecordedMotion, gains: Gains, bare: Physics, here: Physics, way: tuple[Test, Protocol | None]
+) -> ModelledMotion:
+    return ModelledMotion(log, gains, bare, here, *way)
 
 
-def _shown(world: Physics, fields: tuple[str, ...]) -> Physics:
+def _with_fields(world: Physics, fields: tuple[str, ...]) -> Physics:
     """Return a world with these fields of another one, and defaults for the rest."""
     return Physics(**{name: getattr(world, name) for name in fields})
 
 
-def _base_wrench(motion: Motion) -> FloatArray:
+def _base_wrench(motion: ModelledMotion) -> FloatArray:
     ground, _ = motion.forces
     left: FloatArray = motion.needed[:, :6] - ground
     left[:, :3] -= motion.push
     return left
 
 
-def _motor(motion: Motion) -> FloatArray:
+def _motor(motion: ModelledMotion) -> FloatArray:
     """Reported torque of the motors minus that of the law, with the joints at the end of the tick."""
     left: FloatArray = motion.recorded.at("tau") - motion.delivered
     return left
 
 
-def _acceleration(motion: Motion) -> FloatArray:
+def _acceleration(motion: ModelledMotion) -> FloatArray:
     """Acceleration expected from the QP's prediction minus the recorded one; forward, left, up."""
     log = motion.recorded
     left: FloatArray = motion.follows - _ahead(log, log.rate(log.velocity))
     return left
 
 
-def _estimate(motion: Motion) -> FloatArray:
+def _estimate(motion: ModelledMotion) -> FloatArray:
     own = np.column_stack([motion.recorded.at(f"{name}_est") for name in ("vx", "vy")])
     left: FloatArray = own - motion.estimated
     return left
 
 
-def _slip(motion: Motion) -> FloatArray:
+def _slip(motion: ModelledMotion) -> FloatArray:
     x, y, _ = np.moveaxis(_ahead(motion.recorded, motion.slides), -1, 0)
     touches = motion.recorded.touches
     return np.hstack((touches * x, touches * y))
 
 
-def _sinking(motion: Motion) -> FloatArray:
+def _sinking(motion: ModelledMotion) -> FloatArray:
     """Depth of ball feet below the world's ground where they touch it; negative above."""
     below: FloatArray = motion.recorded.touches * motion.below
     return below
 
 
-def _unevenness(motion: Motion) -> FloatArray:
+def _unevenness(motion: ModelledMotion) -> FloatArray:
     """Distance of footholds from the plane through all of them, minus the distance expected from the roughness."""
     footing = motion.recorded.footing
     away = np.abs(footing.about @ footing.mean(motion.below))
     return footing.spread(away - motion.world.roughness * footing.expected)
 
 
-def _timing(motion: Motion) -> FloatArray:
+def _timing(motion: ModelledMotion) -> FloatArray:
     left: FloatArray = motion.recorded.at("contact") - motion.recorded.at("stance")
     return left
 
 
-def _joint_speed(motion: Motion) -> FloatArray:
+def _joint_speed(motion: ModelledMotion) -> FloatArray:
     log = motion.recorded
     left: FloatArray = log.rate(log.trace["q"]) - log.mid("dq")
     return left
 
 
-def _foot_place(motion: Motion) -> FloatArray:
+def _foot_place(motion: ModelledMotion) -> FloatArray:
     log = motion.moved
     place, _, _ = log.feet
     base = np.column_stack([log.mid(name) for name in ("x", "y", "z")])
@@ -230,7 +235,7 @@ def _foot_place(motion: Motion) -> FloatArray:
     return left
 
 
-def _ahead(log: Recorded, vector: FloatArray) -> FloatArray:
+def _ahead(log: RecordedMotion, vector: FloatArray) -> FloatArray:
     """Return (n − 1, …, 3) vectors, given in world axes, as forward, left and up."""
     x, y, z = np.moveaxis(vector, -1, 0)
     yaw = log.mid("yaw").reshape(-1, *[1] * (vector.ndim - 2))

@@ -18,18 +18,18 @@ from scipy.spatial.transform import Rotation
 
 from s2r_sim.residuals.footing import Footing, footing
 from s2r_sim.robot import pinocchio_model
-from s2r_sim.robot.figures import GRAVITY, LEGS, Inertia, Robot
+from s2r_sim.robot.constants import GRAVITY, LEGS, Inertia, Robot
 from s2r_sim.robot.leg_kinematics import foot_motion
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
 
 
-class Recorded:
+class RecordedMotion:
     """A recorded motion and its kinematics, which depend on the robot's geometry and not on the world.
 
     Arrays have one row per tick, the interval between two samples. The state at the midpoint of a tick is the mean
-    of the two samples. Built once per trace: :func:`recorded`.
+    of the two samples. Built once per trace: :func:`recorded_motion`.
     """
 
     def __init__(self, trace: Trace, robot: Robot) -> None:
@@ -42,7 +42,7 @@ class Recorded:
 
     def mid(self, name: str) -> FloatArray:
         """Return (n − 1, …): a channel at the midpoint of every tick."""
-        return _middle(self.trace[name])
+        return _midpoints(self.trace[name])
 
     def rate(self, values: FloatArray) -> FloatArray:
         """Return (n − 1, …): the change over every tick, per second."""
@@ -83,8 +83,8 @@ class Recorded:
         """(n − 1, 4, 3) velocity of the ball centres, base axes [m/s]: measured from outside, else from the joints."""
         if "foot_velocity" not in self.trace.channels:
             return self._foot_speed_by_joints
-        seen = self.mid("foot_velocity").reshape(-1, 4, 3)
-        speed: FloatArray = np.einsum("nji,nkj->nki", self.attitude, seen)
+        measured = self.mid("foot_velocity").reshape(-1, 4, 3)
+        speed: FloatArray = np.einsum("nji,nkj->nki", self.attitude, measured)
         return (
             speed
             if np.isfinite(speed).all()
@@ -98,7 +98,7 @@ class Recorded:
         own = (slide @ self.mid("dq").reshape(-1, 4, 3, 1))[..., 0] + np.cross(
             self.mid("omega")[:, None], place
         )
-        base = np.einsum("nji,nj->ni", self.attitude, _middle(self.velocity))
+        base = np.einsum("nji,nj->ni", self.attitude, _midpoints(self.velocity))
         speed: FloatArray = own + base[:, None]
         return speed
 
@@ -156,7 +156,7 @@ class Recorded:
         trace = self.trace
         samples = _attitude(*(trace[name] for name in ("roll", "pitch", "yaw")))
         twist = np.hstack((samples.inv().apply(self.velocity), trace["omega"], trace["dq"]))
-        return _middle(twist), self.rate(twist)
+        return _midpoints(twist), self.rate(twist)
 
     @cached_property
     def needed(self) -> FloatArray:
@@ -189,17 +189,17 @@ class Recorded:
         torque = turned @ about + np.cross(spin, spin @ about) + inertia.mass * np.cross(com, lifted)
         return np.hstack((force, torque))
 
-    def less(self, **errors: FloatArray) -> Recorded:
+    def less(self, **errors: FloatArray) -> RecordedMotion:
         """Return the motion with these errors subtracted from its channels; a channel without a record is skipped."""
         channels = self.trace.channels
         truer = {name: channels[name] - error for name, error in errors.items() if name in channels}
-        return Recorded(replace(self.trace, channels={**channels, **truer}), self.robot)
+        return RecordedMotion(replace(self.trace, channels={**channels, **truer}), self.robot)
 
 
 class Ground:
     """Kinematics of a recorded motion relative to the sloped ground."""
 
-    def __init__(self, motion: Recorded, slope: float) -> None:
+    def __init__(self, motion: RecordedMotion, slope: float) -> None:
         self.motion = motion
         self.rise = tan(radians(slope))
         """Rise of the ground per metre."""
@@ -238,15 +238,15 @@ def hann(times: FloatArray, width: float) -> FloatArray:
 
 
 @lru_cache(maxsize=2)
-def recorded(trace: Trace, robot: Robot) -> Recorded:
+def recorded_motion(trace: Trace, robot: Robot) -> RecordedMotion:
     """Return the motion of a trace; the cache returns the same object for the last traces."""
-    return Recorded(trace, robot)
+    return RecordedMotion(trace, robot)
 
 
 @lru_cache(maxsize=4)
-def corrected(
-    motion: Recorded, encoder_offset: tuple[float, float, float], attitude_bias: tuple[float, float]
-) -> Recorded:
+def corrected_motion(
+    motion: RecordedMotion, encoder_offset: tuple[float, float, float], attitude_bias: tuple[float, float]
+) -> RecordedMotion:
     """Return the motion that sensors with these errors [rad], [deg] report as the recorded one; cached."""
     errors: dict[str, FloatArray] = {}
     if any(encoder_offset):
@@ -258,7 +258,7 @@ def corrected(
 
 
 @lru_cache(maxsize=4)
-def ground(motion: Recorded, slope: float) -> Ground:
+def ground(motion: RecordedMotion, slope: float) -> Ground:
     """Return the motion on a slope [deg]; cached."""
     return Ground(motion, slope)
 
@@ -268,7 +268,7 @@ def _model(robot: Robot) -> Any:
     return pinocchio_model.build(robot)
 
 
-def _middle(values: FloatArray) -> FloatArray:
+def _midpoints(values: FloatArray) -> FloatArray:
     middle: FloatArray = (values[1:] + values[:-1]) / 2
     return middle
 

@@ -15,7 +15,7 @@ FloatArray = NDArray[np.float64]
 
 
 @compiled
-def crossed(
+def cross_play(
     torque: FloatArray, dt: FloatArray, steps: int, gap: float, inertia: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return (n + 1, 12) play [rad] and its rate [rad/s] at the samples, (n, 12) torque [N m] on the joints.

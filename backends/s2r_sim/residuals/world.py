@@ -14,11 +14,11 @@ from s2r_sim.controller.gains import RATE, Gains
 from s2r_sim.parameters import Test
 from s2r_sim.plant.physics import USUAL_LOAD, Physics
 from s2r_sim.protocols.references import reference
-from s2r_sim.residuals.motion import Ground, Recorded, corrected, ground, hann
-from s2r_sim.residuals.play import crossed
-from s2r_sim.residuals.yielding import Yielding, yielding
-from s2r_sim.robot.figures import GRAVITY, Robot
-from s2r_sim.robot.rotation import turned, turned_back
+from s2r_sim.residuals.compliance import Compliance, ground_compliance
+from s2r_sim.residuals.motion import Ground, RecordedMotion, corrected_motion, ground, hann
+from s2r_sim.residuals.play import cross_play
+from s2r_sim.robot.constants import GRAVITY, Robot
+from s2r_sim.robot.rotation import rotate, turned_back
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -34,8 +34,8 @@ _SLIDE_TIME = 0.06
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
-    """Arrays of one row for every tick, as :class:`~s2r_sim.residuals.motion.Recorded`.
+class ModelledMotion:
+    """Arrays of one row for every tick, as :class:`~s2r_sim.residuals.motion.RecordedMotion`.
 
     Attributes:
         recorded: the motion by the robot's own sensors and by motion capture.
@@ -46,7 +46,7 @@ class Motion:
         protocol: name and parameters of the protocol; None for a test.
     """
 
-    recorded: Recorded
+    recorded: RecordedMotion
     gains: Gains
     bare: Physics
     world: Physics
@@ -64,9 +64,9 @@ class Motion:
         return ground(self.moved, self.world.slope)
 
     @cached_property
-    def moved(self) -> Recorded:
+    def moved(self) -> RecordedMotion:
         """The true motion, if the world's sensors had reported the record."""
-        motion = corrected(self.recorded, self.world.encoder_offset, self.world.attitude_bias)
+        motion = corrected_motion(self.recorded, self.world.encoder_offset, self.world.attitude_bias)
         if self._gears is None:
             return motion
         play, rate, _ = self._gears
@@ -74,12 +74,12 @@ class Motion:
 
     @cached_property
     def _gears(self) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """Play, its rate and the joints' torque by :func:`crossed`; None without backlash or recorded torque."""
+        """Play, its rate and the joints' torque by :func:`cross_play`; None without backlash or recorded torque."""
         log, world = self.recorded, self.world
         if not world.backlash or "tau" not in log.trace.channels:
             return None
         turns = world.torque_constant * log.at("tau")
-        return crossed(turns, log.dt, self._steps, world.backlash, world.armature)
+        return cross_play(turns, log.dt, self._steps, world.backlash, world.armature)
 
     @cached_property
     def loaded(self) -> Robot:
@@ -159,15 +159,15 @@ class Motion:
         """(n − 1, 12) torque that the motors should report [N m], with latency and limits."""
         log = self.recorded
         kp, kd = self._joint_gains
-        asked, given = log.at("tau_cmd"), self._given
+        commanded, tick = log.at("tau_cmd"), self._given
         low, high = self._limits
         # The motors report the last step of a tick: its law, with the joints of that step.
-        law, last = given[:, -1], (given.shape[1] - 1) / given.shape[1]
+        law, last = tick[:, -1], (tick.shape[1] - 1) / tick.shape[1]
         moved, turned = (
             log.at(name) + last * np.diff(log.trace[name], axis=0) - log.at(name)[law] for name in ("q", "dq")
         )
         torque: FloatArray = self.strength[:, None] * np.clip(
-            asked[law] - kp[law] * moved - kd[law] * turned, low, high
+            commanded[law] - kp[law] * moved - kd[law] * turned, low, high
         )
         return torque
 
@@ -221,7 +221,7 @@ class Motion:
                 log.mid(name) if name in log.trace.channels else level for name in ("roll", "pitch")
             )
             by_roll, by_pitch = np.radians(self.world.attitude_bias)
-            felt = _levelled(roll - by_roll, pitch - by_pitch, _in_base(roll, pitch, felt))
+            felt = _level(roll - by_roll, pitch - by_pitch, _in_base(roll, pitch, felt))
         part = self.strength * self.world.torque_constant * self.robot.mass / self.loaded.mass
         follows: FloatArray = part[:, None] * felt - gravity
         return follows
@@ -234,8 +234,8 @@ class Motion:
         # A misaligned IMU counts a part of gravity as acceleration, until leg odometry corrects the estimate.
         leak = GRAVITY * BLEND * np.array([np.sin(pitch), -np.sin(roll)])
         true = np.column_stack([log.at(name) for name in ("vx", "vy")])
-        seen: FloatArray = world.velocity_scale * (true + leak) + np.array(world.velocity_bias)
-        return seen
+        estimate: FloatArray = world.velocity_scale * (true + leak) + np.array(world.velocity_bias)
+        return estimate
 
     @cached_property
     def grips(self) -> FloatArray:
@@ -295,9 +295,11 @@ class Motion:
         return force, force @ self.ground.normal
 
     @property
-    def _grounds(self) -> tuple[Yielding, Yielding]:
+    def _grounds(self) -> tuple[Compliance, Compliance]:
         here, bare = self.world, self.bare
-        return yielding(self.robot, here.impratio, here.sink), yielding(self.robot, bare.impratio, bare.sink)
+        return ground_compliance(self.robot, here.impratio, here.sink), ground_compliance(
+            self.robot, bare.impratio, bare.sink
+        )
 
 
 def _in_base(roll: FloatArray, pitch: FloatArray, vector: FloatArray) -> FloatArray:
@@ -305,7 +307,7 @@ def _in_base(roll: FloatArray, pitch: FloatArray, vector: FloatArray) -> FloatAr
     return np.column_stack(turned_back(roll, pitch, 0.0, vector.T, np.sin, np.cos))
 
 
-def _levelled(roll: FloatArray, pitch: FloatArray, vector: FloatArray) -> FloatArray:
+def _level(roll: FloatArray, pitch: FloatArray, vector: FloatArray) -> FloatArray:
     """Return (n, 3) vectors, given in base axes, as forward, left and up."""
-    x, y, z = turned(roll, pitch, 0.0, vector.T, np.sin, np.cos)
+    x, y, z = rotate(roll, pitch, 0.0, vector.T, np.sin, np.cos)
     return np.column_stack((x, y, z))

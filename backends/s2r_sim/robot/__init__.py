@@ -1,1 +1,1 @@
-"""The robot: its figures, its kinematics, its rigid-body model, and the signals between it and its controller."""
+"""The robot: its constants, its kinematics, its rigid-body model, and the signals between it and its controller."""

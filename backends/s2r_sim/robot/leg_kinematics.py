@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_sim.robot.figures import LEGS, Leg, Robot
+from s2r_sim.robot.constants import LEGS, Leg, Robot
 
 
 class FootMotion(NamedTuple):
@@ -46,7 +46,7 @@ def foot_motion(robot: Robot, leg: Leg, q: Any, dq: Any, sin: Any, cos: Any) -> 
     )
 
 
-def standing(robot: Robot, height: float) -> NDArray[np.float64]:
+def stand_angles(robot: Robot, height: float) -> NDArray[np.float64]:
     """Return (12,) joint angles of a stand of this base height [m], feet below the hips."""
     knee = acos((height - robot.foot_radius) / (robot.thigh_length + robot.calf_length))
     angles: NDArray[np.float64] = np.tile([0.0, knee, -2.0 * knee], len(LEGS))

@@ -1,4 +1,4 @@
-"""The controller's rigid-body model in Pinocchio, built from the same figures as the plant."""
+"""The controller's rigid-body model in Pinocchio, built from the same constants as the plant."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from s2r_sim.robot.figures import LEGS, Inertia, Robot
+from s2r_sim.robot.constants import LEGS, Inertia, Robot
 
 FEET = tuple(f"{leg.name}_foot" for leg in LEGS)
 

@@ -51,7 +51,7 @@ def rpy_from_wxyz(w: float, x: float, y: float, z: float) -> tuple[float, float,
     )
 
 
-def turned(
+def rotate(
     roll: Any, pitch: Any, yaw: Any, vector: Sequence[Any] | FloatArray, sin: Any, cos: Any
 ) -> tuple[Any, Any, Any]:
     """Return R · vector, of numbers with ``math``'s sine and cosine, or of arrays with NumPy's."""
@@ -64,7 +64,7 @@ def turned(
 def turned_back(
     roll: Any, pitch: Any, yaw: Any, vector: Sequence[Any] | FloatArray, sin: Any, cos: Any
 ) -> tuple[Any, Any, Any]:
-    """Return R' · vector, of numbers or of arrays as in :func:`turned`."""
+    """Return R' · vector, of numbers or of arrays as in :func:`rotate`."""
     x, y, z = vector
     x, y = cos(yaw) * x + sin(yaw) * y, cos(yaw) * y - sin(yaw) * x
     x, z = cos(pitch) * x - sin(pitch) * z, sin(pitch) * x + cos(pitch) * z

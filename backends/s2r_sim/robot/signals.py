@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 
-class State:
+class RobotState:
     """A state of the robot, true or measured: one vector, and its parts as views of it.
 
     Attributes:
@@ -45,7 +45,7 @@ class MotorCommand(NamedTuple):
     tau: FloatArray
 
 
-class Command(NamedTuple):
+class VelocityCommand(NamedTuple):
     """Commanded velocity in the heading frame: forward and left [m/s], yaw rate [rad/s]."""
 
     vx: float = 0.0

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from s2r_sim.controller.estimator import replay
 from s2r_sim.controller.gains import Gains
 from s2r_sim.controller.trot import Controller, Memory
-from s2r_sim.robot.figures import A1, LEGS
-from s2r_sim.robot.signals import Command, State
+from s2r_sim.robot.constants import A1, LEGS
+from s2r_sim.robot.signals import RobotState, VelocityCommand
 
 FloatArray = NDArray[np.float64]
 
@@ -59,7 +59,7 @@ class Brain:
 
     def tick(self, measured: FloatArray, command: float) -> Decision:
         """Run one control tick under a forward velocity command [m/s]."""
-        done = self._controller.tick(State(measured), Command(command))
+        done = self._controller.tick(RobotState(measured), VelocityCommand(command))
         solution = done.solution
         return Decision(
             np.array(done.motors),
@@ -76,4 +76,4 @@ def own_velocity(measured: FloatArray, force: FloatArray, stance: FloatArray) ->
     From (n, 36) measurements, (n, 3) accelerometer readings in base axes and
     (n, 4) stance flags.
     """
-    return replay(A1, State(measured.T), list(force.T), stance.T)
+    return replay(A1, RobotState(measured.T), list(force.T), stance.T)

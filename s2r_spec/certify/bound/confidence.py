@@ -38,7 +38,7 @@ R_TEST_SCALES = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95])
 
 
 @dataclass(frozen=True)
-class Evidence:
+class SampleEvidence:
     """Evidence of a sample for A prior scales."""
 
     log_det: FloatArray
@@ -57,7 +57,7 @@ class Moments:
     """(A, G) v_a: the standard deviation, not the variance."""
 
 
-def data_radius(evidence: Evidence, delta: float) -> float:
+def data_radius(evidence: SampleEvidence, delta: float) -> float:
     """Return r_n from the evidence at the mixture scales."""
     each = -(evidence.log_det + evidence.quadratic) / 2
     return float(-2 * (np.logaddexp.reduce(each) - np.log(each.size)) - 2 * np.log(delta))

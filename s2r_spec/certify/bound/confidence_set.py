@@ -15,7 +15,7 @@ from s2r_spec.certify.bound.bounds import Bounds
 from s2r_spec.certify.bound.certificate import Rung
 from s2r_spec.certify.bound.modes import MODES
 from s2r_spec.certify.bound.posterior import ENGINES, Conditioned
-from s2r_spec.certify.bound.samples import Outcomes, Samples
+from s2r_spec.certify.bound.samples import Outcomes, OutcomeSamples
 from s2r_spec.certify.bound.settings import SearchSettings
 from s2r_spec.certify.bound.tiling import Tiling
 
@@ -24,8 +24,7 @@ FloatArray = NDArray[np.float64]
 LADDER = (1.0, 2.0, 4.0, 8.0)
 """Definition: norm bounds as multiples of the declared B, which is the first."""
 TOLERANCE = 0.05
-"""Tolerance: a cell is split while it hides more than this share of the interval that is left. With twice as much the
-interval is wider, and there are fewer points."""
+"""Tolerance: a cell is split while it hides more than this share of the interval that is left."""
 FIRST_SHARE = 0.5
 """Tolerance: the first division of the box hides at most this share of ε, if that is possible with few points."""
 
@@ -81,7 +80,7 @@ class ConfidenceSet:
             self._least_norm = max(self._least_norm, float(np.nextafter(self.norms[0], np.inf)) * (1 + 1e-9))
         self._update_norm_free(samples, self._bound.radius)
 
-    def _update_norm_free(self, samples: Samples, radius: float) -> None:
+    def _update_norm_free(self, samples: OutcomeSamples, radius: float) -> None:
         """Intersect the bounds at the tested points that follow from the data-fit set alone."""
         best = confidence.norm_free_lower(samples.counts, samples.means, radius)
         self._norm_free_best = max(self._norm_free_best, best)
@@ -103,7 +102,7 @@ class ConfidenceSet:
         mean = self._posterior.moments(scales[best : best + 1], self.points).mean[0]
         return mean, float(width[best]), scales[best : best + 1]
 
-    def deviation(self, planned: Samples, scale: FloatArray) -> FloatArray:
+    def deviation(self, planned: OutcomeSamples, scale: FloatArray) -> FloatArray:
         """Return (P,) posterior standard deviations at a (1,) prior scale, as if the planned samples had been run."""
         posterior = self._engine.condition(self.points, planned)
         return np.asarray(posterior.moments(scale, self.points).std[0])

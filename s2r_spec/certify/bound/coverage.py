@@ -28,8 +28,7 @@ FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
 PARTS = 8
-"""Budget: parts of an axis' range that are each tested. With twice as many a certificate takes up to twice the
-rollouts, and dips of half the width are seen."""
+"""Budget: parts of an axis' range that are each tested."""
 LEAST = 2
 """Definition: rollouts of a test, for only scatter between replicates can refute R."""
 MOST_ROLLOUTS = 1e12
@@ -83,14 +82,14 @@ class Coverage:
             rng: the generator of the places.
         """
         done = self._done(points, counts)
-        wanted = np.minimum(np.maximum(0, needed - done), np.maximum(LEAST, done))
-        number = int((wanted > 0).sum(axis=1).max(initial=0))
+        additional = np.minimum(np.maximum(0, needed - done), np.maximum(LEAST, done))
+        number = int((additional > 0).sum(axis=1).max(initial=0))
         parts = np.stack([rng.permutation(PARTS)[:number] for _ in self.space.axes], axis=1)
         replicates = np.zeros(number, dtype=np.intp)
         for row, axis in enumerate(self.axes):
-            short = rng.permutation(np.flatnonzero(wanted[row]))
+            short = rng.permutation(np.flatnonzero(additional[row]))
             parts[: len(short), axis] = short
-            replicates[: len(short)] = np.maximum(replicates[: len(short)], wanted[row, short])
+            replicates[: len(short)] = np.maximum(replicates[: len(short)], additional[row, short])
         share = (parts + rng.uniform(size=parts.shape)) / PARTS
         return [
             (self.space.at(place), max(LEAST, int(count)))

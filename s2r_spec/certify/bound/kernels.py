@@ -69,10 +69,10 @@ class Kernel:
         if not isinstance(self.name, str) or self.name not in FAMILIES:
             valid = suggest(str(self.name), FAMILIES)
             raise UsageError(f"there is no kernel {self.name!r}{valid} the kernels are {one_of(FAMILIES)}")
-        given: Any = self.lengthscale
-        several = isinstance(given, Sequence | np.ndarray) and not isinstance(given, str | bytes)
+        lengthscale: Any = self.lengthscale
+        several = isinstance(lengthscale, Sequence | np.ndarray) and not isinstance(lengthscale, str | bytes)
         what = f"the lengthscale of {self.name}"
-        values = tuple(number(what, value) for value in (given if several else (given,)))
+        values = tuple(number(what, value) for value in (lengthscale if several else (lengthscale,)))
         object.__setattr__(self, "lengthscale", values if several else values[0])
         if not values or min(values) <= 0:
             raise UsageError(f"{what} is {self.lengthscale}; it must be positive")

@@ -75,7 +75,7 @@ class Paper(Mode):
         return Bound(scale, beta[:, None] * np.sqrt(ridge), self.radius(data, delta))
 
 
-def _rigorous(kernel: Kernel, norms: FloatArray) -> Mode:
+def _rigorous_mode(kernel: Kernel, norms: FloatArray) -> Mode:
     """Mix prior scales from B² down to B²/10⁴: how far the norm is below B need not be known."""
     square = float(norms[0]) ** 2
     return Mode(
@@ -87,7 +87,7 @@ def _one_scale(kernel: Kernel, norms: FloatArray) -> FloatArray:
     return np.array([float(norms[0]) ** 2 / FAMILIES[kernel.name].mixture])
 
 
-def _simple(kernel: Kernel, norms: FloatArray) -> Mode:
+def _simple_mode(kernel: Kernel, norms: FloatArray) -> Mode:
     """One scale for both: an ordinary fixed-noise Gaussian process."""
     return Mode(_one_scale(kernel, norms), _one_scale(kernel, norms))
 
@@ -97,8 +97,8 @@ def _paper(kernel: Kernel, norms: FloatArray) -> Mode:
 
 
 MODES: dict[str, Callable[[Kernel, FloatArray], Mode]] = {
-    "rigorous": _rigorous,
-    "rigorous-simple": _simple,
+    "rigorous": _rigorous_mode,
+    "rigorous-simple": _simple_mode,
     PAPER: _paper,
 }
 """Name → maker from the kernel and (rungs,) norm bounds in units of R, the declared one first."""

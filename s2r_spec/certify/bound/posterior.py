@@ -12,9 +12,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.certify.bound.confidence import Evidence, Moments
+from s2r_spec.certify.bound.confidence import Moments, SampleEvidence
 from s2r_spec.certify.bound.kernels import Kernel
-from s2r_spec.certify.bound.samples import Samples
+from s2r_spec.certify.bound.samples import OutcomeSamples
 
 FloatArray = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ VARIANCE_ROUNDING = 1e-12
 class HasEvidence(Protocol):
     """Data as a confidence set sees them, in units of R."""
 
-    def evidence(self, scales: FloatArray) -> Evidence:
+    def evidence(self, scales: FloatArray) -> SampleEvidence:
         """Return log-determinants and quadratic forms for (A,) scales."""
         ...
 
@@ -41,7 +41,7 @@ class Conditioned(HasEvidence, Protocol):
 class Engine(Protocol):
     """Conditions priors on samples."""
 
-    def condition(self, points: FloatArray, samples: Samples) -> Conditioned:
+    def condition(self, points: FloatArray, samples: OutcomeSamples) -> Conditioned:
         """Condition on samples, u ≥ 1 of them, at (P, dim) points; the noise variances are 1/counts.
 
         ``points`` may only ever grow from one call to the next.
@@ -56,11 +56,11 @@ class Spectral:
         self._kernel = kernel
         self._rows: dict[int, FloatArray] = {}
 
-    def condition(self, points: FloatArray, samples: Samples) -> Conditioned:
+    def condition(self, points: FloatArray, samples: OutcomeSamples) -> Conditioned:
         """Condition on samples; see :class:`Engine`."""
         return _Spectrum(self._kernel, samples, points, self._cross(points, samples))
 
-    def _cross(self, points: FloatArray, samples: Samples) -> FloatArray:
+    def _cross(self, points: FloatArray, samples: OutcomeSamples) -> FloatArray:
         """Return (u, P) covariances of data and points; each is computed once."""
         for place in samples.at.tolist():
             row = self._rows.get(place, np.zeros(0))
@@ -71,7 +71,9 @@ class Spectral:
 
 
 class _Spectrum:
-    def __init__(self, kernel: Kernel, samples: Samples, points: FloatArray, cross: FloatArray) -> None:
+    def __init__(
+        self, kernel: Kernel, samples: OutcomeSamples, points: FloatArray, cross: FloatArray
+    ) -> None:
         root = np.sqrt(samples.counts)
         eigenvalues, vectors = np.linalg.eigh(root[:, None] * cross[:, samples.at] * root)
         self._kernel, self._points, self._cross = kernel, points, cross
@@ -80,9 +82,9 @@ class _Spectrum:
         self._whiten = vectors.T * root  # (u, u)
         self._loads = self._whiten @ samples.means
 
-    def evidence(self, scales: FloatArray) -> Evidence:
+    def evidence(self, scales: FloatArray) -> SampleEvidence:
         spread = 1 + scales[:, None] * self._eigenvalues
-        return Evidence(np.log(spread).sum(axis=1), (self._loads**2 / spread).sum(axis=1))
+        return SampleEvidence(np.log(spread).sum(axis=1), (self._loads**2 / spread).sum(axis=1))
 
     def moments(self, scales: FloatArray, points: FloatArray) -> Moments:
         known = len(points) == len(self._points) and points is self._points
@@ -101,20 +103,20 @@ class GPyTorch:
     def __init__(self, kernel: Kernel) -> None:
         self._kernel = kernel
 
-    def condition(self, points: FloatArray, samples: Samples) -> Conditioned:
+    def condition(self, points: FloatArray, samples: OutcomeSamples) -> Conditioned:
         """Condition on samples; see :class:`Engine`."""
         return _ExactGP(self._kernel, points[samples.at], samples)
 
 
 class _ExactGP:
-    def __init__(self, kernel: Kernel, data: FloatArray, samples: Samples) -> None:
+    def __init__(self, kernel: Kernel, data: FloatArray, samples: OutcomeSamples) -> None:
         import torch
 
         self._kernel = kernel
         arrays = (data, samples.means, 1 / samples.counts)
         self._x, self._y, self._noise = (torch.from_numpy(np.array(array)) for array in arrays)
 
-    def evidence(self, scales: FloatArray) -> Evidence:
+    def evidence(self, scales: FloatArray) -> SampleEvidence:
         import torch
 
         with torch.no_grad():
@@ -124,7 +126,7 @@ class _ExactGP:
             log_det = [float(torch.logdet(matrix)) for matrix in each]
             target = root * self._y
             quadratic = [float(target @ torch.linalg.solve(matrix, target)) for matrix in each]
-        return Evidence(np.array(log_det), np.array(quadratic))
+        return SampleEvidence(np.array(log_det), np.array(quadratic))
 
     def moments(self, scales: FloatArray, points: FloatArray) -> Moments:
         import gpytorch as gp

@@ -10,20 +10,20 @@ _DIGITS = 330
 
 def down(value: float, places: int = 4) -> str:
     """Return a lower bound with its sign and ``places`` decimals, rounded down: 0.00417 → "+0.0041"."""
-    return _rounded(value, -places, ROUND_FLOOR)
+    return _round(value, -places, ROUND_FLOOR)
 
 
 def up(value: float, places: int = 4) -> str:
     """Return an upper bound with its sign and ``places`` decimals, rounded up: −0.00417 → "-0.0041"."""
-    return _rounded(value, -places, ROUND_CEILING)
+    return _round(value, -places, ROUND_CEILING)
 
 
-def between(lower: float, upper: float) -> str:
+def interval_text(lower: float, upper: float) -> str:
     """Return both ends, rounded outward: ``[+0.0041, +0.0235]``."""
     return f"[{down(lower)}, {up(upper)}]"
 
 
-def wide(width: float, places: int = 4) -> str:
+def width_text(width: float, places: int = 4) -> str:
     """Return a width, rounded up, without a sign."""
     return up(width, places).lstrip("+")
 
@@ -38,7 +38,7 @@ def at_least(value: float, digits: int = 3) -> str:
     return _significant(value, digits, ROUND_FLOOR)
 
 
-def _rounded(value: float, exponent: int, rounding: str) -> str:
+def _round(value: float, exponent: int, rounding: str) -> str:
     # From the shortest text of the double, as JSON has it: 0.1 stays 0.1.
     exact = Decimal(repr(float(value)))
     rounded = exact.quantize(Decimal(1).scaleb(exponent), context=Context(prec=_DIGITS, rounding=rounding))

@@ -16,7 +16,7 @@ IndexArray = NDArray[np.intp]
 
 
 @dataclass(frozen=True)
-class Samples:
+class OutcomeSamples:
     """(u,) distinct points with their number of rollouts and the sum of their outcomes."""
 
     at: IndexArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
@@ -31,12 +31,12 @@ class Samples:
         """(u,) mean outcomes."""
         return self.sums / self.counts
 
-    def add(self, place: int, count: int, total: float) -> Samples:
+    def add(self, place: int, count: int, total: float) -> OutcomeSamples:
         """Return the samples with ``count`` more outcomes at a point, which sum to ``total``."""
         same = self.at == place
         if same.any():
-            return Samples(self.at, self.counts + count * same, self.sums + total * same)
-        return Samples(
+            return OutcomeSamples(self.at, self.counts + count * same, self.sums + total * same)
+        return OutcomeSamples(
             np.append(self.at, place), np.append(self.counts, float(count)), np.append(self.sums, total)
         )
 
@@ -53,7 +53,7 @@ class Outcomes:
         log_e: natural logarithm of the largest e-value against R so far.
     """
 
-    samples: Samples = field(default_factory=Samples)
+    samples: OutcomeSamples = field(default_factory=OutcomeSamples)
     rollouts: int = 0
     scatter: float = 0.0
     degrees: int = 0
@@ -88,12 +88,12 @@ def as_outcomes(outcomes: ArrayLike, what: str) -> FloatArray:
             f"the outcomes of {what} are {np.asarray(outcomes).dtype}: a certificate needs float64"
         )
     try:
-        given = np.asarray(outcomes)
+        array = np.asarray(outcomes)
     except Exception as error:  # rows of different lengths, or an array on a device
         raise UsageError(f"the outcomes of {what} are not a list of numbers: {error}") from None
-    if given.dtype.kind not in "biuf":
+    if array.dtype.kind not in "biuf":
         raise UsageError(f"the outcomes of {what} are {outcomes!r:.60}; they must be a list of numbers")
-    values = np.atleast_1d(given.astype(np.float64))
+    values = np.atleast_1d(array.astype(np.float64))
     if values.ndim != 1:
         raise UsageError(f"the outcomes of {what} have shape {values.shape}; they must be a list of numbers")
     if not np.isfinite(values).all():

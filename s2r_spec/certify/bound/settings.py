@@ -20,7 +20,7 @@ MOST_PARAMETERS = 8
 """Budget: most test parameters. A cell has 2^dim corners, so one more parameter doubles the work."""
 
 
-class Declared(TypedDict, total=False):
+class DeclaredSettings(TypedDict, total=False):
     """Keywords that every search and plan takes; :class:`SearchSettings` describes them."""
 
     kernel: Required[Kernel]
@@ -32,7 +32,7 @@ class Declared(TypedDict, total=False):
     seed: int
 
 
-class SearchKeywords(Declared, total=False):
+class SearchKeywords(DeclaredSettings, total=False):
     """Keywords of :class:`s2r_spec.Search`; :class:`SearchSettings` describes them and has their defaults."""
 
     batch: float
@@ -143,25 +143,27 @@ def _check_sizes(B: float, R: float, epsilon: float) -> None:
 
 def _check_counts(spread: object, seed: object) -> None:
     for name, value, least in (("spread", spread, 1), ("seed", seed, 0)):
-        found = number(name, value)
-        if not found.is_integer() or found < least:
+        count = number(name, value)
+        if not count.is_integer() or count < least:
             raise UsageError(f"spread = {spread} and seed = {seed} must be whole numbers, at least 1 and 0")
 
 
 def _probability(delta: object) -> float:
-    found = number("delta", delta)
-    if not 0 < found < 1:
-        raise UsageError(f"delta = {found:g}; it is a probability and must lie strictly between 0 and 1")
-    return positive("delta", found)
+    probability = number("delta", delta)
+    if not 0 < probability < 1:
+        raise UsageError(
+            f"delta = {probability:g}; it is a probability and must lie strictly between 0 and 1"
+        )
+    return positive("delta", probability)
 
 
 def _budget(budget: object, spread: int) -> int | None:
     if budget is None:
         return None
-    found = whole("budget", budget, 0)
-    if found < 2 * spread:
-        raise UsageError(f"budget = {found}; the first batch alone takes {2 * spread} rollouts")
-    return found
+    rollouts = whole("budget", budget, 0)
+    if rollouts < 2 * spread:
+        raise UsageError(f"budget = {rollouts}; the first batch alone takes {2 * spread} rollouts")
+    return rollouts
 
 
 def _names(fitted: tuple[str, ...] | None) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ IndexArray = NDArray[np.intp]
 Lattice = NDArray[np.int64]
 
 MOST_POINTS = 50_000
-"""Budget: points after which no cell is split any more. Twice as many double the memory and the time."""
+"""Budget: points after which no cell is split any more."""
 DEPTH = 20
 """Definition: how often a cell of the first division can be halved along each axis."""
 FIRST_POINTS = 1500
@@ -113,7 +113,7 @@ class Tiling:
 
     def _corners(self, low: Lattice, size: Lattice) -> IndexArray:
         lattice = (low[:, None] + self._offsets * size[:, None]).reshape(-1, self._space.dim)
-        found = np.empty(len(lattice), dtype=np.intp)
+        indices = np.empty(len(lattice), dtype=np.intp)
         fresh: list[Lattice] = []
         for i, row in enumerate(lattice):
             key = row.tobytes()
@@ -121,10 +121,10 @@ class Tiling:
             place = self._index.setdefault(key, following)
             if place == following:
                 fresh.append(row)
-            found[i] = place
+            indices[i] = place
         if fresh:
             self.points = np.concatenate([self.points, self._real(np.array(fresh))])
-        return found.reshape(len(low), -1)
+        return indices.reshape(len(low), -1)
 
     def _real(self, lattice: Lattice) -> FloatArray:
         top = self._counts << DEPTH

@@ -1,1 +1,1 @@
-"""What a search found: the results of a check and of a gap, and what follows from them."""
+"""The results of a check and of a gap, and what follows from them."""

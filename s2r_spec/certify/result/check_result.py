@@ -35,7 +35,7 @@ from s2r_spec.certify.result.voids import (
     with_voids,
     without_too_many,
 )
-from s2r_spec.certify.search.recorded import left_open
+from s2r_spec.certify.search.recorded import limitations
 from s2r_spec.certify.search.search import Search
 from s2r_spec.runs.journal import Journal, Record
 from s2r_spec.runs.stop_rule import BUDGET, stop_of
@@ -183,9 +183,9 @@ class CheckResult(Result, Shown):
     @property
     def worst_expected_robustness(self) -> WorstExpectedRobustness:
         """The bounds."""
-        found = self.certificate
+        certificate = self.certificate
         bounds = self.lower, self.upper, self.unit
-        return WorstExpectedRobustness(*bounds, found.epsilon, 1 - found.delta, found.delta)
+        return WorstExpectedRobustness(*bounds, certificate.epsilon, 1 - certificate.delta, certificate.delta)
 
     @property
     def search(self) -> RobustnessSearch:
@@ -254,7 +254,7 @@ def conclude(
         lower=lower,
         upper=upper,
         unit=unit,
-        worst=min(tested(records), key=lambda test: distance(spec, test.params, certificate.worst)),
+        worst=min(group_by_test(records), key=lambda test: distance(spec, test.params, certificate.worst)),
         lowest=min(records, key=lambda record: record.rho),
         failures=dict(failures),
         assumptions=assumptions,
@@ -293,11 +293,11 @@ def of_recordings(result: CheckResult, notes: Sequence[str], search: Search) -> 
         )
     *assumptions, _ = result.assumptions
     about = "the statement is about the machine as it was when it was recorded"
-    notes = [*notes, *left_open(search, "E ρ")]
+    notes = [*notes, *limitations(search, "E ρ")]
     return replace(result, reason=reason, assumptions=(*assumptions, about, *notes))
 
 
-def tested(records: Sequence[Record]) -> list[Tested]:
+def group_by_test(records: Sequence[Record]) -> list[Tested]:
     """Group rollouts by test point."""
     groups: dict[tuple[float, ...], list[Record]] = {}
     for record in records:

@@ -93,15 +93,15 @@ def _bound_one(
     search = Search(space, kernel=kernel, B=B, R=R, delta=delta, epsilon=min(FINEST, B))
     failed = [(point, (values < level).astype(np.float64)) for point, values in rollouts]
     search.observe(failed, final=True)
-    found = search.certificate()
+    certificate = search.certificate()
     return FailureProbability(
         level=level,
-        lower=max(0.0, found.lower),
-        upper=min(1.0, found.upper),
+        lower=max(0.0, certificate.lower),
+        upper=min(1.0, certificate.upper),
         seen=int(sum(values.sum() for _, values in failed)),
-        rollouts=found.rollouts,
+        rollouts=certificate.rollouts,
         B=B,
-        B_low=found.B_low,
+        B_low=certificate.B_low,
         worst=search.suggestion,
-        refused=found.reason if found.label is Label.REFUSED else "",
+        refused=certificate.reason if certificate.label is Label.REFUSED else "",
     )

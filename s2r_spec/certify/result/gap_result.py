@@ -34,7 +34,7 @@ from s2r_spec.certify.result.voids import (
     without_too_many,
 )
 from s2r_spec.certify.search.pairing import SIMULATED_PER_REAL
-from s2r_spec.certify.search.recorded import left_open
+from s2r_spec.certify.search.recorded import limitations
 from s2r_spec.certify.search.search import Search
 from s2r_spec.runs.journal import Journal
 from s2r_spec.runs.layout import SYSTEMS
@@ -217,9 +217,9 @@ class GapResult(Result, Shown):
     @property
     def worst_expected_gap(self) -> WorstExpectedGap:
         """The bounds at the worst test."""
-        found = self.certificate
-        delta = found.delta if found.label.bounds else None
-        return WorstExpectedGap(self.lower, self.upper, self.unit, found.epsilon, delta)
+        certificate = self.certificate
+        delta = certificate.delta if certificate.label.bounds else None
+        return WorstExpectedGap(self.lower, self.upper, self.unit, certificate.epsilon, delta)
 
     @property
     def band(self) -> Band:
@@ -270,7 +270,7 @@ def conclude_gap(
     pairs = [pair for pair in every if search.counts(pair.query)] or every
     if not pairs:
         raise UsageError("no pair of rollouts was run: the budget is smaller than the first batch")
-    tested = _tested(pairs)
+    tested = _group_by_test(pairs)
     certificate = without_too_many(search.certificate(), provenance["real"]["backend"], journals["real"])
     lowest, highest = search.range
     return GapResult(
@@ -354,13 +354,13 @@ def _assumptions(
     for side in SYSTEMS:
         assumptions += machine_assumptions(provenance[side]["backend"], provenance[side], journals[side])
     if "recorded" in provenance:
-        assumptions += (*provenance["recorded"], *left_open(search, "E Δ"))
+        assumptions += (*provenance["recorded"], *limitations(search, "E Δ"))
     if real.startswith("twin"):
         assumptions += (f"{real} is a twin: a simulator that stands in for hardware, not hardware",)
     return assumptions
 
 
-def _tested(pairs: Sequence[Pair]) -> list[GapTested]:
+def _group_by_test(pairs: Sequence[Pair]) -> list[GapTested]:
     """Group pairs by test point."""
     groups: dict[tuple[float, ...], list[Pair]] = {}
     for pair in pairs:

@@ -17,24 +17,27 @@ from s2r_spec.certify.bound.certificate import ALL_COUNT, Certificate, Label
 from s2r_spec.recordings import reading_rule
 from s2r_spec.runs.journal import Journal
 from s2r_spec.runs.machine_journal import FALL
-from s2r_spec.runs.repeatability import unchecked
+from s2r_spec.runs.repeatability import unchecked_assumptions
 from s2r_spec.runs.scorer import Scorer
 
 MOST_VOID = 1 / 20
 """Level: largest share of all rollouts that may be void (dimensionless). If outcomes differ by the whole range of ρ,
-void rollouts can shift the mean by this share of the range. Twice as much shifts it twice as far."""
+void rollouts can shift the mean by this share of the range."""
 UNFINISHED = "unfinished"
 """Definition: word for a rollout that runs, or in which s2r was killed and that nobody resumed."""
 
 
 def machine_fields(scorer: Scorer, void: str) -> dict[str, Any]:
     """Return the header fields of a backend beyond its name and hash: of logs and machines, and assumptions."""
-    found: dict[str, Any] = reading_rule.header_fields(scorer.backend)
-    if assumptions := (*assumptions_of(scorer.backend), *unchecked(scorer.backend, scorer.passed)):
-        found["assumptions"] = list(assumptions)
+    fields: dict[str, Any] = reading_rule.header_fields(scorer.backend)
+    if assumptions := (
+        *assumptions_of(scorer.backend),
+        *unchecked_assumptions(scorer.backend, scorer.passed),
+    ):
+        fields["assumptions"] = list(assumptions)
     if is_exclusive(scorer.backend):
-        found["void"] = void
-    return found
+        fields["void"] = void
+    return fields
 
 
 def is_machine(header: Mapping[str, Any]) -> bool:

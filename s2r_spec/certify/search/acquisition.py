@@ -11,12 +11,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.certify.search.state import State
+from s2r_spec.certify.search.state import SearchState
 
 FloatArray = NDArray[np.float64]
 
 
-def next_batch(state: State) -> list[tuple[int, int]]:
+def next_batch(state: SearchState) -> list[tuple[int, int]]:
     """Return (index of the point, replicates) of the next tests."""
     if tests := coverage_tests(state):
         return [(state.confidence.add(vector), replicates) for vector, replicates in tests]
@@ -26,12 +26,12 @@ def next_batch(state: State) -> list[tuple[int, int]]:
     return list(zip(_upper_confidence_tests(state, shares), shares, strict=False))
 
 
-def batch_size(state: State) -> int:
+def batch_size(state: SearchState) -> int:
     """Return the rollouts of a batch. Every test is replicated: only scatter between replicates can refute R."""
     return max(2 * state.settings.spread, _share(state))
 
 
-def coverage_tests(state: State) -> list[tuple[FloatArray, int]]:
+def coverage_tests(state: SearchState) -> list[tuple[FloatArray, int]]:
     """Return (point, replicates) of the missing tests on axes that are shorter than their lengthscale."""
     if not state.coverage.axes:
         return []
@@ -40,7 +40,7 @@ def coverage_tests(state: State) -> list[tuple[FloatArray, int]]:
     return state.coverage.design(state.tested, state.outcomes.samples.counts, needed, _generator(state))
 
 
-def _upper_confidence_tests(state: State, shares: list[int]) -> list[int]:
+def _upper_confidence_tests(state: SearchState, shares: list[int]) -> list[int]:
     """Return the points of largest upper bound, one after the other, each with its share of the rollouts.
 
     GP-BUCB: after each choice the posterior deviation shrinks as if the test were done, and the mean stays the same.
@@ -64,11 +64,11 @@ def _upper_confidence_tests(state: State, shares: list[int]) -> list[int]:
     return chosen
 
 
-def _share(state: State) -> int:
+def _share(state: SearchState) -> int:
     return math.ceil(state.settings.batch * state.outcomes.rollouts)
 
 
-def _generator(state: State) -> np.random.Generator:
+def _generator(state: SearchState) -> np.random.Generator:
     return np.random.default_rng([state.settings.seed, state.queries])
 
 

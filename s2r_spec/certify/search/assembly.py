@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from s2r_spec.certify.bound.certificate import ALL_COUNT, Certificate, Label
-from s2r_spec.certify.search.state import State
+from s2r_spec.certify.search.state import SearchState
 from s2r_spec.certify.search.stopping import label, needs_no_norm
 from s2r_spec.runs.stop_rule import BUDGET, DECIDED
 
@@ -19,17 +19,17 @@ RULES = {
 """Definition: a sentence on each stopping rule but the usual one."""
 
 
-def certificate(state: State) -> Certificate:
+def certificate(state: SearchState) -> Certificate:
     """Return the certificate from the outcomes so far; valid at any time."""
     settings, confidence, outcomes = state.settings, state.confidence, state.outcomes
-    found, reason = label(state)
+    outcome, reason = label(state)
     ladder = confidence.ladder
     return Certificate(
         lower=ladder[0].lower,
         upper=ladder[0].upper,
         delta=settings.delta,
         target=settings.epsilon,
-        label=found,
+        label=outcome,
         reason=reason,
         worst=settings.space.point(confidence.points[int(confidence.bounds.lower[0].argmax())]),
         rollouts=outcomes.rollouts,
@@ -44,7 +44,7 @@ def certificate(state: State) -> Certificate:
     )
 
 
-def one_sided(state: State) -> Certificate | None:
+def one_sided_certificate(state: SearchState) -> Certificate | None:
     """Return a certificate that the maximum is positive whatever B is; None if the data do not show it.
 
     Only a certificate that is refused because of B or the kernel has a one-sided one. Its lower end follows from the
@@ -62,7 +62,7 @@ def one_sided(state: State) -> Certificate | None:
     )
 
 
-def _record(state: State) -> dict[str, Any]:
+def _record(state: SearchState) -> dict[str, Any]:
     """Return the declaration as plain JSON values."""
     settings = state.settings
     return {
@@ -82,7 +82,7 @@ def _record(state: State) -> dict[str, Any]:
     }
 
 
-def _assumptions(state: State) -> tuple[str, ...]:
+def _assumptions(state: SearchState) -> tuple[str, ...]:
     settings, names = state.settings, state.coverage.names
     lengthscales = settings.kernel.lengthscales(settings.space.dim)
     scales = ", ".join(
@@ -101,7 +101,7 @@ def _assumptions(state: State) -> tuple[str, ...]:
     )
 
 
-def _about_rollouts(state: State) -> tuple[str, ...]:
+def _about_rollouts(state: SearchState) -> tuple[str, ...]:
     """Return the assumptions about noise and rollouts, without those about B and the kernel."""
     settings = state.settings
     fixed = (
@@ -117,5 +117,5 @@ def _about_rollouts(state: State) -> tuple[str, ...]:
     )
 
 
-def _with_unit(state: State, value: float) -> str:
+def _with_unit(state: SearchState, value: float) -> str:
     return f"{value:g} {state.settings.unit}".rstrip()

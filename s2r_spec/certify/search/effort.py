@@ -28,7 +28,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.certify.bound.confidence import Evidence
+from s2r_spec.certify.bound.confidence import SampleEvidence
 from s2r_spec.certify.bound.confidence_set import LADDER, TOLERANCE
 from s2r_spec.certify.bound.kernels import Kernel
 from s2r_spec.certify.bound.modes import MODES, Mode
@@ -39,10 +39,9 @@ from s2r_spec.space import Space
 FloatArray = NDArray[np.float64]
 
 GRID = 160
-"""Budget: most grid points. With twice as many the estimate takes eight times as long."""
+"""Budget: most grid points."""
 SPACING = 2.0
-"""Tolerance: grid spacing over the side of a cell that hides the share ``TOLERANCE`` of ε. With half of it the
-estimates change by a few per cent in one and two parameters."""
+"""Tolerance: grid spacing over the side of a cell that hides the share ``TOLERANCE`` of ε."""
 UPDATES = 25
 """Budget: most updates of a design."""
 STEP = 1.3
@@ -81,14 +80,14 @@ class Objective:
 
 
 @dataclass(frozen=True)
-class Part:
-    """A part of the test space, with the grid on which its design is computed.
+class DesignRegion:
+    """A region of the test space, with the grid on which its design is computed.
 
     Attributes:
-        space: the part, a box in the middle of the test space.
+        space: the region, a box in the middle of the test space.
         points: (u, dim) grid points.
         gram: (u, u) Gram matrix.
-        number: how many such parts the test space has (real number ≥ 1).
+        number: how many such regions the test space has (real number ≥ 1).
     """
 
     space: Space
@@ -97,7 +96,7 @@ class Part:
     number: float
 
     @classmethod
-    def of(cls, space: Space, kernel: Kernel, relative: float) -> Part:
+    def of(cls, space: Space, kernel: Kernel, relative: float) -> DesignRegion:
         """Return the largest part that a grid of at most ``GRID`` points resolves, at least one lengthscale.
 
         Args:
@@ -108,7 +107,7 @@ class Part:
         lengthscales = kernel.lengthscales(space.dim)
         wide = (space.upper - space.lower) / lengthscales
         spacing = float((SPACING * kernel.sides_for(TOLERANCE * relative, space.dim) / lengthscales)[0])
-        fits = np.minimum(wide, _largest(wide, spacing))
+        fits = np.minimum(wide, _longest_side(wide, spacing))
         counts = np.maximum(2, np.ceil(np.minimum(fits / spacing, GRID - 1)).astype(int) + 1)
         while counts.prod() > GRID and counts.max() > 2:
             counts[counts.argmax()] -= 1
@@ -124,7 +123,7 @@ class Part:
         return cls(part, points, kernel.gram(points, points), float(np.exp(min(log_number, 600.0))))
 
 
-def _largest(wide: FloatArray, spacing: float) -> float:
+def _longest_side(wide: FloatArray, spacing: float) -> float:
     """Return the longest side of a part whose grid has at most ``GRID`` points, or 1; all in lengthscales."""
     low, high = 0.0, float(wide.max())
     for _ in range(60):
@@ -142,23 +141,25 @@ class _Expected:
     eigenvalues: FloatArray
     loads: FloatArray
     cross: FloatArray
-    part: Part
+    region: DesignRegion
     objective: Objective
 
     @classmethod
-    def of(cls, part: Part, rollouts: FloatArray, objective: Objective) -> _Expected:
+    def of(cls, region: DesignRegion, rollouts: FloatArray, objective: Objective) -> _Expected:
         root = np.sqrt(rollouts)
-        eigenvalues, vectors = np.linalg.eigh(root[:, None] * part.gram * root)
+        eigenvalues, vectors = np.linalg.eigh(root[:, None] * region.gram * root)
         loads = (vectors.T @ (root * objective.values)) ** 2
-        cross = ((part.gram * root) @ vectors) ** 2
-        return cls(np.clip(eigenvalues, 0, None), loads, cross, part, objective)
+        cross = ((region.gram * root) @ vectors) ** 2
+        return cls(np.clip(eigenvalues, 0, None), loads, cross, region, objective)
 
-    def evidence(self, scales: FloatArray) -> Evidence:
+    def evidence(self, scales: FloatArray) -> SampleEvidence:
         """Return the expected evidence of all parts for (A,) scales."""
         grown = scales[:, None] * self.eigenvalues
         fit = (self.loads / (1 + grown)).sum(axis=1) + self.objective.norm**2 / scales
         noise = (1 / (1 + grown)).sum(axis=1)
-        return Evidence(self.part.number * np.log1p(grown).sum(axis=1), fit + self.part.number * noise)
+        return SampleEvidence(
+            self.region.number * np.log1p(grown).sum(axis=1), fit + self.region.number * noise
+        )
 
     def deviation(self, scales: FloatArray) -> FloatArray:
         """Return (A, u) posterior standard deviations at the grid points for (A,) scales."""
@@ -172,14 +173,14 @@ class Effort:
     """The declaration as the design sees it, in units of R.
 
     Attributes:
-        part: the part of the test space.
+        region: the region of the design.
         mode: the mode of the confidence set.
         norms: (rungs,) norm bounds.
         delta: 1 − probability.
         epsilon: ε.
     """
 
-    part: Part
+    region: DesignRegion
     mode: Mode
     norms: FloatArray
     delta: float
@@ -191,8 +192,8 @@ class Effort:
         norms = np.array(LADDER[:1]) * settings.B / settings.R
         every = np.array(LADDER) * settings.B / settings.R
         mode = MODES[settings.mode](settings.kernel, every)
-        part = Part.of(settings.space, settings.kernel, settings.epsilon / settings.B)
-        return cls(part, mode, norms, settings.delta, settings.epsilon / settings.R)
+        region = DesignRegion.of(settings.space, settings.kernel, settings.epsilon / settings.B)
+        return cls(region, mode, norms, settings.delta, settings.epsilon / settings.R)
 
     def rollouts(self, objective: Objective, share: float) -> float:
         """Return the fewest rollouts of a design that reaches ε.
@@ -207,18 +208,18 @@ class Effort:
         allowed[best] = min(allowed[best], share * target)
         design = np.full(len(allowed), 1 / max(target, MOST**-0.5) ** 2 + 1.0)
         for _ in range(UPDATES):
-            data = _Expected.of(self.part, design, objective)
-            total = self.part.number * float(design.sum())
+            data = _Expected.of(self.region, design, objective)
+            total = self.region.number * float(design.sum())
             bound = self.mode.bound(data, round(total), self.norms, self.delta)
             half = np.nanmin(bound.widths[0][:, None] * data.deviation(bound.scales), axis=0)
             half = np.minimum(half, self.norms[0])  # |J| ≤ B without any rollout
             excess = half / allowed
-            if excess.max() <= 1 + CONVERGED and _settled(excess, design):
+            if excess.max() <= 1 + CONVERGED and _is_settled(excess, design):
                 break
             design = np.clip(design * excess**STEP, LEAST, MOST)
-        return self.part.number * float(design.sum())
+        return self.region.number * float(design.sum())
 
 
-def _settled(excess: FloatArray, design: FloatArray) -> bool:
+def _is_settled(excess: FloatArray, design: FloatArray) -> bool:
     """Return whether the rollouts lie where the half-width is at its allowance."""
     return bool(design @ np.abs(excess - 1) <= CONVERGED * design.sum())

@@ -16,17 +16,17 @@ from s2r_spec.certify.search.observers import Observer, OnlyCrashes, Silent
 from s2r_spec.certify.search.search import Query, Search
 from s2r_spec.runs.journal import Journal, Record
 from s2r_spec.runs.machine_journal import Void
-from s2r_spec.runs.repeatability import check_run, repeated
+from s2r_spec.runs.repeatability import check_run, is_repeated
 from s2r_spec.runs.runner import Runner
 from s2r_spec.runs.scorer import Scorer
-from s2r_spec.runs.seeds import Stream, rollout_seed
+from s2r_spec.runs.seeds import SeedStream, rollout_seed
 from s2r_spec.runs.task import Done, Task
 
 UNSCORED = "unscored"
 """Definition: word for a machine's rollout whose trace the requirement cannot evaluate."""
 
 
-class Runs(Protocol):
+class TaskRunner(Protocol):
     """Runs tasks: a :class:`s2r_spec.runs.runner.Runner`, or a machine with its operator."""
 
     def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
@@ -34,7 +34,7 @@ class Runs(Protocol):
         ...
 
 
-class Experiment(Protocol):
+class OutcomeSource(Protocol):
     """Answers queries; every outcome is on disk before it is returned."""
 
     def outcomes(self, queries: Sequence[Query], observer: Observer) -> dict[int, list[float]]:
@@ -62,12 +62,12 @@ class Rollouts:
     scorer: Scorer
     seed: int
     journal: Journal
-    runner: Runs
-    stream: Stream = Stream.CHECK
+    runner: TaskRunner
+    stream: SeedStream = SeedStream.CHECK
     each: int = 1
 
     def outcomes(self, queries: Sequence[Query], observer: Observer) -> dict[int, list[float]]:
-        """Run the rollouts that the journal lacks; see :class:`Experiment`.
+        """Run the rollouts that the journal lacks; see :class:`OutcomeSource`.
 
         Raises:
             BackendError: a rollout raised, or the journal belongs to a search with other tests.
@@ -91,7 +91,7 @@ class Rollouts:
             observer.rollout(record)
             if done.trace is None:
                 observer.crash(record)
-        if isinstance(self.runner, Runner) and repeated(self.scorer.backend):
+        if isinstance(self.runner, Runner) and is_repeated(self.scorer.backend):
             check_run(self.journal, self.runner, [(task, records[key]) for key, task in tasks.items()])
         return {
             query.index: [
@@ -156,8 +156,8 @@ class Pairs:
         watched: the backend whose rollouts the observer receives; from the other one it receives only crashes.
     """
 
-    simulated: Experiment
-    real: Experiment
+    simulated: OutcomeSource
+    real: OutcomeSource
     watched: Literal["real", "simulated"] = "real"
 
     def outcomes(self, queries: Sequence[Query], observer: Observer) -> dict[int, list[float]]:
@@ -173,7 +173,7 @@ class Pairs:
         return self.real.on_disk(index, replicates) and self.simulated.on_disk(index, replicates)
 
 
-def following(search: Search, on_disk: Callable[[int, int], bool]) -> list[Query]:
+def next_queries(search: Search, on_disk: Callable[[int, int], bool]) -> list[Query]:
     """Return the queries to answer next; none once the search is over.
 
     A run may have more rollouts on disk than its stopping rule or its budget now needs. The bound holds at every time,
@@ -195,14 +195,14 @@ def following(search: Search, on_disk: Callable[[int, int], bool]) -> list[Query
     return []
 
 
-def run_search(search: Search, experiment: Experiment, observer: Observer | None = None) -> None:
+def run_search(search: Search, experiment: OutcomeSource, observer: Observer | None = None) -> None:
     """Run the search to its end, with every complete batch on disk.
 
     Raises:
         BackendError: a rollout raised; every rollout before it is on disk.
     """
     observer = observer or Silent()
-    while queries := following(search, experiment.on_disk):
+    while queries := next_queries(search, experiment.on_disk):
         observer.batch(queries, search.certificate())
         outcomes = experiment.outcomes(queries, observer)
         for query in queries:

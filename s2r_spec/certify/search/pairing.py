@@ -69,14 +69,14 @@ class Pairing:
         recorded = fixed_design(spec, requirement, machine.backend, machine.backend.recordings)
         about = "the statement is about the machine as it was when it was recorded"
         if not isinstance(sim.backend, HasRecordings):
-            notes = (about, *recorded.notes, *_undeclared(spec, sim.backend, machine.backend))
+            notes = (about, *recorded.notes, *_undeclared_notes(spec, sim.backend, machine.backend))
             return cls(sim, machine, recorded, notes=notes)
         if sim.backend.model_hash == machine.backend.model_hash:
             raise UsageError(
                 f"{sim.name} and {machine.name} are the same recordings: a gap needs two different ones"
             )
         others = fixed_design(spec, requirement, sim.backend, sim.backend.recordings)
-        real_tests, sim_tests, note = _paired(spec, recorded, others)
+        real_tests, sim_tests, note = _pair_designs(spec, recorded, others)
         notes = (about, *recorded.notes, *others.notes, *note)
         fewest = min(
             len(group) // len(real_group)
@@ -85,7 +85,7 @@ class Pairing:
         return cls(sim, machine, real_tests, sim_tests, min(fewest, SIMULATED_PER_REAL), notes)
 
 
-def _paired(spec: Spec, real: Design, simulated: Design) -> tuple[Design, Design, list[str]]:
+def _pair_designs(spec: Spec, real: Design, simulated: Design) -> tuple[Design, Design, list[str]]:
     """Return both designs at their common tests: for every real recording one or two simulated ones.
 
     The first recordings of a test are used, so the choice does not depend on any outcome.
@@ -107,8 +107,8 @@ def _paired(spec: Spec, real: Design, simulated: Design) -> tuple[Design, Design
             sim_tests.append((point, others[: SIMULATED_PER_REAL * pairs]))
     if not real_tests:
         raise UsageError(
-            f"no test of {spec.name} was recorded in both: {_few(real)} of the real machine, "
-            f"{_few(simulated)} of the simulator"
+            f"no test of {spec.name} was recorded in both: {_first_tests(real)} of the real machine, "
+            f"{_first_tests(simulated)} of the simulator"
         )
     notes = []
     for side, before, after in (("real", real, real_tests), ("simulated", simulated, sim_tests)):
@@ -121,7 +121,7 @@ def _paired(spec: Spec, real: Design, simulated: Design) -> tuple[Design, Design
     return Design(tuple(real_tests), ()), Design(tuple(sim_tests), ()), notes
 
 
-def _few(design: Design) -> str:
+def _first_tests(design: Design) -> str:
     """Return the first three tests of a design in words."""
     shown = "; ".join(
         ", ".join(f"{name} = {value:.4g}" for name, value in point.items()) for point, _ in design.tests[:3]
@@ -129,7 +129,7 @@ def _few(design: Design) -> str:
     return shown + ("; …" if len(design.tests) > 3 else "")
 
 
-def _undeclared(spec: Spec, sim: Backend, machine: Backend) -> Sequence[str]:
+def _undeclared_notes(spec: Spec, sim: Backend, machine: Backend) -> Sequence[str]:
     """Return a note for each recorded parameter that the simulator has, too, but the spec does not declare."""
     offered = {parameter.name: parameter for parameter in sim.parameters}
     return [

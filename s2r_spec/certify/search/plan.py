@@ -27,7 +27,7 @@ from s2r_spec.base.errors import UsageError
 from s2r_spec.base.magnitude import whole
 from s2r_spec.certify.bound.coverage import PARTS, Coverage, long_axes
 from s2r_spec.certify.bound.sample_complexity import minimax, sequential_lower_bound
-from s2r_spec.certify.bound.settings import Declared, SearchSettings
+from s2r_spec.certify.bound.settings import DeclaredSettings, SearchSettings
 from s2r_spec.certify.search.effort import Effort, Objective
 from s2r_spec.certify.search.pairing import SIMULATED_PER_REAL
 from s2r_spec.certify.search.search import Search
@@ -35,9 +35,9 @@ from s2r_spec.space import Space
 
 VARIATION = 4.0
 """Definition: change of J over the test space in the easier case, in ε. If ε is half of the worst mean, as the pages
-advise, E ρ rises to three times its worst. With twice as much ``low`` falls by about a quarter."""
+advise, E ρ rises to three times its worst."""
 FUNCTIONS = 5
-"""Budget: random functions for ``low``. With twice as many it is a little smaller, and takes twice the time."""
+"""Budget: random functions for ``low``."""
 SECTIONS = 12
 """Definition: kernel sections in a random function."""
 SHARE_VARIED, SHARE_FLAT = 0.4, 0.5
@@ -48,7 +48,7 @@ MOST = 2_000_000
 WIDTHS = 6
 """Budget: most estimates of the rollouts until the ε of a budget is found."""
 CLOSE = 0.03
-"""Tolerance: relative change of that ε at which it is found. With half as much it takes one more estimate."""
+"""Tolerance: relative change of that ε at which it is found."""
 
 Progress = Callable[[str, int, int], None]
 """Receives the stage, how many estimates are done, and how many there are."""
@@ -91,7 +91,7 @@ class Plan(Floors):
 
 
 def settings_of(
-    space: Space, budgets: tuple[int, ...], most: int, **declared: Unpack[Declared]
+    space: Space, budgets: tuple[int, ...], most: int, **declared: Unpack[DeclaredSettings]
 ) -> SearchSettings:
     """Return the declaration of a plan after its checks.
 
@@ -156,9 +156,9 @@ def plan_search(
     return Plan(
         floor=least.floor,
         minimax=least.minimax,
-        peaked=_whole(low, most),
-        flat=_whole(high, most),
-        expected=_whole(math.sqrt(low * high), most),
+        peaked=_whole_number(low, most),
+        flat=_whole_number(high, most),
+        expected=_whole_number(math.sqrt(low * high), most),
         reachable=tuple(expected[: len(budgets)]),
         reachable_range=tuple((budget, *width) for budget, width in ends[: len(budgets)]),
         runs=FUNCTIONS,
@@ -168,11 +168,11 @@ def plan_search(
 
 def rollouts(settings: SearchSettings) -> tuple[float, float]:
     """Return the low and the high end of the range of rollouts until the interval is ε wide."""
-    low = _low(settings)
-    return low, max(low, _high(settings))
+    low = _fewest_rollouts(settings)
+    return low, max(low, _most_rollouts(settings))
 
 
-def _low(settings: SearchSettings) -> float:
+def _fewest_rollouts(settings: SearchSettings) -> float:
     """Return the low end: the fewest rollouts over a few objectives that vary."""
     return min(_one(settings, number) for number in range(FUNCTIONS))
 
@@ -180,18 +180,18 @@ def _low(settings: SearchSettings) -> float:
 def _one(settings: SearchSettings, number: int) -> float:
     """Return the rollouts for one objective that varies."""
     effort = Effort.of(settings)
-    varied = _varied(effort, settings, np.random.default_rng([settings.seed, number]))
-    return max(_least(settings), effort.rollouts(varied, SHARE_VARIED))
+    varied = _random_objective(effort, settings, np.random.default_rng([settings.seed, number]))
+    return max(_least_rollouts(settings), effort.rollouts(varied, SHARE_VARIED))
 
 
-def _high(settings: SearchSettings) -> float:
+def _most_rollouts(settings: SearchSettings) -> float:
     """Return the high end: the rollouts for a flat objective, with a last batch that was not needed."""
     effort = Effort.of(settings)
-    flat = Objective.flat(len(effort.part.points), float(effort.norms[0]) / 2)
-    return max(2 * _least(settings), effort.rollouts(flat, SHARE_FLAT) * (1 + settings.batch))
+    flat = Objective.flat(len(effort.region.points), float(effort.norms[0]) / 2)
+    return max(2 * _least_rollouts(settings), effort.rollouts(flat, SHARE_FLAT) * (1 + settings.batch))
 
 
-def _least(settings: SearchSettings) -> float:
+def _least_rollouts(settings: SearchSettings) -> float:
     """Return the rollouts of the first batch, of the floor, or of the tests on axes shorter than their lengthscale."""
     axes = long_axes(settings.space, settings.kernel)
     needed = Coverage(settings.space, axes).needed(settings.R, settings.epsilon, settings.delta)
@@ -202,11 +202,13 @@ def reachable(settings: SearchSettings, budget: int) -> tuple[float, float]:
     """Return the least and the largest ε that a budget may reach."""
     # The objective that takes the fewest rollouts is the same one for every ε, or nearly so.
     easiest = min(range(FUNCTIONS), key=lambda number: _one(settings, number))
-    narrow = _reached(settings, budget, lambda changed: _one(changed, easiest))
-    return narrow, max(narrow, _reached(settings, budget, _high))
+    narrow = _epsilon_of_budget(settings, budget, lambda changed: _one(changed, easiest))
+    return narrow, max(narrow, _epsilon_of_budget(settings, budget, _most_rollouts))
 
 
-def _reached(settings: SearchSettings, budget: int, count: Callable[[SearchSettings], float]) -> float:
+def _epsilon_of_budget(
+    settings: SearchSettings, budget: int, count: Callable[[SearchSettings], float]
+) -> float:
     """Return the ε at which an end of the range of rollouts equals the budget, by the secant method in logarithms."""
     largest = math.log(1.99 * settings.B)  # |J| ≤ B needs no rollout
     x, slope = min(math.log(settings.epsilon), largest), -2.0
@@ -215,25 +217,25 @@ def _reached(settings: SearchSettings, budget: int, count: Callable[[SearchSetti
         other = min(largest, x - excess / slope)
         if abs(other - x) < CLOSE:
             return math.exp(other)
-        found = math.log(count(replace(settings, epsilon=math.exp(other))) / budget)
+        log_ratio = math.log(count(replace(settings, epsilon=math.exp(other))) / budget)
         # More parameters make the rollouts fall faster than the square as ε grows.
-        slope = min(-1.0, (found - excess) / (other - x))
-        x, excess = other, found
+        slope = min(-1.0, (log_ratio - excess) / (other - x))
+        x, excess = other, log_ratio
     return math.exp(x)
 
 
-def _varied(effort: Effort, settings: SearchSettings, rng: np.random.Generator) -> Objective:
+def _random_objective(effort: Effort, settings: SearchSettings, rng: np.random.Generator) -> Objective:
     """Return a random function that varies by ``VARIATION`` ε, or less, so that its norm is at most B/2."""
-    part = effort.part
-    centres = rng.uniform(part.space.lower, part.space.upper, (SECTIONS, part.space.dim))
+    region = effort.region
+    centres = rng.uniform(region.space.lower, region.space.upper, (SECTIONS, region.space.dim))
     weights = rng.normal(size=SECTIONS)
-    values = settings.kernel.gram(part.points, centres) @ weights
+    values = settings.kernel.gram(region.points, centres) @ weights
     norm = math.sqrt(float(weights @ settings.kernel.gram(centres, centres) @ weights))
     spread = float(values.max() - values.min())
     scale = min(VARIATION * effort.epsilon / spread, float(effort.norms[0]) / 2 / norm)
     return Objective.of(scale * values)
 
 
-def _whole(number: float, most: int) -> int | None:
+def _whole_number(number: float, most: int) -> int | None:
     """Return a number of rollouts; None if it is beyond the most."""
     return None if number > most else round(number)

@@ -11,7 +11,7 @@ from s2r_spec.backend import Backend, is_exclusive, load_backend
 from s2r_spec.base.errors import UsageError, one_of
 from s2r_spec.certify.arguments import as_backend
 from s2r_spec.certify.bound.kernels import Kernel
-from s2r_spec.certify.bound.settings import Declared, SearchSettings
+from s2r_spec.certify.bound.settings import DeclaredSettings, SearchSettings
 from s2r_spec.certify.from_spec import only_requirement
 from s2r_spec.certify.search.pilot import Pilot, read_pilot
 from s2r_spec.certify.search.plan import MOST, Floors, Plan, Progress, floors, plan_search, settings_of
@@ -122,12 +122,12 @@ def plan(of: Spec | Space, *, progress: Progress | None = None, **keywords: Unpa
     Raises:
         UsageError: a setting is missing or out of its range, or no rollouts could give a certificate.
     """
-    found = plan_request(of, PlanOptions(**keywords))
-    if isinstance(found, Pilot):
+    request = plan_request(of, PlanOptions(**keywords))
+    if isinstance(request, Pilot):
         raise UsageError(
             "a plan needs epsilon, delta and B beside the pilot's R; declare them in a certify line"
         )
-    return found.plan(progress)
+    return request.plan(progress)
 
 
 def plan_request(of: Spec | Space, options: PlanOptions) -> PlanRequest | Pilot:
@@ -137,7 +137,7 @@ def plan_request(of: Spec | Space, options: PlanOptions) -> PlanRequest | Pilot:
         UsageError: as for :func:`plan`; or settings are missing, and there is no pilot.
     """
     pilot = None if options.pilot is None else pilot_of(Path(options.pilot), options.requirement)
-    options = _declared(of, _with_proxy(options))
+    options = _declared_options(of, _with_proxy(options))
     R, epsilon, delta, B = options.R, options.epsilon, options.delta, options.B
     if R is None or epsilon is None or delta is None or B is None:
         if pilot is not None:
@@ -152,7 +152,13 @@ def plan_request(of: Spec | Space, options: PlanOptions) -> PlanRequest | Pilot:
     seconds = None if machine is None else machine.cost / at_once
     afforded = rollouts_in(options.time, seconds)
     budgets = options.budgets
-    declared: Declared = {"kernel": options.kernel, "B": B, "R": R, "delta": delta, "epsilon": epsilon}
+    declared: DeclaredSettings = {
+        "kernel": options.kernel,
+        "B": B,
+        "R": R,
+        "delta": delta,
+        "epsilon": epsilon,
+    }
     declared["mode"] = options.mode
     space = of.space if isinstance(of, Spec) else of
     settings = settings_of(space, (*budgets, *afforded), options.most, **declared)
@@ -169,7 +175,7 @@ def _with_proxy(options: PlanOptions) -> PlanOptions:
     return replace(options, R=(high - low) / 2)
 
 
-def _declared(of: Spec | Space, options: PlanOptions) -> PlanOptions:
+def _declared_options(of: Spec | Space, options: PlanOptions) -> PlanOptions:
     """Return options with the settings of the certify line in the place of those that are not given."""
     if not isinstance(of, Spec):
         return options
@@ -201,14 +207,14 @@ def rollouts_in(time: str | None, seconds: float | None) -> tuple[int, ...]:
         return ()
     if not seconds:
         raise UsageError("--time needs a --backend that declares its cost")
-    found = re.fullmatch(r"\s*([0-9]+(?:\.[0-9]*)?)\s*([a-zA-Z]*)\s*", time)
+    match = re.fullmatch(r"\s*([0-9]+(?:\.[0-9]*)?)\s*([a-zA-Z]*)\s*", time)
     try:
-        unit, of = parse_unit(found[2] or "s") if found else None, parse_unit("s")
+        unit, of = parse_unit(match[2] or "s") if match else None, parse_unit("s")
     except UnknownUnitError:
         unit = None
-    if found is None or unit is None or not unit.fits(of):
+    if match is None or unit is None or not unit.fits(of):
         raise UsageError(f"--time {time} is not a time such as 30min or 1.5h")
-    rollouts = int(unit.to(of)(float(found[1])) / seconds + 1e-9)
+    rollouts = int(unit.to(of)(float(match[1])) / seconds + 1e-9)
     if rollouts < FEWEST:
         raise UsageError(
             f"--time {time} allows {rollouts} rollouts of {seconds:.3g} s; a search needs at least {FEWEST}"
@@ -226,12 +232,12 @@ def pilot_of(folder: Path, requirement: str | None) -> Pilot:
     Raises:
         UsageError: the folder has no journal, or those of several requirements, or too few outcomes.
     """
-    found = {path.name: path for path in runs_in(folder)}
-    if len(found) > 1 and requirement not in found:
+    runs = {path.name: path for path in runs_in(folder)}
+    if len(runs) > 1 and requirement not in runs:
         raise UsageError(
-            f"{folder} holds runs of {one_of(found)}: choose one with --requirement, or give its folder"
+            f"{folder} holds runs of {one_of(runs)}: choose one with --requirement, or give its folder"
         )
-    place = next(iter(found.values())) if len(found) == 1 else found[str(requirement)]
+    place = next(iter(runs.values())) if len(runs) == 1 else runs[str(requirement)]
     groups: dict[int, list[float]] = {}
     for record in Journal.read(place).records():
         groups.setdefault(record.query, []).append(record.rho)

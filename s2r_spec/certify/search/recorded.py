@@ -9,8 +9,8 @@ import numpy as np
 
 from s2r_spec.backend import Backend, Recording
 from s2r_spec.base.errors import TraceError, UsageError
-from s2r_spec.certify.bound.rounding import wide
-from s2r_spec.certify.search.experiments import Experiment
+from s2r_spec.certify.bound.rounding import width_text
+from s2r_spec.certify.search.experiments import OutcomeSource
 from s2r_spec.certify.search.observers import Observer
 from s2r_spec.certify.search.search import Query, Search
 from s2r_spec.recordings.recorded import omission_note, refuse_hidden, refuse_unstated_times, tests_of
@@ -89,7 +89,7 @@ def fixed_design(spec: Spec, requirement: str, backend: Backend, recordings: Seq
 
 
 @dataclass(frozen=True)
-class Recorded:
+class RecordedExperiment:
     """An experiment with recorded outcomes.
 
     Attributes:
@@ -105,7 +105,7 @@ class Recorded:
     each: int = 1
 
     def outcomes(self, queries: Sequence[Query], observer: Observer) -> dict[int, list[float]]:
-        """Evaluate the recordings; see :class:`s2r_spec.certify.search.experiments.Experiment`.
+        """Evaluate the recordings; see :class:`s2r_spec.certify.search.experiments.OutcomeSource`.
 
         Raises:
             TraceError: a recording cannot be evaluated; the message names its file.
@@ -136,13 +136,13 @@ class Recorded:
         return [float(np.mean(group)) for group in groups]
 
 
-def observe(search: Search, design: Design, experiment: Experiment, observer: Observer) -> None:
+def observe(search: Search, design: Design, experiment: OutcomeSource, observer: Observer) -> None:
     """Give a search the outcomes of all tests of a design at once; it is then done."""
     outcomes = experiment.outcomes(design.queries, observer)
     search.observe([(query.point, outcomes[query.index]) for query in design.queries], final=True)
 
 
-def left_open(search: Search, what: str) -> list[str]:
+def limitations(search: Search, what: str) -> list[str]:
     """Return the limits of a certificate from recorded tests, each in one sentence.
 
     Args:
@@ -168,10 +168,10 @@ def left_open(search: Search, what: str) -> list[str]:
             f"{axis.name} = {value:.4g} {axis.unit}".rstrip()
             for axis, value in zip(space.axes, points[widest], strict=True)
         )
-        share = wide(100 * float(np.mean(widths > search.epsilon)), 0)
+        share = width_text(100 * float(np.mean(widths > search.epsilon)), 0)
         notes.append(
             f"the recorded tests leave the band of {what} wider than ε = {search.epsilon:g}{unit} over {share} % of "
-            f"the test space. It is widest at {where}, {wide(widths[widest])}{unit}, "
+            f"the test space. It is widest at {where}, {width_text(widths[widest])}{unit}, "
             f"{far[widest]:.2g} lengthscales from the nearest recorded test"
         )
     return notes
@@ -179,12 +179,12 @@ def left_open(search: Search, what: str) -> list[str]:
 
 def _point(spec: Spec, matched: Interface, recording: Recording) -> dict[str, float] | None:
     """Return the test point of a recording, or None if it is outside the spec's test space."""
-    found = matched.to_spec(recording.params)
-    if found is None:
+    values = matched.to_spec(recording.params)
+    if values is None:
         return None
     point = {}
     for axis in spec.space.axes:
-        value = found[axis.name]
+        value = values[axis.name]
         point[axis.name] = min(max(value, axis.low), axis.high)
         if abs(point[axis.name] - value) > ROUNDING * axis.width:
             return None

@@ -21,7 +21,7 @@ from s2r_spec.certify.bound.samples import as_outcomes
 from s2r_spec.certify.bound.settings import SearchKeywords, SearchSettings
 from s2r_spec.certify.search import assembly
 from s2r_spec.certify.search.acquisition import next_batch
-from s2r_spec.certify.search.state import State
+from s2r_spec.certify.search.state import SearchState
 from s2r_spec.certify.search.stopping import label
 from s2r_spec.space import Space
 
@@ -65,7 +65,7 @@ class Search:
         self.settings = settings
         self.space, self.kernel, self.unit = settings.space, settings.kernel, settings.unit
         self.B, self.R, self.delta, self.epsilon = settings.B, settings.R, settings.delta, settings.epsilon
-        self._state = State.of(settings)
+        self._state = SearchState.of(settings)
         self._open: dict[
             int, tuple[Query, int]
         ] = {}  # of the batch that is asked: query and index of its point
@@ -198,7 +198,7 @@ class Search:
 
         Only a search whose certificate is refused because of B or the kernel has one.
         """
-        return assembly.one_sided(self._state)
+        return assembly.one_sided_certificate(self._state)
 
     def band(self, points: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return (n,) lower and upper bounds of J at (n, dim) points, all at once with probability ≥ 1 − δ.

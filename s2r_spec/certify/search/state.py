@@ -18,12 +18,12 @@ from s2r_spec.runs.stop_rule import DECIDED
 FloatArray = NDArray[np.float64]
 
 LEAST_DEGREES = 20
-"""Level: fewest degrees of freedom of the test of R before a verdict may end a search: rollouts minus replicated tests.
-With twice as many the test refutes smaller errors of R, and the search takes at least twice the rollouts."""
+"""Level: fewest degrees of freedom of the test of R before a verdict may end a search: rollouts minus replicated
+tests."""
 
 
 @dataclass
-class State:
+class SearchState:
     """All that the next batch, the label and the certificate depend on.
 
     Attributes:
@@ -57,7 +57,7 @@ class State:
     missing: str = ""
 
     @classmethod
-    def of(cls, settings: SearchSettings) -> State:
+    def of(cls, settings: SearchSettings) -> SearchState:
         """Return the state before any outcome."""
         return cls(
             settings,

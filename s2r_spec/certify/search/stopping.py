@@ -22,25 +22,25 @@ from s2r_spec.certify.bound.modes import PAPER
 from s2r_spec.certify.bound.rounding import at_least
 from s2r_spec.certify.bound.sample_complexity import sequential_lower_bound
 from s2r_spec.certify.search.acquisition import batch_size, coverage_tests
-from s2r_spec.certify.search.state import State
+from s2r_spec.certify.search.state import SearchState
 from s2r_spec.runs.stop_rule import BUDGET
 
 
-def label(state: State) -> tuple[Label, str]:
+def label(state: SearchState) -> tuple[Label, str]:
     """Return the label, and the reason in one sentence if the certificate is refused or model-based, else ""."""
     if refusal := next(filter(None, _refusals(state)), None):
         return Label.REFUSED, refusal.sentence
-    if not settled(state):
+    if not is_settled(state):
         return Label.RUNNING, ""
     if state.settings.fitted:
         return Label.MODEL_BASED, f"{', '.join(state.settings.fitted)} fitted on the certificate's own data"
     reached = state.confidence.width <= state.settings.epsilon
-    if not reached and decided(state):
+    if not reached and is_decided(state):
         return Label.DECIDED, ""
     return (Label.CERTIFIED if reached else Label.BUDGET), ""
 
 
-def settled(state: State) -> bool:
+def is_settled(state: SearchState) -> bool:
     """Return whether the search needs no further test, unless the certificate is refused before."""
     if state.final or state.confidence.smallest_norm > state.settings.B:
         return True
@@ -52,12 +52,12 @@ def settled(state: State) -> bool:
     return state.confidence.width <= state.settings.epsilon or state.decided
 
 
-def decided(state: State) -> bool:
+def is_decided(state: SearchState) -> bool:
     """Return whether the verdict is known, R was tested, and no test on a long axis is missing."""
     return state.decided and not coverage_tests(state)
 
 
-def needs_no_norm(state: State) -> bool:
+def needs_no_norm(state: SearchState) -> bool:
     """Return whether a refused certificate may still state what holds for every B and every kernel.
 
     Noise, independence and completeness remain assumed. So no such statement follows if R is refuted, if rollouts are
@@ -76,7 +76,7 @@ class _Refusal(NamedTuple):
     of_norm: bool = False
 
 
-def _refusals(state: State) -> Iterator[_Refusal | None]:
+def _refusals(state: SearchState) -> Iterator[_Refusal | None]:
     """Yield every reason to refuse the certificate, or None where there is none.
 
     The first one counts. Those after it are not computed: with bounds that contradict each other they mean nothing.
@@ -86,9 +86,9 @@ def _refusals(state: State) -> Iterator[_Refusal | None]:
     yield _of_data(_left_out(state))
     yield _of_data(_refuted_noise(state))
     yield _of_norm(_contradiction(state))
-    over = settled(state)
+    over = is_settled(state)
     yield _of_norm(_refuted_norm(state)) if over else None
-    yield _of_data(_impossible(state))
+    yield _of_data(_impossibility(state))
     uncovered = state.coverage.uncovered(state.tested, state.outcomes.samples.counts) if over else ""
     yield _of_norm(uncovered)
 
@@ -101,7 +101,7 @@ def _of_data(sentence: str) -> _Refusal | None:
     return _Refusal(sentence) if sentence else None
 
 
-def _left_out(state: State) -> str:
+def _left_out(state: SearchState) -> str:
     return (
         f"rollouts are missing: {state.missing}; leaving out rollouts biases the bound"
         if state.missing
@@ -109,7 +109,7 @@ def _left_out(state: State) -> str:
     )
 
 
-def _refuted_noise(state: State) -> str:
+def _refuted_noise(state: SearchState) -> str:
     delta, log_e = state.settings.delta, state.outcomes.log_e
     if log_e < math.log(1 / delta):
         return ""
@@ -119,7 +119,7 @@ def _refuted_noise(state: State) -> str:
     )
 
 
-def _contradiction(state: State) -> str:
+def _contradiction(state: SearchState) -> str:
     if not state.confidence.bounds.empty:
         return ""
     return (
@@ -128,7 +128,7 @@ def _contradiction(state: State) -> str:
     )
 
 
-def _refuted_norm(state: State) -> str:
+def _refuted_norm(state: SearchState) -> str:
     B, B_low = state.settings.B, state.confidence.smallest_norm
     if 2 * B_low <= B:
         return ""
@@ -140,7 +140,7 @@ def _refuted_norm(state: State) -> str:
     return f"B = {B:g} is less than twice the norm that the data already show (B_low = {at_least(B_low)}); {remedy}"
 
 
-def _impossible(state: State) -> str:
+def _impossibility(state: SearchState) -> str:
     settings, width, rollouts = state.settings, state.confidence.width, state.outcomes.rollouts
     if width > settings.B or rollouts >= sequential_lower_bound(settings.R, width, settings.delta):
         return ""

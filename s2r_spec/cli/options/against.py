@@ -9,7 +9,7 @@ from typing import Any
 
 import typer
 
-from s2r_spec.cli.options.groups import grouped
+from s2r_spec.cli.options.groups import group_options
 from s2r_spec.cli.options.logs import LogReading
 from s2r_spec.cli.options.output import Writing
 from s2r_spec.cli.options.search import (
@@ -21,12 +21,12 @@ from s2r_spec.cli.options.search import (
     Simulator,
     SpecFile,
 )
-from s2r_spec.cli.terminal.common import begun, refuse_without_operator, resumable, sentences
+from s2r_spec.cli.terminal.common import begin_run, refuse_without_operator, resumable, sentences
 from s2r_spec.cli.terminal.terminal import console
 
 
 @dataclass(frozen=True)
-class Search:
+class SearchOptions:
     """The search that a command runs, and its reports.
 
     Attributes:
@@ -44,7 +44,7 @@ class Search:
     journals: tuple[str, ...]
 
 
-def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[..., None]:
+def against(prefix: str, help_: str, search: Callable[[], SearchOptions]) -> Callable[..., None]:
     """Return a command: ``prefix`` begins the name of its runs' folders; ``search`` is loaded when it is called."""
 
     def command(
@@ -67,7 +67,7 @@ def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[.
             chosen, form, parsed = search(), writing.settled(), load_spec(spec)
             compared = [requirement] if requirement else list(parsed.requirements)
             simulator, machine = reading.backends([sim, real], parsed, compared)
-            run = _begun(chosen, f"{prefix}{spec.stem}-{sim}-{real}", rules, running, machine)
+            run = _begin_search(chosen, f"{prefix}{spec.stem}-{sim}-{real}", rules, running, machine)
             with resumable(run.folder), run.live(running.quiet) as live:
                 options = {"requirement": requirement, "budget": budget, "observer": live, **run.options}
                 result = chosen.run(parsed, simulator, machine, run.folder, **options)
@@ -76,7 +76,7 @@ def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[.
             raise typer.Exit(report.exit_code)
 
     command.__doc__ = help_
-    return grouped(command)
+    return group_options(command)
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class _Begun:
         return Live(console(stderr=True), quiet, opening=self.opening)
 
 
-def _begun(search: Search, name: str, rules: Rules, running: Running, machine: str) -> _Begun:
+def _begin_search(search: SearchOptions, name: str, rules: Rules, running: Running, machine: str) -> _Begun:
     """Return the folder of a run, new or resumed, and the options of its search."""
     from s2r_spec.certify.resumed_options import seed_of
     from s2r_spec.runs.journal import Journal
@@ -103,7 +103,7 @@ def _begun(search: Search, name: str, rules: Rules, running: Running, machine: s
         resume = with_any(resume, search.places, Journal.exists)
         running = replace(running, resume=resume)
     seed = seed_of(rules.seed, *([] if resume is None else [resume / place for place in search.journals]))
-    executor, folder, opening = begun(running, name, seed, machine)
+    executor, folder, opening = begin_run(running, name, seed, machine)
     options = {
         "seed": seed,
         "stop": rules.stop,

@@ -19,7 +19,7 @@ log_option = functools.partial(typer.Option, rich_help_panel=LOGS)
 output_option = functools.partial(typer.Option, rich_help_panel=OUTPUT)
 
 
-class Command(TyperCommand):
+class GroupedCommand(TyperCommand):
     """A command whose help lists arguments and options by group."""
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
@@ -36,7 +36,7 @@ class Command(TyperCommand):
                     formatter.write_dl(records)
 
 
-def grouped(command: Callable[..., None]) -> Callable[..., None]:
+def group_options(command: Callable[..., None]) -> Callable[..., None]:
     """Return a command that has the fields of each record among its parameters as options in the record's place."""
     signature = inspect.signature(command, eval_str=True)
     records = {

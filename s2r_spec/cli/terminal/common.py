@@ -35,7 +35,7 @@ def sentences(as_json: bool = False) -> Iterator[None]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("always", TraceNote)
-            warnings.showwarning = _noted(warnings.showwarning)
+            warnings.showwarning = _print_notes(warnings.showwarning)
             yield
     except S2RError as error:
         _refuse(str(error), error.exit_code, as_json, error)
@@ -66,7 +66,7 @@ def _refuse(sentence: str, exit_code: ErrorCode, as_json: bool, cause: Exception
     raise typer.Exit(exit_code) from cause
 
 
-def _noted(shown: Callable[..., None]) -> Callable[..., None]:
+def _print_notes(shown: Callable[..., None]) -> Callable[..., None]:
     """Return a function that prints a TraceNote as a note, and other warnings as before."""
 
     def show(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
@@ -92,7 +92,7 @@ def print_error(exit_code: ErrorCode, sentence: str) -> None:
     print(line(ErrorObject(exit_code=exit_code, error=sentence)))
 
 
-def answered() -> None:
+def mark_answered() -> None:
     """Record that stdout has its JSON object, which includes the errors."""
     global _json_was_printed
     _json_was_printed = True
@@ -170,7 +170,7 @@ def new_or_old(run: Path | None, resume: Path | None, name: str, seed: int) -> P
     return folder
 
 
-def begun(running: Running, name: str, seed: int, real: str) -> tuple[ExecutorFactory, Path, str]:
+def begin_run(running: Running, name: str, seed: int, real: str) -> tuple[ExecutorFactory, Path, str]:
     """Return the pool and the folder of a run with a machine, and the line to print when it begins.
 
     Raises:

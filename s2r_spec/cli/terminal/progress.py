@@ -18,10 +18,10 @@ from rich.text import Text
 
 from s2r_spec.base.printable import one_line
 from s2r_spec.certify.bound.certificate import Certificate
-from s2r_spec.certify.bound.rounding import between, wide
+from s2r_spec.certify.bound.rounding import interval_text, width_text
 from s2r_spec.certify.search.observers import Phase
 from s2r_spec.certify.search.search import Query
-from s2r_spec.cli.terminal.remaining import Forecast, Pace
+from s2r_spec.cli.terminal.remaining import Pace, RolloutForecast
 from s2r_spec.runs.journal import Record
 
 _LAST = 24
@@ -29,7 +29,7 @@ _BLOCKS = "▁▂▃▄▅▆▇█"
 
 
 @dataclass
-class State:
+class SearchProgress:
     """Progress of a search.
 
     Attributes:
@@ -52,7 +52,7 @@ class State:
     here: int = 0
     since: float = 0.0
     pace: Pace = field(default_factory=Pace)
-    forecast: Forecast | None = None
+    forecast: RolloutForecast | None = None
     tests: dict[tuple[float, ...], tuple[int, float]] = field(default_factory=dict)
     last: deque[float] = field(default_factory=lambda: deque(maxlen=_LAST))
 
@@ -95,7 +95,7 @@ class Live:
         self, console: Console, quiet: bool, clock: Callable[[], float] = monotonic, opening: str = ""
     ) -> None:
         self._console, self._quiet, self._clock, self._opening = console, quiet, clock, opening
-        self._state = State(since=clock())
+        self._state = SearchProgress(since=clock())
         self._screen: Screen | None = None
         if console.is_terminal and not quiet:
             self._screen = Screen(
@@ -115,12 +115,12 @@ class Live:
 
     def begin(self, phase: Phase) -> None:
         """Begin another search. If it has an operator, the screen is left to the operator's dialogue."""
-        self._state = State(phase=phase, since=self._clock(), pace=Pace(paired=phase.symbol == "Δ"))
+        self._state = SearchProgress(phase=phase, since=self._clock(), pace=Pace(paired=phase.symbol == "Δ"))
         if self._opening and not self._quiet:
             self._console.print(one_line(self._opening), markup=False, soft_wrap=True)
         self._opening = ""
         if phase.settings is not None and not self._quiet:
-            self._state.forecast = Forecast.of(phase.settings)
+            self._state.forecast = RolloutForecast.of(phase.settings)
             self._state.since = self._clock()
         if phase.attended and self._screen is not None:
             self._screen.stop()
@@ -135,7 +135,7 @@ class Live:
                 f"{certificate.rollouts} rollouts",
                 _interval(self._state),
                 f"next {_next(self._state)}",
-                *_left(self._state),
+                *_left_words(self._state),
             ]
             self._console.print(one_line(", ".join(words)), markup=False, soft_wrap=True)
 
@@ -187,7 +187,7 @@ class Live:
         progress.add_row(
             bar,
             Text(one_line(f"{state.rollouts} of {state.phase.backend}")),
-            *_left(state),
+            *_left_words(state),
             f"{now - state.since:.0f} s so far",
         )
         table.add_row("rollouts", progress)
@@ -201,22 +201,22 @@ class Live:
         return table
 
 
-def _interval(state: State) -> str:
+def _interval(state: SearchProgress) -> str:
     certificate, phase = state.certificate, state.phase
     assert certificate is not None
     symbol, unit = (phase.symbol, f" {phase.unit}" if phase.unit else "") if phase is not None else ("ρ", "")
     return (
-        f"{symbol} in {between(-certificate.upper, -certificate.lower)}{unit} "
-        f"({wide(certificate.epsilon)} wide, target {certificate.target:g})"
+        f"{symbol} in {interval_text(-certificate.upper, -certificate.lower)}{unit} "
+        f"({width_text(certificate.epsilon)} wide, target {certificate.target:g})"
     )
 
 
-def _next(state: State) -> str:
+def _next(state: SearchProgress) -> str:
     units = state.phase.units if state.phase is not None else {}
     return "; ".join(f"{_test(query.point, units)} ({query.replicates}×)" for query in state.queries)
 
 
-def _left(state: State) -> list[str]:
+def _left_words(state: SearchProgress) -> list[str]:
     left, seconds = state.left(), state.seconds_left()
     if left is None:
         return []

@@ -38,18 +38,18 @@ FloatArray = NDArray[np.float64]
 
 PLANNED = 32
 """Tolerance: rollouts as which the plan's estimate counts. The width of the first four batches is mostly B, and says
-little about the end. With twice as many the plan counts longer."""
+little about the end."""
 FIRST = 2 * LEAST_DEGREES
 """Definition: rollouts in which the test of R gets its degrees of freedom; the tests spread over the space in them."""
 GROWTH = 0.1
 """Tolerance: growth of the computation between batches with each batch, as a share of its first duration: every batch
-adds tests. With twice as much the time left is longer where rollouts are quick."""
+adds tests."""
 WIDTHS = np.array([1.0, 2.0, 4.0, 8.0, 16.0])
 """Tolerance: widths, in ε, at which a flat objective's rollouts are computed; between them ln F is linear in ln w."""
 
 
 @dataclass(frozen=True)
-class Forecast:
+class RolloutForecast:
     """What is known of a search's end before it begins.
 
     Attributes:
@@ -63,13 +63,13 @@ class Forecast:
     flat: FloatArray
 
     @classmethod
-    def of(cls, settings: SearchSettings) -> Forecast:
+    def of(cls, settings: SearchSettings) -> RolloutForecast:
         """Return the forecast of a search with these settings."""
         low, high = rollouts(settings)
         flat = []
         for width in WIDTHS:
             effort = Effort.of(replace(settings, epsilon=min(settings.epsilon * width, 1.99 * settings.B)))
-            flat.append(effort.rollouts(Objective.flat(len(effort.part.points), 0.0), SHARE_FLAT))
+            flat.append(effort.rollouts(Objective.flat(len(effort.region.points), 0.0), SHARE_FLAT))
         return cls(settings, math.sqrt(low * high), np.array(flat))
 
     def total(self, certificate: Certificate | None, worst: float | None) -> float | None:
@@ -84,14 +84,14 @@ class Forecast:
             certificate = None
         if stop == BUDGET or (stop == DECIDED and certificate is None):
             return budget
-        found = self.expected
+        total = self.expected
         if certificate is not None:
-            found = self._until_epsilon(certificate)
+            total = self._until_epsilon(certificate)
             if stop == DECIDED and worst is not None:
-                found = min(found, _until_decided(certificate, worst))
-        if not math.isfinite(found):
+                total = min(total, _until_decided(certificate, worst))
+        if not math.isfinite(total):
             return budget
-        return found if budget is None else min(found, budget)
+        return total if budget is None else min(total, budget)
 
     def _until_epsilon(self, certificate: Certificate) -> float:
         """Return N of the rule ``epsilon``, from n ≥ 1 rollouts."""

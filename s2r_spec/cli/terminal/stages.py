@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from s2r_spec.diagnose.data.cost import Cost, Expected
 
 EVERY = 60.0
-"""Budget: time [s] between two lines on the same stage without a terminal; half as much prints twice the lines."""
+"""Budget: time [s] between two lines on the same stage without a terminal."""
 
 
 class Stages:

@@ -40,7 +40,7 @@ _COLOUR = re.compile(r"(\x1b\[[\d;]*m)")
 def prepare() -> None:
     """Make standard output and error accept every text."""
     codecs.register_error(ERRORS, _in_other_letters)
-    sys.stdout, sys.stderr = _prepared(sys.stdout), _prepared(sys.stderr)
+    sys.stdout, sys.stderr = _prepare(sys.stdout), _prepare(sys.stderr)
 
 
 def console(*, stderr: bool = False) -> Console:
@@ -108,7 +108,7 @@ class _Guarded:
         return getattr(self.unguarded, name)
 
 
-def _prepared(stream: Any) -> Any:
+def _prepare(stream: Any) -> Any:
     if stream is None or isinstance(stream, _Guarded):
         return stream
     if hasattr(stream, "reconfigure"):
@@ -136,6 +136,6 @@ def _letter(character: str) -> str:
     return "?"
 
 
-def _as_json(found: re.Match[str]) -> str:
-    units = found[0].encode("utf-16-be", "surrogatepass").hex()
+def _as_json(match: re.Match[str]) -> str:
+    units = match[0].encode("utf-16-be", "surrogatepass").hex()
     return "".join(f"\\u{units[i : i + 4]}" for i in range(0, len(units), 4))

@@ -26,29 +26,28 @@ from tempfile import TemporaryDirectory
 from s2r_spec.backend import Backend, HasDuration, Recording
 from s2r_spec.backend.protocols import HasProtocols, protocol_of
 from s2r_spec.base.errors import UsageError
-from s2r_spec.diagnose.data.journal import Journal
+from s2r_spec.diagnose.data.journal import CampaignJournal
 from s2r_spec.diagnose.data.rollouts import FEWEST, RealRollouts, as_experiment
 from s2r_spec.diagnose.data.space_filling import spread
 from s2r_spec.diagnose.data.split import LEAST, number_held_out
 from s2r_spec.diagnose.simulator.bench import Bench, Test, refuse_machine
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.runs.compatibility import check_compatibility
-from s2r_spec.runs.seeds import Stream, rollout_seed
+from s2r_spec.runs.seeds import SeedStream, rollout_seed
 
 BUDGET = 30
-"""Budget: real rollouts of a machine when the user gives no number. Twice as many halve the variance of an estimate."""
+"""Budget: real rollouts of a machine when the user gives no number."""
 HELD_OUT = 2 * LEAST
 """Definition: tests that a campaign holds out, if its budget is large enough."""
 DISTINCT = 0.6
-"""Budget: share of different tests in a plan without protocols; the rest are second and third runs. With twice as much,
-no test runs again."""
+"""Budget: share of different tests in a plan without protocols; the rest are second and third runs."""
 
 Choose = Callable[[RealRollouts, frozenset[str]], Experiment | None]
 """Chooses the next experiment from the train rollouts and the protocols that must not run again; None ends."""
 
 
 @dataclass(frozen=True)
-class Plan:
+class CampaignPlan:
     """The experiments of a campaign that are fixed before it begins.
 
     Attributes:
@@ -66,7 +65,7 @@ class Plan:
 
 def plan(
     bench: Bench, tests: Sequence[Test], protocols: Sequence[Experiment], budget: int = BUDGET, seed: int = 0
-) -> Plan:
+) -> CampaignPlan:
     """Return the plan of a campaign; the module says how a budget is shared.
 
     Args:
@@ -81,11 +80,11 @@ def plan(
     """
     space = bench.spec.space
     if not protocols:
-        distinct = _different(budget, space.dim)
+        distinct = _distinct_count(budget, space.dim)
         filling = spread(space, distinct, seed)
         places = [i if i < distinct else (i - distinct) // 2 % distinct for i in range(budget)]
         steps = tuple(as_experiment(bench, filling[place]) for place in places)
-        return Plan(steps, {as_experiment(bench, test): test for test in filling})
+        return CampaignPlan(steps, {as_experiment(bench, test): test for test in filling})
     filling = spread(space, HELD_OUT, seed)
     known = {as_experiment(bench, test): test for test in (*filling, *tests)}
     screen = [*(as_experiment(bench, test) for test in tests), *protocols]
@@ -101,7 +100,7 @@ def plan(
     again = min(spare, len(screen))
     twice = [e for place, e in enumerate(screen) for _ in range(2 if place < again else 1)]
     apart = [as_experiment(bench, test) for test in filling[:held_out]]
-    return Plan((*apart, *twice), known, held_out, spare - again)
+    return CampaignPlan((*apart, *twice), known, held_out, spare - again)
 
 
 def smallest_with_held_out(dim: int) -> int:
@@ -110,10 +109,10 @@ def smallest_with_held_out(dim: int) -> int:
     Args:
         dim: number of test parameters.
     """
-    return next(budget for budget in count(1) if number_held_out(_different(budget, dim), budget))
+    return next(budget for budget in count(1) if number_held_out(_distinct_count(budget, dim), budget))
 
 
-def _different(budget: int, dim: int) -> int:
+def _distinct_count(budget: int, dim: int) -> int:
     """Return the number of different tests of a plan without protocols."""
     return max(min(FEWEST, budget), round(budget * DISTINCT)) if dim else 1
 
@@ -121,7 +120,7 @@ def _different(budget: int, dim: int) -> int:
 def campaign(
     bench: Bench,
     machine: Backend,
-    plan: Plan,
+    plan: CampaignPlan,
     seed: int,
     choose: Choose = lambda train, dropped: None,
     folder: Path | None = None,
@@ -154,14 +153,14 @@ def campaign(
     matched = check_compatibility(bench.spec, bench.requirement, machine)
     protocols = machine.protocols() if isinstance(machine, HasProtocols) else ()
     declared = (*(p for protocol in protocols for p in protocol.parameters), *machine.parameters)
-    journal = Journal(folder, {p.name: p.unit for p in declared}, seed)
-    found, dropped, done = RealRollouts(), dict[str, str](), list[Experiment]()
+    journal = CampaignJournal(folder, {p.name: p.unit for p in declared}, seed)
+    rollouts, dropped, done = RealRollouts(), dict[str, str](), list[Experiment]()
     planned, budget = iter(plan.steps), len(plan.steps) + plan.chosen
     for number in range(budget):
         begun = journal.experiment(number)
         experiment = next((e for e in planned if e.protocol not in dropped), begun)
         if experiment is None:
-            experiment = choose(replace(found, tests=found.tests[plan.held_out :]), frozenset(dropped))
+            experiment = choose(replace(rollouts, tests=rollouts.tests[plan.held_out :]), frozenset(dropped))
         if experiment is None:
             break
         done.append(experiment)
@@ -171,20 +170,20 @@ def campaign(
         else:
             own = dict(plan.tests.get(experiment) or _test(bench, experiment))
             params = matched.to_backend(own)
-        draws = rollout_seed(seed, done.index(experiment), number, Stream.GAP_REAL)
+        draws = rollout_seed(seed, done.index(experiment), number, SeedStream.GAP_REAL)
         on_machine = Experiment(name, tuple(params.items()))
         trace = journal.run(number, experiment, params, partial(on_machine.run, machine, draws))
         progress(number + 1, budget)
         if trace is None:
             dropped[name] = f"the protocol {name!r} was not run: {journal.refused(number)}"
             continue
-        found = found.plus(bench, Recording(f"real rollout {number}", own, trace, name))
+        rollouts = rollouts.plus(bench, Recording(f"real rollout {number}", own, trace, name))
         if name and trace.failure is not None:
             dropped[name] = (
                 f"the protocol {name!r} ended early ({trace.failure}), so it was not run again; its samples before the "
                 f"end are used"
             )
-    return replace(found, notes=tuple(dropped.values()))
+    return replace(rollouts, notes=tuple(dropped.values()))
 
 
 def _test(bench: Bench, experiment: Experiment) -> dict[str, float]:

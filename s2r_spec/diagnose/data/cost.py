@@ -14,7 +14,7 @@ from typing import Protocol, runtime_checkable
 
 from s2r_spec.backend import Backend
 from s2r_spec.backend.protocols import HasProtocols
-from s2r_spec.diagnose.data.campaign import Plan
+from s2r_spec.diagnose.data.campaign import CampaignPlan
 from s2r_spec.diagnose.data.journal import TRACES
 from s2r_spec.diagnose.data.split import number_held_out
 from s2r_spec.diagnose.simulator.experiments import Experiment
@@ -55,7 +55,7 @@ class TellsCost(Protocol):
         ...
 
 
-def on_machine(machine: Backend, plan: Plan, folder: Path | None) -> Expected:
+def on_machine(machine: Backend, plan: CampaignPlan, folder: Path | None) -> Expected:
     """Return the rollouts of a campaign that are not on disk yet.
 
     Args:
@@ -79,7 +79,7 @@ def of_library(backend: Backend, rollouts: Mapping[Experiment, int]) -> Expected
     return Expected(backend.name, sum(rollouts.values()), _seconds(backend, rollouts))
 
 
-def planned_held_out(plan: Plan) -> int:
+def planned_held_out(plan: CampaignPlan) -> int:
     """Return the number of tests that a campaign will hold out."""
     if plan.held_out:
         return plan.held_out

@@ -19,7 +19,7 @@ from s2r_spec.backend.protocols import PROTOCOL
 from s2r_spec.base.errors import NotBegunError, UsageError
 from s2r_spec.base.files import save
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.runs.seeds import inherited
+from s2r_spec.runs.seeds import inherited_seed
 from s2r_spec.trace import Trace
 
 FILE, TABLE, SCHEMA = "campaign.json", "rollouts.csv", "s2r.campaign/1"
@@ -27,7 +27,7 @@ TRACES = "[!.]*.npz"
 """Definition: names of the traces; hidden files are incomplete."""
 
 
-class Journal:
+class CampaignJournal:
     """The attempts of a campaign so far.
 
     Args:
@@ -50,21 +50,21 @@ class Journal:
                 raise UsageError(f"{folder} has recordings and no {FILE}; use an empty folder, or {instead}")
             return
         try:
-            found = _read(path)
-            self._steps = [_step(_experiment(each), str(each["refused"])) for each in found["steps"]]
+            contents = _read(path)
+            self._steps = [_step(_experiment(each), str(each["refused"])) for each in contents["steps"]]
         except (ValueError, KeyError, TypeError, AttributeError):
             raise UsageError(f"{path} is not the journal of a campaign; restore it, or {instead}") from None
         if (recorded := self.seed_in(folder)) is not None:
-            inherited(folder, recorded, seed)
+            inherited_seed(folder, recorded, seed)
 
     @staticmethod
     def seed_in(folder: Path) -> int | None:
         """Return the seed of the campaign in a folder; None without a campaign, or without a seed in its journal."""
         try:
-            found = _read(folder / FILE).get("seed")
+            seed = _read(folder / FILE).get("seed")
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             return None
-        return found if isinstance(found, int) else None
+        return seed if isinstance(seed, int) else None
 
     def experiment(self, number: int) -> Experiment | None:
         """Return an experiment that has begun, with the simulator's parameters; None if none has this number."""
@@ -91,7 +91,7 @@ class Journal:
         path, begun = self._folder / f"{number:04d}.npz", self.experiment(number)
         if begun is None:
             self._save([*self._steps, _step(experiment)])
-        elif not _same(begun, experiment):
+        elif not _is_same(begun, experiment):
             raise UsageError(
                 f"{path} was recorded with {begun}, but this run plans {experiment} in its place. Use the spec, "
                 f"budget, protocols and seed of the first run, or diagnose its recordings with "
@@ -139,10 +139,10 @@ def _read(path: Path) -> dict[str, Any]:
         OSError: there is no such file.
         ValueError: it is not a journal.
     """
-    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    if found["schema"] != SCHEMA:
+    contents: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    if contents["schema"] != SCHEMA:
         raise ValueError
-    return found
+    return contents
 
 
 def _step(experiment: Experiment, refused: str = "") -> dict[str, Any]:
@@ -154,7 +154,7 @@ def _experiment(step: Mapping[str, Any]) -> Experiment:
     return Experiment(str(step["protocol"]), tuple(sorted(values.items())))
 
 
-def _same(one: Experiment, other: Experiment) -> bool:
+def _is_same(one: Experiment, other: Experiment) -> bool:
     """Return whether two experiments are equal up to rounding."""
     here, there = dict(one.params), dict(other.params)
     return (one.protocol, here.keys()) == (other.protocol, there.keys()) and all(

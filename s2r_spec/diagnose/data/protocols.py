@@ -23,7 +23,7 @@ def canonical(protocol: Protocol, params: Mapping[str, float]) -> Experiment:
     return Experiment(protocol.name, tuple(sorted(changed.items())))
 
 
-def allowed(
+def allowed_experiments(
     simulator: Backend, machine: Backend, names: Sequence[str] | None = None
 ) -> tuple[tuple[Experiment, ...], tuple[str, ...]]:
     """Return an experiment for each protocol that both sides have, in the machine's order, and notes on the others.
@@ -45,13 +45,13 @@ def allowed(
     for protocol in machine.protocols() if isinstance(machine, HasProtocols) else ():
         if names is None or protocol.name in names:
             try:
-                experiments.append(_moved(protocol_of(simulator, protocol.name), protocol))
+                experiments.append(_move_into_range(protocol_of(simulator, protocol.name), protocol))
             except UsageError as error:
                 notes.append(f"the protocol {protocol.name!r} is not run: {error}")
     return tuple(experiments), tuple(notes)
 
 
-def _moved(own: Protocol, other: Protocol) -> Experiment:
+def _move_into_range(own: Protocol, other: Protocol) -> Experiment:
     """Return the experiment of a protocol at its defaults, moved into the range of the same protocol elsewhere.
 
     Raises:

@@ -19,7 +19,7 @@ from s2r_spec.backend.protocols import PROTOCOL, protocol_of
 from s2r_spec.base.errors import SamplingError, TraceError, UsageError
 from s2r_spec.diagnose.data.protocols import canonical
 from s2r_spec.diagnose.notes import CUT, READ_AT
-from s2r_spec.diagnose.simulator.bench import Bench, blamed
+from s2r_spec.diagnose.simulator.bench import Bench, name_rollout
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.lang.conversion import Conversion
 from s2r_spec.lang.units import UnknownUnitError, parse_unit, unit_in_log
@@ -34,7 +34,7 @@ TestRun = tuple[dict[str, float], Trace]
 TIMES = {1.0: "s", 1e3: "ms", 1e6: "us", 1e9: "ns"}
 """Definition: units of time, by their number in a second."""
 FEWEST = 6
-"""Budget: real rollouts that a diagnosis needs. With twice as many, small recordings are refused."""
+"""Budget: real rollouts that a diagnosis needs."""
 
 
 @dataclass(frozen=True)
@@ -52,20 +52,20 @@ class RealRollouts:
     notes: tuple[str, ...] = ()
 
     def plus(self, bench: Bench, run: Recording) -> RealRollouts:
-        """Return these and one more; see :func:`converted`."""
-        trace = converted(bench, run)
+        """Return these and one more; see :func:`comparable_trace`."""
+        trace = comparable_trace(bench, run)
         if run.protocol:
             return replace(self, protocols=(*self.protocols, (experiment_of(bench, run), trace)))
         return replace(self, tests=(*self.tests, (dict(run.params), trace)))
 
     def by_experiment(self, bench: Bench) -> dict[Experiment, list[Trace]]:
         """Return experiment → traces, with the tests in the simulator's units."""
-        found: dict[Experiment, list[Trace]] = {}
+        traces: dict[Experiment, list[Trace]] = {}
         for test, trace in self.tests:
-            found.setdefault(as_experiment(bench, test), []).append(trace)
+            traces.setdefault(as_experiment(bench, test), []).append(trace)
         for experiment, trace in self.protocols:
-            found.setdefault(experiment, []).append(trace)
-        return found
+            traces.setdefault(experiment, []).append(trace)
+        return traces
 
 
 def as_experiment(bench: Bench, test: Mapping[str, float]) -> Experiment:
@@ -88,7 +88,7 @@ def experiment_of(bench: Bench, run: Recording) -> Experiment:
     return canonical(protocol, {name: value for name, value in values.items() if name not in of_tests})
 
 
-def recorded(
+def recorded_rollouts(
     bench: Bench, real: Rollouts | Backend, budget: int | None = None, passive: bool = False
 ) -> RealRollouts:
     """Return recorded rollouts; a run of a protocol that the simulator does not have becomes a note.
@@ -107,33 +107,33 @@ def recorded(
     """
     others = 0
     if not isinstance(real, Backend):
-        given = _of_pairs(real)
+        recordings = _of_pairs(real)
     elif isinstance(real, HasRecordings):
-        given = _of_backend(bench, real)
-        others = len(real.recordings) - len(given)
+        recordings = _of_backend(bench, real)
+        others = len(real.recordings) - len(recordings)
     else:
         raise UsageError(f"{real.name} has no recordings")
-    given = [run for run in given if not (passive and run.protocol)]
-    joined = sum(bool(run.trace.messages) for run in given)
-    given = [replace(run, trace=run.trace.at_busiest().known()) for run in given]
+    recordings = [run for run in recordings if not (passive and run.protocol)]
+    joined = sum(bool(run.trace.messages) for run in recordings)
+    recordings = [replace(run, trace=run.trace.at_busiest().known()) for run in recordings]
     # A test outside the space is refused before any simulation.
-    used = [run if run.protocol else _inside(bench, run) for run in given[:budget]]
-    found, left_out = RealRollouts(), Counter[str]()
+    used = [run if run.protocol else _clip_to_ranges(bench, run) for run in recordings[:budget]]
+    rollouts, left_out = RealRollouts(), Counter[str]()
     for run in used:
         try:
             experiment_of(bench, run)
         except UsageError as error:
             left_out[f"of the protocol {run.protocol!r} not used: {error}"] += 1
         else:
-            found = found.plus(bench, run)
-    if (count := len(found.tests) + len(found.protocols)) < FEWEST:
+            rollouts = rollouts.plus(bench, run)
+    if (count := len(rollouts.tests) + len(rollouts.protocols)) < FEWEST:
         raise UsageError(
             f"{count} real rollouts are too few to separate a cause from scatter; at least {FEWEST} are needed"
         )
     notes = [f"{count} run{'s' if count > 1 else ''} {what}" for what, count in left_out.items()]
-    if len(used) < len(given):
+    if len(used) < len(recordings):
         notes.append(
-            f"only the first {len(used)} of {len(given)} recorded rollouts were used, because of the budget"
+            f"only the first {len(used)} of {len(recordings)} recorded rollouts were used, because of the budget"
         )
     if joined:
         notes.append(f"{joined} logs of several topics are read at the stamps of the busiest one")
@@ -142,7 +142,7 @@ def recorded(
         notes.append(
             f"{others} recorded rollouts were not used: they have another value of {fixed} than the spec"
         )
-    return replace(found, notes=tuple(notes))
+    return replace(rollouts, notes=tuple(notes))
 
 
 def _of_backend(bench: Bench, real: Backend) -> list[Recording]:
@@ -157,16 +157,18 @@ def _of_backend(bench: Bench, real: Backend) -> list[Recording]:
 
 
 def _of_pairs(real: Rollouts) -> list[Recording]:
-    found = []
+    recordings = []
     for n, item in enumerate(real):
         if not (isinstance(item, tuple | list) and len(item) == 2 and isinstance(item[1], Trace)):
             raise UsageError(f"real rollouts are (params, Trace) pairs, not {type(item).__name__}")
         params = {name: float(value) for name, value in item[0].items()}
-        found.append(Recording(f"real rollout {n}", params, item[1], str(item[1].meta.get(PROTOCOL) or "")))
-    return found
+        recordings.append(
+            Recording(f"real rollout {n}", params, item[1], str(item[1].meta.get(PROTOCOL) or ""))
+        )
+    return recordings
 
 
-def _inside(bench: Bench, run: Recording) -> Recording:
+def _clip_to_ranges(bench: Bench, run: Recording) -> Recording:
     """Return a recording with its test within the spec's ranges.
 
     Raises:
@@ -184,7 +186,7 @@ def _inside(bench: Bench, run: Recording) -> Recording:
     return replace(run, params=test)
 
 
-def converted(bench: Bench, run: Recording) -> Trace:
+def comparable_trace(bench: Bench, run: Recording) -> Trace:
     """Return the trace of a test, or of a protocol, in the simulator's units until the simulator's end.
 
     Where a window of the spec is shorter than the time between samples of a test, it gets the simulator's period.
@@ -199,7 +201,7 @@ def converted(bench: Bench, run: Recording) -> Trace:
             f"{run.source} lasts {run.trace.duration:.4g} s, {longer:.3g} times as long as a rollout of the simulator. "
             f"Its times seem to be in {unit}; convert them to s"
         )
-    trace = cut(as_simulated(run.trace, bench.backend), of.duration)
+    trace = truncate(convert_units(run.trace, bench.backend), of.duration)
     if run.protocol:
         return trace
     horizon = bench.spec.horizon(bench.requirement)
@@ -227,7 +229,7 @@ def _unit(times: float) -> str:
 def _period(bench: Bench, run: Recording) -> float:
     """Return the time between two samples of the simulator [s]."""
     experiment = experiment_of(bench, run)
-    with blamed(bench, {}, dict(experiment.params), 0):
+    with name_rollout(bench, {}, dict(experiment.params), 0):
         return period_of(experiment.run(bench.backend, 0).times)
 
 
@@ -247,7 +249,7 @@ def read_at(trace: Trace, period: float, until: float = 0.0) -> Trace:
     return replace(own.resample(period, rules), meta=dict(trace.meta) | {READ_AT: period})
 
 
-def cut(trace: Trace, duration: float) -> Trace:
+def truncate(trace: Trace, duration: float) -> Trace:
     """Return the first ``duration`` seconds of a trace; one that failed stays as it is."""
     # The last sample must not fall out by rounding, nor is one sample more a longer recording.
     period = trace.duration / max(len(trace) - 1, 1)
@@ -258,7 +260,7 @@ def cut(trace: Trace, duration: float) -> Trace:
     return replace(kept, meta=dict(trace.meta) | {CUT: duration})
 
 
-def as_simulated(trace: Trace, simulator: Backend) -> Trace:
+def convert_units(trace: Trace, simulator: Backend) -> Trace:
     """Return the trace with every channel in the simulator's unit, and NaN for values that are not finite.
 
     A channel without a unit is taken to be in the simulator's.
@@ -276,9 +278,9 @@ def as_simulated(trace: Trace, simulator: Backend) -> Trace:
     return replace(trace, channels=channels, units=units)
 
 
-def _conversion(name: str, recorded: str, wanted: str, simulator: str) -> Conversion:
+def _conversion(name: str, recorded: str, unit: str, simulator: str) -> Conversion:
     try:
-        here = parse_unit(wanted)
+        here = parse_unit(unit)
         there = unit_in_log(recorded, here)
     except UnknownUnitError as error:
         raise UsageError(
@@ -286,7 +288,7 @@ def _conversion(name: str, recorded: str, wanted: str, simulator: str) -> Conver
         ) from None
     if not here.fits(there):
         raise UsageError(
-            f"the channel {name!r} is recorded in {recorded}, which does not convert to the {wanted} of backend "
+            f"the channel {name!r} is recorded in {recorded}, which does not convert to the {unit} of backend "
             f"{simulator!r}. "
             f"{there.two_readings(here) or 'Correct the unit in the recording, or leave the channel out'}"
         )

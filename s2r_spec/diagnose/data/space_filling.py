@@ -10,8 +10,8 @@ from s2r_spec.diagnose.simulator.bench import Test
 from s2r_spec.space import Space
 
 TESTS = 10
-"""Budget: recorded tests whose runs give sizes. Twice as many take twice the time of the library. They lower the
-scatter, but not the errors of the simulator's laws, which are larger."""
+"""Budget: recorded tests whose runs give sizes. More of them lower the scatter, but not the errors of the simulator's
+laws, which are larger."""
 
 
 def spread(space: Space, count: int, seed: int) -> list[dict[str, float]]:

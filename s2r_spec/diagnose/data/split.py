@@ -11,13 +11,13 @@ from s2r_spec.diagnose.data.rollouts import FEWEST, RealRollouts, TestRun
 from s2r_spec.space import key_of
 
 LEAST = 3
-"""Budget: fewest tests whose gap is measured. With twice as many, small recordings have no held-out gap."""
+"""Budget: fewest tests whose gap is measured."""
 HELD_OUT = 0.3
-"""Budget: share of the tests that is held out. Twice as many leave fewer tests to estimate from."""
+"""Budget: share of the tests that is held out."""
 ENOUGH = (9, 2 * FEWEST)
 """Budget: different tests, and runs of tests, from which on some are held out. The first follows from the two above."""
 ACCIDENTS = 0.1
-"""Tolerance: share of the tests that may have failed by accident, or one. Twice as much leaves out more falls."""
+"""Tolerance: share of the tests that may have failed by accident, or one."""
 
 
 @dataclass(frozen=True)
@@ -51,14 +51,14 @@ def split(rollouts: RealRollouts, seed: int, apart: int = 0) -> TrainHeldOut:
         used = list(range(len(tests)))
     held = set(used) & set(range(apart))
     if not apart:
-        held = {used[k] for k in _drawn([tests[i] for i in used], seed)}
+        held = {used[k] for k in _draw_held_out([tests[i] for i in used], seed)}
     return TrainHeldOut(
         replace(rollouts, tests=tuple(tests[i] for i in used if i not in held)),
         tuple(tests[i] for i in used if i in held),
     )
 
 
-def _drawn(tests: Sequence[TestRun], seed: int) -> set[int]:
+def _draw_held_out(tests: Sequence[TestRun], seed: int) -> set[int]:
     """Return the places of the tests that are held out: all rollouts of some tests, drawn at random."""
     keys = [key_of(test) for test, _ in tests]
     different = list(dict.fromkeys(keys))

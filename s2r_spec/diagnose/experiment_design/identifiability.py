@@ -44,7 +44,7 @@ from s2r_spec.diagnose.inference.hierarchical import (
     without_variants,
 )
 from s2r_spec.diagnose.inference.prior import NAMED, UNNAMED
-from s2r_spec.diagnose.simulator.axes import Line
+from s2r_spec.diagnose.simulator.axes import EffectAxis
 from s2r_spec.diagnose.simulator.experiments import Experiment
 
 FloatArray = NDArray[np.float64]
@@ -52,7 +52,7 @@ FloatArray = NDArray[np.float64]
 APART = 3.0
 """Level: standard deviations from which on two sets are told apart. Higher, more pairs are called inseparable."""
 COMPARED = 12
-"""Budget: sets that are compared, most probable first. Doubled, four times as many pairs."""
+"""Budget: sets that are compared, most probable first."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ class Separation:
 
 
 @dataclass(frozen=True)
-class Forecast:
+class InformationForecast:
     """The posterior of ψ given each of the most probable sets.
 
     Attributes:
@@ -140,27 +140,27 @@ class Forecast:
     covariance: FloatArray
 
     @classmethod
-    def of(cls, found: Estimate) -> Forecast:
+    def of(cls, estimate: Estimate) -> InformationForecast:
         """Return the forecast of an estimate."""
-        theta, seen = found.fit.theta, found.fit.likelihood
-        shared, one = found.fit.shared, np.eye(theta.size)
-        inner = one - seen.information * shared
-        information = np.linalg.solve(inner, seen.information)
+        theta, likelihood = estimate.fit.theta, estimate.fit.likelihood
+        shared, one = estimate.fit.shared, np.eye(theta.size)
+        inner = one - likelihood.information * shared
+        information = np.linalg.solve(inner, likelihood.information)
         information = (information + information.T) / 2.0
-        moment = np.linalg.solve(inner, seen.score + seen.information @ theta)
-        prior = found.posterior.prior
-        variance = np.array([prior.deviation(members) ** 2 for members in found.posterior.sets[:COMPARED]])
+        moment = np.linalg.solve(inner, likelihood.score + likelihood.information @ theta)
+        prior = estimate.posterior.prior
+        variance = np.array([prior.deviation(members) ** 2 for members in estimate.posterior.sets[:COMPARED]])
         covariance = np.array([np.linalg.inv(information + np.diag(1.0 / (v + shared))) for v in variance])
-        return cls(found, information, shared, variance, covariance @ moment, covariance)
+        return cls(estimate, information, shared, variance, covariance @ moment, covariance)
 
     @cached_property
     def names(self) -> tuple[tuple[str, ...], ...]:
         """The effects of each set."""
         sets = self.estimate.posterior.sets[: len(self.mean)]
-        return tuple(tuple(dict.fromkeys(self.lines[k].effect for k in members)) for members in sets)
+        return tuple(tuple(dict.fromkeys(self.axes[k].effect for k in members)) for members in sets)
 
     @property
-    def lines(self) -> tuple[Line, ...]:
+    def axes(self) -> tuple[EffectAxis, ...]:
         """The parameters of the catalogue."""
         return self.estimate.library.parameters
 
@@ -192,15 +192,15 @@ class Forecast:
             for j in range(i):
                 delta = self.mean[i] - self.mean[j]
                 between = 0.5 * (self.covariance[i] + self.covariance[j])
-                seen = np.linalg.solve(np.eye(delta.size) + gained @ between, gained @ delta)
-                distance[i, j] = distance[j, i] = np.sqrt(max(float(delta @ seen), 0.0))
+                projected = np.linalg.solve(np.eye(delta.size) + gained @ between, gained @ delta)
+                distance[i, j] = distance[j, i] = np.sqrt(max(float(delta @ projected), 0.0))
         return distance
 
     def deviation(self, gained: FloatArray, row: int) -> FloatArray:
         """Return (K,) the deviation of every size given a set, after data of this information."""
         total = self.information + gained
-        seen = np.linalg.solve(np.eye(len(total)) + total * self.shared, total)
-        return np.asarray(np.sqrt(np.diag(np.linalg.inv(seen + np.diag(1.0 / self.variance[row])))))
+        precision = np.linalg.solve(np.eye(len(total)) + total * self.shared, total)
+        return np.asarray(np.sqrt(np.diag(np.linalg.inv(precision + np.diag(1.0 / self.variance[row])))))
 
 
 def information(one: Observation, fit: Fit, sizes: FloatArray) -> FloatArray:
@@ -223,34 +223,34 @@ def information(one: Observation, fit: Fit, sizes: FloatArray) -> FloatArray:
         one.effective,
     )
     before, at = Variances.prior(len(one.parts)), fit.errors.sizes
-    found = without_variants(likelihood(groups, at, before), sizes.size)
+    marginal = without_variants(likelihood(groups, at, before), sizes.size)
     kinds = len(one.parts) * [one.response.experiment.protocol]
-    form = form_error(one.law, at, information_by_group(groups, at, before), kinds, found.information)
-    return with_form_error(found, form).information
+    form = form_error(one.law, at, information_by_group(groups, at, before), kinds, marginal.information)
+    return with_form_error(marginal, form).information
 
 
 def separations(
-    found: Estimate, possible: Iterable[str], candidates: Sequence[Candidate]
+    estimate: Estimate, possible: Iterable[str], candidates: Sequence[Candidate]
 ) -> tuple[Separation, ...]:
     """Return what one more run of each candidate says about each possible effect.
 
     Args:
-        found: the estimate.
+        estimate: the estimate.
         possible: names of effects.
         candidates: allowed or not; an experiment that the library does not have is left out.
     """
     names = list(possible)
     if not names:
         return ()
-    forecast = Forecast.of(found)
-    known = {each.experiment for each in found.library.responses}
+    forecast = InformationForecast.of(estimate)
+    known = {each.experiment for each in estimate.library.responses}
     gains = [(one, forecast.gained(one)) for one in candidates if one.experiment in known]
     distances = [forecast.apart(gained) for _, gained in gains]
     return tuple(_separation(forecast, name, gains, distances) for name in names)
 
 
 def _separation(
-    forecast: Forecast,
+    forecast: InformationForecast,
     effect: str,
     gains: Sequence[tuple[Candidate, FloatArray]],
     distances: Sequence[FloatArray],
@@ -259,7 +259,7 @@ def _separation(
     included = next((n for n, own in enumerate(names) if effect in own), None)
     excluded = next((n for n, own in enumerate(names) if effect not in own), None)
     row = included or 0
-    size = np.where([line.effect == effect for line in forecast.lines], np.abs(forecast.mean[row]), 0.0)
+    size = np.where([axis.effect == effect for axis in forecast.axes], np.abs(forecast.mean[row]), 0.0)
     powers = []
     for (one, gained), distance in zip(gains, distances, strict=True):
         largest = int(size.argmax())

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.base.json_values import DIGITS, Shown
 from s2r_spec.diagnose.estimation import Estimate
-from s2r_spec.diagnose.experiment_design.identifiability import Candidate, Forecast
+from s2r_spec.diagnose.experiment_design.identifiability import Candidate, InformationForecast
 
 FloatArray = NDArray[np.float64]
 
@@ -55,18 +55,18 @@ class NextTest(Shown):
     JSON = "protocol=candidate.shown.protocol params=candidate.shown.values separates sigma entropy"
 
 
-def next_test(found: Estimate, candidates: Sequence[Candidate]) -> NextTest | None:
+def next_test(estimate: Estimate, candidates: Sequence[Candidate]) -> NextTest | None:
     """Return the allowed experiment that separates the sets best for its cost; None where none separates them.
 
     Args:
-        found: the estimate.
+        estimate: the estimate.
         candidates: experiments; those that the library does not have are left out.
     """
-    forecast = Forecast.of(found)
-    p = found.posterior.probability[: len(forecast.names)]
+    forecast = InformationForecast.of(estimate)
+    p = estimate.posterior.probability[: len(forecast.names)]
     different = np.array([[a != b for a in forecast.names] for b in forecast.names])
     weight = np.where(different, np.outer(p, p), 0.0)
-    known = {each.experiment for each in found.library.responses}
+    known = {each.experiment for each in estimate.library.responses}
     best, chosen = 0.0, None
     for one in candidates:
         if not one.allowed or one.experiment not in known:
@@ -85,7 +85,7 @@ def next_test(found: Estimate, candidates: Sequence[Candidate]) -> NextTest | No
     return NextTest(candidate, pair, sigma, entropy_fall(forecast, gained, p))
 
 
-def entropy_fall(forecast: Forecast, gained: FloatArray, probability: FloatArray) -> float:
+def entropy_fall(forecast: InformationForecast, gained: FloatArray, probability: FloatArray) -> float:
     """Return the expected fall of the entropy of the set [bit], by draws of what data of this information may show."""
     size, vectors = np.linalg.eigh(gained)
     kept = size > 1e-6 * max(float(size[-1]), 1e-12)

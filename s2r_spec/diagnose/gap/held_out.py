@@ -31,9 +31,9 @@ from s2r_spec.diagnose.gap import DRAWS, FEWEST, LEVEL, SHOTS
 from s2r_spec.diagnose.gap.materiality import mean_difference
 from s2r_spec.diagnose.gap.nominal import Nominal
 from s2r_spec.diagnose.inference.prior import BACKGROUND
-from s2r_spec.diagnose.simulator.axes import Values, lines
+from s2r_spec.diagnose.simulator.axes import Values, effect_axes
 from s2r_spec.diagnose.simulator.bench import Bench, Test, places_of, table
-from s2r_spec.runs.seeds import Stream
+from s2r_spec.runs.seeds import SeedStream
 from s2r_spec.space import key_of
 from s2r_spec.trace import Trace
 
@@ -231,7 +231,7 @@ def held_out_gap(
     if not held:
         return None
     real, others = (np.array([bench.rho(trace, test) for test, trace in runs]) for runs in (held, seen))
-    tests, at = _distinct([test for test, _ in held])
+    tests, at = _distinct_tests([test for test, _ in held])
     machines = [tuned, *([patch] if patch else [])]
     own = table(bench, machines, nominal.first(tests, SHOTS), executor)[0].reshape(-1, len(tests), SHOTS)
     first = np.array([nominal.rho[key_of(test)][:SHOTS] for test in tests])
@@ -248,11 +248,11 @@ def held_out_gap(
     change = np.ma.masked_array(np.abs(random - first[:, 0]), ended | fell[:, 0] | ~steady).mean(axis=1)
     elsewhere = None
     if seen:
-        _, place = _distinct([test for test, _ in seen])
+        _, place = _distinct_tests([test for test, _ in seen])
         means = [nominal.rho[key_of(test)].mean() for test, _ in seen]
         elsewhere = gap(others - means, place)
     rows = zip((*held, *seen), (*real.tolist(), *others.tolist()), strict=True)
-    return compared(
+    return compare(
         real,
         [each.mean(axis=1)[at] for each in rho],
         [test for test, _ in held],
@@ -263,7 +263,7 @@ def held_out_gap(
     )
 
 
-def _distinct(tests: Sequence[Test]) -> tuple[list[Test], NDArray[np.intp]]:
+def _distinct_tests(tests: Sequence[Test]) -> tuple[list[Test], NDArray[np.intp]]:
     """Return the different tests, and the number of each test among them."""
     places = places_of(tests)
     number = np.empty(len(tests), dtype=np.intp)
@@ -277,15 +277,15 @@ def background_machines(bench: Bench, seed: int) -> list[Values]:
 
     They are so many that on average one exceeds the quantile.
     """
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(int(Stream.GAP_SIM),)))
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(int(SeedStream.GAP_SIM),)))
     machines: list[Values] = []
-    parameters = lines(catalogue_of(bench.backend))
+    parameters = effect_axes(catalogue_of(bench.backend))
     for draws in BACKGROUND * rng.normal(size=(round(1.0 / LEVEL), len(parameters))):
         values: dict[str, dict[str, float]] = {}
-        for line, size in zip(parameters, draws.tolist(), strict=True):
-            low, high = sorted((line.coordinate(line.low), line.coordinate(line.high)))
+        for axis, size in zip(parameters, draws.tolist(), strict=True):
+            low, high = sorted((axis.coordinate(axis.low), axis.coordinate(axis.high)))
             inside = size if low < 0.0 < high else abs(size) if high > 0.0 else -abs(size)
-            values.setdefault(line.effect, {})[line.parameter] = line.value(inside)
+            values.setdefault(axis.effect, {})[axis.parameter] = axis.value(inside)
         machines.append(values)
     return machines
 
@@ -305,7 +305,7 @@ def scatter(runs: Sequence[tuple[Test, float]], simulated: float) -> float:
     )
 
 
-def compared(
+def compare(
     real: FloatArray,
     simulated: Sequence[FloatArray],
     tests: Sequence[Test],
@@ -326,13 +326,13 @@ def compared(
         unit: of ρ.
         seen: see :class:`HeldOutGap`.
     """
-    distinct, groups = _distinct(tests)
+    distinct, groups = _distinct_tests(tests)
     nominal, tuned, *patched = (real - each for each in simulated)
     floor = deviation * math.sqrt(2.0 / math.pi * (1.0 + 1.0 / SHOTS))
     before, least = gap(nominal, groups), (1.0 - GONE) * floor
 
     def share(after: FloatArray) -> Share | None:
-        b, a = _resampled(np.abs([nominal, after]), groups)
+        b, a = _resample(np.abs([nominal, after]), groups)
         closed = Share.of((b - a) / np.maximum(b - floor, least + 1e-12))
         return closed if before.mean > floor + least else None
 
@@ -358,11 +358,11 @@ def compared(
 def gap(differences: FloatArray, groups: NDArray[np.intp]) -> Gap:
     """Return the mean of |differences| (n,) with an interval; ``groups`` (n,) has the number of each one's test."""
     worst = np.abs(np.bincount(groups, differences) / np.bincount(groups)).max()
-    mean = Share.of(_resampled(np.abs(differences)[None], groups)[0])
+    mean = Share.of(_resample(np.abs(differences)[None], groups)[0])
     return Gap(mean.estimate, mean.low, mean.high, float(worst))
 
 
-def _resampled(values: FloatArray, groups: NDArray[np.intp]) -> FloatArray:
+def _resample(values: FloatArray, groups: NDArray[np.intp]) -> FloatArray:
     """Return (q, 1 + DRAWS) the means of (q, n) values, and those of resampled tests; of rollouts for a single test."""
     rng = np.random.default_rng(np.random.SeedSequence(0))
     units = groups if groups.any() else np.arange(groups.size)

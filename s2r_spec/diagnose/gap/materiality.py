@@ -54,15 +54,13 @@ from s2r_spec.trace import Trace
 FloatArray = NDArray[np.float64]
 
 HALF = 0.5
-"""Definition: part of the simulated margin that a gap may take without mattering. Doubled, a gap matters only if it may
-change the sign of ρ, or double ρ."""
+"""Definition: part of the simulated margin that a gap may take without mattering."""
 RATIO = 0.4
 """Prior: standard deviation of the logarithm of the ratio r of both standard deviations, without its sign. Half of all
 machines scatter at most 1.3 times as much as their simulator, 19 of 20 at most 2.2 times. `python -m
-benchmarks.diagnose.materiality --a1` prints this ratio for a twin of other code. Doubled, intervals of single real
-rollouts get 2.3 times as long; halved, 24 % shorter."""
+benchmarks.diagnose.materiality --a1` prints this ratio for a twin of other code."""
 NODES = 16
-"""Budget: values of r and of W over which p-values are averaged. Doubled, intervals change by 0.1 %."""
+"""Budget: values of r and of W over which p-values are averaged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,7 +308,7 @@ def same_failures(tables: Sequence[Sequence[int]]) -> float:
     return min(1.0, sum(mass for log, mass in sums.items() if log <= observed + 1e-6))
 
 
-def moderated(variances: FloatArray, freedom: FloatArray) -> tuple[FloatArray, float]:
+def moderate(variances: FloatArray, freedom: FloatArray) -> tuple[FloatArray, float]:
     """Return posterior means (T,) of variances, and their degrees of freedom.
 
     Args:
@@ -388,7 +386,7 @@ def _scatter(tests: Sequence[RolloutsAtTest], scale: float) -> tuple[FloatArray,
     repeated = np.array([one.size > 1 for one in samples])
     if not repeated.any():
         return np.zeros(len(tests)), 1.0
-    own, freedom = moderated(
+    own, freedom = moderate(
         np.array([max(float(one.var(ddof=1)), scale**2, 1e-300) for one in samples if one.size > 1]),
         np.array([one.size - 1.0 for one in samples if one.size > 1]),
     )

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.gap import SHOTS
-from s2r_spec.diagnose.simulator.bench import Bench, Job, Test, places_of, run_jobs, seeded
-from s2r_spec.runs.seeds import Stream
+from s2r_spec.diagnose.simulator.bench import Bench, Job, Test, places_of, run_jobs, with_seeds
+from s2r_spec.runs.seeds import SeedStream
 from s2r_spec.space import Key, key_of
 
 FloatArray = NDArray[np.float64]
@@ -55,7 +55,7 @@ class Nominal:
             BackendError: a simulation raised an error.
         """
         keys, shots = list(places_of(tests)), 2 * SHOTS
-        every = seeded([dict(key) for key in keys], seed, Stream.NOMINAL, shots)
+        every = with_seeds([dict(key) for key in keys], seed, SeedStream.NOMINAL, shots)
         runs = {key: every[n * shots : (n + 1) * shots] for n, key in enumerate(keys)}
         rows = run_jobs(bench, [Job({}, own) for own in runs.values()], executor, progress)
         pairs = dict(zip(keys, rows, strict=True))

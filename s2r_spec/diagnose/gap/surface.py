@@ -30,18 +30,16 @@ from s2r_spec.space import Space
 FloatArray = NDArray[np.float64]
 
 COUNTS = {1: 101, 2: 21, 3: 7, 4: 5}
-"""Definition: places along each axis of a space of so many parameters; over five, a grid would have too few. Doubled,
-the worst test is known twice as finely."""
+"""Definition: places along each axis of a space of so many parameters; over five, a grid would have too few."""
 MOST_PREDICTED = 0.75
 """Prior: largest weight of the improved simulator, because it was fitted to the same rollouts. At 1, it may be
 alone."""
 KEPT = 32
 """Budget: pairs of size and length scales that remain, of eight times as many draws from their prior, after resampling
-by weight. Doubled, their average is more exact, and sampling functions takes up to twice as long."""
+by weight."""
 PRIOR = ((1.0, 0.7), (0.4, 0.8))
 """Prior: median and standard deviation of the logarithm, of the size over the test space in parts of the data's
-standard deviation, and of a length scale in parts of an axis. A doubled median of the size gives wider bands far from
-the tests; one of the length scale expects a smoother gap."""
+standard deviation, and of a length scale in parts of an axis."""
 
 
 class Predicted(NamedTuple):
@@ -226,8 +224,8 @@ def gap_surface(
             "s2r needs at least one real rollout to locate the gap in the test space, and there is none"
         )
     grid = grid_of(space)
-    signed, scatter = _sampled(space, tests, predicted, np.random.default_rng(seed))
-    size = folded(signed, scatter)
+    signed, scatter = _sample(space, tests, predicted, np.random.default_rng(seed))
+    size = folded_normal_mean(signed, scatter)
     largest = size.max(axis=1)
     # The worst test is where most functions are largest, seen through a triangular kernel over a tenth of every axis.
     places = grid[size.argmax(axis=1)]
@@ -257,7 +255,7 @@ def gap_surface(
     )
 
 
-def _sampled(
+def _sample(
     space: Space,
     tests: Sequence[RolloutsAtTest],
     predicted: Predicted | None,
@@ -268,7 +266,10 @@ def _sampled(
     Errors follow from the variance within tests, pooled over all tests. The scatter of one pair follows from
     the median over tests, which a few falls hardly change.
     """
-    own, other = _within([test.real for test in tests]), _within([test.simulated for test in tests])
+    own, other = (
+        _within_variance([test.real for test in tests]),
+        _within_variance([test.simulated for test in tests]),
+    )
     # A side without replicates has the variance of the other side; without any replicates it is 0.
     own, other = (np.nan_to_num(np.where(np.isnan(a), b, a)) for a, b in ((own, other), (other, own)))
     counts = np.array([(test.real.size, test.simulated.size) for test in tests])
@@ -342,7 +343,7 @@ def _covariance(size: float, lengths: FloatArray, left: FloatArray, right: Float
     return shape
 
 
-def _within(samples: Sequence[FloatArray]) -> FloatArray:
+def _within_variance(samples: Sequence[FloatArray]) -> FloatArray:
     """Return (2,) the variance within tests, pooled and from the median over tests; NaN without replicates."""
     from scipy.stats import chi2
 
@@ -355,7 +356,7 @@ def _within(samples: Sequence[FloatArray]) -> FloatArray:
     return np.array([np.average(variances, weights=freedom), np.median(medians)])
 
 
-def folded(mean: FloatArray, scatter: float) -> FloatArray:
+def folded_normal_mean(mean: FloatArray, scatter: float) -> FloatArray:
     """Return E|Δ| of normal Δ with this mean and standard deviation (the folded normal distribution)."""
     from scipy.special import erf
 

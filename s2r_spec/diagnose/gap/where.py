@@ -19,17 +19,17 @@ from s2r_spec.diagnose.gap.materiality import RolloutsAtTest
 from s2r_spec.diagnose.gap.surface import COUNTS, GapSurface, Predicted, gap_surface, grid_of, in_cube
 from s2r_spec.diagnose.residuals.shifts import Body, Residuals, shifts
 from s2r_spec.diagnose.simulator.axes import Values
-from s2r_spec.diagnose.simulator.bench import Bench, Test, places_of, seeded, table
-from s2r_spec.runs.seeds import Stream, rollout_seed
+from s2r_spec.diagnose.simulator.bench import Bench, Test, places_of, table, with_seeds
+from s2r_spec.runs.seeds import SeedStream, rollout_seed
 from s2r_spec.space import key_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
 SECONDS = 10.0
-"""Budget: time of one core [s] for both simulators over the test space. Doubled, up to twice as many tests; three
-along each axis are run all the same."""
+"""Budget: time of one core [s] for both simulators over the test space. Three tests along each axis are run in any
+case."""
 PLACES = 400
-"""Budget: the most tests over the space. Doubled, a cheap simulator has a finer grid."""
+"""Budget: the most tests over the space."""
 NO_SIMULATOR = "no simulator with residuals was given, so the gap cannot be traced to parts of the machine"
 
 
@@ -71,7 +71,7 @@ class Pairs(NamedTuple):
     simulated: Sequence[tuple[Trace, float]]
 
 
-def where(
+def locate(
     spec: Spec,
     requirement: str,
     pairs: Pairs,
@@ -129,7 +129,7 @@ def predict(
     able = min(SECONDS / (2.0 * max(float(bench.backend.cost), 1e-4)), PLACES, len(grid))
     places = space.grid((max(int(able ** (1.0 / space.dim) + 1e-9), 3),) * space.dim)
     every = [*tests, *map(space.point, places)]
-    nominal, improved = table(bench, [{}, values], seeded(every, seed, Stream.FORETELL), executor)[0]
+    nominal, improved = table(bench, [{}, values], with_seeds(every, seed, SeedStream.FORETELL), executor)[0]
     gap = improved - nominal
     between = RBFInterpolator(in_cube(space, places), gap[len(tests) :], kernel="linear", degree=1)
     return Predicted(gap[: len(tests)], between(in_cube(space, grid)))
@@ -146,22 +146,22 @@ def body_of(bench: Bench, pairs: Pairs, seed: int) -> tuple[Body | None, str | N
             f"the backend {backend.name!r} computes no residuals, so the gap cannot be traced to parts of the "
             f"machine; see {page('how-to/effects')}"
         )
-    tests, found, refused = [], [], ""
+    tests, residuals, refused = [], [], ""
     for number, (test, (own, _), (first, _)) in enumerate(zip(*pairs, strict=True)):
         again, params = (
-            bench.run({}, test, rollout_seed(seed, number, 1, Stream.CHECK)),
+            bench.run({}, test, rollout_seed(seed, number, 1, SeedStream.CHECK)),
             bench.matched.to_backend(test),
         )
         try:
-            found.append([Residuals(backend.residuals(one, params), one) for one in (own, first, again)])
+            residuals.append([Residuals(backend.residuals(one, params), one) for one in (own, first, again)])
             tests.append([test[name] for name in space.names])
         except TraceError as error:
             refused = f": {error}"
-    if len(found) < FEWEST:
-        few = f"residuals exist for only {len(found)} real rollouts, and at least {FEWEST} are needed"
+    if len(residuals) < FEWEST:
+        few = f"residuals exist for only {len(residuals)} real rollouts, and at least {FEWEST} are needed"
         return None, few + refused
     at = in_cube(space, np.array(tests))
-    body = shifts(at, [own for own, *_ in found], [other for _, *other in found], backend.duration)
+    body = shifts(at, [own for own, *_ in residuals], [other for _, *other in residuals], backend.duration)
     return (
         (body, None) if body.asked else (None, f"no window of time has residuals of {FEWEST} real rollouts")
     )

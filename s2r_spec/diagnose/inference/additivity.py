@@ -34,8 +34,7 @@ FloatArray = NDArray[np.float64]
 MEDIAN = 0.6745
 """Definition: median of |x| of a standard normal x."""
 CLEAR = 4.0
-"""Tolerance: a machine counts for c_j where the variance of c_j by scatter is below a quarter. Twice as much counts
-fewer machines."""
+"""Tolerance: a machine counts for c_j where the variance of c_j by scatter is below a quarter."""
 
 
 def relative_errors(

@@ -29,7 +29,7 @@ from s2r_spec.base.json_values import Shown
 from s2r_spec.diagnose.inference.hierarchical import Likelihood
 from s2r_spec.diagnose.inference.model_search import ModelPosterior
 from s2r_spec.diagnose.inference.prior import LIKELY, NAMED, POSSIBLE, SLAB, SURE, UNNAMED
-from s2r_spec.diagnose.simulator.axes import Line
+from s2r_spec.diagnose.simulator.axes import EffectAxis
 
 FloatArray = NDArray[np.float64]
 
@@ -130,65 +130,70 @@ class EffectEstimate:
 
 
 def effect_estimates(
-    found: ModelPosterior, seen: Likelihood, parameters: Sequence[Line], families: Mapping[str, str]
+    posterior: ModelPosterior,
+    likelihood: Likelihood,
+    parameters: Sequence[EffectAxis],
+    families: Mapping[str, str],
 ) -> tuple[EffectEstimate, ...]:
     """Return the estimate of every effect, in the order of the catalogue.
 
     Args:
-        found: the posterior.
-        seen: the likelihood behind it.
+        posterior: the posterior.
+        likelihood: the likelihood behind it.
         parameters: of the catalogue, as in both.
         families: effect → family.
     """
-    low, middle, high = (found.quantile(level) for level in INTERVAL)
-    width = COVER * np.sqrt(np.diag(np.linalg.inv(seen.information + np.eye(len(middle)) / SLAB**2)))
+    low, middle, high = (posterior.quantile(level) for level in INTERVAL)
+    width = COVER * np.sqrt(np.diag(np.linalg.inv(likelihood.information + np.eye(len(middle)) / SLAB**2)))
     # The posterior is truncated to the range. Its mean before that says whether the data ask for more.
-    ends = np.array([found.prior.low, found.prior.high])
-    at_end = (found.mean[0] / np.where(np.abs(ends) > 1e-9, ends, np.nan) >= 1.0).any(axis=0)
+    ends = np.array([posterior.prior.low, posterior.prior.high])
+    at_end = (posterior.mean[0] / np.where(np.abs(ends) > 1e-9, ends, np.nan) >= 1.0).any(axis=0)
     rows: dict[str, list[ParameterEstimate]] = {}
-    for line, size, below, above, half, end in zip(
+    for axis, size, below, above, half, end in zip(
         parameters, *(x.tolist() for x in (middle, low, high, width, at_end)), strict=True
     ):
-        value, least, most = line.interval(size, below, above)
+        value, least, most = axis.interval(size, below, above)
         one = ParameterEstimate(
-            line.parameter, line.unit, value, least, most, size, below, above, half, end, bool(line.base)
+            axis.parameter, axis.unit, value, least, most, size, below, above, half, end, bool(axis.base)
         )
-        rows.setdefault(line.effect, []).append(one)
-    probabilities, presences = (found.beyond(size).tolist() for size in (NAMED, UNNAMED))
+        rows.setdefault(axis.effect, []).append(one)
+    probabilities, presences = (posterior.beyond(size).tolist() for size in (NAMED, UNNAMED))
     return tuple(
         EffectEstimate(effect, families.get(effect, ""), p, presence, tuple(own))
         for (effect, own), p, presence in zip(rows.items(), probabilities, presences, strict=True)
     )
 
 
-def named(found: ModelPosterior) -> NDArray[np.bool_]:
+def is_named(posterior: ModelPosterior) -> NDArray[np.bool_]:
     """Return (E,) whether each effect is named."""
-    return (found.beyond(UNNAMED) >= SURE) & (found.beyond(NAMED) >= LIKELY)
+    return (posterior.beyond(UNNAMED) >= SURE) & (posterior.beyond(NAMED) >= LIKELY)
 
 
-def any_cause(found: ModelPosterior) -> float:
+def any_cause(posterior: ModelPosterior) -> float:
     """Return the probability that some effect is at least a quarter of typical."""
-    together = replace(found.prior, effect=np.zeros_like(found.prior.effect))
-    return float(replace(found, prior=together).beyond()[0])
+    together = replace(posterior.prior, effect=np.zeros_like(posterior.prior.effect))
+    return float(replace(posterior, prior=together).beyond()[0])
 
 
-def mean_sizes(found: ModelPosterior) -> FloatArray:
+def mean_sizes(posterior: ModelPosterior) -> FloatArray:
     """Return (K,) the posterior mean of every size, each truncated to its range."""
     from scipy.special import ndtr
 
-    ends = [(end - found.mean) / found.deviation for end in (found.prior.low, found.prior.high)]
+    ends = [
+        (end - posterior.mean) / posterior.deviation for end in (posterior.prior.low, posterior.prior.high)
+    ]
     density = [np.exp(-0.5 * np.minimum(end**2, 1e3)) / np.sqrt(2.0 * np.pi) for end in ends]
     mass = np.maximum(ndtr(ends[1]) - ndtr(ends[0]), 1e-12)
-    mean = found.mean + found.deviation * (density[0] - density[1]) / mass
-    return np.asarray(found.probability @ np.clip(mean, found.prior.low, found.prior.high))
+    mean = posterior.mean + posterior.deviation * (density[0] - density[1]) / mass
+    return np.asarray(posterior.probability @ np.clip(mean, posterior.prior.low, posterior.prior.high))
 
 
 def by_effects(
-    found: ModelPosterior, parameters: Sequence[Line]
+    posterior: ModelPosterior, parameters: Sequence[EffectAxis]
 ) -> tuple[tuple[tuple[str, ...], float], ...]:
     """Return sets of effects with their probabilities, most probable first; sets of parameters are summed."""
     total: dict[tuple[str, ...], float] = {}
-    for members, p in zip(found.sets, found.probability.tolist(), strict=True):
+    for members, p in zip(posterior.sets, posterior.probability.tolist(), strict=True):
         names = tuple(dict.fromkeys(parameters[k].effect for k in members))
         total[names] = total.get(names, 0.0) + p
     return tuple(sorted(total.items(), key=lambda item: -item[1]))

@@ -60,7 +60,7 @@ from s2r_spec.diagnose.inference.hierarchical import (
     without_variants,
 )
 from s2r_spec.diagnose.inference.prior import BACKGROUND, SLAB, SizePrior
-from s2r_spec.diagnose.simulator.curve import Curve
+from s2r_spec.diagnose.simulator.curve import ResponseCurve
 from s2r_spec.diagnose.simulator.library import Dependence, Response
 
 FloatArray = NDArray[np.float64]
@@ -68,7 +68,7 @@ FloatArray = NDArray[np.float64]
 GAIN = 2.0
 """Tolerance: least gain of a step of the search, in log-likelihood; the odds of one step change by a factor of 7."""
 TRIED = 40
-"""Budget: moves of the search that are tried before all others. Twice as many take up to twice its time."""
+"""Budget: moves of the search that are tried before all others."""
 STEPS = 12
 """Budget: most Gauss–Newton steps of a fit."""
 CLOSE = 0.002
@@ -108,7 +108,7 @@ class Observation:
     parts: tuple[tuple[tuple[str, str], NDArray[np.int64]], ...]
     observed: FloatArray
     noise: FloatArray
-    curves: tuple[Curve, ...]
+    curves: tuple[ResponseCurve, ...]
     spread: FloatArray
     variants: FloatArray
     coherent: FloatArray
@@ -162,8 +162,8 @@ class Observation:
             np.zeros(len(curves)),
             np.ones(used.size, dtype=bool),
         )
-        found = bare.of_runs(len(whole))
-        return found._calibrated() if parts else found
+        observation = bare.of_runs(len(whole))
+        return observation._calibrated() if parts else observation
 
     def of_runs(self, runs: int) -> Observation:
         """Return the observation with the scatter of the mean of so many real runs."""
@@ -435,25 +435,25 @@ def fit(
     if errors is None:
         wide = np.maximum(np.abs(theta), deviation)
         errors = Errors(problem.errors(theta), wide, problem.law)
-    found = Variances.prior(sum(len(one.parts) for one in observations))
-    groups = _grouped(problem, theta, errors)
+    components = Variances.prior(sum(len(one.parts) for one in observations))
+    groups = _group(problem, theta, errors)
     for step in range(STEPS):
-        found = variances(groups, errors.sizes, found, 2 if step == 0 else 1)
-        total = likelihood(groups, errors.sizes, found)
+        components = variances(groups, errors.sizes, components, 2 if step == 0 else 1)
+        total = likelihood(groups, errors.sizes, components)
         moved = _step(total, theta, deviation) * (FIRST if step < 2 else 1.0)
         new = np.clip(theta + moved, prior.low, prior.high)
         if np.abs(new - theta).max(initial=0.0) < CLOSE:
             break
         theta = new
-        groups = _grouped(problem, theta, errors)
+        groups = _group(problem, theta, errors)
     # The evidence of two fits can be compared only where their variances have settled.
-    found = variances(groups, errors.sizes, found, ROUNDS)
-    seen = likelihood(_grouped(problem, theta, errors, secants=True), errors.sizes, found)
+    components = variances(groups, errors.sizes, components, ROUNDS)
+    secant_likelihood = likelihood(_group(problem, theta, errors, secants=True), errors.sizes, components)
     kinds = tuple(one.response.experiment.protocol for one in observations for _ in one.parts)
-    return Fit(theta, errors, without_variants(seen, effects), groups, kinds, found)
+    return Fit(theta, errors, without_variants(secant_likelihood, effects), groups, kinds, components)
 
 
-def _grouped(problem: Problem, theta: FloatArray, errors: Errors, secants: bool = False) -> Groups:
+def _group(problem: Problem, theta: FloatArray, errors: Errors, secants: bool = False) -> Groups:
     """Return the groups of all experiments at θ."""
     pairs = zip(problem.observations, errors.variances, strict=True)
     return Groups.joined([one.groups(theta, own, secants) for one, own in pairs])
@@ -478,7 +478,7 @@ def search(problem: Problem, start: FloatArray | None = None) -> FloatArray:
     """
     observations = problem.observations
     theta = np.zeros(problem.prior.low.size) if start is None else start.copy()
-    tables = [_Table.of(problem, members, theta) for members in _together(problem)]
+    tables = [_Table.of(problem, members, theta) for members in _coupled(problem)]
     moves = [(k, j) for k, table in enumerate(tables) for j in range(len(table.points))]
     place = [table.points.index(tuple(theta[table.members].tolist())) for table in tables]
     residuals = [one.residual(theta) for one in observations]
@@ -508,7 +508,7 @@ def search(problem: Problem, start: FloatArray | None = None) -> FloatArray:
     return theta
 
 
-def _together(problem: Problem) -> list[list[int]]:
+def _coupled(problem: Problem) -> list[list[int]]:
     """Return the parameters that move together: each that stands alone, and those that depend on it."""
     dependence = problem.observations[0].dependence
     return [
@@ -565,27 +565,31 @@ def _points(problem: Problem, members: list[int]) -> list[tuple[float, ...]]:
     those of the library alone.
     """
     base, rest = members[0], members[1:]
-    found = _simulated(problem, base)
-    if found.size < 2:
+    simulated = _library_coordinates(problem, base)
+    if simulated.size < 2:
         return []
-    first = np.array([found[found > 0].min(initial=np.inf), found[found < 0].max(initial=-np.inf)])
-    alone = np.concatenate([found, (found[1:] + found[:-1]) / 2.0, 0.25 * first[np.isfinite(first)]])
+    first = np.array(
+        [simulated[simulated > 0].min(initial=np.inf), simulated[simulated < 0].max(initial=-np.inf)]
+    )
+    alone = np.concatenate(
+        [simulated, (simulated[1:] + simulated[:-1]) / 2.0, 0.25 * first[np.isfinite(first)]]
+    )
     nominal = (0.0,) * len(rest)
-    points = [(x, *nominal) for x in _inside(problem, base, alone)]
+    points = [(x, *nominal) for x in _in_range(problem, base, alone)]
     for place, k in enumerate(rest):
-        for d in _inside(problem, k, _simulated(problem, k)):
+        for d in _in_range(problem, k, _library_coordinates(problem, k)):
             beside = (*nominal[:place], d, *nominal[place + 1 :])
-            points += [(x, *beside) for x in _inside(problem, base, found) if x and d]
+            points += [(x, *beside) for x in _in_range(problem, base, simulated) if x and d]
     return points
 
 
-def _simulated(problem: Problem, parameter: int) -> FloatArray:
+def _library_coordinates(problem: Problem, parameter: int) -> FloatArray:
     """Return the coordinates at which the library has some response to a parameter, and 0."""
     return np.unique(
         np.concatenate([[0.0], *(one.curves[parameter].coordinates for one in problem.observations)])
     )
 
 
-def _inside(problem: Problem, parameter: int, coordinates: FloatArray) -> list[float]:
+def _in_range(problem: Problem, parameter: int, coordinates: FloatArray) -> list[float]:
     low, high = problem.prior.low[parameter], problem.prior.high[parameter]
     return [float(x) for x in np.clip(coordinates, low, high)]

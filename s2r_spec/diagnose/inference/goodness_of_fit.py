@@ -54,13 +54,13 @@ from s2r_spec.diagnose.simulator.observables import BINS, WINDOWS
 FloatArray = NDArray[np.float64]
 
 LEVEL = 0.05
-"""Level: probability of an alarm at a machine of the catalogue, over all looks. Twice as much doubles false alarms."""
+"""Level: probability of an alarm at a machine of the catalogue, over all looks."""
 DRAWS = 499
-"""Budget: M, residuals drawn from the null. The least p-value is 1/(M + 1); twice as many take twice the time."""
+"""Budget: M, residuals drawn from the null. The least p-value is 1/(M + 1)."""
 SEED = 2_000
 """Definition: of the draws. Every group has a stream of its own, so that the order of groups changes nothing."""
 PARTS = 5
-"""Definition: equal parts of the time of cells of means. With twice as many, shorter misfits stand out more."""
+"""Definition: equal parts of the time of cells of means."""
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ class _Tested:
         for number, (group, places) in enumerate(one.parts):
             stream = zlib.crc32(f"{one.response.experiment} {group}".encode())
             size, coherent = float(one.effective[number]), float(one.coherent[number])
-            drawn = _drawn(stream, responses[:, places], fit.errors.sizes, coherent, size)
+            drawn = _draw_residuals(stream, responses[:, places], fit.errors.sizes, coherent, size)
             squares = np.clip(np.vstack([data[places], drawn]), -LARGEST, LARGEST) ** 2
             share = size / places.size
             losses.append(_loss(squares, share))
@@ -192,7 +192,7 @@ class _Tested:
         )
 
 
-def _drawn(
+def _draw_residuals(
     stream: int, responses: FloatArray, sizes: FloatArray, coherent: float, effective: float
 ) -> FloatArray:
     """Return (M, n) residuals of a group in units of u, from (K + V, n) its responses.

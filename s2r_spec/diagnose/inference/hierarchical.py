@@ -64,36 +64,30 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 LAW_ERROR = 0.02
-"""Prior: scale τ0 of the law error of a group, in typical sizes. With twice as much, many groups of a channel that
-follows every law count for more, and the few precise ones for less. Chosen among 0.01, 0.02, 0.05 by the errors on 20
-of the twins of `benchmarks/diagnose/protocol_fit.py`, which are therefore validation."""
+"""Prior: scale τ0 of the law error of a group, in typical sizes. Chosen among 0.01, 0.02, 0.05 by the errors on 20 of
+the twins of `benchmarks/diagnose/protocol_fit.py`, which are therefore validation."""
 LAW_SHARE = 0.1
 """Prior: part ρ0 of an effect's size by which its law is wrong in one kind of motion; ρ is ρ0 or half as much, which is
-equally probable. It is also the scale of ρ_g and κ_g. Twice as much makes intervals of large effects up to twice as
-wide. A quarter was tried, too: intervals then hold fewer than 85 % of the truths of two machines of
-`benchmarks/blind/development.py`, which are therefore validation."""
+equally probable. It is also the scale of ρ_g and κ_g. A quarter was tried, too: intervals then hold fewer than 85 % of
+the truths of two machines of `benchmarks/blind/development.py`, which are therefore validation."""
 DEGREES = 4.0
-"""Prior: degrees of freedom ν of both variances of a group. With twice as many, a group that does not fit keeps more
-of its weight. Chosen like τ0, among 1 and 4."""
+"""Prior: degrees of freedom ν of both variances of a group. Chosen like τ0, among 1 and 4."""
 LARGEST = 60.0
-"""Tolerance: a residual beyond so many units counts as that many; a diverged run then stays finite.
-Twice as much lets one such observable raise s_g² of its group up to four times as far."""
+"""Tolerance: a residual beyond so many units counts as that many; a diverged run then stays finite."""
 SHARED = 0.03
 """Prior: standard deviation σ_c of the error that all groups share at nominal, in typical sizes: two healthy machines
 of different authors differ by so much. Chosen among 0.02 to 0.05 by density of the true sizes and coverage of the
 intervals, in 35 twins of `benchmarks/diagnose/protocol_fit.py` and 17 cases of each of four machines of
-`benchmarks/blind/development.py`, which are therefore validation. Twice as much makes intervals of small effects up to
-twice as wide."""
+`benchmarks/blind/development.py`, which are therefore validation."""
 TINY = 1e-9
-"""Tolerance: information below this part of the largest counts as none. Twice as much changes nothing that shows."""
+"""Tolerance: information below this part of the largest counts as none."""
 ROUNDS = 20
 """Budget: most rounds of the fixed points of variances at an estimate. They end before where nothing changes."""
 CONSTANT = 1e-3
-"""Tolerance: a fixed point ends where no variance changes by more than this part. Evidence is flat there, so twice as
-much changes it by less than 1e-4."""
+"""Tolerance: a fixed point ends where no variance changes by more than this part. Evidence is flat there."""
 VARIANT = 2.0
 """Prior: error of a variant's amount in a group, in units of τ_g; a variant is known less well than an effect. No
-source: a judgement. Twice as much lets each group use the variants more freely."""
+source: a judgement."""
 
 
 @dataclass(frozen=True)
@@ -177,11 +171,11 @@ class Likelihood:
     value: float = 0.0
 
 
-def law_prior(found: Variances, coherent: FloatArray, theta: FloatArray, columns: int) -> FloatArray:
+def law_prior(variances: Variances, coherent: FloatArray, theta: FloatArray, columns: int) -> FloatArray:
     """Return (G, D) the diagonal of T_g for (G,) ρ_g and (K,) θ."""
     sizes = np.concatenate([theta**2, np.zeros(columns - theta.size)])
     amounts = _amounts(columns, theta.size)
-    return np.asarray(found.law[:, None] * amounts + coherent[:, None] ** 2 * sizes)
+    return np.asarray(variances.law[:, None] * amounts + coherent[:, None] ** 2 * sizes)
 
 
 def _amounts(columns: int, effects: int) -> FloatArray:
@@ -201,11 +195,11 @@ def _law_errors(groups: Groups, prior: FloatArray, noise: FloatArray) -> tuple[F
 
 def variances(groups: Groups, theta: FloatArray, start: Variances, rounds: int = 3) -> Variances:
     """Return s_g² and τ_g² at the mode of their marginal posterior, after so many rounds of the fixed point."""
-    found, columns = start, groups.gram.shape[1]
+    current, columns = start, groups.gram.shape[1]
     amounts = _amounts(columns, theta.size)
     for _ in range(rounds):
-        prior = law_prior(found, groups.coherent, theta, columns)
-        mean, covariance = _law_errors(groups, prior, found.noise)
+        prior = law_prior(current, groups.coherent, theta, columns)
+        mean, covariance = _law_errors(groups, prior, current.noise)
         determined = 1.0 - np.einsum("gii->gi", covariance) / prior
         left = (
             groups.energy
@@ -214,13 +208,15 @@ def variances(groups: Groups, theta: FloatArray, start: Variances, rounds: int =
             + np.einsum("gij,gji->g", covariance, groups.gram)
         )
         noise = (DEGREES + groups.size * left) / (DEGREES + groups.size)
-        own = found.law[:, None] * amounts / prior  # the part of a law error that does not grow with the size
+        own = (
+            current.law[:, None] * amounts / prior
+        )  # the part of a law error that does not grow with the size
         energy = ((own * mean) ** 2 / amounts).sum(axis=1)
         law = (DEGREES * LAW_ERROR**2 + energy) / (DEGREES + (own * determined).sum(axis=1))
-        last, found = found, Variances(noise, law)
+        last, current = current, Variances(noise, law)
         if _constant(last.noise, noise) and _constant(last.law, law):
             break
-    return found
+    return current
 
 
 def _constant(before: FloatArray, after: FloatArray) -> bool:
@@ -228,14 +224,14 @@ def _constant(before: FloatArray, after: FloatArray) -> bool:
     return bool((np.abs(after - before) <= CONSTANT * before).all())
 
 
-def disagreement(groups: Groups, theta: FloatArray, found: Variances) -> FloatArray:
+def disagreement(groups: Groups, theta: FloatArray, variances: Variances) -> FloatArray:
     """Return (K,) λ, by which groups disagree more about each parameter than by their own law errors; at least 1."""
     columns = groups.gram.shape[1]
-    shape = law_prior(found, groups.coherent, theta, columns)
+    shape = law_prior(variances, groups.coherent, theta, columns)
     scale = np.ones(columns)
     for _ in range(ROUNDS):
         prior = shape * scale
-        mean, covariance = _law_errors(groups, prior, found.noise)
+        mean, covariance = _law_errors(groups, prior, variances.noise)
         determined = 1.0 - np.einsum("gii->gi", covariance) / prior
         last = scale
         scale = (DEGREES + (mean**2 / shape).sum(axis=0)) / (DEGREES + determined.sum(axis=0))
@@ -244,22 +240,22 @@ def disagreement(groups: Groups, theta: FloatArray, found: Variances) -> FloatAr
     return np.maximum(scale[: theta.size], 1.0)
 
 
-def likelihood(groups: Groups, theta: FloatArray, found: Variances) -> Likelihood:
+def likelihood(groups: Groups, theta: FloatArray, variances: Variances) -> Likelihood:
     """Return the likelihood of (θ, φ) around θ from all groups, without the shared error."""
     columns = groups.gram.shape[1]
-    weight = groups.size / found.noise
+    weight = groups.size / variances.noise
     information = weight[:, None, None] * groups.gram
     score = weight[:, None] * groups.moment
-    prior = law_prior(found, groups.coherent, theta, columns)
+    prior = law_prior(variances, groups.coherent, theta, columns)
     damping = np.eye(columns) + information * prior[:, None, :]
     solved = np.linalg.solve(damping, np.concatenate([information, score[..., None]], axis=2))
     total = solved[..., :-1].sum(axis=0)
     # log N(r_g; 0, S_g + M_g T_g M_gᵀ), of N_g numbers; then the priors of both variances.
     explained = np.einsum("gi,gi->g", score, prior * solved[..., -1])
-    fitted = groups.size * (groups.volume + np.log(found.noise)) + np.linalg.slogdet(damping)[1]
-    fitted += groups.size * groups.energy / found.noise - explained
+    fitted = groups.size * (groups.volume + np.log(variances.noise)) + np.linalg.slogdet(damping)[1]
+    fitted += groups.size * groups.energy / variances.noise - explained
     value = -0.5 * float(fitted.sum())
-    for variance, scale in ((found.noise, 1.0), (found.law, LAW_ERROR**2)):
+    for variance, scale in ((variances.noise, 1.0), (variances.law, LAW_ERROR**2)):
         value -= 0.5 * DEGREES * float((np.log(variance / scale) + scale / variance).sum())
     return Likelihood((total + total.T) / 2.0, np.asarray(solved[..., -1].sum(axis=0)), value)
 
@@ -269,11 +265,13 @@ def shared_error(theta: FloatArray, scale: FloatArray) -> FloatArray:
     return np.asarray(SHARED**2 + (LAW_SHARE * theta) ** 2 + LAW_ERROR**2 * (scale - 1.0))
 
 
-def information_by_group(groups: Groups, theta: FloatArray, found: Variances) -> FloatArray:
+def information_by_group(groups: Groups, theta: FloatArray, variances: Variances) -> FloatArray:
     """Return (G, K, K) every group's information about θ."""
     columns = groups.gram.shape[1]
-    information = (groups.size / found.noise)[:, None, None] * groups.gram
-    damping = np.eye(columns) + information * law_prior(found, groups.coherent, theta, columns)[:, None, :]
+    information = (groups.size / variances.noise)[:, None, None] * groups.gram
+    damping = (
+        np.eye(columns) + information * law_prior(variances, groups.coherent, theta, columns)[:, None, :]
+    )
     effects = theta.size
     own = np.linalg.solve(damping, information)[:, :effects, :effects]
     return np.asarray((own + own.transpose(0, 2, 1)) / 2.0)
@@ -331,28 +329,30 @@ def information_left(
     return total / (total + form) if total > 0.0 else 1.0
 
 
-def with_form_error(found: Likelihood, form: FloatArray) -> Likelihood:
+def with_form_error(likelihood: Likelihood, form: FloatArray) -> Likelihood:
     """Return the likelihood with (K, K) Q added to the covariance of its score.
 
     Where two effects have the same response, J is singular: all is computed in the space that it spans.
     """
-    values, vectors = np.linalg.eigh(found.information)
+    values, vectors = np.linalg.eigh(likelihood.information)
     spanned = values > TINY * max(values.max(initial=0.0), TINY)
     root, vectors = np.sqrt(values[spanned]), vectors[:, spanned]
     inside = (vectors / root).T @ form @ (vectors / root)
-    total, score = np.eye(root.size) + inside, (vectors.T @ found.score) / root
+    total, score = np.eye(root.size) + inside, (vectors.T @ likelihood.score) / root
     solved = np.linalg.solve(total, np.column_stack([(vectors * root).T, score]))
     # The last two terms are log N(h; 0, J + Q) − log N(h; 0, J).
     value = (
-        found.value + 0.5 * float(score @ inside @ solved[:, -1]) - 0.5 * float(np.linalg.slogdet(total)[1])
+        likelihood.value
+        + 0.5 * float(score @ inside @ solved[:, -1])
+        - 0.5 * float(np.linalg.slogdet(total)[1])
     )
     information = (vectors * root) @ solved[:, :-1]
     return Likelihood((information + information.T) / 2.0, (vectors * root) @ solved[:, -1], value)
 
 
-def without_variants(found: Likelihood, effects: int) -> Likelihood:
+def without_variants(likelihood: Likelihood, effects: int) -> Likelihood:
     """Return the likelihood of θ alone: φ is integrated out."""
-    information, score, value = found.information, found.score, found.value
+    information, score, value = likelihood.information, likelihood.score, likelihood.value
     a, b, c = (
         information[:effects, :effects],
         information[:effects, effects:],
@@ -366,10 +366,10 @@ def without_variants(found: Likelihood, effects: int) -> Likelihood:
     return Likelihood(a, score, value)
 
 
-def with_shared_error(found: Likelihood, shared: FloatArray) -> Likelihood:
+def with_shared_error(likelihood: Likelihood, shared: FloatArray) -> Likelihood:
     """Return the likelihood of θ with (K,) the shared error added to its covariance."""
     # (A⁻¹ + diag(shared))⁻¹ without an inverse of A, which need not exist.
-    a, score, value = found.information, found.score, found.value
+    a, score, value = likelihood.information, likelihood.score, likelihood.value
     damping = np.eye(shared.size) + a * shared
     solved = np.linalg.solve(damping, np.column_stack([a, score]))
     value += 0.5 * float(score @ (shared * solved[:, -1])) - 0.5 * float(np.linalg.slogdet(damping)[1])

@@ -93,15 +93,15 @@ class ModelPosterior:
         return np.where(at < self.prior.low, 0.0, np.where(at >= self.prior.high, 1.0, inside))
 
 
-def posterior(found: Likelihood, theta: FloatArray, prior: SizePrior) -> ModelPosterior:
+def posterior(likelihood: Likelihood, theta: FloatArray, prior: SizePrior) -> ModelPosterior:
     """Return the posterior over sets of parameters and over sizes.
 
     Args:
-        found: likelihood around ``theta``, without the prior.
+        likelihood: likelihood around ``theta``, without the prior.
         theta: (K,) the point around which it was made.
         prior: of sizes and sets.
     """
-    precision, moment = found.information, found.score + found.information @ theta
+    precision, moment = likelihood.information, likelihood.score + likelihood.information @ theta
     base = _Base(precision, moment, prior)
     scored: dict[Set, float] = {(): 0.0}
     causes = prior.causes.tolist()
@@ -124,7 +124,10 @@ def posterior(found: Likelihood, theta: FloatArray, prior: SizePrior) -> ModelPo
     sets, weight = [s for s, kept in zip(sets, keep, strict=True) if kept], weight[keep]
     moments = [base.sizes(s) for s in sets]
     constant = (
-        found.value - float(found.score @ theta) - 0.5 * float(theta @ precision @ theta) + base.constant
+        likelihood.value
+        - float(likelihood.score @ theta)
+        - 0.5 * float(theta @ precision @ theta)
+        + base.constant
     )
     return ModelPosterior(
         tuple(sets),
@@ -136,17 +139,17 @@ def posterior(found: Likelihood, theta: FloatArray, prior: SizePrior) -> ModelPo
     )
 
 
-def nearest(modes: Iterable[Set], members: Set) -> Set:
+def nearest_mode(modes: Iterable[Set], members: Set) -> Set:
     """Return the mode with the fewest causes that differ from those of a set; the first of several."""
-    return min(modes, key=lambda active: _apart(active, members))
+    return min(modes, key=lambda active: _distance(active, members))
 
 
-def _apart(active: Set, members: Set) -> int:
+def _distance(active: Set, members: Set) -> int:
     """Return the number of causes that only one of two sets has."""
     return len({*active} ^ {*members})
 
 
-def combined(posteriors: Mapping[Set, ModelPosterior]) -> ModelPosterior:
+def combine(posteriors: Mapping[Set, ModelPosterior]) -> ModelPosterior:
     """Return the posterior over the sets of several modes of the likelihood, for the same data and prior.
 
     Each mode has a likelihood of its own, which holds near it. So a set counts in the mode whose causes are most like
@@ -156,21 +159,21 @@ def combined(posteriors: Mapping[Set, ModelPosterior]) -> ModelPosterior:
     Args:
         posteriors: causes of a mode → its posterior.
     """
-    found: dict[Set, tuple[float, ModelPosterior, int]] = {}
+    largest: dict[Set, tuple[float, ModelPosterior, int]] = {}
     for active, one in posteriors.items():
         evidence = one.log_evidence + np.log(one.probability / one.probability[0])
         for row, members in enumerate(one.sets):
-            if _apart(active, members) > _apart(nearest(posteriors, members), members):
+            if _distance(active, members) > _distance(nearest_mode(posteriors, members), members):
                 continue
-            if members not in found or evidence[row] > found[members][0]:
-                found[members] = float(evidence[row]), one, row
-    if not found:  # every set is nearer to a mode that finds it improbable
+            if members not in largest or evidence[row] > largest[members][0]:
+                largest[members] = float(evidence[row]), one, row
+    if not largest:  # every set is nearer to a mode that finds it improbable
         return max(posteriors.values(), key=lambda one: one.log_evidence)
-    sets = sorted(found, key=lambda members: -found[members][0])
-    most = found[sets[0]][0]
-    sets = [members for members in sets if found[members][0] - most > np.log(KEPT)]
-    weight = np.exp(np.array([found[members][0] for members in sets]) - most)
-    places = [found[members][1:] for members in sets]
+    sets = sorted(largest, key=lambda members: -largest[members][0])
+    most = largest[sets[0]][0]
+    sets = [members for members in sets if largest[members][0] - most > np.log(KEPT)]
+    weight = np.exp(np.array([largest[members][0] for members in sets]) - most)
+    places = [largest[members][1:] for members in sets]
     return ModelPosterior(
         tuple(sets),
         weight / weight.sum(),

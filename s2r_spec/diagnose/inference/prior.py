@@ -17,13 +17,11 @@ FloatArray = NDArray[np.float64]
 
 BACKGROUND = 0.07
 """Prior: σ_bg, standard deviation of an effect that nobody added, in typical sizes. A real robot differs a little from
-its model in everything: by 5 % of a large effect, which is up to 1.6 typical sizes. Twice as much makes small effects
-harder to name."""
+its model in everything: by 5 % of a large effect, which is up to 1.6 typical sizes."""
 SLAB = 0.6
-"""Prior: σ_slab, standard deviation of an effect that is a cause. Twice as much costs every named effect 0.7 in log
-evidence."""
+"""Prior: σ_slab, standard deviation of an effect that is a cause."""
 ACTIVE = 0.05
-"""Prior: probability π that one effect of the catalogue is a cause. Twice as much adds 0.7 to the log odds of each."""
+"""Prior: probability π that one effect of the catalogue is a cause."""
 NAMED = 0.25
 """Definition: an effect at least this large, in typical sizes, is to be named."""
 UNNAMED = NAMED / 2.0

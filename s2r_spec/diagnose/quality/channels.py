@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from s2r_spec.backend import Channel
 from s2r_spec.diagnose.quality.faults import PER_RADIAN
-from s2r_spec.diagnose.quality.finding import Finding, called, listed
-from s2r_spec.diagnose.quality.recordings import Recordings, rms, wide
+from s2r_spec.diagnose.quality.finding import Finding, join_words, rollout_name
+from s2r_spec.diagnose.quality.recordings import Recordings, as_columns, rms
 from s2r_spec.space import key_of
 from s2r_spec.trace import Trace
 from s2r_spec.trace.samples import period_of
@@ -29,26 +29,24 @@ UNITS = {
 """Definition: factors by which a channel is off whose unit was forgotten: milli and kilo, centi, degrees."""
 NEAR = 1.5
 """Tolerance: a factor is one of these if it is this many times as much at most, for what a machine lacks moves its
-commands, too. Doubled, factors of physics are units."""
+commands, too."""
 ODD = 5.0
-"""Tolerance: one rollout has what most have not if it is so many times as much as in half of them. Twice as much misses
-outliers that are half as large."""
+"""Tolerance: one rollout has what most have not if it is so many times as much as in half of them."""
 PART = 0.2
-"""Tolerance: part of a range, of a turn or of a rollout that counts. Twice as much misses outliers that are half as
-large, and stops half as long."""
+"""Tolerance: part of a range, of a turn or of a rollout that counts."""
 
 
 def by_channel(of: Recordings) -> list[Finding]:
     """Return the first finding about every channel, and about "the tests"."""
-    checks = (still, wrapped, unit, unit_of_one, spike, stopped)
-    found = [
+    checks = (find_still, find_wrapped, unit, unit_of_one, spike, find_stopped)
+    mistakes = [
         next(filter(None, (check(channel, of) for check in checks)), None)
         for channel in of.bench.backend.channels
     ]
-    return [*filter(None, found), *copied(of)]
+    return [*filter(None, mistakes), *find_copied(of)]
 
 
-def still(channel: Channel, of: Recordings) -> Finding | None:
+def find_still(channel: Channel, of: Recordings) -> Finding | None:
     """Find a channel that never moves, and always in the simulator; what is 0 or 1 may well not move."""
     name = channel.name
     pairs = of.paired(name)
@@ -60,14 +58,14 @@ def still(channel: Channel, of: Recordings) -> Finding | None:
     return Finding("still", name, text)
 
 
-def wrapped(channel: Channel, of: Recordings) -> Finding | None:
+def find_wrapped(channel: Channel, of: Recordings) -> Finding | None:
     """Find an angle that jumps by a turn, where the simulator's goes on."""
     if channel.unit not in PER_RADIAN:
         return None
     turn = 2.0 * np.pi * PER_RADIAN[channel.unit]
 
     def jumps(trace: Trace) -> bool:
-        steps = np.abs(np.diff(wide(trace, channel.name), axis=0))
+        steps = np.abs(np.diff(as_columns(trace, channel.name), axis=0))
         return bool((np.abs(steps - turn) < PART * turn).any())
 
     count = sum(jumps(trace) for _, trace in of.rollouts)
@@ -99,7 +97,7 @@ def unit(channel: Channel, of: Recordings) -> Finding | None:
 def unit_of_one(channel: Channel, of: Recordings) -> Finding | None:
     """Find the rollout in which a channel is farthest from its usual size, by such a factor of the simulator's."""
     name = channel.name
-    sizes = np.array([rms(wide(trace, name)) for _, trace in of.rollouts])
+    sizes = np.array([rms(as_columns(trace, name)) for _, trace in of.rollouts])
     if not channel.unit or np.count_nonzero(sizes) <= len(sizes) / 2:
         return None
     far = np.log(np.where(sizes > 0.0, sizes, np.median(sizes[sizes > 0.0])) / np.median(sizes[sizes > 0.0]))
@@ -108,16 +106,18 @@ def unit_of_one(channel: Channel, of: Recordings) -> Finding | None:
         return None
     test, trace = of.rollouts[number]
     simulated = of.simulated(test)
-    size = rms(wide(simulated, name))
+    size = rms(as_columns(simulated, name))
     words = _times(float(sizes[number]) / size) if size else ""
     if not words:
         return None
     # Another channel of that size is not this one in another unit.
-    there = between(simulated.times - simulated.times[0], trace.times - trace.times[0], wide(trace, name))
-    if rms(there / UNITS[words] - wide(simulated, name)) > (NEAR - 1.0) * size:
+    there = between(
+        simulated.times - simulated.times[0], trace.times - trace.times[0], as_columns(trace, name)
+    )
+    if rms(there / UNITS[words] - as_columns(simulated, name)) > (NEAR - 1.0) * size:
         return None
     text = (
-        f"{name} of {called(number, test)} is about {words} the simulator's, and in no other rollout. Is it in "
+        f"{name} of {rollout_name(number, test)} is about {words} the simulator's, and in no other rollout. Is it in "
         f"{channel.unit} there? If not, convert it, or leave the rollout out"
     )
     return Finding("unit of one", name, text)
@@ -132,58 +132,64 @@ def _times(much: float) -> str:
 def spike(channel: Channel, of: Recordings) -> Finding | None:
     """Find the single sample that is farthest off its neighbours."""
     name = channel.name
-    one = _odd(
-        of, name, lambda trace: _alone(wide(trace, name)).max(axis=0) / np.ptp(wide(trace, name), axis=0)
+    one = _odd_rollout(
+        of,
+        name,
+        lambda trace: (
+            _isolation(as_columns(trace, name)).max(axis=0) / np.ptp(as_columns(trace, name), axis=0)
+        ),
     )
     if one is None:
         return None
     number, column = one
     test, trace = of.rollouts[number]
-    far = _alone(wide(trace, name))[:, column]
+    far = _isolation(as_columns(trace, name))[:, column]
     text = (
-        f"{name} of {called(number, test)} is off by {f'{far.max():.3g} {channel.unit}'.rstrip()} for one sample at "
-        f"{trace.times[far.argmax()]:.4g} s, and in no other rollout. Is it an error of the recording? If so, correct "
-        f"the sample, or leave the rollout out"
+        f"{name} of {rollout_name(number, test)} is off by {f'{far.max():.3g} {channel.unit}'.rstrip()} for one sample "
+        f"at {trace.times[far.argmax()]:.4g} s, and in no other rollout. Is it an error of the recording? If so, "
+        f"correct the sample, or leave the rollout out"
     )
     return Finding("spike", name, text)
 
 
-def _alone(values: FloatArray) -> FloatArray:
+def _isolation(values: FloatArray) -> FloatArray:
     """Return (samples, columns) how far each sample is from both of its neighbours: 0 in a step or a slope."""
     away = np.zeros_like(values)
     away[1:-1] = np.abs(values[1:-1] - np.median([values[:-2], values[1:-1], values[2:]], axis=0))
     return away
 
 
-def stopped(channel: Channel, of: Recordings) -> Finding | None:
+def find_stopped(channel: Channel, of: Recordings) -> Finding | None:
     """Find a channel that keeps one value for long in one rollout, but for one at which it saturates."""
     name = channel.name
-    one = _odd(of, name, lambda trace: np.diff(_longest(trace, name), axis=0)[0] / trace.duration)
+    one = _odd_rollout(
+        of, name, lambda trace: np.diff(_longest_constant(trace, name), axis=0)[0] / trace.duration
+    )
     if one is None:
         return None
     number, column = one
     test, trace = of.rollouts[number]
-    since, until = _longest(trace, name)[:, column]
-    every = [wide(each, name)[:, column] for _, each in of.rollouts if name in each.channels]
+    since, until = _longest_constant(trace, name)[:, column]
+    every = [as_columns(each, name)[:, column] for _, each in of.rollouts if name in each.channels]
     ends = [end(values) for values in every for end in (np.min, np.max)]
-    if wide(trace, name)[trace.times >= since, column][0] in (min(ends), max(ends)):
+    if as_columns(trace, name)[trace.times >= since, column][0] in (min(ends), max(ends)):
         return None
     text = (
-        f"{name} of {called(number, test)} keeps one value from {since:.4g} to {until:.4g} s, while the simulator's "
-        f"changes. Was it recorded all the time? If not, leave the rollout out"
+        f"{name} of {rollout_name(number, test)} keeps one value from {since:.4g} to {until:.4g} s, while the "
+        f"simulator's changes. Was it recorded all the time? If not, leave the rollout out"
     )
     return Finding("stopped", name, text)
 
 
-def _longest(trace: Trace, name: str) -> FloatArray:
+def _longest_constant(trace: Trace, name: str) -> FloatArray:
     """Return (2, columns) from when until when [s] each column of a channel keeps its value the longest."""
-    found = []
-    for values in wide(trace, name).T:
+    intervals = []
+    for values in as_columns(trace, name).T:
         at = _changes(values[:, None])
         first, last = trace.times[at], trace.times[np.append(at[1:] - 1, len(values) - 1)]
         k = int(np.argmax(last - first))
-        found.append((first[k], last[k]))
-    return np.array(found).reshape(-1, 2).T
+        intervals.append((first[k], last[k]))
+    return np.array(intervals).reshape(-1, 2).T
 
 
 def _changes(values: FloatArray) -> NDArray[np.int64]:
@@ -191,7 +197,7 @@ def _changes(values: FloatArray) -> NDArray[np.int64]:
     return np.append(0, 1 + np.flatnonzero((np.diff(values, axis=0) != 0.0).any(axis=1)))
 
 
-def _odd(of: Recordings, name: str, part: Callable[[Trace], FloatArray]) -> tuple[int, int] | None:
+def _odd_rollout(of: Recordings, name: str, part: Callable[[Trace], FloatArray]) -> tuple[int, int] | None:
     """Return number and column of the rollout that has most of something that others, and the simulator, have not.
 
     Args:
@@ -202,7 +208,7 @@ def _odd(of: Recordings, name: str, part: Callable[[Trace], FloatArray]) -> tupl
     having = [
         (number, trace)
         for number, (_, trace) in enumerate(of.rollouts)
-        for values in [wide(trace, name)]
+        for values in [as_columns(trace, name)]
         if len(values) > 2 and np.isfinite(values).all() and not (values == np.round(values)).all()
     ]
     if len(having) < 2:
@@ -216,17 +222,17 @@ def _odd(of: Recordings, name: str, part: Callable[[Trace], FloatArray]) -> tupl
     return (number, column) if len(here) and ODD * here[column] <= odd[k, column] else None
 
 
-def copied(of: Recordings) -> list[Finding]:
+def find_copied(of: Recordings) -> list[Finding]:
     """Find the first recording that stands under two tests; not where these are one to the simulator, too."""
-    seen: dict[tuple[bytes, ...], int] = {}
+    number_by_key: dict[tuple[bytes, ...], int] = {}
     for number, (test, trace) in enumerate(of.rollouts):
-        first = seen.setdefault(_bytes(trace), number)
+        first = number_by_key.setdefault(_bytes(trace), number)
         before = of.rollouts[first][0]
         if key_of(before) == key_of(test):
             continue
         if _bytes(of.simulated(before)) == _bytes(of.simulated(test)):
             return []
-        text = f"{called(number, test)} equals {called(first, before)} in every sample. Which test was it?"
+        text = f"{rollout_name(number, test)} equals {rollout_name(first, before)} in every sample. Which test was it?"
         return [Finding("copied", "the tests", text)]
     return []
 
@@ -249,7 +255,7 @@ def hold(of: Recordings) -> tuple[list[Finding], Recordings]:
     held: dict[str, float] = {}
     step = max(period_of(trace.times) for pair in of.pairs for trace in pair)
     for channel in of.bench.backend.channels:
-        kept = [[_kept(trace, channel.name) for trace in pair] for pair in of.pairs]
+        kept = [[_hold_time(trace, channel.name) for trace in pair] for pair in of.pairs]
         there = [seconds if regular else 0.0 for _, (seconds, regular) in kept]
         here = max(seconds for (seconds, _), _ in kept)
         if min(there) > 2.0 * max(step, here) and max(there) <= NEAR * min(there):
@@ -258,21 +264,21 @@ def hold(of: Recordings) -> tuple[list[Finding], Recordings]:
         return [], of
     names, one = list(held), len(held) == 1
     text = (
-        f"{listed(names)} of the real rollouts {'keeps' if one else 'keep'} each value for "
+        f"{join_words(names)} of the real rollouts {'keeps' if one else 'keep'} each value for "
         f"{float(np.median(list(held.values()))):.2g} s, while the simulator's {'changes' if one else 'change'} at "
         f"every sample. Was the last value repeated between slower samples? If so, record {'it' if one else 'them'} as "
         f"often as the rest"
     )
     straight = [(test, _straight(trace, names)) for test, trace in of.rollouts]
-    return [Finding("hold", listed(names), text)], replace(of, rollouts=straight)
+    return [Finding("hold", join_words(names), text)], replace(of, rollouts=straight)
 
 
-def _kept(trace: Trace, name: str) -> tuple[float, bool]:
+def _hold_time(trace: Trace, name: str) -> tuple[float, bool]:
     """Return how long [s] a channel usually keeps a value, 0 where it hardly moves, and whether that is one time.
 
     What is quantised is kept as long as its slope wants, and its steps are of few sizes.
     """
-    values = wide(trace, name)
+    values = as_columns(trace, name)
     at = _changes(values)
     if len(at) <= 2 or not np.isfinite(values).all():
         return 0.0, False
@@ -288,7 +294,7 @@ def _straight(trace: Trace, names: Sequence[str]) -> Trace:
     channels = dict(trace.channels)
     for name in names:
         if name in channels and np.isfinite(channels[name]).all():
-            values = wide(trace, name)
+            values = as_columns(trace, name)
             at = _changes(values)
             straight = [np.interp(trace.times, trace.times[at], column[at]) for column in values.T]
             channels[name] = np.stack(straight, axis=1).reshape(channels[name].shape)

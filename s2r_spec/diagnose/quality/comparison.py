@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.data.space_filling import TESTS
-from s2r_spec.diagnose.quality.recordings import Rollout, wide
-from s2r_spec.diagnose.simulator.axes import Line, Values
+from s2r_spec.diagnose.quality.recordings import Rollout, as_columns
+from s2r_spec.diagnose.simulator.axes import EffectAxis, Values
 from s2r_spec.diagnose.simulator.bench import Bench, Job, Test, evenly, places_of, run_jobs
 from s2r_spec.trace import Trace
 from s2r_spec.trace.samples import period_of
@@ -20,23 +20,21 @@ from s2r_spec.trace.samples import period_of
 FloatArray = NDArray[np.float64]
 
 BUDGET = 20.0
-"""Budget: CPU time [s] for the rollouts of a comparison. Twice as much compares more tests, and effects on both sides
-of nominal. A simulator that cannot run three tests in it runs these all the same."""
+"""Budget: CPU time [s] for the rollouts of a comparison. A simulator that cannot run three tests in it runs these all
+the same."""
 SEEDS = 24
-"""Budget: nominal rollouts a test at most, for their mean and scatter; a sixth of them at least. Twice as many halve
-the variance of the estimate of either."""
+"""Budget: nominal rollouts a test at most, for their mean and scatter; a sixth of them at least."""
 TIMES = 90
-"""Definition: instants of a rollout that are compared. Twice as many see delays half as long, in twice the time."""
+"""Definition: instants of a rollout that are compared."""
 FLOOR = 0.007
-"""Tolerance: part of a column's range that is no discrepancy, whatever the simulator's scatter. Twice as much hides
-mistakes that are half as large."""
+"""Tolerance: part of a column's range that is no discrepancy, whatever the simulator's scatter."""
 CLEAR = 0.15
 """Level: part of the usual misfit by which a discrepancy is there at all, and part of what the best mistake removes by
-which another is worse. Twice as much misses mistakes that are 1.4 times as large, and says more beside the best."""
+which another is worse."""
 
 
 @dataclass(frozen=True)
-class Column:
+class ChannelColumn:
     """One column of a channel: its place among them, its name for people ("q, FR hip"), and the channel's unit."""
 
     channel: str
@@ -49,7 +47,7 @@ class Column:
 class View:
     """What is compared of a rollout: c columns at T times [s] from its begin."""
 
-    columns: tuple[Column, ...]
+    columns: tuple[ChannelColumn, ...]
     times: FloatArray
 
     def of(self, trace: Trace, at: FloatArray) -> FloatArray:
@@ -58,7 +56,7 @@ class View:
         out = np.full((len(at), len(self.columns)), np.nan)
         there = (at >= 0.0) & (at < own[-1] + period_of(own))
         for k, column in enumerate(self.columns):
-            values = wide(trace, column.channel)
+            values = as_columns(trace, column.channel)
             if column.place < values.shape[1]:
                 out[there, k] = np.interp(at[there], own, values[:, column.place])
         return out
@@ -94,7 +92,7 @@ class Comparison:
         floor: (c,) what is no discrepancy, in the units of the columns: the unit of all that follows.
         scatter: (n, s, d) deviations of single nominal rollouts, whose squares sum to their covariance.
         effects: (k, n, d) changes that the catalogue makes.
-        sizes: (k,) the line and its value of each.
+        sizes: (k,) the axis and its value of each.
         usual: Q of a nominal rollout that had no part in mean and scatter; at least that of one floor throughout.
     """
 
@@ -105,11 +103,11 @@ class Comparison:
     floor: FloatArray
     scatter: FloatArray
     effects: FloatArray
-    sizes: tuple[tuple[Line, float], ...]
+    sizes: tuple[tuple[EffectAxis, float], ...]
     usual: float
 
     @property
-    def columns(self) -> tuple[Column, ...]:
+    def columns(self) -> tuple[ChannelColumn, ...]:
         """The c columns, in order."""
         return self.view.columns
 
@@ -154,11 +152,11 @@ class Comparison:
         flat = rests.reshape(len(rests), len(self.traces), -1)
         white = np.einsum("nsd,mnd->mns", w, flat).reshape(len(flat), -1)
         whole = flat.reshape(len(flat), -1)
-        found = whole @ whole.T - white @ white.T
+        products = whole @ whole.T - white @ white.T
         if effects and len(cj):
             explained = np.linalg.solve(self._root, cj @ whole.T)
-            found -= explained.T @ explained
-        return np.asarray(found / whole.shape[1])
+            products -= explained.T @ explained
+        return np.asarray(products / whole.shape[1])
 
     @cached_property
     def volume(self) -> float:
@@ -189,9 +187,11 @@ def affordable(bench: Bench, rollouts: int, least: int, most: int) -> int:
     return int(np.clip(BUDGET / (max(float(bench.backend.cost), 1e-4) * rollouts), least, most))
 
 
-def columns_of(bench: Bench, traces: Sequence[Trace], without: Sequence[str] = ()) -> tuple[Column, ...]:
+def columns_of(
+    bench: Bench, traces: Sequence[Trace], without: Sequence[str] = ()
+) -> tuple[ChannelColumn, ...]:
     """Return the columns that every recording has, of numbers throughout, but for some channels'."""
-    found: list[Column] = []
+    columns: list[ChannelColumn] = []
     for channel in bench.backend.channels:
         values = [trace.channels.get(channel.name, np.full(1, np.nan)) for trace in traces]
         alike = len({each.shape[1:] for each in values}) == 1
@@ -199,14 +199,16 @@ def columns_of(bench: Bench, traces: Sequence[Trace], without: Sequence[str] = (
             continue
         words = channel.columns or [f"column {place + 1}" for place in range(channel.width)]
         names = [channel.name] if channel.width == 1 else [f"{channel.name}, {word}" for word in words]
-        found += [Column(channel.name, place, name, channel.unit) for place, name in enumerate(names)]
-    return tuple(found)
+        columns += [
+            ChannelColumn(channel.name, place, name, channel.unit) for place, name in enumerate(names)
+        ]
+    return tuple(columns)
 
 
 def compare(
     bench: Bench,
     rollouts: Sequence[Rollout],
-    lines: Sequence[Line] = (),
+    axes: Sequence[EffectAxis] = (),
     executor: Callable[[], Executor] | None = None,
     progress: Callable[[int, int], None] | None = None,
     without: Sequence[str] = (),
@@ -216,15 +218,15 @@ def compare(
     Args:
         bench: the simulator.
         rollouts: the machine's.
-        lines: of the catalogue.
+        axes: of the catalogue.
         executor: makes a pool.
         progress: called with (done, of).
         without: channels that are not compared.
     """
     ran = [(test, trace) for test, trace in rollouts if trace.failure is None and len(trace) > 1]
     ran = [ran[places[0]] for places in places_of([test for test, _ in ran]).values()]
-    values = [(line, line.value(sign)) for line in lines for sign in (-1.0, 1.0)]
-    sizes = [(line, value) for line, value in values if value != line.nominal]
+    values = [(axis, axis.value(sign)) for axis in axes for sign in (-1.0, 1.0)]
+    sizes = [(axis, value) for axis, value in values if value != axis.nominal]
     most = affordable(bench, SEEDS // 2 + len(sizes), TESTS // 3, TESTS)
     chosen = [ran[place] for place in dict.fromkeys(evenly(len(ran), most))]
     columns = columns_of(bench, [trace for _, trace in chosen], without)
@@ -232,12 +234,12 @@ def compare(
         return None
     room = affordable(bench, len(chosen), 0, SEEDS + len(sizes))
     if room < SEEDS // 2 + len(sizes):
-        sizes = [(line, line.at_typical()) for line in lines]
+        sizes = [(axis, axis.at_typical()) for axis in axes]
     seeds = int(np.clip(room - len(sizes), SEEDS // 6, SEEDS))
     tests = tuple(test for test, _ in chosen)
     times = np.linspace(0.0, min(trace.duration for _, trace in chosen), TIMES)
     machines: list[tuple[Values, int]] = [({}, seed) for seed in range(seeds)]
-    machines += [(line.at(value), 0) for line, value in sizes]
+    machines += [(axis.at(value), 0) for axis, value in sizes]
     ran_there = View(columns, times).simulate(bench, machines, tests, executor, progress)
     whole = np.asarray(np.isfinite(ran_there[:seeds]).all(axis=(0, 1, 2)))
     if not whole.any():

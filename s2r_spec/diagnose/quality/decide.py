@@ -14,9 +14,9 @@ from s2r_spec.diagnose.quality.comparison import CLEAR, Comparison, compare
 from s2r_spec.diagnose.quality.faults import Fault, Undone, faults
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.quality.labels import labels
-from s2r_spec.diagnose.quality.machine import nearest
+from s2r_spec.diagnose.quality.machine import nearest_machine
 from s2r_spec.diagnose.quality.recordings import Recordings, Rollout
-from s2r_spec.diagnose.simulator.axes import Line
+from s2r_spec.diagnose.simulator.axes import EffectAxis
 from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.diagnose.simulator.library import CAUSES
 
@@ -24,8 +24,7 @@ FloatArray = NDArray[np.float64]
 
 MOST = 0.75
 """Level: part of what the best machine leaves beyond the usual that undoing a mistake must remove; the rest is what a
-candidate must remove to be tried beside effects. At twice the distance from 1 it finds mistakes beside larger unknown
-effects, and takes more unknown effects for mistakes."""
+candidate must remove to be tried beside effects."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +62,7 @@ class _Judged:
 def findings(
     bench: Bench,
     rollouts: Sequence[Rollout],
-    lines: Sequence[Line] = (),
+    axes: Sequence[EffectAxis] = (),
     executor: Callable[[], Executor] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[Finding, ...]:
@@ -72,19 +71,19 @@ def findings(
     Args:
         bench: the simulator.
         rollouts: the machine's, in the order of their table.
-        lines: of the catalogue.
+        axes: of the catalogue.
         executor: makes a pool for the simulations.
         progress: called with (done, of).
     """
     of = Recordings(bench, rollouts)
     first = by_channel(of)
     held, straight = hold(of)
-    c = compare(bench, straight.rollouts, lines, executor, progress, [each.channel for each in first])
-    found = [] if c is None else suspected(bench, c, straight.rollouts, executor, progress)
-    return (*held, *found, *first)
+    c = compare(bench, straight.rollouts, axes, executor, progress, [each.channel for each in first])
+    suspects = [] if c is None else find_suspects(bench, c, straight.rollouts, executor, progress)
+    return (*held, *suspects, *first)
 
 
-def suspected(
+def find_suspects(
     bench: Bench,
     c: Comparison,
     rollouts: Sequence[Rollout],
@@ -103,12 +102,12 @@ def suspected(
     def left(machine: Comparison, values: FloatArray, undone: Undone) -> float:
         return machine.misfit(values, there=undone.there) + machine.volume - c.volume
 
-    machine = nearest(bench, c, c.recorded, executor)
+    machine = nearest_machine(bench, c, c.recorded, executor)
     if not any(one.removes(MOST, one.before) for one in judged):
         # A mistake may stand beside an effect that is far from nominal.
         for k, one in enumerate(judged[:CAUSES]):
             values = one.undone.values
-            after = left(nearest(bench, c, values, executor), values, one.undone) + one.undone.price
+            after = left(nearest_machine(bench, c, values, executor), values, one.undone) + one.undone.price
             judged[k] = replace(one, after=min(one.after, after))
     out: dict[str, tuple[float, Finding]] = {}
     for one in sorted(judged, key=lambda one: one.after):

@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.quality.comparison import Comparison
-from s2r_spec.diagnose.quality.finding import Finding, listed
+from s2r_spec.diagnose.quality.finding import Finding, join_words
 from s2r_spec.trace.samples import period_of
 
 FloatArray = NDArray[np.float64]
-Group = frozenset[str]
+ChannelGroup = frozenset[str]
 """Channels, or recordings, that share a mistake."""
 Parts = tuple[FloatArray, FloatArray | float]
 """(parts, n, T, c) parts of a discrepancy, r₀ first, and what of it counts: (T, 1) instants or (n, 1, 1) recordings, of
@@ -30,10 +30,10 @@ Parts = tuple[FloatArray, FloatArray | float]
 PER_RADIAN = {"rad": 1.0, "deg": 180.0 / np.pi}
 """Definition: units of angles, and how many of it a radian is."""
 LATEST = 0.25
-"""Definition: part of a rollout that a delay is looked for up to. Twice as much looks for longer ones."""
+"""Definition: part of a rollout that a delay is looked for up to."""
 FACTORS = tuple(np.geomspace(0.4, 2.5, 59).tolist())
 """Definition: factors of scales and clocks that are tried, before the best is refined. A rate that was set twice as
-high as it was lies well inside; a best at either end is no minimum. Twice as many see clocks of longer rollouts."""
+high as it was lies well inside; a best at either end is no minimum."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class Undone:
     """
 
     size: float
-    group: Group
+    group: ChannelGroup
     values: FloatArray
     there: FloatArray | float = 1.0
     price: float = 0.0
@@ -61,18 +61,18 @@ Fault = tuple[Finding, Undone]
 
 def faults(c: Comparison) -> list[Fault]:
     """Return the mistake of each kind that explains most."""
-    kinds = (late, clock, exchanged, sign, scale, turned, offset)
+    kinds = (delays, clock, exchanges, sign, scale, turns, offset)
     return [fault for kind in kinds for fault in kind(c)]
 
 
-def late(c: Comparison) -> Iterable[Fault]:
+def delays(c: Comparison) -> Iterable[Fault]:
     """Read channels later: by a delay [s] after the others, or early by a negative one.
 
     All channels together mean that the recordings begin at another time than their tests.
     """
     names, period = channels(c), max(period_of(trace.times) for trace in c.traces)
-    delays = np.geomspace(period, LATEST * c.view.times[-1], 9).tolist()
-    sizes = [*(-by for by in delays[::-1]), *delays]
+    steps = np.geomspace(period, LATEST * c.view.times[-1], 9).tolist()
+    sizes = [*(-by for by in steps[::-1]), *steps]
     for one in search(c, names, sizes, _read(c, names, lambda by: c.read(late=by)), starts=_units(c)):
         rest = [name for name in names if name not in one.group]
         # Nobody reads two clocks better than to a sample.
@@ -89,12 +89,12 @@ def late(c: Comparison) -> Iterable[Fault]:
         # It is the few that are said to be wrong; late poses are early commands.
         many = len(one.group) > len(rest)
         text = (
-            f"{named(c, one.group)} {'is' if len(one.group) == 1 and not many else 'are'} {much} "
-            f"{'early' if early else 'late'} against {listed(rest) if many else 'the other channels'} from the first "
-            f"sample on. Do all channels get their timestamps from the same clock? If not, shift their times by this "
-            f"delay"
+            f"{channel_names(c, one.group)} {'is' if len(one.group) == 1 and not many else 'are'} {much} "
+            f"{'early' if early else 'late'} against {join_words(rest) if many else 'the other channels'} from "
+            f"the first sample on. Do all channels get their timestamps from the same clock? If not, shift their times "
+            f"by this delay"
         )
-        yield Finding("late", named(c, one.group), text, "a wrong clock"), one
+        yield Finding("late", channel_names(c, one.group), text, "a wrong clock"), one
 
 
 def clock(c: Comparison) -> Iterable[Fault]:
@@ -108,7 +108,7 @@ def clock(c: Comparison) -> Iterable[Fault]:
         yield Finding("clock", "the clock", text, "a wrong clock"), one
 
 
-def exchanged(c: Comparison) -> Iterable[Fault]:
+def exchanges(c: Comparison) -> Iterable[Fault]:
     """Assign the recorded columns of each unit to the simulator's that they are nearest to."""
     from scipy.optimize import linear_sum_assignment
 
@@ -126,7 +126,7 @@ def exchanged(c: Comparison) -> Iterable[Fault]:
     parts = np.concatenate([c.rest(c.recorded)[None], swapped.reshape(-1, *c.nominal.shape)]), 1.0
     for one in search(c, names, [1.0], parts, prices=lambda _: np.full(len(names), c.clear)):
         moved = sorted(k for cycle in cycles for k in cycle if str(cycle[0]) in one.group)
-        words = listed([c.columns[k].name for k in moved])
+        words = join_words([c.columns[k].name for k in moved])
         under = ", ".join(f"{c.columns[k].name} is named {c.columns[order[k]].name}" for k in moved[:4])
         text = f"{words} of the real rollouts seem exchanged: {under}. If so, correct the names in the recordings"
         yield Finding("exchanged", words, text, "an exchange of channels"), replace(one, price=0.0)
@@ -134,20 +134,20 @@ def exchanged(c: Comparison) -> Iterable[Fault]:
 
 def _cycles(order: NDArray[np.int64]) -> list[list[int]]:
     """Return the cycles of a permutation that move anything."""
-    found, left = list[list[int]](), {k for k, other in enumerate(order.tolist()) if other != k}
+    cycles, left = list[list[int]](), {k for k, other in enumerate(order.tolist()) if other != k}
     while left:
         cycle = [left.pop()]
         while (after := int(order[cycle[-1]])) in left:
             left.remove(after)
             cycle.append(after)
-        found.append(cycle)
-    return found
+        cycles.append(cycle)
+    return cycles
 
 
 def sign(c: Comparison) -> Iterable[Fault]:
     """Change the sign of channels, as between two conventions of axes."""
-    for one in _scaled(c, channels(c), [-1.0], 0.0):
-        words = named(c, one.group)
+    for one in _scale(c, channels(c), [-1.0], 0.0):
+        words = channel_names(c, one.group)
         has, it = ("has", "it") if len(one.group) == 1 else ("have", "them")
         text = (
             f"{words} of the real rollouts {has} the opposite sign of the simulator's. Do both use one sign "
@@ -163,19 +163,19 @@ def scale(c: Comparison) -> Iterable[Fault]:
         options = [
             (c.misfit(one.values) + one.price, about, one)
             for begin, about in ((c.recorded[:, :1], "its first sample"), (0.0, "zero"))
-            for one in _scaled(c, among, FACTORS, begin)
+            for one in _scale(c, among, FACTORS, begin)
         ]
         for _, about, one in sorted(options, key=lambda option: option[0])[:1]:
             text = (
-                f"{named(c, one.group)} of the real rollouts {'is' if len(one.group) == 1 else 'are'} "
+                f"{channel_names(c, one.group)} of the real rollouts {'is' if len(one.group) == 1 else 'are'} "
                 f"{100.0 * abs(one.size - 1.0):.2g} % too {'large' if one.size > 1.0 else 'small'}, measured from "
                 f"{about} and judged by other channels. Check the scale{f', or the unit {unit},' if unit else ''} in "
                 f"the recordings"
             )
-            yield Finding("scale", named(c, one.group), text, "a wrong scale"), one
+            yield Finding("scale", channel_names(c, one.group), text, "a wrong scale"), one
 
 
-def turned(c: Comparison) -> Iterable[Fault]:
+def turns(c: Comparison) -> Iterable[Fault]:
     """Turn two neighbouring columns of one unit back about their first sample, and angles by the same angle."""
     moved = c.recorded - c.recorded[:, :1]
     per = np.array([PER_RADIAN.get(column.unit, 0.0) for column in c.columns])
@@ -193,13 +193,15 @@ def turned(c: Comparison) -> Iterable[Fault]:
         along[..., [i, j]] = moved[..., [i, j]] / c.floor[[i, j]]
         aside[..., i], aside[..., j] = moved[..., j] / c.floor[i], -moved[..., i] / c.floor[j]
         parts = np.array([c.rest(c.recorded), along, aside, *back]), 1.0
-        starts = [Group(), *(Group([name]) for name in angles)]
+        starts = [ChannelGroup(), *(ChannelGroup([name]) for name in angles)]
         for one in search(c, angles, np.linspace(-np.pi, np.pi, 37).tolist(), parts, weights, starts):
             tried.append((c.misfit(one.values), [c.columns[i].name, c.columns[j].name], one))
     for _, pair, one in sorted(tried, key=lambda option: option[0])[:1]:
-        words = listed([*pair, *(name for name in angles if name in one.group)])
+        words = join_words([*pair, *(name for name in angles if name in one.group)])
         more = (
-            f". {named(c, one.group)} is off by the same angle from the first sample on" if one.group else ""
+            f". {channel_names(c, one.group)} is off by the same angle from the first sample on"
+            if one.group
+            else ""
         )
         text = (
             f"{pair[0]} and {pair[1]} of the real rollouts are rotated by {one.size:.2g} rad against the "
@@ -223,7 +225,7 @@ def offset(c: Comparison) -> Iterable[Fault]:
             f"the real rollouts have a constant offset against the simulator from the first sample on ({each}). Do "
             f"both use the same zero? If not, subtract the offset in the recordings"
         )
-        yield Finding("offset", named(c, one.group), text, "a constant offset of the recording"), one
+        yield Finding("offset", channel_names(c, one.group), text, "a constant offset of the recording"), one
 
 
 def channels(c: Comparison) -> list[str]:
@@ -236,15 +238,15 @@ def mask(c: Comparison, group: Iterable[str]) -> NDArray[np.bool_]:
     return np.isin([column.channel for column in c.columns], list(group))
 
 
-def named(c: Comparison, group: Group) -> str:
+def channel_names(c: Comparison, group: ChannelGroup) -> str:
     """Return the channels of a group in words."""
-    return listed([name for name in channels(c) if name in group])
+    return join_words([name for name in channels(c) if name in group])
 
 
-def _units(c: Comparison) -> list[Group]:
+def _units(c: Comparison) -> list[ChannelGroup]:
     """Return the channels of each unit."""
     units = dict.fromkeys(column.unit for column in c.columns)
-    return [Group(column.channel for column in c.columns if column.unit == unit) for unit in units]
+    return [ChannelGroup(column.channel for column in c.columns if column.unit == unit) for unit in units]
 
 
 def _neighbours(c: Comparison) -> list[tuple[int, int]]:
@@ -271,7 +273,7 @@ def _read(
     return parts
 
 
-def _scaled(
+def _scale(
     c: Comparison, names: Sequence[str], factors: Sequence[float], begin: FloatArray | float
 ) -> Iterator[Undone]:
     """Divide channels by a factor, measured from ``begin``."""
@@ -293,7 +295,7 @@ def search(
     sizes: Sequence[float],
     parts: Parts | Callable[[float], Parts],
     weights: Callable[[float], FloatArray] | None = None,
-    starts: Sequence[Group] = (),
+    starts: Sequence[ChannelGroup] = (),
     prices: Callable[[float], FloatArray] | None = None,
 ) -> Iterator[Undone]:
     """Find the size and the group that leave least; none where that is at an end of several sizes.
@@ -308,15 +310,15 @@ def search(
         prices: (m,) of a size for each channel; see :class:`Undone`.
     """
     fixed = np.zeros(0) if callable(parts) else c.products(parts[0] * parts[1])
-    empty = Group() in starts
+    empty = ChannelGroup() in starts
 
     def form(size: float) -> FloatArray:
         """Return (1 + m, 1 + m) products of the weighted parts, relative to those of r₀."""
         products = c.products(np.multiply(*parts(size))) if callable(parts) else fixed
         rows = np.eye(len(products)) if weights is None else weights(size)
-        found = rows @ products @ rows.T
-        found[0, 0] -= products[0, 0]
-        return np.asarray(found if prices is None else found + np.diag([0.0, *prices(size)]))
+        quadratic = rows @ products @ rows.T
+        quadratic[0, 0] -= products[0, 0]
+        return np.asarray(quadratic if prices is None else quadratic + np.diag([0.0, *prices(size)]))
 
     def grown(products: FloatArray, on: FloatArray) -> tuple[float, FloatArray]:
         """Add or drop the channel that lowers Q most while any does."""
@@ -331,7 +333,7 @@ def search(
             k = int(change.argmin())
             on[k] = 1.0 - on[k]
 
-    groups = [Group(names), *(Group([name]) for name in names), *starts]
+    groups = [ChannelGroup(names), *(ChannelGroup([name]) for name in names), *starts]
     begin = np.unique([[1.0, *(float(name in group) for name in names)] for group in groups], axis=0)
     begin = begin[begin.sum(axis=1) > (0.0 if empty else 1.0)]
     forms = ((k, form(size)) for k, size in enumerate(sizes))
@@ -348,10 +350,14 @@ def search(
             size = min(np.linspace(low, high, 9).tolist(), key=lambda x: float(on @ form(x) @ on))
             low, high = size - (high - low) / 8.0, size + (high - low) / 8.0
         _, on = grown(form(size), on)
-    rests, seen = parts(size) if callable(parts) else parts
+    rests, observed = parts(size) if callable(parts) else parts
     rows = np.eye(len(rests)) if weights is None else weights(size)
     values = c.nominal + c.floor * np.einsum("p,pntc->ntc", on @ rows, rests)
     price = 0.0 if prices is None else float(prices(size) @ on[1:])
     yield Undone(
-        size, Group(name for name, one in zip(names, on[1:], strict=True) if one), values, seen, price
+        size,
+        ChannelGroup(name for name, one in zip(names, on[1:], strict=True) if one),
+        values,
+        observed,
+        price,
     )

@@ -31,14 +31,14 @@ class Finding(Shown):
     JSON = "code channel text"
 
 
-def listed(names: Sequence[str]) -> str:
+def join_words(names: Sequence[str]) -> str:
     """Return "x, y and heading"."""
     if len(names) > SHOWN:
         return f"{', '.join(names[:SHOWN])} and {len(names) - SHOWN} more"
     return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 
 
-def called(number: int, test: Mapping[str, float]) -> str:
+def rollout_name(number: int, test: Mapping[str, float]) -> str:
     """Return which real rollout it is, in words."""
     values = ", ".join(f"{name} = {value:.4g}" for name, value in test.items())
     return f"real rollout {number}" + (f" ({values})" if values else "")

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.quality.comparison import SEEDS, Comparison, affordable
-from s2r_spec.diagnose.quality.faults import Fault, Group, Undone, search
+from s2r_spec.diagnose.quality.faults import ChannelGroup, Fault, Undone, search
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.quality.recordings import Rollout
 from s2r_spec.diagnose.simulator.axes import Values
@@ -45,10 +45,10 @@ def labels(
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Fault]:
     """Run the simulator at other tests, and return what explains most of each kind of wrong label."""
-    others = [one for one in _others(bench, c, rollouts) if _able(bench, one.tests)]
+    others = [one for one in _other_tests(bench, c, rollouts) if _able(bench, one.tests)]
     means = {key_of(test): mean for test, mean in zip(c.tests, c.nominal, strict=True)}
     tests = {key_of(test): test for one in others for test in one.tests if key_of(test) not in means}
-    found = list(_assigned(c))
+    faults = list(_assignment(c))
     if tests:
         seeds = affordable(bench, len(tests), SEEDS // 6, SEEDS)
         machines: list[tuple[Values, int]] = [({}, seed) for seed in range(seeds)]
@@ -57,11 +57,11 @@ def labels(
     for one in others:
         moved = c.nominal - np.array([means[key_of(test)] for test in one.tests])
         if np.isfinite(moved).all():
-            found += _moved(c, one, moved)
-    return found
+            faults += _relabelling(c, one, moved)
+    return faults
 
 
-def _moved(c: Comparison, one: _Other, moved: FloatArray) -> Iterable[Fault]:
+def _relabelling(c: Comparison, one: _Other, moved: FloatArray) -> Iterable[Fault]:
     """Return the mistake that those recordings are of other tests that leave least so, with means (n, T, c) less."""
     there = one.known.astype(float)[:, None, None]
     names = [str(k) for k in np.flatnonzero(one.known)]
@@ -72,7 +72,7 @@ def _moved(c: Comparison, one: _Other, moved: FloatArray) -> Iterable[Fault]:
         yield Finding("labels", "the tests", text, one.imitates), undone
 
 
-def _others(bench: Bench, c: Comparison, rollouts: Sequence[Rollout]) -> Iterable[_Other]:
+def _other_tests(bench: Bench, c: Comparison, rollouts: Sequence[Rollout]) -> Iterable[_Other]:
     """Return the tests that the recordings may have been run at."""
     rows, n = [test for test, _ in rollouts], len(c.traces)
     places = [next(k for k, (_, trace) in enumerate(rollouts) if trace is mine) for mine in c.traces]
@@ -114,7 +114,7 @@ def _able(bench: Bench, tests: Sequence[Mapping[str, float]]) -> bool:
     )
 
 
-def _assigned(c: Comparison) -> Iterable[Fault]:
+def _assignment(c: Comparison) -> Iterable[Fault]:
     """Return the assignment of recordings to the tests that were compared, if it is not the identity."""
     from scipy.optimize import linear_sum_assignment
 
@@ -126,8 +126,8 @@ def _assigned(c: Comparison) -> Iterable[Fault]:
             f"{int(moved.sum())} of {len(order)} compared recordings fit the test of another recording better than "
             f"their own{_first(c, moved)}. Are lines of the table of tests exchanged?"
         )
-        said = Finding("labels", "the tests", text, "an exchange of tests")
-        yield said, Undone(1.0, Group(), c.recorded - c.nominal[order] + c.nominal)
+        finding = Finding("labels", "the tests", text, "an exchange of tests")
+        yield finding, Undone(1.0, ChannelGroup(), c.recorded - c.nominal[order] + c.nominal)
 
 
 def _first(c: Comparison, which: Which) -> str:

@@ -21,7 +21,7 @@ from s2r_spec.diagnose.simulator.library import CAUSES
 FloatArray = NDArray[np.float64]
 
 
-def nearest(
+def nearest_machine(
     bench: Bench, c: Comparison, values: FloatArray, executor: Callable[[], Executor] | None = None
 ) -> Comparison:
     """Return the comparison with the machine that explains recordings best in the nominal one's place.
@@ -29,9 +29,9 @@ def nearest(
     The nominal one itself where no machine does better. A machine far from nominal has a scatter of its own.
     """
     _, cj, gram = c.whitening
-    effects = np.array([line.effect for line, _ in c.sizes])
+    effects = np.array([axis.effect for axis, _ in c.sizes])
     best, nominal, theta, chosen = c.misfit(values), c.nominal, np.zeros(len(gram)), np.zeros(0, dtype=int)
-    found: Values = {}
+    likeliest: Values = {}
     for _ in range(CAUSES if c.sizes else 0):
         toward = cj @ ((values - nominal) / c.floor).ravel()
         if not len(chosen):
@@ -45,11 +45,11 @@ def nearest(
         left = replace(c, nominal=runs.mean(axis=0)).misfit(values) if np.isfinite(runs).all() else np.inf
         if left >= best:
             break
-        best, nominal, found = left, runs.mean(axis=0), machine
-    if not found:
+        best, nominal, likeliest = left, runs.mean(axis=0), machine
+    if not likeliest:
         return c
     seeds = affordable(bench, len(c.tests), SEEDS // 6, SEEDS)
-    runs = c.view.simulate(bench, _seeds(found, seeds), c.tests, executor)
+    runs = c.view.simulate(bench, _seeds(likeliest, seeds), c.tests, executor)
     return c.beside(runs) if np.isfinite(runs).all() else c
 
 
@@ -60,12 +60,12 @@ def _seeds(machine: Values, count: int) -> list[tuple[Values, int]]:
 def _machine(c: Comparison, theta: FloatArray) -> Values:
     """Return the machine of (k,) sizes; what lies on both sides of nominal is summed."""
     places = dict[str, float]()
-    for (line, value), size in zip(c.sizes, theta.tolist(), strict=True):
-        places[line.name] = places.get(line.name, 0.0) + size * line.coordinate(value)
-    moved = {line.name: line for line, _ in c.sizes if places[line.name]}.values()
+    for (axis, value), size in zip(c.sizes, theta.tolist(), strict=True):
+        places[axis.name] = places.get(axis.name, 0.0) + size * axis.coordinate(value)
+    moved = {axis.name: axis for axis, _ in c.sizes if places[axis.name]}.values()
     out: dict[str, dict[str, float]] = {}
-    for line in moved:
-        out.setdefault(line.effect, {}).update(line.base)
-    for line in moved:
-        out[line.effect][line.parameter] = line.value(places[line.name])
+    for axis in moved:
+        out.setdefault(axis.effect, {}).update(axis.base)
+    for axis in moved:
+        out[axis.effect][axis.parameter] = axis.value(places[axis.name])
     return out

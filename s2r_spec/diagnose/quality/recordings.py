@@ -51,7 +51,7 @@ class Recordings:
         return self.pairs if all(name in trace.channels for pair in self.pairs for trace in pair) else ()
 
 
-def wide(trace: Trace, name: str) -> FloatArray:
+def as_columns(trace: Trace, name: str) -> FloatArray:
     """Return (samples, columns) of a channel; (samples, 0) where the trace lacks it."""
     return trace.channels.get(name, np.zeros((len(trace), 0))).reshape(len(trace), -1)
 

@@ -22,10 +22,9 @@ from s2r_spec.trace import Trace
 FloatArray = NDArray[np.float64]
 
 CELLS = 32
-"""Definition: shortest windows of time in a rollout, a power of two; cells along a channel are half as many. Doubled,
-places are twice as fine."""
+"""Definition: shortest windows of time in a rollout, a power of two; cells along a channel are half as many."""
 GRID = 1000
-"""Definition: times of a rollout at which its cell along a channel is known. Doubled, cells have sharper ends."""
+"""Definition: times of a rollout at which its cell along a channel is known."""
 
 
 class Cell(NamedTuple):
@@ -39,7 +38,7 @@ class Cell(NamedTuple):
     high: float
 
 
-class Column(NamedTuple):
+class CellColumn(NamedTuple):
     """The cells of one column of a quantity: CELLS windows of time first, and their slice of all cells."""
 
     quantity: str
@@ -101,15 +100,15 @@ class Cells:
                 ends[key] = np.concatenate([[-np.inf], edges, [np.inf]])
         return ends
 
-    def columns(self) -> list[Column]:
+    def columns(self) -> list[CellColumn]:
         """Return the columns of all quantities, with their cells in the order of :meth:`means`."""
-        found: list[Column] = []
+        columns: list[CellColumn] = []
         for name, number in _columns(self.widths):
             ends = self._axes(name, number).items()
             cells = [Cell(along, *two) for (along, _), each in ends for two in pairwise(each.tolist())]
-            begin = found[-1].part.stop if found else 0
-            found.append(Column(name, number, cells, slice(begin, begin + len(cells))))
-        return found
+            begin = columns[-1].part.stop if columns else 0
+            columns.append(CellColumn(name, number, cells, slice(begin, begin + len(cells))))
+        return columns
 
     def means(self, trace: Trace, test: Test) -> FloatArray:
         """Return (cells,) means of a rollout; NaN where it has no sample, or lacks the quantity."""
@@ -118,12 +117,12 @@ class Cells:
         places = dict(zip(self.edges, rows.astype(np.intp), strict=True))
         places["", 0] = np.clip((part * CELLS).astype(int), 0, CELLS - 1)
         missing = np.full(len(trace), np.nan)
-        found = []
+        means = []
         for name, column in _columns(self.widths):
             values = trace[name].reshape(len(trace), -1)[:, column] if name in trace.channels else missing
             ends = self._axes(name, column).items()
-            found += [averaged(values, places[key], len(each) - 1) for key, each in ends]
-        return np.concatenate(found)
+            means += [cell_means(values, places[key], len(each) - 1) for key, each in ends]
+        return np.concatenate(means)
 
 
 def _columns(widths: Mapping[str, int]) -> list[tuple[str, int]]:
@@ -132,13 +131,13 @@ def _columns(widths: Mapping[str, int]) -> list[tuple[str, int]]:
 
 def path(widths: Mapping[str, int], bench: Bench, trace: Trace, test: Test) -> FloatArray:
     """Return (GRID, columns) the quantities of a rollout at the times of the grid; the last ones after its end."""
-    seen = bench.seen(trace, test)
+    complete = bench.seen(trace, test)
     grid = np.arange(GRID) / GRID * bench.backend.duration
-    sample = np.clip(np.searchsorted(seen.times - seen.times[0], grid - 1e-9), 0, len(seen) - 1)
-    return np.column_stack([seen[name].reshape(len(seen), -1)[sample] for name in widths])
+    sample = np.clip(np.searchsorted(complete.times - complete.times[0], grid - 1e-9), 0, len(complete) - 1)
+    return np.column_stack([complete[name].reshape(len(complete), -1)[sample] for name in widths])
 
 
-def averaged(values: FloatArray, place: NDArray[np.intp], count: int) -> FloatArray:
+def cell_means(values: FloatArray, place: NDArray[np.intp], count: int) -> FloatArray:
     """Return (count,) means of (n,) values by their place; NaN where there is none."""
     there = np.isfinite(values)
     counts = np.bincount(place[there], minlength=count)

@@ -35,28 +35,27 @@ from s2r_spec.backend import HasResiduals, HasVariants
 from s2r_spec.base.json_values import Ends, Shown
 from s2r_spec.base.printable import spell_unit
 from s2r_spec.diagnose.gap import FEWEST, LEVEL, SHOTS
-from s2r_spec.diagnose.residuals.cells import CELLS, Cell, Cells, Column, part_names, path, widths_of
-from s2r_spec.diagnose.simulator.axes import Line, Values
-from s2r_spec.diagnose.simulator.bench import Bench, Job, Test, evenly, places_of, run_jobs, seeded
+from s2r_spec.diagnose.residuals.cells import CELLS, Cell, CellColumn, Cells, part_names, path, widths_of
+from s2r_spec.diagnose.simulator.axes import EffectAxis, Values
+from s2r_spec.diagnose.simulator.bench import Bench, Job, Test, evenly, places_of, run_jobs, with_seeds
 from s2r_spec.diagnose.simulator.experiments import RESIDUAL
-from s2r_spec.runs.seeds import Stream
+from s2r_spec.runs.seeds import SeedStream
 from s2r_spec.space import key_of
 from s2r_spec.trace import Trace, thin
 
 FloatArray = NDArray[np.float64]
 
 LAWS = 0.3
-"""Prior: laws are off by this part of what the named effects do in a cell, and next to it. Doubled, less is left of a
-machine with large effects."""
+"""Prior: laws are off by this part of what the named effects do in a cell, and next to it."""
 ALLOWED = 0.1
-"""Prior: a little of everything is this part of every typical effect. Doubled, causes half as large are allowed for."""
+"""Prior: a little of everything is this part of every typical effect."""
 NOTHING = 0.03
-"""Tolerance: nobody models a channel better than to this part of how much it varies. Doubled, smaller causes hide."""
+"""Tolerance: nobody models a channel better than to this part of how much it varies."""
 TAIL = 0.2
 """Prior: of a machine that is the simulator's in kind, the largest of many columns is 1 + TAIL · log(columns) times
-allowed, as with an exponential tail. Doubled, machines of many columns show less."""
+allowed, as with an exponential tail."""
 REPORTED = 5
-"""Definition: largest remainders that are kept. Doubled, a report may show twice as many."""
+"""Definition: largest remainders that are kept."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +128,7 @@ class Remainder(Shown):
 
 def remainders(
     bench: Bench,
-    lines: Sequence[Line],
+    axes: Sequence[EffectAxis],
     rollouts: Sequence[tuple[Test, Trace]],
     improved: Values,
     seed: int = 0,
@@ -143,7 +142,7 @@ def remainders(
 
     Args:
         bench: the simulator.
-        lines: of its catalogue.
+        axes: of its catalogue.
         rollouts: (test, trace) of the machine.
         improved: effects with which the simulator should be nearest to it: the likeliest, and a little of all others.
         seed: of the simulated rollouts.
@@ -155,7 +154,7 @@ def remainders(
     if len(whole) < FEWEST:
         return ()
     tests = [dict(key) for key in places_of([test for test, _ in whole])]
-    runs = seeded(tests, seed, Stream.REMAINDER, 2)
+    runs = with_seeds(tests, seed, SeedStream.REMAINDER, 2)
     first, again = runs[::2], runs[1::2]
     nominal = [(test, bench.seen(bench.run({}, test, own), test)) for test, own in again]
     nominal = [(test, trace) for test, trace in nominal if trace.failure is None] or nominal
@@ -166,7 +165,7 @@ def remainders(
     machines = [improved] if named is None or named == improved else [improved, named]
     variants = list(bench.backend.variants()) if isinstance(bench.backend, HasVariants) else []
     jobs = [Job({}, tuple(first[n] for n in few), name) for name in ("", *variants)]
-    jobs += [Job(line.at(line.at_typical()), (first[few[once]],)) for line in lines]
+    jobs += [Job(axis.at(axis.at_typical()), (first[few[once]],)) for axis in axes]
     jobs += [Job(values, (run,)) for values in machines for run in first]
 
     def tell(before: int, done: int, of: int) -> None:
@@ -182,7 +181,7 @@ def remainders(
     rows = iter(run_jobs(bench, jobs, executor, partial(tell, len(tests)), read))
     usual = next(rows)
     other = [changed - usual for changed in islice(rows, len(variants))]
-    typical = [changed - usual[[once]] for changed in islice(rows, len(lines))]
+    typical = [changed - usual[[once]] for changed in islice(rows, len(axes))]
     simulated = np.concatenate(list(rows)).reshape(len(machines), len(tests), -1)
     machine = np.array([read(bench, trace, test) for test, trace in whole])
     at_test = [tests.index(dict(test)) for test, _ in whole]
@@ -191,11 +190,11 @@ def remainders(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of cells into which no rollout reaches
         for own in simulated:
-            sizes = _left(machine - own[at_test], usual, own[few] - usual, typical, other, columns)
-            each.append(_largest(*sizes, known, columns))
-    largest = min(each, key=lambda found: max((surplus for surplus, *_ in found), default=0.0))
+            sizes = _surplus(machine - own[at_test], usual, own[few] - usual, typical, other, columns)
+            each.append(_largest_remainders(*sizes, known, columns))
+    largest = min(each, key=lambda collected: max((surplus for surplus, *_ in collected), default=0.0))
     units, traces = nominal[0][1].units, [trace for _, trace in whole]
-    found = []
+    collected = []
     for surplus, size, column, (along, low, high) in largest:
         name, times, extent = column.quantity, None, None
         if along:
@@ -204,23 +203,23 @@ def remainders(
             extent = (values.lowest, values.highest) if math.isfinite(values.extent) else None
         part = label(bench, nominal[0], column, widths[name])
         unit, along_unit = units.get(name, ""), units.get(along, "") if along else "s"
-        found.append(
+        collected.append(
             Remainder(
                 name.removeprefix(RESIDUAL), column.number, part, along, low, high, size, unit, along_unit,
                 surplus, not column.residual, times, extent,
             )
         )  # fmt: skip
-    return ordered(found)
+    return sort_remainders(collected)
 
 
 def _quantities(traces: Sequence[Trace]) -> dict[str, int]:
     """Return quantity → columns of the channels and residuals that are finite and no flag of 0 and 1."""
-    found = {}
+    columns = {}
     for name, width in widths_of(traces).items():
         values = np.concatenate([trace[name] for trace in traces])
         if np.isfinite(values).all() and not np.isin(values, (0.0, 1.0)).all():
-            found[name] = width
-    return found
+            columns[name] = width
+    return columns
 
 
 def _means(cells: Cells, step: float, bench: Bench, trace: Trace, test: Test) -> FloatArray:
@@ -233,13 +232,13 @@ def _means(cells: Cells, step: float, bench: Bench, trace: Trace, test: Test) ->
     return row if trace.failure is None else np.full_like(row, np.nan)
 
 
-def _left(
+def _surplus(
     apart: FloatArray,
     nominal: FloatArray,
     explained: FloatArray,
     typical: Sequence[FloatArray],
     variants: Sequence[FloatArray],
-    columns: Sequence[Column],
+    columns: Sequence[CellColumn],
 ) -> tuple[FloatArray, FloatArray]:
     """Return (cells,) the mean difference d, and its surplus; 0 where a cell says nothing.
 
@@ -275,21 +274,21 @@ def _left(
     return size, np.where((n >= FEWEST) & moved, np.nan_to_num(np.abs(size) / allowed), 0.0)
 
 
-def _largest(
-    size: FloatArray, surplus: FloatArray, known: NDArray[np.bool_], columns: Sequence[Column]
-) -> list[tuple[float, float, Column, Cell]]:
+def _largest_remainders(
+    size: FloatArray, surplus: FloatArray, known: NDArray[np.bool_], columns: Sequence[CellColumn]
+) -> list[tuple[float, float, CellColumn, Cell]]:
     """Return the REPORTED columns with the largest surplus: this, the size and the cell; all arguments are (cells,).
 
     Channels count less only beside residuals that are ``known``, which any rollout has.
     """
     acts = any(column.residual and known[column.part].any() for column in columns)
-    found = []
+    candidates = []
     for column in columns:
         own = begin(surplus[column.part] * (EXPLAINS if acts and not column.residual else 1.0))
         k = int(own.argmax())
         if own[k] > 0.0:
-            found.append((float(own[k]), float(size[column.part][k]), column, column.cells[k]))
-    return sorted(found, key=lambda one: -one[0])[:REPORTED]
+            candidates.append((float(own[k]), float(size[column.part][k]), column, column.cells[k]))
+    return sorted(candidates, key=lambda one: -one[0])[:REPORTED]
 
 
 def begin(surplus: FloatArray, windows: int = CELLS) -> FloatArray:
@@ -305,12 +304,12 @@ def begin(surplus: FloatArray, windows: int = CELLS) -> FloatArray:
     return out
 
 
-def label(bench: Bench, nominal: tuple[Test, Trace], column: Column, width: int) -> str:
+def label(bench: Bench, nominal: tuple[Test, Trace], column: CellColumn, width: int) -> str:
     """Return the name of a column of so many: "" of one, else what the backend calls it, or its number."""
     if column.residual and isinstance(bench.backend, HasResiduals):
         test, trace = nominal
-        found = bench.backend.residuals(trace, bench.matched.to_backend(test))
-        names = part_names(found, column.quantity.removeprefix(RESIDUAL), width)
+        residuals = bench.backend.residuals(trace, bench.matched.to_backend(test))
+        names = part_names(residuals, column.quantity.removeprefix(RESIDUAL), width)
     else:
         names = {each.name: each.columns for each in bench.backend.channels}.get(column.quantity, ())
     if width == 1:
@@ -318,16 +317,16 @@ def label(bench: Bench, nominal: tuple[Test, Trace], column: Column, width: int)
     return names[column.number] if len(names) == width else f"column {column.number}"
 
 
-def ordered(found: Sequence[Remainder]) -> tuple[Remainder, ...]:
+def sort_remainders(remainders: Sequence[Remainder]) -> tuple[Remainder, ...]:
     """Return remainders with the cause's place first.
 
     A residual of the equations of motion shows where a cause acts. A recorded channel also shows the controller's
     reaction. So beside a material residual the time of a recorded channel does not count.
     """
-    acts = any(each.material and not each.recorded for each in found)
+    acts = any(each.material and not each.recorded for each in remainders)
     return tuple(
         cause_first(
-            found,
+            remainders,
             lambda one: Place() if acts and one.recorded else one.place,
             lambda one: one.surplus if one.material else 0.0,
         )

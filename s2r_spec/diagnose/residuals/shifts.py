@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from s2r_spec.attribution.place import EXPLAINS, Place, ValueRange, cause_first
 from s2r_spec.base.json_values import Count, Probability, Shown
 from s2r_spec.diagnose.gap import FEWEST, LEVEL, ROUNDING
-from s2r_spec.diagnose.residuals.cells import CELLS, averaged, part_names, widths_of
+from s2r_spec.diagnose.residuals.cells import CELLS, cell_means, part_names, widths_of
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
@@ -155,19 +155,19 @@ def shifts(
     columns = _columns([one.trace for several in (real, *simulated) for one in several])
     own = np.array([_cells(one, columns, duration) for one in real])
     other = np.array([[_cells(one, columns, duration) for one in several] for several in simulated])
-    rough = ROUNDING * np.tile(_largest(real, columns), 2)
+    rough = ROUNDING * np.tile(_largest_values(real, columns), 2)
     ends = windows()
-    rows = [_tested(tests, _window(own, *at), _window(other, *at), rough) for at in ends]
+    rows = [_window_statistics(tests, _window(own, *at), _window(other, *at), rough) for at in ends]
     mean, size, scatter, f, p = np.stack(rows, axis=1)  # (windows, 2c)
-    asked = np.isfinite(p)
+    testable = np.isfinite(p)
     q = np.ones(p.shape)
-    if asked.any():
-        q[asked] = false_discovery_control(p[asked], method="by")
+    if testable.any():
+        q[testable] = false_discovery_control(p[testable], method="by")
     lengths = np.diff(ends)[:, 0]
     # Averaging makes the longest window the most significant one, so the energy decides.
     energy = np.where(q <= LEVEL, lengths[:, None] * size**2, 0.0)
     most = energy.max(axis=0)
-    found: list[tuple[float, str, Shift]] = []
+    significant: list[tuple[float, str, Shift]] = []
     for k, (channel, number, unit, part) in enumerate(columns):
         # A mean has a sign, which an rms lacks, so it is preferred if it has this part of the energy.
         kind = k if most[k] > EXPLAINS * most[k + len(columns)] else k + len(columns)
@@ -178,14 +178,16 @@ def shifts(
         begin, end = (duration / CELLS * cell for cell in ends[best[0]])
         numbers = (mean[best], size[best], size[best] / scatter[best], p[best], q[best])
         named = "mean" if kind == k else "rms"
-        found.append((f[best], part, Shift(channel, number, named, unit, begin, end, *map(float, numbers))))
+        significant.append(
+            (f[best], part, Shift(channel, number, named, unit, begin, end, *map(float, numbers)))
+        )
     # Of several columns of one part, the one with the largest F counts.
     parts: dict[str, dict[str, Shift]] = {}
-    for _, part, shift in sorted(found, key=lambda one: -one[0]):
+    for _, part, shift in sorted(significant, key=lambda one: -one[0]):
         parts.setdefault(part, {}).setdefault(shift.channel, shift)
     names = dict.fromkeys([*parts, *(part for *_, part in columns)])
     body = tuple(BodyPart(name, tuple(parts.get(name, {}).values())) for name in names)
-    return Body(body, len(real), duration, int(asked.sum()))
+    return Body(body, len(real), duration, int(testable.sum()))
 
 
 def windows() -> list[tuple[int, int]]:
@@ -200,14 +202,14 @@ def windows() -> list[tuple[int, int]]:
 
 def _columns(traces: Sequence[Trace]) -> list[_Column]:
     """Return the columns that all of the traces have."""
-    first, found = traces[0], []
+    first, columns = traces[0], []
     for name, width in widths_of(traces).items():
         names = part_names(first, name, width) or (name,) * width
-        found += [(name, k, first.units.get(name, ""), part) for k, part in enumerate(names)]
-    return found
+        columns += [(name, k, first.units.get(name, ""), part) for k, part in enumerate(names)]
+    return columns
 
 
-def _largest(every: Sequence[Residuals], columns: Sequence[_Column]) -> FloatArray:
+def _largest_values(every: Sequence[Residuals], columns: Sequence[_Column]) -> FloatArray:
     """Return (c,) the largest value in the unit of each column, in recordings and residuals."""
     units: dict[str, float] = {}
     for trace in (trace for one in every for trace in one):
@@ -223,7 +225,7 @@ def _cells(one: Residuals, columns: Sequence[_Column], duration: float) -> Float
     place = np.floor((one.trace.times - one.recorded.times[0]) / duration * CELLS + 1e-9).astype(int)
     inside = (place >= 0) & (place < CELLS)
     both = np.hstack([values, values**2])[inside]
-    return np.column_stack([averaged(column, place[inside], CELLS) for column in both.T])
+    return np.column_stack([cell_means(column, place[inside], CELLS) for column in both.T])
 
 
 def _window(cells: FloatArray, begin: int, end: int) -> FloatArray:
@@ -236,7 +238,9 @@ def _window(cells: FloatArray, begin: int, end: int) -> FloatArray:
     return np.where(2 * count >= end - begin, means, np.nan)
 
 
-def _tested(tests: FloatArray, own: FloatArray, other: FloatArray, rough: FloatArray) -> FloatArray:
+def _window_statistics(
+    tests: FloatArray, own: FloatArray, other: FloatArray, rough: FloatArray
+) -> FloatArray:
     """Return (5, 2c) mean, size, scatter of one rollout, F and p in a window; NaN with too few rollouts.
 
     Args:
@@ -249,7 +253,7 @@ def _tested(tests: FloatArray, own: FloatArray, other: FloatArray, rough: FloatA
 
     there = np.isfinite(own) & np.isfinite(other).all(axis=1)
     able = there.sum(axis=0) >= FEWEST
-    found = np.full((5, own.shape[1]), np.nan)
+    statistics = np.full((5, own.shape[1]), np.nan)
     # A rollout that lacks one residual still counts for the others.
     for rollouts in np.unique(there[:, able], axis=1).T:
         mine = able & (there == rollouts[:, None]).all(axis=0)
@@ -265,8 +269,8 @@ def _tested(tests: FloatArray, own: FloatArray, other: FloatArray, rough: FloatA
         scatter = np.where(scatter > 0, scatter, np.inf)
         f = (fitted**2).sum(axis=0) / rank / (scatter**2 * (1 + 1 / m))
         p = fisher.sf(f, rank, min(n * (m - 1), n - rank))
-        found[:, mine] = [y.mean(axis=0), np.sqrt((fitted**2).mean(axis=0)), scatter, f, p]
-    return found
+        statistics[:, mine] = [y.mean(axis=0), np.sqrt((fitted**2).mean(axis=0)), scatter, f, p]
+    return statistics
 
 
 def _design(tests: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""The catalogue as lines through the nominal simulator: one a parameter of an effect."""
+"""The catalogue as axes through the nominal simulator: one a parameter of an effect."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TURN = {"rad": 2.0 * math.pi, "deg": 360.0}
 
 
 @dataclass(frozen=True)
-class Line:
+class EffectAxis:
     """One parameter of one effect, varied while the effect's others stay put.
 
     Attributes:
@@ -115,12 +115,14 @@ def scale_of(parameter: EffectParameter) -> float:
     return min(scale, reach) if scale else reach / 3.0
 
 
-def line(effect: Effect, parameter: EffectParameter, base: Mapping[str, float] | None = None) -> Line:
-    """Return the line of one parameter."""
+def effect_axis(
+    effect: Effect, parameter: EffectParameter, base: Mapping[str, float] | None = None
+) -> EffectAxis:
+    """Return the axis of one parameter."""
     to, _ = coordinate(parameter)
     middle = to(parameter.nominal)
     reach = max(abs(to(end) - middle) for end in (parameter.low, parameter.high))
-    made = Line(
+    made = EffectAxis(
         effect.name,
         parameter.name,
         parameter.unit,
@@ -134,8 +136,10 @@ def line(effect: Effect, parameter: EffectParameter, base: Mapping[str, float] |
     return replace(made, typical=(made.high - made.low) / 2.0) if made.is_turn else made
 
 
-def lines(effects: Iterable[Effect], acts: Mapping[str, frozenset[str]] | None = None) -> tuple[Line, ...]:
-    """Return every line of a catalogue.
+def effect_axes(
+    effects: Iterable[Effect], acts: Mapping[str, frozenset[str]] | None = None
+) -> tuple[EffectAxis, ...]:
+    """Return every axis of a catalogue.
 
     Args:
         effects: the catalogue.
@@ -146,9 +150,9 @@ def lines(effects: Iterable[Effect], acts: Mapping[str, frozenset[str]] | None =
     for effect in effects:
         able = (acts or {}).get(effect.name, frozenset(p.name for p in effect.parameters))
         acting = [p for p in effect.parameters if p.name in able]
-        out += [line(effect, parameter) for parameter in acting]
+        out += [effect_axis(effect, parameter) for parameter in acting]
         if acting:
             # These only say how the first acts, and come after it, whatever the catalogue's order is.
-            held = {acting[0].name: line(effect, acting[0]).at_typical()}
-            out += [line(effect, p, held) for p in effect.parameters if p.name not in able]
+            held = {acting[0].name: effect_axis(effect, acting[0]).at_typical()}
+            out += [effect_axis(effect, p, held) for p in effect.parameters if p.name not in able]
     return tuple(out)

@@ -20,7 +20,7 @@ from s2r_spec.base.errors import BackendError, UsageError
 from s2r_spec.diagnose.simulator.axes import Values
 from s2r_spec.diagnose.simulator.experiments import with_residuals
 from s2r_spec.runs.compatibility import Interface, check_compatibility
-from s2r_spec.runs.seeds import Stream, rollout_seed
+from s2r_spec.runs.seeds import SeedStream, rollout_seed
 from s2r_spec.space import Key, key_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
@@ -84,7 +84,7 @@ class Bench:
         Raises:
             BackendError: the backend raised; the sentence names the effects and the test.
         """
-        with blamed(self, values, test, seed):
+        with name_rollout(self, values, test, seed):
             return self.with_effects(values).rollout(self.matched.to_backend(test), seed)
 
     def rho(self, trace: Trace, test: Test) -> float:
@@ -173,13 +173,13 @@ def run_job(bench: Bench, job: Job, read: Read = rho_and_end) -> FloatArray:
     backend = bench.with_variant(job.variant) if job.variant else bench.with_effects(job.values)
     rows = []
     for test, seed in job.runs:
-        with blamed(bench, job.values, test, seed):
+        with name_rollout(bench, job.values, test, seed):
             rows.append(read(bench, backend.rollout(bench.matched.to_backend(test), seed), test))
     return np.array(rows)
 
 
 @contextmanager
-def blamed(bench: Bench, values: Values, test: Test, seed: int) -> Iterator[None]:
+def name_rollout(bench: Bench, values: Values, test: Test, seed: int) -> Iterator[None]:
     """Say which rollout it was that raised.
 
     Raises:
@@ -197,13 +197,13 @@ def blamed(bench: Bench, values: Values, test: Test, seed: int) -> Iterator[None
 
 def _run_pickled(bench: bytes, job: Job, read: Read) -> FloatArray:
     """In a worker: the bench is unpickled once, and known by its bytes."""
-    return run_job(_unpickled(bench), job, read)
+    return run_job(_unpickle(bench), job, read)
 
 
 _KNOWN: dict[bytes, Bench] = {}
 
 
-def _unpickled(bench: bytes) -> Bench:
+def _unpickle(bench: bytes) -> Bench:
     if bench not in _KNOWN:
         _KNOWN.clear()
         _KNOWN[bench] = pickle.loads(bench)
@@ -239,7 +239,9 @@ def run_jobs(
     return [results[index] for index in range(len(jobs))]
 
 
-def seeded(tests: Sequence[Test], seed: int, stream: Stream, shots: int = 1) -> tuple[tuple[Test, int], ...]:
+def with_seeds(
+    tests: Sequence[Test], seed: int, stream: SeedStream, shots: int = 1
+) -> tuple[tuple[Test, int], ...]:
     """Return (test, seed) of so many rollouts of every test, one test after the other."""
     every = [(n, test, shot) for n, test in enumerate(tests) for shot in range(shots)]
     return tuple((test, rollout_seed(seed, n, shot, stream)) for n, test, shot in every)
@@ -260,7 +262,7 @@ def table(
 def _outcomes(
     bench: Bench, jobs: Sequence[Job], executor: Callable[[], Executor] | None, read: Read
 ) -> Iterator[tuple[int, FloatArray]]:
-    pickled = None if executor is None else _pickled(bench)
+    pickled = None if executor is None else _pickle(bench)
     if executor is None or pickled is None or len(jobs) < 2:
         for index, job in enumerate(jobs):
             yield index, run_job(bench, job, read)
@@ -282,10 +284,10 @@ def _outcomes(
 
 def travels(bench: Bench) -> bool:
     """Return whether another process can be sent the simulator."""
-    return _pickled(bench) is not None
+    return _pickle(bench) is not None
 
 
-def _pickled(bench: Bench) -> bytes | None:
+def _pickle(bench: Bench) -> bytes | None:
     """Return the bench as bytes; None for a backend that only lives in this process."""
     try:
         return pickle.dumps(bench)

@@ -23,17 +23,17 @@ class Cache:
 
     Attributes:
         folder: of all of them.
-        said: a sentence for each file that was damaged or could not be kept, in order; grows.
+        notes: a sentence for each file that was damaged or could not be kept, in order; grows.
     """
 
     folder: Path
-    said: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
 
     @classmethod
     def usual(cls) -> Cache:
         """Return that of ``$S2R_CACHE``, else in the user's cache folder."""
-        if given := os.environ.get("S2R_CACHE"):
-            return cls(Path(given))
+        if folder := os.environ.get("S2R_CACHE"):
+            return cls(Path(folder))
         return cls(Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "s2r")
 
     def kept(
@@ -52,12 +52,12 @@ class Cache:
             try:
                 return load(path)
             except Exception:  # what a file of unknown content raises has no end: zip, JSON, memory, shapes
-                self.said.append(f"the cache file {path} was damaged, and was made again")
+                self.notes.append(f"the cache file {path} was damaged, and was made again")
         made = make()
         try:
             _write(lambda part: save(made, part), path)
         except OSError as error:
-            self.said.append(
+            self.notes.append(
                 f"the cache file {path} could not be written ({error.strerror}), so the next diagnosis makes it again"
             )
         return made

@@ -14,11 +14,11 @@ FloatArray = NDArray[np.float64]
 HARMONICS = 3
 """Definition: functions of the series of :class:`Turn`: cosine, sine, and the cosine of twice the angle."""
 NEAR = 1e-3
-"""Tolerance: below this coordinate a secant is the derivative at nominal. Twice as much changes nothing that shows."""
+"""Tolerance: below this coordinate a secant is the derivative at nominal."""
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class ResponseCurve:
     """A monotone cubic between its points, a straight line beyond them.
 
     The cubic does not overshoot where an effect begins only at some size. Where it differs from the chord, the response
@@ -76,7 +76,7 @@ class Curve:
 
 
 @dataclass(frozen=True, eq=False)
-class Turn(Curve):
+class Turn(ResponseCurve):
     """The response to an angle of any value, with coordinates of half a turn: a Fourier series of period 2.
 
     Quarter turns show the first harmonic whole. Of the second they show the cosine, and not the sine: :meth:`bend` is a

@@ -82,10 +82,10 @@ def with_residuals(trace: Trace, backend: Backend, params: Mapping[str, float]) 
     if not isinstance(backend, HasResiduals):
         return trace
     try:
-        found = backend.residuals(trace, params)
+        residuals = backend.residuals(trace, params)
     except TraceError:
         return trace
-    nearest = np.clip(np.searchsorted(found.times, trace.times - 1e-9), 0, len(found) - 1)
-    channels = {RESIDUAL + name: values[nearest] for name, values in found.channels.items()}
-    units = {RESIDUAL + name: unit for name, unit in found.units.items()}
+    nearest = np.clip(np.searchsorted(residuals.times, trace.times - 1e-9), 0, len(residuals) - 1)
+    channels = {RESIDUAL + name: values[nearest] for name, values in residuals.channels.items()}
+    units = {RESIDUAL + name: unit for name, unit in residuals.units.items()}
     return Trace(trace.times, dict(trace.channels) | channels, dict(trace.units) | units, trace.meta)

@@ -30,12 +30,11 @@ from s2r_spec.backend import Backend, HasEffects, HasVariants
 from s2r_spec.backend.effects import catalogue_of
 from s2r_spec.base.errors import BackendError
 from s2r_spec.diagnose.inference.prior import BACKGROUND
-from s2r_spec.diagnose.simulator.axes import Line, lines
-from s2r_spec.diagnose.simulator.axes import line as line_of
+from s2r_spec.diagnose.simulator.axes import EffectAxis, effect_axes, effect_axis
 from s2r_spec.diagnose.simulator.cache import Cache, source_of
-from s2r_spec.diagnose.simulator.curve import Curve, Turn
+from s2r_spec.diagnose.simulator.curve import ResponseCurve, Turn
 from s2r_spec.diagnose.simulator.experiments import RESIDUAL, Experiment
-from s2r_spec.diagnose.simulator.observables import Group, Observables, Quantity
+from s2r_spec.diagnose.simulator.observables import ObservableGroup, Observables, ObservedQuantity
 from s2r_spec.trace import Trace
 from s2r_spec.workers.pools import in_this_process
 
@@ -48,12 +47,12 @@ POINTS = (0.3, 1.0, 2.0)
 """Definition: coordinates of a response on either side, as far as the range reaches. An effect with a threshold between
 two of them is interpolated; more points cost a run of every experiment each."""
 MACHINES = 24
-"""Budget: practice machines; the error of a sum of responses is then known to 15 %. Twice as many: 10 %."""
+"""Budget: practice machines; the error of a sum of responses is then known to 15 %."""
 CAUSES = 3
 """Definition: a practice machine has 0 to 3 causes, of a quarter of the typical size to all of it. More causes make
 sums of responses look worse."""
 NOMINAL = 8
-"""Budget: nominal runs of an experiment, from which its scatter is known to 27 %. Twice as many: 18 %."""
+"""Budget: nominal runs of an experiment, from which its scatter is known to 27 %."""
 PILOT = 4
 """Budget: nominal runs that decide which observables there are. With two, a gait may agree in time by chance."""
 REPLICATES = {"test": 2, "protocol": 1}
@@ -77,12 +76,12 @@ class Dependence:
     at: FloatArray
 
     @classmethod
-    def of(cls, parameters: Sequence[Line]) -> Dependence:
+    def of(cls, parameters: Sequence[EffectAxis]) -> Dependence:
         """Return that of a catalogue's parameters."""
         base, at = np.full(len(parameters), -1), np.ones(len(parameters))
-        for k, line in enumerate(parameters):
-            if line.base:
-                base[k] = next(j for j, p in enumerate(parameters) if p.effect == line.effect and not p.base)
+        for k, axis in enumerate(parameters):
+            if axis.base:
+                base[k] = next(j for j, p in enumerate(parameters) if p.effect == axis.effect and not p.base)
                 at[k] = parameters[base[k]].coordinate(parameters[base[k]].at_typical())
         return cls(base, at)
 
@@ -132,17 +131,17 @@ class Response:
     nominal: FloatArray
     scatter: FloatArray
     reference: FloatArray
-    curves: tuple[Curve, ...]
+    curves: tuple[ResponseCurve, ...]
     spread: FloatArray
     variants: FloatArray
     practice: Practice
 
     @property
-    def groups(self) -> tuple[Group, ...]:
+    def groups(self) -> tuple[ObservableGroup, ...]:
         """The groups of the observables."""
         return self.observables.groups
 
-    def groups_of(self, measured: NDArray[np.bool_]) -> tuple[Group, ...]:
+    def groups_of(self, measured: NDArray[np.bool_]) -> tuple[ObservableGroup, ...]:
         """Return the groups to use of (m,) observables that were measured.
 
         Where every residual was measured, the channels themselves are left out: they show the same causes through the
@@ -178,7 +177,7 @@ class ResponseLibrary:
         responses: one for each experiment.
     """
 
-    parameters: tuple[Line, ...]
+    parameters: tuple[EffectAxis, ...]
     responses: tuple[Response, ...]
 
     @cached_property
@@ -196,20 +195,20 @@ class ResponseLibrary:
 
     def values(self, theta: FloatArray) -> dict[str, dict[str, float]]:
         """Return effect → parameter → value at (K,) coordinates, without parameters at nominal."""
-        found: dict[str, dict[str, float]] = {}
-        for line, coordinate in zip(self.parameters, theta, strict=True):
+        values: dict[str, dict[str, float]] = {}
+        for axis, coordinate in zip(self.parameters, theta, strict=True):
             if coordinate:
-                found.setdefault(line.effect, {})[line.parameter] = line.value(float(coordinate))
-        return found
+                values.setdefault(axis.effect, {})[axis.parameter] = axis.value(float(coordinate))
+        return values
 
     def coordinates(self, values: Values) -> FloatArray:
         """Return (K,) the coordinates of values; a parameter without a value is nominal."""
         return np.array(
             [
-                line.coordinate(values[line.effect][line.parameter])
-                if line.parameter in values.get(line.effect, {})
+                axis.coordinate(values[axis.effect][axis.parameter])
+                if axis.parameter in values.get(axis.effect, {})
                 else 0.0
-                for line in self.parameters
+                for axis in self.parameters
             ]
         )
 
@@ -238,7 +237,7 @@ def library(
         BackendError: a nominal run fails, or responses to a variant are no numbers.
     """
     cache = Cache.usual() if cache is None else cache
-    parameters = lines(catalogue_of(backend), _acting(backend, experiments, cache))
+    parameters = effect_axes(catalogue_of(backend), _cached_parameters(backend, experiments, cache))
     places = {e: f"responses/{_key(backend, e, parameters)}.npz" for e in experiments}
     missing = [e for e, place in places.items() if not (cache.folder / place).is_file()]
     # All missing experiments share one pool; a damaged file is made again alone.
@@ -258,13 +257,17 @@ def most_rollouts(
 ) -> dict[Experiment, int]:
     """Return experiment → largest number of rollouts that its response takes; 0 where the cache has it.
 
-    Runs nothing. Which parameters act alone is known only after :func:`acting`, so without its result in the cache
-    every parameter counts, and no response is taken from the cache.
+    Runs nothing. Which parameters act alone is known only after :func:`acting_parameters`, so without its result in
+    the cache every parameter counts, and no response is taken from the cache.
     """
     cache = Cache.usual() if cache is None else cache
     effects = catalogue_of(backend)
     tried = (cache.folder / f"acting/{_key(backend, tuple(experiments), ())}.npz").is_file()
-    parameters = lines(effects, _acting(backend, experiments, cache)) if tried else lines(effects)
+    parameters = (
+        effect_axes(effects, _cached_parameters(backend, experiments, cache))
+        if tried
+        else effect_axes(effects)
+    )
     probes = 0 if tried else 1 + sum(len(e.parameters) for e in effects if len(e.parameters) > 1)
     machines = _machines(parameters, list(backend.variants()) if isinstance(backend, HasVariants) else [])
 
@@ -278,22 +281,24 @@ def most_rollouts(
     return {experiment: rollouts(experiment) for experiment in experiments}
 
 
-def _acting(backend: Backend, experiments: Sequence[Experiment], cache: Cache) -> dict[str, frozenset[str]]:
-    def save(found: dict[str, frozenset[str]], path: Path) -> None:
-        np.savez(path, names=np.array(json.dumps({e: sorted(names) for e, names in found.items()})))
+def _cached_parameters(
+    backend: Backend, experiments: Sequence[Experiment], cache: Cache
+) -> dict[str, frozenset[str]]:
+    def save(parameters: dict[str, frozenset[str]], path: Path) -> None:
+        np.savez(path, names=np.array(json.dumps({e: sorted(names) for e, names in parameters.items()})))
 
     def load(path: Path) -> dict[str, frozenset[str]]:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
             return {e: frozenset(names) for e, names in json.loads(str(arrays["names"])).items()}
 
     place = f"acting/{_key(backend, tuple(experiments), ())}.npz"
-    return cache.kept(place, load, lambda: acting(backend, experiments), save)
+    return cache.kept(place, load, lambda: acting_parameters(backend, experiments), save)
 
 
 def _make(
     backend: Backend,
     experiments: Sequence[Experiment],
-    parameters: Sequence[Line],
+    parameters: Sequence[EffectAxis],
     executor: Callable[[], Executor] | None,
     progress: Progress,
 ) -> dict[Experiment, Response]:
@@ -341,12 +346,12 @@ class _Machine:
     variant: str
 
 
-def _machines(parameters: Sequence[Line], variants: Sequence[str]) -> list[_Machine]:
+def _machines(parameters: Sequence[EffectAxis], variants: Sequence[str]) -> list[_Machine]:
     """Return the practice machines; the same for every experiment."""
     return [_machine(parameters, sorted(variants), number) for number in range(MACHINES)]
 
 
-def _machine(parameters: Sequence[Line], variants: Sequence[str], number: int) -> _Machine:
+def _machine(parameters: Sequence[EffectAxis], variants: Sequence[str], number: int) -> _Machine:
     """Return a practice machine. Every parameter has a stream of its own, so that their order changes nothing."""
 
     def stream(name: str) -> np.random.Generator:
@@ -356,17 +361,17 @@ def _machine(parameters: Sequence[Line], variants: Sequence[str], number: int) -
 
     theta, turn = np.zeros(len(parameters)), np.ones(len(parameters))
     sizes = np.zeros(len(parameters))
-    for k, line in enumerate(parameters):
-        random = stream(line.name)
-        low, high = sorted((line.coordinate(line.low), line.coordinate(line.high)))
+    for k, axis in enumerate(parameters):
+        random = stream(axis.name)
+        low, high = sorted((axis.coordinate(axis.low), axis.coordinate(axis.high)))
         # A dependent parameter may have any value: where a load lies is no sign of its mass.
-        if line.is_phase:
+        if axis.is_phase:
             theta[k] = random.uniform(low, high)
         else:
-            theta[k] = np.clip((1.0 if line.base else BACKGROUND) * random.normal(), low, high)
+            theta[k] = np.clip((1.0 if axis.base else BACKGROUND) * random.normal(), low, high)
         sign = 1.0 if low > -1e-9 or (high > 1e-9 and random.uniform() < 0.5) else -1.0
         sizes[k] = np.clip(sign * random.uniform(0.25, 1.0), low, high)
-        turn[k] = np.inf if line.base else random.uniform()
+        turn[k] = np.inf if axis.base else random.uniform()
     random = stream("")
     causes = np.argsort(turn)[: min(int(random.integers(CAUSES + 1)), int(np.isfinite(turn).sum()))]
     theta[causes] = sizes[causes]
@@ -374,12 +379,12 @@ def _machine(parameters: Sequence[Line], variants: Sequence[str], number: int) -
 
 
 def _jobs(
-    backend: Backend, experiment: Experiment, parameters: Sequence[Line], machines: Sequence[_Machine]
+    backend: Backend, experiment: Experiment, parameters: Sequence[EffectAxis], machines: Sequence[_Machine]
 ) -> Iterator[_Job]:
     yield _nominal_job(experiment)
-    for line in parameters:
-        for coordinate in _points(line):
-            yield _point_job(experiment, line, coordinate)
+    for axis in parameters:
+        for coordinate in _points(axis):
+            yield _point_job(experiment, axis, coordinate)
     for name in backend.variants() if isinstance(backend, HasVariants) else ():
         yield _Job(experiment, (), name, _seeds(experiment))
     for number, machine in enumerate(machines):
@@ -390,32 +395,34 @@ def _nominal_job(experiment: Experiment) -> _Job:
     return _Job(experiment, (), "", tuple(range(SEED, SEED + NOMINAL)))
 
 
-def _point_job(experiment: Experiment, line: Line, coordinate: float) -> _Job:
+def _point_job(experiment: Experiment, axis: EffectAxis, coordinate: float) -> _Job:
     """Return the runs of one point; at a coordinate of ±1 there are two, which show the scatter of the response."""
-    seeds = (SEED, SEED + 1) if abs(coordinate) == _middle(line, coordinate) else _seeds(experiment)
-    return _Job(experiment, _frozen(line.at(line.value(coordinate))), "", seeds)
+    seeds = (SEED, SEED + 1) if abs(coordinate) == _middle_size(axis, coordinate) else _seeds(experiment)
+    return _Job(experiment, _freeze(axis.at(axis.value(coordinate))), "", seeds)
 
 
-def _practice_job(experiment: Experiment, parameters: Sequence[Line], machine: _Machine, number: int) -> _Job:
+def _practice_job(
+    experiment: Experiment, parameters: Sequence[EffectAxis], machine: _Machine, number: int
+) -> _Job:
     values = ResponseLibrary(tuple(parameters), ()).values(machine.theta)
-    return _Job(experiment, _frozen(values), machine.variant, (SEED + NOMINAL + number,))
+    return _Job(experiment, _freeze(values), machine.variant, (SEED + NOMINAL + number,))
 
 
-def _points(line: Line) -> list[float]:
+def _points(axis: EffectAxis) -> list[float]:
     """Return the coordinates of a response, rising, without 0; of an angle that may be any, the quarters of a turn."""
-    if line.is_phase:
+    if axis.is_phase:
         return [-0.5, 0.5, 1.0]
-    ends = [line.coordinate(line.low), line.coordinate(line.high)]
-    found = set()
+    ends = [axis.coordinate(axis.low), axis.coordinate(axis.high)]
+    points = set()
     for sign in (-1.0, 1.0):
         reach = max((sign * end for end in ends), default=0.0)
-        found |= {sign * min(point, reach) for point in POINTS if reach > 1e-9 and point < 1.5 * reach}
-    return sorted(found)
+        points |= {sign * min(point, reach) for point in POINTS if reach > 1e-9 and point < 1.5 * reach}
+    return sorted(points)
 
 
-def _middle(line: Line, coordinate: float) -> float:
+def _middle_size(axis: EffectAxis, coordinate: float) -> float:
     """Return the size nearest to 1 of all points on the same side."""
-    side = [abs(c) for c in _points(line) if c * coordinate > 0.0]
+    side = [abs(c) for c in _points(axis) if c * coordinate > 0.0]
     return min(side, key=lambda size: abs(size - 1.0))
 
 
@@ -423,31 +430,31 @@ def _response(
     backend: Backend,
     experiment: Experiment,
     observables: Observables,
-    parameters: Sequence[Line],
+    parameters: Sequence[EffectAxis],
     machines: Sequence[_Machine],
     runs: Mapping[_Job, NDArray[np.float32]],
 ) -> Response:
     nominal = runs[_nominal_job(experiment)].astype(float)
     reference = nominal[: len(_seeds(experiment))].mean(axis=0)
     curves, spread = [], np.zeros((len(parameters), reference.size))
-    for k, line in enumerate(parameters):
+    for k, axis in enumerate(parameters):
         # A dependent parameter's response is that beside the first parameter of its effect.
         before = nominal
-        if line.base:
-            first = next(p for p in parameters if p.effect == line.effect and not p.base)
+        if axis.base:
+            first = next(p for p in parameters if p.effect == axis.effect and not p.base)
             at = first.coordinate(first.at_typical())
             before = runs[_point_job(experiment, first, min(_points(first), key=lambda c: abs(c - at)))]
         points, scatter = {0.0: np.zeros_like(reference)}, []
-        for coordinate in _points(line):
-            moved = runs[_point_job(experiment, line, coordinate)].astype(float)
+        for coordinate in _points(axis):
+            moved = runs[_point_job(experiment, axis, coordinate)].astype(float)
             moved = moved - before[: len(moved)]
             if np.isfinite(moved).any():  # a machine that fell at once shows nothing
-                at = line.coordinate(line.value(coordinate))
+                at = axis.coordinate(axis.value(coordinate))
                 points[at] = moved.mean(axis=0)
                 if len(moved) > 1:
                     scatter.append(_scatter(moved, observables.groups) / at**2)
         order = sorted(points)
-        kind = Turn if line.is_phase else Curve
+        kind = Turn if axis.is_phase else ResponseCurve
         curves.append(kind(np.array(order), np.array([points[c] for c in order])))
         spread[k] = np.mean(scatter, axis=0) if scatter else 0.0
     names = list(backend.variants()) if isinstance(backend, HasVariants) else []
@@ -466,21 +473,21 @@ def _response(
         experiment,
         observables,
         nominal.mean(axis=0),
-        _single(nominal.std(axis=0, ddof=1)),
+        _single_precision(nominal.std(axis=0, ddof=1)),
         reference,
-        tuple(replace(curve, values=_single(curve.values)) for curve in curves),
-        _single(spread),
-        _single(np.array(variants).reshape(len(names), reference.size)),
+        tuple(replace(curve, values=_single_precision(curve.values)) for curve in curves),
+        _single_precision(spread),
+        _single_precision(np.array(variants).reshape(len(names), reference.size)),
         practice,
     )
 
 
-def _single(values: FloatArray) -> FloatArray:
+def _single_precision(values: FloatArray) -> FloatArray:
     """Return values in single precision, as the cache keeps them: so the first answer is the same as later ones."""
     return values.astype(np.float32).astype(float)
 
 
-def _scatter(moved: FloatArray, groups: Sequence[Group]) -> FloatArray:
+def _scatter(moved: FloatArray, groups: Sequence[ObservableGroup]) -> FloatArray:
     """Return (m,) the variance of a response from (runs, m), half of it spread over each group: two runs say little.
 
     An observable that a run lacks, since it ended early, scatters by as much as it moves.
@@ -505,49 +512,49 @@ def vectors(backend: Backend, job: _Job, observables: Observables) -> NDArray[np
         assert isinstance(machine, HasEffects)
         machine = machine.with_effects({effect: dict(values) for effect, values in job.values})
     runs = (job.experiment.run(machine, seed) for seed in job.seeds)
-    found = [observables.vector(job.experiment.with_residuals(run, backend)) for run in runs]
-    return np.array(found, dtype=np.float32)
+    rows = [observables.vector(job.experiment.with_residuals(run, backend)) for run in runs]
+    return np.array(rows, dtype=np.float32)
 
 
-def simulated(
+def simulated_mean(
     backend: Backend, observables: Observables, experiment: Experiment, values: Values
 ) -> FloatArray:
     """Return (m,) the mean of an experiment with these effects, in the observables and with the seeds of a response."""
-    job = _Job(experiment, _frozen(values), "", _seeds(experiment))
+    job = _Job(experiment, _freeze(values), "", _seeds(experiment))
     return np.asarray(vectors(backend, job, observables).astype(float).mean(axis=0))
 
 
-def acting(backend: Backend, experiments: Sequence[Experiment]) -> dict[str, frozenset[str]]:
+def acting_parameters(backend: Backend, experiments: Sequence[Experiment]) -> dict[str, frozenset[str]]:
     """Return effect → parameters that change some experiment while the effect's others are nominal.
 
     Only an effect of several parameters is tried; without a parameter that acts alone it is left out.
     """
-    found = {}
+    parameters = {}
     nominal: dict[Experiment, Trace] = {}
     for effect in catalogue_of(backend):
         if len(effect.parameters) < 2:
             continue
         able = set()
         for parameter in effect.parameters:
-            one = line_of(effect, parameter)
+            one = effect_axis(effect, parameter)
             assert isinstance(backend, HasEffects)
             changed = backend.with_effects(one.at(one.at_typical()))
             for experiment in experiments:
                 if experiment not in nominal:
                     nominal[experiment] = experiment.run(backend, SEED)
-                if not _same(experiment.run(changed, SEED), nominal[experiment]):
+                if not _is_same(experiment.run(changed, SEED), nominal[experiment]):
                     able.add(parameter.name)
                     break
         if able:
-            found[effect.name] = frozenset(able)
-    return found
+            parameters[effect.name] = frozenset(able)
+    return parameters
 
 
-def _same(a: Trace, b: Trace) -> bool:
+def _is_same(a: Trace, b: Trace) -> bool:
     return len(a) == len(b) and all(np.array_equal(a[name], b[name], equal_nan=True) for name in b.channels)
 
 
-def _frozen(values: Values) -> tuple[tuple[str, tuple[tuple[str, float], ...]], ...]:
+def _freeze(values: Values) -> tuple[tuple[str, tuple[tuple[str, float], ...]], ...]:
     return tuple((effect, tuple(sorted(numbers.items()))) for effect, numbers in sorted(values.items()))
 
 
@@ -555,7 +562,7 @@ def _seeds(experiment: Experiment) -> tuple[int, ...]:
     return tuple(range(SEED, SEED + REPLICATES["protocol" if experiment.protocol else "test"]))
 
 
-def _key(backend: Backend, experiment: object, parameters: Sequence[Line]) -> str:
+def _key(backend: Backend, experiment: object, parameters: Sequence[EffectAxis]) -> str:
     """Return a hash of everything that a response depends on.
 
     A model's hash says what its rollouts are. Its residuals and variants are of other source, and the observables are
@@ -567,7 +574,7 @@ def _key(backend: Backend, experiment: object, parameters: Sequence[Line]) -> st
         source_of(type(backend)),
         [path.read_text() for path in sorted(Path(__file__).parent.glob("*.py"))],
         experiment,
-        [asdict(line) for line in parameters],
+        [asdict(axis) for axis in parameters],
     )
     return hashlib.sha256(repr(what).encode()).hexdigest()[:24]
 
@@ -608,7 +615,7 @@ def _load(path: Path) -> Response:
         observables = Observables(
             float(header["duration"]),
             tuple(
-                Quantity(name, channel, minus, np.array(scale))
+                ObservedQuantity(name, channel, minus, np.array(scale))
                 for name, channel, minus, scale in header["quantities"]
             ),
             tuple((name, int(width)) for name, width in header["flags"]),
@@ -621,7 +628,7 @@ def _load(path: Path) -> Response:
             arrays["scatter"].astype(float),
             arrays["reference"],
             tuple(
-                (Turn if turn else Curve)(*points)
+                (Turn if turn else ResponseCurve)(*points)
                 for turn, *points in zip(
                     header["turns"],
                     np.split(arrays["coordinates"], edges),

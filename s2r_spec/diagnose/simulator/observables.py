@@ -32,22 +32,21 @@ from s2r_spec.trace import Trace
 FloatArray = NDArray[np.float64]
 
 BINS = 50
-"""Definition: parts of a trace whose means are observables. With twice as many, motions up to twice as fast count."""
+"""Definition: parts of a trace whose means are observables."""
 WINDOWS = (0.0, 0.1, 0.2, 0.35, 0.55, 0.775, 1.0)
 """Definition: edges of the windows, as parts of the trace; narrow where a command has just changed."""
 BLOCKS = 60
 """Definition: the ripple is the scatter within this part of a trace."""
 NEGLIGIBLE = 0.05
-"""Tolerance: a residual below this part of a channel's scatter counts as nothing. Twice it halves small residuals."""
+"""Tolerance: a residual below this part of a channel's scatter counts as nothing."""
 SAME = 0.2
-"""Tolerance: two channels measure the same if their nominal difference is below this part of their rms. Twice it adds
-differences; it takes no observable away."""
+"""Tolerance: two channels measure the same if their nominal difference is below this part of their rms."""
 FLOOR = 0.1
 """Tolerance: scatter below this part of the scale does not change the logarithm of the ripple."""
 
 
 @dataclass(frozen=True)
-class Quantity:
+class ObservedQuantity:
     """A channel, or the difference of two.
 
     Attributes:
@@ -77,7 +76,7 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class Group:
+class ObservableGroup:
     """Observables of one quantity and one kind of statistic: the places ``start`` to ``stop`` of a vector."""
 
     quantity: str
@@ -98,7 +97,7 @@ class Observables:
     """
 
     duration: float
-    quantities: tuple[Quantity, ...]
+    quantities: tuple[ObservedQuantity, ...]
     flags: tuple[tuple[str, int], ...]
     clocked: bool = True
 
@@ -119,17 +118,17 @@ class Observables:
         }
         units = traces[0].units
         quantities = tuple(_quantities(plain, {name: units.get(name, "") for name in plain}))
-        found = cls(max(trace.duration for trace in traces), quantities, flags)
-        return replace(found, clocked=found._agrees(traces))
+        observables = cls(max(trace.duration for trace in traces), quantities, flags)
+        return replace(observables, clocked=observables._agrees(traces))
 
     @property
-    def groups(self) -> tuple[Group, ...]:
+    def groups(self) -> tuple[ObservableGroup, ...]:
         """The groups of a vector, in its order."""
-        found, start = [], 0
+        groups, start = [], 0
         for quantity, statistic, size in self._layout():
-            found.append(Group(quantity.name, statistic, start, start + size))
+            groups.append(ObservableGroup(quantity.name, statistic, start, start + size))
             start += size
-        return tuple(found)
+        return tuple(groups)
 
     def vector(self, trace: Trace) -> FloatArray:
         """Return (m,) the observables of a trace with residuals."""
@@ -153,19 +152,19 @@ class Observables:
             signal += float(parts.mean(axis=0).var(axis=0).mean()) - scatter / len(traces)
         return noise <= signal
 
-    def partners(self, quantity: Quantity) -> list[str]:
+    def partners(self, quantity: ObservedQuantity) -> list[str]:
         """Return the names of the channels with which a residual is multiplied."""
         if not quantity.residual:
             return []
         return [q.name for q in self.quantities if not q.residual and q.scale.size == quantity.scale.size]
 
-    def flags_of(self, quantity: Quantity) -> list[tuple[str, int]]:
+    def flags_of(self, quantity: ObservedQuantity) -> list[tuple[str, int]]:
         """Return the flags whose phases a quantity has."""
         width = quantity.scale.size
         return [(name, k) for name, k in self.flags if width % k == 0 and (k > 1 or width == 1)]
 
     def _statistic(
-        self, quantity: Quantity, statistic: str, values: Mapping[str, FloatArray], trace: Trace
+        self, quantity: ObservedQuantity, statistic: str, values: Mapping[str, FloatArray], trace: Trace
     ) -> FloatArray:
         """Return the observables of one group; ``values`` are the samples of every quantity."""
         x, times = values[quantity.name], trace.times - trace.times[0]
@@ -184,7 +183,7 @@ class Observables:
             rows += [(x * s).mean(axis=0), (x * np.sign(s)).mean(axis=0), (x * rate).mean(axis=0)]
         return np.concatenate(rows)
 
-    def _layout(self) -> Iterator[tuple[Quantity, str, int]]:
+    def _layout(self) -> Iterator[tuple[ObservedQuantity, str, int]]:
         for quantity in self.quantities:
             width = quantity.scale.size
             yield (
@@ -199,7 +198,7 @@ class Observables:
                 yield quantity, "product", 3 * len(partners) * width
 
 
-def _quantities(samples: dict[str, FloatArray], units: dict[str, str]) -> Iterator[Quantity]:
+def _quantities(samples: dict[str, FloatArray], units: dict[str, str]) -> Iterator[ObservedQuantity]:
     """Yield every channel and residual, and the difference of two channels that measure the same."""
     scatter = {
         name: float(np.min(x.std(axis=0)))
@@ -210,12 +209,12 @@ def _quantities(samples: dict[str, FloatArray], units: dict[str, str]) -> Iterat
         alike = [
             scatter[other] for other in scatter if name.startswith(RESIDUAL) and units[other] == units[name]
         ]
-        yield Quantity(name, name, "", _scale(x, NEGLIGIBLE * min(alike, default=0.0)))
+        yield ObservedQuantity(name, name, "", _scale(x, NEGLIGIBLE * min(alike, default=0.0)))
     for a, b in combinations(scatter, 2):
         if units[a] == units[b] != "" and samples[a].shape == samples[b].shape:
             difference = samples[a] - samples[b]
             if _rms(difference) < SAME * min(_rms(samples[a]), _rms(samples[b])):
-                yield Quantity(
+                yield ObservedQuantity(
                     f"{a} - {b}", a, b, _scale(difference, NEGLIGIBLE * min(scatter[a], scatter[b]))
                 )
 

@@ -13,7 +13,13 @@ from pathlib import Path
 from s2r_spec.backend import Coming, Needs, Operator
 from s2r_spec.base.errors import TraceError, UsageError
 from s2r_spec.logs import READABLE
-from s2r_spec.machine.manual.checks import RequestedTest, as_recorded, refusal, within_horizon, without_unit
+from s2r_spec.machine.manual.checks import (
+    RequestedTest,
+    in_common_form,
+    refusal,
+    within_horizon,
+    without_unit,
+)
 from s2r_spec.machine.manual.folder import INCOMING, ORIGINALS, REFUSED, PendingTest, TestFolder
 from s2r_spec.machine.manual.words import channel_words, test_words
 from s2r_spec.recordings.log_folder import digest
@@ -225,7 +231,7 @@ class Attendance:
             lacking = next((c.name for c in self.needs.channels if c.name in loaded.left_out), None)
             return _Checked(None, reason if lacking is None else loaded.left_out[lacking])
         # A recorder that runs on between two tests begins its next log with the previous test.
-        key = digest(within_horizon(as_recorded(trace, self.needs.channels), self.seconds))
+        key = digest(within_horizon(in_common_form(trace, self.needs.channels), self.seconds))
         if key in self._digests:
             return _Checked(None, "it is the log of an earlier test, sample for sample")
         units = {c.name: c.unit for c in self.needs.channels}

@@ -20,16 +20,15 @@ import numpy as np
 from s2r_spec.backend import VOID, Channel, Needs, Operator, Parameter
 from s2r_spec.base.errors import NotBegunError, UsageError
 from s2r_spec.machine.manual.attendance import FALL, Attendance
-from s2r_spec.machine.manual.checks import as_recorded
-from s2r_spec.machine.manual.folder import ORIGINALS, PendingTest, TestFolder, placeholder, recorded
+from s2r_spec.machine.manual.checks import in_common_form
+from s2r_spec.machine.manual.folder import ORIGINALS, PendingTest, TestFolder, as_recorded_test, placeholder
 from s2r_spec.machine.manual.words import test_words
 from s2r_spec.recordings.log_options import LogOptions
 from s2r_spec.recordings.reading_rule import READING
 from s2r_spec.trace import Trace
 
 COST = 120.0
-"""Prior: a person's time for one test, without the test itself [s]; only plans use it. Twice as much plans half as many
-tests."""
+"""Prior: a person's time for one test, without the test itself [s]; only plans use it."""
 VOID_REASON = "the operator says that the test ran and left no log"
 
 
@@ -146,7 +145,7 @@ class ManualBackend:
                 np.zeros(1), {}, {}, {VOID: test.void, "reason": VOID_REASON, "params": dict(params)}
             )
         trace = self.tests.record(test, self._trace(test), seed, self.channels, self.parameters)
-        self.tests.write(recorded(test, seed), {})
+        self.tests.write(as_recorded_test(test, seed), {})
         return trace
 
     def _trace(self, test: PendingTest) -> Trace:
@@ -157,4 +156,4 @@ class ManualBackend:
             return replace(trace, meta=dict(trace.meta) | meta)
         meta |= {"log": test.log} | ({} if test.failure is None else {"failure": test.failure})
         trace = self.options.fill_gaps(self.options.load(self.tests.root / ORIGINALS / test.log).trace)
-        return as_recorded(replace(trace, meta=dict(trace.meta) | meta), self.channels)
+        return in_common_form(replace(trace, meta=dict(trace.meta) | meta), self.channels)

@@ -27,22 +27,19 @@ COMMANDED = {"vd": ("v", "vx")}
 """Definition: parameter → quantities that it commands, as named in our specs for walking robots."""
 SAME_TEST = 0.01
 """Tolerance: difference between the test in a log and the requested one, as a share of the parameter's range. It is
-above the rounding of any interface. Twice as much accepts tests twice as far away."""
+above the rounding of any interface."""
 FEWEST = 10
 """Tolerance: samples within the horizon. A log with fewer samples and a far too long duration has its times in another
-unit. Twice as many would refuse slow loggers."""
+unit."""
 FAR_TOO_LONG = 100.0
-"""Tolerance: duration of a log, in horizons. Milliseconds read as seconds make a log 1000 times too long. Twice as much
-accepts logs twice as long."""
+"""Tolerance: duration of a log, in horizons. Milliseconds read as seconds make a log 1000 times too long."""
 GAP = 0.05
-"""Tolerance: longest gap between samples, as a share of the horizon. Twice as much may hide a violation of twice the
-length."""
+"""Tolerance: longest gap between samples, as a share of the horizon."""
 WANDERS = 0.05
 """Tolerance: deviation of a command after it reached the test, as a share of the parameter's range. It is above the
-noise of a measured command. Twice as much accepts a command that is off by twice as much."""
+noise of a measured command."""
 STEPS = 10.0
-"""Tolerance: shortest gap, in median sampling periods, so that a slow logger has none. Twice as much finds only gaps of
-twice the length."""
+"""Tolerance: shortest gap, in median sampling periods, so that a slow logger has none."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +124,7 @@ def length(trace: Trace, test: RequestedTest) -> str | None:
 
 def gaps(trace: Trace, test: RequestedTest) -> str | None:
     """Refuse a log with a long gap between samples within the horizon."""
-    counted = _counted(trace, test.seconds)
+    counted = _in_horizon(trace, test.seconds)
     steps = np.diff(trace.times[counted])
     if not len(steps):
         return None
@@ -158,7 +155,7 @@ def commands(trace: Trace, test: RequestedTest) -> str | None:
     The median within the horizon is compared, which a ramp at the beginning changes little. After the command has
     reached the test it must stay there: an operator who releases the stick runs another test.
     """
-    counted = _counted(trace, test.seconds)
+    counted = _in_horizon(trace, test.seconds)
     for parameter in test.needs.parameters:
         for name in _commands_of(parameter.name, trace, counted):
             unit = trace.units.get(name)
@@ -201,7 +198,7 @@ def within_horizon(trace: Trace, seconds: float) -> Trace:
     return trace.between(trace.times[0], trace.times[0] + (seconds or math.inf))
 
 
-def _counted(trace: Trace, seconds: float) -> NDArray[np.bool_]:
+def _in_horizon(trace: Trace, seconds: float) -> NDArray[np.bool_]:
     """Return (n,) bool: whether each sample lies within the horizon [s]."""
     counted: NDArray[np.bool_] = trace.times - trace.times[0] <= (seconds or math.inf)
     return counted
@@ -233,7 +230,7 @@ OF_FAILURES: tuple[Check, ...] = (stated_test, commands)
 CHECKS: tuple[Check, ...] = (stated_test, channels, clock, length, commands, gaps, samples, score)
 
 
-def as_recorded(trace: Trace, needed: tuple[Channel, ...]) -> Trace:
+def in_common_form(trace: Trace, needed: tuple[Channel, ...]) -> Trace:
     """Return an accepted trace in the folder's common form: the channels of the spec in its units.
 
     A failed trace gets all of these channels, with NaN where its log has no valid one; its robustness is declared.
@@ -298,8 +295,8 @@ def _conversion(unit: str | None, declared: str) -> Conversion:
     """Return the conversion of numbers in ``unit`` to the declared one."""
     if not unit or unit == declared:
         return Conversion()
-    wanted = parse_unit(declared)
-    return unit_in_log(unit, wanted).to(wanted)
+    target = parse_unit(declared)
+    return unit_in_log(unit, target).to(target)
 
 
 def _unit(text: str) -> str:

@@ -128,7 +128,7 @@ class TestFolder:
                 tuple(Parameter(**one) for one in record["parameters"]),
             )
         except (KeyError, TypeError):
-            raise _damaged(self.root / DECLARED) from None
+            raise _damaged_error(self.root / DECLARED) from None
 
     def recorded(self) -> int:
         """Return the number of recorded rollouts."""
@@ -146,7 +146,7 @@ class TestFolder:
         try:
             return PendingTest(**{name: record[name] for name in PendingTest.__dataclass_fields__})
         except (KeyError, TypeError):
-            raise _damaged(self.root / NEXT) from None
+            raise _damaged_error(self.root / NEXT) from None
 
     def write(self, test: PendingTest, about: Mapping[str, Any]) -> PendingTest:
         """Write the pending test, with further facts for the lab's scripts."""
@@ -184,7 +184,7 @@ class TestFolder:
         """
         kept = self.root / ORIGINALS / f"{test.id}-{path.name}"
         linked = path.is_symlink()  # a move would keep the link, not the file
-        _moved(path, kept, move=path.parent == self.root / INCOMING and not linked)
+        _move(path, kept, move=path.parent == self.root / INCOMING and not linked)
         if linked and path.parent == self.root / INCOMING:
             path.unlink()
         return kept
@@ -203,7 +203,7 @@ class TestFolder:
         while kept.exists():
             number += 1
             kept = kept.with_name(f"{Path(name).stem}-{number}{path.suffix}")
-        _moved(path, kept, move=True)
+        _move(path, kept, move=True)
         return kept
 
     def record(
@@ -299,12 +299,12 @@ def placeholder(word: str, channels: tuple[Channel, ...]) -> Trace:
     return Trace(np.zeros(1), samples, {c.name: c.unit for c in channels if c.unit}, {"failure": word})
 
 
-def recorded(test: PendingTest, seed: int) -> PendingTest:
+def as_recorded_test(test: PendingTest, seed: int) -> PendingTest:
     """Return the test in the state "recorded", with the seed of its rollout."""
     return replace(test, state="recorded", seed=seed)
 
 
-def _moved(path: Path, kept: Path, *, move: bool) -> None:
+def _move(path: Path, kept: Path, *, move: bool) -> None:
     """Move or copy a file, whole or not at all.
 
     Raises:
@@ -331,11 +331,11 @@ def _json(path: Path) -> dict[str, Any] | None:
     except FileNotFoundError:
         return None
     except (OSError, ValueError, RecursionError):
-        raise _damaged(path) from None
+        raise _damaged_error(path) from None
     if not isinstance(record, dict) or record.get("schema") != SCHEMA:
-        raise _damaged(path)
+        raise _damaged_error(path)
     return record
 
 
-def _damaged(path: Path) -> UsageError:
+def _damaged_error(path: Path) -> UsageError:
     return UsageError(f"{path} is damaged; move it away, and s2r requests the test again")

@@ -13,7 +13,7 @@ from s2r_spec.base.errors import S2RError
 from s2r_spec.diagnose.gap.where import Where
 from s2r_spec.report.check import test_words
 from s2r_spec.report.figures.canvas import BAD, BAND, GOOD, INK, Picture, draw, with_unit
-from s2r_spec.report.figures.tolerance import Component, Margins, held, margins, reads
+from s2r_spec.report.figures.tolerance import Component, Margins, held_predicates, margins, reads
 from s2r_spec.report.figures.traces import Panel, limits, paint_panel
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
@@ -113,15 +113,15 @@ def _limits(
     try:
         if around is None:
             return limits(spec, where.pair.requirement, trace, where.test, component)
-        found = []
-        for must in held(spec.formulas[where.pair.requirement]):
+        curves = []
+        for must in held_predicates(spec.formulas[where.pair.requirement]):
             if reads(must.predicate, component):
                 margins_at = partial(margins, spec, trace, where.test, must, component, around=around)
                 here = margins_at(np.zeros(1))
                 if here is not None:
                     reach = 2.5 * max(difference, float(np.abs(here.margins).max()))
-                    found.append(margins_at(np.linspace(-reach, reach, _VALUES)))
-        return tuple(one for one in found if one is not None)
+                    curves.append(margins_at(np.linspace(-reach, reach, _VALUES)))
+        return tuple(one for one in curves if one is not None)
     except S2RError:
         return ()  # a predicate that has no value there: the picture is drawn without it
 

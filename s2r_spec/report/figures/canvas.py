@@ -86,7 +86,7 @@ def draw(name: str, alt: str, size: tuple[float, float], paint: Callable[[Figure
         figure = Figure(figsize=size, layout="constrained")
         paint(figure)
         figure.savefig(file, format="svg", metadata={"Date": None})
-    return _embedded(file.getvalue(), name, alt)
+    return _embed(file.getvalue(), name, alt)
 
 
 def shorten(text: str) -> str:
@@ -108,7 +108,7 @@ def shade_violation(axes: Axes) -> None:
     axes.set_ylim(low, high)
 
 
-def _embedded(svg: str, name: str, alt: str) -> str:
+def _embed(svg: str, name: str, alt: str) -> str:
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>\s*", "", svg, flags=re.S)
     svg = re.sub(r"<style[^>]*>.*?</style>", "", svg, flags=re.S)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from s2r_spec.certify.bound.certificate import Certificate
-from s2r_spec.certify.bound.rounding import between, down, wide
+from s2r_spec.certify.bound.rounding import down, interval_text, width_text
 from s2r_spec.report.figures.canvas import BAND, INK, Picture, draw, shade_violation, with_unit
 
 if TYPE_CHECKING:
@@ -50,11 +50,11 @@ def interval(
 
     alt = (
         f"The interval of the {what} against {counted}: after {rollouts[-1]} it is "
-        f"{between(lower[-1], upper[-1])} {unit}".rstrip()
+        f"{interval_text(lower[-1], upper[-1])} {unit}".rstrip()
     )
     valid = ", valid at any time" if last.label.bounds else ""
     caption = (
-        f"Lower and upper end after each batch{valid}. The final width is {wide(last.epsilon)}; "
+        f"Lower and upper end after each batch{valid}. The final width is {width_text(last.epsilon)}; "
         f"the target was {last.target:g}."
     )
     return Picture(title, caption, alt, draw(name, alt, (7.2, 2.6), paint))

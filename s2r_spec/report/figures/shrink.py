@@ -61,7 +61,7 @@ def before_and_after(far: HeldOutGap, units: dict[str, str], name: str) -> Pictu
         axes.plot(before, rows, "o", color=BAD, mfc=PAPER, mec=BAD, mew=1.6, ms=7, zorder=3, label="before")
         if far.after is not None:
             axes.plot(after, rows, "o", color=GOOD, ms=6, zorder=4, label="after")
-        axes.set_yticks(rows, [_short(test) for test in tests])
+        axes.set_yticks(rows, [_short_name(test) for test in tests])
         axes.set_ylabel(shorten(names), size=9)
         axes.set_ylim(-0.7, len(tests) - 0.3)
         axes.set_xlim(left=0)
@@ -86,7 +86,7 @@ def before_and_after(far: HeldOutGap, units: dict[str, str], name: str) -> Pictu
     return Picture(title, caption, alt, draw(name, alt, (7.2, 1.35 + 0.27 * len(tests)), paint))
 
 
-def _short(test: HeldOut) -> str:
+def _short_name(test: HeldOut) -> str:
     words = ", ".join(f"{value:.3g}" for value in test.params.values())
     return shorten(words or "the only test") + (f" (×{test.rollouts})" if test.rollouts > 1 else "")
 

@@ -46,7 +46,7 @@ class Component:
 
 
 @dataclass(frozen=True)
-class Held:
+class HeldPredicate:
     """A predicate that must hold from ``start`` to ``end`` [s] after the trace's first time."""
 
     predicate: f.Comparison
@@ -69,18 +69,20 @@ class Margins:
     margins: FloatArray
 
 
-def held(formula: f.Formula, start: float = 0.0, end: float = 0.0) -> Iterator[Held]:
+def held_predicates(formula: f.Formula, start: float = 0.0, end: float = 0.0) -> Iterator[HeldPredicate]:
     """Yield the predicates that must hold throughout; those below an or, a not or an until need not."""
     match formula:
         case f.Comparison():
-            yield Held(formula, start, end)
+            yield HeldPredicate(formula, start, end)
         case f.Named() | f.Rescale():
-            yield from held(formula.operand, start, end)
+            yield from held_predicates(formula.operand, start, end)
         case f.Junction(operator="and"):
             for operand in formula.operands:
-                yield from held(operand, start, end)
+                yield from held_predicates(operand, start, end)
         case f.Temporal(operator="always"):
-            yield from held(formula.operand, start + formula.interval.low, end + formula.interval.high)
+            yield from held_predicates(
+                formula.operand, start + formula.interval.low, end + formula.interval.high
+            )
         case _:
             pass
 
@@ -102,7 +104,7 @@ def margins(
     spec: Spec,
     trace: Trace,
     params: Mapping[str, float],
-    must: Held,
+    must: HeldPredicate,
     component: Component,
     values: FloatArray,
     around: FloatArray | None = None,
@@ -121,13 +123,13 @@ def margins(
     alone = replace(spec, formulas={"predicate": must.predicate}, certify={})
     middle = np.zeros(len(kept)) if around is None else around[kept]
     rows = [
-        alone.robustness_signal(_with(trace, kept, component, middle + value), "predicate", params)
+        alone.robustness_signal(_with_values(trace, kept, component, middle + value), "predicate", params)
         for value in values
     ]
     return Margins(trace.times[chosen], values, np.array(rows)[:, np.isin(kept, chosen)])
 
 
-def _with(trace: Trace, kept: NDArray[np.intp], component: Component, value: FloatArray) -> Trace:
+def _with_values(trace: Trace, kept: NDArray[np.intp], component: Component, value: FloatArray) -> Trace:
     """Return some samples of a trace, with other values of one component."""
     channels = {name: np.array(samples[kept]) for name, samples in trace.channels.items()}
     if component.index is None:

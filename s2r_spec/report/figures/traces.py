@@ -14,7 +14,7 @@ from s2r_spec import logs
 from s2r_spec.base.errors import S2RError
 from s2r_spec.report.check import test_words
 from s2r_spec.report.figures.canvas import BAD, BAND, INK, MUTED, Picture, draw, with_unit
-from s2r_spec.report.figures.tolerance import Component, Margins, held, margins, reads
+from s2r_spec.report.figures.tolerance import Component, Margins, held_predicates, margins, reads
 from s2r_spec.runs.journal import Record
 from s2r_spec.runs.scorer import Scorer
 from s2r_spec.runs.task import run_task
@@ -34,7 +34,7 @@ _VALUES = 121
 
 
 @dataclass(frozen=True)
-class Runs:
+class JournalRollouts:
     """The rollouts of one journal, with their spec and requirement.
 
     Attributes:
@@ -68,7 +68,7 @@ class Panel:
     limits: tuple[Margins, ...]
 
 
-def worst_records(runs: Runs) -> list[Record]:
+def worst_records(runs: JournalRollouts) -> list[Record]:
     """Return the rollout of the lowest ρ at each of the lowest tests, lowest first."""
     chosen: dict[tuple[float, ...], Record] = {}
     for record in sorted(runs.records, key=lambda record: (record.rho, record.query, record.replicate)):
@@ -76,7 +76,7 @@ def worst_records(runs: Runs) -> list[Record]:
     return list(chosen.values())[:_MOST_TRACES]
 
 
-def trace_picture(runs: Runs, record: Record, name: str) -> Picture:
+def trace_picture(runs: JournalRollouts, record: Record, name: str) -> Picture:
     """Draw one rollout over time, with others at the same test behind it."""
     test = test_words(record.params, runs.spec.space.units)
     title = f"Rollout {record.query}.{record.replicate}: ρ = {_number(record.rho, runs.unit)} at {test}"
@@ -84,7 +84,7 @@ def trace_picture(runs: Runs, record: Record, name: str) -> Picture:
 
 
 def pair_picture(
-    real: Runs, record: Record, simulated: Runs, matching: Sequence[Record], name: str
+    real: JournalRollouts, record: Record, simulated: JournalRollouts, matching: Sequence[Record], name: str
 ) -> Picture:
     """Draw a real rollout, and beside it the simulated ones that it was compared with."""
     test = test_words(record.params, real.spec.space.units)
@@ -93,18 +93,18 @@ def pair_picture(
         f"Pair {record.query}.{record.replicate} at {test}: ρ = {_number(mean, real.unit)} in {simulated.called}, "
         f"{_number(record.rho, real.unit)} in {real.called}, Δ = {_number(record.rho - mean, real.unit)}"
     )
-    beside = [found for other in matching if (found := read_trace(simulated, other)) is not None]
+    beside = [sibling for other in matching if (sibling := read_trace(simulated, other)) is not None]
     return _picture(real, record, title, tuple(beside), name, simulated.called)
 
 
 def _picture(
-    runs: Runs, record: Record, title: str, beside: tuple[Trace, ...], name: str, other: str = ""
+    runs: JournalRollouts, record: Record, title: str, beside: tuple[Trace, ...], name: str, other: str = ""
 ) -> Picture:
     trace = read_trace(runs, record)
     if trace is None:
         why = record.failure or "its trace is not on disk"
         return Picture(title, f"There is nothing to draw: {why}.", "", "")
-    reason = _explained(runs, trace, record)
+    reason = _explain(runs, trace, record)
     panels = _panels(runs, trace, record, beside)
 
     def paint(figure: Figure) -> None:
@@ -130,7 +130,7 @@ def _picture(
     return Picture(title, caption, alt, draw(name, alt, (7.2, 0.7 + 1.9 * len(panels)), paint))
 
 
-def read_trace(runs: Runs, record: Record) -> Trace | None:
+def read_trace(runs: JournalRollouts, record: Record) -> Trace | None:
     """Return the trace of a rollout, or None if there is none."""
     try:
         if record.trace is not None:
@@ -149,7 +149,7 @@ def _number(rho: float, unit: str) -> str:
     return f"{rho:+.4f} {unit}".rstrip()
 
 
-def _explained(runs: Runs, trace: Trace, record: Record) -> Explanation | None:
+def _explain(runs: JournalRollouts, trace: Trace, record: Record) -> Explanation | None:
     try:
         return runs.spec.explain(trace, runs.requirement, record.params)
     except S2RError:
@@ -163,9 +163,9 @@ def _words(reason: Explanation | None) -> str:
     return f"Decided at t = {reason.when} by {reason.predicate} (margin {margin})."
 
 
-def _panels(runs: Runs, trace: Trace, record: Record, beside: tuple[Trace, ...]) -> list[Panel]:
+def _panels(runs: JournalRollouts, trace: Trace, record: Record, beside: tuple[Trace, ...]) -> list[Panel]:
     same = [other for other in runs.records if other.params == record.params and other is not record]
-    others = [found for other in same[:_MOST_SIBLINGS] if (found := read_trace(runs, other)) is not None]
+    others = [sibling for other in same[:_MOST_SIBLINGS] if (sibling := read_trace(runs, other)) is not None]
     panels = []
     for name in runs.spec.channels(runs.requirement):
         columns = range(trace[name].shape[1]) if trace[name].ndim == 2 else [None]
@@ -175,7 +175,7 @@ def _panels(runs: Runs, trace: Trace, record: Record, beside: tuple[Trace, ...])
 
 
 def _panel(
-    runs: Runs,
+    runs: JournalRollouts,
     trace: Trace,
     others: Sequence[Trace],
     beside: Sequence[Trace],
@@ -213,12 +213,12 @@ def limits(
     low, high = float(own.min()), float(own.max())
     span = (high - low) or abs(high) or 1.0
     values = np.linspace(low - 2 * span, high + 2 * span, _VALUES)
-    found = [
+    curves = [
         margins(spec, trace, params, must, component, values)
-        for must in held(spec.formulas[requirement])
+        for must in held_predicates(spec.formulas[requirement])
         if reads(must.predicate, component)
     ]
-    return tuple(limit for limit in found if limit is not None)
+    return tuple(limit for limit in curves if limit is not None)
 
 
 def paint_panel(axes: Axes, panel: Panel, reason: Explanation | None) -> None:

@@ -60,9 +60,9 @@ def schema(name: str) -> dict[str, Any]:
             f"no JSON object is called {name!r}{suggest(name, OBJECTS)} the objects are {one_of(OBJECTS)}"
         )
     generator = _WithInfinities if name in INFINITE else _Described
-    found = TypeAdapter(OBJECTS[name]).json_schema(schema_generator=generator)
+    document = TypeAdapter(OBJECTS[name]).json_schema(schema_generator=generator)
     urn = re.sub(r"[./]", ":", name)
-    return {"$schema": GenerateJsonSchema.schema_dialect, "$id": f"urn:{urn}"} | found
+    return {"$schema": GenerateJsonSchema.schema_dialect, "$id": f"urn:{urn}"} | document
 
 
 class _Described(GenerateJsonSchema):
@@ -70,20 +70,20 @@ class _Described(GenerateJsonSchema):
 
     def dataclass_schema(self, schema: Any) -> JsonSchemaValue:
         """Return the schema of a dataclass."""
-        record, found = schema["cls"], super().dataclass_schema(schema)
+        record, document = schema["cls"], super().dataclass_schema(schema)
         optional = optional_fields(record)
-        for name, of in found["properties"].items():
+        for name, of in document["properties"].items():
             of.pop("default", None)
             if name in optional:  # absent, and so never null
                 (kind,) = (each for each in of.pop("anyOf") if each != {"type": "null"})
                 of |= kind
-        required = [name for name in found["properties"] if name not in optional]
-        return _documented(record, found | {"required": required, "additionalProperties": False})
+        required = [name for name in document["properties"] if name not in optional]
+        return _describe(record, document | {"required": required, "additionalProperties": False})
 
     def typed_dict_schema(self, schema: Any) -> JsonSchemaValue:
         """Return the schema of a typed dictionary."""
-        record, found = schema["cls"], super().typed_dict_schema(schema)
-        return _documented(record, found | {"additionalProperties": Open in _lineage(record)})
+        record, document = schema["cls"], super().typed_dict_schema(schema)
+        return _describe(record, document | {"additionalProperties": Open in _lineage(record)})
 
     def field_title_should_be_set(self, schema: Any) -> bool:
         """Return that a field's name is not repeated as its title."""
@@ -98,23 +98,23 @@ class _WithInfinities(_Described):
         return {"anyOf": [super().float_schema(schema), {"enum": ["inf", "-inf", "nan"]}]}
 
 
-def _documented(record: type, found: JsonSchemaValue) -> JsonSchemaValue:
+def _describe(record: type, document: JsonSchemaValue) -> JsonSchemaValue:
     """Return a schema with the descriptions of a record's docstring."""
     described = _descriptions(record)
-    for name, of in found["properties"].items():
+    for name, of in document["properties"].items():
         if name in described:
             of["description"] = described[name]
-    return found | {"description": " ".join(_plain(record).split("\n\n")[0].split())}
+    return document | {"description": " ".join(_plain_docstring(record).split("\n\n")[0].split())}
 
 
 def _descriptions(record: type) -> dict[str, str]:
     """Return the description of each field, from the docstrings of a record and its bases."""
-    found: dict[str, str] = {}
+    texts: dict[str, str] = {}
     for each in _lineage(record):
-        section = re.search(r"^(?:Attributes|Args):\n((?: +.*\n?)+)", _plain(each), re.M)
+        section = re.search(r"^(?:Attributes|Args):\n((?: +.*\n?)+)", _plain_docstring(each), re.M)
         rows = re.findall(r"^    (\w+): (.*(?:\n     +.*)*)", section[1], re.M) if section else ()
-        found |= {name: " ".join(words.split()) for name, words in rows}
-    return found
+        texts |= {name: " ".join(words.split()) for name, words in rows}
+    return texts
 
 
 def _lineage(record: type) -> list[type]:
@@ -123,6 +123,6 @@ def _lineage(record: type) -> list[type]:
     return [*(each for base in bases for each in _lineage(base)), record]
 
 
-def _plain(record: type) -> str:
+def _plain_docstring(record: type) -> str:
     """Return a class's docstring without the roles of its links, in JSON's words."""
     return re.sub(r"\bNone\b", "null", re.sub(r":\w+:`~?([^`]+)`", r"\1", cleandoc(record.__doc__ or "")))

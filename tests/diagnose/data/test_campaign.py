@@ -8,8 +8,8 @@ import pytest
 
 import s2r_spec as s2r
 from s2r_spec.diagnose.data.campaign import campaign, plan
-from s2r_spec.diagnose.data.protocols import allowed, next_words
-from s2r_spec.diagnose.data.rollouts import as_experiment, recorded
+from s2r_spec.diagnose.data.protocols import allowed_experiments, next_words
+from s2r_spec.diagnose.data.rollouts import as_experiment, recorded_rollouts
 from s2r_spec.diagnose.data.space_filling import representative, star
 from s2r_spec.diagnose.data.split import split
 from s2r_spec.diagnose.simulator.experiments import Experiment
@@ -19,7 +19,7 @@ from tests.errors import naming, states
 
 BENCH = bench_of()
 TESTS = representative(star(SPEC.space), SPEC.space)
-BOTH = allowed(Pointer(), Pointer())[0]
+BOTH = allowed_experiments(Pointer(), Pointer())[0]
 
 
 class KilledError(BaseException):
@@ -103,10 +103,10 @@ def test_a_campaign_that_is_killed_anywhere_ends_with_the_same_rollouts(tmp_path
 
 def test_the_folder_of_a_campaign_is_a_folder_of_logs(tmp_path):
     machine = limited(Pointer("cm/s", falls="coast"), 0.5)
-    protocols, _ = allowed(Pointer(), machine)
+    protocols, _ = allowed_experiments(Pointer(), machine)
     assert protocols[0] == Experiment("chirp", (("amplitude", 0.5),))
     found = campaign(BENCH, machine, plan(BENCH, TESTS, protocols, 18), 3, alternate, tmp_path)
-    read = recorded(BENCH, s2r.load_backend(f"log:{tmp_path}"))
+    read = recorded_rollouts(BENCH, s2r.load_backend(f"log:{tmp_path}"))
     assert found.by_experiment(BENCH).keys() >= {as_experiment(BENCH, t) for t in TESTS} | set(protocols)
     assert [e for e, _ in read.protocols] == [e for e, _ in found.protocols]
     for (test, trace), (other, kept) in zip(read.tests, found.tests, strict=True):
@@ -165,16 +165,19 @@ def test_a_machine_with_an_operator_is_refused():
 
 def test_which_protocols_are_allowed():
     machine = replace(Pointer(), offered=(*PROTOCOLS, replace(PROTOCOLS[0], name="step")))
-    both, notes = allowed(Pointer(), machine)
+    both, notes = allowed_experiments(Pointer(), machine)
     assert [e.protocol for e in both] == ["chirp", "coast"]
     assert states(notes[0], "step")
-    assert [e.protocol for e in allowed(Pointer(), machine, ["coast", "chirp"])[0]] == ["chirp", "coast"]
-    assert allowed(Pointer(), machine, ()) == ((), ())
+    assert [e.protocol for e in allowed_experiments(Pointer(), machine, ["coast", "chirp"])[0]] == [
+        "chirp",
+        "coast",
+    ]
+    assert allowed_experiments(Pointer(), machine, ()) == ((), ())
     for name, where in (("chrip", machine), ("step", machine), ("chirp", replace(machine, offered=()))):
         with pytest.raises(UsageError, match=naming(f"'{name}'", "chirp") if where.offered else "chirp"):
-            allowed(Pointer(), where, [name])
+            allowed_experiments(Pointer(), where, [name])
     other = replace(PROTOCOLS[0], parameters=(replace(AMPLITUDE, unit="m"),))
-    assert states(allowed(Pointer(), replace(machine, offered=(other,)))[1][0], "chirp", "units")
+    assert states(allowed_experiments(Pointer(), replace(machine, offered=(other,)))[1][0], "chirp", "units")
 
 
 def test_the_next_experiment_in_words_and_as_a_file(tmp_path):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import s2r_spec as s2r
-from s2r_spec.diagnose.data.rollouts import RealRollouts, as_simulated, cut, read_at, recorded
+from s2r_spec.diagnose.data.rollouts import RealRollouts, convert_units, read_at, recorded_rollouts, truncate
 from s2r_spec.diagnose.data.space_filling import representative, spread, star
 from s2r_spec.diagnose.data.split import split
 from s2r_spec.diagnose.simulator.experiments import Experiment
@@ -34,18 +34,18 @@ def runs_of(protocol, count, machine=None, **params):
 def test_protocols_stand_beside_tests_in_the_simulator_s_units():
     slow = Pointer("cm/s")
     given = [*some_tests(6), *runs_of("chirp", 2, slow), *runs_of("chirp", 1, slow, amplitude=0.5)]
-    found = recorded(BENCH, given)
+    found = recorded_rollouts(BENCH, given)
     half = Experiment("chirp", (("amplitude", 0.5),))
     assert [e for e, _ in found.protocols] == [Experiment("chirp"), Experiment("chirp"), half]
     assert [len(runs) for e, runs in found.by_experiment(BENCH).items() if e.protocol] == [2, 1]
     np.testing.assert_allclose(found.protocols[0][1]["v"], Pointer().run("chirp", {}, 0)["v"], rtol=1e-12)
-    assert recorded(BENCH, given, passive=True).protocols == ()
+    assert recorded_rollouts(BENCH, given, passive=True).protocols == ()
     wrong = Trace(TIMES, {"v": TIMES}, {"v": "kg"}, {"protocol": "chirp"})
     with pytest.raises(UsageError, match=naming("'v'", "kg", "m/s")):
-        recorded(BENCH, [*given, ({}, wrong)])
+        recorded_rollouts(BENCH, [*given, ({}, wrong)])
     late = Trace(TIMES * 1000, {"v": TIMES}, {}, {"protocol": "chirp"})
     with pytest.raises(UsageError, match=naming("real rollout 9", "1000 s", "ms")):
-        recorded(BENCH, [*given, ({}, late)])
+        recorded_rollouts(BENCH, [*given, ({}, late)])
 
 
 def test_runs_that_the_simulator_does_not_have_become_notes():
@@ -56,11 +56,11 @@ def test_runs_that_the_simulator_does_not_have_become_notes():
         *runs_of("coast", 1),
         ({"amplitude": 3.0}, runs_of("coast", 1)[0][1]),
     ]
-    found = recorded(alone, given)
+    found = recorded_rollouts(alone, given)
     assert [e.protocol for e, _ in found.protocols] == ["coast"]
     assert states(found.notes[0], "2 runs", "'chirp'", "coast")
     assert states(found.notes[1], "1 run", "'coast'", "amplitude = 3")
-    assert states(recorded(BENCH, given, 7).notes[0], "7", "10")
+    assert states(recorded_rollouts(BENCH, given, 7).notes[0], "7", "10")
 
 
 def test_a_folder_has_protocols_and_values_that_the_spec_fixes(tmp_path):
@@ -71,7 +71,7 @@ def test_a_folder_has_protocols_and_values_that_the_spec_fixes(tmp_path):
     (tmp_path / "rollouts.csv").write_text(
         f"id,protocol,vd [cm/s],amplitude\n{rows}r8,chirp,,\nr9,chirp,,0.4\n"
     )
-    found = recorded(bench_of(spec=fixed), s2r.load_backend(f"log:{tmp_path}"))
+    found = recorded_rollouts(bench_of(spec=fixed), s2r.load_backend(f"log:{tmp_path}"))
     assert [test for test, _ in found.tests] == [{}] * 6
     assert [dict(e.params) for e, _ in found.protocols] == [{}, {"amplitude": 0.4}]
     assert states(found.notes[0], "2", "vd")
@@ -99,26 +99,26 @@ def test_a_folder_has_protocols_and_values_that_the_spec_fixes(tmp_path):
 def test_bad_recordings_get_a_sentence(spoil, facts):
     given = spoil(some_tests(9))
     with pytest.raises(UsageError, match=naming(*facts)):
-        recorded(BENCH, given)
+        recorded_rollouts(BENCH, given)
 
 
 def test_a_test_that_a_conversion_has_put_just_outside_is_at_the_end():
     trace = Pointer().rollout({"vd": 1.0}, 0)
-    found = recorded(BENCH, [({"vd": 1.0 + 1e-12}, trace)] * 6)
+    found = recorded_rollouts(BENCH, [({"vd": 1.0 + 1e-12}, trace)] * 6)
     assert [test for test, _ in found.tests] == [{"vd": 1.0}] * 6
 
 
 def test_a_trace_has_the_simulator_s_unit_and_length():
     times = np.arange(301) / 100 + 7.0
     trace = Trace(times, {"v": np.where(times < 7.05, np.inf, 3.6), "w": times}, {"v": "km/h", "w": "m"})
-    found = as_simulated(trace, Pointer())
+    found = convert_units(trace, Pointer())
     assert np.isnan(found["v"][:5]).all()
     np.testing.assert_allclose(found["v"][5:], 1.0)
     assert dict(found.units) == {"v": "m/s", "w": "m"}
-    assert cut(trace, 1.0).duration == pytest.approx(1.0)
+    assert truncate(trace, 1.0).duration == pytest.approx(1.0)
     fell = replace(trace, meta={"failure": "fall"})  # the time of a fall is information
-    assert cut(fell, 1.0) is fell
-    assert cut(trace, 2.99) is trace
+    assert truncate(fell, 1.0) is fell
+    assert truncate(trace, 2.99) is trace
 
 
 def test_between_its_samples_a_flag_is_what_it_was():
@@ -137,10 +137,10 @@ def test_a_window_shorter_than_the_time_between_samples_is_read_at_the_simulator
     short = bench_of(spec=s2r.parse_spec(SPEC.text.replace("[0.5, 0.9 s]", "[0.885 s, 0.895 s]")))
     runs = some_tests(6)
     slow = [(test, trace.resample(0.03)) for test, trace in runs]
-    for (test, found), (_, trace) in zip(recorded(short, slow).tests, runs, strict=True):
+    for (test, found), (_, trace) in zip(recorded_rollouts(short, slow).tests, runs, strict=True):
         np.testing.assert_allclose(np.diff(found.times), 0.01)
         assert short.rho(found, test) == pytest.approx(short.rho(trace, test), abs=0.1)
-    assert len(recorded(BENCH, slow).tests[0][1]) == len(slow[0][1])
+    assert len(recorded_rollouts(BENCH, slow).tests[0][1]) == len(slow[0][1])
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 
 from s2r_spec.base.json_values import to_json
 from s2r_spec.diagnose.estimation import estimate
-from s2r_spec.diagnose.experiment_design.identifiability import Candidate, Forecast, separations
+from s2r_spec.diagnose.experiment_design.identifiability import Candidate, InformationForecast, separations
 from s2r_spec.diagnose.experiment_design.next_test import next_test
 from s2r_spec.diagnose.inference.estimates import Status, effect_estimates, hidden_names
 from s2r_spec.diagnose.simulator.cache import Cache
@@ -82,7 +82,7 @@ def test_a_sure_answer_needs_no_test(responses):
 
 
 def test_more_runs_of_an_experiment_say_less_than_the_first(unclear):
-    forecast = Forecast.of(unclear)
+    forecast = InformationForecast.of(unclear)
     gains = [np.trace(forecast.gained(Candidate(SPLIT, 1.0, runs=n))) for n in (0, 1, 4)]
     assert gains[0] > gains[1] > gains[2] > 0.0
 

@@ -8,7 +8,7 @@ from s2r_cart import SPEC, Cart, real
 
 from s2r_spec import parse_spec
 from s2r_spec.base.json_values import to_json
-from s2r_spec.diagnose.gap.held_out import background_machines, compared, gap, held_out_gap, scatter
+from s2r_spec.diagnose.gap.held_out import background_machines, compare, gap, held_out_gap, scatter
 from s2r_spec.diagnose.gap.nominal import Nominal
 from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.runs.compatibility import check_compatibility
@@ -20,7 +20,7 @@ def far(share=0.95, size=1.0, tuned=None, background=0.1, seen=None, tests=TESTS
     """A gap that is the same at nine tests, and a patch that closes this part of it."""
     n = len(tests)
     closed = [np.full(n, (share if part is None else part) * size) for part in (tuned, None)]
-    return compared(np.full(n, size), [np.zeros(n), *closed[: 1 + named]], tests, 0.01, background, "m", seen)
+    return compare(np.full(n, size), [np.zeros(n), *closed[: 1 + named]], tests, 0.01, background, "m", seen)
 
 
 def test_gap_share_and_floor():
@@ -55,7 +55,7 @@ def test_a_gap_of_one_test_stays_for_nobody_knows():
     """The bootstrap over tests has shares from far below 0 to 1, where one test has all of the gap."""
     real = np.array([1.0] + [0.011] * 8)
     left = np.array([0.05] + [0.15] * 8)
-    found = compared(real, [np.zeros(9), real - left, real - left], TESTS, 0.01, 0.0, "m")
+    found = compare(real, [np.zeros(9), real - left, real - left], TESTS, 0.01, 0.0, "m")
     assert found.material
     assert not found.stays(0.8)
     assert not found.closed

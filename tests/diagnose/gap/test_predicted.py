@@ -9,7 +9,7 @@ import s2r_spec as s2r
 from s2r_spec.diagnose.gap.surface import grid_of
 from s2r_spec.diagnose.gap.where import predict
 from s2r_spec.diagnose.simulator.bench import Bench
-from s2r_spec.runs.seeds import Stream, rollout_seed
+from s2r_spec.runs.seeds import SeedStream, rollout_seed
 
 ADDED = {"coulomb": {"force": 1.5}}
 TESTS = [{"vd": 0.25, "acc": 3.5}, {"vd": 0.9, "acc": 1.2}]
@@ -24,7 +24,7 @@ def test_what_is_foretold_is_what_the_two_simulators_say_of_the_same_seed():
     at = bench(Cart())
     found = predict(at, ADDED, TESTS, 3)
     for number, test in enumerate(TESTS):
-        seed = rollout_seed(3, number, 0, Stream.FORETELL)
+        seed = rollout_seed(3, number, 0, SeedStream.FORETELL)
         rho = [at.rho(at.run(values, test, seed), test) for values in ({}, ADDED)]
         assert found.tests[number] == rho[1] - rho[0]
     assert found.grid.shape == (len(grid_of(at.spec.space)),)

@@ -10,7 +10,7 @@ from scipy.stats import norm
 
 from s2r_spec.base.json_values import to_json
 from s2r_spec.diagnose.gap.materiality import RolloutsAtTest
-from s2r_spec.diagnose.gap.surface import Predicted, floor, folded, gap_surface, grid_of
+from s2r_spec.diagnose.gap.surface import Predicted, floor, folded_normal_mean, gap_surface, grid_of
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space
 
@@ -48,7 +48,7 @@ def test_the_band_holds_everywhere_at_once_and_the_worst_test_is_as_sure_as_it_s
         gap = smooth(generator)
         result = gap_surface(LINE, seen(LINE, gap, np.linspace(-0.2, 0.3, 10), generator), seed=trial)
         truth = np.array([gap(place) for place in result.grid])
-        size = folded(truth, math.sqrt(2) * NOISE)
+        size = folded_normal_mean(truth, math.sqrt(2) * NOISE)
         held += bool(((truth >= result.signed.lower) & (truth <= result.signed.upper)).all())
         held += bool(((size >= result.absolute.lower) & (size <= result.absolute.upper)).all())
         found += abs(result.worst["vd"] - result.grid[size.argmax(), 0]) <= 0.05 + 1e-9
@@ -62,8 +62,10 @@ def test_the_band_holds_everywhere_at_once_and_the_worst_test_is_as_sure_as_it_s
 def test_a_folded_normal_is_what_many_draws_say():
     draws = np.random.default_rng(0).normal(size=200_000)
     for mean in (-2.0, 0.0, 0.3):
-        assert folded(np.array(mean), 0.5) == pytest.approx(np.abs(mean + 0.5 * draws).mean(), abs=0.005)
-    assert folded(np.array([-1.0, 2.0]), 0.0).tolist() == [1.0, 2.0]
+        assert folded_normal_mean(np.array(mean), 0.5) == pytest.approx(
+            np.abs(mean + 0.5 * draws).mean(), abs=0.005
+        )
+    assert folded_normal_mean(np.array([-1.0, 2.0]), 0.0).tolist() == [1.0, 2.0]
 
 
 def test_a_gap_at_one_end_is_found_there_and_beyond_the_tolerance_there_only():

@@ -20,7 +20,7 @@ from s2r_spec.diagnose.inference.estimates import (
 from s2r_spec.diagnose.inference.hierarchical import Likelihood
 from s2r_spec.diagnose.inference.model_search import ModelPosterior
 from s2r_spec.diagnose.inference.prior import SizePrior
-from s2r_spec.diagnose.simulator.axes import lines
+from s2r_spec.diagnose.simulator.axes import effect_axes
 
 EFFECTS = (
     Effect("friction", "actuation", "", (EffectParameter("force", "N", 0.0, 4.0, 0.0, "half-normal, 1 N"),)),
@@ -40,7 +40,7 @@ EFFECTS = (
         ),
     ),
 )
-LINES = lines(EFFECTS)
+LINES = effect_axes(EFFECTS)
 SEEN = Likelihood(1e3 * np.eye(4), np.zeros(4))
 FAMILIES = {effect.name: effect.family for effect in EFFECTS}
 
@@ -105,7 +105,7 @@ def test_what_the_data_alone_do_not_measure_is_hidden():
 
 
 def test_a_parameter_that_says_how_an_effect_acts_does_not_stand_for_it():
-    acting = lines(EFFECTS, {"payload": frozenset({"mass"})})
+    acting = effect_axes(EFFECTS, {"payload": frozenset({"mass"})})
     made = posterior([()], [1.0], [[0.0, 0.0, 0.1, 0.9]], [[0.04, 0.04, 0.04, 0.4]])
     probability = np.where([line.base != {} for line in acting], 0.0, made.prior.probability)
     made = replace(made, prior=replace(made.prior, probability=probability))

@@ -7,10 +7,10 @@ from s2r_spec.diagnose.estimation import with_likely_law
 from s2r_spec.diagnose.inference.gauss_newton import Errors, Observation, Problem, fit, search
 from s2r_spec.diagnose.inference.hierarchical import LAW_SHARE
 from s2r_spec.diagnose.inference.prior import SizePrior
-from s2r_spec.diagnose.simulator.curve import Curve, Turn
+from s2r_spec.diagnose.simulator.curve import ResponseCurve, Turn
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import Dependence, Practice, Response
-from s2r_spec.diagnose.simulator.observables import Observables, Quantity
+from s2r_spec.diagnose.simulator.observables import Observables, ObservedQuantity
 
 POSITION = np.linspace(0.0, 6.0 * np.pi, 50)
 SCATTER = 0.05
@@ -28,14 +28,14 @@ def force(amplitude, phase, offset):
     return amplitude * np.sin(POSITION + np.pi * phase) + offset
 
 
-def curve(points, of, kind=Curve):
+def curve(points, of, kind=ResponseCurve):
     return kind(np.array(points), np.array([of(x) for x in points]))
 
 
 def problem(amplitude, phase, offset, shape=0.0):
     """A machine with a ripple, and the library of a simulator. The ripple's laws differ by the part ``shape``."""
     rng = np.random.default_rng(1)
-    observables = Observables(5.0, (Quantity("force", "force", "", np.ones(1)),), ())
+    observables = Observables(5.0, (ObservedQuantity("force", "force", "", np.ones(1)),), ())
     size = observables.groups[-1].stop
     places = slice(observables.groups[0].start, observables.groups[0].stop)
 

@@ -9,10 +9,10 @@ from s2r_spec.diagnose.inference.gauss_newton import Observation, Problem, fit
 from s2r_spec.diagnose.inference.goodness_of_fit import goodness_of_fit
 from s2r_spec.diagnose.inference.hierarchical import DEGREES, LAW_ERROR
 from s2r_spec.diagnose.inference.prior import SizePrior
-from s2r_spec.diagnose.simulator.curve import Curve
+from s2r_spec.diagnose.simulator.curve import ResponseCurve
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import Dependence, Practice, Response
-from s2r_spec.diagnose.simulator.observables import Observables, Quantity
+from s2r_spec.diagnose.simulator.observables import Observables, ObservedQuantity
 
 EFFECTS, SCATTER, DURATION = 3, 0.05, 5.0
 QUANTITIES = ("torque", 2), ("speed", 1)
@@ -23,7 +23,7 @@ PRIOR = SizePrior.of([f"effect {k}" for k in range(EFFECTS)], np.full(EFFECTS, -
 
 def observables(quantities=QUANTITIES):
     return Observables(
-        DURATION, tuple(Quantity(name, name, "", np.ones(width)) for name, width in quantities), ()
+        DURATION, tuple(ObservedQuantity(name, name, "", np.ones(width)) for name, width in quantities), ()
     )
 
 
@@ -52,7 +52,7 @@ def response(experiment):
         zeros,
         np.full(size, SCATTER),
         zeros,
-        tuple(Curve(points, points[:, None] * row) for row in rows),
+        tuple(ResponseCurve(points, points[:, None] * row) for row in rows),
         np.zeros((EFFECTS, size)),
         np.zeros((0, size)),
         Practice(theta, np.zeros((24, 0)), practice),

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import norm
 
 from s2r_spec.diagnose.inference.hierarchical import Likelihood
-from s2r_spec.diagnose.inference.model_search import combined, posterior
+from s2r_spec.diagnose.inference.model_search import combine, posterior
 from s2r_spec.diagnose.inference.prior import BACKGROUND, NAMED, SLAB, SizePrior
 
 PARAMETERS = 8
@@ -137,7 +137,7 @@ def test_two_modes_that_the_data_do_not_separate_share_the_probability():
         information[np.ix_([active, other], [active, other])] = [[60.0, 45.0], [45.0, 65.0]]
         theta = np.where(np.arange(PARAMETERS) == active, 1.0, estimate)
         modes[active,] = posterior(Likelihood(information, np.zeros(PARAMETERS)), theta, prior())
-    alone, both = modes[0,].beyond(), combined(modes).beyond()
+    alone, both = modes[0,].beyond(), combine(modes).beyond()
     assert alone[0] > 0.8 > 0.2 > alone[1]
     assert both[:2] == pytest.approx([0.5, 0.5], abs=0.1)
 
@@ -152,12 +152,12 @@ def test_a_set_counts_in_the_mode_whose_causes_are_most_like_its_own():
 
     without, beside = mode(0.34, 0.0), mode(0.34, -12.0)
     assert without.sets[:2] == ((0, 1), (0,))
-    found = combined({(0,): without, (0, 1): beside})
+    found = combine({(0,): without, (0, 1): beside})
     assert found.sets[0] == (0,)
     assert found.log_evidence == pytest.approx(
         without.log_evidence + np.log(without.probability[1] / without.probability[0])
     )
-    assert combined({(0,): without, (0, 1): mode(0.34, 0.0)}).sets[0] == (0, 1)
+    assert combine({(0,): without, (0, 1): mode(0.34, 0.0)}).sets[0] == (0, 1)
 
 
 def test_a_set_that_its_own_mode_finds_improbable_counts_nowhere():
@@ -168,6 +168,6 @@ def test_a_set_that_its_own_mode_finds_improbable_counts_nowhere():
         (0, 1): posterior(Likelihood(information, np.zeros(PARAMETERS)), alone, prior()),
     }
     assert (0,) not in modes[0,].sets
-    found = combined(modes)
+    found = combine(modes)
     assert found.probability.sum() == pytest.approx(1.0)
     assert (0,) not in found.sets

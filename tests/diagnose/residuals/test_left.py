@@ -11,15 +11,15 @@ from s2r_emps import EmpsBackend
 from s2r_spec.backend import Channel
 from s2r_spec.base.json_values import to_json
 from s2r_spec.diagnose.gap import FEWEST
-from s2r_spec.diagnose.residuals.cells import CELLS, GRID, Cells, Column, path
-from s2r_spec.diagnose.residuals.left import Remainder, begin, label, ordered, remainders
-from s2r_spec.diagnose.simulator.axes import lines
+from s2r_spec.diagnose.residuals.cells import CELLS, GRID, CellColumn, Cells, path
+from s2r_spec.diagnose.residuals.left import Remainder, begin, label, remainders, sort_remainders
+from s2r_spec.diagnose.simulator.axes import effect_axes
 from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.space import key_of
 from s2r_spec.trace import Trace, thin
 from tests.errors import states
 
-LINES = [line for line in lines(EmpsBackend().effects()) if line.effect in {"mass", "coulomb", "cable"}]
+LINES = [line for line in effect_axes(EmpsBackend().effects()) if line.effect in {"mass", "coulomb", "cable"}]
 TESTS = [
     {"speed": v, "accel": a, "payload": m}
     for v, a, m in zip(
@@ -112,11 +112,11 @@ def test_the_cause_is_told_before_the_reaction_to_it():
     voltage = Remainder("u", 0, "", "", 0.55, 0.62, 1.6, "V", "s", 2.1, recorded=True)
     speed = Remainder("v", 0, "", "", 0.62, 0.7, 0.1, "m/s", "s", 3.0, recorded=True)
     force = Remainder("force", 0, "", "", 0.62, 0.7, -36.6, "N", "s", 3.4)
-    assert ordered([speed, voltage]) == (voltage, speed)
+    assert sort_remainders([speed, voltage]) == (voltage, speed)
     # The equations of motion say where it acts, whenever the controller answers.
-    assert ordered([force, speed, voltage]) == (force, speed, voltage)
+    assert sort_remainders([force, speed, voltage]) == (force, speed, voltage)
     hidden = replace(force, surplus=0.9)
-    assert ordered([speed, voltage, hidden]) == (voltage, speed, hidden)
+    assert sort_remainders([speed, voltage, hidden]) == (voltage, speed, hidden)
 
 
 def test_of_too_few_rollouts_nothing_is_told(bench):
@@ -238,7 +238,7 @@ class TwoMotors:
 def test_a_column_of_many_is_told_by_the_part_it_is_of_or_by_its_number(bench, quantity, named):
     two = replace(bench, backend=TwoMotors())
     nominal = TESTS[0], Trace(np.arange(3.0), {}, {})
-    column = Column(quantity, 1, [], slice(0))
+    column = CellColumn(quantity, 1, [], slice(0))
     assert label(two, nominal, column, 2) == named
     assert label(two, nominal, column, 1) == ""
 

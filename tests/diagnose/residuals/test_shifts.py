@@ -9,13 +9,13 @@ from s2r_cart import DAMPING, GAIN, MASS, SPEC, Cart, real
 
 import s2r_spec as s2r
 from s2r_spec.base.json_values import to_json
-from s2r_spec.diagnose.gap.where import Pairs, body_of, where
+from s2r_spec.diagnose.gap.where import Pairs, body_of, locate
 from s2r_spec.diagnose.residuals.cells import CELLS
 from s2r_spec.diagnose.residuals.shifts import Residuals, shifts, windows
 from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.errors import TraceError
 from s2r_spec.runs.compatibility import check_compatibility
-from s2r_spec.runs.seeds import Stream, rollout_seed
+from s2r_spec.runs.seeds import SeedStream, rollout_seed
 from s2r_spec.trace import Trace
 
 UNITS = {"torque": "N*m", "speed": "m/s"}
@@ -83,11 +83,11 @@ def answer(bench, rollouts, seed=0, only_body=False):
     own = [(trace, bench.rho(trace, test)) for test, trace in rollouts]
     other = []
     for number, test in enumerate(tests):
-        trace = bench.run({}, test, rollout_seed(seed, number, 0, Stream.CHECK))
+        trace = bench.run({}, test, rollout_seed(seed, number, 0, SeedStream.CHECK))
         other.append((trace, bench.rho(trace, test)))
     if only_body:
         return body_of(bench, Pairs(tests, own, other), seed)
-    return where(bench.spec, bench.requirement, Pairs(tests, own, other), seed, bench)
+    return locate(bench.spec, bench.requirement, Pairs(tests, own, other), seed, bench)
 
 
 def machine(effects, case, n=16, extra=None, background=0.05):

@@ -88,4 +88,4 @@ def test_a_damaged_cache_is_made_again(tmp_path, made):
     path.write_bytes(path.read_bytes()[:1000])
     again = library(Cart(), [TEST], cache=cache)
     assert again.response(TEST).nominal == pytest.approx(first.response(TEST).nominal)
-    assert any(str(path) in sentence for sentence in cache.said)
+    assert any(str(path) in sentence for sentence in cache.notes)

@@ -1,4 +1,4 @@
-"""The parts of an HTML page, one for each result: text, pictures and number lines."""
+"""The sections of an HTML page, one for each result: text, pictures and number lines."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from s2r_spec.certify.bound.certificate import Certificate, Label
-from s2r_spec.certify.result.check_result import Tested, tested
+from s2r_spec.certify.result.check_result import Tested, group_by_test
 from s2r_spec.certify.result.compose import Composition
 from s2r_spec.certify.result.gap_result import Pair
 from s2r_spec.certify.search.pairing import SIMULATED_PER_REAL
@@ -19,7 +19,7 @@ from s2r_spec.report.figures.band import band
 from s2r_spec.report.figures.canvas import Picture
 from s2r_spec.report.figures.field import Field, FloatArray
 from s2r_spec.report.figures.interval import interval
-from s2r_spec.report.figures.traces import Runs, pair_picture, trace_picture, worst_records
+from s2r_spec.report.figures.traces import JournalRollouts, pair_picture, trace_picture, worst_records
 from s2r_spec.report.finding import Finding
 from s2r_spec.report.numberline import Bars, bars
 from s2r_spec.report.recompute import Recomputed, RecomputedCertify, RecomputedGap
@@ -30,8 +30,8 @@ _WIDE = "The search spends few rollouts where the worst case cannot lie, so the 
 
 
 @dataclass(frozen=True)
-class Part:
-    """The part of the page on one requirement."""
+class Section:
+    """The section of the page on one requirement."""
 
     command: str
     finding: Finding
@@ -43,8 +43,8 @@ class Part:
     version: str
 
 
-def part(run: Run, name: str) -> Part:
-    """Return the part of the page on a run; ``name`` makes the names of its pictures unique."""
+def section(run: Run, name: str) -> Section:
+    """Return the section of the page on a run; ``name`` makes the names of its pictures unique."""
     if isinstance(run, RecomputedCertify):
         return _certify(run, name)
     result = run.result
@@ -54,7 +54,7 @@ def part(run: Run, name: str) -> Part:
     else:
         command, symbol, finding = "s2r gap", "Δ", gap_report.finding(run.spec, run.result)
         worst = _worst_pairs(run, name)
-    return Part(
+    return Section(
         command,
         finding,
         _note(result.certificate, run.waiting),
@@ -66,7 +66,7 @@ def part(run: Run, name: str) -> Part:
     )
 
 
-def _certify(run: RecomputedCertify, name: str) -> Part:
+def _certify(run: RecomputedCertify, name: str) -> Section:
     result, gap, composed = run.result, run.gap, run.result.composition
     simulated, unit = run.simulated.result, run.simulated.result.unit
     bars = [_ladder("worst expected ρ in simulation", simulated.certificate, unit)]
@@ -79,13 +79,13 @@ def _certify(run: RecomputedCertify, name: str) -> Part:
         note = note or _note(gap.result.certificate, gap.waiting)
     if gap is not None and composed is not None:
         bars.insert(0, _summands(run, composed))
-        pictures.append(band(_composed(run, gap, composed), f"{name}-promise"))
+        pictures.append(band(_composed_field(run, gap, composed), f"{name}-promise"))
     if gap is not None:
         pictures += [*_search_pictures(gap, f"{name}-gap"), *_worst_pairs(gap, f"{name}-gap")]
     pictures += _search_pictures(run.simulated, f"{name}-simulation")
     if gap is None:
         pictures += _worst_traces(run.simulated, name)
-    return Part(
+    return Section(
         "s2r certify",
         certify_report.finding(run.spec, result),
         note,
@@ -106,7 +106,7 @@ def _search_pictures(run: Recomputed | RecomputedGap, name: str) -> list[Picture
         return []
     result = run.result
     if isinstance(run, Recomputed):
-        symbol, quantity, tests, of = "ρ", "expected robustness", tested(run.records), "rollouts"
+        symbol, quantity, tests, of = "ρ", "expected robustness", group_by_test(run.records), "rollouts"
         title, remark = f"The bound over the test space, in {result.provenance['backend']}", _WIDE
         batches, counted = "The interval after each batch", "rollouts"
     else:
@@ -159,16 +159,16 @@ def _worst_pairs(run: RecomputedGap, name: str) -> list[Picture]:
     return [pair_picture(real, record, simulated, matching, f"{name}-pair")]
 
 
-def _runs(run: Recomputed | RecomputedGap, records: tuple[Record, ...], system: str = "") -> Runs:
+def _runs(run: Recomputed | RecomputedGap, records: tuple[Record, ...], system: str = "") -> JournalRollouts:
     result = run.result
     source = result.provenance[system] if system else result.provenance
     made = source["backend"], source["model_hash"]
-    return Runs(run.spec, result.requirement, result.unit, result.folder / system, records, *made)
+    return JournalRollouts(run.spec, result.requirement, result.unit, result.folder / system, records, *made)
 
 
-def _composed(run: RecomputedCertify, gap: RecomputedGap, composed: Composition) -> Field:
+def _composed_field(run: RecomputedCertify, gap: RecomputedGap, composed: Composition) -> Field:
     """Return the sum of both bands: the bound for the real machine at each test."""
-    tests = tuple(tested(gap.real))
+    tests = tuple(group_by_test(gap.real))
     bands = _negative(run.simulated.search), _negative(gap.search)
 
     def bounds(points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -274,14 +274,14 @@ def _note(certificate: Certificate, waiting: int) -> str:
 
 def _settings(source: Mapping[str, Any], prefix: str = "") -> tuple[tuple[str, str], ...]:
     flat = {**{key: value for key, value in source.items() if key != "settings"}, **source["settings"]}
-    return tuple((prefix + key, _plain(value)) for key, value in flat.items())
+    return tuple((prefix + key, _plain_text(value)) for key, value in flat.items())
 
 
-def _plain(value: object) -> str:
+def _plain_text(value: object) -> str:
     if isinstance(value, float):
         return f"{value:g}"
     if isinstance(value, list):
-        return ", ".join(map(_plain, value)) or "none"
+        return ", ".join(map(_plain_text, value)) or "none"
     if isinstance(value, Mapping):
-        return ", ".join(f"{key} {_plain(one)}" for key, one in value.items())
+        return ", ".join(f"{key} {_plain_text(one)}" for key, one in value.items())
     return str(value)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from s2r_sim.plant import mujoco_model
 from s2r_sim.plant.physics import Physics
-from s2r_sim.robot.figures import LEGS, Robot
+from s2r_sim.robot.constants import LEGS, Robot
 
 FloatArray = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ _DEEPEST = 0.06
 
 
 @dataclass(frozen=True)
-class Yielding:
+class Compliance:
     """Depth and creep of a foot over the normal force in one world, (n,) each, in rising order.
 
     Attributes:
@@ -48,7 +48,7 @@ class Yielding:
 
 
 @lru_cache(maxsize=64)
-def yielding(robot: Robot, impratio: float, sink: float) -> Yielding:
+def ground_compliance(robot: Robot, impratio: float, sink: float) -> Compliance:
     """Return the compliance of a ground under a foot of this robot; see :class:`~s2r_sim.plant.physics.Physics`."""
     model = mujoco_model.build(robot, Physics(impratio=impratio, sink=sink))
     floor = model.geom(mujoco_model.FLOOR)
@@ -67,4 +67,4 @@ def yielding(robot: Robot, impratio: float, sink: float) -> Yielding:
     d = least + (most - least) * rising
     compliance = (1.0 - d) / d * lightness
     stiffness, damping = 1.0 / (most * constant) ** 2, 2.0 / (most * constant)
-    return Yielding(d * stiffness * depth / compliance, depth, compliance / impratio / damping)
+    return Compliance(d * stiffness * depth / compliance, depth, compliance / impratio / damping)

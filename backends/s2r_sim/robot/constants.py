@@ -1,9 +1,9 @@
-"""The robot: all inertial and kinematic figures of the Unitree A1.
+"""The robot: all inertial and kinematic constants of the Unitree A1.
 
 Source: ``a1_description/urdf/a1.urdf`` in the registry package
 ``example-robot-data`` 6.0.0 (13.741 kg with a trunk of 6.0 kg). Newer vendor files
 have a trunk of 4.713 kg; the right mass of a given robot is an open question.
-``tests/sim/test_figures.py`` compares this table with that file. Both the MuJoCo
+``tests/sim/test_constants.py`` compares this table with that file. Both the MuJoCo
 and the Pinocchio model are built from the table.
 
 Legs are always in the order FR, FL, RR, RL; joints of a leg hip, thigh, calf.
@@ -61,7 +61,7 @@ class Inertia:
         )
 
 
-def fused(parts: Sequence[tuple[Inertia, Vector3]]) -> Inertia:
+def fuse(parts: Sequence[tuple[Inertia, Vector3]]) -> Inertia:
     """Return the inertia of rigidly joined links, each with the offset of its frame (Steiner)."""
     mass = sum(part.mass for part, _ in parts)
     coms = [np.add(part.com, offset) for part, offset in parts]
@@ -151,18 +151,18 @@ class Robot:
         (x, y, z), (dx, dy, dz) = self.trunk.com, com_shift
         trunk = replace(self.trunk, com=(x + dx, y + dy, z + dz))
         for mass, at in payloads:
-            trunk = fused([(trunk, (0.0, 0.0, 0.0)), (Inertia(mass, at, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0))])
+            trunk = fuse([(trunk, (0.0, 0.0, 0.0)), (Inertia(mass, at, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0))])
         return replace(self, trunk=trunk)
 
     @property
     def base(self) -> Inertia:
         """Trunk and IMU in one body."""
-        return fused([(self.trunk, (0.0, 0.0, 0.0)), (self.imu, (0.0, 0.0, 0.0))])
+        return fuse([(self.trunk, (0.0, 0.0, 0.0)), (self.imu, (0.0, 0.0, 0.0))])
 
     @property
     def shank(self) -> Inertia:
         """Calf and foot in one body, in the calf frame."""
-        return fused([(self.calf, (0.0, 0.0, 0.0)), (self.foot, self.foot_offset)])
+        return fuse([(self.calf, (0.0, 0.0, 0.0)), (self.foot, self.foot_offset)])
 
     @property
     def foot_offset(self) -> Vector3:

@@ -1,4 +1,4 @@
-"""Our table of figures against the URDF that example-robot-data carries."""
+"""Our table of constants against the URDF that example-robot-data carries."""
 
 from importlib.metadata import PackageNotFoundError, files
 
@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from s2r_sim.robot import pinocchio_model
-from s2r_sim.robot.figures import A1, JOINTS, LEGS
+from s2r_sim.robot.constants import A1, JOINTS, LEGS
 
 pytestmark = pytest.mark.dev
 
