@@ -47,9 +47,8 @@ def searched(level, scatter=0.02, **changes):
 
 
 def check(tmp_path, limit=0.1, backend="toy", run="run", **words):
-    return s2r.check(
-        s2r.parse_spec(SPEC.replace("LIMIT", str(limit)), "spec.stl"), backend, tmp_path / run, **words
-    )
+    spec = s2r.parse_spec(SPEC.replace("LIMIT", str(limit)), "spec.stl")
+    return s2r.check(spec, backend, tmp_path / run, **THREAD, **words)
 
 
 def facts(result):
