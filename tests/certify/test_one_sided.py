@@ -1,8 +1,5 @@
 """A violation that needs no B: the certificate is refused because of B, and its upper end still holds."""
 
-from concurrent.futures import ThreadPoolExecutor
-from functools import partial
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -17,6 +14,7 @@ from s2r_spec.certify.search.search import Search
 from s2r_spec.report import check as check_report
 from s2r_spec.report.recompute import recompute
 from s2r_spec.space import Space
+from s2r_spec.workers.pools import in_this_process
 from tests.examples import examples
 
 LINE = Space.of({"vd": (0.0, 1.0)})
@@ -48,9 +46,7 @@ def cart(params, seed):
 def check(tmp_path, bound, epsilon=0.05):
     text = SPEC.replace("BOUND", str(bound)).replace("EPSILON", str(epsilon))
     spec = s2r.parse_spec(text, "cart.stl")
-    return s2r.check(
-        spec, s2r.FunctionBackend(cart), tmp_path / "run", executor=partial(ThreadPoolExecutor, 1)
-    )
+    return s2r.check(spec, s2r.FunctionBackend(cart), tmp_path / "run", executor=in_this_process)
 
 
 @given(
