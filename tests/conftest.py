@@ -20,8 +20,9 @@ for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(threads, "1")
 
 from s2r_spec.backend import registry  # noqa: E402
-from s2r_spec.runs import lines, task  # noqa: E402
+from s2r_spec.runs import lines, repeatability, task  # noqa: E402
 from s2r_spec.runs.journal import FILE  # noqa: E402
+from tests import forked  # noqa: E402
 from tests.processes import lives  # noqa: E402
 
 settings.register_profile("again", derandomize=True)
@@ -30,6 +31,7 @@ if "S2R_EXAMPLES" not in os.environ:
 
 PLUGIN = Path(__file__).parent / "plugin"
 sys.path.append(str(PLUGIN))
+RUN_AFRESH = repeatability.run_afresh
 TIMES = Path(__file__).parents[1] / "benchmarks" / "results" / "suite_time.json"
 """Seconds of every file of tests, as ``tests/suite_time.py`` counted them."""
 
@@ -71,6 +73,20 @@ def no_waiting_for_the_disk() -> Generator[None, None, None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "fsync", lambda _: None)
         yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def new_processes_are_forks() -> Generator[None, None, None]:
+    """Repeat the rollout of a run in a fork: a new interpreter imports for longer than most runs take."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(repeatability, "run_afresh", forked.Afresh())
+        yield
+
+
+@pytest.fixture
+def new_interpreters(monkeypatch):
+    """Repeat the rollout of a run as a user's run does, in a new interpreter."""
+    monkeypatch.setattr(repeatability, "run_afresh", RUN_AFRESH)
 
 
 @pytest.fixture(scope="session")

@@ -4,7 +4,8 @@ A fresh interpreter would import numerical libraries for longer than most comman
 by a test still begins as a user's would; see ``CommandLine.command``.
 
 A forked command runs its rollouts in a thread, unless it is given ``--workers``: a worker process takes longer to start
-than most tests take. It does not wait for the disk, for no test pulls the plug.
+than most tests take. Then the repeat that a run makes in a new process has none, either; the tests that call a run make
+it in a fork. It does not wait for the disk, for no test pulls the plug.
 """
 
 from __future__ import annotations
@@ -14,13 +15,18 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from pkgutil import resolve_name
+
+from s2r_spec.runs import repeatability
+from s2r_spec.runs.task import Task, run_task
+from s2r_spec.trace import Trace
 
 FORKS = multiprocessing.get_context("forkserver")
 FORKS.set_forkserver_preload(["tests.warm"])
@@ -35,6 +41,17 @@ def run(words: Sequence[str], folder: Path | None = None, said: str = "") -> sub
     """
     with started(words, folder, said) as command:
         return command.finish()
+
+
+class Afresh:
+    """Stands in for ``repeatability.run_afresh``: a fork is as new a process as an interpreter, and starts sooner."""
+
+    def __call__(self, task: Task) -> tuple[Trace, float]:
+        with ProcessPoolExecutor(1, FORKS, _surround, (dict(os.environ),)) as pool:
+            return pool.submit(run_task, task).result()
+
+    def __reduce__(self) -> tuple[Callable[..., object], tuple[object, ...]]:
+        return resolve_name, ("s2r_spec.runs.repeatability:run_afresh",)  # a worker has nothing to fork from
 
 
 @dataclass(frozen=True)
@@ -81,6 +98,11 @@ def started(
             process.join()
 
 
+def _surround(environment: dict[str, str]) -> None:
+    os.environ.clear()
+    os.environ.update(environment)
+
+
 def _command(
     words: Sequence[str],
     folder: Path,
@@ -96,8 +118,7 @@ def _command(
         os.dup2(os.open(file, os.O_RDWR | os.O_CREAT), descriptor)
     sys.stdin = os.fdopen(0, closefd=False)
     os.chdir(folder)
-    os.environ.clear()
-    os.environ.update(environment)
+    _surround(environment)
     sys.path[:] = path
     sys.argv = ["s2r", *words]
     os.sched_getaffinity = lambda _: {0}  # type: ignore[assignment]
@@ -107,5 +128,6 @@ def _command(
 
     if "--workers" not in words:
         pools.process_pool = lambda workers: partial(ThreadPoolExecutor, 1)
+        repeatability.run_afresh = run_task
 
     main()

@@ -12,6 +12,7 @@ from s2r_spec.certify.search.plan_request import plan
 from s2r_spec.certify.search.search import Search
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space
+from s2r_spec.workers.pools import in_this_process
 from tests.certify.rkhs import RandomFunction, run
 from tests.errors import naming, states
 
@@ -157,12 +158,12 @@ def test_any_measure_can_be_certified_and_resumed(tmp_path):
     def distance(trace, params):
         return float(np.abs(trace["vx"] - 1.0).min())
 
-    words = (distance, "distance", "toy")
-    first = s2r.check_measure(*words, search(), tmp_path / "run", fall=-1.0)
+    words, thread = (distance, "distance", "toy"), {"executor": in_this_process}
+    first = s2r.check_measure(*words, search(), tmp_path / "run", fall=-1.0, **thread)
     assert first.label is Label.CERTIFIED
     # The worst test is the fastest: 1 − (0.3·(1 − e^{−15}) − 0.02·0.3) on average over the bias.
     assert -first.upper <= 1 - 0.3 + 0.006 <= -first.lower
-    again = s2r.check_measure(*words, search(), tmp_path / "run", fall=-1.0, resume=True)
+    again = s2r.check_measure(*words, search(), tmp_path / "run", fall=-1.0, resume=True, **thread)
     assert again == first
     with pytest.raises(UsageError, match=naming("fall", "-1.0", "-2.0")):
         s2r.check_measure(*words, search(), tmp_path / "run", fall=-2.0, resume=True)

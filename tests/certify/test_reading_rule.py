@@ -11,6 +11,7 @@ from s2r_spec.recordings.reading_rule import FIRST, READING
 from s2r_spec.recordings.recorded import LogBackend
 from s2r_spec.report.recompute import recompute, recompute_gap
 from s2r_spec.runs.journal import Journal
+from s2r_spec.workers.pools import in_this_process
 from tests.certify.test_recorded import SPEC, check, design, record
 from tests.errors import naming, states
 
@@ -50,7 +51,7 @@ def test_a_gap_with_logs_is_not_resumed_either(tmp_path, toy, monkeypatch):
     with monkeypatch.context() as changed:
         changed.setattr(LogBackend, "reading", FIRST)
         changed.setattr(reading_rule, "header_fields", lambda backend: {})
-        gap(spec, "toy", backend, tmp_path / "run")
+        gap(spec, "toy", backend, tmp_path / "run", executor=in_this_process)
     with pytest.raises(UsageError, match=naming(f"rule {FIRST}", f"rule {READING}", backend)):
         gap(spec, "toy", backend, tmp_path / "run", resume=True)
     told = recompute_gap(tmp_path / "run").result

@@ -9,6 +9,7 @@ from s2r_spec.report.recompute import recompute
 from s2r_spec.runs.journal import Journal
 from s2r_spec.runs.replay import replay
 from s2r_spec.runs.task import open_backend
+from s2r_spec.workers.pools import in_this_process
 from tests.errors import naming, states
 
 SPEC = """\
@@ -46,7 +47,8 @@ def design(seed=0, tests=40):
 
 
 def check(tmp_path, backend, text=SPEC, run="run", **words):
-    return s2r.check(s2r.parse_spec(text, "spec.stl"), backend, tmp_path / run, **words)
+    spec = s2r.parse_spec(text, "spec.stl")
+    return s2r.check(spec, backend, tmp_path / run, executor=in_this_process, **words)
 
 
 def test_every_recording_counts_once_and_the_interval_is_valid_but_wide(tmp_path):

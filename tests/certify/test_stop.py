@@ -1,8 +1,7 @@
 """Stopping rules: a search ends when ε is reached, when its verdict is known, or when its budget is spent."""
 
-from concurrent.futures import ThreadPoolExecutor
+import shutil
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,13 +18,14 @@ from s2r_spec.errors import UsageError
 from s2r_spec.report.recompute import recompute, recompute_certify, recompute_gap
 from s2r_spec.runs.journal import Journal
 from s2r_spec.space import Space
+from s2r_spec.workers.pools import in_this_process
 from tests.certify.rkhs import run
 from tests.errors import naming
 
 LINE = Space.of({"vd": (0.0, 1.0)}, {"vd": "m/s"})
 KERNEL = Kernel("matern52", 0.3)
 USUAL = {"kernel": KERNEL, "B": 1.5, "R": 0.05, "delta": 0.01, "epsilon": 0.15}
-THREAD = {"executor": partial(ThreadPoolExecutor, 1)}
+THREAD = {"executor": in_this_process}
 TURTLEBOT = Path(__file__).parents[2] / "specs" / "turtlebot.stl"
 SPEC = """\
 signal vx {m/s}
@@ -47,9 +47,22 @@ def searched(level, scatter=0.02, **changes):
 
 
 def check(tmp_path, limit=0.1, backend="toy", run="run", **words):
-    return s2r.check(
-        s2r.parse_spec(SPEC.replace("LIMIT", str(limit)), "spec.stl"), backend, tmp_path / run, **words
-    )
+    spec = s2r.parse_spec(SPEC.replace("LIMIT", str(limit)), "spec.stl")
+    return s2r.check(spec, backend, tmp_path / run, **THREAD, **words)
+
+
+@pytest.fixture(scope="module")
+def whole_runs(tmp_path_factory):
+    """Return what copies a run of 700 rollouts to a folder and returns its result; each limit runs once."""
+    results = {}
+
+    def run_of(limit, folder):
+        if limit not in results:
+            results[limit] = check(tmp_path_factory.mktemp("whole"), limit, stop="budget", budget=700)
+        shutil.copytree(results[limit].folder, folder)
+        return results[limit]
+
+    return run_of
 
 
 def facts(result):
@@ -168,8 +181,10 @@ class TestRuns:
 
     @pytest.mark.parametrize("limit", [0.1, -0.05])
     @pytest.mark.parametrize("words", [{"stop": "decided"}, {"budget": 30}, {"stop": "epsilon"}])
-    def test_a_rule_that_needs_fewer_rollouts_than_are_on_disk_gets_all_of_them(self, tmp_path, limit, words):
-        whole = check(tmp_path, limit, stop="budget", budget=700)
+    def test_a_rule_that_needs_fewer_rollouts_than_are_on_disk_gets_all_of_them(
+        self, tmp_path, whole_runs, limit, words
+    ):
+        whole = whole_runs(limit, tmp_path / "run")
         assert check(tmp_path, limit, run="few", **words).certificate.rollouts < whole.certificate.rollouts
         resumed = check(tmp_path, limit, resume=True, **words)
         records = Journal.read(tmp_path / "run").records()
@@ -182,8 +197,8 @@ class TestRuns:
         )
         assert facts(recompute(tmp_path / "run").result) == facts(resumed)
 
-    def test_an_incomplete_batch_beyond_the_rule_is_left_out_of_every_number(self, tmp_path):
-        check(tmp_path, stop="budget", budget=700)
+    def test_an_incomplete_batch_beyond_the_rule_is_left_out_of_every_number(self, tmp_path, whole_runs):
+        whole_runs(0.1, tmp_path / "run")
         journal = tmp_path / "run" / "journal.jsonl"
         lines = journal.read_bytes().splitlines(keepends=True)
         journal.write_bytes(b"".join(lines[:-1]))

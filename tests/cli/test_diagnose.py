@@ -28,7 +28,7 @@ def cart(s2r, tmp_path, monkeypatch, cache):
 
 
 def test_a_cause_is_named_applied_and_used(cart):
-    words = (*CART, "--real", "cart:real.tilt=-1.6", "--budget", 12, "-q", "--workers", 1)
+    words = (*CART, "--real", "cart:real.tilt=-1.6", "--budget", 12, "-q")
     done = cart(*words, "--run", "run", "--apply", "patched.json", "--report", "gap.html", code=0)
     assert states(done.stdout.splitlines()[0], "NAMED", "tilt")
     assert "patched:patched.json" in done.stderr
@@ -55,8 +55,6 @@ SWING = (
     "--budget",
     20,
     "-q",
-    "--workers",
-    1,
 )
 
 
@@ -83,7 +81,7 @@ def test_the_next_experiment_is_printed_and_played_from_a_file(cart):
         logs.write(machine.rollout({"v": k / 11}, k), cart.folder / "logs" / f"r{k}.npz")
         rows.append(f"r{k},{k / 11}")
     (cart.folder / "logs" / "rollouts.csv").write_text("\n".join(rows) + "\n")
-    words = ("diagnose", "swing.stl", "--sim", "swing", "--real", "log:logs", "-q", "--workers", 1)
+    words = ("diagnose", "swing.stl", "--sim", "swing", "--real", "log:logs", "-q")
     done = cart(*words, "--next", "next.csv", code=3)
     assert states(done.stderr, "protocol split", "next.csv")
     assert states((cart.folder / "next.csv").read_text().splitlines()[0], "q_0", "kp")

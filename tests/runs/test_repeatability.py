@@ -47,6 +47,7 @@ def repeats(folder):
     return json.loads((folder / "repeats" / "repeats.json").read_text())
 
 
+@pytest.mark.usefixtures("new_interpreters")
 @pytest.mark.parametrize(
     ("habit", "cause", "executor"),
     [
