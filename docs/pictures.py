@@ -355,6 +355,9 @@ class _Consents:
     def type_word(self, question: str, word: str) -> None:
         print(question, word)
 
+    def line(self, question: str) -> str:
+        raise StoppedError(question)
+
     def choose(self, question: str, answers: Mapping[str, str]) -> str:
         print(question)
         if self.walked:
