@@ -180,7 +180,7 @@ class PredicateCurves:
     def _value(self, node: f.Value) -> Curve:
         recording, snap = self.recording, self.recording.snap
         if recording.between == "hold":
-            return self._joined(node)  # functions of held signals are held
+            return self._join(node)  # functions of held signals are held
         match node:
             case f.Convert():
                 return self(node.operand).map(node.conversion.each)
@@ -212,12 +212,12 @@ class PredicateCurves:
                 beyond = add(self(node.signal), -self(node.reference), snap)
                 return beyond.scale(float(self.sampled.direction(node).item()))
             case _:
-                return self._joined(node)
+                return self._join(node)
 
     def _steady(self, node: f.Value) -> bool:
         return bool(self.sampled(node).shape[-1] == 1 < self.recording.times.size)
 
-    def _joined(self, node: f.Value) -> Curve:
+    def _join(self, node: f.Value) -> Curve:
         """Return the curve through the values at the samples."""
         times = self.recording.times
         samples = np.broadcast_to(self.sampled(node)[0], times.shape)

@@ -193,13 +193,13 @@ class HeldValues(PredicateCurves):
     def _value(self, node: f.Value) -> Curve:
         match node:
             case f.SignalValue():
-                return self._joined(node)
+                return self._join(node)
             case f.Duration():
                 return _duration(self.courses.walk()(node.operand))
             case f.Accumulated():
-                return self._accumulated(node)
+                return self._accumulate(node)
             case f.Derivative() | f.Delayed() | f.Count() | f.Initial():
-                return self._joined(node)
+                return self._join(node)
             case f.Choice() if _grows(node):
                 return self._chosen(node)
             case f.Arithmetic(operator="*" | "/") if _grows(node) and not self._has_steady_part(node):
@@ -255,7 +255,7 @@ class HeldValues(PredicateCurves):
         finally:
             self.recording = held
 
-    def _joined(self, node: f.Value) -> Curve:
+    def _join(self, node: f.Value) -> Curve:
         """Return the curve through the values at the messages, with jumps where a held signal has one."""
         times, read = self.recording.times, signals_of(node)
         samples = np.broadcast_to(self.sampled(node)[0], times.shape)
@@ -272,7 +272,7 @@ class HeldValues(PredicateCurves):
         left = np.broadcast_to(_OwnNumbers(ends, self.courses)(node)[0], times[1:].shape)
         return Curve(times, samples, samples[:-1], left)
 
-    def _accumulated(self, node: f.Accumulated) -> Curve:
+    def _accumulate(self, node: f.Accumulated) -> Curve:
         if _grows(node.operand):
             raise _curved_error(node)
         operand = self(node.operand)

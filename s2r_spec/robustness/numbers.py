@@ -84,9 +84,9 @@ class Numbers:
             case _:
                 # margin reports an undefined result with its predicate
                 with np.errstate(all="ignore"):
-                    return self._computed(node)
+                    return self._compute(node)
 
-    def _computed(self, node: f.Value) -> FloatArray:
+    def _compute(self, node: f.Value) -> FloatArray:
         match node:
             case f.Initial():
                 return self(node.operand)[..., :1]

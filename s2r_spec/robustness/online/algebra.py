@@ -46,7 +46,7 @@ class OnlineAlgebra:
         self.ranges = ranges
         self.params = params
         self.walk = Walk[Term](self, until)
-        self.values = NumberBuilder(clock, signals, params, roots, self._followed)
+        self.values = NumberBuilder(clock, signals, params, roots, self._follow)
         self.terms: list[Term] = []  # the operands of a term come before it
         self.predicates: list[tuple[Leaf, f.Comparison]] = []
         timed = (node for root in roots for node in f.walk(root) if isinstance(node, f.Temporal | f.Until))
@@ -61,12 +61,12 @@ class OnlineAlgebra:
         for term in self.terms:
             term.foresee()
 
-    def _followed(self, node: f.Formula) -> Term:
+    def _follow(self, node: f.Formula) -> Term:
         term = self.walk(node)
         term.follow()
         return term
 
-    def _made(self, term: Term) -> Term:
+    def _make(self, term: Term) -> Term:
         self.terms.append(term)
         return term
 
@@ -111,15 +111,15 @@ class OnlineAlgebra:
 
     def negative(self, x: Term) -> Term:
         """Return −x."""
-        return x.operand if type(x) is Negative else self._made(Negative(self.clock, x))
+        return x.operand if type(x) is Negative else self._make(Negative(self.clock, x))
 
     def scale(self, x: Term, factor: float) -> Term:
         """Return factor · x."""
-        return self._made(Scaled(self.clock, x, factor))
+        return self._make(Scaled(self.clock, x, factor))
 
     def least(self, x: Term, y: Term) -> Term:
         """Return the smaller of both."""
-        return self._made(Least(self.clock, x, y))
+        return self._make(Least(self.clock, x, y))
 
     def greatest(self, x: Term, y: Term) -> Term:
         """Return the greater of both."""
@@ -128,7 +128,7 @@ class OnlineAlgebra:
     def always(self, x: Term, interval: f.Interval, past: bool) -> Term:
         """Return the least over the window."""
         reach, place = self.clock.reach(interval, past), self.places[id(interval.span)]
-        return self._made(Always(self.clock, x, reach, past, place))
+        return self._make(Always(self.clock, x, reach, past, place))
 
     def eventually(self, x: Term, interval: f.Interval, past: bool) -> Term:
         """Return the greatest over the window."""
@@ -137,12 +137,12 @@ class OnlineAlgebra:
     def until(self, left: Term, right: Term, interval: f.Interval, past: bool) -> Term:
         """Return the robustness of the best witness."""
         reach, place = self.clock.reach(interval, past), self.places[id(interval.span)]
-        return self._made(Until(self.clock, left, right, reach, past, place))
+        return self._make(Until(self.clock, left, right, reach, past, place))
 
     def step(self, x: Term, node: f.AdjacentSample) -> Term:
         """Return x at the next sample, or at the previous one for ``prev``."""
-        return self._made(AdjacentSample(self.clock, x, node.operator == "next"))
+        return self._make(AdjacentSample(self.clock, x, node.operator == "next"))
 
     def rise(self, x: Term) -> Term:
         """Return min(x, −x one sample before)."""
-        return self._made(Rise(self.clock, x))
+        return self._make(Rise(self.clock, x))

@@ -118,7 +118,7 @@ class NumberBuilder:
             case f.Elementary():
                 return self._each(_ELEMENTARY[node.function], node.operand)
             case f.Extremum():
-                return self._folded(lesser if node.function == "min" else greater, node.operands)
+                return self._fold(lesser if node.function == "min" else greater, node.operands)
             case f.Norm():
                 parts = tuple(part for operand in node.operands for part in self(operand).parts)
                 return InstantNumber(
@@ -139,7 +139,7 @@ class NumberBuilder:
         parts = [_apply(function, [parts[i % len(parts)] for parts in operands]) for i in range(width)]
         return InstantNumber(tuple(parts), self._sources(*nodes))
 
-    def _folded(self, function: Callable[[float, float], float], nodes: Sequence[f.Value]) -> InstantNumber:
+    def _fold(self, function: Callable[[float, float], float], nodes: Sequence[f.Value]) -> InstantNumber:
         first, *rest = (self(node).parts[0] for node in nodes)
 
         def value(k: int) -> float:
