@@ -28,7 +28,7 @@ WAIT = 2.0 * PERIOD
 
 
 class Client:
-    """A :class:`~s2r_a1.walk.Connection` to the guard of a robot.
+    """A :class:`~s2r_a1.walk.RobotConnection` to the guard of a robot.
 
     Attributes:
         lockstep: whether the connection runs in lock step.

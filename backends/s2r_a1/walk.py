@@ -37,7 +37,7 @@ class StateChange(NamedTuple):
     reason: str = ""
 
 
-class Connection(Protocol):
+class RobotConnection(Protocol):
     """The connection to the robot: through the guard, or a substitute in tests.
 
     Attributes:
@@ -97,7 +97,7 @@ class Walked:
 
 
 def walk(
-    line: Connection,
+    line: RobotConnection,
     pilot: Pilot,
     schedule: Schedule,
     ready: Callable[[], None] | None = None,
@@ -121,7 +121,7 @@ def walk(
 
 
 def move(
-    line: Connection,
+    line: RobotConnection,
     mover: Mover,
     motion: str,
     ready: Callable[[], None] | None = None,
@@ -139,7 +139,7 @@ def move(
     return Walked(tuple(notes), ending)
 
 
-def stand(line: Connection) -> Reading:
+def stand(line: RobotConnection) -> Reading:
     """Have the robot stand up if it lies, and return the newest reading once it stands still.
 
     Raises:
@@ -160,7 +160,7 @@ def stand(line: Connection) -> Reading:
     raise NotBegunError("the robot did not stand up within 10 s; check what holds it, and try again")
 
 
-def rest(line: Connection) -> None:
+def rest(line: RobotConnection) -> None:
     """Have a standing robot lie down; return when it lies, or when the guard does something else.
 
     Raises:
@@ -176,7 +176,7 @@ def rest(line: Connection) -> None:
 
 
 def _move(
-    line: Connection, mover: Mover, motion: str, reading: Reading, begins: Callable[[], None] | None
+    line: RobotConnection, mover: Mover, motion: str, reading: Reading, begins: Callable[[], None] | None
 ) -> tuple[list[Note], StateChange | None]:
     """Return the notes of a motion from a reading on, and the cause of an early end."""
     notes: list[Note] = []
@@ -210,7 +210,7 @@ def _move(
             return notes, line.change
 
 
-def _halt(line: Connection) -> StateChange | None:
+def _halt(line: RobotConnection) -> StateChange | None:
     """Have the guard take over; return its change of state if it acted before."""
     try:
         line.request("halt")
@@ -219,14 +219,14 @@ def _halt(line: Connection) -> StateChange | None:
     return None
 
 
-def _damp(line: Connection, reason: str) -> StateChange:
+def _damp(line: RobotConnection, reason: str) -> StateChange:
     """Have the robot damped; a fault of its controller is an outcome."""
     with suppress(BackendError):
         line.request("damp", reason=reason)
     return StateChange("DAMPING", "torque", reason)
 
 
-def _settle(line: Connection) -> None:
+def _settle(line: RobotConnection) -> None:
     """Wait for ``SETTLING`` rounds until the robot is still; the recording goes on."""
     with suppress(BackendError):
         for _ in range(SETTLING):

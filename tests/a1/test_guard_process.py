@@ -17,7 +17,7 @@ from s2r_a1.guard import __main__ as guard
 from s2r_a1.guard import moves
 from s2r_a1.guard.control import Connection, ControlError, RefusedError
 from s2r_a1.guard.place import hold, place
-from s2r_a1.guard.start import Robot, attach, start
+from s2r_a1.guard.start import RobotAddress, attach, start
 from s2r_a1.link import UdpLink
 from s2r_a1.rawlog import read
 from s2r_a1.wire import A1, GO1, Orders, pack, pack_reading, unpack_orders
@@ -151,7 +151,7 @@ def started(closing):
 
 @pytest.fixture
 def robot(toy):
-    return Robot("127.0.0.1", toy.port, clock="lockstep")
+    return RobotAddress("127.0.0.1", toy.port, clock="lockstep")
 
 
 @pytest.fixture
@@ -229,7 +229,7 @@ def test_a_run_is_repeated_bit_for_bit(closing, started):
     for _ in range(2):
         toy = Toy()
         closing.append(toy)
-        robot = Robot("127.0.0.1", toy.port, clock="lockstep")
+        robot = RobotAddress("127.0.0.1", toy.port, clock="lockstep")
         connection, _ = started(robot)
         connection.request("connect")
         connection.request("arm")
@@ -349,7 +349,7 @@ def test_a_guard_is_started_once_and_found_again(robot, operator):
     again.close()
     assert hello["pid"] == operator.request("status")["pid"]
     with pytest.raises(UsageError):
-        attach(Robot(robot.host, robot.port, clock="real"), "operator")
+        attach(RobotAddress(robot.host, robot.port, clock="real"), "operator")
 
 
 def test_a_robot_that_is_not_there_is_refused_and_nothing_is_sent_on(closing, started):
@@ -357,7 +357,7 @@ def test_a_robot_that_is_not_there_is_refused_and_nothing_is_sent_on(closing, st
     with free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    connection, _ = started(Robot("127.0.0.1", port, clock="lockstep"))
+    connection, _ = started(RobotAddress("127.0.0.1", port, clock="lockstep"))
     with pytest.raises(RefusedError):
         connection.request("connect")
     assert connection.request("status")["state"] == "OFF"
@@ -368,7 +368,7 @@ def test_a_robot_of_another_layout_is_refused(closing, started, answers):
     closing.append(Toy(GO1 if not answers else A1))
     if answers:
         closing[0].answers = lambda state: pack_reading(state, GO1)
-    connection, _ = started(Robot("127.0.0.1", closing[0].port, clock="lockstep"))
+    connection, _ = started(RobotAddress("127.0.0.1", closing[0].port, clock="lockstep"))
     with pytest.raises(RefusedError):
         connection.request("connect")
     assert connection.request("status")["state"] == "OFF"
@@ -386,14 +386,14 @@ def test_a_robot_that_walks_by_itself_is_not_armed(toy, operator):
 
 
 def test_lock_step_is_for_this_machine_only(started):
-    connection, _ = started(Robot("192.0.2.1", clock="lockstep"))
+    connection, _ = started(RobotAddress("192.0.2.1", clock="lockstep"))
     with pytest.raises(RefusedError):
         connection.request("connect")
 
 
 def test_an_unknown_layout_and_a_second_guard_are_sentences(robot, operator):
     with pytest.raises(BackendError):
-        start(Robot("127.0.0.1", 9, layout="go7", clock="lockstep"))
+        start(RobotAddress("127.0.0.1", 9, layout="go7", clock="lockstep"))
 
 
 def test_all_packets_are_recorded_as_they_came(toy, robot, walker, tmp_path):
@@ -475,7 +475,7 @@ def test_sigkill_leaves_no_lock_and_the_next_guard_knows_no_consent(robot, armed
 def test_in_real_time_a_robot_is_connected_and_other_senders_are_ignored(closing, started):
     toy = Toy(clock="real")
     closing.append(toy)
-    connection, _ = started(Robot("127.0.0.1", toy.port))
+    connection, _ = started(RobotAddress("127.0.0.1", toy.port))
     try:
         connected = connection.request("connect")
     except RefusedError as error:

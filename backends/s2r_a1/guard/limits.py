@@ -393,43 +393,41 @@ def _worst_joint(values: FloatArray) -> int:
     return int(np.argmax(values))
 
 
-def _link(limits: Limits, seen: CheckedQuantities) -> str | None:
-    if seen.link >= limits.silence:
-        return f"the robot has sent no new state for {seen.link / MS:.0f} ms"
+def _link(limits: Limits, checked: CheckedQuantities) -> str | None:
+    if checked.link >= limits.silence:
+        return f"the robot has sent no new state for {checked.link / MS:.0f} ms"
     return None
 
 
-def _absent(limits: Limits, seen: CheckedQuantities) -> str | None:
-    if seen.link >= limits.absence:
-        return f"the robot has sent no new state for {seen.link / SECOND:.1f} s"
+def _absent(limits: Limits, checked: CheckedQuantities) -> str | None:
+    if checked.link >= limits.absence:
+        return f"the robot has sent no new state for {checked.link / SECOND:.1f} s"
     return None
 
 
-def _numbers(limits: Limits, seen: CheckedQuantities) -> str | None:
-    return "two states in a row had impossible numbers" if seen.bad >= 2 else None
+def _numbers(limits: Limits, checked: CheckedQuantities) -> str | None:
+    return "two states in a row had impossible numbers" if checked.bad >= 2 else None
 
 
-def _client(limits: Limits, seen: CheckedQuantities) -> str | None:
-    if seen.client >= limits.silence:
-        return f"the program that moves the robot has sent no valid command for {seen.client / MS:.0f} ms"
+def _client(limits: Limits, checked: CheckedQuantities) -> str | None:
+    if checked.client >= limits.silence:
+        return f"the program that moves the robot has sent no valid command for {checked.client / MS:.0f} ms"
     return None
 
 
-def _guard_delay(limits: Limits, seen: CheckedQuantities) -> str | None:
-    if seen.late >= limits.silence:
-        return (
-            f"the guard itself was delayed by {seen.late / MS:.0f} ms; run no other programs on its machine"
-        )
+def _guard_delay(limits: Limits, checked: CheckedQuantities) -> str | None:
+    if checked.late >= limits.silence:
+        return f"the guard itself was delayed by {checked.late / MS:.0f} ms; run no other programs on its machine"
     return None
 
 
-def _button(limits: Limits, seen: CheckedQuantities) -> str | None:
-    pressed = remote.stop(seen.reading.remote)
+def _button(limits: Limits, checked: CheckedQuantities) -> str | None:
+    pressed = remote.stop(checked.reading.remote)
     return f"{pressed} was pressed on the remote control" if pressed else None
 
 
-def _motor(limits: Limits, seen: CheckedQuantities) -> str | None:
-    mode, error = seen.reading.mode, seen.reading.error
+def _motor(limits: Limits, checked: CheckedQuantities) -> str | None:
+    mode, error = checked.reading.mode, checked.reading.error
     # Bytes compare in a tenth of the time that arrays take.
     if mode.tobytes() != _ALL_CLOSED:
         joint = int(np.argmax(mode != CLOSED_LOOP))
@@ -440,12 +438,12 @@ def _motor(limits: Limits, seen: CheckedQuantities) -> str | None:
     return None
 
 
-def _heat(limits: Limits, seen: CheckedQuantities) -> str | None:
-    return _too_hot(limits.hot, seen.reading.temperature)
+def _heat(limits: Limits, checked: CheckedQuantities) -> str | None:
+    return _too_hot(limits.hot, checked.reading.temperature)
 
 
-def _warmth(limits: Limits, seen: CheckedQuantities) -> str | None:
-    return _too_hot(limits.warm, seen.reading.temperature)
+def _warmth(limits: Limits, checked: CheckedQuantities) -> str | None:
+    return _too_hot(limits.warm, checked.reading.temperature)
 
 
 def _too_hot(limit: float, temperature: FloatArray) -> str | None:
@@ -455,31 +453,32 @@ def _too_hot(limit: float, temperature: FloatArray) -> str | None:
     return f"the motor of the {JOINTS[joint]} is at {temperature[joint]:.0f} °C; the limit is {limit:.0f} °C"
 
 
-def _torque(limits: Limits, seen: CheckedQuantities) -> str | None:
-    if seen.strong.max() < limits.torque_rounds:
+def _torque(limits: Limits, checked: CheckedQuantities) -> str | None:
+    if checked.strong.max() < limits.torque_rounds:
         return None
-    joint = int(np.argmax(seen.strong))
+    joint = int(np.argmax(checked.strong))
     return (
-        f"the torque of the {JOINTS[joint]} is {seen.reading.tau[joint]:.1f} N·m, beyond ±{limits.torque:g} N·m, "
+        f"the torque of the {JOINTS[joint]} is {checked.reading.tau[joint]:.1f} N·m, beyond ±{limits.torque:g} N·m, "
         f"in {limits.torque_rounds} states in a row"
     )
 
 
-def _strain(limits: Limits, seen: CheckedQuantities) -> str | None:
-    if seen.strained.max() * ROUND < limits.strain_time:
+def _strain(limits: Limits, checked: CheckedQuantities) -> str | None:
+    if checked.strained.max() * ROUND < limits.strain_time:
         return None
-    joint = int(np.argmax(seen.strained))
+    joint = int(np.argmax(checked.strained))
     return f"the torque of the {JOINTS[joint]} has exceeded {limits.strain:g} N·m for {limits.strain_time / SECOND:g} s"
 
 
-def _power(limits: Limits, seen: CheckedQuantities) -> str | None:
-    if seen.power < limits.power_rounds:
+def _power(limits: Limits, checked: CheckedQuantities) -> str | None:
+    if checked.power < limits.power_rounds:
         return None
-    return f"the motors take {power(seen.reading):.0f} W; level {limits.power_level} of 10 allows {limits.watts:.0f} W"
+    watts = power(checked.reading)
+    return f"the motors take {watts:.0f} W; level {limits.power_level} of 10 allows {limits.watts:.0f} W"
 
 
-def _joints(limits: Limits, seen: CheckedQuantities) -> str | None:
-    q = seen.reading.q
+def _joints(limits: Limits, checked: CheckedQuantities) -> str | None:
+    q = checked.reading.q
     middle, inverse = limits.kept
     off = np.abs((q - middle) * inverse)
     if off.max() <= 1.0:
@@ -489,10 +488,10 @@ def _joints(limits: Limits, seen: CheckedQuantities) -> str | None:
     return f"the {JOINTS[joint]} is at {q[joint]:.2f} rad, within {limits.margin:g} rad of its limit of {bound:.2f} rad"
 
 
-def _deviation(limits: Limits, seen: CheckedQuantities) -> str | None:
-    if seen.desired is None:
+def _deviation(limits: Limits, checked: CheckedQuantities) -> str | None:
+    if checked.desired is None:
         return None
-    off = np.abs(seen.reading.q - seen.desired)
+    off = np.abs(checked.reading.q - checked.desired)
     if off.max() <= limits.deviation:
         return None
     joint = _worst_joint(off)
@@ -502,17 +501,17 @@ def _deviation(limits: Limits, seen: CheckedQuantities) -> str | None:
     )
 
 
-def _tilt(limits: Limits, seen: CheckedQuantities) -> str | None:
-    _, x, y, _ = seen.reading.quaternion.tolist()
+def _tilt(limits: Limits, checked: CheckedQuantities) -> str | None:
+    _, x, y, _ = checked.reading.quaternion.tolist()
     upright = 1.0 - 2.0 * (x * x + y * y)
     if upright >= limits.upright:
         return None
     return f"the base is tilted by {acos(max(upright, -1.0)):.2f} rad; the limit is {limits.tilt:g} rad"
 
 
-def _height(limits: Limits, seen: CheckedQuantities) -> str | None:
+def _height(limits: Limits, checked: CheckedQuantities) -> str | None:
     highest = -inf
-    for height in leg.heights(limits.legs, seen.reading.q.tolist(), seen.reading.quaternion.tolist()):
+    for height in leg.heights(limits.legs, checked.reading.q.tolist(), checked.reading.quaternion.tolist()):
         if height >= limits.height:  # mostly the first foot, and one is enough
             return None
         highest = max(highest, height)

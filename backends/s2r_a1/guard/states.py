@@ -311,18 +311,18 @@ def step(machine: Machine, inputs: Inputs, limits: Limits) -> RoundResult:
     followed = _obey(machine, inputs, limits) if row.client else machine.followed
     machine = machine._replace(memory=memory, followed=followed)
     if row.checks:
-        seen = _checked_quantities(machine, now, late)
+        checked = _checked_quantities(machine, now, late)
         new, calm = inputs.arrival.reading is not None, inputs.arrival.calm
         for check in row.checks:
             if (check.measures and not new) or (check.covered and calm):
                 continue
-            if sentence := check.find(limits, seen):
+            if sentence := check.find(limits, checked):
                 machine = damp(machine, now, check.word, sentence)
                 break
         else:
             if new:
                 checks = [check for check in row.warnings if not (check.covered and calm)]
-                machine = _warn(machine, checks, seen, limits)
+                machine = _warn(machine, checks, checked, limits)
             machine = _watch_remote(_proceed(machine, row, now), now)
     return RoundResult(machine, RULES[machine.state].orders(machine, now, limits))
 
@@ -374,9 +374,9 @@ def unready(machine: Machine, conditions: Conditions, limits: Limits) -> str | N
         return conditions.refusal
     if not conditions.unit:
         return "the guard is still measuring the robot's clock; try again in a second"
-    seen = _checked_quantities(machine, memory.now, 0)
+    checked = _checked_quantities(machine, memory.now, 0)
     for check in (limit.MOTOR, limit.WARMTH, limit.BUTTON):
-        if sentence := check.find(limits, seen):
+        if sentence := check.find(limits, checked):
             return sentence
     if memory.pose is None or memory.now - memory.still < limits.still_time:
         return (
@@ -486,9 +486,9 @@ def _begin(machine: Machine, do: str, limits: Limits) -> tuple[Machine, str | No
         return machine, "the robot sends no new state; wait, or check the cable"
     if machine.remote is not None and (lost := remote.loss(now - machine.remote)):
         return machine, lost
-    seen = _checked_quantities(machine._replace(motion=None), now, 0)._replace(client=0)
+    checked = _checked_quantities(machine._replace(motion=None), now, 0)._replace(client=0)
     for check in (*RULES[state].checks, limit.WARMTH):
-        if sentence := check.find(limits, seen):
+        if sentence := check.find(limits, checked):
             return machine, sentence
     begun = machine._replace(state=state, since=now, word=None, reason=None)
     if RULES[state].client:
@@ -629,7 +629,7 @@ def _rounds(silence: int) -> int:
     return (silence + limit.ROUND // 2) // limit.ROUND * limit.ROUND
 
 
-def _warn(machine: Machine, checks: list[LimitCheck], seen: CheckedQuantities, limits: Limits) -> Machine:
+def _warn(machine: Machine, checks: list[LimitCheck], checked: CheckedQuantities, limits: Limits) -> Machine:
     """Return the machine with the active warnings of these checks."""
-    warnings = tuple((check.name, sentence) for check in checks if (sentence := check.find(limits, seen)))
+    warnings = tuple((check.name, sentence) for check in checks if (sentence := check.find(limits, checked)))
     return machine._replace(warnings=warnings) if warnings or machine.warnings else machine
