@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 import gpytorch  # noqa: F401
 import numba  # noqa: F401
 import numpy.ma  # noqa: F401
+import scipy.stats  # noqa: F401
 import typer.main
 
 with suppress(ImportError):  # an extra
@@ -19,6 +20,7 @@ with suppress(ImportError):  # an extra
 
 import s2r_spec.certify.check
 import s2r_spec.cli.terminal.progress
+import s2r_spec.diagnose
 import s2r_spec.report.html  # noqa: F401
 from s2r_spec.cli import app
 
