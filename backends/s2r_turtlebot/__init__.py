@@ -43,7 +43,7 @@ def ideal(*values: float) -> tuple[float, ...]:
     return values
 
 
-def steer(x: float, y: float, ox: float, oy: float, constants: Constants) -> tuple[float, float]:
+def steer(x: float, y: float, ox: float, oy: float, robot: Constants) -> tuple[float, float]:
     """Return the velocity [m/s] of the steered point: towards the goal, with a barrier around the obstacle.
 
     The desired velocity is an attraction to the goal plus a swirl around the obstacle, on the side where the straight
@@ -51,44 +51,38 @@ def steer(x: float, y: float, ox: float, oy: float, constants: Constants) -> tup
     barrier h = |p − o|² − keep² satisfies ḣ ≥ −decay h. This quadratic program has one constraint, and a projection on
     its half-plane solves it.
     """
-    gx, gy = constants.goal[0] - x, constants.goal[1] - y
+    gx, gy = robot.goal[0] - x, robot.goal[1] - y
     distance = hypot(gx, gy)
-    pull = constants.speed * tanh(distance / constants.reach) / max(distance, 1e-9)
+    pull = robot.speed * tanh(distance / robot.reach) / max(distance, 1e-9)
     dx, dy = x - ox, y - oy
     square = max(dx * dx + dy * dy, 1e-9)
-    barrier = square - constants.keep**2
-    (sx, sy), (ex, ey) = constants.start, constants.goal
+    barrier = square - robot.keep**2
+    (sx, sy), (ex, ey) = robot.start, robot.goal
     side = 1.0 if (ex - sx) * (oy - sy) >= (ey - sy) * (ox - sx) else -1.0
-    turn = side * constants.speed * constants.swirl * exp(-square / constants.keep**2) / constants.keep
+    turn = side * robot.speed * robot.swirl * exp(-square / robot.keep**2) / robot.keep
     ux, uy = pull * gx - turn * dy, pull * gy + turn * dx
-    lacking = max(0.0, -constants.decay * barrier - 2 * (dx * ux + dy * uy)) / (2 * square)
+    lacking = max(0.0, -robot.decay * barrier - 2 * (dx * ux + dy * uy)) / (2 * square)
     return ux + lacking * dx, uy + lacking * dy
 
 
 def drive(
-    ox: float,
-    oy: float,
-    ticks: int,
-    seed: int,
-    constants: Constants,
-    look: Body = ideal,
-    wheels: Body = ideal,
+    ox: float, oy: float, ticks: int, seed: int, robot: Constants, look: Body = ideal, wheels: Body = ideal
 ) -> np.ndarray:
     """Return (ticks + 1, 5) of x, y, heading, v and w, for a unicycle with white noise on both speeds."""
     # The error in one tick exceeds the mean error over one second by the square root of the ratio of the two times.
-    errors = np.random.default_rng(seed).normal(scale=constants.slip / constants.step**0.5, size=(ticks, 2))
-    (x, y), heading = constants.start, 0.0
+    errors = np.random.default_rng(seed).normal(scale=robot.slip / robot.step**0.5, size=(ticks, 2))
+    (x, y), heading = robot.start, 0.0
     rows = [(x, y, heading, 0.0, 0.0)]
     for forward, turning in errors.tolist():
         seen_x, seen_y, seen_heading = look(x, y, heading)
         c, s = cos(seen_heading), sin(seen_heading)
-        ux, uy = steer(seen_x + constants.ahead * c, seen_y + constants.ahead * s, ox, oy, constants)
-        v, w = c * ux + s * uy, (c * uy - s * ux) / constants.ahead
+        ux, uy = steer(seen_x + robot.ahead * c, seen_y + robot.ahead * s, ox, oy, robot)
+        v, w = c * ux + s * uy, (c * uy - s * ux) / robot.ahead
         speed, rate = wheels(v, w)
         # The two errors of a differential drive: both wheels too fast, or one faster than the other.
-        x += constants.step * speed * (1 + forward) * cos(heading)
-        y += constants.step * speed * (1 + forward) * sin(heading)
-        heading += constants.step * (rate + turning)
+        x += robot.step * speed * (1 + forward) * cos(heading)
+        y += robot.step * speed * (1 + forward) * sin(heading)
+        heading += robot.step * (rate + turning)
         rows.append((x, y, heading, v, w))
     return np.array(rows)
 
