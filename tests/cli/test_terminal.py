@@ -17,6 +17,7 @@ from s2r_spec.cli.terminal import terminal
 from s2r_spec.errors import BackendError, UsageError
 from s2r_spec.report import REPORTERS, reporter
 from s2r_spec.report import check as check_report
+from s2r_spec.workers.pools import in_this_process
 from tests.cli.conftest import SPEC
 
 STEP = "signal v {m/s}\nrequire slow: always (v <= 1 {m/s})\n"
@@ -120,7 +121,7 @@ def test_mistakes_of_a_specification_are_drawn_and_safe():
 
 def test_reports_of_hostile_names_are_safe_in_every_form(toy, tmp_path, streams):
     spec = s2r.parse_spec(SPEC.replace("LIMIT", "0.1"), "spec.stl")
-    result = s2r.check(spec, "toy", tmp_path / "walking", budget=8)
+    result = s2r.check(spec, "toy", tmp_path / "walking", budget=8, executor=in_this_process)
     nasty = replace(
         result,
         reason=HOSTILE,
