@@ -193,7 +193,7 @@ def test_names_are_looked_up_and_a_loop_is_refused():
 
 @pytest.mark.parametrize(
     ("given", "remedy"),
-    [(pd.DataFrame({"t": [0]}), "from_dataframe"), ("walk.csv", "read_trace"), (None, "Trace")],
+    [(pd.DataFrame({"t": [0]}), "v"), ("walk.csv", "read_trace"), (None, "Trace")],
 )
 def test_what_is_no_trace_is_said_with_the_remedy(given, remedy):
     spec = s2r.parse_spec("signal v {m/s}\nrequire slow: v <= 2 {m/s}")
