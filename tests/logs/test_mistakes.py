@@ -2,6 +2,7 @@
 
 from fractions import Fraction
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 
 from s2r_spec import logs
 from s2r_spec.errors import TraceError, TraceNote, UsageError
+from s2r_spec.logs.topics.collected import Element
 from tests.errors import naming
 from tests.logs import tables
 
@@ -334,3 +336,32 @@ def test_stamps_that_are_no_times(path, stamps, unit):
     tables.write(path, t=stamps, v=V[:2])
     with pytest.raises(TraceError, match="time"):
         logs.read(path, wanted=["v"], time_unit=unit)
+
+
+def test_an_unnamed_first_column_has_the_name_that_pandas_gives_it(tmp_path):
+    path = tmp_path / "frame.csv"
+    path.write_text(",v\n0,1\n0.1,1\n0.2,3\n")
+    with pytest.raises(TraceError, match="Unnamed: 0"):
+        logs.load(path, {}, {"v": None})
+    assert logs.load(path, {"t": "Unnamed: 0"}, {"v": None}).trace.times.tolist() == [0.0, 0.1, 0.2]
+
+
+def test_days_in_the_name_of_the_times_are_days(tmp_path):
+    path = tmp_path / "days.csv"
+    path.write_text("time_days,v\n0,1\n0.5,1\n1,3\n")
+    assert logs.load(path, {"t": "time_days"}, {"v": None}).trace.times.tolist() == [0.0, 43200.0, 86400.0]
+
+
+@pytest.mark.parametrize("first", [133_000_000_000_000_000, 638_000_000_000_000_000])
+def test_counts_of_100_nanoseconds_are_not_taken_for_nanoseconds(tmp_path, first):
+    path = tmp_path / "counts.csv"
+    path.write_text("".join(["time,v\n", *(f"{first + k * 10**6},1\n" for k in range(5))]))
+    with pytest.raises(TraceError, match="state their --time-unit"):
+        logs.load(path, {"t": "time"}, {"v": None})
+
+
+def test_a_message_that_names_one_joint_twice_is_refused():
+    message = SimpleNamespace(name=["hip", "knee", "hip"], position=[1.0, 2.0, 3.0])
+    assert Element("name", "position", "knee")(message) == 2.0
+    with pytest.raises(TraceError, match="hip"):
+        Element("name", "position", "hip")(message)
