@@ -161,10 +161,8 @@ def needs_samples(node: f.Node, times: Mapping[str, FloatArray]) -> bool:
         if isinstance(part, f.AdjacentSample):
             return True
         if isinstance(part, f.Count | f.Delayed | f.Derivative):
-            first, *others = (
-                (times[name] for name in signals_of(part)) if signals_of(part) else (np.zeros(0),)
-            )
-            if any(one is not first and not np.array_equal(one, first) for one in others):
+            stamps = [times[name] for name in signals_of(part)]
+            if any(one is not stamps[0] and not np.array_equal(one, stamps[0]) for one in stamps[1:]):
                 return True
     return False
 

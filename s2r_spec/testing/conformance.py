@@ -270,7 +270,7 @@ def _check_repeated(subject: _Subject, out: Check) -> None:
         return
     ends = [{**test, p.name: value} for p in backend.parameters for value in (p.low, p.high)]
     # The default test has run first in this process, so another one shows state of the first. An end that cannot run is
-    # told by another check.
+    # reported by another check.
     other = next((end for end in ends if end != test and _try(Check(""), "", backend, end) is not None), test)
     if violation := check_here(backend, other, test, SEED):
         out.violations.append(violation)
