@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 
 from tests import forked
-from tests.test_tutorials import FILE, OUTPUT, agree
+from tests.test_tutorials import FILE, OUTPUT, agree, read_page
 
 ROOT = Path(__file__).parents[1]
-PAGE = (ROOT / "docs" / "tutorials" / "gap-and-cause.md").read_text(encoding="utf-8")
+PAGE = read_page(ROOT / "docs" / "tutorials" / "gap-and-cause.md")
 KEPT = json.loads((ROOT / "benchmarks" / "results" / "gap_and_cause.json").read_text(encoding="utf-8"))
 SHOWN = re.search(
     r"```sh\n(s2r diagnose .*)\n```\n\n<!-- from: benchmarks/results/gap_and_cause.json -->\n```text\n(.*?)```",

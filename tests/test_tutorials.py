@@ -11,8 +11,15 @@ from s2r_spec.certify.bound.rounding import interval_text
 from tests import forked
 
 ROOT = Path(__file__).parents[1]
+
+
+def read_page(path: Path) -> str:
+    """Return a page with each shell command in one line."""
+    return path.read_text(encoding="utf-8").replace(" \\\n    ", " ")
+
+
 PAGES = {
-    path: path.read_text(encoding="utf-8")
+    path: read_page(path)
     for path in (
         ROOT / "docs" / name
         for name in (

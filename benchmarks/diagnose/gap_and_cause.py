@@ -24,7 +24,7 @@ RESULTS = ROOT / "benchmarks" / "results" / "gap_and_cause.json"
 
 def main() -> None:
     """Run the page's diagnosis in an empty folder."""
-    page = PAGE.read_text(encoding="utf-8")
+    page = PAGE.read_text(encoding="utf-8").replace(" \\\n    ", " ")  # a command in one line
     (command,) = re.findall(r"^s2r (diagnose .*)$", page, re.M)
     with tempfile.TemporaryDirectory() as folder:
         for name, text in re.findall(r"<!-- file: (\S+) -->\n```\w*\n(.*?)```", page, re.S):
