@@ -87,9 +87,10 @@ class Attendance:
     """
 
     def __init__(self, backend: A1Backend, operator: Operator) -> None:
-        self.unattended = backend.reached.operator == "auto"
+        reached = backend.reached
+        self.unattended = reached.operator == "auto"
         self._backend, self._operator = backend, operator
-        self._name = "the twin" if backend.reached.is_twin else "the robot"
+        self._name = "the twin" if reached.is_twin else f"the robot {reached.robot}"
         self._guard: Connection | None = None
         self.answers: dict[str, str] = {}
         self._lights_due = True
@@ -274,30 +275,26 @@ class Attendance:
         state = status["state"]
         if state == "DAMPING":
             self._ask(
-                f"{self._name.capitalize()} was damped: {status.get('reason') or 'the reason is unknown'}. Check it, "
-                "lay it down, and remove the cause.",
+                f"{_sentence_case(self._name)} was damped: {status.get('reason') or 'the reason is unknown'}. Check "
+                "it, lay it down, and remove the cause.",
                 {"r": "reset; it stays limp until you arm it"},
             )
             self._guard.request("reset")
             state = self._state()
         if state == "OFF":
-            self._consent(
-                f"Let {self._name} hang or lie, and end the factory's own controller with L2+B on the remote, so that "
-                "its legs are limp. s2r has sent nothing yet; connecting sends packets without gains or torque.",
-                WORD_CONNECT,
-            )
+            self._consent(question_to_connect(self._name), WORD_CONNECT)
             self._guard.request("connect")
             state = self._state()
         if state == "LINKED":
             self._consent(
-                f"{self._name.capitalize()} answers. Lay it on the floor, with 1 m of room around it. Take "
+                f"{_sentence_case(self._name)} answers. Lay it on the floor, with 1 m of room around it. Take "
                 "the remote in your hand: R2 or L2+B damps it at once. Arming allows it to move.",
                 WORD_ARM,
             )
             self._guard.request("arm")
         elif consent:
             self._consent(
-                f"{self._name.capitalize()} is still armed from an earlier run: it may move.", WORD_ARM
+                f"{_sentence_case(self._name)} is still armed from an earlier run: it may move.", WORD_ARM
             )
 
     def _rest_if_due(self) -> None:
@@ -308,7 +305,7 @@ class Attendance:
         why = f"a motor is at {self._warmest():.0f} °C" if warm else f"{self._since_rest} tests are done"
         while True:
             answer = self._ask(
-                f"A rest is due: {why}. {self._name.capitalize()} is lying; let it cool, and change the "
+                f"A rest is due: {why}. {_sentence_case(self._name)} is lying; let it cool, and change the "
                 "battery if necessary.",
                 {"": "the rest is over", "s": "skip the rest"},
             )
@@ -353,3 +350,15 @@ class Attendance:
 
     def _ask(self, question: str, answers: Mapping[str, str]) -> Any:
         return None if self.unattended else self._operator.choose(question, answers)
+
+
+def question_to_connect(robot: str) -> str:
+    """Return the question before the first packet to a robot."""
+    return (
+        f"Let {robot} hang or lie, and end the factory's own controller with L2+B on the remote, so that "
+        "its legs are limp. s2r has sent nothing yet; connecting sends packets without gains or torque."
+    )
+
+
+def _sentence_case(text: str) -> str:
+    return text[0].upper() + text[1:]

@@ -60,7 +60,7 @@ class A1Backend:
     """
 
     options: InitVar[str] = ""
-    """Options after the colon of the name, as in ``host=192.168.123.10,velocity=onboard``."""
+    """Options after the colon of the name, as in ``host=192.168.123.10,robot=a1-07,velocity=onboard``."""
     duration: float = 1.5
     folder: str | None = None
     """Folder for raw recordings; see :meth:`keeping`."""
@@ -112,9 +112,9 @@ class A1Backend:
 
     @property
     def model_hash(self) -> str:
-        """Hex digest over controller, gains, wire protocol and this package's source, without the robot's address."""
+        """Hex digest over controller, gains, wire protocol, this package's source and the robot's name."""
         measured = "onboard" if self.reached.mocap is None else f"mocap {self.placing!r}"
-        return _digest(measured)
+        return _digest(f"{measured} {self.reached.robot}".rstrip())
 
     @property
     def placing(self) -> Placing:
@@ -126,7 +126,12 @@ class A1Backend:
         """Address and settings for the guard."""
         reached = self.reached
         return RobotAddress(
-            reached.host, reached.port, clock=reached.clock, local=reached.local, module=reached.module
+            reached.host,
+            reached.port,
+            clock=reached.clock,
+            local=reached.local,
+            module=reached.module,
+            name=reached.robot,
         )
 
     def with_duration(self, seconds: float) -> Self:

@@ -3,6 +3,9 @@
 A connection joins two sockets: guard and robot, or worker and guard. In *real time* a read returns at once with the
 datagrams that have arrived. In *lock step* one datagram goes each way per round of 2 ms, and a read waits for the
 peer's; an empty datagram means that nothing arrives in this round. Lock step is allowed only on this computer.
+
+A datagram has its time of arrival. Linux stamps each one when it arrives (``SO_TIMESTAMPNS``), so datagrams that
+waited for a delayed reader keep their times. On other systems the time is the time of the read.
 """
 
 from __future__ import annotations
@@ -10,9 +13,11 @@ from __future__ import annotations
 import ipaddress
 import select
 import socket
+import struct
+import sys
 import time
 from collections.abc import Callable
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from s2r_a1.ticks import PERIOD, Counters
 from s2r_spec.errors import BackendError
@@ -21,8 +26,15 @@ LARGEST = 2048
 """A budget: bytes of the largest datagram that is read whole; a robot's have at most 807."""
 WAITING = 4096
 """A budget: datagrams of one read; more wait for the next read, so that a flood cannot delay a round."""
+ANCILLARY = socket.CMSG_SPACE(16)
+"""A definition: bytes of the stamp that comes with a datagram."""
 PATIENCE = 30.0
 """A budget [s]: time that a read in lock step waits for a silent peer, which then counts as gone."""
+
+_STAMPED = 35 if sys.platform == "linux" else None
+"""A definition: Linux's socket option ``SO_TIMESTAMPNS``, which Python does not name."""
+_STAMP = struct.Struct("@ll")
+"""A definition: the stamp of a datagram, seconds and nanoseconds since 1970."""
 
 Address = tuple[str, int]
 TO_ROBOT, FROM_ROBOT = 1, 0
@@ -31,6 +43,13 @@ TO_ROBOT, FROM_ROBOT = 1, 0
 
 class LinkError(BackendError):
     """A robot cannot be reached: its address, a port or the answer is wrong."""
+
+
+class Datagram(NamedTuple):
+    """A received datagram, and the time of its arrival on this computer's monotonic clock [s]; rounds in lock step."""
+
+    data: bytes
+    time: float
 
 
 class Socket(Protocol):
@@ -51,7 +70,7 @@ class Socket(Protocol):
     def connect(self, peer: Address) -> None:
         """Connect only to this peer."""
 
-    def receive(self) -> list[bytes]:
+    def receive(self) -> list[Datagram]:
         """Return the datagrams of this round from the peer, oldest first."""
 
     def send(self, data: bytes) -> None:
@@ -59,9 +78,6 @@ class Socket(Protocol):
 
     def skip(self) -> None:
         """Send nothing in this round."""
-
-    def now(self) -> float:
-        """Return the time of this round [s]."""
 
     def fileno(self) -> int:
         """Return the descriptor for ``select``."""
@@ -82,7 +98,10 @@ class RealTimeSocket:
         self.counters = Counters()
         self.gone = False
         self._peer: Address | None = None
+        self._arrived = 0.0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        if _STAMPED is not None:
+            self._socket.setsockopt(socket.SOL_SOCKET, _STAMPED, 1)
         try:
             self._socket.bind((host, port))
         except (OSError, OverflowError) as error:
@@ -113,14 +132,14 @@ class RealTimeSocket:
             ) from None
         self._peer = self._socket.getpeername()
 
-    def receive(self) -> list[bytes]:
+    def receive(self) -> list[Datagram]:
         """Return all waiting datagrams, oldest first; datagrams from another address are counted and left out."""
-        datagrams: list[bytes] = []
+        datagrams: list[Datagram] = []
         for _ in range(WAITING):
-            data = self._next()
-            if data is None:
+            datagram = self._next()
+            if datagram is None:
                 break
-            datagrams.append(data)
+            datagrams.append(datagram)
         return datagrams
 
     def send(self, data: bytes) -> None:
@@ -138,10 +157,6 @@ class RealTimeSocket:
     def skip(self) -> None:
         """Send nothing: in real time silence needs no datagram."""
 
-    def now(self) -> float:
-        """Return this computer's monotonic time [s]."""
-        return time.monotonic()
-
     def fileno(self) -> int:
         """Return the descriptor for ``select``."""
         return self._socket.fileno()
@@ -150,11 +165,11 @@ class RealTimeSocket:
         """Release the port."""
         self._socket.close()
 
-    def _next(self) -> bytes | None:
+    def _next(self) -> Datagram | None:
         """Return the oldest waiting datagram of the peer, or None."""
         while True:
             try:
-                data, source = self._socket.recvfrom(LARGEST)
+                data, stamps, _, source = self._socket.recvmsg(LARGEST, ANCILLARY)
             except ConnectionRefusedError:  # nobody listened to an earlier datagram
                 continue
             except OSError:  # nothing waits, or the network is down: silence in both cases
@@ -162,7 +177,8 @@ class RealTimeSocket:
             # A datagram from before the connection may come from anybody.
             if source == self._peer:
                 self.counters.received += 1
-                return data
+                self._arrived = max(self._arrived, _arrival(stamps))  # a queue keeps the order of arrival
+                return Datagram(data, self._arrived)
             self.counters.foreign += 1
 
 
@@ -189,7 +205,7 @@ class LockStepSocket(RealTimeSocket):
             )
         super().connect(peer)
 
-    def receive(self) -> list[bytes]:
+    def receive(self) -> list[Datagram]:
         """Wait for the peer's datagram of this round; return it, or nothing if it is empty or the peer is gone."""
         until = time.monotonic() + PATIENCE
         while not self.gone:
@@ -205,7 +221,7 @@ class LockStepSocket(RealTimeSocket):
                     continue
                 self.rounds += 1
                 self.counters.received += bool(data)
-                return [data] if data else []
+                return [Datagram(data, self.rounds * PERIOD)] if data else []
         return []
 
     def send(self, data: bytes) -> None:
@@ -220,9 +236,15 @@ class LockStepSocket(RealTimeSocket):
         """Send the empty datagram that stands for silence."""
         self.send(b"")
 
-    def now(self) -> float:
-        """Return the time of the rounds so far [s]; it reads no clock."""
-        return self.rounds * PERIOD
+
+def _arrival(stamps: list[tuple[int, int, bytes]]) -> float:
+    """Return the time of arrival [s] on the monotonic clock, from the stamps of a datagram; now if there is none."""
+    now = time.monotonic()
+    for _, kind, stamp in stamps:
+        if kind == _STAMPED:
+            seconds, nanoseconds = _STAMP.unpack(stamp)
+            return now - max(0.0, time.time() - seconds - nanoseconds * 1e-9)
+    return now
 
 
 def is_loopback(host: str) -> bool:

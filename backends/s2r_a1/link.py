@@ -14,7 +14,7 @@ from __future__ import annotations
 from typing import Literal, Protocol
 
 from s2r_a1.datagrams import FROM_ROBOT, TO_ROBOT, LinkError, Socket, Tap
-from s2r_a1.ticks import Counters, TickFault, Ticks, TickUnit
+from s2r_a1.ticks import AHEAD, Counters, TickFault, Ticks, TickUnit
 from s2r_a1.wire import Fault, Layout, MotorPacket, Orders, Reading, WireError, pack, read_command, unpack
 
 __all__ = ["Link", "LinkError", "LinkFault", "RobotSide", "UdpLink"]
@@ -79,14 +79,17 @@ class UdpLink:
         tap: function that receives every datagram with its direction, for instance a raw log.
     """
 
-    def __init__(self, socket: Socket, layout: Layout, unit: TickUnit | None = None) -> None:
+    def __init__(
+        self, socket: Socket, layout: Layout, unit: TickUnit | None = None, ahead: float = AHEAD
+    ) -> None:
+        """Begin over an open socket; for ``unit`` and ``ahead`` see :class:`s2r_a1.ticks.Ticks`."""
         self.counters = socket.counters
         self.packet = b""
         self.fault: LinkFault | None = None
         self.tap: Tap | None = None
         self._socket = socket
         self._layout = layout
-        self._ticks = Ticks(socket.counters, unit)
+        self._ticks = Ticks(socket.counters, unit, ahead)
 
     @property
     def unit(self) -> TickUnit | None:
@@ -106,10 +109,10 @@ class UdpLink:
         arrived = self._socket.receive()
         newest: Reading | None = None
         self.packet, self.fault = b"", "gone" if self._socket.gone else "silence"
-        for data in arrived:
+        for data, arrival in arrived:
             if self.tap:
                 self.tap(FROM_ROBOT, data)
-            fault, reading = self._judge(data)
+            fault, reading = self._judge(data, arrival)
             if reading:
                 newest, self.packet, self.fault = reading, data, None
             elif newest is None:
@@ -147,14 +150,14 @@ class UdpLink:
         """Free the port."""
         self._socket.close()
 
-    def _judge(self, data: bytes) -> tuple[LinkFault | None, Reading | None]:
-        """Return (fault, reading) of a datagram; one of them is None."""
+    def _judge(self, data: bytes, arrival: float) -> tuple[LinkFault | None, Reading | None]:
+        """Return (fault, reading) of a datagram that arrived at a time [s]; one of them is None."""
         try:
             reading = unpack(data, self._layout)
         except WireError as error:
             _count(self.counters, error)
             return error.fault, None
-        fault = self._ticks.judge(reading.tick, self._socket.now())
+        fault = self._ticks.judge(reading.tick, arrival)
         return fault, None if fault else reading
 
 
@@ -186,7 +189,7 @@ class RobotSide:
         newest: MotorPacket | None = None
         arrived = self._socket.receive()
         self.packet, self.fault = b"", "gone" if self._socket.gone else "silence"
-        for data in arrived:
+        for data, _ in arrived:
             if self.tap:
                 self.tap(TO_ROBOT, data)
             try:

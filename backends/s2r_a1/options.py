@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ipaddress
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, TypeVar, get_args
@@ -18,6 +19,11 @@ PORT = 8007
 """A definition: the UDP port of an A1's motion controller."""
 OFFERED = (
     Option("host", None, "IPv4 address of the robot's motion controller; 127.0.0.1 is a twin"),
+    Option(
+        "robot",
+        "none, for a twin",
+        "name of the robot, as it stands on its body; every A1 has the same address",
+    ),
     Option("port", str(PORT), "UDP port of the motion controller"),
     Option("velocity", None, "source of vx and vy: onboard, or mocap:PORT for motion capture"),
     Option("body", "0:0:0", "position X:Y:Z [m], in base axes, of the body that motion capture tracks"),
@@ -34,7 +40,7 @@ OFFERED = (
 )
 """A definition: all options."""
 NAMES = tuple(option.name for option in OFFERED)
-EXAMPLE = "host=192.168.123.10,velocity=onboard"
+EXAMPLE = "host=192.168.123.10,robot=a1-07,velocity=onboard"
 """A definition: options of a robot as its vendor delivers it."""
 _EXAMPLE = f"a1:{EXAMPLE}"
 
@@ -53,6 +59,7 @@ class Options:
         clock: real time, or lock step with a twin.
         local: UDP port of this computer for the robot; 0 for any.
         module: the vendor's Python module; "" for the built-in wire protocol.
+        robot: name of the robot; "" for a twin without one.
     """
 
     host: str
@@ -64,6 +71,7 @@ class Options:
     clock: Clock = "real"
     local: int = 0
     module: str = ""
+    robot: str = ""
 
     @property
     def is_twin(self) -> bool:
@@ -111,7 +119,13 @@ def read_options(text: str) -> Options:
         clock=_one_of("clock", words.get("clock", "real"), get_args(Clock)),
         local=_port("local", words["local"]) if "local" in words else 0,
         module=_module(words["module"]) if "module" in words else "",
+        robot=_robot(words["robot"]) if "robot" in words else "",
     )
+    if not (options.robot or options.is_twin):  # every A1 has the same address
+        raise UsageError(
+            f"a robot at {options.host} needs its name, so that no run mixes two robots; write the name on its body, "
+            f"as in {_EXAMPLE}"
+        )
     if options.module and options.clock == "lockstep":
         raise UsageError("the vendor's module has no lock step: leave out module or clock=lockstep")
     for name, value in (("operator", "auto"), ("clock", "lockstep")):
@@ -124,7 +138,7 @@ def read_options(text: str) -> Options:
 
 def write_options(options: Options) -> str:
     """Return options as text that :func:`read_options` reads, without the defaults."""
-    words = {"host": options.host, "port": options.port, "velocity": options.velocity}
+    words = {"host": options.host, "robot": options.robot, "port": options.port, "velocity": options.velocity}
     words |= {
         name: getattr(options, name) for name in ("body", "heading", "operator", "clock", "local", "module")
     }
@@ -173,6 +187,14 @@ def _module(value: str) -> str:
     if not all(part.isidentifier() for part in value.split(".")):
         raise UsageError(
             f"module = {value!r} is not the name of a Python module; write, for example, robot_interface"
+        )
+    return value
+
+
+def _robot(value: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,39}", value):
+        raise UsageError(
+            f"robot = {value!r} is not a name of at most 40 letters, digits, dots, - and _, such as a1-07"
         )
     return value
 

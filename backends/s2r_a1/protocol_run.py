@@ -13,6 +13,7 @@ from s2r_a1.excitation import REHEARSED, SHARES, Player, plan
 from s2r_a1.protocols import height_in_rig
 from s2r_a1.rollout import about_run, carried_out, ended_trace, lost_trace, new_path, pilot
 from s2r_a1.schedule import Schedule
+from s2r_a1.undisturbed import undisturbed
 from s2r_a1.walk import Walked, move, walk
 from s2r_sim.controller.gains import RATE
 from s2r_sim.protocols.references import MOTIONS
@@ -40,6 +41,7 @@ def run(backend: A1Backend, protocol: str, values: Mapping[str, float], seed: in
     hold = round(MOTIONS[protocol].duration * RATE)
     about = about_run(backend, seed) | {PROTOCOL: protocol, "params": dict(values)}
     with ExitStack() as stack:
+        stack.enter_context(undisturbed(first=backend.robot.clock == "real"))
         try:
             client = Client(backend.robot)
             stack.callback(client.close)

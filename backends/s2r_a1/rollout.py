@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from s2r_a1 import mocap, recording
+from s2r_a1 import mocap, rawlog, recording
 from s2r_a1.client import Client
 from s2r_a1.guard.limits import ROBOT_WORDS
 from s2r_a1.guard.place import folder
@@ -23,8 +23,7 @@ from s2r_a1.ticks import SECONDS
 from s2r_a1.undisturbed import undisturbed
 from s2r_a1.walk import Walked, rest, walk
 from s2r_sim.controller.gains import RATE
-from s2r_sim.plant.recorder import yaw_rate
-from s2r_sim.robot.signals import RobotState, VelocityCommand
+from s2r_sim.robot.signals import VelocityCommand
 from s2r_sim.settings import Settings
 from s2r_spec.backend import Channel
 from s2r_spec.errors import BackendError, NotBegunError, TraceError
@@ -53,6 +52,7 @@ def run(backend: A1Backend, test: Mapping[str, float], seed: int) -> Trace:
     schedule = Schedule.of(command, seed, round(backend.duration * RATE), own.settings.gains)
     about = about_run(backend, seed)
     with ExitStack() as stack:
+        stack.enter_context(undisturbed(first=backend.robot.clock == "real"))
         try:
             listener = None if backend.reached.mocap is None else Listener(backend.reached.mocap)
             if listener is not None:
@@ -74,7 +74,7 @@ def run(backend: A1Backend, test: Mapping[str, float], seed: int) -> Trace:
         trace = lost_trace(backend.channels, about | {"params": dict(test)}, str(error))
     else:
         if listener is not None:
-            trace = _with_velocity(trace, walked, listener, backend.placing, client)
+            trace = _with_velocity(trace, walked, listener, backend.placing, client, path)
     return ended_trace(trace, walked, schedule.hold, path)
 
 
@@ -93,8 +93,7 @@ def carried_out(client: Client, backend: A1Backend, move: Callable[[], Walked]) 
     """Move, end the recording, and bring the robot to rest; a robot without an operator stays standing."""
     stays = backend.reached.operator == "auto"
     try:
-        with undisturbed(first=not client.lockstep):
-            return move()
+        return move()
     except NotBegunError:
         stays = False
         raise
@@ -122,13 +121,13 @@ def new_path(kept: str | None, seed: int) -> Path:
 
 
 def _with_velocity(
-    trace: Trace, walked: Walked, listener: Listener, placing: mocap.Placing, client: Client
+    trace: Trace, walked: Walked, listener: Listener, placing: mocap.Placing, client: Client, path: Path
 ) -> Trace:
     """Return the trace with the velocity by motion capture; if there is none, the trace is void, with NaN for it."""
     second = SECONDS[client.unit]
     first = next(note for note in walked.notes if note.tick >= 0)
-    states = RobotState(np.array([note.state.flat for note in walked.notes]).T)
-    gyro = Gyro(np.array([note.clock * second for note in walked.notes]), states.omega.T, yaw_rate(states))
+    readings = [reading for _, reading in recording.Packets(rawlog.read(path)).readings]
+    gyro = Gyro(np.array([one.tick * second for one in readings]), np.array([one.gyro for one in readings]))
     meta: dict[str, Any] = dict(trace.meta)
     channels = dict(trace.channels)
     try:
@@ -141,12 +140,7 @@ def _with_velocity(
         meta |= {"void": "mocap", "reason": str(error)}
     else:
         channels |= {"vx": velocity.forward, "vy": velocity.left}
-        meta["mocap"] = {
-            "offset": velocity.offset,
-            "correlation": velocity.correlation,
-            "turned": velocity.turned,
-            "refused": listener.refused,
-        }
+        meta["mocap"] = {**velocity.alignment._asdict(), "refused": listener.refused}
     return Trace(trace.times, channels, trace.units, meta)
 
 

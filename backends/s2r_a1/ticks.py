@@ -68,8 +68,10 @@ class Ticks:
         refusal: a message while the ticks have no known unit.
     """
 
-    def __init__(self, counters: Counters, unit: TickUnit | None = None) -> None:
+    def __init__(self, counters: Counters, unit: TickUnit | None = None, ahead: float = AHEAD) -> None:
+        """Begin without a state; ``ahead`` is the tolerated advance of a tick beyond the time that passed [s]."""
         self.unit = unit
+        self._ahead = ahead
         self.refusal: str | None = None
         self._counters = counters
         self._last: tuple[float, int] | None = None
@@ -90,7 +92,7 @@ class Ticks:
             return "repeated"
         if self.unit:
             robot_time = advance * SECONDS[self.unit]
-            if robot_time > now - then + AHEAD:
+            if robot_time > now - then + self._ahead:
                 self._counters.clock += 1
                 return "clock"
             self._counters.lost += max(0, round(robot_time / PERIOD) - 1)

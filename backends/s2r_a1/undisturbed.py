@@ -10,7 +10,10 @@ from contextlib import contextmanager, suppress
 
 @contextmanager
 def undisturbed(first: bool) -> Iterator[None]:
-    """Disable garbage collection in the block; ``first`` also requests real-time priority, if the system allows it."""
+    """Disable garbage collection in the block; ``first`` also requests real-time priority, if the system allows it.
+
+    The collection at its beginning takes up to 0.3 s, so the block begins before a connection to a robot.
+    """
     gc.collect()
     gc.freeze()
     gc.disable()

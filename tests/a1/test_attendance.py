@@ -69,7 +69,7 @@ class Person:
 def scene(monkeypatch):
     """Give a function that returns events, guard, person and attendance of a robot."""
 
-    def made(state="OFF", options="host=192.168.123.10,velocity=onboard"):
+    def made(state="OFF", options="host=192.168.123.10,robot=a1-07,velocity=onboard"):
         events = []
         guard, person = Guard(events, state), Person(events)
         monkeypatch.setattr(attendance, "start", lambda robot: (guard, {"state": guard.state}))

@@ -3,6 +3,7 @@
 import socket
 import subprocess
 import sys
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -264,13 +265,14 @@ def test_in_lock_step_a_round_is_one_datagram_and_time_is_rounds(step):
     assert step.link.read() is None
     assert (step.link.fault, step.link.packet) == ("silence", b"")
     assert step.link.read().tick == 10
-    assert step.mine.now() == 5 * PERIOD
-    assert (step.link.counters.received, step.link.counters.lost, step.link.counters.late) == (4, 1, 1)
+    step.robot.send(state(12))
+    assert step.mine.receive() == [(state(12), 6 * PERIOD)]
+    assert (step.link.counters.received, step.link.counters.lost, step.link.counters.late) == (5, 1, 1)
 
 
 def test_silence_is_a_datagram_in_lock_step_and_none_in_real_time(leg):
     leg.link.skip()
-    if leg.mine.now() == 0.0:  # lock step: a read that did not find it would wait
+    if isinstance(leg.mine, LockStepSocket):  # a read that did not find it would wait
         assert leg.robot.read() is None
         assert leg.robot.fault == "silence"
     else:
@@ -284,6 +286,23 @@ def test_a_flood_is_taken_in_parts(real, monkeypatch):
     for tick in range(2, 18, 2):
         real.robot.send(state(tick))
     assert [real.link.read().tick for _ in range(3)] == [6, 12, 16]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux stamps datagrams")
+def test_a_reader_that_was_delayed_takes_the_next_state(real):
+    """The socket keeps the oldest states of a delay and loses the newest ones: the next state is far ahead."""
+    began = time.monotonic()
+    sent = 0
+    while sent < 400:
+        real.robot.send(state(sent))
+        sent += 2
+        time.sleep(max(0.0, began + sent / 1000 - time.monotonic()))
+    kept = real.link.read()
+    assert kept is not None
+    assert kept.tick < 300  # the buffer holds 0.2 s
+    real.robot.send(state(sent))
+    fresh = real.link.read()
+    assert (real.link.fault, fresh and fresh.tick) == (None, sent)
 
 
 def test_a_local_port_that_is_taken_is_an_error(other_sender):

@@ -13,10 +13,10 @@ TWIN = "host=127.0.0.1,velocity=onboard"
 @pytest.mark.parametrize(
     "text",
     [
-        "host=192.168.123.10,velocity=onboard",
+        "host=192.168.123.10,robot=a1-07,velocity=onboard",
         "host=127.0.0.1,port=9000,velocity=mocap:9100,body=0.1:0:0.05,heading=90",
         f"{TWIN},operator=auto,clock=lockstep,local=8080",
-        "host=192.168.123.10,velocity=onboard,module=lab.robot_interface",
+        "host=192.168.123.10,robot=a1-07,velocity=onboard,module=lab.robot_interface",
     ],
 )
 def test_options_are_written_as_they_are_read(text):
@@ -29,8 +29,10 @@ def test_options_are_written_as_they_are_read(text):
         ("", ["host=127.0.0.1", "no default"]),
         ("velocity=onboard", ["host=127.0.0.1"]),
         ("host=192.168.123.10", ["velocity=onboard", "velocity=mocap:PORT"]),
-        ("host=192.168.123.10,velocity=optical", ["onboard", "mocap:PORT"]),
-        ("host=192.168.123.10,velocity=mocap:none", ["mocap", "none"]),
+        ("host=192.168.123.10,robot=a1-07,velocity=optical", ["onboard", "mocap:PORT"]),
+        ("host=192.168.123.10,robot=a1-07,velocity=onboard", ["needs its name", "robot=a1-07"]),
+        ("host=192.168.123.10,robot=a b,velocity=onboard", ["robot", "a b"]),
+        ("host=192.168.123.10,robot=a1-07,velocity=mocap:none", ["mocap", "none"]),
         ("host=robot,velocity=onboard", ["'robot'", "IPv4"]),
         (f"{TWIN},prot=9", ["prot", "port"]),
         (f"{TWIN},port=0", ["port", "'0'"]),
@@ -49,8 +51,8 @@ def test_options_are_written_as_they_are_read(text):
         ("host=0.0.0.0,velocity=onboard", ["0.0.0.0", "127.0.0.1"]),
         ("host=255.255.255.255,velocity=onboard", ["255.255.255.255", "one"]),
         ("host=224.0.0.1,velocity=onboard", ["224.0.0.1", "one"]),
-        ("host=192.168.123.10,velocity=onboard,operator=auto", ["operator=auto", "twin"]),
-        ("host=192.168.123.10,velocity=onboard,clock=lockstep", ["clock=lockstep", "twin"]),
+        ("host=192.168.123.10,robot=a1-07,velocity=onboard,operator=auto", ["operator=auto", "twin"]),
+        ("host=192.168.123.10,robot=a1-07,velocity=onboard,clock=lockstep", ["clock=lockstep", "twin"]),
     ],
 )
 def test_a_wrong_option_is_refused_in_one_sentence(text, words):
@@ -64,13 +66,13 @@ def test_a_backend_says_what_it_is_and_opens_nothing(monkeypatch):
     import socket
 
     monkeypatch.setattr(socket, "socket", None)
-    backend = load_backend("a1:host=192.168.123.10,velocity=onboard")
+    backend = load_backend("a1:host=192.168.123.10,robot=a1-07,velocity=onboard")
     assert isinstance(backend, Backend)
     assert isinstance(backend, HasAttendance)
     assert isinstance(backend, KeepsRaw)
     assert is_exclusive(backend)
     assert not backend.deterministic
-    assert backend.name == "a1:host=192.168.123.10,velocity=onboard"
+    assert backend.name == "a1:host=192.168.123.10,robot=a1-07,velocity=onboard"
     assert load_backend(backend.name) == backend
     assert [p.name for p in backend.parameters] == ["vd", "vy", "wz"]
     assert {"vx", "vy", "wz", "tau", "late"} <= {channel.name for channel in backend.channels}
@@ -107,13 +109,18 @@ def test_backends_describes_the_robot_and_tries_no_promise_of_it(words, capsys):
     assert ended.value.code == 2
 
 
-def test_the_model_is_the_same_wherever_the_robot_is():
-    one, other = A1Backend("host=192.168.123.10,velocity=onboard"), A1Backend(f"{TWIN},operator=auto")
-    assert one.model_hash == other.model_hash
+def test_the_model_is_the_same_wherever_the_robot_is_and_no_other_robot_has_it():
+    one = A1Backend("host=192.168.123.10,robot=a1-07,velocity=onboard")
+    assert one.model_hash == A1Backend("host=10.0.0.1,robot=a1-07,velocity=onboard").model_hash
+    assert one.model_hash != A1Backend("host=192.168.123.10,robot=a1-08,velocity=onboard").model_hash
     assert one.model_hash != A1Backend("host=127.0.0.1,velocity=mocap:9000").model_hash
 
 
 def test_assumptions_say_whose_velocity_it_is_and_what_is_a_twin():
-    assert A1Backend("host=192.168.123.10,velocity=onboard").assumptions == ("vx of a1 is its own estimate",)
+    assert A1Backend("host=192.168.123.10,robot=a1-07,velocity=onboard").assumptions == (
+        "vx of a1 is its own estimate",
+    )
     assert any("twin" in sentence for sentence in A1Backend(TWIN).assumptions)
-    assert A1Backend("host=10.0.0.1,velocity=mocap:9000").assumptions != A1Backend(TWIN).assumptions
+    assert (
+        A1Backend("host=10.0.0.1,robot=a1-07,velocity=mocap:9000").assumptions != A1Backend(TWIN).assumptions
+    )

@@ -28,7 +28,7 @@ from tests.a1.steering import LIMP, steer
 from tests.a1.test_attendance import Guard, Person
 from tests.errors import naming, states
 
-ROBOT = "host=192.168.123.10,velocity=onboard"
+ROBOT = "host=192.168.123.10,robot=a1-07,velocity=onboard"
 NAMES = [protocol.name for protocol in PROTOCOLS]
 
 

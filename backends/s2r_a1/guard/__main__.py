@@ -16,6 +16,7 @@ import os
 import signal
 import sys
 import time
+from dataclasses import fields
 from typing import Any
 
 from s2r_a1.guard.control import Connection, ControlError, Listener
@@ -126,7 +127,7 @@ def _await_end(connection: Connection) -> None:
 
 def _lines_of(status: dict[str, Any]) -> str:
     """Return a status as text for a person."""
-    kind = "a twin" if status["twin"] else "a robot"
+    kind = "a twin" if status["twin"] else f"the robot {status['name']}"
     since = f" since {status['since']:.1f} s" if status["since"] is not None else ""
     lines = [
         f"{status['state']}{since}: {kind} at {status['host']}:{status['port']}, {status['clock']} clock"
@@ -154,6 +155,7 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--clock", choices=("real", "lockstep"), default="real")
     parser.add_argument("--local", type=int, default=0)
     parser.add_argument("--module", default="")
+    parser.add_argument("--name", default="")
     parser.add_argument("--idle", type=float, default=60.0)
     parser.add_argument("--ready", type=int, required=True)
 
@@ -187,9 +189,7 @@ def _begin(arguments: argparse.Namespace) -> Any:
     if hold(files) is None:  # the lock lasts until this process ends
         return None
     claim(files)
-    robot = RobotAddress(
-        arguments.host, arguments.port, arguments.layout, arguments.clock, arguments.local, arguments.module
-    )
+    robot = RobotAddress(**{field.name: getattr(arguments, field.name) for field in fields(RobotAddress)})
     guard = Guard(robot, Listener(files.control), answer, arguments.idle)
 
     def terminated(number: int, frame: Any) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import asdict
+from math import asin, atan2
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from s2r_a1.guard.control import ROLES, Party, RefusedError, Request
 from s2r_a1.guard.limits import SECOND
 from s2r_a1.guard.loop import Deferred, Guard
 from s2r_a1.guard.states import RULES, State
+from s2r_a1.wire import Reading
 
 Reply = dict[str, Any] | Deferred
 
@@ -170,6 +172,7 @@ def _record(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
     own = {
         "host": robot.host,
         "port": robot.port,
+        "robot": robot.name,
         "twin": guard.loopback,
         "layout": robot.layout,
         "clock": robot.clock,
@@ -240,6 +243,7 @@ def status(guard: Guard) -> dict[str, Any]:
         "twin": guard.loopback,
         "layout": guard.robot.layout,
         "module": guard.robot.module,
+        "name": guard.robot.name,
         "local": guard.robot.local,
         "clock": guard.robot.clock,
         "tick_unit": guard.link.unit if guard.link else None,
@@ -250,6 +254,7 @@ def status(guard: Guard) -> dict[str, Any]:
         "clipped": followed.clipped,
         "dropped": followed.unusable,
         "temperatures": None if reading is None else reading.temperature.tolist(),
+        "reading": None if reading is None else _numbers(reading),
         "battery": _battery(guard),
         "remote_seen": reading is not None and remote.is_on(reading.remote),
         "client": guard.client.party.pid if guard.client else None,
@@ -257,6 +262,17 @@ def status(guard: Guard) -> dict[str, Any]:
         "recording": str(guard.log.path) if guard.log else None,
         "warnings": [sentence for _, sentence in machine.warnings],
         "event": guard.event,
+    }
+
+
+def _numbers(reading: Reading) -> dict[str, Any]:
+    """Return the numbers of a reading that an operator looks at; angles in rad, speeds in rad/s."""
+    w, x, y, z = reading.quaternion.tolist()
+    parts = ("q", "dq", "tau", "temperature", "gyro", "foot_force")
+    return {
+        **{name: getattr(reading, name).tolist() for name in parts},
+        "roll": atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
+        "pitch": asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0)),
     }
 
 

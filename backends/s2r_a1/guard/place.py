@@ -36,6 +36,7 @@ class RobotAddress:
         clock: "real", or "lockstep" with a twin on this computer.
         local: UDP port of the guard; 0 for any.
         module: the vendor's Python module for the connection; "" for the built-in wire protocol.
+        name: name of the robot; "" for a twin without one.
     """
 
     host: str
@@ -44,6 +45,7 @@ class RobotAddress:
     clock: Clock = "real"
     local: int = 0
     module: str = ""
+    name: str = ""
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ def attach(
         hello: further fields of the hello: ``port``, the client's UDP port.
 
     Raises:
-        UsageError: the guard has another layout, module or clock.
+        UsageError: the guard has another layout, module, clock or robot.
         RefusedError: the guard refused the hello, because it has another client.
     """
     files = place(robot.host, robot.port)
@@ -46,6 +46,12 @@ def attach(
             answer = connection.request("hello", role=role, pid=os.getpid(), **hello)
         else:
             answer = connection.request("status")
+        if answer["name"] != robot.name:
+            raise UsageError(
+                f"the guard of {robot.host}:{robot.port} was started for {_named(answer['name'])}, "
+                f"not for {_named(robot.name)}; end it with: python -m s2r_a1.guard stop --host "
+                f"{robot.host} --port {robot.port}"
+            )
         for name in ("layout", "clock", "module", *(("local",) if robot.local else ())):
             if answer[name] != getattr(robot, name):
                 raise UsageError(
@@ -60,6 +66,10 @@ def attach(
         connection.close()
         return None
     return connection, answer
+
+
+def _named(name: str) -> str:
+    return f"the robot {name}" if name else "a twin without a name"
 
 
 def start(robot: RobotAddress, idle: float = 60.0) -> tuple[Connection, dict[str, Any]]:
@@ -110,7 +120,7 @@ def _begin(robot: RobotAddress, files: GuardFiles, idle: float) -> str | None:
     command = [
         sys.executable, "-m", "s2r_a1.guard", "run", "--host", robot.host, "--port", str(robot.port),
         "--layout", robot.layout, "--clock", robot.clock, "--local", str(robot.local),
-        "--module", robot.module, "--idle", str(idle), "--ready", str(theirs),
+        "--module", robot.module, "--name", robot.name, "--idle", str(idle), "--ready", str(theirs),
     ]  # fmt: skip
     try:
         with open(files.words, "wb") as words:

@@ -1,7 +1,8 @@
 """The motors' response to commands, and to their absence, in a twin.
 
-The behaviour of an A1 without commands is not published: sources mention a brake, free joints and damping. A twin does
-one of the three after more than 30 ms without a valid command, and follows the next command again.
+The behaviour of an A1 without commands is not published: sources mention a brake, free joints and damping. The worst
+is ``hold``, which keeps the last command with its torque. A twin does one of the four after more than 30 ms without a
+valid command, and follows the next command again.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from s2r_a1.wire import CLOSED_LOOP, MOTORS, Layout, Orders, unpack_orders
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-Silence = Literal["brake", "free", "damp"]
+Silence = Literal["brake", "free", "damp", "hold"]
 
 PATIENCE = 15
 """A level: rounds of 2 ms without a valid command before the rule for silence applies: 30 ms, the vendor's "safe
@@ -73,12 +74,14 @@ class Firmware:
         while self._queue and self._queue[0][0] <= round_:
             self._orders, self._silent = self._queue.popleft()[1], False
         if round_ - self._last > PATIENCE and not self._silent:
-            self._orders, self._silent = _without_commands(self._rule, q), True
+            self._orders, self._silent = _without_commands(self._rule, q, self._orders), True
         return self._orders
 
 
-def _without_commands(rule: Silence, q: FloatArray) -> Orders:
+def _without_commands(rule: Silence, q: FloatArray, last: Orders) -> Orders:
     """Return the motors' commands after silence, for motors at (12,) angles [rad] when it began."""
+    if rule == "hold":
+        return last
     if rule == "brake":
         return Orders(q, _ZERO, _STIFFNESS, _BRAKE, _ZERO)
     damping = _DAMPING if rule == "damp" else 0.0

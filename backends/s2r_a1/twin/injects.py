@@ -187,6 +187,7 @@ KINDS: dict[str, FaultKind] = {
     "mode": FaultKind(MotorNumbers((0,), 0.0), _motor(0, 255), "makes a motor go limp and report this mode"),
     "error": FaultKind(MotorNumbers((0,), 4.0), _motor(0, 2**32 - 1), "replaces the reported error word of a motor"),
     "button": FaultKind("R2", _buttons, "holds down buttons of the remote, as L2+B, or switches it off"),
+    "late_poses": FaultKind(0.5, _number(0.0, 10.0), "delivers motion capture later by a number of seconds"),
     "push": FaultKind(100.0, _number(-1000, 1000), "pushes the trunk to the left, in N"),
 }  # fmt: skip
 """A definition: all faults. Most change reported values or the network; ``mode`` and ``push`` act on the robot."""

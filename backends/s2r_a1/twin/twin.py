@@ -98,7 +98,7 @@ class Twin:
             self._body.put(settings.rig)
         self._firmware = Firmware(settings.delay, settings.silence)
         self._network = Network(seed)
-        self._mocap = Mocap(seed)
+        self._mocap = Mocap(seed, settings.noise)
         self._start_tick = int(np.random.default_rng([seed, 6]).integers(LEAST_TICK, MOST_TICK))
 
     @property
@@ -153,7 +153,7 @@ class Twin:
 
     def mocap(self) -> list[bytes]:
         """Return the lines of motion capture since the last call; call this after every round, or never."""
-        return self._mocap.lines(self.rounds - 1, self.truth()) if self.begun else []
+        return self._mocap.lines(self.rounds - 1, self.truth(), self.injects) if self.begun else []
 
     def _newest(self, arrived: Sequence[bytes]) -> ReceivedCommand | None:
         newest = None
