@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from s2r_a1.datagrams import LockStepSocket, RealTimeSocket
+from s2r_a1.guard.checks import impossibility
 from s2r_a1.guard.control import ControlError
-from s2r_a1.guard.limits import LIMITS, impossibility
+from s2r_a1.guard.limits import LIMITS
 from s2r_a1.guard.place import RobotAddress
 from s2r_a1.guard.start import attach
 from s2r_a1.link import UdpLink

@@ -12,7 +12,6 @@ import select
 import socket
 import time
 from collections.abc import Callable
-from typing import Protocol
 
 from s2r_a1.ticks import PERIOD, Counters
 from s2r_spec.errors import BackendError
@@ -33,45 +32,13 @@ class LinkError(BackendError):
     """A robot cannot be reached: its address, a port or the answer is wrong."""
 
 
-class Socket(Protocol):
-    """One end of a connection.
+class RealTimeSocket:
+    """One end of a connection, which never waits.
 
     Attributes:
         counters: counts of packets since it was opened.
         gone: whether the peer has ended; always False in real time, where it cannot be known.
     """
-
-    counters: Counters
-    gone: bool
-
-    @property
-    def port(self) -> int:
-        """The local UDP port."""
-
-    def connect(self, peer: Address) -> None:
-        """Connect only to this peer."""
-
-    def receive(self) -> list[bytes]:
-        """Return the datagrams of this round from the peer, oldest first."""
-
-    def send(self, data: bytes) -> None:
-        """Send one datagram; a datagram that the network refuses is counted and lost."""
-
-    def skip(self) -> None:
-        """Send nothing in this round."""
-
-    def now(self) -> float:
-        """Return the time of this round [s]."""
-
-    def fileno(self) -> int:
-        """Return the descriptor for ``select``."""
-
-    def close(self) -> None:
-        """Release the port."""
-
-
-class RealTimeSocket:
-    """A socket that never waits."""
 
     def __init__(self, host: str = "127.0.0.1", port: int = 0) -> None:
         """Open a local port; port 0 is any free one, and host "" every network.
@@ -237,7 +204,7 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-def open_socket(peer: Address, *, lockstep: bool = False, port: int = 0) -> Socket:
+def open_socket(peer: Address, *, lockstep: bool = False, port: int = 0) -> RealTimeSocket:
     """Return a socket that is connected to a peer, from a local port; 0 for any free one.
 
     Raises:

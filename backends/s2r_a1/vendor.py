@@ -14,13 +14,13 @@ import socket
 import time
 from collections.abc import Callable
 from importlib import import_module
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from s2r_a1.datagrams import FROM_ROBOT, TO_ROBOT, Address, LinkError, Tap
-from s2r_a1.link import LinkFault
-from s2r_a1.ticks import Counters, Ticks, TickUnit
+from s2r_a1.datagrams import FROM_ROBOT, TO_ROBOT, Address, LinkError
+from s2r_a1.link import Link
+from s2r_a1.ticks import Counters
 from s2r_a1.wire import (
     CLOSED_LOOP,
     GO1,
@@ -39,16 +39,6 @@ from s2r_a1.wire import (
 
 COMPILED_IN: Address = ("192.168.123.10", 8007)
 """A definition: the only robot that binding A can reach; its address is compiled in."""
-
-
-class Driver(Protocol):
-    """The vendor's module, with either binding."""
-
-    def read(self) -> Any:
-        """Return the vendor's ``LowState``; the last one again if no new one arrived."""
-
-    def write(self, orders: Orders) -> None:
-        """Send orders that fit their fields."""
 
 
 class BindingA:
@@ -109,37 +99,19 @@ class BindingB:
         self._udp.Send()
 
 
-class VendorLink:
-    """A :class:`s2r_a1.link.Link` over the vendor's module, in real time.
+class VendorLink(Link):
+    """A link over the vendor's module, in real time.
 
     An exception of the module counts as silence, or as a command that was not sent: the guard must survive it.
-
-    Attributes:
-        counters: counts of packets since the link was opened.
-        packet: the state that decided the last read, packed from the module's numbers.
-        fault: the reason why the last read gave no state; None if it gave one.
-        tap: function that receives every packet with its direction.
+    ``packet`` is packed from the module's numbers.
     """
 
-    def __init__(self, driver: Driver, layout: Layout, clock: Callable[[], float] = time.monotonic) -> None:
-        self.counters = Counters()
-        self.packet = b""
-        self.fault: LinkFault | None = None
-        self.tap: Tap | None = None
-        self._driver: Driver | None = driver
-        self._layout = layout
+    def __init__(
+        self, driver: BindingA | BindingB, layout: Layout, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        super().__init__(layout, Counters())
+        self._driver: BindingA | BindingB | None = driver
         self._clock = clock
-        self._ticks = Ticks(self.counters)
-
-    @property
-    def unit(self) -> TickUnit | None:
-        """The unit of the robot's ticks, if it is known."""
-        return self._ticks.unit
-
-    @property
-    def refusal(self) -> str | None:
-        """A message if the robot's ticks have no known unit."""
-        return self._ticks.refusal
 
     def read(self) -> Reading | None:
         """Return the module's state; None if it was returned before or is not valid."""
@@ -149,11 +121,7 @@ class VendorLink:
         return reading
 
     def write(self, orders: Orders | MotorPacket) -> None:
-        """Send orders to the motors.
-
-        Raises:
-            WireError: a number does not fit its field; nothing is sent.
-        """
+        """Send orders to the motors; raise WireError if a number does not fit its field."""
         data = pack(orders, self._layout)
         driver = self._opened()
         try:
@@ -170,15 +138,11 @@ class VendorLink:
     def fileno(self) -> None:
         """Return None, because the module hides its socket and must be polled."""
 
-    def forget(self) -> None:
-        """Accept the next state as new and measure the unit again, as after the robot was switched off and on."""
-        self._ticks.forget()
-
     def close(self) -> None:
         """Release the module's objects; the module then closes its socket."""
         self._driver = None
 
-    def _opened(self) -> Driver:
+    def _opened(self) -> BindingA | BindingB:
         if self._driver is None:
             raise LinkError("this link is closed; open a new one")
         return self._driver

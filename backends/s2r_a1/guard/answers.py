@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from s2r_a1 import remote
-from s2r_a1.guard import states
+from s2r_a1.guard import transitions
 from s2r_a1.guard.control import ROLES, Party, RefusedError, Request
 from s2r_a1.guard.limits import SECOND
-from s2r_a1.guard.loop import Deferred, Guard
-from s2r_a1.guard.states import RULES, State
+from s2r_a1.guard.loop import Guard
+from s2r_a1.guard.serving import Deferred
+from s2r_a1.guard.states import BEGINNINGS, RULES, SINKING, State
 
 Reply = dict[str, Any] | Deferred
 
@@ -38,13 +39,13 @@ def answer(guard: Guard, party: Party, request: Request) -> Reply:
     if party.role not in ROLES[request.do]:
         needed = " or ".join(sorted(role for role in ROLES[request.do] if role))
         raise RefusedError(f"{request.do} needs the role {needed}; send hello with that role first")
-    if request.do in states.BEGINNINGS or request.do in _MOTIONS:
+    if request.do in BEGINNINGS or request.do in _MOTIONS:
         return _motion(guard, party, request)
     return _ANSWERS[request.do](guard, party, request.fields)
 
 
 def _motion(guard: Guard, party: Party, request: Request) -> Reply:
-    if request.do in states.BEGINNINGS:
+    if request.do in BEGINNINGS:
         if guard.client is None or guard.client.party is not party:
             raise RefusedError("this program is no longer the client of the robot; connect again")
         if party.spent:
@@ -56,7 +57,7 @@ def _motion(guard: Guard, party: Party, request: Request) -> Reply:
             raise RefusedError("no operator is attached; attach one first, as s2r check, gap and certify do")
     reason = request.fields.get("reason")
     reason = " ".join(reason.split())[:LONGEST] if isinstance(reason, str) else None
-    machine, refusal = states.request(guard.machine, request.do, party.role, reason, guard.limits)
+    machine, refusal = transitions.request(guard.machine, request.do, party.role, reason, guard.limits)
     if refusal:
         raise RefusedError(refusal)
     if machine.state is not guard.machine.state and RULES[machine.state].client:
@@ -139,7 +140,7 @@ def _arm(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
                 return None
             if sentence:
                 raise RefusedError(sentence)
-            guard.become(states.arm(guard.machine, guard.now))
+            guard.become(transitions.arm(guard.machine, guard.now))
         return {}
 
     return Deferred(party, poll, rounds=True)
@@ -152,7 +153,7 @@ def _reset(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
     def poll() -> dict[str, Any] | None:
         if guard.machine.state is not State.DAMPING:  # another operator has reset it
             return {}
-        if guard.now - guard.machine.since < states.SINKING:
+        if guard.now - guard.machine.since < SINKING:
             return None
         guard.reset()
         return {}
@@ -264,7 +265,7 @@ def unready(guard: Guard) -> str | None:
     """Return why a robot must not be armed now, or None."""
     if guard.robot.layout not in JUDGED:
         return unjudged(guard)
-    return states.unready(guard.machine, guard.conditions(), guard.limits)
+    return transitions.unready(guard.machine, guard.conditions(), guard.limits)
 
 
 def unjudged(guard: Guard) -> str:

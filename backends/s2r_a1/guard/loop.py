@@ -13,20 +13,20 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import select
 import socket as socketlib
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
-from s2r_a1.datagrams import Address, LinkError, Socket, is_loopback, open_socket
-from s2r_a1.guard import moves, states
-from s2r_a1.guard.control import Listener, Party, RefusedError, Request
+from s2r_a1.datagrams import Address, LinkError, RealTimeSocket, is_loopback, open_socket
+from s2r_a1.guard import moves, transitions
+from s2r_a1.guard.control import Listener, Party
 from s2r_a1.guard.limits import LIMITS, ROUND, SECOND
 from s2r_a1.guard.place import RobotAddress
-from s2r_a1.guard.states import RULES, Arrival, Conditions, Inputs, Machine, State
+from s2r_a1.guard.serving import Answer, RequestServer
+from s2r_a1.guard.states import RULES, Arrival, Inputs, Machine, State
+from s2r_a1.guard.step import judge_arrival, step
+from s2r_a1.guard.transitions import Conditions
 from s2r_a1.link import Link, RobotSide, UdpLink
 from s2r_a1.rawlog import RawLogError, RawLogWriter
 from s2r_a1.wire import LAYOUTS, MotorPacket, Orders
@@ -44,25 +44,9 @@ MUTE = 3.0
 """A budget [s]: time for the first answer of a twin in lock step."""
 RENEWED = 500
 """A budget [rounds]: interval between two checks of the control socket; each takes 10 µs."""
-POLLED = 0.005
-"""A budget [s]: interval between two checks of a request that waits for the disk."""
 
 AT_REST = frozenset({State.OFF, State.LINKED, State.ARMED, State.RESTING})
 """A definition: states in which the robot lies or hangs without support of its motors, so a guard may end."""
-
-
-class Deferred(NamedTuple):
-    """A request with a later reply.
-
-    Attributes:
-        party: connection that waits for the reply.
-        poll: returns the reply, or None while it must wait; raises RefusedError.
-        rounds: whether it waits for rounds (True) or for the disk (False).
-    """
-
-    party: Party
-    poll: Callable[[], dict[str, Any] | None]
-    rounds: bool
 
 
 @dataclass
@@ -71,11 +55,8 @@ class ClientSession:
 
     party: Party
     address: Address
-    socket: Socket
+    socket: RealTimeSocket
     side: RobotSide
-
-
-Answer = Callable[["Guard", Party, Request], dict[str, Any] | Deferred]
 
 
 class Guard:
@@ -93,7 +74,6 @@ class Guard:
         packet: packet of the last valid state.
         ending: whether the guard ends as soon as the robot lies.
         terminated: set by the signal handler, and handled in the next wait.
-        answer: returns the reply to a request, now or later; raises RefusedError.
     """
 
     def __init__(self, robot: RobotAddress, listener: Listener, answer: Answer, idle: float = 60.0) -> None:
@@ -113,9 +93,8 @@ class Guard:
         self.packet = b""
         self.ending = False
         self.terminated = False
-        self.answer = answer
-        self._socket: Socket | None = None
-        self._pending: list[Deferred] = []
+        self._requests = RequestServer(self, listener, answer)
+        self._socket: RealTimeSocket | None = None
         self._idle = idle
         self._orders: Orders | MotorPacket | None = None
         self._due = 0
@@ -157,7 +136,7 @@ class Guard:
         if self.link is None:
             self.link = self._opened()
             self.link.tap = self._record
-        self.become(states.connect(self.machine, self.now))
+        self.become(transitions.connect(self.machine, self.now))
         self._orders, self._due = RULES[self.machine.state].orders(self.machine, self.now, self.limits), 0
 
     def _opened(self) -> Link:
@@ -174,12 +153,12 @@ class Guard:
 
     def disconnect(self) -> None:
         """Close the link to a robot that does not answer."""
-        self.become(states.disconnect(self.machine, self.now))
+        self.become(transitions.disconnect(self.machine, self.now))
         self._close_link()
 
     def reset(self) -> None:
         """Reset after the operator's statement that a damped robot lies."""
-        self.become(states.reset(self.machine, self.now))
+        self.become(transitions.reset(self.machine, self.now))
         if self._socket and self._socket.gone:
             self._close_link()
             self.connect()
@@ -216,12 +195,12 @@ class Guard:
         """
         if self.client and self.client.party is party:
             self.release()
-            self.become(states.leave(self.machine, self.now))
+            self.become(transitions.leave(self.machine, self.now))
         elif self.client and party.role == "operator" and not self.attended:
-            self.become(states.leave(self.machine, self.now, "operator"))
+            self.become(transitions.leave(self.machine, self.now, "operator"))
         elif not self.client and not self.listener.parties:
             reason = "no program is attached to the guard"
-            self.become(states.stop(self.machine, True, "operator", reason))
+            self.become(transitions.stop(self.machine, True, "operator", reason))
 
     def release(self) -> None:
         """Remove the client; the robot's state does not change."""
@@ -280,7 +259,7 @@ class Guard:
         if self._turning():
             self._round()
         else:
-            self._serve(self._ready([], LOOKED))
+            self._serve(self._requests.ready([], LOOKED))
             self.listener.renew()
 
     def close(self) -> None:
@@ -289,16 +268,14 @@ class Guard:
         if log:
             with contextlib.suppress(RawLogError):  # all complete blocks that fit are on the disk
                 log.close(10.0)
-        if self.client:
-            self.client.socket.close()
-            self.client = None
+        self.release()
         self._close_link()
         self.listener.close()
 
     def stop(self, reason: str) -> None:
         """Make a standing robot lie down, and then end."""
         self.ending = True
-        self.become(states.stop(self.machine, True, "operator", reason))
+        self.become(transitions.stop(self.machine, True, "operator", reason))
 
     def _ended(self) -> bool:
         """Return whether the guard may end now."""
@@ -321,7 +298,7 @@ class Guard:
         """Return whether rounds go on."""
         if self.link is None:
             return False
-        if not self.lockstep or self.client or any(waits.rounds for waits in self._pending):
+        if not self.lockstep or self.client or any(waits.rounds for waits in self._requests.pending):
             return True
         return self.moving()
 
@@ -339,15 +316,13 @@ class Guard:
         self.rounds += 1
         if self.rounds % RENEWED == 0:
             self.listener.renew()
-        step = states.step(self.machine, brought._replace(now=self.now), self.limits)
-        self._orders = step.orders
-        self.become(step.machine)
+        machine, self._orders = step(self.machine, brought._replace(now=self.now), self.limits)
+        self.become(machine)
         if not self.lockstep:
             self._send()
         if self.log:
             self._look_at_log(self.log)
-        if self._pending:
-            self._answer_later(rounds=True)
+        self._requests.answer_later(rounds=True)
 
     def _send(self) -> None:
         if self.link and self._orders:
@@ -366,13 +341,18 @@ class Guard:
         watched = link.fileno()
         while True:
             left = self._due - time.monotonic_ns()
-            ready = self._ready([] if watched is None else [watched], max(left, 0) / SECOND)
+            ready = self._requests.ready([] if watched is None else [watched], max(left, 0) / SECOND)
             is_due = left <= 0 or (not ready and time.monotonic_ns() >= self._due)
             if watched in ready or (watched is None and is_due):
                 arrival = _merge(arrival, self._read(link))
             self._serve(ready)
             if is_due:
                 return self._ordered(self.client, arrival)
+
+    def _serve(self, ready: set[int]) -> None:
+        self._requests.serve(ready)
+        if self.terminated and not self.ending:
+            self.stop("the guard was asked to end")
 
     def _lock_step(self) -> Inputs:
         """Send the command, wait for the robot's datagram, pass it on, and wait for the client's."""
@@ -392,7 +372,11 @@ class Guard:
         return self._ordered(client if client is self.client else None, arrival)
 
     def _await(
-        self, socket: Socket, peer: Address, seconds: float | None = None, client: ClientSession | None = None
+        self,
+        socket: RealTimeSocket,
+        peer: Address,
+        seconds: float | None = None,
+        client: ClientSession | None = None,
     ) -> None:
         """Serve requests until a datagram arrives at a socket.
 
@@ -400,7 +384,7 @@ class Guard:
         """
         began = time.monotonic()
         while not socket.gone and (client is None or self.client is client):
-            ready = self._ready([socket.fileno()], LOOKED)
+            ready = self._requests.ready([socket.fileno()], LOOKED)
             self._serve(ready)
             if socket.fileno() in ready:
                 return
@@ -412,7 +396,7 @@ class Guard:
 
     def _read(self, link: Link) -> Arrival:
         """Return the arrived states; pass a valid one on to the client."""
-        arrival = states.judge_arrival(self.limits, link.read(), link.fault)
+        arrival = judge_arrival(self.limits, link.read(), link.fault)
         if arrival.reading is not None:
             self.packet = link.packet
             if self.client:
@@ -439,57 +423,9 @@ class Guard:
     def _look_at_log(self, log: RawLogWriter) -> None:
         """Make the robot lie down if the disk fails, and end the recording of a client that has left."""
         if log.failure and not self.machine.wanted:
-            self.become(states.stop(self.machine, True, "disk", log.failure, now_=True))
+            self.become(transitions.stop(self.machine, True, "disk", log.failure, at_once=True))
         if self.client is None and not self.moving() and not RULES[self.machine.state].stands:
             self.finish_recording()
-
-    # Requests.
-
-    def _ready(self, files: list[int], seconds: float) -> set[int]:
-        """Return the descriptors that can be read, after at most this time [s]."""
-        if self._pending:
-            seconds = min(seconds, POLLED)
-        return set(select.select([*files, *self.listener.filenos()], [], [], seconds)[0])
-
-    def _serve(self, ready: set[int]) -> None:
-        """Answer new requests, and waiting ones whose reply is ready."""
-        if ready:
-            for party, request in self.listener.take(ready):
-                self._reply(party, partial(self._answered, party, request))
-            for party in self.listener.parties:
-                party.flush()
-            for party in self.listener.ended():
-                self.leave(party)
-        if self._pending:
-            self._answer_later(rounds=False)
-        if self.terminated and not self.ending:
-            self.stop("the guard was asked to end")
-
-    def _answer_later(self, rounds: bool) -> None:
-        """Answer requests that waited for rounds, or for the disk, if their reply is ready."""
-        waiting, self._pending = self._pending, []
-        for deferred in waiting:
-            if deferred.rounds is not rounds:
-                self._pending.append(deferred)
-            elif deferred.party.open:
-                self._reply(deferred.party, partial(_poll, deferred))
-
-    def _answered(self, party: Party, request: Request | str) -> dict[str, Any] | Deferred:
-        if isinstance(request, str):
-            raise RefusedError(request)
-        return self.answer(self, party, request)
-
-    def _reply(self, party: Party, answered: Callable[[], dict[str, Any] | Deferred]) -> None:
-        """Send the reply to a request, or keep the request for later."""
-        try:
-            reply = answered()
-        except (RefusedError, LinkError) as error:
-            party.send({"ok": False, "error": str(error), "state": self.machine.state})
-            return
-        if isinstance(reply, Deferred):
-            self._pending.append(reply)
-        else:
-            party.send({"ok": True, "state": self.machine.state, **reply})
 
     def _publish(self, event: str, **fields: Any) -> None:
         self.event = {"event": event, **fields, "round": self.rounds}
@@ -508,11 +444,6 @@ def _merge(before: Arrival, after: Arrival) -> Arrival:
     if after.reading is not None:
         return after
     return before if before.reading is not None else after._replace(bad=before.bad or after.bad)
-
-
-def _poll(deferred: Deferred) -> dict[str, Any] | Deferred:
-    reply = deferred.poll()
-    return deferred if reply is None else reply
 
 
 def is_free(address: Address) -> bool:
