@@ -115,7 +115,7 @@ class Attendance:
             self._operator.say("It is a twin, not a robot: a simulation behind the robot's wire.")
         if self.unattended:
             self._operator.say("operator=auto: s2r connects, arms and walks it without questions.")
-        guard, status = start(backend.robot)
+        guard, status = start(backend.reached)
         # Two runs of one robot would alternate, and the end of one would make it lie down during the other's test.
         others = [pid for pid in status.get("operators", ()) if pid != os.getpid()]
         if others:
@@ -270,7 +270,7 @@ class Attendance:
         except ControlError:
             self._operator.say(f"The guard has ended, and s2r starts a new one. Check {self._name} first.")
             self._guard.close()
-            self._guard, status = start(self._backend.robot)
+            self._guard, status = start(self._backend.reached)
         state = status["state"]
         if state == "DAMPING":
             self._ask(

@@ -6,7 +6,7 @@ import os
 import select
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from s2r_a1.datagrams import LockStepSocket, RealTimeSocket
 from s2r_a1.guard.checks import impossibility
@@ -17,7 +17,6 @@ from s2r_a1.guard.start import attach
 from s2r_a1.link import UdpLink
 from s2r_a1.mocap import Listener
 from s2r_a1.ticks import PERIOD, SECONDS, TickUnit
-from s2r_a1.walk import GONE, StateChange
 from s2r_a1.wire import LAYOUTS, Orders, Reading
 from s2r_spec.errors import BackendError, NotBegunError
 
@@ -28,32 +27,45 @@ WAIT = 2.0 * PERIOD
 10 ms; four times as much would count as silence."""
 
 
+GONE = "GONE"
+"""A definition: the state of a guard that ended while a client was attached."""
+
+
+class StateChange(NamedTuple):
+    """A state of the guard, with the reason as a word and a sentence; both "" if nothing is wrong."""
+
+    state: str
+    word: str = ""
+    reason: str = ""
+
+
 class Client:
-    """A :class:`~s2r_a1.walk.RobotConnection` to the guard of a robot.
+    """A connection to the guard of a robot.
 
     Attributes:
         lockstep: whether the connection runs in lock step.
         layout: name of the packets' layout, "a1".
         unit: unit of the robot's clock.
         change: the newest state of the guard, as of the last ``receive`` or ``request``.
-        wanted: the state that the guard requests, and why; None while the robot may walk on.
+        wanted: the state that the guard requests, STAND or RESTING, and why; None while the robot may walk on.
         mocap: listener that collects poses with every reading; None for none.
     """
 
-    def __init__(self, robot: RobotAddress) -> None:
-        """Attach to the guard of a robot.
+    def __init__(self, robot: RobotAddress, mocap: int | None = None) -> None:
+        """Attach to the guard of a robot; collect poses at the UDP port ``mocap``.
 
         Raises:
-            BackendError: no guard runs, it has another client, or it has not measured the robot's clock yet.
+            BackendError: no guard runs, it has another client, it has not measured the robot's clock yet, or the port
+                cannot be opened.
         """
         self.wanted: StateChange | None = None
-        self.mocap: Listener | None = None
+        self.mocap = None if mocap is None else Listener(mocap)
         self.lockstep = robot.clock == "lockstep"
         self._socket = LockStepSocket() if self.lockstep else RealTimeSocket()
         try:
             self._attach(robot)
         except BaseException:
-            self._socket.close()
+            self._close_sockets()
             raise
 
     def _attach(self, robot: RobotAddress) -> None:
@@ -139,7 +151,12 @@ class Client:
     def close(self) -> None:
         """Disconnect from the guard, which damps a robot that stands or walks."""
         self._control.close()
+        self._close_sockets()
+
+    def _close_sockets(self) -> None:
         self._socket.close()
+        if self.mocap is not None:
+            self.mocap.close()
 
     def _wait(self) -> None:
         """Wait for the guard's datagram, or for its end, which only the control socket shows."""

@@ -204,6 +204,19 @@ def is_loopback(host: str) -> bool:
         return False
 
 
+def is_free(address: Address) -> bool:
+    """Return whether no process of this computer uses a UDP port.
+
+    This is the only sign of a process that was killed after it received a datagram.
+    """
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(address)
+        except OSError:
+            return False
+    return True
+
+
 def open_socket(peer: Address, *, lockstep: bool = False, port: int = 0) -> RealTimeSocket:
     """Return a socket that is connected to a peer, from a local port; 0 for any free one.
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import ExitStack, closing, contextmanager, suppress
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
@@ -52,19 +52,8 @@ def run(backend: A1Backend, test: Mapping[str, float], seed: int) -> Trace:
     command = VelocityCommand(test["vd"], test["vy"], test["wz"])
     schedule = Schedule.of(command, seed, round(backend.duration * RATE), own.settings.gains)
     about = about_run(backend, seed)
-    with ExitStack() as stack:
-        try:
-            listener = None if backend.reached.mocap is None else Listener(backend.reached.mocap)
-            if listener is not None:
-                stack.callback(listener.close)
-            client = Client(backend.robot)
-            stack.callback(client.close)
-            client.mocap = listener
-            about |= {"layout": client.layout, "tick_unit": client.unit}
-            path = new_path(backend.folder, seed)
-            client.record(path, recording.header_of(test, schedule, about))
-        except BackendError as error:
-            raise NotBegunError(str(error)) from None
+    header = recording.header_of(test, schedule, {})
+    with recorded(backend, about, header, backend.reached.mocap) as (client, path):
         walked = carried_out(
             client, backend, lambda: walk(client, own, schedule, client.ready, backend.begins)
         )
@@ -73,8 +62,8 @@ def run(backend: A1Backend, test: Mapping[str, float], seed: int) -> Trace:
     except TraceError as error:
         trace = lost_trace(backend.channels, about | {"params": dict(test)}, str(error))
     else:
-        if listener is not None:
-            trace = _with_velocity(trace, walked, listener, backend.placing, client)
+        if client.mocap is not None:
+            trace = _with_velocity(trace, walked, client.mocap, backend.placing, client)
     return ended_trace(trace, walked, schedule.hold, path)
 
 
@@ -87,6 +76,28 @@ def about_run(backend: A1Backend, seed: int) -> dict[str, Any]:
         "begun": datetime.now(UTC).isoformat(timespec="seconds"),
         "twin": backend.reached.is_twin,
     }
+
+
+@contextmanager
+def recorded(
+    backend: A1Backend, about: dict[str, Any], header: Mapping[str, Any], mocap: int | None = None
+) -> Iterator[tuple[Client, Path]]:
+    """Attach to the robot's guard, and have it record to a file with ``about`` and ``header``.
+
+    Layout and clock of the robot are added to ``about``. Poses are received at the UDP port ``mocap``, if any.
+
+    Raises:
+        NotBegunError: the guard, the port or the file cannot be used.
+    """
+    with ExitStack() as stack:
+        try:
+            client = stack.enter_context(closing(Client(backend.reached, mocap)))
+            about |= {"layout": client.layout, "tick_unit": client.unit}
+            path = new_path(backend.folder, about["seed"])
+            client.record(path, {**about, **header})
+        except BackendError as error:
+            raise NotBegunError(str(error)) from None
+        yield client, path
 
 
 def carried_out(client: Client, backend: A1Backend, move: Callable[[], Walked]) -> Walked:

@@ -10,14 +10,14 @@ The guard ends the walk when a limit is exceeded, and changes its state. Before 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple
 
+from s2r_a1.client import GONE, Client, StateChange
+from s2r_a1.excitation import Player
 from s2r_a1.pilot import Note, Pilot, orders
 from s2r_a1.schedule import Schedule
-from s2r_a1.ticks import TickUnit
 from s2r_a1.wire import Orders, Reading, WireError
 from s2r_spec.errors import BackendError, NotBegunError
 
@@ -25,66 +25,9 @@ GETTING_UP = 5000
 """A budget [rounds of 2 ms]: time to stand up or to lie down, 10 s."""
 SETTLING = 250
 """A budget [rounds of 2 ms]: time of standing still before and after a walk, 0.5 s."""
-GONE = "GONE"
-"""A definition: the state of a guard that ended while a client was attached."""
 
 
-class StateChange(NamedTuple):
-    """A state of the guard, with the reason as a word and a sentence; both "" if nothing is wrong."""
-
-    state: str
-    word: str = ""
-    reason: str = ""
-
-
-class RobotConnection(Protocol):
-    """The connection to the robot: through the guard, or a substitute in tests.
-
-    Attributes:
-        unit: unit of the robot's clock.
-        change: the newest state of the guard, as of the last ``receive`` or ``request``.
-        wanted: the state that the guard requests, STAND or RESTING, and why; None while the robot may walk on.
-    """
-
-    unit: TickUnit
-    change: StateChange
-    wanted: StateChange | None
-
-    def receive(self) -> Reading | None:
-        """Return the state of this round; None if no valid one arrived."""
-        ...
-
-    def send(self, orders: Orders | None) -> None:
-        """Send the commands of this round, or none."""
-        ...
-
-    def request(self, do: str, **fields: Any) -> Mapping[str, Any]:
-        """Send a request to the guard, and return its reply.
-
-        Raises:
-            BackendError: the guard refuses; the message says why.
-        """
-        ...
-
-
-class Mover(Protocol):
-    """Computes the commands of a motion from one reading after another."""
-
-    def step(self, reading: Reading) -> Note:
-        """Compute the motor commands at a reading that is newer than the last."""
-        ...
-
-    def stop(self) -> None:
-        """Bring the motion to its end now."""
-        ...
-
-    def is_done(self, note: Note) -> bool:
-        """Return whether the robot may be halted."""
-        ...
-
-
-@dataclass(frozen=True)
-class Walked:
+class Walked(NamedTuple):
     """The result of a walk, or of another motion.
 
     Attributes:
@@ -97,7 +40,7 @@ class Walked:
 
 
 def walk(
-    line: RobotConnection,
+    line: Client,
     pilot: Pilot,
     schedule: Schedule,
     ready: Callable[[], None] | None = None,
@@ -108,7 +51,7 @@ def walk(
     Args:
         line: connection to the robot.
         pilot: pilot with compiled code, because compiling now would be silence to the guard.
-        schedule: schedule of the test.
+        schedule: the test.
         ready: raises a NotBegunError if the standing robot must not walk yet.
         begins: function to call at t = 0.
 
@@ -121,8 +64,8 @@ def walk(
 
 
 def move(
-    line: RobotConnection,
-    mover: Mover,
+    line: Client,
+    mover: Pilot | Player,
     motion: str,
     ready: Callable[[], None] | None = None,
     begins: Callable[[], None] | None = None,
@@ -133,13 +76,14 @@ def move(
         ready()
     notes, ending = _move(line, mover, motion, reading, begins)
     if ending is None or ending.state != GONE:
-        _settle(line)
+        with suppress(BackendError):  # until the robot is still; the recording goes on
+            _wait(line, SETTLING, lambda: line.change.state == GONE)
     if not notes or notes[-1].tick < 0:
         raise NotBegunError(_sentence(line.change if ending is None else ending))
     return Walked(tuple(notes), ending)
 
 
-def stand(line: RobotConnection) -> Reading:
+def stand(line: Client) -> Reading:
     """Have the robot stand up if it lies, and return the newest reading once it stands still.
 
     Raises:
@@ -160,7 +104,7 @@ def stand(line: RobotConnection) -> Reading:
     raise NotBegunError("the robot did not stand up within 10 s; check what holds it, and try again")
 
 
-def rest(line: RobotConnection) -> None:
+def rest(line: Client) -> None:
     """Have a standing robot lie down; return when it lies, or when the guard does something else.
 
     Raises:
@@ -168,19 +112,24 @@ def rest(line: RobotConnection) -> None:
     """
     if line.change.state in ("STANDING_UP", "STAND"):
         line.request("lie")
-    for _ in range(GETTING_UP):
-        if line.change.state != "LYING_DOWN":
+    _wait(line, GETTING_UP, lambda: line.change.state != "LYING_DOWN")
+
+
+def _wait(line: Client, rounds: int, until: Callable[[], bool]) -> None:
+    """Answer states without commands, for some rounds or until a condition holds."""
+    for _ in range(rounds):
+        if until():
             return
         line.send(None)
         line.receive()
 
 
 def _move(
-    line: RobotConnection, mover: Mover, motion: str, reading: Reading, begins: Callable[[], None] | None
+    line: Client, mover: Pilot | Player, motion: str, reading: Reading, begins: Callable[[], None] | None
 ) -> tuple[list[Note], StateChange | None]:
     """Return the notes of a motion from a reading on, and the cause of an early end."""
-    notes: list[Note] = []
     line.request(motion)
+    notes: list[Note] = []
     newest: Reading | None = reading
     ordered: Orders | None = None
     stopped: StateChange | None = None
@@ -210,7 +159,7 @@ def _move(
             return notes, line.change
 
 
-def _halt(line: RobotConnection) -> StateChange | None:
+def _halt(line: Client) -> StateChange | None:
     """Have the guard take over; return its change of state if it acted before."""
     try:
         line.request("halt")
@@ -219,21 +168,11 @@ def _halt(line: RobotConnection) -> StateChange | None:
     return None
 
 
-def _damp(line: RobotConnection, reason: str) -> StateChange:
+def _damp(line: Client, reason: str) -> StateChange:
     """Have the robot damped; a fault of its controller is an outcome."""
     with suppress(BackendError):
         line.request("damp", reason=reason)
     return StateChange("DAMPING", "torque", reason)
-
-
-def _settle(line: RobotConnection) -> None:
-    """Wait for ``SETTLING`` rounds until the robot is still; the recording goes on."""
-    with suppress(BackendError):
-        for _ in range(SETTLING):
-            if line.change.state == GONE:
-                break
-            line.send(None)
-            line.receive()
 
 
 def _sentence(change: StateChange) -> str:

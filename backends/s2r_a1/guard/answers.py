@@ -27,6 +27,7 @@ LONGEST = 300
 """A budget: characters of a reason."""
 JUDGED = frozenset({"a1"})
 """A definition: layouts of robots with limits in :mod:`s2r_a1.guard.limits`; other robots are never armed."""
+_UNJUDGED = "the guard can read a {} but not move it, because it has the limits of an A1 only"
 
 
 def answer(guard: Guard, party: Party, request: Request) -> Reply:
@@ -39,9 +40,8 @@ def answer(guard: Guard, party: Party, request: Request) -> Reply:
     if party.role not in ROLES[request.do]:
         needed = " or ".join(sorted(role for role in ROLES[request.do] if role))
         raise RefusedError(f"{request.do} needs the role {needed}; send hello with that role first")
-    if request.do in BEGINNINGS or request.do in _MOTIONS:
-        return _motion(guard, party, request)
-    return _ANSWERS[request.do](guard, party, request.fields)
+    own = _ANSWERS.get(request.do)
+    return own(guard, party, request.fields) if own else _motion(guard, party, request)
 
 
 def _motion(guard: Guard, party: Party, request: Request) -> Reply:
@@ -110,7 +110,7 @@ def _connect(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
             return status(guard)
         if guard.rounds < until:
             return None
-        sentence = silent(guard) if reading is None or conditions.refusal is None else clockless(guard)
+        sentence = _silent(guard) if reading is None or conditions.refusal is None else _clockless(guard)
         guard.disconnect()
         raise RefusedError(sentence)
 
@@ -123,13 +123,10 @@ def _arm(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
     if guard.machine.state is State.DAMPING:
         raise RefusedError(f"the robot is damped ({guard.machine.reason}); reset it first")
     if guard.robot.layout not in JUDGED:
-        raise RefusedError(unjudged(guard))
+        raise RefusedError(_UNJUDGED.format(guard.layout.name))
     memory = guard.machine.memory
-    if (
-        guard.machine.state is State.LINKED
-        and guard.link
-        and memory.now - memory.fresh >= guard.limits.silence
-    ):
+    silent_now = memory.now - memory.fresh >= guard.limits.silence
+    if guard.machine.state is State.LINKED and guard.link and silent_now:
         guard.link.forget()  # the clock of a robot that was switched off and on starts again
     until = guard.rounds + PATIENCE
 
@@ -188,12 +185,10 @@ def _record(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
         ) from None
 
     def poll() -> dict[str, Any] | None:
-        if not log.ready:
-            return None
-        if log.failure:
+        if log.ready and log.failure:
             guard.finish_recording()
             raise RefusedError(log.failure)
-        return {"path": path}
+        return {"path": path} if log.ready else None
 
     return Deferred(party, poll, rounds=False)
 
@@ -264,15 +259,8 @@ def status(guard: Guard) -> dict[str, Any]:
 def unready(guard: Guard) -> str | None:
     """Return why a robot must not be armed now, or None."""
     if guard.robot.layout not in JUDGED:
-        return unjudged(guard)
+        return _UNJUDGED.format(guard.layout.name)
     return transitions.unready(guard.machine, guard.conditions(), guard.limits)
-
-
-def unjudged(guard: Guard) -> str:
-    """Return the reason for refusing a robot without limits."""
-    return (
-        f"the guard can read a {guard.layout.name} but not move it, because it has the limits of an A1 only"
-    )
 
 
 def _battery(guard: Guard) -> int | None:
@@ -282,8 +270,7 @@ def _battery(guard: Guard) -> int | None:
     return int(np.frombuffer(guard.packet, guard.layout.state)["battery"][0, 3])
 
 
-def silent(guard: Guard) -> str:
-    """Return the message about a robot that has not answered."""
+def _silent(guard: Guard) -> str:
     where = f"{guard.robot.host}:{guard.robot.port}"
     if guard.link and guard.link.counters.corrupt:
         return f"{where} answers, but sends no packets of the {guard.layout.name}; check its layout and its address"
@@ -296,8 +283,7 @@ def silent(guard: Guard) -> str:
     return f"no {guard.layout.name} answers at {where}; check that it is on, its address, and the cable"
 
 
-def clockless(guard: Guard) -> str:
-    """Return the message about a robot whose clock has no known unit."""
+def _clockless(guard: Guard) -> str:
     assert guard.link is not None
     refusal = guard.link.refusal or ""
     if not guard.loopback:
@@ -306,7 +292,6 @@ def clockless(guard: Guard) -> str:
     return f"{problem}; if this machine is too busy for a twin in real time, use clock=lockstep for guard and twin"
 
 
-_MOTIONS = frozenset({"halt", "lie", "damp"})
 _ANSWERS: dict[str, Callable[[Guard, Party, dict[str, Any]], Reply]] = {
     "hello": _hello,
     "status": lambda guard, party, fields: status(guard),

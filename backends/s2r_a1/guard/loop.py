@@ -13,21 +13,22 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import socket as socketlib
 import time
-from dataclasses import dataclass
+from math import inf
 from typing import Any
 
-from s2r_a1.datagrams import Address, LinkError, RealTimeSocket, is_loopback, open_socket
+from s2r_a1 import datagrams
+from s2r_a1.datagrams import Address, LinkError, RealTimeSocket, is_free, is_loopback
 from s2r_a1.guard import moves, transitions
+from s2r_a1.guard.client_session import ClientSession
 from s2r_a1.guard.control import Listener, Party
 from s2r_a1.guard.limits import LIMITS, ROUND, SECOND
 from s2r_a1.guard.place import RobotAddress
 from s2r_a1.guard.serving import Answer, RequestServer
 from s2r_a1.guard.states import RULES, Arrival, Inputs, Machine, State
-from s2r_a1.guard.step import judge_arrival, step
+from s2r_a1.guard.step import judge_arrival, merge, step
 from s2r_a1.guard.transitions import Conditions
-from s2r_a1.link import Link, RobotSide, UdpLink
+from s2r_a1.link import Link, UdpLink
 from s2r_a1.rawlog import RawLogError, RawLogWriter
 from s2r_a1.wire import LAYOUTS, MotorPacket, Orders
 
@@ -36,8 +37,7 @@ SINKING = {State.DAMPING: 3 * SECOND, State.RESTING: SECOND}
 LOOKED = 0.2
 """A budget [s]: interval at which an idle guard checks whether it must end."""
 UNANSWERED = 1.0
-"""A budget [s]: wait in lock step for a client that may no longer move the robot. A stopped client would delay the
-damping of the robot."""
+"""A budget [s]: wait in lock step for a client that may no longer move the robot, since it would delay damping."""
 GREETED = 10.0
 """A budget [s]: extra time that a new guard waits for the program that started it."""
 MUTE = 3.0
@@ -47,16 +47,6 @@ RENEWED = 500
 
 AT_REST = frozenset({State.OFF, State.LINKED, State.ARMED, State.RESTING})
 """A definition: states in which the robot lies or hangs without support of its motors, so a guard may end."""
-
-
-@dataclass
-class ClientSession:
-    """The program that moves the robot: its control connection and its packet connection."""
-
-    party: Party
-    address: Address
-    socket: RealTimeSocket
-    side: RobotSide
 
 
 class Guard:
@@ -87,12 +77,10 @@ class Guard:
         self.link: Link | None = None
         self.client: ClientSession | None = None
         self.log: RawLogWriter | None = None
-        self.rounds = 0
-        self.late = 0
+        self.rounds = self.late = 0
         self.event: dict[str, Any] | None = None
         self.packet = b""
-        self.ending = False
-        self.terminated = False
+        self.ending = self.terminated = False
         self._requests = RequestServer(self, listener, answer)
         self._socket: RealTimeSocket | None = None
         self._idle = idle
@@ -100,11 +88,9 @@ class Guard:
         self._due = 0
         self._alone = time.monotonic() + GREETED
 
-    # Methods for requests.
-
     @property
     def now(self) -> int:
-        """The time of this round [ns]; in lock step it counts rounds."""
+        """Time of this round [ns]; in lock step it counts rounds."""
         return self.rounds * ROUND if self.lockstep else time.monotonic_ns()
 
     def become(self, machine: Machine) -> None:
@@ -121,11 +107,9 @@ class Guard:
         wanted = machine.wanted
         if wanted and wanted != before.wanted and RULES[machine.state].client:
             self._publish("wanted", state=wanted.state, word=wanted.word, reason=wanted.reason)
-        if machine.warnings and machine.warnings != before.warnings:
-            old = {name for name, _ in before.warnings}
-            for name, sentence in machine.warnings:
-                if name not in old:
-                    self._publish("warning", reason=sentence)
+        for name, sentence in machine.warnings:
+            if name not in dict(before.warnings):
+                self._publish("warning", reason=sentence)
 
     def connect(self) -> None:
         """Open the link to the robot.
@@ -134,16 +118,16 @@ class Guard:
             LinkError: the local port is in use, no network leads to the robot, or the vendor's module is not valid.
         """
         if self.link is None:
-            self.link = self._opened()
+            self.link = self._open_link()
             self.link.tap = self._record
         self.become(transitions.connect(self.machine, self.now))
         self._orders, self._due = RULES[self.machine.state].orders(self.machine, self.now, self.limits), 0
 
-    def _opened(self) -> Link:
+    def _open_link(self) -> Link:
         robot = self.robot
         peer = (robot.host, robot.port)
         if not robot.module:
-            self._socket = open_socket(peer, lockstep=self.lockstep, port=robot.local)
+            self._socket = datagrams.open_socket(peer, lockstep=self.lockstep, port=robot.local)
             return UdpLink(self._socket, self.layout)
         if self.lockstep:
             raise LinkError("the vendor's module runs only in real time; leave out module or clock=lockstep")
@@ -157,7 +141,7 @@ class Guard:
         self._close_link()
 
     def reset(self) -> None:
-        """Reset after the operator's statement that a damped robot lies."""
+        """Take the operator's word that a damped robot lies."""
         self.become(transitions.reset(self.machine, self.now))
         if self._socket and self._socket.gone:
             self._close_link()
@@ -177,10 +161,8 @@ class Guard:
         Raises:
             LinkError: its port cannot be reached.
         """
-        address = ("127.0.0.1", port)
-        socket = open_socket(address, lockstep=self.lockstep)
-        self.client = ClientSession(party, address, socket, RobotSide(socket, self.layout))
-        return socket.port
+        self.client = ClientSession(party, port, self.layout, self.lockstep)
+        return self.client.socket.port
 
     @property
     def attended(self) -> bool:
@@ -199,8 +181,7 @@ class Guard:
         elif self.client and party.role == "operator" and not self.attended:
             self.become(transitions.leave(self.machine, self.now, "operator"))
         elif not self.client and not self.listener.parties:
-            reason = "no program is attached to the guard"
-            self.become(transitions.stop(self.machine, True, "operator", reason))
+            self._lie("no program is attached to the guard")
 
     def release(self) -> None:
         """Remove the client; the robot's state does not change."""
@@ -211,7 +192,7 @@ class Guard:
     def forget_orders(self) -> None:
         """Discard the client's earlier commands at the beginning of a new motion."""
         if self.client and not self.lockstep:
-            self.client.side.receive()
+            self.client.socket.receive()
 
     def record(self, path: str, header: dict[str, Any]) -> RawLogWriter:
         """Begin a recording of all packets from and to the robot; finish the current one."""
@@ -226,8 +207,6 @@ class Guard:
         if log:
             log.finish()
         return log
-
-    # The loop.
 
     def run(self) -> None:
         """Run rounds and serve requests until the guard ends."""
@@ -244,7 +223,7 @@ class Guard:
             self.close()
 
     def _give_up(self) -> None:
-        """Damp the robot until it lies, after an unexpected error of the guard itself."""
+        """Damp the robot until it lies."""
         if self.link is None or self.machine.state in (State.OFF, State.LINKED):
             return
         for _ in range(SINKING[State.DAMPING] // ROUND):
@@ -275,10 +254,12 @@ class Guard:
     def stop(self, reason: str) -> None:
         """Make a standing robot lie down, and then end."""
         self.ending = True
+        self._lie(reason)
+
+    def _lie(self, reason: str) -> None:
         self.become(transitions.stop(self.machine, True, "operator", reason))
 
     def _ended(self) -> bool:
-        """Return whether the guard may end now."""
         machine = self.machine
         if self.ending and machine.state in (*AT_REST, State.DAMPING) and not self._sinking():
             return True
@@ -287,20 +268,15 @@ class Guard:
         return time.monotonic() - self._alone >= self._idle
 
     def _orphaned(self) -> bool:
-        """Return whether the robot was a damped twin that has ended.
-
-        A real robot stays damped until an operator resets it.
-        """
+        """Return whether a damped twin has ended; a real robot stays damped until an operator resets it."""
         damped = self.machine.state is State.DAMPING and not self._sinking()
         return damped and self.loopback and is_free((self.robot.host, self.robot.port))
 
     def _turning(self) -> bool:
-        """Return whether rounds go on."""
         if self.link is None:
             return False
-        if not self.lockstep or self.client or any(waits.rounds for waits in self._requests.pending):
-            return True
-        return self.moving()
+        waited_for = any(waits.rounds for waits in self._requests.pending)
+        return not self.lockstep or self.client is not None or waited_for or self.moving()
 
     def moving(self) -> bool:
         """Return whether the robot moves without a client; rounds must then go on."""
@@ -308,7 +284,6 @@ class Guard:
         return RULES[machine.state].moves or machine.wanted is not None or self._sinking()
 
     def _sinking(self) -> bool:
-        """Return whether a damped robot may still be sinking."""
         return self.now - self.machine.since < SINKING.get(self.machine.state, 0)
 
     def _round(self) -> None:
@@ -329,22 +304,20 @@ class Guard:
             self.link.write(self._orders)
 
     def _real_time(self) -> Inputs:
-        """Wait until the round is due; return its inputs."""
         now = time.monotonic_ns()
         if not self._due or now - self._due > 2 * ROUND:
             self.late += self._due > 0
             self._due = now
         self._due += ROUND
-        link = self.link
+        link, arrival = self.link, Arrival()
         assert link is not None
-        arrival = Arrival()
         watched = link.fileno()
         while True:
             left = self._due - time.monotonic_ns()
             ready = self._requests.ready([] if watched is None else [watched], max(left, 0) / SECOND)
             is_due = left <= 0 or (not ready and time.monotonic_ns() >= self._due)
             if watched in ready or (watched is None and is_due):
-                arrival = _merge(arrival, self._read(link))
+                arrival = merge(arrival, self._read(link))
             self._serve(ready)
             if is_due:
                 return self._ordered(self.client, arrival)
@@ -358,29 +331,24 @@ class Guard:
         """Send the command, wait for the robot's datagram, pass it on, and wait for the client's."""
         self._send()
         link, socket = self.link, self._socket
-        assert link is not None
-        assert socket is not None
+        assert link
+        assert socket
         # A peer that never answers uses another protocol; for one that has answered there is no time limit.
-        peer = (self.robot.host, self.robot.port)
-        self._await(socket, peer, None if link.counters.received else MUTE)
+        self._await(socket, (self.robot.host, self.robot.port), inf if link.counters.received else MUTE)
         arrival = self._read(link)
         client = self.client
         if client:
             if arrival.reading is None:
-                client.side.skip()
+                client.send(b"")
             self._await(client.socket, client.address, client=client)
         return self._ordered(client if client is self.client else None, arrival)
 
     def _await(
-        self,
-        socket: RealTimeSocket,
-        peer: Address,
-        seconds: float | None = None,
-        client: ClientSession | None = None,
+        self, socket: RealTimeSocket, peer: Address, seconds: float = inf, client: ClientSession | None = None
     ) -> None:
         """Serve requests until a datagram arrives at a socket.
 
-        Without one the peer counts as gone if its port is free, or after ``seconds`` if that is given.
+        Without one the peer counts as gone if its port is free, or after ``seconds``.
         """
         began = time.monotonic()
         while not socket.gone and (client is None or self.client is client):
@@ -392,7 +360,7 @@ class Guard:
             if client and client.party.spent and silent >= UNANSWERED:
                 self.release()
                 return
-            socket.gone = (seconds is not None and silent >= seconds) or (silent >= LOOKED and is_free(peer))
+            socket.gone = silent >= seconds or (silent >= LOOKED and is_free(peer))
 
     def _read(self, link: Link) -> Arrival:
         """Return the arrived states; pass a valid one on to the client."""
@@ -400,21 +368,13 @@ class Guard:
         if arrival.reading is not None:
             self.packet = link.packet
             if self.client:
-                self.client.side.send(link.packet)
+                self.client.send(link.packet)
         return arrival
 
     def _ordered(self, client: ClientSession | None, arrival: Arrival) -> Inputs:
-        """Return the inputs of a round, with the client's newest commands."""
-        inputs = Inputs(0, arrival)
         if client is None:
-            return inputs
-        if not RULES[self.machine.state].client or client.party.spent:
-            client.socket.receive()  # discarded without decoding
-            return inputs
-        counters = client.side.counters
-        before = counters.corrupt + counters.numbers
-        orders = client.side.receive()
-        return inputs._replace(orders=orders, dropped=counters.corrupt + counters.numbers - before)
+            return Inputs(0, arrival)
+        return Inputs(0, arrival, *client.orders(RULES[self.machine.state].client))
 
     def _record(self, direction: int, data: bytes) -> None:
         if self.log:
@@ -437,23 +397,3 @@ class Guard:
         if self.link:
             self.link.close()
         self.link = self._socket = None
-
-
-def _merge(before: Arrival, after: Arrival) -> Arrival:
-    """Combine two reads of a round: the newest valid reading, or whether an impossible one arrived."""
-    if after.reading is not None:
-        return after
-    return before if before.reading is not None else after._replace(bad=before.bad or after.bad)
-
-
-def is_free(address: Address) -> bool:
-    """Return whether no process of this computer uses a UDP port.
-
-    This is the only sign of a process that was killed after it received a datagram.
-    """
-    with socketlib.socket(socketlib.AF_INET, socketlib.SOCK_DGRAM) as probe:
-        try:
-            probe.bind(address)
-        except OSError:
-            return False
-    return True

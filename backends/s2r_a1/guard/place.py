@@ -20,7 +20,8 @@ from s2r_spec.errors import BackendError, UsageError
 
 LONGEST = 100
 """A definition: characters of a socket's path; the kernel accepts 107, and refuses a longer path."""
-
+PORT = 8007
+"""A definition: the UDP port of an A1's motion controller."""
 
 Clock = Literal["real", "lockstep"]
 
@@ -39,7 +40,7 @@ class RobotAddress:
     """
 
     host: str
-    port: int = 8007
+    port: int = PORT
     layout: str = "a1"
     clock: Clock = "real"
     local: int = 0

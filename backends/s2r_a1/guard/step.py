@@ -39,6 +39,13 @@ def judge_arrival(limits: Limits, reading: Reading | None, fault: str | None) ->
     return Arrival(bad=True) if checks.impossibility(limits, reading) else Arrival(reading)
 
 
+def merge(before: Arrival, after: Arrival) -> Arrival:
+    """Combine two reads of a round: the newest valid reading, or whether an impossible one arrived."""
+    if after.reading is not None:
+        return after
+    return before if before.reading is not None else after._replace(bad=before.bad or after.bad)
+
+
 def step(machine: Machine, inputs: Inputs, limits: Limits) -> RoundResult:
     """Return the next machine and the commands of a round."""
     row = RULES[machine.state]

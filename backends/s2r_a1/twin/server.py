@@ -7,7 +7,6 @@ lock step every datagram of the peer is a round and is answered by one datagram;
 from __future__ import annotations
 
 import contextlib
-import gc
 import select
 import signal
 import socket
@@ -20,6 +19,7 @@ from s2r_a1 import hands
 from s2r_a1.datagrams import FROM_ROBOT, LARGEST, TO_ROBOT, WAITING, Address
 from s2r_a1.ticks import PERIOD
 from s2r_a1.twin.twin import Twin
+from s2r_a1.undisturbed import undisturbed
 from s2r_spec.errors import BackendError
 
 BEHIND = 0.1
@@ -106,7 +106,7 @@ class Server:
             for data in self._round(self._received(WAITING)):
                 self._send(data)
         due = time.monotonic()
-        with _no_pauses():
+        with undisturbed(first=False):
             while self._rest_until(due := max(due + PERIOD, time.monotonic() - BEHIND)):
                 for data in self._round(self._received(WAITING)):
                     self._send(data)
@@ -162,18 +162,3 @@ class Server:
     def _note(self, direction: int, data: bytes) -> None:
         if self._tap:
             self._tap(self._twin.rounds * _NANOSECONDS, direction, data)
-
-
-@contextlib.contextmanager
-def _no_pauses() -> Iterator[None]:
-    """Disable garbage collection in the block: its pauses would delay rounds, and rounds make no garbage."""
-    enabled = gc.isenabled()
-    gc.collect()
-    gc.freeze()
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.unfreeze()
-        if enabled:
-            gc.enable()
