@@ -170,11 +170,7 @@ class Attendance:
         self._confirm(f"Run {self._tests + 1}: the protocol {protocol.name}{with_values}. {where}")
 
     def _prepare(self, rig: float | None) -> None:
-        """Make the robot ready, in a rig at a height [m] or on the floor (None), after a rest if one is due.
-
-        Raises:
-            NotBegunError: the robot is not ready; the message says why.
-        """
+        """Make the robot ready, in a rig at a height [m] or on the floor (None); raise NotBegunError if it is not."""
         try:
             self._make_ready(consent=False)
             self._place(rig)
@@ -259,11 +255,7 @@ class Attendance:
             self._guard = None
 
     def _make_ready(self, consent: bool) -> None:
-        """Bring the guard to a state in which a test can begin; ``consent`` asks again if an earlier run armed it.
-
-        Raises:
-            BackendError: the robot is not ready.
-        """
+        """Bring the guard to a state in which a test can begin; ``consent`` asks again if an earlier run armed it."""
         assert self._guard is not None
         try:
             status = self._guard.request("status")
@@ -329,11 +321,7 @@ class Attendance:
         return str(self._guard.request("status")["state"])
 
     def _wait_until_it_lies(self) -> None:
-        """Wait until the robot lies or is damped.
-
-        Raises:
-            BackendError: this takes too long.
-        """
+        """Wait until the robot lies or is damped; raise BackendError if this takes too long."""
         assert self._guard is not None
         status = self._guard.request("status")
         last = status["rounds"] + round(LYING * RATE)

@@ -88,11 +88,7 @@ class Client:
         self._link = UdpLink(self._socket, LAYOUTS[self.layout], self.unit)
 
     def ready(self) -> None:
-        """Check that motion capture sends poses, if the velocity comes from it.
-
-        Raises:
-            NotBegunError: no pose has arrived.
-        """
+        """Raise NotBegunError if the velocity comes from motion capture, and no pose has arrived."""
         if self.mocap is not None and not len(self.mocap.poses().times):
             raise NotBegunError(
                 f"the UDP port {self.mocap.port} of this computer received no poses; stream lines of JSON with t, x, "
@@ -100,11 +96,7 @@ class Client:
             )
 
     def receive(self) -> Reading | None:
-        """Return the state of this round; None if no valid one arrived.
-
-        Raises:
-            BackendError: in lock step, the guard no longer answers.
-        """
+        """Return the state of this round, or None; in lock step, raise BackendError if the guard no longer answers."""
         if self.lockstep:
             self._wait()
         else:
@@ -129,11 +121,7 @@ class Client:
             self._link.write(orders)
 
     def request(self, do: str, **fields: Any) -> Mapping[str, Any]:
-        """Send a request to the guard, and return its reply.
-
-        Raises:
-            BackendError: the guard refuses, or has ended; the message says why.
-        """
+        """Send a request to the guard, and return its reply; raise BackendError if it refuses, or has ended."""
         reply: Mapping[str, Any] = self._control.request(do, **fields)
         self._listen()
         if reply["state"] != self.change.state:
@@ -141,11 +129,7 @@ class Client:
         return reply
 
     def record(self, path: Path, header: Mapping[str, Any]) -> None:
-        """Have the guard record every packet to a new file.
-
-        Raises:
-            BackendError: the guard cannot record to it.
-        """
+        """Have the guard record every packet to a new file; raise BackendError if it cannot."""
         self.request("record", path=os.path.abspath(path), header=dict(header))
 
     def close(self) -> None:

@@ -41,11 +41,7 @@ class RealTimeSocket:
     """
 
     def __init__(self, host: str = "127.0.0.1", port: int = 0) -> None:
-        """Open a local port; port 0 is any free one, and host "" every network.
-
-        Raises:
-            LinkError: the port cannot be opened.
-        """
+        """Open a local port, any free one (0), on every network with host ""; raise LinkError if it is in use."""
         self.counters = Counters()
         self.gone = False
         self._peer: Address | None = None
@@ -66,11 +62,7 @@ class RealTimeSocket:
         return int(self._socket.getsockname()[1])
 
     def connect(self, peer: Address) -> None:
-        """Connect only to this peer.
-
-        Raises:
-            LinkError: the address is unknown, or no network leads to it.
-        """
+        """Connect only to this peer; raise LinkError if no network leads to it."""
         try:
             self._socket.connect((socket.gethostbyname(peer[0]), peer[1]))
         except (OSError, UnicodeError, OverflowError) as error:  # no network, no such name, no such port
@@ -118,7 +110,6 @@ class RealTimeSocket:
         self._socket.close()
 
     def _next(self) -> bytes | None:
-        """Return the oldest waiting datagram of the peer, or None."""
         while True:
             try:
                 data, source = self._socket.recvfrom(LARGEST)
@@ -145,11 +136,7 @@ class LockStepSocket(RealTimeSocket):
         self.rounds = 0
 
     def connect(self, peer: Address) -> None:
-        """Connect only to this peer.
-
-        Raises:
-            LinkError: the peer is on another computer.
-        """
+        """Connect only to this peer; raise LinkError if no network leads to it."""
         if not is_loopback(peer[0]):
             raise LinkError(
                 f"lock step needs a peer on this computer, and {peer[0]} is another; leave out lockstep"
@@ -218,11 +205,7 @@ def is_free(address: Address) -> bool:
 
 
 def open_socket(peer: Address, *, lockstep: bool = False, port: int = 0) -> RealTimeSocket:
-    """Return a socket that is connected to a peer, from a local port; 0 for any free one.
-
-    Raises:
-        LinkError: the port cannot be opened, or the peer cannot be reached.
-    """
+    """Return a socket that is connected to a peer, from a local port or any (0); raise LinkError if it cannot be."""
     if lockstep:
         link: RealTimeSocket = LockStepSocket(port)
     else:

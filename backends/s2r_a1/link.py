@@ -58,11 +58,7 @@ class Link(ABC):
 
     @abstractmethod
     def write(self, orders: Orders | MotorPacket) -> None:
-        """Send commands to the motors.
-
-        Raises:
-            WireError: a number does not fit its field; nothing is sent.
-        """
+        """Send commands to the motors; raise WireError if a number does not fit its field."""
 
     @abstractmethod
     def skip(self) -> None:

@@ -55,11 +55,7 @@ def run(backend: A1Backend, protocol: str, values: Mapping[str, float], seed: in
 def _play(
     client: Client, backend: A1Backend, protocol: str, values: Mapping[str, float], shares: Sequence[float]
 ) -> Walked:
-    """Play a protocol, after rehearsals at some shares of its amplitude.
-
-    Raises:
-        NotBegunError: a rehearsal ended early, or the run ended before t = 0.
-    """
+    """Play a protocol after rehearsals; raise NotBegunError if a rehearsal or the run ended before t = 0."""
     amplitude, gain = values["amplitude"], values["gain"]
     for share in shares:
         player = Player(plan(protocol, share * amplitude, gain, REHEARSED), client.unit)

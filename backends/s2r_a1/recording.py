@@ -151,11 +151,7 @@ def decided_again(packets: Packets, pilot: Pilot) -> list[Note]:
 
 
 def channels_of(packets: Packets, notes: Sequence[Note]) -> dict[str, FloatArray]:
-    """Return the samples of all channels but the true velocity, at these notes.
-
-    Raises:
-        TraceError: the reading of a note was not recorded.
-    """
+    """Return the samples of all channels but the true velocity; raise TraceError if a note's reading is missing."""
     places = {reading.tick: i for i, (_, reading) in enumerate(packets.readings)}
     recorder = Recorder(A1, Physics(), VelocityCommand())
     commanded = [place for place, _ in packets.sent]

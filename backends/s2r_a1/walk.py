@@ -105,11 +105,7 @@ def stand(line: Client) -> Reading:
 
 
 def rest(line: Client) -> None:
-    """Have a standing robot lie down; return when it lies, or when the guard does something else.
-
-    Raises:
-        BackendError: the guard refuses.
-    """
+    """Have a standing robot lie down, and wait until it lies or the guard acts; raise BackendError if it refuses."""
     if line.change.state in ("STANDING_UP", "STAND"):
         line.request("lie")
     _wait(line, GETTING_UP, lambda: line.change.state != "LYING_DOWN")

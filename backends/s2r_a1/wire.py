@@ -261,11 +261,7 @@ def pack(orders: Orders | MotorPacket, layout: Layout) -> bytes:
 
 
 def unpack(data: bytes, layout: Layout) -> Reading:
-    """Return the state in a packet.
-
-    Raises:
-        WireError: its length, level or checksum is wrong, or a number in it is not finite.
-    """
+    """Return the state in a packet; raise WireError if length, level, checksum or a number is not valid."""
     data = bytes(data)  # of any buffer
     _check(data, layout, layout.state)
     values = layout.readings.unpack(data)
@@ -304,11 +300,7 @@ def unpack_orders(data: bytes, layout: Layout) -> Orders:
 
 
 def read_command(data: bytes, layout: Layout) -> MotorPacket:
-    """Return the commands of a packet in its own numbers.
-
-    Raises:
-        WireError: as :func:`unpack`.
-    """
+    """Return the commands of a packet in its own numbers; raise WireError as :func:`unpack`."""
     data = bytes(data)  # of any buffer
     _check(data, layout, layout.command)
     values = layout.orders.unpack(data)
@@ -340,11 +332,7 @@ def pack_reading(reading: Reading, layout: Layout) -> bytes:
 
 
 def _counts(orders: Orders) -> tuple[list[list[float]], list[list[int]]]:
-    """Return q and dq of some orders, and kp, kd and tau in counts, truncated towards zero.
-
-    Raises:
-        WireError: a number is not finite, or does not fit.
-    """
+    """Return q and dq, and kp, kd and tau in counts; raise WireError if a number is not finite, or does not fit."""
     try:
         values = np.array(orders).astype(np.float64, casting="same_kind", copy=False)
     except (TypeError, ValueError):  # different shapes, or no numbers

@@ -108,11 +108,7 @@ def _runs(stem: str) -> bool:
 
 
 def _await_end(connection: Connection) -> None:
-    """Wait until the guard ends.
-
-    Raises:
-        BackendError: it does not end in time.
-    """
+    """Wait until the guard ends; raise BackendError if it does not end in time."""
     end = time.monotonic() + ENDING
     while time.monotonic() < end:
         try:

@@ -18,11 +18,7 @@ class ClientSession:
     """
 
     def __init__(self, party: Party, port: int, layout: Layout, lockstep: bool) -> None:
-        """Open a socket to the client's UDP port.
-
-        Raises:
-            LinkError: its port cannot be reached.
-        """
+        """Open a socket to the client's UDP port; raise LinkError if it cannot be reached."""
         self.party = party
         self.address = ("127.0.0.1", port)
         self.socket = datagrams.open_socket(self.address, lockstep=lockstep)

@@ -80,11 +80,7 @@ class Connection:
     """
 
     def __init__(self, path: Path) -> None:
-        """Connect to the guard that listens at a path.
-
-        Raises:
-            ControlError: no guard listens there.
-        """
+        """Connect to the guard that listens at a path; raise ControlError if none does."""
         self.events: deque[dict[str, Any]] = deque()
         self._buffer = b""
         self._replies: deque[dict[str, Any]] = deque()
@@ -124,11 +120,7 @@ class Connection:
         return reply
 
     def take(self) -> Iterator[dict[str, Any]]:
-        """Yield the received events, oldest first, without waiting.
-
-        Raises:
-            ControlError: the guard ended; only after the last event.
-        """
+        """Yield the received events, oldest first, without waiting; then raise ControlError if the guard ended."""
         ended = None
         try:
             self._receive()
@@ -158,20 +150,24 @@ class Connection:
             raise ControlError("the guard has ended") from None
 
     def _receive(self) -> None:
-        """Read all received data."""
-        while True:
-            try:
-                data = self._socket.recv(LONGEST)
-            except BlockingIOError:
-                return
-            except OSError:
-                data = b""
+        """Read all received data; raise ControlError if the guard ended."""
+        while (data := _receive(self._socket)) is not None:
             if not data:
                 raise ControlError("the guard has ended")
             *lines, self._buffer = (self._buffer + data).split(b"\n")
             for line in lines:
                 message = json.loads(line)
                 (self._replies if "ok" in message else self.events).append(message)
+
+
+def _receive(connection: socket.socket) -> bytes | None:
+    """Return received data; None if nothing waits, and nothing (b"") if the other end is gone."""
+    try:
+        return connection.recv(LONGEST)
+    except BlockingIOError:
+        return None
+    except OSError:
+        return b""
 
 
 class Request(NamedTuple):
@@ -203,12 +199,9 @@ class Party:
 
     def requests(self) -> list[Request | str]:
         """Return the received requests; a message in place of each request that cannot be read."""
-        try:
-            data = self._socket.recv(LONGEST)
-        except BlockingIOError:
+        data = _receive(self._socket)
+        if data is None:
             return []
-        except OSError:
-            data = b""
         self.open = self.open and bool(data)
         *lines, self._in = (self._in + data).split(b"\n")
         if len(self._in) > LONGEST or len(lines) > MANY:
@@ -242,7 +235,6 @@ class Party:
 
 
 def _request(line: bytes) -> Request | str:
-    """Return the request in a line, or a message if it is not valid."""
     try:
         message = json.loads(line)
     except (ValueError, RecursionError):
@@ -255,7 +247,6 @@ def _request(line: bytes) -> Request | str:
 
 
 def _listen(path: Path) -> socket.socket:
-    """Return a socket that listens at a path; an existing file is replaced."""
     path.unlink(missing_ok=True)
     listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
@@ -304,7 +295,6 @@ class Listener:
 
         A party whose connection has ended stays in ``parties``, not ``open``, until :meth:`ended` returns it.
         """
-        requests: list[tuple[Party, Request | str]] = []
         if self.fileno() in ready:
             with contextlib.suppress(OSError):
                 connection = self._socket.accept()[0]
@@ -312,10 +302,8 @@ class Listener:
                     self.parties.append(Party(connection))
                 else:
                     connection.close()
-        for party in self.parties:
-            if party.fileno() in ready:
-                requests += [(party, request) for request in party.requests()]
-        return requests
+        asking = [party for party in self.parties if party.fileno() in ready]
+        return [(party, request) for party in asking for request in party.requests()]
 
     def ended(self) -> list[Party]:
         """Close and remove the parties whose connection has ended, and return them."""

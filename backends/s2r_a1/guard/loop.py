@@ -156,11 +156,7 @@ class Guard:
         return Conditions(self.link.unit is not None, self.link.refusal, self.loopback)
 
     def attach(self, party: Party, port: int) -> int:
-        """Make a party the client, and return the guard's UDP port for it.
-
-        Raises:
-            LinkError: its port cannot be reached.
-        """
+        """Make a party the client, and return the guard's UDP port for it; raise LinkError if it is out of reach."""
         self.client = ClientSession(party, port, self.layout, self.lockstep)
         return self.client.socket.port
 

@@ -63,11 +63,7 @@ class GuardFiles:
 
 
 def folder() -> Path:
-    """Return the folder of the guards' files, which only its user can read; make it if needed.
-
-    Raises:
-        UsageError: the folder belongs to another user, or cannot be made.
-    """
+    """Return the user's private folder for the guards' files, or make it; raise UsageError if it cannot be used."""
     named = os.environ.get("S2R_A1_RUN")
     runtime = os.environ.get("XDG_RUNTIME_DIR")
     path = (

@@ -54,11 +54,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 def read_options(arguments: list[str]) -> Options:
-    """Read a command line.
-
-    Raises:
-        UsageError: an option is not valid.
-    """
+    """Read a command line; raise UsageError if an option is not valid."""
     options = _parser().parse_args(arguments)
     physics(options.place)
     twin = TwinSettings(

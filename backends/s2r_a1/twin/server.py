@@ -42,11 +42,7 @@ class Server:
     def __init__(
         self, twin: Twin, address: Address, mocap: int | None = None, tap: Tap | None = None
     ) -> None:
-        """Open the port.
-
-        Raises:
-            BackendError: the port cannot be opened.
-        """
+        """Open the port; raise BackendError if it cannot be opened."""
         self._twin, self._mocap, self._tap = twin, mocap, tap
         self._peer: Address | None = None
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
