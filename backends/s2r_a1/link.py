@@ -89,7 +89,7 @@ class UdpLink(Link):
 
     def read(self) -> Reading | None:
         """Return the newest state that was not returned before; None if there is none."""
-        return _newest(self, self._socket, FROM_ROBOT, self._judge)
+        return _newest(self, self._socket, self._judge, self.tap)
 
     def write(self, orders: Orders | MotorPacket) -> None:
         """Send commands to the motors; raise WireError if a number does not fit its field."""
@@ -119,20 +119,15 @@ class UdpLink(Link):
 
 
 class RobotSide:
-    """The end of a connection that receives commands: the guard for its client, or a twin for the guard.
+    """The end of a connection that receives commands: the guard for its client, or a test's robot for the guard.
 
-    Attributes:
-        counters: counts of packets since it was opened.
-        packet: the datagram that decided the last read; empty if none arrived.
-        fault: the reason why the last read gave no command; None if it gave one.
-        tap: function that receives every datagram with its direction.
+    ``counters``, ``packet`` and ``fault`` are as in :class:`Link`, but of commands.
     """
 
     def __init__(self, socket: RealTimeSocket, layout: Layout) -> None:
         self.counters = socket.counters
         self.packet = b""
         self.fault: LinkFault | None = None
-        self.tap: Tap | None = None
         self._socket = socket
         self._layout = layout
 
@@ -143,13 +138,11 @@ class RobotSide:
 
     def receive(self) -> MotorPacket | None:
         """Return the newest valid command of this round; None if there is none."""
-        return _newest(self, self._socket, TO_ROBOT, lambda data: (read_command(data, self._layout), None))
+        return _newest(self, self._socket, lambda data: (read_command(data, self._layout), None))
 
     def send(self, data: bytes) -> None:
         """Send a state that is packed already, unchanged."""
         self._socket.send(data)
-        if self.tap:
-            self.tap(FROM_ROBOT, data)
 
     def skip(self) -> None:
         """Send no state in this round; lock step goes on."""
@@ -167,8 +160,8 @@ class RobotSide:
 def _newest(
     end: UdpLink | RobotSide,
     socket: RealTimeSocket,
-    direction: int,
     judge: Callable[[bytes], tuple[Content, LinkFault | None]],
+    tap: Tap | None = None,
 ) -> Content | None:
     """Return the newest valid content of this round's datagrams; count the others by their fault.
 
@@ -178,8 +171,8 @@ def _newest(
     arrived = socket.receive()
     end.packet, end.fault = b"", "gone" if socket.gone else "silence"
     for data in arrived:
-        if end.tap:
-            end.tap(direction, data)
+        if tap:
+            tap(FROM_ROBOT, data)
         fault: LinkFault | None
         try:
             content, fault = judge(data)

@@ -112,12 +112,11 @@ def read_options(text: str) -> Options:
 
 def write_options(options: Options) -> str:
     """Return options as text that :func:`read_options` reads, without the defaults."""
-    words = {"host": options.host, "port": options.port, "velocity": options.velocity}
-    words |= {
-        name: getattr(options, name) for name in ("body", "heading", "operator", "clock", "local", "module")
-    }
-    nominal = {"port": PORT, "body": None, "heading": None, "operator": "tty", "clock": "real", "local": 0}
-    return ",".join(f"{name}={value}" for name, value in words.items() if value != nominal.get(name, ""))
+    names = ("port", "velocity", "body", "heading", "operator", "clock", "local", "module")
+    values = {name: getattr(options, name) for name in names}
+    defaults = vars(Options("")) | {"velocity": None}
+    changed = [f"{name}={value}" for name, value in values.items() if value != defaults[name]]
+    return ",".join([f"host={options.host}", *changed])
 
 
 def _words(text: str) -> Mapping[str, str]:

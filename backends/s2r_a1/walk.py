@@ -172,5 +172,5 @@ def _damp(line: Client, reason: str) -> StateChange:
 
 
 def _sentence(change: StateChange) -> str:
-    """Return the reason why a walk did not begin."""
+    """Return why a walk did not begin."""
     return change.reason or f"the guard of the robot is in the state {change.state}; a walk begins in STAND"

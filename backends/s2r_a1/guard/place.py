@@ -113,6 +113,14 @@ def hold(place: GuardFiles) -> int | None:
     return held
 
 
+def is_held(place: GuardFiles) -> bool:
+    """Return whether a guard holds the lock of a robot."""
+    lock = hold(place)
+    if lock is not None:
+        os.close(lock)
+    return lock is None
+
+
 def claim(place: GuardFiles) -> None:
     """Claim a robot for this process on this computer, by an abstract socket name (Linux only).
 

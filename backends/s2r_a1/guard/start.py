@@ -13,10 +13,8 @@ import time
 from typing import Any
 
 from s2r_a1.guard.control import Connection, ControlError, RefusedError, Role
-from s2r_a1.guard.place import GuardFiles, RobotAddress, hold, place
+from s2r_a1.guard.place import GuardFiles, RobotAddress, is_held, place
 from s2r_spec.errors import BackendError, UsageError
-
-__all__ = ["RobotAddress", "attach", "start"]
 
 PATIENCE = 20.0
 """A budget [s]: time for a guard to start; it needs about 0.3 s on an idle machine."""
@@ -76,35 +74,24 @@ def start(robot: RobotAddress, idle: float = 60.0) -> tuple[Connection, dict[str
         BackendError: the guard cannot start; the message is its own.
     """
     end = time.monotonic() + PATIENCE
-    failure: str | None = None
     while time.monotonic() < end:
         if attached := attach(robot, "operator"):
             return attached
         files = place(robot.host, robot.port)
-        if not _is_locked(files):
-            failure = _begin(robot, files, idle)
-            if failure is not None:
-                raise BackendError(failure)
-        else:
+        if is_held(files):
             time.sleep(0.02)  # a guard is starting or ending
+        else:
+            _begin(robot, files, idle)
     raise BackendError(
         f"the guard of {robot.host}:{robot.port} does not answer; see {place(robot.host, robot.port).words}"
     )
 
 
-def _is_locked(files: GuardFiles) -> bool:
-    """Return whether a guard holds the robot's lock."""
-    lock = hold(files)
-    if lock is None:
-        return True
-    os.close(lock)
-    return False
+def _begin(robot: RobotAddress, files: GuardFiles, idle: float) -> None:
+    """Start a guard, and wait until it listens, or ends because another one started at the same time.
 
-
-def _begin(robot: RobotAddress, files: GuardFiles, idle: float) -> str | None:
-    """Start a guard, and wait until it listens or ends; return its message if it could not start.
-
-    If another guard started at the same time, return None; the caller attaches to that one.
+    Raises:
+        BackendError: it cannot start; the message is its own.
     """
     ready, theirs = os.pipe()
     command = [
@@ -128,28 +115,21 @@ def _begin(robot: RobotAddress, files: GuardFiles, idle: float) -> str | None:
             )
         os.close(theirs)
         theirs = -1
-        answer = _read(ready, PATIENCE)
+        answer = _read(ready)
     finally:
         os.close(ready)
         if theirs >= 0:
             os.close(theirs)
-    if answer == "ready":
-        return None
     if answer.startswith("error: "):
-        return answer.removeprefix("error: ")
-    return None if answer == "held" else f"the guard ended during its start; see {files.words}"
+        raise BackendError(answer.removeprefix("error: "))
+    if answer not in ("ready", "held"):
+        raise BackendError(f"the guard ended during its start; see {files.words}")
 
 
-def _read(ready: int, seconds: float) -> str:
-    """Return the message of a new guard: "ready", "held", "error: …", or "" if it ended without one."""
-    end = time.monotonic() + seconds
-    message = b""
-    while not message.endswith(b"\n"):
-        left = end - time.monotonic()
-        if left <= 0 or not select.select([ready], [], [], left)[0]:
-            break
-        data = os.read(ready, 4096)
-        if not data:
-            break
-        message += data
-    return message.decode(errors="replace").strip()
+def _read(ready: int) -> str:
+    """Return the message of a new guard: "ready", "held", "error: …", or "" if it ended without one.
+
+    A line of less than 4096 bytes arrives in one piece.
+    """
+    came = select.select([ready], [], [], PATIENCE)[0]
+    return os.read(ready, 4096).decode(errors="replace").strip() if came else ""
