@@ -40,12 +40,9 @@ class StateChange(NamedTuple):
 
 
 class Client:
-    """A connection to the guard of a robot.
+    """A connection to the guard of a robot, in lock step or not, for a robot with a ``layout`` and a clock's ``unit``.
 
     Attributes:
-        lockstep: whether the connection runs in lock step.
-        layout: name of the packets' layout, "a1".
-        unit: unit of the robot's clock.
         change: the newest state of the guard, as of the last ``receive`` or ``request``.
         wanted: the state that the guard requests, STAND or RESTING, and why; None while the robot may walk on.
         mocap: listener that collects poses with every reading; None for none.

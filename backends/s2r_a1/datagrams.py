@@ -125,11 +125,7 @@ class RealTimeSocket:
 
 
 class LockStepSocket(RealTimeSocket):
-    """A socket that exchanges one datagram per round, only on this computer.
-
-    Attributes:
-        rounds: number of datagrams from the peer.
-    """
+    """A socket that exchanges one datagram per round, only on this computer; ``rounds`` counts those of the peer."""
 
     def __init__(self, port: int = 0) -> None:
         super().__init__("127.0.0.1", port)

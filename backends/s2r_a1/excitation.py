@@ -56,12 +56,7 @@ class Rows(NamedTuple):
 
 @dataclass(frozen=True)
 class Segment:
-    """A part of a run.
-
-    Attributes:
-        rows: returns its references, from the reading at its begin.
-        measured: whether it is the protocol itself.
-    """
+    """A part of a run: its references from the reading at its begin, and whether it is the protocol itself."""
 
     rows: Callable[[Reading], Rows]
     measured: bool = False

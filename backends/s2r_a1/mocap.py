@@ -57,12 +57,7 @@ class MocapError(BackendError):
 
 @dataclass(frozen=True)
 class Placing:
-    """Pose, in base axes, of the rigid body that motion capture tracks.
-
-    Attributes:
-        position: position of its origin in base axes [m].
-        heading: heading of its x axis, to the left of the robot's [deg].
-    """
+    """Pose, in base axes, of the tracked body: its origin [m], and the heading of its x axis to the left [deg]."""
 
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
     heading: float = 0.0
@@ -124,11 +119,7 @@ class Velocity(NamedTuple):
 
 
 class Listener:
-    """Collects poses on a port of this computer.
-
-    Attributes:
-        refused: number of lines that are not poses.
-    """
+    """Collects poses on a port of this computer; ``refused`` counts lines that are not poses."""
 
     def __init__(self, port: int) -> None:
         """Open the port; raise MocapError if it cannot be opened."""

@@ -46,10 +46,7 @@ def height_in_rig(protocol: str) -> float | None:
 def playable(name: str, protocol: str, params: Mapping[str, float]) -> Trace:
     """Return the references of a protocol; see :class:`s2r_spec.protocols.HasPlayable`.
 
-    Args:
-        name: name of the backend, for messages.
-        protocol: name of the protocol.
-        params: its parameters.
+    ``name`` of the backend is for messages.
 
     Raises:
         UsageError: there is no such protocol, or a parameter is unknown or out of range.

@@ -46,10 +46,7 @@ Content = TypeVar("Content")
 def header_of(test: Mapping[str, float], schedule: Schedule, about: Mapping[str, Any]) -> dict[str, Any]:
     """Return the header of a recording, with which its packets alone make a trace.
 
-    Args:
-        test: parameters of the test.
-        schedule: schedule of the test.
-        about: facts on robot and run: ``layout``, ``tick_unit``, and others for a reader.
+    ``about`` has facts on robot and run: ``layout``, ``tick_unit``, and others for a reader.
     """
     plan = {"command": schedule.command._asdict(), "trot": schedule.trot, "hold": schedule.hold}
     return {**about, "params": dict(test), **plan}
@@ -57,11 +54,7 @@ def header_of(test: Mapping[str, float], schedule: Schedule, about: Mapping[str,
 
 @dataclass(frozen=True, eq=False)
 class Packets:
-    """The valid packets of a recording, in order.
-
-    Attributes:
-        log: the recording.
-    """
+    """The valid packets of a recording, in order."""
 
     log: RawLog
 

@@ -27,13 +27,7 @@ _STILL = VelocityCommand()
 
 @dataclass(frozen=True)
 class Schedule:
-    """One test, in control ticks.
-
-    Attributes:
-        command: velocity command of the test.
-        trot: ticks of trotting in place before t = 0.
-        hold: last tick of the test itself.
-    """
+    """One test in control ticks: ``trot`` in place before t = 0, and ``hold``, the last tick of the test itself."""
 
     command: VelocityCommand
     trot: int

@@ -177,14 +177,10 @@ class VendorLink(Link):
 def open_link(
     name: str, layout: Layout, peer: Address, port: int = 0, clock: Callable[[], float] = time.monotonic
 ) -> VendorLink:
-    """Return a link over an installed module.
+    """Return a link over an installed module, such as "robot_interface", to a robot of a layout.
 
-    Args:
-        name: name of the module, such as "robot_interface".
-        layout: layout of the robot's packets.
-        peer: address of the robot.
-        port: local port; 0 is any free one for binding B, and binding A has its own.
-        clock: time [s], against which the robot's ticks are measured.
+    ``port`` is the local one; 0 is any free one for binding B, and binding A has its own. The robot's ticks are
+    measured against the ``clock`` [s].
 
     Raises:
         LinkError: there is no such module, it has neither binding, or it is not for this robot.

@@ -28,12 +28,7 @@ SETTLING = 250
 
 
 class Walked(NamedTuple):
-    """The result of a walk, or of another motion.
-
-    Attributes:
-        notes: notes at every reading, from the first tick of trotting in place up to a requested stop.
-        ending: the cause of an early end; None if the walk went as planned.
-    """
+    """The notes of a motion from its first tick up to a requested stop, and the cause of an early end if any."""
 
     notes: tuple[Note, ...]
     ending: StateChange | None

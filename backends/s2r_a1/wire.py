@@ -150,14 +150,7 @@ _REMOTE = [("remote", "u1", 40), ("spare", "<u4"), ("crc", "<u4")]
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """The fields of a robot's packets.
-
-    Attributes:
-        name: name of the robot.
-        command: packed type of a command.
-        state: packed type of a state.
-        head: first bytes of every packet, up to its level flag.
-    """
+    """The fields of a robot's packets: packed types of command and state, and their ``head`` up to the level flag."""
 
     name: str
     command: np.dtype[Any]

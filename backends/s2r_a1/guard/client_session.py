@@ -9,13 +9,7 @@ from s2r_a1.wire import Layout, MotorPacket
 
 
 class ClientSession:
-    """The client of a guard.
-
-    Attributes:
-        party: its control connection.
-        address: UDP address of its packets.
-        socket: the guard's end of its packet connection.
-    """
+    """The client of a guard: its control connection, its UDP address, and the guard's socket for its packets."""
 
     def __init__(self, party: Party, port: int, layout: Layout, lockstep: bool) -> None:
         """Open a socket to the client's UDP port; raise LinkError if it cannot be reached."""

@@ -73,11 +73,7 @@ class RefusedError(BackendError):
 
 
 class Connection:
-    """A party's end of the control socket; for one thread.
-
-    Attributes:
-        events: received events that were not taken yet, oldest first.
-    """
+    """A party's end of the control socket, for one thread; ``events`` holds those that were not taken yet."""
 
     def __init__(self, path: Path) -> None:
         """Connect to the guard that listens at a path; raise ControlError if none does."""
@@ -178,13 +174,9 @@ class Request(NamedTuple):
 
 
 class Party:
-    """The guard's end of a connection.
+    """The guard's end of a connection, which is ``open`` while it can be written to; role and pid come from its hello.
 
-    Attributes:
-        role: role from its hello; None before.
-        pid: process id from its hello.
-        spent: whether it was the client when the robot was damped.
-        open: whether it can still be written to.
+    ``spent`` tells whether it was the client when the robot was damped.
     """
 
     def __init__(self, connection: socket.socket) -> None:
@@ -261,11 +253,7 @@ def _listen(path: Path) -> socket.socket:
 
 
 class Listener:
-    """The guard's end of the control socket.
-
-    Attributes:
-        parties: all connections that are open.
-    """
+    """The guard's end of the control socket; ``parties`` are all open connections."""
 
     def __init__(self, path: Path) -> None:
         """Listen at a path; an existing file is replaced, because the caller holds the robot's lock."""

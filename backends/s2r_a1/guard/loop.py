@@ -50,15 +50,12 @@ AT_REST = frozenset({State.OFF, State.LINKED, State.ARMED, State.RESTING})
 
 
 class Guard:
-    """The guard of one robot.
+    """The guard of one robot, with a machine whose state is a value.
 
     Attributes:
-        robot: address and settings of the robot.
-        machine: complete state of the state machine, a value.
         link: link to the robot; None before the first consent.
         client: program that moves the robot; None if there is none.
         log: current recording; None if there is none.
-        rounds: number of rounds so far.
         late: number of rounds that began more than one round late.
         event: last published event.
         packet: packet of the last valid state.

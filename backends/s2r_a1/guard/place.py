@@ -49,13 +49,7 @@ class RobotAddress:
 
 @dataclass(frozen=True)
 class GuardFiles:
-    """The files of the guard of one robot.
-
-    Attributes:
-        lock: lock that the guard holds while it runs.
-        control: socket for requests.
-        words: standard error of the guard.
-    """
+    """The files of the guard of one robot: its lock, its socket for requests, and its standard error."""
 
     lock: Path
     control: Path

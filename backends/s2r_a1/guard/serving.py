@@ -18,10 +18,9 @@ POLLED = 0.005
 
 
 class Deferred(NamedTuple):
-    """A request with a later reply.
+    """A party's request with a later reply.
 
     Attributes:
-        party: connection that waits for the reply.
         poll: returns the reply, or None while it must wait; raises RefusedError.
         rounds: whether it waits for rounds (True) or for the disk (False).
     """
@@ -40,11 +39,7 @@ Answer = Callable[["Guard", Party, Request], dict[str, Any] | Deferred]
 
 
 class RequestServer:
-    """Serves requests while a guard waits.
-
-    Attributes:
-        pending: requests with a later reply.
-    """
+    """Serves requests while a guard waits; ``pending`` are those with a later reply."""
 
     def __init__(self, guard: Guard, listener: Listener, answer: Answer) -> None:
         """Serve the parties of a listener; ``answer`` returns a reply, now or later, or raises RefusedError."""

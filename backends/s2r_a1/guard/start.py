@@ -25,10 +25,7 @@ def attach(
 ) -> tuple[Connection, dict[str, Any]] | None:
     """Return a connection to the running guard of a robot, and its reply to hello; None if no guard runs.
 
-    Args:
-        robot: the robot.
-        role: role for the hello; None to request the status instead.
-        hello: further fields of the hello: ``port``, the client's UDP port.
+    Without a ``role`` for the hello the status is requested instead. A client's hello has its UDP ``port``.
 
     Raises:
         UsageError: the guard has another layout, module or clock.
@@ -63,11 +60,8 @@ def attach(
 def start(robot: RobotAddress, idle: float = 60.0) -> tuple[Connection, dict[str, Any]]:
     """Return an operator's connection to the guard of a robot, and its reply to hello; start a guard if none runs.
 
-    A start sends nothing to the robot; only the request ``connect`` does.
-
-    Args:
-        robot: the robot.
-        idle: time that a guard runs without connections while the robot lies [s].
+    A start sends nothing to the robot; only the request ``connect`` does. A guard ends after ``idle`` [s] without
+    connections while the robot lies.
 
     Raises:
         UsageError: a running guard has another layout, module or clock.

@@ -148,13 +148,9 @@ class Arrival(NamedTuple):
 
 
 class Inputs(NamedTuple):
-    """The inputs of a round.
+    """The inputs of a round: its time, the robot's states, and the client's commands.
 
-    Attributes:
-        now: time of the round.
-        arrival: arrived states of the robot.
-        orders: the client's commands; None if none could be decoded.
-        dropped: number of the client's packets that could not be decoded.
+    ``orders`` is None if none could be decoded; ``dropped`` counts packets that could not be.
     """
 
     now: int

@@ -42,12 +42,9 @@ def leave(machine: Machine, now: int, role: Role = "client") -> Machine:
 
 
 class Conditions(NamedTuple):
-    """Conditions of the link for arming a robot.
+    """Conditions of the link for arming a robot: whether the unit of its clock is known, or why not.
 
-    Attributes:
-        unit: whether the unit of the robot's clock is known.
-        refusal: a message if the clock has no known unit.
-        loopback: whether the robot is a twin on this computer, which needs no remote control.
+    A robot on ``loopback`` is a twin, which needs no remote control.
     """
 
     unit: bool

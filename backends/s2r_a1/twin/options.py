@@ -32,7 +32,6 @@ class Options:
     """Options of a twin in a separate process.
 
     Attributes:
-        twin: settings of the twin.
         address: address at which it listens, only on this computer; port 0 is any free one.
         clock: whether rounds follow the computer's clock or the received datagrams.
         mocap: port of this computer to which it sends its true pose, or None.

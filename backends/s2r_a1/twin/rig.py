@@ -20,13 +20,7 @@ FloatArray = NDArray[np.float64]
 
 
 class Rig:
-    """A plant whose base a rig holds.
-
-    Attributes:
-        physics: physics of the environment, with level ground.
-        plant: the plant.
-        lift: (3,) force of the rig on the base [N].
-    """
+    """A plant on level ground whose base a rig holds by a force ``lift`` (3,) [N]."""
 
     def __init__(self, physics: Physics, height: float, q: FloatArray) -> None:
         """Hold the base at a height [m] above the ground, with the joints at (12,) angles q [rad]."""

@@ -33,9 +33,6 @@ Tap = Callable[[int, int, bytes], None]
 class Server:
     """A twin and its sockets.
 
-    Attributes:
-        port: UDP port of the twin.
-
     ``tap`` receives every datagram in both directions, from any sender, and in lock step also empty ones.
     """
 

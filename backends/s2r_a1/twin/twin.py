@@ -79,11 +79,8 @@ class Counts:
 class Twin:
     """The A1's plant of `s2r_sim` behind the A1's wire.
 
-    Attributes:
-        settings: settings of the twin.
-        injects: faults, at first the faults of the settings; they may be replaced between rounds.
-        rounds: number of rounds so far; 0 before the first valid command.
-        counts: counts of received packets.
+    ``injects`` are at first the faults of the settings, and may be replaced between rounds. ``rounds`` is 0 before the
+    first valid command.
     """
 
     def __init__(self, settings: TwinSettings) -> None:
