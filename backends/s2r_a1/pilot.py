@@ -50,7 +50,6 @@ class Pilot:
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
         self._controller = Controller(settings.robot, settings.gains, settings.form)
-        self._practised = False
 
     def begin(self, schedule: Schedule, unit: TickUnit) -> None:
         """Reset, and prepare for a test; ``unit`` is the unit of the robot's clock."""
@@ -91,15 +90,12 @@ class Pilot:
 
     def practise(self) -> None:
         """Compile and run all code of a walk, on artificial readings of a standing robot."""
-        if self._practised:
-            return
         unit: TickUnit = "ms"
         self.begin(Schedule(VelocityCommand(), PRACTICE // 2, PRACTICE), unit)
         for tick in range(PRACTICE):
             clock = round(tick * (1 + (tick > PRACTICE // 2)) / (RATE * SECONDS[unit]))
             reading = unpack(pack_reading(self._artificial(clock), A1), A1)
             pack(orders(self.step(reading)), A1)
-        self._practised = True
 
     def _artificial(self, clock: int) -> Reading:
         settings = self.settings

@@ -10,13 +10,13 @@ from s2r_a1.channels import EXCITED
 from s2r_a1.client import Client
 from s2r_a1.excitation import REHEARSED, SHARES, Player, plan
 from s2r_a1.protocols import height_in_rig
-from s2r_a1.rollout import about_run, carried_out, ended_trace, lost_trace, pilot, recorded
+from s2r_a1.rollout import about_run, carry_out, ended_trace, lost_trace, pilot
 from s2r_a1.schedule import Schedule
 from s2r_a1.walk import Walked, move, walk
 from s2r_sim.controller.gains import RATE
 from s2r_sim.protocols.references import MOTIONS
 from s2r_sim.robot.signals import VelocityCommand
-from s2r_spec.errors import NotBegunError, TraceError
+from s2r_spec.errors import BackendError, NotBegunError, TraceError
 from s2r_spec.protocols import PROTOCOL
 from s2r_spec.trace import Trace
 
@@ -38,11 +38,14 @@ def run(backend: A1Backend, protocol: str, values: Mapping[str, float], seed: in
     shares = () if key in _rehearsed else SHARES
     hold = round(MOTIONS[protocol].duration * RATE)
     about = about_run(backend, seed) | {PROTOCOL: protocol, "params": dict(values)}
-    with recorded(backend, about, {"hold": hold}) as (client, path):
+
+    def play(client: Client) -> Walked:
         try:
-            walked = carried_out(client, backend, lambda: _play(client, backend, protocol, values, shares))
-        except NotBegunError as error:
+            return _play(client, backend, protocol, values, shares)
+        except BackendError as error:
             raise NotBegunError(f"{protocol} ended before its t = 0: {error}") from None
+
+    _, walked, path = carry_out(backend, about, {"hold": hold}, play)
     try:
         trace = recording.protocol_trace(path, walked.notes)
     except TraceError as error:

@@ -219,7 +219,11 @@ def trace_of(
     samples = {"vx": samples["vx_est"], "vy": samples["vy_est"], **samples}
     meta = _meta(packets)
     if again:
-        meta |= {"decided_again": True, **_end(packets.log, over=notes[-1].tick >= int(header["hold"]))}
+        meta["decided_again"] = True
+        if ending := ending_of(packets.log):
+            over = notes[-1].tick >= int(header["hold"])
+            kind = "after" if over else "failure" if ending.word in ROBOT_WORDS else "void"
+            meta |= {kind: ending.word, "reason": ending.reason}
     meta["qp_failures"] = int(np.sum(samples["qp_solved"] == 0.0))
     return _trace(notes, samples, UNITS, meta)
 
@@ -244,15 +248,6 @@ def _trace(
 ) -> Trace:
     meta["late"] = int(np.sum(samples["late"]))
     return Trace(np.array([note.tick for note in notes]) / RATE, samples, units, meta)
-
-
-def _end(log: RawLog, over: bool) -> dict[str, Any]:
-    """Return the guard's account of a walk's end: a failure, a void walk, or an event after the end of the test."""
-    ending = ending_of(log)
-    if ending is None:
-        return {}
-    kind = "after" if over else "failure" if ending.word in ROBOT_WORDS else "void"
-    return {kind: ending.word, "reason": ending.reason}
 
 
 UNITS = {channel.name: channel.unit for channel in channels("")}

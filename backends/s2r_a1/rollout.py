@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import ExitStack, closing, contextmanager, suppress
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import ExitStack, closing, suppress
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
@@ -52,11 +52,13 @@ def run(backend: A1Backend, test: Mapping[str, float], seed: int) -> Trace:
     command = VelocityCommand(test["vd"], test["vy"], test["wz"])
     schedule = Schedule.of(command, seed, round(backend.duration * RATE), own.settings.gains)
     about = about_run(backend, seed)
-    header = recording.header_of(test, schedule, {})
-    with recorded(backend, about, header, backend.reached.mocap) as (client, path):
-        walked = carried_out(
-            client, backend, lambda: walk(client, own, schedule, client.ready, backend.begins)
-        )
+    client, walked, path = carry_out(
+        backend,
+        about,
+        recording.header_of(test, schedule, {}),
+        lambda client: walk(client, own, schedule, client.ready, backend.begins),
+        backend.reached.mocap,
+    )
     try:
         trace = recording.trace_of(path, walked.notes, own)
     except TraceError as error:
@@ -78,17 +80,22 @@ def about_run(backend: A1Backend, seed: int) -> dict[str, Any]:
     }
 
 
-@contextmanager
-def recorded(
-    backend: A1Backend, about: dict[str, Any], header: Mapping[str, Any], mocap: int | None = None
-) -> Iterator[tuple[Client, Path]]:
-    """Attach to the robot's guard, and have it record to a file with ``about`` and ``header``.
+def carry_out(
+    backend: A1Backend,
+    about: dict[str, Any],
+    header: Mapping[str, Any],
+    move: Callable[[Client], Walked],
+    mocap: int | None = None,
+) -> tuple[Client, Walked, Path]:
+    """Attach to the robot's guard, move while it records, and bring the robot to rest; return its recording, too.
 
-    Layout and clock of the robot are added to ``about``. Poses are received at the UDP port ``mocap``, if any.
+    A robot without an operator stays standing. The header of the recording is ``about`` and ``header``; layout and
+    clock of the robot are added to ``about``. Poses are received at the UDP port ``mocap``, if any.
 
     Raises:
-        NotBegunError: the guard, the port or the file cannot be used.
+        NotBegunError: the guard, the port or the file cannot be used, or the motion did not begin.
     """
+    stays = backend.reached.operator == "auto"
     with ExitStack() as stack:
         try:
             client = stack.enter_context(closing(Client(backend.reached, mocap)))
@@ -97,29 +104,21 @@ def recorded(
             client.record(path, {**about, **header})
         except BackendError as error:
             raise NotBegunError(str(error)) from None
-        yield client, path
-
-
-def carried_out(client: Client, backend: A1Backend, move: Callable[[], Walked]) -> Walked:
-    """Move, end the recording, and bring the robot to rest; a robot without an operator stays standing."""
-    stays = backend.reached.operator == "auto"
-    try:
-        with undisturbed(first=not client.lockstep):
-            return move()
-    except NotBegunError:
-        stays = False
-        raise
-    except BackendError as error:
-        stays = False
-        raise NotBegunError(str(error)) from None
-    finally:
-        with suppress(BackendError):
-            client.request("stop_recording")
-        with suppress(BackendError):
-            if stays:
-                client.request("leave")
-            else:
-                rest(client)
+        try:
+            with undisturbed(first=not client.lockstep):
+                walked = move(client)
+        except BackendError as error:
+            stays = False
+            raise NotBegunError(str(error)) from None
+        finally:
+            with suppress(BackendError):
+                client.request("stop_recording")
+            with suppress(BackendError):
+                if stays:
+                    client.request("leave")
+                else:
+                    rest(client)
+    return client, walked, path
 
 
 def new_path(kept: str | None, seed: int) -> Path:

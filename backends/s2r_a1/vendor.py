@@ -10,15 +10,15 @@ shows a new one. All data pass through :mod:`s2r_a1.wire`, with the same checks.
 
 from __future__ import annotations
 
-import socket
 import time
 from collections.abc import Callable
+from contextlib import closing
 from importlib import import_module
 from typing import Any
 
 import numpy as np
 
-from s2r_a1.datagrams import FROM_ROBOT, TO_ROBOT, Address, LinkError
+from s2r_a1.datagrams import FROM_ROBOT, TO_ROBOT, Address, LinkError, RealTimeSocket
 from s2r_a1.link import Link
 from s2r_a1.ticks import Counters
 from s2r_a1.wire import (
@@ -203,18 +203,13 @@ def open_link(
     try:
         if binding_a:
             return VendorLink(BindingA(module, peer), layout, clock)
-        return VendorLink(BindingB(module, layout, peer, port or _free_port()), layout, clock)
+        with closing(RealTimeSocket("")) as free:
+            port = port or free.port
+        return VendorLink(BindingB(module, layout, peer, port), layout, clock)
     except LinkError:
         raise
     except Exception as error:
         raise LinkError(f"the module {name!r} cannot be opened: {error}; leave it out") from None
-
-
-def _free_port() -> int:
-    """Return a local UDP port that is free now."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
-        one.bind(("", 0))
-        return int(one.getsockname()[1])
 
 
 def _to_reading(state: Any) -> Reading:

@@ -136,34 +136,25 @@ def _move(
                 begins()
                 begins = None
             if mover.is_done(note):
-                return notes, _halt(line) or stopped
+                try:
+                    line.request("halt")
+                except BackendError:  # the guard acted before
+                    return notes, line.change
+                return notes, stopped
             ordered = orders(note)
         # Without a new state the last orders are sent again, to show the guard that this process is alive.
         try:
             line.send(ordered)
             newest = line.receive()
         except WireError as error:
-            return notes, _damp(line, f"the controller commands a number that no motor can take: {error}")
+            reason = f"the controller commands a number that no motor can take: {error}"
+            with suppress(BackendError):
+                line.request("damp", reason=reason)
+            return notes, StateChange("DAMPING", "torque", reason)  # a fault of the controller is an outcome
         except BackendError as error:
             return notes, StateChange(GONE, "link", str(error))
         if line.change.state != motion.upper():
             return notes, line.change
-
-
-def _halt(line: Client) -> StateChange | None:
-    """Have the guard take over; return its change of state if it acted before."""
-    try:
-        line.request("halt")
-    except BackendError:
-        return line.change
-    return None
-
-
-def _damp(line: Client, reason: str) -> StateChange:
-    """Have the robot damped; a fault of its controller is an outcome."""
-    with suppress(BackendError):
-        line.request("damp", reason=reason)
-    return StateChange("DAMPING", "torque", reason)
 
 
 def _sentence(change: StateChange) -> str:

@@ -13,8 +13,7 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_a1.twin.lying import FOLDED, lying_state
-from s2r_a1.twin.rig import Rig
+from s2r_a1.twin.placement import FOLDED, Rig, lying_state
 from s2r_a1.wire import CLOSED_LOOP, MOTORS, Orders, Reading
 from s2r_sim.controller import estimator
 from s2r_sim.controller.gains import RATE
