@@ -12,6 +12,7 @@ import select
 import socket
 import time
 from collections.abc import Callable
+from itertools import islice
 
 from s2r_a1.ticks import PERIOD, Counters
 from s2r_spec.errors import BackendError
@@ -32,6 +33,26 @@ class LinkError(BackendError):
     """A robot cannot be reached: its address, a port or the answer is wrong."""
 
 
+def open_port(
+    address: Address,
+    error: type[BackendError],
+    which: str = "the local UDP port {}",
+    remedy: str = "name another port",
+) -> socket.socket:
+    """Return a UDP socket with this local address, which never waits; raise the error if it cannot be opened."""
+    opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    opened.setblocking(False)
+    try:
+        opened.bind(address)
+    except (OSError, OverflowError) as refused:
+        opened.close()
+        why = getattr(refused, "strerror", "no such port")
+        raise error(
+            f"{which.format(address[1])} cannot be opened: {why}; end the program that uses it, or {remedy}"
+        ) from None
+    return opened
+
+
 class RealTimeSocket:
     """One end of a connection, which never waits.
 
@@ -45,16 +66,7 @@ class RealTimeSocket:
         self.counters = Counters()
         self.gone = False
         self._peer: Address | None = None
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            self._socket.bind((host, port))
-        except (OSError, OverflowError) as error:
-            self._socket.close()
-            raise LinkError(
-                f"the local UDP port {port} cannot be opened: {getattr(error, 'strerror', 'no such port')}; "
-                "end the program that uses it, or name another port"
-            ) from None
-        self._socket.setblocking(False)
+        self._socket = open_port((host, port), LinkError)
 
     @property
     def port(self) -> int:
@@ -74,13 +86,7 @@ class RealTimeSocket:
 
     def receive(self) -> list[bytes]:
         """Return all waiting datagrams, oldest first; datagrams from another address are counted and left out."""
-        datagrams: list[bytes] = []
-        for _ in range(WAITING):
-            data = self._next()
-            if data is None:
-                break
-            datagrams.append(data)
-        return datagrams
+        return list(islice(iter(self._next, None), WAITING))
 
     def send(self, data: bytes) -> None:
         """Send one datagram; a datagram that the network refuses is counted and lost."""

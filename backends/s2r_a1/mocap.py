@@ -15,7 +15,6 @@ heading. Both rates and the velocity are slopes of straight lines through the po
 from __future__ import annotations
 
 import json
-import socket
 from dataclasses import dataclass
 from math import radians
 from typing import NamedTuple
@@ -23,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_a1.datagrams import open_port
 from s2r_spec.errors import BackendError, UsageError
 
 FloatArray = NDArray[np.float64]
@@ -125,16 +125,7 @@ class Listener:
         """Open the port; raise MocapError if it cannot be opened."""
         self.refused = 0
         self._rows: list[tuple[float, ...]] = []
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        try:
-            self._socket.bind(("127.0.0.1", port))
-        except OSError as error:
-            self._socket.close()
-            raise MocapError(
-                f"the UDP port {port} for motion capture cannot be opened: {error.strerror}; end the program that "
-                "uses it, or name another port"
-            ) from None
+        self._socket = open_port(("127.0.0.1", port), MocapError, "the UDP port {} for motion capture")
 
     @property
     def port(self) -> int:

@@ -18,24 +18,11 @@ from typing import Any
 
 import numpy as np
 
+from s2r_a1 import wire
 from s2r_a1.datagrams import FROM_ROBOT, TO_ROBOT, Address, LinkError, RealTimeSocket
 from s2r_a1.link import Link
 from s2r_a1.ticks import Counters
-from s2r_a1.wire import (
-    CLOSED_LOOP,
-    GO1,
-    LOW_LEVEL,
-    MOTORS,
-    Layout,
-    MotorPacket,
-    Orders,
-    Reading,
-    WireError,
-    pack,
-    pack_reading,
-    unpack,
-    unpack_orders,
-)
+from s2r_a1.wire import Layout, MotorPacket, Orders, Reading
 
 COMPILED_IN: Address = ("192.168.123.10", 8007)
 """A definition: the only robot that binding A can reach; its address is compiled in."""
@@ -56,7 +43,7 @@ class BindingA:
                 "leave module out to use the built-in wire protocol"
             )
         try:
-            self._robot = module.RobotInterface(LOW_LEVEL)
+            self._robot = module.RobotInterface(wire.LOW_LEVEL)
         except TypeError:  # older modules have the low level only
             self._robot = module.RobotInterface()
 
@@ -79,9 +66,9 @@ class BindingB:
         try:  # the newest module takes the lengths of the packets
             self._udp = module.UDP(port, *peer, layout.command.itemsize, layout.state.itemsize, -1)
         except TypeError:
-            self._udp = module.UDP(LOW_LEVEL, port, *peer)
+            self._udp = module.UDP(wire.LOW_LEVEL, port, *peer)
         self._udp.InitCmdData(self._command)
-        self._command.levelFlag = LOW_LEVEL
+        self._command.levelFlag = wire.LOW_LEVEL
         self._motors = self._command.motorCmd
 
     def read(self) -> Any:
@@ -93,7 +80,7 @@ class BindingB:
     def write(self, orders: Orders) -> None:
         """Send orders that fit their fields."""
         for motor, q, dq, kp, kd, tau in zip(self._motors, *(row.tolist() for row in orders), strict=False):
-            motor.mode = CLOSED_LOOP
+            motor.mode = wire.CLOSED_LOOP
             motor.q, motor.dq, motor.Kp, motor.Kd, motor.tau = q, dq, kp, kd, tau
         self._udp.SetSend(self._command)
         self._udp.Send()
@@ -122,10 +109,10 @@ class VendorLink(Link):
 
     def write(self, orders: Orders | MotorPacket) -> None:
         """Send orders to the motors; raise WireError if a number does not fit its field."""
-        data = pack(orders, self._layout)
+        data = wire.pack(orders, self._layout)
         driver = self._opened()
         try:
-            driver.write(unpack_orders(data, self._layout))
+            driver.write(wire.unpack_orders(data, self._layout))
         except Exception:
             self.counters.unsent += 1
             return
@@ -159,9 +146,9 @@ class VendorLink(Link):
         self.counters.received += 1
         try:
             if not np.isfinite(raw.tau).all():  # the integer field of the packet would hide it
-                raise WireError("number", "a torque is not finite")
-            self.packet = pack_reading(raw, self._layout)
-            reading = unpack(self.packet, self._layout)
+                raise wire.WireError("number", "a torque is not finite")
+            self.packet = wire.pack_reading(raw, self._layout)
+            reading = wire.unpack(self.packet, self._layout)
         except (ValueError, OverflowError):  # WireError is one
             self.counters.numbers += 1
             self.fault = "number"
@@ -195,7 +182,7 @@ def open_link(
             f"the module {name!r} has neither RobotInterface nor UDP, LowCmd and LowState; "
             "name the vendor's module, or leave it out"
         )
-    if hasattr(getattr(module, "LowState", None), "bms") != (layout is GO1):  # the battery is the Go1's
+    if hasattr(getattr(module, "LowState", None), "bms") != (layout is wire.GO1):  # the battery is the Go1's
         raise LinkError(
             f"the fields of the module {name!r} do not fit the {layout.name}; "
             "name the module of this robot, or leave it out"
@@ -214,7 +201,7 @@ def open_link(
 
 def _to_reading(state: Any) -> Reading:
     """Return the vendor's ``LowState`` as a reading."""
-    motors = state.motorState[:MOTORS]
+    motors = state.motorState[: wire.MOTORS]
     return Reading(
         quaternion=np.array(state.imu.quaternion, dtype=np.float64),
         gyro=np.array(state.imu.gyroscope, dtype=np.float64),

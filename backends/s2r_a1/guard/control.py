@@ -1,7 +1,7 @@
 """The control socket of a guard: one JSON object per line, one reply per request.
 
 Requests are ``{"do": NAME, …}``; the reply is ``{"ok": true, "state": "STAND", …}`` or
-``{"ok": false, "error": "one sentence", "state": …}``. Events arrive between them without a request:
+``{"ok": false, "error": "one sentence", "state": …}``. Events arrive between them:
 
     {"event": "state", "state": "DAMPING", "word": "fall", "reason": "the base is tilted by 0.52 rad …", "round": 4711}
     {"event": "wanted", "state": "STAND" or "RESTING", "word": "operator", "reason": …, "round": …}

@@ -228,7 +228,8 @@ class Guard:
 
     def turn(self) -> None:
         """Run one round, or serve requests for a while if no rounds go on."""
-        if self._turning():
+        waited_for = any(waits.rounds for waits in self._requests.pending)
+        if self.link and (not self.lockstep or self.client or waited_for or self.moving()):
             self._round()
         else:
             self._serve(self._requests.ready([], LOOKED))
@@ -256,20 +257,12 @@ class Guard:
         machine = self.machine
         if self.ending and machine.state in (*AT_REST, State.DAMPING) and not self._sinking():
             return True
-        if self.listener.parties or not (machine.state in AT_REST or self._orphaned()):
+        # A damped twin may have ended; a real robot stays damped until an operator resets it.
+        damped = machine.state is State.DAMPING and not self._sinking()
+        twin = (self.robot.host, self.robot.port) if damped and self.loopback else None
+        if self.listener.parties or not (machine.state in AT_REST or (twin and is_free(twin))):
             self._alone = time.monotonic()
         return time.monotonic() - self._alone >= self._idle
-
-    def _orphaned(self) -> bool:
-        """Return whether a damped twin has ended; a real robot stays damped until an operator resets it."""
-        damped = self.machine.state is State.DAMPING and not self._sinking()
-        return damped and self.loopback and is_free((self.robot.host, self.robot.port))
-
-    def _turning(self) -> bool:
-        if self.link is None:
-            return False
-        waited_for = any(waits.rounds for waits in self._requests.pending)
-        return not self.lockstep or self.client is not None or waited_for or self.moving()
 
     def moving(self) -> bool:
         """Return whether the robot moves without a client; rounds must then go on."""

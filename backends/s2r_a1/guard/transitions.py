@@ -5,19 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from s2r_a1 import remote
-from s2r_a1.guard import checks, moves
+from s2r_a1.guard import checks, moves, states
 from s2r_a1.guard.control import Role
 from s2r_a1.guard.limits import Limits, Word
-from s2r_a1.guard.states import (
-    BEGINNINGS,
-    RULES,
-    ClientCommands,
-    GuardMemory,
-    Machine,
-    RequestedStop,
-    State,
-    checked_quantities,
-)
+from s2r_a1.guard.states import Machine, State
 
 
 def damp(machine: Machine, now: int, word: Word, reason: str) -> Machine:
@@ -35,7 +26,7 @@ def leave(machine: Machine, now: int, role: Role = "client") -> Machine:
     A standing robot that is not about to lie down is damped, because nobody controls it or can stop it.
     """
     lying = machine.state is State.STAND and machine.wanted and machine.wanted.state is State.RESTING
-    if RULES[machine.state].stands and not lying:
+    if states.RULES[machine.state].stands and not lying:
         who = "the program that moves the robot" if role == "client" else "the operator's program"
         return damp(machine, now, role, f"{who} has disconnected")
     return machine
@@ -64,7 +55,7 @@ def unready(machine: Machine, conditions: Conditions, limits: Limits) -> str | N
         return conditions.refusal
     if not conditions.unit:
         return "the guard is still measuring the robot's clock; try again in a second"
-    checked = checked_quantities(machine, memory.now, 0)
+    checked = states.checked_quantities(machine, memory.now, 0)
     for check in (checks.MOTOR, checks.WARMTH, checks.BUTTON):
         if sentence := check.find(limits, checked):
             return sentence
@@ -106,7 +97,7 @@ def reset(machine: Machine, now: int) -> Machine:
 
 def _begin_again(machine: Machine, before: State, after: State, now: int) -> Machine:
     """Return a machine without a memory in ``after``; unchanged unless it is in ``before``."""
-    return Machine(after, now, memory=GuardMemory(now=now)) if machine.state is before else machine
+    return Machine(after, now, memory=states.GuardMemory(now=now)) if machine.state is before else machine
 
 
 def request(
@@ -118,7 +109,7 @@ def request(
     and is not refused.
     """
     now = machine.memory.now
-    if do in BEGINNINGS:
+    if do in states.BEGINNINGS:
         return _begin(machine, do, limits)
     word: Word | None = None if role == "client" else "operator"
     who = "the program that moves the robot" if role == "client" else "the operator"
@@ -139,28 +130,28 @@ def stop(
     client no time.
     """
     now = machine.memory.now
-    if RULES[machine.state].client:
+    if states.RULES[machine.state].client:
         end = State.RESTING if lie else State.STAND
         if machine.wanted and machine.wanted.state is State.RESTING:
             end = State.RESTING
         if word and not at_once:
             if machine.wanted:
                 return machine._replace(wanted=machine.wanted._replace(state=end))
-            return machine._replace(wanted=RequestedStop(end, now, word, reason))
+            return machine._replace(wanted=states.RequestedStop(end, now, word, reason))
         return halt(machine, end, word, reason)
     if not lie or machine.state not in (State.STANDING_UP, State.STAND):
         return machine
     if word:
         machine = machine._replace(word=word, reason=reason)
     if machine.state is State.STAND:  # it may still be settling
-        return machine._replace(wanted=RequestedStop(State.RESTING, now, machine.word, machine.reason))
+        return machine._replace(wanted=states.RequestedStop(State.RESTING, now, machine.word, machine.reason))
     return lie_down(machine, now)
 
 
 def _begin(machine: Machine, do: str, limits: Limits) -> tuple[Machine, str | None]:
     """Return the machine after a client's request for a motion."""
-    origins, state = BEGINNINGS[do]
-    if machine.state is state or (RULES[state].then is machine.state and not machine.wanted):
+    origins, state = states.BEGINNINGS[do]
+    if machine.state is state or (states.RULES[state].then is machine.state and not machine.wanted):
         return machine, None
     if machine.state not in origins or machine.wanted:
         return machine, (
@@ -173,15 +164,15 @@ def _begin(machine: Machine, do: str, limits: Limits) -> tuple[Machine, str | No
         return machine, "the robot sends no new state; wait, or check the cable"
     if machine.remote is not None and (lost := remote.loss(now - machine.remote)):
         return machine, lost
-    checked = checked_quantities(machine._replace(motion=None), now, 0)._replace(client=0)
-    for check in (*RULES[state].checks, checks.WARMTH):
+    checked = states.checked_quantities(machine._replace(motion=None), now, 0)._replace(client=0)
+    for check in (*states.RULES[state].checks, checks.WARMTH):
         if sentence := check.find(limits, checked):
             return machine, sentence
     begun = machine._replace(state=state, since=now, word=None, reason=None)
-    if RULES[state].client:
+    if states.RULES[state].client:
         # The stand continues until the client's first commands.
         kept = machine.followed
-        return begun._replace(followed=ClientCommands(None, now, 0, kept.clipped, kept.unusable)), None
+        return begun._replace(followed=states.ClientCommands(None, now, 0, kept.clipped, kept.unusable)), None
     return begun._replace(motion=moves.standing_up(reading.q, now)), None
 
 
@@ -195,7 +186,7 @@ def halt(machine: Machine, end: State, word: Word | None, reason: str | None) ->
     motion = machine.motion
     if machine.followed.orders is not None or motion is None:
         motion = moves.catch(memory.reading.q, memory.reading.tau, memory.now)
-    ahead = RequestedStop(State.RESTING, memory.now, word, reason) if end is State.RESTING else None
+    ahead = states.RequestedStop(State.RESTING, memory.now, word, reason) if end is State.RESTING else None
     return machine._replace(
         state=State.STAND, since=memory.now, word=word, reason=reason, motion=motion, wanted=ahead
     )

@@ -29,14 +29,7 @@ _MOST_DELAY = 10
 
 @dataclass(frozen=True)
 class Options:
-    """Options of a twin in a separate process.
-
-    Attributes:
-        address: address at which it listens, only on this computer; port 0 is any free one.
-        clock: whether rounds follow the computer's clock or the received datagrams.
-        mocap: port of this computer to which it sends its true pose, or None.
-        record: file for all received and sent packets, or None.
-    """
+    """Options of a twin in a separate process; it sends its true pose to the port ``mocap``, and packets to a file."""
 
     twin: TwinSettings
     address: Address
@@ -88,18 +81,16 @@ def _parser() -> argparse.ArgumentParser:
     )
     add(
         "--port",
-        type=_whole_within(0, 65535),
+        type=_whole(0, 65535),
         default=8007,
         help="UDP port, 8007 by default; 0 for any free one",
     )
     add("--clock", choices=get_args(Clock), default="real", help="real, or lockstep: one state per command")
     add("--layout", choices=sorted(LAYOUTS), default="a1", help="layout of the packets; a1 by default")
-    add(
-        "--seed", type=_whole_within(0, 2**63 - 1), default=0, help="seed of all random numbers; 0 by default"
-    )
+    add("--seed", type=_whole(0, 2**63 - 1), default=0, help="seed of all random numbers; 0 by default")
     add(
         "--delay",
-        type=_whole_within(0, _MOST_DELAY),
+        type=_whole(0, _MOST_DELAY),
         default=1,
         help="delay of commands in rounds of 2 ms; 1 by default",
     )
@@ -107,7 +98,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--tick", choices=get_args(TickUnit), default="ms", help="unit of the robot's clock; ms by default")
     add(
         "--mocap",
-        type=_whole_within(1, 65535),
+        type=_whole(1, 65535),
         metavar="PORT",
         help="send the true pose to this port, as lines of JSON",
     )
@@ -124,7 +115,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _whole_within(low: int, high: int) -> Callable[[str], int]:
+def _whole(low: int, high: int) -> Callable[[str], int]:
     def read(text: str) -> int:
         try:
             value = int(text)

@@ -16,7 +16,7 @@ from types import TracebackType
 from typing import Self
 
 from s2r_a1 import hands
-from s2r_a1.datagrams import FROM_ROBOT, LARGEST, TO_ROBOT, WAITING, Address
+from s2r_a1.datagrams import FROM_ROBOT, LARGEST, TO_ROBOT, WAITING, Address, open_port
 from s2r_a1.ticks import PERIOD
 from s2r_a1.twin.twin import Twin
 from s2r_a1.undisturbed import undisturbed
@@ -42,16 +42,7 @@ class Server:
         """Open the port; raise BackendError if it cannot be opened."""
         self._twin, self._mocap, self._tap = twin, mocap, tap
         self._peer: Address | None = None
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            self._socket.bind(address)
-        except OSError as error:
-            self._socket.close()
-            raise BackendError(
-                f"the UDP port {address[1]} cannot be opened: {error.strerror}; "
-                "end the program that uses it, or name another with --port"
-            ) from None
-        self._socket.setblocking(False)
+        self._socket = open_port(address, BackendError, "the UDP port {}", "name another with --port")
         self._woken, self._waker = socket.socketpair()
         for end in (self._woken, self._waker):
             end.setblocking(False)
@@ -84,7 +75,7 @@ class Server:
 
     def serve_in_lock_step(self) -> None:
         """Answer datagrams until a signal arrives."""
-        while self._wait(None):
+        while self._wait():
             for data in self._received(1):
                 answers = self._round([data])
                 if self._twin.begun:
@@ -94,7 +85,7 @@ class Server:
     def serve_in_real_time(self) -> None:
         """Simulate a round every 2 ms from the first command on, until a signal arrives."""
         while not self._twin.begun:
-            if not self._wait(None):
+            if not self._wait():
                 return
             for data in self._round(self._received(WAITING)):
                 self._send(data)
@@ -115,16 +106,11 @@ class Server:
 
     def _rest_until(self, due: float) -> bool:
         """Wait until a time; return False if a signal arrived."""
-        while True:
-            left = due - time.monotonic()
-            if select.select([self._woken], [], [], max(0.0, left))[0]:
-                return False
-            if left <= 0.0:
-                return True
+        return not select.select([self._woken], [], [], max(0.0, due - time.monotonic()))[0]
 
-    def _wait(self, seconds: float | None) -> bool:
+    def _wait(self) -> bool:
         """Wait for a datagram; return False if a signal arrived."""
-        return self._woken not in select.select([self._socket, self._woken], [], [], seconds)[0]
+        return self._woken not in select.select([self._socket, self._woken], [], [])[0]
 
     def _received(self, most: int) -> list[bytes]:
         """Return the waiting datagrams of the peer, or of a sender that becomes the peer by a valid command."""
