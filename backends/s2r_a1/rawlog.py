@@ -22,7 +22,7 @@ import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,20 +73,13 @@ class RawLog:
     events: tuple[dict[str, Any], ...] = ()
 
 
-class Written(NamedTuple):
-    """Summary of a finished recording."""
-
-    path: Path
-    packets: int
-    bytes: int
-
-
 class RawLogWriter:
     """Writes a recording from a separate thread, so that a slow disk never delays a round.
 
     Attributes:
         path: the file, which must not exist before.
         packets: number of packets so far.
+        bytes: number of bytes on the disk so far.
         failure: a message after the disk refused a write; the thread tries again, and keeps the waiting data.
     """
 
@@ -94,7 +87,7 @@ class RawLogWriter:
         self.path = Path(path)
         self.packets = 0
         self.failure: str | None = None
-        self._written = 0
+        self.bytes = 0
         self._begun: int | None = None
         self._records = bytearray()
         self._waiting = bytearray(MAGIC + json.dumps(dict(header), ensure_ascii=False).encode() + b"\n")
@@ -154,8 +147,8 @@ class RawLogWriter:
         self.flush()
         self._give(b"" if self._lost else _block(b""), ending=True)
 
-    def close(self, seconds: float | None = None) -> Written:
-        """Finish the recording, wait for the disk, and return a summary.
+    def close(self, seconds: float | None = None) -> Self:
+        """Finish the recording, and wait for the disk.
 
         Raises:
             RawLogError: the disk did not accept everything within ``seconds``.
@@ -167,12 +160,7 @@ class RawLogWriter:
                 self.failure
                 or f"{self.path}: the recording is not on the disk yet; wait, or use a faster disk"
             )
-        return self.written
-
-    @property
-    def written(self) -> Written:
-        """Summary of the recording so far."""
-        return Written(self.path, self.packets, self._written)
+        return self
 
     def _give(self, data: bytes | bytearray, ending: bool = False) -> None:
         with self._changed:
@@ -232,7 +220,7 @@ class RawLogWriter:
             except OSError as error:
                 self._fail(error)
                 break
-        self._written += taken
+        self.bytes += taken
         return taken
 
     def _fail(self, error: OSError) -> None:

@@ -151,12 +151,8 @@ def _with_velocity(
         meta |= {"void": "mocap", "reason": str(error)}
     else:
         channels |= {"vx": velocity.forward, "vy": velocity.left}
-        meta["mocap"] = {
-            "offset": velocity.offset,
-            "correlation": velocity.correlation,
-            "turned": velocity.turned,
-            "refused": listener.refused,
-        }
+        aligned = {name: getattr(velocity, name) for name in ("offset", "correlation", "turned")}
+        meta["mocap"] = {**aligned, "refused": listener.refused}
     return Trace(trace.times, channels, trace.units, meta)
 
 

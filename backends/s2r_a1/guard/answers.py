@@ -203,7 +203,7 @@ def _stop_recording(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply
             return None
         if log.failure:
             raise RefusedError(log.failure)
-        return {"path": str(log.path), "packets": log.written.packets, "bytes": log.written.bytes}
+        return {"path": str(log.path), "packets": log.packets, "bytes": log.bytes}
 
     return Deferred(party, poll, rounds=False)
 

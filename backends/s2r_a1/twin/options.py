@@ -5,12 +5,10 @@ from __future__ import annotations
 import argparse
 import ipaddress
 from collections.abc import Callable
-from dataclasses import dataclass
 from math import nan
 from pathlib import Path
 from typing import Literal, NoReturn, get_args
 
-from s2r_a1.datagrams import Address
 from s2r_a1.hands import HIGHEST, LOWEST
 from s2r_a1.ticks import TickUnit
 from s2r_a1.twin.firmware import Silence
@@ -27,17 +25,6 @@ _MOST_DELAY = 10
 """A budget: rounds from a command's arrival to the motors, 20 ms, longer than any published estimate for an A1."""
 
 
-@dataclass(frozen=True)
-class Options:
-    """Options of a twin in a separate process; it sends its true pose to the port ``mocap``, and packets to a file."""
-
-    twin: TwinSettings
-    address: Address
-    clock: Clock
-    mocap: int | None
-    record: Path | None
-
-
 class _Parser(argparse.ArgumentParser):
     """A parser that raises a UsageError for a wrong command line."""
 
@@ -45,11 +32,15 @@ class _Parser(argparse.ArgumentParser):
         raise UsageError(f"{message}; see {self.prog} --help")
 
 
-def read_options(arguments: list[str]) -> Options:
-    """Read a command line; raise UsageError if an option is not valid."""
+def read_options(arguments: list[str]) -> argparse.Namespace:
+    """Read a command line; raise UsageError if an option is not valid.
+
+    The options have the settings of the ``twin``, the ``address`` at which it listens, ``clock``, the port ``mocap``
+    for its true pose or None, and the file ``record`` for all packets or None.
+    """
     options = _parser().parse_args(arguments)
     physics(options.place)
-    twin = TwinSettings(
+    options.twin = TwinSettings(
         place=options.place,
         layout=LAYOUTS[options.layout],
         seed=options.seed,
@@ -61,9 +52,8 @@ def read_options(arguments: list[str]) -> Options:
         start=read_start(options.start) if options.start else None,
         rig=options.rig,
     )
-    return Options(
-        twin, (_loopback(options.host), options.port), options.clock, options.mocap, options.record
-    )
+    options.address = _loopback(options.host), options.port
+    return options
 
 
 def _parser() -> argparse.ArgumentParser:
