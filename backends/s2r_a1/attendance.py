@@ -110,12 +110,7 @@ class Attendance:
         )
 
     def before(self, params: Mapping[str, float]) -> None:
-        """Return as soon as the robot is at its start and ready for a test.
-
-        Raises:
-            NotBegunError: the robot is not ready; the message says why.
-            StoppedError: the operator ends the run.
-        """
+        """Return as soon as the robot is at its start and ready for a test, or raise what ``Attended`` states."""
         self._prepare(None)
         units = {parameter.name: parameter.unit for parameter in self._backend.parameters}
         test = ", ".join(
@@ -129,9 +124,7 @@ class Attendance:
     def before_protocol(self, protocol: Protocol, params: Mapping[str, float]) -> None:
         """Return as soon as the robot is in its rig or on the floor, and ready for a run of a protocol.
 
-        Raises:
-            NotBegunError: the robot is not ready; the message says why.
-            StoppedError: the operator ends the run, or does not accept the risk.
+        Besides what ``Attended`` states, StoppedError is raised if the operator does not accept the risk.
         """
         if protocol.name not in self._consented:
             risk = protocol.risk or "no more than in a test"
@@ -169,12 +162,11 @@ class Attendance:
         reached = self._backend.reached
         if reached.is_twin:
             hands.put(reached.host, reached.port, rig)
-            hung = (
-                f"hung the twin into its rig, with its base {rig:g} m above the floor"
-                if rig is not None
-                else ""
+            self._operator.say(
+                "s2r put the twin onto its floor."
+                if rig is None
+                else f"s2r hung the twin into its rig, with its base {rig:g} m above the floor."
             )
-            self._operator.say(f"s2r {hung or 'put the twin onto its floor'}.")
         self._rig = rig
 
     def _confirm(self, words: str) -> None:
@@ -268,7 +260,7 @@ class Attendance:
             )
 
     def _rest_if_due(self) -> None:
-        """Ask for a rest after ``TESTS`` tests, or if a motor is warm; the answer ``s`` skips it."""
+        """Ask for a rest after ``TESTS`` tests, or if a motor is warm."""
         warm = self._warmest() >= WARM
         if self.unattended or not (warm or self._since_rest >= TESTS):
             return

@@ -77,29 +77,13 @@ class Link(ABC):
         """Release the link's resources."""
 
 
-class UdpLink(Link):
-    """A link over a socket, in real time or in lock step.
+class _SocketEnd:
+    """An end of a connection over a socket."""
 
-    Of several datagrams in a read the newest valid one counts; if none is valid, ``fault`` describes the last one.
-    """
-
-    def __init__(self, socket: RealTimeSocket, layout: Layout, unit: TickUnit | None = None) -> None:
-        super().__init__(layout, socket.counters, unit)
-        self._socket = socket
-
-    def read(self) -> Reading | None:
-        """Return the newest state that was not returned before; None if there is none."""
-        return _newest(self, self._socket, self._judge, self.tap)
-
-    def write(self, orders: Orders | MotorPacket) -> None:
-        """Send commands to the motors; raise WireError if a number does not fit its field."""
-        self.send(pack(orders, self._layout))
-
-    def send(self, data: bytes) -> None:
-        """Send a command that is packed already."""
-        self._socket.send(data)
-        if self.tap:
-            self.tap(TO_ROBOT, data)
+    counters: Counters
+    packet: bytes
+    fault: LinkFault | None
+    _socket: RealTimeSocket
 
     def skip(self) -> None:
         """Send nothing in this round; lock step goes on."""
@@ -113,12 +97,66 @@ class UdpLink(Link):
         """Release the port."""
         self._socket.close()
 
+    def _newest(
+        self, judge: Callable[[bytes], tuple[Content, LinkFault | None]], tap: Tap | None = None
+    ) -> Content | None:
+        """Return the newest valid content of this round's datagrams; count the others by their fault.
+
+        ``judge`` returns a datagram's content and its fault, or raises WireError.
+        """
+        newest: Content | None = None
+        arrived = self._socket.receive()
+        self.packet, self.fault = b"", "gone" if self._socket.gone else "silence"
+        for data in arrived:
+            if tap:
+                tap(FROM_ROBOT, data)
+            fault: LinkFault | None
+            try:
+                content, fault = judge(data)
+            except WireError as error:
+                fault = error.fault
+                if fault == "number":
+                    self.counters.numbers += 1
+                else:
+                    self.counters.corrupt += 1
+            if fault is None:
+                newest, self.packet, self.fault = content, data, None
+            elif newest is None:
+                self.packet, self.fault = data, fault
+        self.counters.late += newest is None
+        return newest
+
+
+class UdpLink(_SocketEnd, Link):
+    """A link over a socket, in real time or in lock step.
+
+    Of several datagrams in a read the newest valid one counts; if none is valid, ``fault`` describes the last one.
+    """
+
+    def __init__(self, socket: RealTimeSocket, layout: Layout, unit: TickUnit | None = None) -> None:
+        super().__init__(layout, socket.counters, unit)
+        self._socket = socket
+
+    def read(self) -> Reading | None:
+        """Return the newest state that was not returned before; None if there is none."""
+        return self._newest(self._judge, self.tap)
+
+    def write(self, orders: Orders | MotorPacket) -> None:
+        """Send commands to the motors; raise WireError if a number does not fit its field."""
+        self.send(pack(orders, self._layout))
+
+    def send(self, data: bytes) -> None:
+        """Send a command that is packed already."""
+        self._socket.send(data)
+        if self.tap:
+            self.tap(TO_ROBOT, data)
+
     def _judge(self, data: bytes) -> tuple[Reading, LinkFault | None]:
         reading = unpack(data, self._layout)
         return reading, self._ticks.judge(reading.tick, self._socket.now())
 
 
-class RobotSide:
+class RobotSide(_SocketEnd):
     """The end of a connection that receives commands: the guard for its client, or a test's robot for the guard.
 
     ``counters``, ``packet`` and ``fault`` are as in :class:`Link`, but of commands.
@@ -126,10 +164,8 @@ class RobotSide:
 
     def __init__(self, socket: RealTimeSocket, layout: Layout) -> None:
         self.counters = socket.counters
-        self.packet = b""
-        self.fault: LinkFault | None = None
-        self._socket = socket
-        self._layout = layout
+        self.packet, self.fault = b"", None
+        self._socket, self._layout = socket, layout
 
     def read(self) -> Orders | None:
         """Return the newest valid commands of this round, as orders; None if there are none."""
@@ -138,53 +174,8 @@ class RobotSide:
 
     def receive(self) -> MotorPacket | None:
         """Return the newest valid command of this round; None if there is none."""
-        return _newest(self, self._socket, lambda data: (read_command(data, self._layout), None))
+        return self._newest(lambda data: (read_command(data, self._layout), None))
 
     def send(self, data: bytes) -> None:
         """Send a state that is packed already, unchanged."""
         self._socket.send(data)
-
-    def skip(self) -> None:
-        """Send no state in this round; lock step goes on."""
-        self._socket.skip()
-
-    def fileno(self) -> int:
-        """Return the descriptor for ``select``."""
-        return self._socket.fileno()
-
-    def close(self) -> None:
-        """Release the port."""
-        self._socket.close()
-
-
-def _newest(
-    end: UdpLink | RobotSide,
-    socket: RealTimeSocket,
-    judge: Callable[[bytes], tuple[Content, LinkFault | None]],
-    tap: Tap | None = None,
-) -> Content | None:
-    """Return the newest valid content of this round's datagrams; count the others by their fault.
-
-    ``judge`` returns a datagram's content and its fault, or raises WireError.
-    """
-    newest: Content | None = None
-    arrived = socket.receive()
-    end.packet, end.fault = b"", "gone" if socket.gone else "silence"
-    for data in arrived:
-        if tap:
-            tap(FROM_ROBOT, data)
-        fault: LinkFault | None
-        try:
-            content, fault = judge(data)
-        except WireError as error:
-            fault = error.fault
-            if fault == "number":
-                end.counters.numbers += 1
-            else:
-                end.counters.corrupt += 1
-        if fault is None:
-            newest, end.packet, end.fault = content, data, None
-        elif newest is None:
-            end.packet, end.fault = data, fault
-    end.counters.late += newest is None
-    return newest

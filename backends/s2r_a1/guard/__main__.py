@@ -75,11 +75,9 @@ def _send(options: argparse.Namespace) -> int:
 
 
 def _find_guard(host: str | None, port: int) -> Any:
-    """Return the control socket of a robot's guard, or of the only running guard.
+    """Return the control socket of a robot's guard, or of the only running one; raise BackendError if none runs.
 
-    Raises:
-        BackendError: no guard runs.
-        UsageError: several guards run, and ``host`` is None.
+    Without a ``host``, UsageError is raised if several guards run.
     """
     if host:
         files = place(host, port)

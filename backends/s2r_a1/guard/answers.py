@@ -31,12 +31,7 @@ _UNJUDGED = "the guard can read a {} but not move it, because it has the limits 
 
 
 def answer(guard: Guard, party: Party, request: Request) -> Reply:
-    """Return the reply to a request, now or later.
-
-    Raises:
-        RefusedError: the guard refuses; the message says why.
-        LinkError: the robot cannot be reached.
-    """
+    """Return the reply to a request, now or later; raise RefusedError, or LinkError if the robot is out of reach."""
     if party.role not in ROLES[request.do]:
         needed = " or ".join(sorted(role for role in ROLES[request.do] if role))
         raise RefusedError(f"{request.do} needs the role {needed}; send hello with that role first")

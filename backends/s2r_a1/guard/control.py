@@ -91,12 +91,7 @@ class Connection:
         self._socket.setblocking(False)
 
     def request(self, do: str, /, **fields: Any) -> dict[str, Any]:
-        """Make a request and return its reply.
-
-        Raises:
-            RefusedError: the guard refused it.
-            ControlError: the guard ended, or does not answer.
-        """
+        """Make a request and return its reply; raise RefusedError, or ControlError if the guard does not answer."""
         self._send(json.dumps({"do": do, **fields}).encode() + b"\n")
         end = time.monotonic() + PATIENCE
         while not self._replies:
