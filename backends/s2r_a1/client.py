@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import select
 from collections.abc import Mapping
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -56,33 +57,30 @@ class Client:
                 cannot be opened.
         """
         self.wanted: StateChange | None = None
-        self.mocap = None if mocap is None else Listener(mocap)
+        self.mocap: Listener | None = None
         self.lockstep = robot.clock == "lockstep"
-        self._socket = LockStepSocket() if self.lockstep else RealTimeSocket()
-        try:
-            self._attach(robot)
-        except BaseException:
-            self._close_sockets()
-            raise
-
-    def _attach(self, robot: RobotAddress) -> None:
-        attached = attach(robot, "client", port=self._socket.port)
-        if attached is None:
-            raise BackendError(
-                f"no guard of the robot at {robot.host}:{robot.port} is running; start it with s2r certify, gap or "
-                "check in a terminal"
-            )
-        self._control, hello = attached
-        if hello["tick_unit"] is None:
-            self._control.close()
-            raise BackendError(
-                "the guard has not measured the unit of the robot's clock yet; connect the robot first"
-            )
-        self.unit: TickUnit = hello["tick_unit"]
-        self.change = StateChange(hello["state"])
-        self._socket.connect(("127.0.0.1", int(hello["port"])))
-        self.layout: str = hello["layout"]
-        self._link = UdpLink(self._socket, LAYOUTS[self.layout], self.unit)
+        with ExitStack() as opened:
+            if mocap is not None:
+                self.mocap = opened.enter_context(closing(Listener(mocap)))
+            socket = opened.enter_context(closing(LockStepSocket() if self.lockstep else RealTimeSocket()))
+            attached = attach(robot, "client", port=socket.port)
+            if attached is None:
+                raise BackendError(
+                    f"no guard of the robot at {robot.host}:{robot.port} is running; start it with s2r certify, gap or "
+                    "check in a terminal"
+                )
+            self._control, hello = attached
+            opened.callback(self._control.close)
+            if hello["tick_unit"] is None:
+                raise BackendError(
+                    "the guard has not measured the unit of the robot's clock yet; connect the robot first"
+                )
+            self.unit: TickUnit = hello["tick_unit"]
+            self.change = StateChange(hello["state"])
+            socket.connect(("127.0.0.1", int(hello["port"])))
+            self.layout: str = hello["layout"]
+            self._link = UdpLink(socket, LAYOUTS[self.layout], self.unit)
+            self._opened = opened.pop_all()
 
     def ready(self) -> None:
         """Raise NotBegunError if the velocity comes from motion capture, and no pose has arrived."""
@@ -102,9 +100,8 @@ class Client:
         if self.change.state == GONE:
             return None
         reading = self._link.read()
-        if reading is None or impossibility(
-            LIMITS, reading
-        ):  # the guard forwards every state, and bridges bad ones
+        # The guard forwards every state, and bridges bad ones.
+        if reading is None or impossibility(LIMITS, reading):
             return None
         if self.mocap is not None:
             self.mocap.take(reading.tick * SECONDS[self.unit])
@@ -131,13 +128,7 @@ class Client:
 
     def close(self) -> None:
         """Disconnect from the guard, which damps a robot that stands or walks."""
-        self._control.close()
-        self._close_sockets()
-
-    def _close_sockets(self) -> None:
-        self._socket.close()
-        if self.mocap is not None:
-            self.mocap.close()
+        self._opened.close()
 
     def _wait(self) -> None:
         """Wait for the guard's datagram, or for its end, which only the control socket shows."""

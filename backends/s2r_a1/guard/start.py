@@ -93,8 +93,8 @@ def _begin(robot: RobotAddress, files: GuardFiles, idle: float) -> None:
         "--layout", robot.layout, "--clock", robot.clock, "--local", str(robot.local),
         "--module", robot.module, "--idle", str(idle), "--ready", str(theirs),
     ]  # fmt: skip
-    try:
-        with open(files.words, "wb") as words:
+    with open(ready, "rb", buffering=0):
+        with open(theirs, "wb"), open(files.words, "wb") as words:
             # The first process forks and ends at once, so the guard has no parent here and leaves no zombie.
             subprocess.run(
                 command,
@@ -107,23 +107,10 @@ def _begin(robot: RobotAddress, files: GuardFiles, idle: float) -> None:
                 start_new_session=True,
                 check=False,
             )
-        os.close(theirs)
-        theirs = -1
-        answer = _read(ready)
-    finally:
-        os.close(ready)
-        if theirs >= 0:
-            os.close(theirs)
+        # "ready", "held", "error: …", or "" if it ended without a word; such a short line arrives in one piece.
+        came = select.select([ready], [], [], PATIENCE)[0]
+        answer = os.read(ready, 4096).decode(errors="replace").strip() if came else ""
     if answer.startswith("error: "):
         raise BackendError(answer.removeprefix("error: "))
     if answer not in ("ready", "held"):
         raise BackendError(f"the guard ended during its start; see {files.words}")
-
-
-def _read(ready: int) -> str:
-    """Return the message of a new guard: "ready", "held", "error: …", or "" if it ended without one.
-
-    A line of less than 4096 bytes arrives in one piece.
-    """
-    came = select.select([ready], [], [], PATIENCE)[0]
-    return os.read(ready, 4096).decode(errors="replace").strip() if came else ""
