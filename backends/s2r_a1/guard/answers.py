@@ -180,10 +180,12 @@ def _record(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
         ) from None
 
     def poll() -> dict[str, Any] | None:
-        if log.ready and log.failure:
+        if not log.ready:
+            return None
+        if log.failure:
             guard.finish_recording()
             raise RefusedError(log.failure)
-        return {"path": path} if log.ready else None
+        return {"path": path}
 
     return Deferred(party, poll, rounds=False)
 
