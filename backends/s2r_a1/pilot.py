@@ -91,15 +91,8 @@ class Pilot:
     def practise(self) -> None:
         """Compile and run all code of a walk, on artificial readings of a standing robot."""
         unit: TickUnit = "ms"
-        self.begin(Schedule(VelocityCommand(), PRACTICE // 2, PRACTICE), unit)
-        for tick in range(PRACTICE):
-            clock = round(tick * (1 + (tick > PRACTICE // 2)) / (RATE * SECONDS[unit]))
-            reading = unpack(pack_reading(self._artificial(clock), A1), A1)
-            pack(orders(self.step(reading)), A1)
-
-    def _artificial(self, clock: int) -> Reading:
         settings = self.settings
-        return Reading(
+        standing = Reading(
             quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
             gyro=np.zeros(3),
             accelerometer=np.array([0.0, 0.0, 9.81]),
@@ -108,8 +101,13 @@ class Pilot:
             tau=np.zeros(MOTORS),
             temperature=np.full(MOTORS, 30.0),
             mode=np.full(MOTORS, CLOSED_LOOP),
-            tick=clock,
+            tick=0,
         )
+        self.begin(Schedule(VelocityCommand(), PRACTICE // 2, PRACTICE), unit)
+        for tick in range(PRACTICE):
+            clock = round(tick * (1 + (tick > PRACTICE // 2)) / (RATE * SECONDS[unit]))
+            reading = unpack(pack_reading(standing._replace(tick=clock), A1), A1)
+            pack(orders(self.step(reading)), A1)
 
 
 def orders(note: Note) -> Orders:

@@ -10,9 +10,10 @@ import select
 import subprocess
 import sys
 import time
+from contextlib import ExitStack, closing
 from typing import Any
 
-from s2r_a1.guard.control import Connection, ControlError, RefusedError, Role
+from s2r_a1.guard.control import Connection, ControlError, Role
 from s2r_a1.guard.place import GuardFiles, RobotAddress, is_held, place
 from s2r_spec.errors import BackendError, UsageError
 
@@ -31,16 +32,15 @@ def attach(
         UsageError: the guard has another layout, module or clock.
         RefusedError: the guard refused the hello, because it has another client.
     """
-    files = place(robot.host, robot.port)
-    try:
-        connection = Connection(files.control)
-    except ControlError:
-        return None
-    try:
-        if role:
-            answer = connection.request("hello", role=role, pid=os.getpid(), **hello)
-        else:
-            answer = connection.request("status")
+    with ExitStack() as opened:
+        try:
+            connection = opened.enter_context(closing(Connection(place(robot.host, robot.port).control)))
+            if role:
+                answer = connection.request("hello", role=role, pid=os.getpid(), **hello)
+            else:
+                answer = connection.request("status")
+        except ControlError:  # no guard listens, or it ended at this moment
+            return None
         for name in ("layout", "clock", "module", *(("local",) if robot.local else ())):
             if answer[name] != getattr(robot, name):
                 raise UsageError(
@@ -48,12 +48,7 @@ def attach(
                     f"{name}={getattr(robot, name)}; end it with: python -m s2r_a1.guard stop --host {robot.host} "
                     f"--port {robot.port}"
                 )
-    except (UsageError, RefusedError):
-        connection.close()
-        raise
-    except ControlError:  # the guard ended at this moment
-        connection.close()
-        return None
+        opened.pop_all()
     return connection, answer
 
 
