@@ -15,20 +15,17 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_a1.guard import moves
 from s2r_a1.pilot import Note
 from s2r_a1.sensing import Sensed, control_ticks, sense
 from s2r_a1.ticks import TickUnit
-from s2r_a1.wire import MOTORS, Reading
+from s2r_a1.wire import MOTORS, FloatArray, Reading
 from s2r_sim.controller.gains import RATE
 from s2r_sim.controller.trot import Tick
 from s2r_sim.protocols.references import reference
 from s2r_sim.robot.constants import A1
 from s2r_sim.robot.signals import MotorCommand, VelocityCommand
-
-FloatArray = NDArray[np.float64]
 
 SHARES = (0.25, 0.5)
 """Levels: shares of the amplitude that are rehearsed before the first run of a protocol at these gains, in this

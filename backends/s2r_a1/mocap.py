@@ -23,9 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_a1.datagrams import open_port
+from s2r_a1.wire import FloatArray
 from s2r_spec.errors import BackendError, UsageError
-
-FloatArray = NDArray[np.float64]
 
 WINDOW = 0.025
 """A tolerance [s]: width of the window for slopes, five poses at 200 Hz."""

@@ -19,7 +19,6 @@ from functools import cached_property
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_a1 import rawlog
 from s2r_a1.channels import EXCITED, OWN, SHARED, channels
@@ -29,7 +28,7 @@ from s2r_a1.pilot import Note, Pilot
 from s2r_a1.rawlog import RawLog
 from s2r_a1.schedule import Schedule
 from s2r_a1.ticks import elapsed_ticks
-from s2r_a1.wire import LAYOUTS, Layout, Orders, Reading, WireError, unpack, unpack_orders
+from s2r_a1.wire import LAYOUTS, FloatArray, Layout, Orders, Reading, WireError, unpack, unpack_orders
 from s2r_sim.controller.gains import RATE
 from s2r_sim.plant.physics import Physics
 from s2r_sim.plant.recorder import Recorder
@@ -39,7 +38,6 @@ from s2r_sim.settings import Settings
 from s2r_spec.errors import TraceError
 from s2r_spec.trace import Trace
 
-FloatArray = NDArray[np.float64]
 Content = TypeVar("Content")
 
 

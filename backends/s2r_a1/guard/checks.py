@@ -13,14 +13,11 @@ from operator import mul
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_a1 import remote
 from s2r_a1.guard import leg
-from s2r_a1.guard.limits import MS, ROUND, SECOND, FloatArray, Limits, Word
-from s2r_a1.wire import CLOSED_LOOP, KD, KP, MOTORS, TAU, MotorPacket, Orders, Reading
-
-IntArray = NDArray[np.int64]
+from s2r_a1.guard.limits import MS, ROUND, SECOND, Limits, Word
+from s2r_a1.wire import CLOSED_LOOP, KD, KP, MOTORS, TAU, FloatArray, IntArray, MotorPacket, Orders, Reading
 
 JOINTS = tuple(f"{side} {part}" for side in ("FR", "FL", "RR", "RL") for part in ("hip", "thigh", "calf"))
 """A definition: names of the motors in the order of the wire."""

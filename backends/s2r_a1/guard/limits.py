@@ -12,12 +12,10 @@ from math import cos, sin, sqrt
 from typing import Literal, NamedTuple, TypeVar, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_a1.guard import leg
-from s2r_a1.wire import MOTORS
+from s2r_a1.wire import MOTORS, FloatArray
 
-FloatArray = NDArray[np.float64]
 T = TypeVar("T")
 Vector3 = tuple[float, float, float]
 

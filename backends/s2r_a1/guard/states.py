@@ -25,10 +25,10 @@ from typing import NamedTuple
 import numpy as np
 
 from s2r_a1.guard import checks, moves
-from s2r_a1.guard.checks import CheckedQuantities, IntArray, LimitCheck
-from s2r_a1.guard.limits import MS, ROUND, FloatArray, Limits, Word
+from s2r_a1.guard.checks import CheckedQuantities, LimitCheck
+from s2r_a1.guard.limits import MS, ROUND, Limits, Word
 from s2r_a1.guard.moves import PoseMotion
-from s2r_a1.wire import MOTORS, MotorPacket, Orders, Reading
+from s2r_a1.wire import MOTORS, FloatArray, IntArray, MotorPacket, Orders, Reading
 
 RAMP = 1500 * MS
 """A budget [ns]: time for a client to stop on request; then the guard halts."""

@@ -11,10 +11,9 @@ import math
 from math import inf
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_a1.twin.placement import FOLDED, Rig, lying_state
-from s2r_a1.wire import CLOSED_LOOP, MOTORS, Orders, Reading
+from s2r_a1.wire import CLOSED_LOOP, MOTORS, FloatArray, Orders, Reading
 from s2r_sim.controller import estimator
 from s2r_sim.controller.gains import RATE
 from s2r_sim.plant.noise import Noise, accelerometer_errors, sensor_errors
@@ -24,8 +23,6 @@ from s2r_sim.plant.sensors import Sensors
 from s2r_sim.robot import rotation
 from s2r_sim.robot.constants import A1
 from s2r_sim.robot.signals import MotorCommand, RobotState
-
-FloatArray = NDArray[np.float64]
 
 _BLOCK = 500
 """A budget: rounds whose noise is drawn at once. The numbers do not depend on it."""

@@ -10,11 +10,9 @@ from collections import deque
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from s2r_a1.wire import CLOSED_LOOP, MOTORS, MotorPacket, Orders
+from s2r_a1.wire import CLOSED_LOOP, MOTORS, FloatArray, MotorPacket, Orders
 
-FloatArray = NDArray[np.float64]
 Silence = Literal["brake", "free", "damp"]
 
 PATIENCE = 15

@@ -11,16 +11,14 @@ from functools import lru_cache
 from math import inf, radians
 
 import numpy as np
-from numpy.typing import NDArray
 
+from s2r_a1.wire import FloatArray
 from s2r_sim.controller.gains import RATE
 from s2r_sim.plant.physics import Physics
 from s2r_sim.plant.plant import Plant, Saved
 from s2r_sim.protocols.simulator import RIG
 from s2r_sim.robot.constants import A1, GRAVITY, LEGS
 from s2r_sim.robot.signals import MotorCommand
-
-FloatArray = NDArray[np.float64]
 
 HIP, THIGH, CALF = 0.5, 1.35, -2.69
 """A definition: angles of a folded leg [rad], with the hip outwards. The calves are at their limit, as on a robot that

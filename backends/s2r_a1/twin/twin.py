@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_a1 import remote
 from s2r_a1.ticks import TickUnit
@@ -26,12 +25,10 @@ from s2r_a1.twin.network import Network
 from s2r_a1.twin.places import physics
 from s2r_a1.twin.reports import distort, pack, tick
 from s2r_a1.twin.start import write_start
-from s2r_a1.wire import A1, Layout, MotorPacket, Orders, WireError, read_command
+from s2r_a1.wire import A1, FloatArray, Layout, MotorPacket, Orders, WireError, read_command
 from s2r_sim.plant.noise import Noise
 from s2r_sim.plant.plant import Saved
 from s2r_sim.robot.signals import RobotState
-
-FloatArray = NDArray[np.float64]
 
 LEAST_TICK, MOST_TICK = 10_000, 1_000_000
 """Levels [ms]: range of the robot's clock at the first command, drawn from the seed, because it need not start at 0."""
