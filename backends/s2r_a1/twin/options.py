@@ -7,8 +7,9 @@ import ipaddress
 from collections.abc import Callable
 from math import nan
 from pathlib import Path
-from typing import Literal, NoReturn, get_args
+from typing import NoReturn, get_args
 
+from s2r_a1.guard.place import PORT, Clock
 from s2r_a1.hands import HIGHEST, LOWEST
 from s2r_a1.ticks import TickUnit
 from s2r_a1.twin.firmware import Silence
@@ -18,8 +19,6 @@ from s2r_a1.twin.start import read_start
 from s2r_a1.twin.twin import TwinSettings
 from s2r_a1.wire import LAYOUTS
 from s2r_spec.errors import UsageError
-
-Clock = Literal["real", "lockstep"]
 
 _MOST_DELAY = 10
 """A budget: rounds from a command's arrival to the motors, 20 ms, longer than any published estimate for an A1."""
@@ -72,7 +71,7 @@ def _parser() -> argparse.ArgumentParser:
     add(
         "--port",
         type=_whole(0, 65535),
-        default=8007,
+        default=PORT,
         help="UDP port, 8007 by default; 0 for any free one",
     )
     add("--clock", choices=get_args(Clock), default="real", help="real, or lockstep: one state per command")
