@@ -17,7 +17,8 @@ import struct
 import sys
 import time
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from itertools import islice
+from typing import NamedTuple
 
 from s2r_a1.ticks import PERIOD, Counters
 from s2r_spec.errors import BackendError
@@ -26,8 +27,6 @@ LARGEST = 2048
 """A budget: bytes of the largest datagram that is read whole; a robot's have at most 807."""
 WAITING = 4096
 """A budget: datagrams of one read; more wait for the next read, so that a flood cannot delay a round."""
-ANCILLARY = socket.CMSG_SPACE(16)
-"""A definition: bytes of the stamp that comes with a datagram."""
 PATIENCE = 30.0
 """A budget [s]: time that a read in lock step waits for a silent peer, which then counts as gone."""
 
@@ -35,6 +34,7 @@ _STAMPED = 35 if sys.platform == "linux" else None
 """A definition: Linux's socket option ``SO_TIMESTAMPNS``, which Python does not name."""
 _STAMP = struct.Struct("@ll")
 """A definition: the stamp of a datagram, seconds and nanoseconds since 1970."""
+_ANCILLARY = socket.CMSG_SPACE(_STAMP.size)
 
 Address = tuple[str, int]
 TO_ROBOT, FROM_ROBOT = 1, 0
@@ -45,6 +45,26 @@ class LinkError(BackendError):
     """A robot cannot be reached: its address, a port or the answer is wrong."""
 
 
+def open_port(
+    address: Address,
+    error: type[BackendError],
+    which: str = "the local UDP port {}",
+    remedy: str = "name another port",
+) -> socket.socket:
+    """Return a UDP socket with this local address, which never waits; raise the error if it cannot be opened."""
+    opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    opened.setblocking(False)
+    try:
+        opened.bind(address)
+    except (OSError, OverflowError) as refused:
+        opened.close()
+        why = getattr(refused, "strerror", "no such port")
+        raise error(
+            f"{which.format(address[1])} cannot be opened: {why}; end the program that uses it, or {remedy}"
+        ) from None
+    return opened
+
+
 class Datagram(NamedTuple):
     """A received datagram, and the time of its arrival on this computer's monotonic clock [s]; rounds in lock step."""
 
@@ -52,65 +72,23 @@ class Datagram(NamedTuple):
     time: float
 
 
-class Socket(Protocol):
-    """One end of a connection.
+class RealTimeSocket:
+    """One end of a connection, which never waits.
 
     Attributes:
         counters: counts of packets since it was opened.
         gone: whether the peer has ended; always False in real time, where it cannot be known.
     """
 
-    counters: Counters
-    gone: bool
-
-    @property
-    def port(self) -> int:
-        """The local UDP port."""
-
-    def connect(self, peer: Address) -> None:
-        """Connect only to this peer."""
-
-    def receive(self) -> list[Datagram]:
-        """Return the datagrams of this round from the peer, oldest first."""
-
-    def send(self, data: bytes) -> None:
-        """Send one datagram; a datagram that the network refuses is counted and lost."""
-
-    def skip(self) -> None:
-        """Send nothing in this round."""
-
-    def fileno(self) -> int:
-        """Return the descriptor for ``select``."""
-
-    def close(self) -> None:
-        """Release the port."""
-
-
-class RealTimeSocket:
-    """A socket that never waits."""
-
     def __init__(self, host: str = "127.0.0.1", port: int = 0) -> None:
-        """Open a local port; port 0 is any free one, and host "" every network.
-
-        Raises:
-            LinkError: the port cannot be opened.
-        """
+        """Open a local port, any free one (0), on every network with host ""; raise LinkError if it is in use."""
         self.counters = Counters()
         self.gone = False
         self._peer: Address | None = None
         self._arrived = 0.0
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket = open_port((host, port), LinkError)
         if _STAMPED is not None:
             self._socket.setsockopt(socket.SOL_SOCKET, _STAMPED, 1)
-        try:
-            self._socket.bind((host, port))
-        except (OSError, OverflowError) as error:
-            self._socket.close()
-            raise LinkError(
-                f"the local UDP port {port} cannot be opened: {getattr(error, 'strerror', 'no such port')}; "
-                "end the program that uses it, or name another port"
-            ) from None
-        self._socket.setblocking(False)
 
     @property
     def port(self) -> int:
@@ -118,11 +96,7 @@ class RealTimeSocket:
         return int(self._socket.getsockname()[1])
 
     def connect(self, peer: Address) -> None:
-        """Connect only to this peer.
-
-        Raises:
-            LinkError: the address is unknown, or no network leads to it.
-        """
+        """Connect only to this peer; raise LinkError if no network leads to it."""
         try:
             self._socket.connect((socket.gethostbyname(peer[0]), peer[1]))
         except (OSError, UnicodeError, OverflowError) as error:  # no network, no such name, no such port
@@ -134,13 +108,7 @@ class RealTimeSocket:
 
     def receive(self) -> list[Datagram]:
         """Return all waiting datagrams, oldest first; datagrams from another address are counted and left out."""
-        datagrams: list[Datagram] = []
-        for _ in range(WAITING):
-            datagram = self._next()
-            if datagram is None:
-                break
-            datagrams.append(datagram)
-        return datagrams
+        return list(islice(iter(self._next, None), WAITING))
 
     def send(self, data: bytes) -> None:
         """Send one datagram; a datagram that the network refuses is counted and lost."""
@@ -166,10 +134,9 @@ class RealTimeSocket:
         self._socket.close()
 
     def _next(self) -> Datagram | None:
-        """Return the oldest waiting datagram of the peer, or None."""
         while True:
             try:
-                data, stamps, _, source = self._socket.recvmsg(LARGEST, ANCILLARY)
+                data, stamps, _, source = self._socket.recvmsg(LARGEST, _ANCILLARY)
             except ConnectionRefusedError:  # nobody listened to an earlier datagram
                 continue
             except OSError:  # nothing waits, or the network is down: silence in both cases
@@ -183,22 +150,14 @@ class RealTimeSocket:
 
 
 class LockStepSocket(RealTimeSocket):
-    """A socket that exchanges one datagram per round, only on this computer.
-
-    Attributes:
-        rounds: number of datagrams from the peer.
-    """
+    """A socket that exchanges one datagram per round, only on this computer; ``rounds`` counts those of the peer."""
 
     def __init__(self, port: int = 0) -> None:
         super().__init__("127.0.0.1", port)
         self.rounds = 0
 
     def connect(self, peer: Address) -> None:
-        """Connect only to this peer.
-
-        Raises:
-            LinkError: the peer is on another computer.
-        """
+        """Connect only to this peer; raise LinkError if no network leads to it."""
         if not is_loopback(peer[0]):
             raise LinkError(
                 f"lock step needs a peer on this computer, and {peer[0]} is another; leave out lockstep"
@@ -242,7 +201,7 @@ def _arrival(stamps: list[tuple[int, int, bytes]]) -> float:
     now = time.monotonic()
     for _, kind, stamp in stamps:
         if kind == _STAMPED:
-            seconds, nanoseconds = _STAMP.unpack(stamp)
+            seconds, nanoseconds = map(int, _STAMP.unpack(stamp))
             return now - max(0.0, time.time() - seconds - nanoseconds * 1e-9)
     return now
 
@@ -259,12 +218,21 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-def open_socket(peer: Address, *, lockstep: bool = False, port: int = 0) -> Socket:
-    """Return a socket that is connected to a peer, from a local port; 0 for any free one.
+def is_free(address: Address) -> bool:
+    """Return whether no process of this computer uses a UDP port.
 
-    Raises:
-        LinkError: the port cannot be opened, or the peer cannot be reached.
+    This is the only sign of a process that was killed after it received a datagram.
     """
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(address)
+        except OSError:
+            return False
+    return True
+
+
+def open_socket(peer: Address, *, lockstep: bool = False, port: int = 0) -> RealTimeSocket:
+    """Return a socket that is connected to a peer, from a local port or any (0); raise LinkError if it cannot be."""
     if lockstep:
         link: RealTimeSocket = LockStepSocket(port)
     else:

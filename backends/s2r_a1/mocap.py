@@ -10,8 +10,8 @@ Model: the mean angular velocities of the body over windows of 50 ms, m_i (n, 3)
 Estimator: ψ, b and σ have closed forms, and the offset a flat prior from 2 s before the arrival of the poses to 0.03 s
 after it. With RSS(o) the residual sum of squares and ν = 3 × (duration / 50 ms) independent numbers, the posterior is
 p(o) ∝ RSS(o)^(−ν/2) on a grid of 1 ms. Its mean is the offset, its standard deviation the error. All three axes count,
-because a straight walk hardly turns, but rolls and pitches in every step. The model's Bayes factor is against no relation,
-m_i = b + e_i. If it or the error is beyond its level, there is no velocity (:class:`MocapError`).
+because a straight walk hardly turns, but rolls and pitches in every step. The Bayes factor compares the model with no
+relation, m_i = b + e_i. If it or the error is beyond its level, there is no velocity (:class:`MocapError`).
 
 Both the angular velocities and the velocity are slopes over the poses within 50 ms.
 Source: Gaussian likelihood with σ profiled out, Gelman et al., Bayesian Data Analysis, section 3.2 and chapter 7.
@@ -20,7 +20,6 @@ Source: Gaussian likelihood with σ profiled out, Gelman et al., Bayesian Data A
 from __future__ import annotations
 
 import json
-import socket
 from dataclasses import dataclass
 from math import radians
 from typing import NamedTuple
@@ -28,9 +27,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_a1.datagrams import open_port
+from s2r_a1.wire import FloatArray
 from s2r_spec.errors import BackendError, UsageError
-
-FloatArray = NDArray[np.float64]
 
 WINDOW = 0.05
 """A tolerance [s]: width of the window for slopes, five poses at 100 Hz. It keeps 98 % of an oscillation at 2.5 Hz, the
@@ -67,12 +66,7 @@ class MocapError(BackendError):
 
 @dataclass(frozen=True)
 class Placing:
-    """Pose, in base axes, of the rigid body that motion capture tracks.
-
-    Attributes:
-        position: position of its origin in base axes [m].
-        heading: heading of its x axis, to the left of the robot's [deg].
-    """
+    """Pose, in base axes, of the tracked body: its origin [m], and the heading of its x axis to the left [deg]."""
 
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
     heading: float = 0.0
@@ -148,30 +142,13 @@ class Velocity(NamedTuple):
 
 
 class Listener:
-    """Collects poses on a port of this computer.
-
-    Attributes:
-        refused: number of lines that are not poses.
-    """
+    """Collects poses on a port of this computer; ``refused`` counts lines that are not poses."""
 
     def __init__(self, port: int) -> None:
-        """Open the port.
-
-        Raises:
-            MocapError: the port cannot be opened.
-        """
+        """Open the port; raise MocapError if it cannot be opened."""
         self.refused = 0
         self._rows: list[tuple[float, ...]] = []
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        try:
-            self._socket.bind(("127.0.0.1", port))
-        except OSError as error:
-            self._socket.close()
-            raise MocapError(
-                f"the UDP port {port} for motion capture cannot be opened: {error.strerror}; end the program that "
-                "uses it, or name another port"
-            ) from None
+        self._socket = open_port(("127.0.0.1", port), MocapError, "the UDP port {} for motion capture")
 
     @property
     def port(self) -> int:
@@ -203,13 +180,7 @@ class Listener:
 
 
 def velocity(poses: Poses, placing: Placing, gyro: Gyro, times: FloatArray) -> Velocity:
-    """Return the base's velocity at (n,) times of the robot [s].
-
-    Args:
-        poses: poses of the body.
-        placing: mounting of the body.
-        gyro: gyroscope over the whole walk.
-        times: times of the requested velocities [s].
+    """Return the base's velocity at (n,) ``times`` of the robot [s], from poses of the body in the whole recording.
 
     Raises:
         MocapError: there are too few poses, they do not cover the test, they do not follow the gyroscope, the heading
@@ -262,8 +233,7 @@ def _track(poses: Poses) -> Poses:
     has no slope.
     """
     pose = np.concatenate((poses.position, poses.quaternion), axis=1)
-    moved = np.diff(pose, axis=0, prepend=np.nan) != 0.0
-    poses = _select(poses, np.logical_or.reduce(moved, axis=1))
+    poses = _select(poses, (np.diff(pose, axis=0, prepend=np.nan) != 0.0).any(axis=1))
     first, last = _around(poses.times)
     return _select(poses, last - first > 1)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, closing, suppress
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
@@ -32,6 +32,9 @@ from s2r_spec.trace import Trace
 if TYPE_CHECKING:
     from s2r_a1.backend import A1Backend
 
+MISSED = 0.05
+"""A tolerance: share of the test's control ticks that the controller may miss."""
+
 
 @cache
 def pilot() -> Pilot:
@@ -51,30 +54,20 @@ def run(backend: A1Backend, test: Mapping[str, float], seed: int) -> Trace:
     command = VelocityCommand(test["vd"], test["vy"], test["wz"])
     schedule = Schedule.of(command, seed, round(backend.duration * RATE), own.settings.gains)
     about = about_run(backend, seed)
-    with ExitStack() as stack:
-        stack.enter_context(undisturbed(first=backend.robot.clock == "real"))
-        try:
-            listener = None if backend.reached.mocap is None else Listener(backend.reached.mocap)
-            if listener is not None:
-                stack.callback(listener.close)
-            client = Client(backend.robot)
-            stack.callback(client.close)
-            client.mocap = listener
-            about |= {"layout": client.layout, "tick_unit": client.unit}
-            path = new_path(backend.folder, seed)
-            client.record(path, recording.header_of(test, schedule, about))
-        except BackendError as error:
-            raise NotBegunError(str(error)) from None
-        walked = carried_out(
-            client, backend, lambda: walk(client, own, schedule, client.ready, backend.begins)
-        )
+    client, walked, path = carry_out(
+        backend,
+        about,
+        recording.header_of(test, schedule, {}),
+        lambda client: walk(client, own, schedule, client.ready, backend.begins),
+        backend.reached.mocap,
+    )
     try:
         trace = recording.trace_of(path, walked.notes, own)
     except TraceError as error:
         trace = lost_trace(backend.channels, about | {"params": dict(test)}, str(error))
     else:
-        if listener is not None:
-            trace = _with_velocity(trace, walked, listener, backend.placing, client, path)
+        if client.mocap is not None:
+            trace = _with_velocity(trace, walked, client.mocap, backend.placing, path)
     return ended_trace(trace, walked, schedule.hold, path)
 
 
@@ -89,25 +82,45 @@ def about_run(backend: A1Backend, seed: int) -> dict[str, Any]:
     }
 
 
-def carried_out(client: Client, backend: A1Backend, move: Callable[[], Walked]) -> Walked:
-    """Move, end the recording, and bring the robot to rest; a robot without an operator stays standing."""
+def carry_out(
+    backend: A1Backend,
+    about: dict[str, Any],
+    header: Mapping[str, Any],
+    move: Callable[[Client], Walked],
+    mocap: int | None = None,
+) -> tuple[Client, Walked, Path]:
+    """Attach to the robot's guard, move while it records, and bring the robot to rest; return its recording, too.
+
+    A robot without an operator stays standing. The header of the recording is ``about`` and ``header``; layout and
+    clock of the robot are added to ``about``. Poses are received at the UDP port ``mocap``, if any.
+
+    Raises:
+        NotBegunError: the guard, the port or the file cannot be used, or the motion did not begin.
+    """
     stays = backend.reached.operator == "auto"
-    try:
-        return move()
-    except NotBegunError:
-        stays = False
-        raise
-    except BackendError as error:
-        stays = False
-        raise NotBegunError(str(error)) from None
-    finally:
-        with suppress(BackendError):
-            client.request("stop_recording")
-        with suppress(BackendError):
-            if stays:
-                client.request("leave")
-            else:
-                rest(client)
+    with ExitStack() as stack:
+        stack.enter_context(undisturbed(first=backend.reached.clock == "real"))
+        try:
+            client = stack.enter_context(closing(Client(backend.reached, mocap)))
+            about |= {"layout": client.layout, "tick_unit": client.unit}
+            path = new_path(backend.folder, about["seed"])
+            client.record(path, {**about, **header})
+        except BackendError as error:
+            raise NotBegunError(str(error)) from None
+        try:
+            walked = move(client)
+        except BackendError as error:
+            stays = False
+            raise NotBegunError(str(error)) from None
+        finally:
+            with suppress(BackendError):
+                client.request("stop_recording")
+            with suppress(BackendError):
+                if stays:
+                    client.request("leave")
+                else:
+                    rest(client)
+    return client, walked, path
 
 
 def new_path(kept: str | None, seed: int) -> Path:
@@ -121,12 +134,13 @@ def new_path(kept: str | None, seed: int) -> Path:
 
 
 def _with_velocity(
-    trace: Trace, walked: Walked, listener: Listener, placing: mocap.Placing, client: Client, path: Path
+    trace: Trace, walked: Walked, listener: Listener, placing: mocap.Placing, path: Path
 ) -> Trace:
     """Return the trace with the velocity by motion capture; if there is none, the trace is void, with NaN for it."""
-    second = SECONDS[client.unit]
+    packets = recording.Packets(rawlog.read(path))
+    second = SECONDS[packets.log.header["tick_unit"]]
     first = next(note for note in walked.notes if note.tick >= 0)
-    readings = [reading for _, reading in recording.Packets(rawlog.read(path)).readings]
+    readings = [reading for _, reading in packets.readings]
     gyro = Gyro(np.array([one.tick * second for one in readings]), np.array([one.gyro for one in readings]))
     meta: dict[str, Any] = dict(trace.meta)
     channels = dict(trace.channels)
@@ -160,6 +174,7 @@ def ended_trace(trace: Trace, walked: Walked, hold: int, path: Path) -> Trace:
     """
     meta: dict[str, Any] = {**trace.meta, "raw": path.name}
     ending = walked.ending
+    missed = meta.get("late", 0)
     if ending is not None and walked.notes[-1].tick >= hold:
         meta["after"] = ending.word  # the test itself was over
         meta.setdefault("reason", ending.reason)
@@ -168,6 +183,13 @@ def ended_trace(trace: Trace, walked: Walked, hold: int, path: Path) -> Trace:
         meta.pop("void", None)
     elif ending is not None:
         meta |= {"void": ending.word or "operator", "reason": ending.reason}
+    if missed > MISSED * (missed + len(trace)):  # the computer's fault, whatever the robot did
+        meta.pop("failure", None)
+        meta |= {
+            "void": "client",
+            "reason": f"this computer missed {missed} of {missed + len(trace)} control ticks, and at most "
+            f"{MISSED:.0%} are allowed; end other programs",
+        }
     if not {"failure", "void"} & meta.keys() and round(trace.times[-1] * RATE) < hold:
         meta |= {
             "void": "disk",

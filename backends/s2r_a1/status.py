@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_a1.attendance import WORD_CONNECT, question_to_connect
-from s2r_a1.guard.limits import JOINTS, LIMITS
-from s2r_a1.guard.place import RobotAddress
+from s2r_a1.guard.checks import JOINTS
+from s2r_a1.guard.limits import LIMITS
 from s2r_a1.guard.start import start
 from s2r_a1.options import read_options
 from s2r_spec.errors import S2RError
@@ -80,7 +80,7 @@ class SeenAngles:
 
 def view(status: Mapping[str, Any], seen: SeenAngles) -> list[str]:
     """Return the lines of a view, of at most 80 characters, from a guard's status; adds its angles to ``seen``."""
-    kind = "the twin" if status["twin"] else f"the robot {status['name']}"
+    kind = "the twin" if status["twin"] else f"the robot {status['robot']}"
     lines = [f"{kind} at {status['host']}:{status['port']}: {status['state']}"]
     reading = status["reading"]
     if reading is None:
@@ -140,8 +140,7 @@ def _show(options: argparse.Namespace) -> None:
     """Connect with the operator's consent, and show the robot."""
     words = [f"host={options.host}", f"port={options.port}", "velocity=onboard"]
     reached = read_options(",".join(words + ([f"robot={options.robot}"] if options.robot else [])))
-    robot = RobotAddress(reached.host, reached.port, name=reached.robot)
-    guard, status = start(robot)
+    guard, status = start(reached)
     with closing(guard):
         if status["state"] == "OFF":
             from s2r_spec.machine.operator import Terminal

@@ -104,7 +104,7 @@ class Session:
 
     def guard(self):
         """Return the status of the guard."""
-        connection, _ = attach(self.backend.robot)
+        connection, _ = attach(self.backend.reached)
         try:
             return connection.request("status")
         finally:
@@ -236,10 +236,10 @@ def test_ctrl_c_in_a_test_makes_it_void_and_the_robot_lies(session, first):
     session.attended.end()
     session.begun = False
     assert session.guard()["state"] == "RESTING"
-    client = Client(session.backend.robot)
+    client = Client(session.backend.reached)
     try:
         with pytest.raises(BackendError, match="another program"):
-            Client(session.backend.robot)
+            Client(session.backend.reached)
     finally:
         client.close()
 

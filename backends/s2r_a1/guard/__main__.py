@@ -11,8 +11,10 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import ctypes
 import json
 import os
+import resource
 import signal
 import sys
 import time
@@ -20,14 +22,15 @@ from dataclasses import fields
 from typing import Any
 
 from s2r_a1.guard.control import Connection, ControlError, Listener
-from s2r_a1.guard.place import claim, folder, hold, place
-from s2r_a1.guard.start import RobotAddress
+from s2r_a1.guard.place import PORT, RobotAddress, claim, folder, hold, is_held, place
 from s2r_spec.errors import BackendError, S2RError, UsageError
 
 PRIORITY = 20
 """A level: real-time priority (1 to 99), if the system allows it; above all processes without one."""
 SWITCH = 0.0005
 """A budget [s]: longest delay by another thread of the guard; Python's own value is 5 ms, more than two rounds."""
+LOCKED = 3
+"""A definition: MCL_CURRENT | MCL_FUTURE of Linux's ``mlockall``."""
 ENDING = 15.0
 """A budget [s]: time that ``stop`` waits for the guard's end; a stop from a walk takes 6 s."""
 
@@ -41,7 +44,7 @@ def main(arguments: list[str] | None = None) -> int:
     for name, text in _COMMANDS.items():
         command = commands.add_parser(name, help=text, description=text)
         command.add_argument("--host", help="the robot's address; not needed if only one guard runs")
-        command.add_argument("--port", type=int, default=8007, help="the robot's UDP port (8007)")
+        command.add_argument("--port", type=int, default=PORT, help=f"the robot's UDP port ({PORT})")
         if name == "status":
             command.add_argument("--json", action="store_true", help="print one JSON object")
     _add_run(commands.add_parser("run", description="Start a guard; s2r does this itself."))
@@ -62,7 +65,6 @@ _COMMANDS = {
 
 
 def _send(options: argparse.Namespace) -> int:
-    """Send a request to a running guard."""
     connection = Connection(_find_guard(options.host, options.port))
     try:
         reply = connection.request(options.do)
@@ -78,15 +80,13 @@ def _send(options: argparse.Namespace) -> int:
 
 
 def _find_guard(host: str | None, port: int) -> Any:
-    """Return the control socket of a robot's guard, or of the only running guard.
+    """Return the control socket of a robot's guard, or of the only running one; raise BackendError if none runs.
 
-    Raises:
-        BackendError: no guard runs.
-        UsageError: several guards run, and ``host`` is None.
+    Without a ``host``, UsageError is raised if several guards run.
     """
     if host:
         files = place(host, port)
-        if not _runs(files.control.stem):
+        if not is_held(files):
             raise BackendError(
                 f"no guard of {host}:{port} is running; start one with a run on a1:host={host}"
             )
@@ -102,18 +102,11 @@ def _find_guard(host: str | None, port: int) -> Any:
 
 def _runs(stem: str) -> bool:
     host, _, port = stem.rpartition("_")
-    lock = hold(place(host, int(port)))
-    if lock is not None:
-        os.close(lock)
-    return lock is None
+    return is_held(place(host, int(port)))
 
 
 def _await_end(connection: Connection) -> None:
-    """Wait until the guard ends.
-
-    Raises:
-        BackendError: it does not end in time.
-    """
+    """Wait until the guard ends; raise BackendError if it does not end in time."""
     end = time.monotonic() + ENDING
     while time.monotonic() < end:
         try:
@@ -126,8 +119,7 @@ def _await_end(connection: Connection) -> None:
 
 
 def _lines_of(status: dict[str, Any]) -> str:
-    """Return a status as text for a person."""
-    kind = "a twin" if status["twin"] else f"the robot {status['name']}"
+    kind = "a twin" if status["twin"] else f"the robot {status['robot']}"
     since = f" since {status['since']:.1f} s" if status["since"] is not None else ""
     lines = [
         f"{status['state']}{since}: {kind} at {status['host']}:{status['port']}, {status['clock']} clock"
@@ -144,6 +136,13 @@ def _lines_of(status: dict[str, Any]) -> str:
         lines.append(f"  recording to {status['recording']}")
     lines += [f"  warning: {sentence}" for sentence in status["warnings"]]
     counted = ", ".join(f"{name} {count}" for name, count in status["counters"].items() if count)
+    if status["clock"] == "real":
+        granted = [name for name in ("priority", "memory") if not status[name]]
+        lines.append(
+            f"  not granted to the guard: {', '.join(granted)}"
+            if granted
+            else "  priority and memory are granted"
+        )
     lines.append(f"  {status['rounds']} rounds, {status['late']} late; packets: {counted or 'none'}")
     return "\n".join(lines)
 
@@ -155,7 +154,7 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--clock", choices=("real", "lockstep"), default="real")
     parser.add_argument("--local", type=int, default=0)
     parser.add_argument("--module", default="")
-    parser.add_argument("--name", default="")
+    parser.add_argument("--robot", default="")
     parser.add_argument("--idle", type=float, default=60.0)
     parser.add_argument("--ready", type=int, required=True)
 
@@ -198,11 +197,24 @@ def _begin(arguments: argparse.Namespace) -> Any:
     signal.signal(signal.SIGTERM, terminated)
     sys.setswitchinterval(SWITCH)
     if arguments.clock == "real":
-        # Most users lack this permission; without it the guard has more late rounds, and counts them.
+        # Most users lack these permissions; without them the guard has more late rounds, and counts them.
         with contextlib.suppress(OSError):
             policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
             os.sched_setscheduler(0, policy, os.sched_param(PRIORITY))
+            guard.priority = True
+        guard.memory = _lock_memory()
     return guard
+
+
+def _lock_memory() -> bool:
+    """Keep all memory of this process in RAM; return whether the system allows it.
+
+    With a limit, a later allocation would fail, so memory is locked only without one.
+    """
+    unlimited = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY
+    if not (sys.platform == "linux" and (unlimited or os.geteuid() == 0)):
+        return False
+    return bool(ctypes.CDLL(None).mlockall(LOCKED) == 0)
 
 
 if __name__ == "__main__":

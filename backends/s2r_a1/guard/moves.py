@@ -12,12 +12,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_a1.guard import leg
-from s2r_a1.wire import MOTORS, Orders
-
-FloatArray = NDArray[np.float64]
+from s2r_a1.guard.limits import LIMITS
+from s2r_a1.wire import MOTORS, FloatArray, Orders
 
 STAND_HEIGHT = 0.28
 """A definition [m]: height of the base in a stand, as in the walking controller of ``s2r_sim``."""
@@ -80,9 +78,15 @@ def orders(motion: PoseMotion, now: int) -> Orders:
     return Orders(q, dq, KP, KD, ZERO)
 
 
+def _within(q: FloatArray) -> FloatArray:
+    """Return angles within the joints' ranges: a calf may rest 0.1 rad beyond its own."""
+    within: FloatArray = np.clip(q, *LIMITS.span)
+    return within
+
+
 def standing_up(q: FloatArray, now: int) -> PoseMotion:
     """Return the motion from measured angles to the stand."""
-    return PoseMotion(q, STANDING, now, STAND_UP)
+    return PoseMotion(_within(q), STANDING, now, STAND_UP)
 
 
 def catch(q: FloatArray, tau: FloatArray, now: int) -> PoseMotion:
@@ -91,7 +95,7 @@ def catch(q: FloatArray, tau: FloatArray, now: int) -> PoseMotion:
     It begins beyond the measured angles, so that the stand's gains give the present torques of the motors. Otherwise
     the legs would give way until the gains carry the load.
     """
-    return PoseMotion(q + np.clip(tau / KP, -YIELD, YIELD), STANDING, now, CATCH)
+    return PoseMotion(_within(q + np.clip(tau / KP, -YIELD, YIELD)), STANDING, now, CATCH)
 
 
 def lying_down(q: FloatArray, now: int) -> PoseMotion:

@@ -20,7 +20,8 @@ from s2r_spec.errors import BackendError, UsageError
 
 LONGEST = 100
 """A definition: characters of a socket's path; the kernel accepts 107, and refuses a longer path."""
-
+PORT = 8007
+"""A definition: the UDP port of an A1's motion controller."""
 
 Clock = Literal["real", "lockstep"]
 
@@ -36,27 +37,21 @@ class RobotAddress:
         clock: "real", or "lockstep" with a twin on this computer.
         local: UDP port of the guard; 0 for any.
         module: the vendor's Python module for the connection; "" for the built-in wire protocol.
-        name: name of the robot; "" for a twin without one.
+        robot: name of the robot; "" for a twin without one.
     """
 
     host: str
-    port: int = 8007
+    port: int = PORT
     layout: str = "a1"
     clock: Clock = "real"
     local: int = 0
     module: str = ""
-    name: str = ""
+    robot: str = ""
 
 
 @dataclass(frozen=True)
 class GuardFiles:
-    """The files of the guard of one robot.
-
-    Attributes:
-        lock: lock that the guard holds while it runs.
-        control: socket for requests.
-        words: standard error of the guard.
-    """
+    """The files of the guard of one robot: its lock, its socket for requests, and its standard error."""
 
     lock: Path
     control: Path
@@ -64,11 +59,7 @@ class GuardFiles:
 
 
 def folder() -> Path:
-    """Return the folder of the guards' files, which only its user can read; make it if needed.
-
-    Raises:
-        UsageError: the folder belongs to another user, or cannot be made.
-    """
+    """Return the user's private folder for the guards' files, or make it; raise UsageError if it cannot be used."""
     named = os.environ.get("S2R_A1_RUN")
     runtime = os.environ.get("XDG_RUNTIME_DIR")
     path = (
@@ -116,6 +107,14 @@ def hold(place: GuardFiles) -> int | None:
         os.close(held)
         return None
     return held
+
+
+def is_held(place: GuardFiles) -> bool:
+    """Return whether a guard holds the lock of a robot."""
+    lock = hold(place)
+    if lock is not None:
+        os.close(lock)
+    return lock is None
 
 
 def claim(place: GuardFiles) -> None:

@@ -10,14 +10,12 @@ import json
 from collections import deque
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_a1.twin.injects import Injects, acting_faults
+from s2r_a1.wire import FloatArray
 from s2r_sim.controller.gains import RATE
 from s2r_sim.robot import rotation
 from s2r_sim.robot.signals import RobotState
-
-FloatArray = NDArray[np.float64]
 
 FREQUENCY = 100
 """A definition: poses per second."""
