@@ -39,7 +39,7 @@ def seen(**changes):
     return good._replace(**{"reading": reading(STANDING)._replace(**changes), **own})
 
 
-CHECKS = [check for check in vars(limits).values() if isinstance(check, checks.LimitCheck)]
+CHECKS = [check for check in vars(checks).values() if isinstance(check, checks.LimitCheck)]
 
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.name)

@@ -72,7 +72,7 @@ class Guard:
         self.limits = LIMITS
         self.lockstep = robot.clock == "lockstep"
         self.loopback = is_loopback(robot.host)
-        self.listener = listener
+        self.listener, self.answer = listener, answer
         self.machine = Machine()
         self.link: Link | None = None
         self.client: ClientSession | None = None
@@ -82,7 +82,7 @@ class Guard:
         self.event: dict[str, Any] | None = None
         self.packet = b""
         self.ending = self.terminated = False
-        self._requests = RequestServer(self, listener, answer)
+        self._requests = RequestServer(self, listener)
         self._socket: RealTimeSocket | None = None
         self._idle = idle
         self._orders: Orders | MotorPacket | None = None

@@ -41,10 +41,9 @@ Answer = Callable[["Guard", Party, Request], dict[str, Any] | Deferred]
 class RequestServer:
     """Serves requests while a guard waits; ``pending`` are those with a later reply."""
 
-    def __init__(self, guard: Guard, listener: Listener, answer: Answer) -> None:
-        """Serve the parties of a listener; ``answer`` returns a reply, now or later, or raises RefusedError."""
+    def __init__(self, guard: Guard, listener: Listener) -> None:
         self.pending: list[Deferred] = []
-        self._guard, self._listener, self._answer = guard, listener, answer
+        self._guard, self._listener = guard, listener
 
     def ready(self, files: list[int], seconds: float) -> set[int]:
         """Return the descriptors that can be read, after at most this time [s]."""
@@ -76,7 +75,7 @@ class RequestServer:
     def _answered(self, party: Party, request: Request | str) -> dict[str, Any] | Deferred:
         if isinstance(request, str):
             raise RefusedError(request)
-        return self._answer(self._guard, party, request)
+        return self._guard.answer(self._guard, party, request)
 
     def _reply(self, party: Party, answered: Callable[[], dict[str, Any] | Deferred]) -> None:
         """Send the reply to a request, or keep the request for later."""
