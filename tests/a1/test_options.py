@@ -30,7 +30,7 @@ def test_options_are_written_as_they_are_read(text):
         ("velocity=onboard", ["host=127.0.0.1"]),
         ("host=192.168.123.10", ["velocity=onboard", "velocity=mocap:PORT"]),
         ("host=192.168.123.10,robot=a1-07,velocity=optical", ["onboard", "mocap:PORT"]),
-        ("host=192.168.123.10,robot=a1-07,velocity=onboard", ["needs its name", "robot=a1-07"]),
+        ("host=192.168.123.10,velocity=onboard", ["needs its name", "robot=a1-07"]),
         ("host=192.168.123.10,robot=a b,velocity=onboard", ["robot", "a b"]),
         ("host=192.168.123.10,robot=a1-07,velocity=mocap:none", ["mocap", "none"]),
         ("host=robot,velocity=onboard", ["'robot'", "IPv4"]),

@@ -113,7 +113,8 @@ def impossibility(limits: Limits, reading: Reading) -> str | None:
         )
     if not reading.temperature.min() >= limits.cold:
         joint = int(reading.temperature.argmin())
-        return f"the motor of the {JOINTS[joint]} reports {reading.temperature[joint]:.0f} °C, an impossible temperature"
+        degrees = reading.temperature[joint]
+        return f"the motor of the {JOINTS[joint]} reports {degrees:.0f} °C, an impossible temperature"
     return None
 
 
