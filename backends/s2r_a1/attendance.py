@@ -15,7 +15,6 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
 from math import ceil, isfinite
 from typing import TYPE_CHECKING, Any
 
@@ -52,32 +51,6 @@ WORD_CONNECT, WORD_ARM, WORD_PLAY = "connect", "arm", "play"
 """Definitions: what the operator types to consent to connecting, to arming, and to the first run of a protocol."""
 
 
-@dataclass(frozen=True)
-class RunEffort:
-    """Time and floor that a run needs.
-
-    Attributes:
-        rollouts: largest number of rollouts; None if unknown.
-        metres: longest distance in one rollout [m].
-        seconds: time of one rollout, including the robot's return to its start [s].
-    """
-
-    rollouts: int | None
-    metres: float
-    seconds: float
-
-    def sentence(self, robot: str) -> str:
-        """Return the announcement of a run."""
-        one = f"each takes about {self.seconds:.0f} s and at most {self.metres:.1f} m of floor"
-        if self.rollouts is None:
-            return f"An unknown number of rollouts of {robot} is coming: {one}."
-        minutes = ceil(self.rollouts * self.seconds / 60.0)
-        return (
-            f"At most {self.rollouts} rollouts of {robot} are coming: {one}, so about {minutes} min and "
-            f"{self.rollouts * self.metres:.0f} m in all."
-        )
-
-
 class Attendance:
     """Attends to the rollouts of a robot (:class:`s2r_spec.backend.Attended`).
 
@@ -105,17 +78,14 @@ class Attendance:
             BackendError: the robot cannot be reached, or is not ready; the message says what to do.
             StoppedError: the operator ends the run.
         """
-        backend, reached = self._backend, self._backend.reached
-        fastest = max(abs(p.low) for p in backend.parameters if p.name == "vd")
-        metres = fastest * (backend.duration + RAMP / RATE / 2.0)
-        effort = RunEffort(coming.rollouts, metres, backend.cost)
+        reached = self._backend.reached
         where = f"{self._name} at {reached.host}:{reached.port}"
-        self._operator.say(effort.sentence(where))
+        self._operator.say(self._effort(coming.rollouts, where))
         if reached.is_twin:
             self._operator.say("It is a twin, not a robot: a simulation behind the robot's wire.")
         if self.unattended:
             self._operator.say("operator=auto: s2r connects, arms and walks it without questions.")
-        guard, status = start(backend.robot)
+        guard, status = start(reached)
         # Two runs of one robot would alternate, and the end of one would make it lie down during the other's test.
         others = [pid for pid in status.get("operators", ()) if pid != os.getpid()]
         if others:
@@ -126,13 +96,21 @@ class Attendance:
         self._guard = guard
         self._make_ready(consent=True)
 
-    def before(self, params: Mapping[str, float]) -> None:
-        """Return as soon as the robot is at its start and ready for a test.
+    def _effort(self, rollouts: int | None, robot: str) -> str:
+        """Return the time and the floor that this largest number of rollouts needs; None if it is unknown."""
+        backend = self._backend
+        fastest = max(abs(p.low) for p in backend.parameters if p.name == "vd")
+        metres = fastest * (backend.duration + RAMP / RATE / 2.0)
+        one = f"each takes about {backend.cost:.0f} s and at most {metres:.1f} m of floor"
+        if rollouts is None:
+            return f"An unknown number of rollouts of {robot} is coming: {one}."
+        return (
+            f"At most {rollouts} rollouts of {robot} are coming: {one}, so about "
+            f"{ceil(rollouts * backend.cost / 60.0)} min and {rollouts * metres:.0f} m in all."
+        )
 
-        Raises:
-            NotBegunError: the robot is not ready; the message says why.
-            StoppedError: the operator ends the run.
-        """
+    def before(self, params: Mapping[str, float]) -> None:
+        """Return as soon as the robot is at its start and ready for a test, or raise what ``Attended`` states."""
         self._prepare(None)
         units = {parameter.name: parameter.unit for parameter in self._backend.parameters}
         test = ", ".join(
@@ -146,9 +124,7 @@ class Attendance:
     def before_protocol(self, protocol: Protocol, params: Mapping[str, float]) -> None:
         """Return as soon as the robot is in its rig or on the floor, and ready for a run of a protocol.
 
-        Raises:
-            NotBegunError: the robot is not ready; the message says why.
-            StoppedError: the operator ends the run, or does not accept the risk.
+        Besides what ``Attended`` states, StoppedError is raised if the operator does not accept the risk.
         """
         if protocol.name not in self._consented:
             risk = protocol.risk or "no more than in a test"
@@ -170,11 +146,7 @@ class Attendance:
         self._confirm(f"Run {self._tests + 1}: the protocol {protocol.name}{with_values}. {where}")
 
     def _prepare(self, rig: float | None) -> None:
-        """Make the robot ready, in a rig at a height [m] or on the floor (None), after a rest if one is due.
-
-        Raises:
-            NotBegunError: the robot is not ready; the message says why.
-        """
+        """Make the robot ready, in a rig at a height [m] or on the floor (None); raise NotBegunError if it is not."""
         try:
             self._make_ready(consent=False)
             self._place(rig)
@@ -183,17 +155,10 @@ class Attendance:
             raise NotBegunError(str(error)) from None
 
     def _place(self, rig: float | None) -> None:
-        """Have the robot lie down before it is put elsewhere; a twin has no hands around it, so s2r puts it there.
-
-        Raises:
-            BackendError: the robot does not lie down, or the twin does not answer.
-        """
+        """Have the robot lie down before it is put elsewhere; a twin has no hands around it, so s2r puts it there."""
         if rig == self._rig:
             return
-        assert self._guard is not None
-        if self._state() in MOVING:
-            self._guard.request("lie")
-        self._wait_until_it_lies()
+        self._lay_down()
         reached = self._backend.reached
         if reached.is_twin:
             hands.put(reached.host, reached.port, rig)
@@ -238,18 +203,16 @@ class Attendance:
         if self._guard is None:
             return
         if urgent:
-            self._guard.request("damp", reason="the operator pressed Ctrl-C twice")
+            self._request("damp", reason="the operator pressed Ctrl-C twice")
         else:
-            self._guard.request("lie")
+            self._request("lie")
 
     def end(self) -> None:
         """Bring the robot to rest; the guard ends by itself one minute later."""
         if self._guard is None:
             return
         try:
-            if self._state() in MOVING:
-                self._guard.request("lie")
-            self._wait_until_it_lies()
+            self._lay_down()
             if self._backend.reached.is_twin:
                 self._place(None)
         except ControlError:
@@ -259,18 +222,14 @@ class Attendance:
             self._guard = None
 
     def _make_ready(self, consent: bool) -> None:
-        """Bring the guard to a state in which a test can begin; ``consent`` asks again if an earlier run armed it.
-
-        Raises:
-            BackendError: the robot is not ready.
-        """
-        assert self._guard is not None
+        """Bring the guard to a state in which a test can begin; ``consent`` asks again if an earlier run armed it."""
         try:
-            status = self._guard.request("status")
+            status = self._request("status")
         except ControlError:
+            assert self._guard is not None
             self._operator.say(f"The guard has ended, and s2r starts a new one. Check {self._name} first.")
             self._guard.close()
-            self._guard, status = start(self._backend.robot)
+            self._guard, status = start(self._backend.reached)
         state = status["state"]
         if state == "DAMPING":
             self._ask(
@@ -278,7 +237,7 @@ class Attendance:
                 "lay it down, and remove the cause.",
                 {"r": "reset; it stays limp until you arm it"},
             )
-            self._guard.request("reset")
+            self._request("reset")
             state = self._state()
         if state == "OFF":
             self._consent(
@@ -286,7 +245,7 @@ class Attendance:
                 "its legs are limp. s2r has sent nothing yet; connecting sends packets without gains or torque.",
                 WORD_CONNECT,
             )
-            self._guard.request("connect")
+            self._request("connect")
             state = self._state()
         if state == "LINKED":
             self._consent(
@@ -294,14 +253,14 @@ class Attendance:
                 "the remote in your hand: R2 or L2+B damps it at once. Arming allows it to move.",
                 WORD_ARM,
             )
-            self._guard.request("arm")
+            self._request("arm")
         elif consent:
             self._consent(
                 f"{self._name.capitalize()} is still armed from an earlier run: it may move.", WORD_ARM
             )
 
     def _rest_if_due(self) -> None:
-        """Ask for a rest after ``TESTS`` tests, or if a motor is warm; the answer ``s`` skips it."""
+        """Ask for a rest after ``TESTS`` tests, or if a motor is warm."""
         warm = self._warmest() >= WARM
         if self.unattended or not (warm or self._since_rest >= TESTS):
             return
@@ -320,22 +279,21 @@ class Attendance:
 
     def _warmest(self) -> float:
         """Return the temperature of the warmest motor [°C]; 0 if unknown."""
-        assert self._guard is not None
-        temperatures: list[float] = self._guard.request("status").get("temperatures") or []
+        temperatures: list[float] = self._request("status").get("temperatures") or []
         return max(temperatures, default=0.0)
 
+    def _request(self, do: str, **fields: str) -> dict[str, Any]:
+        assert self._guard is not None
+        return self._guard.request(do, **fields)
+
     def _state(self) -> str:
-        assert self._guard is not None
-        return str(self._guard.request("status")["state"])
+        return str(self._request("status")["state"])
 
-    def _wait_until_it_lies(self) -> None:
-        """Wait until the robot lies or is damped.
-
-        Raises:
-            BackendError: this takes too long.
-        """
-        assert self._guard is not None
-        status = self._guard.request("status")
+    def _lay_down(self) -> None:
+        """Wait until the robot lies or is damped; raise BackendError if this takes too long."""
+        if self._state() in MOVING:
+            self._request("lie")
+        status = self._request("status")
         last = status["rounds"] + round(LYING * RATE)
         while status["state"] in (*MOVING, "LYING_DOWN"):
             if status["rounds"] > last:
@@ -345,7 +303,7 @@ class Attendance:
                     f"--port {self._backend.reached.port}"
                 )
             time.sleep(LOOK)
-            status = self._guard.request("status")
+            status = self._request("status")
 
     def _consent(self, question: str, word: str) -> None:
         if not self.unattended:

@@ -9,20 +9,23 @@ from functools import cache
 from importlib.metadata import version
 from importlib.util import find_spec
 from math import ceil
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Self
+
+import numpy as np
 
 from s2r_a1.channels import channels
 from s2r_a1.guard.place import RobotAddress
 from s2r_a1.mocap import Placing, read_placing
 from s2r_a1.options import EXAMPLE, OFFERED, Options, read_options, write_options
-from s2r_a1.protocols import PROTOCOLS, playable
+from s2r_a1.protocols import PROTOCOLS
 from s2r_sim import parameters
 from s2r_sim.controller.gains import RATE
+from s2r_sim.protocols.references import reference
 from s2r_sim.settings import Settings
 from s2r_spec.backend import Channel, Operator, Option, Parameter, read_test
 from s2r_spec.errors import MissingPackageError
-from s2r_spec.protocols import Protocol, named
+from s2r_spec.protocols import PROTOCOL, Protocol, named
 from s2r_spec.trace import Trace
 
 if TYPE_CHECKING:
@@ -124,10 +127,7 @@ class A1Backend:
     @property
     def robot(self) -> RobotAddress:
         """Address and settings for the guard."""
-        reached = self.reached
-        return RobotAddress(
-            reached.host, reached.port, clock=reached.clock, local=reached.local, module=reached.module
-        )
+        return self.reached
 
     def with_duration(self, seconds: float) -> Self:
         """Return this backend with rollouts of this duration [s], rounded up to a whole control tick."""
@@ -194,8 +194,19 @@ class A1Backend:
         return run(self, protocol, values, seed)
 
     def playable(self, protocol: str, params: Mapping[str, float]) -> Trace:
-        """Return the references of a protocol; see :class:`s2r_spec.protocols.HasPlayable`."""
-        return playable("a1", protocol, params)
+        """Return the references of a protocol; see :class:`s2r_spec.protocols.HasPlayable`.
+
+        Raises:
+            UsageError: there is no such protocol, or a parameter is unknown or out of range.
+        """
+        values = named(PROTOCOLS, protocol, "a1").values(params)
+        made = reference(protocol, **values)
+        return Trace(
+            np.arange(len(made.q)) / RATE,
+            {"q": made.q, "dq": made.dq, "kp": made.kp, "kd": made.kd},
+            {"q": "rad", "dq": "rad/s", "kp": "N*m/rad", "kd": "N*m*s/rad"},
+            {PROTOCOL: protocol, "params": values},
+        )
 
     @property
     def settings(self) -> Settings:
@@ -215,14 +226,9 @@ def _digest(measured: str) -> str:
     own = [path for path in sorted(here.rglob("*.py")) if path.relative_to(here).parts[0] not in _NOT_HASHED]
     theirs = [
         path
-        for path in sorted(simulator.rglob("*.py"))
-        if _is_within(path.relative_to(simulator), _CONTROLLERS)
+        for place in sorted(_CONTROLLERS)
+        for path in sorted((simulator / place).rglob("*.py")) or [simulator / place]
     ]
     for path in (*own, *theirs):
         digest.update(path.read_bytes())
     return digest.hexdigest()
-
-
-def _is_within(path: PurePath, places: frozenset[str]) -> bool:
-    """Return whether a path is one of these files, or lies in one of these folders."""
-    return any(place.as_posix() in places for place in (path, *path.parents))

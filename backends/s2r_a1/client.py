@@ -5,18 +5,19 @@ from __future__ import annotations
 import os
 import select
 from collections.abc import Mapping
+from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from s2r_a1.datagrams import LockStepSocket, RealTimeSocket
+from s2r_a1.guard.checks import impossibility
 from s2r_a1.guard.control import ControlError
-from s2r_a1.guard.limits import LIMITS, impossibility
+from s2r_a1.guard.limits import LIMITS
 from s2r_a1.guard.place import RobotAddress
 from s2r_a1.guard.start import attach
 from s2r_a1.link import UdpLink
 from s2r_a1.mocap import Listener
 from s2r_a1.ticks import PERIOD, SECONDS, TickUnit
-from s2r_a1.walk import GONE, StateChange
 from s2r_a1.wire import LAYOUTS, Orders, Reading
 from s2r_spec.errors import BackendError, NotBegunError
 
@@ -27,59 +28,62 @@ WAIT = 2.0 * PERIOD
 10 ms; four times as much would count as silence."""
 
 
+GONE = "GONE"
+"""A definition: the state of a guard that ended while a client was attached."""
+
+
+class StateChange(NamedTuple):
+    """A state of the guard, with the reason as a word and a sentence; both "" if nothing is wrong."""
+
+    state: str
+    word: str = ""
+    reason: str = ""
+
+
 class Client:
-    """A :class:`~s2r_a1.walk.RobotConnection` to the guard of a robot.
+    """A connection to the guard of a robot, in lock step or not, for a robot with a ``layout`` and a clock's ``unit``.
 
     Attributes:
-        lockstep: whether the connection runs in lock step.
-        layout: name of the packets' layout, "a1".
-        unit: unit of the robot's clock.
         change: the newest state of the guard, as of the last ``receive`` or ``request``.
-        wanted: the state that the guard requests, and why; None while the robot may walk on.
+        wanted: the state that the guard requests, STAND or RESTING, and why; None while the robot may walk on.
         mocap: listener that collects poses with every reading; None for none.
     """
 
-    def __init__(self, robot: RobotAddress) -> None:
-        """Attach to the guard of a robot.
+    def __init__(self, robot: RobotAddress, mocap: int | None = None) -> None:
+        """Attach to the guard of a robot; collect poses at the UDP port ``mocap``.
 
         Raises:
-            BackendError: no guard runs, it has another client, or it has not measured the robot's clock yet.
+            BackendError: no guard runs, it has another client, it has not measured the robot's clock yet, or the port
+                cannot be opened.
         """
         self.wanted: StateChange | None = None
         self.mocap: Listener | None = None
         self.lockstep = robot.clock == "lockstep"
-        self._socket = LockStepSocket() if self.lockstep else RealTimeSocket()
-        try:
-            self._attach(robot)
-        except BaseException:
-            self._socket.close()
-            raise
-
-    def _attach(self, robot: RobotAddress) -> None:
-        attached = attach(robot, "client", port=self._socket.port)
-        if attached is None:
-            raise BackendError(
-                f"no guard of the robot at {robot.host}:{robot.port} is running; start it with s2r certify, gap or "
-                "check in a terminal"
-            )
-        self._control, hello = attached
-        if hello["tick_unit"] is None:
-            self._control.close()
-            raise BackendError(
-                "the guard has not measured the unit of the robot's clock yet; connect the robot first"
-            )
-        self.unit: TickUnit = hello["tick_unit"]
-        self.change = StateChange(hello["state"])
-        self._socket.connect(("127.0.0.1", int(hello["port"])))
-        self.layout: str = hello["layout"]
-        self._link = UdpLink(self._socket, LAYOUTS[self.layout], self.unit)
+        with ExitStack() as opened:
+            if mocap is not None:
+                self.mocap = opened.enter_context(closing(Listener(mocap)))
+            socket = opened.enter_context(closing(LockStepSocket() if self.lockstep else RealTimeSocket()))
+            attached = attach(robot, "client", port=socket.port)
+            if attached is None:
+                raise BackendError(
+                    f"no guard of the robot at {robot.host}:{robot.port} is running; start it with s2r certify, gap or "
+                    "check in a terminal"
+                )
+            self._control, hello = attached
+            opened.callback(self._control.close)
+            if hello["tick_unit"] is None:
+                raise BackendError(
+                    "the guard has not measured the unit of the robot's clock yet; connect the robot first"
+                )
+            self.unit: TickUnit = hello["tick_unit"]
+            self.change = StateChange(hello["state"])
+            socket.connect(("127.0.0.1", int(hello["port"])))
+            self.layout: str = hello["layout"]
+            self._link = UdpLink(socket, LAYOUTS[self.layout], self.unit)
+            self._opened = opened.pop_all()
 
     def ready(self) -> None:
-        """Check that motion capture sends poses, if the velocity comes from it.
-
-        Raises:
-            NotBegunError: no pose has arrived.
-        """
+        """Raise NotBegunError if the velocity comes from motion capture, and no pose has arrived."""
         if self.mocap is not None and not len(self.mocap.poses().times):
             raise NotBegunError(
                 f"the UDP port {self.mocap.port} of this computer received no poses; stream lines of JSON with t, x, "
@@ -87,11 +91,7 @@ class Client:
             )
 
     def receive(self) -> Reading | None:
-        """Return the state of this round; None if no valid one arrived.
-
-        Raises:
-            BackendError: in lock step, the guard no longer answers.
-        """
+        """Return the state of this round, or None; in lock step, raise BackendError if the guard no longer answers."""
         if self.lockstep:
             self._wait()
         else:
@@ -100,9 +100,8 @@ class Client:
         if self.change.state == GONE:
             return None
         reading = self._link.read()
-        if reading is None or impossibility(
-            LIMITS, reading
-        ):  # the guard forwards every state, and bridges bad ones
+        # The guard forwards every state, and bridges bad ones.
+        if reading is None or impossibility(LIMITS, reading):
             return None
         if self.mocap is not None:
             self.mocap.take(reading.tick * SECONDS[self.unit])
@@ -116,11 +115,7 @@ class Client:
             self._link.write(orders)
 
     def request(self, do: str, **fields: Any) -> Mapping[str, Any]:
-        """Send a request to the guard, and return its reply.
-
-        Raises:
-            BackendError: the guard refuses, or has ended; the message says why.
-        """
+        """Send a request to the guard, and return its reply; raise BackendError if it refuses, or has ended."""
         reply: Mapping[str, Any] = self._control.request(do, **fields)
         self._listen()
         if reply["state"] != self.change.state:
@@ -128,17 +123,12 @@ class Client:
         return reply
 
     def record(self, path: Path, header: Mapping[str, Any]) -> None:
-        """Have the guard record every packet to a new file.
-
-        Raises:
-            BackendError: the guard cannot record to it.
-        """
+        """Have the guard record every packet to a new file; raise BackendError if it cannot."""
         self.request("record", path=os.path.abspath(path), header=dict(header))
 
     def close(self) -> None:
         """Disconnect from the guard, which damps a robot that stands or walks."""
-        self._control.close()
-        self._socket.close()
+        self._opened.close()
 
     def _wait(self) -> None:
         """Wait for the guard's datagram, or for its end, which only the control socket shows."""

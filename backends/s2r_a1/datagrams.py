@@ -12,7 +12,7 @@ import select
 import socket
 import time
 from collections.abc import Callable
-from typing import Protocol
+from itertools import islice
 
 from s2r_a1.ticks import PERIOD, Counters
 from s2r_spec.errors import BackendError
@@ -33,65 +33,40 @@ class LinkError(BackendError):
     """A robot cannot be reached: its address, a port or the answer is wrong."""
 
 
-class Socket(Protocol):
-    """One end of a connection.
+def open_port(
+    address: Address,
+    error: type[BackendError],
+    which: str = "the local UDP port {}",
+    remedy: str = "name another port",
+) -> socket.socket:
+    """Return a UDP socket with this local address, which never waits; raise the error if it cannot be opened."""
+    opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    opened.setblocking(False)
+    try:
+        opened.bind(address)
+    except (OSError, OverflowError) as refused:
+        opened.close()
+        why = getattr(refused, "strerror", "no such port")
+        raise error(
+            f"{which.format(address[1])} cannot be opened: {why}; end the program that uses it, or {remedy}"
+        ) from None
+    return opened
+
+
+class RealTimeSocket:
+    """One end of a connection, which never waits.
 
     Attributes:
         counters: counts of packets since it was opened.
         gone: whether the peer has ended; always False in real time, where it cannot be known.
     """
 
-    counters: Counters
-    gone: bool
-
-    @property
-    def port(self) -> int:
-        """The local UDP port."""
-
-    def connect(self, peer: Address) -> None:
-        """Connect only to this peer."""
-
-    def receive(self) -> list[bytes]:
-        """Return the datagrams of this round from the peer, oldest first."""
-
-    def send(self, data: bytes) -> None:
-        """Send one datagram; a datagram that the network refuses is counted and lost."""
-
-    def skip(self) -> None:
-        """Send nothing in this round."""
-
-    def now(self) -> float:
-        """Return the time of this round [s]."""
-
-    def fileno(self) -> int:
-        """Return the descriptor for ``select``."""
-
-    def close(self) -> None:
-        """Release the port."""
-
-
-class RealTimeSocket:
-    """A socket that never waits."""
-
     def __init__(self, host: str = "127.0.0.1", port: int = 0) -> None:
-        """Open a local port; port 0 is any free one, and host "" every network.
-
-        Raises:
-            LinkError: the port cannot be opened.
-        """
+        """Open a local port, any free one (0), on every network with host ""; raise LinkError if it is in use."""
         self.counters = Counters()
         self.gone = False
         self._peer: Address | None = None
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            self._socket.bind((host, port))
-        except (OSError, OverflowError) as error:
-            self._socket.close()
-            raise LinkError(
-                f"the local UDP port {port} cannot be opened: {getattr(error, 'strerror', 'no such port')}; "
-                "end the program that uses it, or name another port"
-            ) from None
-        self._socket.setblocking(False)
+        self._socket = open_port((host, port), LinkError)
 
     @property
     def port(self) -> int:
@@ -99,11 +74,7 @@ class RealTimeSocket:
         return int(self._socket.getsockname()[1])
 
     def connect(self, peer: Address) -> None:
-        """Connect only to this peer.
-
-        Raises:
-            LinkError: the address is unknown, or no network leads to it.
-        """
+        """Connect only to this peer; raise LinkError if no network leads to it."""
         try:
             self._socket.connect((socket.gethostbyname(peer[0]), peer[1]))
         except (OSError, UnicodeError, OverflowError) as error:  # no network, no such name, no such port
@@ -115,13 +86,7 @@ class RealTimeSocket:
 
     def receive(self) -> list[bytes]:
         """Return all waiting datagrams, oldest first; datagrams from another address are counted and left out."""
-        datagrams: list[bytes] = []
-        for _ in range(WAITING):
-            data = self._next()
-            if data is None:
-                break
-            datagrams.append(data)
-        return datagrams
+        return list(islice(iter(self._next, None), WAITING))
 
     def send(self, data: bytes) -> None:
         """Send one datagram; a datagram that the network refuses is counted and lost."""
@@ -151,7 +116,6 @@ class RealTimeSocket:
         self._socket.close()
 
     def _next(self) -> bytes | None:
-        """Return the oldest waiting datagram of the peer, or None."""
         while True:
             try:
                 data, source = self._socket.recvfrom(LARGEST)
@@ -167,22 +131,14 @@ class RealTimeSocket:
 
 
 class LockStepSocket(RealTimeSocket):
-    """A socket that exchanges one datagram per round, only on this computer.
-
-    Attributes:
-        rounds: number of datagrams from the peer.
-    """
+    """A socket that exchanges one datagram per round, only on this computer; ``rounds`` counts those of the peer."""
 
     def __init__(self, port: int = 0) -> None:
         super().__init__("127.0.0.1", port)
         self.rounds = 0
 
     def connect(self, peer: Address) -> None:
-        """Connect only to this peer.
-
-        Raises:
-            LinkError: the peer is on another computer.
-        """
+        """Connect only to this peer; raise LinkError if no network leads to it."""
         if not is_loopback(peer[0]):
             raise LinkError(
                 f"lock step needs a peer on this computer, and {peer[0]} is another; leave out lockstep"
@@ -237,12 +193,21 @@ def is_loopback(host: str) -> bool:
         return False
 
 
-def open_socket(peer: Address, *, lockstep: bool = False, port: int = 0) -> Socket:
-    """Return a socket that is connected to a peer, from a local port; 0 for any free one.
+def is_free(address: Address) -> bool:
+    """Return whether no process of this computer uses a UDP port.
 
-    Raises:
-        LinkError: the port cannot be opened, or the peer cannot be reached.
+    This is the only sign of a process that was killed after it received a datagram.
     """
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(address)
+        except OSError:
+            return False
+    return True
+
+
+def open_socket(peer: Address, *, lockstep: bool = False, port: int = 0) -> RealTimeSocket:
+    """Return a socket that is connected to a peer, from a local port or any (0); raise LinkError if it cannot be."""
     if lockstep:
         link: RealTimeSocket = LockStepSocket(port)
     else:

@@ -15,20 +15,17 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_a1.guard import moves
 from s2r_a1.pilot import Note
 from s2r_a1.sensing import Sensed, control_ticks, sense
 from s2r_a1.ticks import TickUnit
-from s2r_a1.wire import MOTORS, Reading
+from s2r_a1.wire import MOTORS, FloatArray, Reading
 from s2r_sim.controller.gains import RATE
 from s2r_sim.controller.trot import Tick
-from s2r_sim.protocols.references import Reference, reference
+from s2r_sim.protocols.references import reference
 from s2r_sim.robot.constants import A1
 from s2r_sim.robot.signals import MotorCommand, VelocityCommand
-
-FloatArray = NDArray[np.float64]
 
 SHARES = (0.25, 0.5)
 """Levels: shares of the amplitude that are rehearsed before the first run of a protocol at these gains, in this
@@ -56,12 +53,7 @@ class Rows(NamedTuple):
 
 @dataclass(frozen=True)
 class Segment:
-    """A part of a run.
-
-    Attributes:
-        rows: returns its references, from the reading at its begin.
-        measured: whether it is the protocol itself.
-    """
+    """A part of a run: its references from the reading at its begin, and whether it is the protocol itself."""
 
     rows: Callable[[Reading], Rows]
     measured: bool = False
@@ -71,16 +63,13 @@ def plan(protocol: str, amplitude: float, gain: float, seconds: float = np.inf) 
     """Return the segments of a run; the protocol itself ends after at most this time [s]."""
     made = reference(protocol, amplitude, gain)
     kp, kd = float(made.kp[0]), float(made.kd[0])
+    count = int(min(len(made.q), seconds * RATE + 1))
+    rows = Rows(made.q[:count], made.dq[:count], made.kp[:count], made.kd[:count])
     return (
         Segment(partial(_go, made.q[0], kp, kd, SETTLING)),
-        Segment(partial(_play, made, seconds), measured=True),
+        Segment(lambda reading: rows, measured=True),
         Segment(partial(_go, moves.STANDING, kp, kd, 0.0)),
     )
-
-
-def _play(made: Reference, seconds: float, reading: Reading) -> Rows:
-    count = int(min(len(made.q), seconds * RATE + 1))
-    return Rows(made.q[:count], made.dq[:count], made.kp[:count], made.kd[:count])
 
 
 def _go(target: FloatArray, kp: float, kd: float, held: float, reading: Reading) -> Rows:
@@ -97,7 +86,7 @@ def _go(target: FloatArray, kp: float, kd: float, held: float, reading: Reading)
 
 
 class Player:
-    """Plays the segments of one run; a :class:`s2r_a1.walk.Mover`."""
+    """Plays the segments of one run, reading by reading like a :class:`s2r_a1.pilot.Pilot`."""
 
     def __init__(self, segments: tuple[Segment, ...], unit: TickUnit) -> None:
         self._coming = list(segments)

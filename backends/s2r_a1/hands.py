@@ -22,11 +22,7 @@ PATIENCE, TRIES = 2.0, 5
 
 
 def put(host: str, port: int, rig: float | None) -> None:
-    """Put a twin into its rig at a height [m], or onto its floor (None).
-
-    Raises:
-        BackendError: the twin does not answer.
-    """
+    """Put a twin into its rig at a height [m], or onto its floor (None); raise BackendError if it does not answer."""
     request = encode(rig)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as hands:
         hands.connect((host, port))

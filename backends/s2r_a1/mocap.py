@@ -5,19 +5,16 @@ this computer; their clock is independent of the robot's. Unknown: the offset be
 Model: the body and the robot's gyroscope have the same yaw rate, up to noise. Estimator: the offset with the
 largest correlation, near the offset that the times of arrival suggest. A trot turns the body left and right once in
 0.4 s, so the correlation has a peak. A pose cannot arrive before it was taken, which separates the peak from its
-neighbours; poses must arrive within 0.15 s. If the peak is low, there is no velocity (:class:`MocapError`).
+neighbours. If the peak is low, there is no velocity (:class:`MocapError`).
 
 The yaw rate does not depend on the heading at which the body is mounted. So the rates about the other two axes, as
 complex numbers, are compared with the gyroscope's: g = m exp(iψ), least squares over ψ, the error of the stated
-heading.
-
-Both rates and the velocity are slopes of straight lines through the poses of 25 ms.
+heading. Both rates and the velocity are slopes of straight lines through the poses of 25 ms.
 """
 
 from __future__ import annotations
 
 import json
-import socket
 from dataclasses import dataclass
 from math import radians
 from typing import NamedTuple
@@ -25,9 +22,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_a1.datagrams import open_port
+from s2r_a1.wire import FloatArray
 from s2r_spec.errors import BackendError, UsageError
-
-FloatArray = NDArray[np.float64]
 
 WINDOW = 0.025
 """A tolerance [s]: width of the window for slopes, five poses at 200 Hz."""
@@ -59,12 +56,7 @@ class MocapError(BackendError):
 
 @dataclass(frozen=True)
 class Placing:
-    """Pose, in base axes, of the rigid body that motion capture tracks.
-
-    Attributes:
-        position: position of its origin in base axes [m].
-        heading: heading of its x axis, to the left of the robot's [deg].
-    """
+    """Pose, in base axes, of the tracked body: its origin [m], and the heading of its x axis to the left [deg]."""
 
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
     heading: float = 0.0
@@ -103,10 +95,8 @@ class Gyro(NamedTuple):
         """Return the means of (m,) rates over n intervals, from ``start`` to ``end`` (n,) [s]."""
         steps = np.diff(self.times) * (rates[1:] + rates[:-1]) / 2.0
         angle = np.concatenate(([0.0], np.cumsum(steps)))
-        means: FloatArray = (np.interp(end, self.times, angle) - np.interp(start, self.times, angle)) / (
-            end - start
-        )
-        return means
+        turned: FloatArray = np.interp(end, self.times, angle) - np.interp(start, self.times, angle)
+        return turned / (end - start)
 
 
 class Velocity(NamedTuple):
@@ -128,30 +118,13 @@ class Velocity(NamedTuple):
 
 
 class Listener:
-    """Collects poses on a port of this computer.
-
-    Attributes:
-        refused: number of lines that are not poses.
-    """
+    """Collects poses on a port of this computer; ``refused`` counts lines that are not poses."""
 
     def __init__(self, port: int) -> None:
-        """Open the port.
-
-        Raises:
-            MocapError: the port cannot be opened.
-        """
+        """Open the port; raise MocapError if it cannot be opened."""
         self.refused = 0
         self._rows: list[tuple[float, ...]] = []
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        try:
-            self._socket.bind(("127.0.0.1", port))
-        except OSError as error:
-            self._socket.close()
-            raise MocapError(
-                f"the UDP port {port} for motion capture cannot be opened: {error.strerror}; end the program that "
-                "uses it, or name another port"
-            ) from None
+        self._socket = open_port(("127.0.0.1", port), MocapError, "the UDP port {} for motion capture")
 
     @property
     def port(self) -> int:
@@ -183,13 +156,7 @@ class Listener:
 
 
 def velocity(poses: Poses, placing: Placing, gyro: Gyro, times: FloatArray) -> Velocity:
-    """Return the base's velocity at (n,) times of the robot [s].
-
-    Args:
-        poses: poses of the body.
-        placing: mounting of the body.
-        gyro: gyroscope over the whole walk.
-        times: times of the requested velocities [s].
+    """Return the base's velocity at (n,) ``times`` of the robot [s], from poses of the body during the whole walk.
 
     Raises:
         MocapError: there are too few poses, they do not cover the test, the rates do not correlate, the heading is
@@ -239,8 +206,7 @@ def _track(poses: Poses) -> Poses:
     has no slope.
     """
     pose = np.concatenate((poses.position, poses.quaternion), axis=1)
-    moved = np.diff(pose, axis=0, prepend=np.nan) != 0.0
-    poses = _select(poses, np.logical_or.reduce(moved, axis=1))
+    poses = _select(poses, (np.diff(pose, axis=0, prepend=np.nan) != 0.0).any(axis=1))
     first, last = _around(poses.times)
     return _select(poses, last - first > 1)
 
@@ -256,11 +222,7 @@ def _around(times: FloatArray) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 
 def _offset(poses: Poses, rate: FloatArray, gyro: Gyro) -> tuple[float, float]:
-    """Return the offset [s] with the largest correlation of a yaw rate (n,) and the gyroscope's, and the correlation.
-
-    Raises:
-        MocapError: the correlation is too small.
-    """
+    """Return the offset [s] with the largest correlation of a yaw rate (n,) with the gyroscope's, and the latter."""
     # The gyroscope's rate is smoothed like the other rate.
     times = gyro.times
     smooth = gyro.mean(gyro.yaw, times - WINDOW / 2, times + WINDOW / 2)
@@ -268,9 +230,8 @@ def _offset(poses: Poses, rate: FloatArray, gyro: Gyro) -> tuple[float, float]:
     lags = np.arange(-SEARCH, EARLY + STEP / 2, STEP)
     score = np.array([_correlation(poses.times + guess + lag, rate, times, smooth) for lag in lags])
     best = int(np.argmax(score))
-    if (
-        not score[best] >= CORRELATED or not 0 < best < len(lags) - 1
-    ):  # at an end there is no peak, only its slope
+    # At an end there is no peak, only its slope.
+    if not score[best] >= CORRELATED or not 0 < best < len(lags) - 1:
         raise MocapError(
             f"the yaw rate of motion capture does not follow the gyroscope (correlation {score[best]:.2f} < "
             f"{CORRELATED:g}): check body, axes (z up) and delay (at most {SEARCH:g} s)"
@@ -282,16 +243,9 @@ def _offset(poses: Poses, rate: FloatArray, gyro: Gyro) -> tuple[float, float]:
 
 
 def _heading_error(attitude: FloatArray, own: FloatArray, gyro: Gyro, heading: float) -> float:
-    """Return the estimated error of the body's stated heading [deg].
+    """Return the estimated error of the body's stated heading [deg]; raise MocapError if it exceeds ``TURNED``.
 
-    Args:
-        attitude: (n, 3, 3) attitudes of the base, from the stated heading.
-        own: (n,) their times on the robot's clock [s].
-        gyro: gyroscope over the walk.
-        heading: stated heading [deg].
-
-    Raises:
-        MocapError: roll and pitch rates do not correlate, or the error exceeds ``TURNED``.
+    ``attitude`` (n, 3, 3) are those of the base by the stated heading, at the robot's times ``own`` (n,) [s].
     """
     from scipy.spatial.transform import Rotation  # slow to load, and not needed for velocity=onboard
 
@@ -302,10 +256,8 @@ def _heading_error(attitude: FloatArray, own: FloatArray, gyro: Gyro, heading: f
     start, stop = own[first], own[last]
     way = Rotation.from_matrix(attitude[first]).inv() * Rotation.from_matrix(attitude[last])
     x, y, _ = (way.as_rotvec() / (stop - start)[:, None]).T
-    tracked, measured = (
-        x + 1j * y,
-        gyro.mean(gyro.rates[:, 0], start, stop) + 1j * gyro.mean(gyro.rates[:, 1], start, stop),
-    )
+    tracked = x + 1j * y
+    measured = gyro.mean(gyro.rates[:, 0], start, stop) + 1j * gyro.mean(gyro.rates[:, 1], start, stop)
     tracked, measured = tracked - tracked.mean(), measured - measured.mean()
     product, size = np.vdot(tracked, measured), float(np.linalg.norm(tracked) * np.linalg.norm(measured))
     if not abs(product) >= CORRELATED * size > 0.0:
@@ -337,17 +289,13 @@ def _slope(times: FloatArray, values: FloatArray) -> FloatArray:
     first, last = _around(times)
     t, v = times - times[0], values - values[0]
 
-    def total(column: FloatArray) -> FloatArray:
+    def mean(column: FloatArray) -> FloatArray:
         summed = np.concatenate(([0.0], np.cumsum(column)))
-        sums: FloatArray = summed[last] - summed[first]
-        return sums
+        means: FloatArray = (summed[last] - summed[first]) / (last - first)
+        return means
 
-    n = (last - first).astype(float)
-    mean_t, mean_v = total(t) / n, total(v) / n
-    spread = total(t * t) / n - mean_t**2
-    slope: FloatArray = np.divide(
-        total(t * v) / n - mean_t * mean_v, spread, out=np.zeros_like(t), where=spread > 1e-12
-    )
+    spread, common = mean(t * t) - mean(t) ** 2, mean(t * v) - mean(t) * mean(v)
+    slope: FloatArray = np.divide(common, spread, out=np.zeros_like(t), where=spread > 1e-12)
     return slope
 
 
@@ -382,13 +330,9 @@ def read_placing(body: str | None, heading: str | None) -> Placing:
     Raises:
         UsageError: a text has another form, or a number is impossible.
     """
-    placing = Placing()
     try:
-        if body is not None:
-            x, y, z = (float(part) for part in body.split(":"))
-            placing = Placing((x, y, z))
-        if heading is not None:
-            placing = Placing(placing.position, float(heading))
+        x, y, z = (float(part) for part in ("0:0:0" if body is None else body).split(":"))
+        placing = Placing((x, y, z), 0.0 if heading is None else float(heading))
     except ValueError:
         raise UsageError(
             "body=X:Y:Z is the tracked body's position in base axes [m], and heading=DEGREES its x axis, "

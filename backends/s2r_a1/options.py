@@ -7,15 +7,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, TypeVar, get_args
 
+from s2r_a1.guard.place import PORT, Clock, RobotAddress
 from s2r_spec.backend import Option
 from s2r_spec.errors import UsageError, did_you_mean, one_of
 
-Clock = Literal["real", "lockstep"]
 Operating = Literal["tty", "auto"]
 Word = TypeVar("Word", bound=str)
 
-PORT = 8007
-"""A definition: the UDP port of an A1's motion controller."""
 OFFERED = (
     Option("host", None, "IPv4 address of the robot's motion controller; 127.0.0.1 is a twin"),
     Option("port", str(PORT), "UDP port of the motion controller"),
@@ -40,30 +38,20 @@ _EXAMPLE = f"a1:{EXAMPLE}"
 
 
 @dataclass(frozen=True)
-class Options:
+class Options(RobotAddress):
     """Connection and measurement of a robot.
 
     Attributes:
-        host: address of the robot.
-        port: UDP port of the robot.
         mocap: UDP port of this computer that receives motion capture; None for the robot's own estimate.
         body: position of the tracked body, as text; see :func:`s2r_a1.mocap.read_placing`.
         heading: heading of the tracked body, as text.
         operator: "tty" for a person at the terminal, "auto" for nobody.
-        clock: real time, or lock step with a twin.
-        local: UDP port of this computer for the robot; 0 for any.
-        module: the vendor's Python module; "" for the built-in wire protocol.
     """
 
-    host: str
-    port: int = PORT
     mocap: int | None = None
     body: str | None = None
     heading: str | None = None
     operator: Operating = "tty"
-    clock: Clock = "real"
-    local: int = 0
-    module: str = ""
 
     @property
     def is_twin(self) -> bool:
@@ -124,12 +112,11 @@ def read_options(text: str) -> Options:
 
 def write_options(options: Options) -> str:
     """Return options as text that :func:`read_options` reads, without the defaults."""
-    words = {"host": options.host, "port": options.port, "velocity": options.velocity}
-    words |= {
-        name: getattr(options, name) for name in ("body", "heading", "operator", "clock", "local", "module")
-    }
-    nominal = {"port": PORT, "body": None, "heading": None, "operator": "tty", "clock": "real", "local": 0}
-    return ",".join(f"{name}={value}" for name, value in words.items() if value != nominal.get(name, ""))
+    names = ("port", "velocity", "body", "heading", "operator", "clock", "local", "module")
+    values = {name: getattr(options, name) for name in names}
+    defaults = vars(Options("")) | {"velocity": None}
+    changed = [f"{name}={value}" for name, value in values.items() if value != defaults[name]]
+    return ",".join([f"host={options.host}", *changed])
 
 
 def _words(text: str) -> Mapping[str, str]:

@@ -50,7 +50,6 @@ class Pilot:
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
         self._controller = Controller(settings.robot, settings.gains, settings.form)
-        self._practised = False
 
     def begin(self, schedule: Schedule, unit: TickUnit) -> None:
         """Reset, and prepare for a test; ``unit`` is the unit of the robot's clock."""
@@ -91,19 +90,9 @@ class Pilot:
 
     def practise(self) -> None:
         """Compile and run all code of a walk, on artificial readings of a standing robot."""
-        if self._practised:
-            return
         unit: TickUnit = "ms"
-        self.begin(Schedule(VelocityCommand(), PRACTICE // 2, PRACTICE), unit)
-        for tick in range(PRACTICE):
-            clock = round(tick * (1 + (tick > PRACTICE // 2)) / (RATE * SECONDS[unit]))
-            reading = unpack(pack_reading(self._artificial(clock), A1), A1)
-            pack(orders(self.step(reading)), A1)
-        self._practised = True
-
-    def _artificial(self, clock: int) -> Reading:
         settings = self.settings
-        return Reading(
+        standing = Reading(
             quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
             gyro=np.zeros(3),
             accelerometer=np.array([0.0, 0.0, 9.81]),
@@ -112,8 +101,13 @@ class Pilot:
             tau=np.zeros(MOTORS),
             temperature=np.full(MOTORS, 30.0),
             mode=np.full(MOTORS, CLOSED_LOOP),
-            tick=clock,
+            tick=0,
         )
+        self.begin(Schedule(VelocityCommand(), PRACTICE // 2, PRACTICE), unit)
+        for tick in range(PRACTICE):
+            clock = round(tick * (1 + (tick > PRACTICE // 2)) / (RATE * SECONDS[unit]))
+            reading = unpack(pack_reading(standing._replace(tick=clock), A1), A1)
+            pack(orders(self.step(reading)), A1)
 
 
 def orders(note: Note) -> Orders:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from s2r_a1 import recording
@@ -11,7 +10,7 @@ from s2r_a1.channels import EXCITED
 from s2r_a1.client import Client
 from s2r_a1.excitation import REHEARSED, SHARES, Player, plan
 from s2r_a1.protocols import height_in_rig
-from s2r_a1.rollout import about_run, carried_out, ended_trace, lost_trace, new_path, pilot
+from s2r_a1.rollout import about_run, carry_out, ended_trace, lost_trace, pilot
 from s2r_a1.schedule import Schedule
 from s2r_a1.walk import Walked, move, walk
 from s2r_sim.controller.gains import RATE
@@ -39,19 +38,14 @@ def run(backend: A1Backend, protocol: str, values: Mapping[str, float], seed: in
     shares = () if key in _rehearsed else SHARES
     hold = round(MOTIONS[protocol].duration * RATE)
     about = about_run(backend, seed) | {PROTOCOL: protocol, "params": dict(values)}
-    with ExitStack() as stack:
+
+    def play(client: Client) -> Walked:
         try:
-            client = Client(backend.robot)
-            stack.callback(client.close)
-            about |= {"layout": client.layout, "tick_unit": client.unit}
-            path = new_path(backend.folder, seed)
-            client.record(path, {**about, "hold": hold})
+            return _play(client, backend, protocol, values, shares)
         except BackendError as error:
-            raise NotBegunError(str(error)) from None
-        try:
-            walked = carried_out(client, backend, lambda: _play(client, backend, protocol, values, shares))
-        except NotBegunError as error:
             raise NotBegunError(f"{protocol} ended before its t = 0: {error}") from None
+
+    _, walked, path = carry_out(backend, about, {"hold": hold}, play)
     try:
         trace = recording.protocol_trace(path, walked.notes)
     except TraceError as error:
@@ -64,11 +58,7 @@ def run(backend: A1Backend, protocol: str, values: Mapping[str, float], seed: in
 def _play(
     client: Client, backend: A1Backend, protocol: str, values: Mapping[str, float], shares: Sequence[float]
 ) -> Walked:
-    """Play a protocol, after rehearsals at some shares of its amplitude.
-
-    Raises:
-        NotBegunError: a rehearsal ended early, or the run ended before t = 0.
-    """
+    """Play a protocol after rehearsals; raise NotBegunError if a rehearsal or the run ended before t = 0."""
     amplitude, gain = values["amplitude"], values["gain"]
     for share in shares:
         player = Player(plan(protocol, share * amplitude, gain, REHEARSED), client.unit)

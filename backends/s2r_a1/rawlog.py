@@ -22,7 +22,7 @@ import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,21 +73,13 @@ class RawLog:
     events: tuple[dict[str, Any], ...] = ()
 
 
-@dataclass(frozen=True)
-class Written:
-    """Summary of a finished recording."""
-
-    path: Path
-    packets: int
-    bytes: int
-
-
 class RawLogWriter:
     """Writes a recording from a separate thread, so that a slow disk never delays a round.
 
     Attributes:
         path: the file, which must not exist before.
         packets: number of packets so far.
+        bytes: number of bytes on the disk so far.
         failure: a message after the disk refused a write; the thread tries again, and keeps the waiting data.
     """
 
@@ -95,7 +87,7 @@ class RawLogWriter:
         self.path = Path(path)
         self.packets = 0
         self.failure: str | None = None
-        self._written = 0
+        self.bytes = 0
         self._begun: int | None = None
         self._records = bytearray()
         self._waiting = bytearray(MAGIC + json.dumps(dict(header), ensure_ascii=False).encode() + b"\n")
@@ -155,8 +147,8 @@ class RawLogWriter:
         self.flush()
         self._give(b"" if self._lost else _block(b""), ending=True)
 
-    def close(self, seconds: float | None = None) -> Written:
-        """Finish the recording, wait for the disk, and return a summary.
+    def close(self, seconds: float | None = None) -> Self:
+        """Finish the recording, and wait for the disk.
 
         Raises:
             RawLogError: the disk did not accept everything within ``seconds``.
@@ -168,12 +160,7 @@ class RawLogWriter:
                 self.failure
                 or f"{self.path}: the recording is not on the disk yet; wait, or use a faster disk"
             )
-        return self.written
-
-    @property
-    def written(self) -> Written:
-        """Summary of the recording so far."""
-        return Written(self.path, self.packets, self._written)
+        return self
 
     def _give(self, data: bytes | bytearray, ending: bool = False) -> None:
         with self._changed:
@@ -192,15 +179,13 @@ class RawLogWriter:
         """Write all data until the end; the thread runs this."""
         try:
             file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+            try:
+                self._serve(file)
+            finally:
+                os.close(file)
         except OSError as error:
             self._fail(error)
-            self._ready.set()
-            self._done.set()
-            return
-        try:
-            self._serve(file)
         finally:
-            os.close(file)
             self._ready.set()
             self._done.set()
 
@@ -219,11 +204,12 @@ class RawLogWriter:
             if taken < len(data):
                 with self._changed:  # a full disk is tried again with the next block, and at the end
                     self._changed.wait_for(lambda: self._ending, timeout=BLOCK / 1e9)
+        os.fsync(file)
+        folder = os.open(self.path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
         try:
-            os.fsync(file)
-            _sync_folder(self.path.parent)
-        except OSError as error:
-            self._fail(error)
+            os.fsync(folder)  # the name of the new file
+        finally:
+            os.close(folder)
 
     def _write(self, file: int, data: bytes) -> int:
         """Write as much as the disk accepts; return the number of bytes."""
@@ -234,7 +220,7 @@ class RawLogWriter:
             except OSError as error:
                 self._fail(error)
                 break
-        self._written += taken
+        self.bytes += taken
         return taken
 
     def _fail(self, error: OSError) -> None:
@@ -242,15 +228,6 @@ class RawLogWriter:
             f"{self.path}: the recording cannot be written: {error.strerror}; "
             f"free space on the disk, or use another disk"
         )
-
-
-def _sync_folder(folder: Path) -> None:
-    """Flush the name of a new file to the disk."""
-    opened = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        os.fsync(opened)
-    finally:
-        os.close(opened)
 
 
 def read(path: str | os.PathLike[str]) -> RawLog:
@@ -268,39 +245,30 @@ def read(path: str | os.PathLike[str]) -> RawLog:
             f"{os.fspath(path)} is not a raw recording of a robot; name a file that ends in {SUFFIX}"
         )
     line, newline, rest = data[len(MAGIC) :].partition(b"\n")
-    try:
-        header = json.loads(line) if newline else None
-    except (ValueError, RecursionError):  # bad JSON, bad UTF-8, too many nested brackets
-        header = None
-    if not isinstance(header, dict):
+    header = _object(line) if newline else None
+    if header is None:
         raise TraceError(f"{os.fspath(path)}: the header of the recording is damaged; use another recording")
-    times, directions, packets, events, finished = [], [], [], [], False
-    for block in _blocks(rest):
-        finished = not block
-        for time, direction, packet in _records(block):
-            if direction == EVENT:
-                events += _event(time, packet)
-                continue
-            times.append(time)
-            directions.append(direction)
-            packets.append(packet)
+    blocks = list(_blocks(rest))
+    records = [record for block in blocks for record in _records(block)]
+    packets = [record for record in records if record[1] != EVENT]
+    events = [(time, _object(data)) for time, direction, data in records if direction == EVENT]
     return RawLog(
         header,
-        np.array(times, np.uint64),
-        np.array(directions, np.uint8),
-        tuple(packets),
-        finished,
-        tuple(events),
+        np.array([time for time, _, _ in packets], np.uint64),
+        np.array([direction for _, direction, _ in packets], np.uint8),
+        tuple(packet for _, _, packet in packets),
+        bool(blocks) and not blocks[-1],
+        tuple({**event, "time": time} for time, event in events if event is not None),
     )
 
 
-def _event(time: int, data: bytes) -> list[dict[str, Any]]:
-    """Return the event of a record; empty if it is not an object."""
+def _object(data: bytes) -> dict[str, Any] | None:
+    """Return the object in a line of JSON; None for bad JSON, bad UTF-8, too many nested brackets, or another value."""
     try:
-        event = json.loads(data)
+        value = json.loads(data)
     except (ValueError, RecursionError):
-        return []
-    return [{**event, "time": time}] if isinstance(event, dict) else []
+        return None
+    return value if isinstance(value, dict) else None
 
 
 def _block(records: bytes | bytearray) -> bytes:

@@ -12,23 +12,23 @@ simulator: the torque in the 2 ms after the sample.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_a1 import rawlog
-from s2r_a1.channels import EXCITED, OWN, SHARED
+from s2r_a1.channels import EXCITED, OWN, SHARED, channels
 from s2r_a1.datagrams import FROM_ROBOT, TO_ROBOT
 from s2r_a1.guard.limits import ROBOT_WORDS
 from s2r_a1.pilot import Note, Pilot
 from s2r_a1.rawlog import RawLog
 from s2r_a1.schedule import Schedule
 from s2r_a1.ticks import elapsed_ticks
-from s2r_a1.wire import LAYOUTS, Layout, Orders, Reading, WireError, unpack, unpack_orders
+from s2r_a1.wire import LAYOUTS, FloatArray, Layout, Orders, Reading, WireError, unpack, unpack_orders
 from s2r_sim.controller.gains import RATE
 from s2r_sim.plant.physics import Physics
 from s2r_sim.plant.recorder import Recorder
@@ -38,36 +38,21 @@ from s2r_sim.settings import Settings
 from s2r_spec.errors import TraceError
 from s2r_spec.trace import Trace
 
-FloatArray = NDArray[np.float64]
-Velocity = tuple[FloatArray, FloatArray]
-"""(n,) forward and (n,) left in the heading frame [m/s]."""
+Content = TypeVar("Content")
 
 
 def header_of(test: Mapping[str, float], schedule: Schedule, about: Mapping[str, Any]) -> dict[str, Any]:
     """Return the header of a recording, with which its packets alone make a trace.
 
-    Args:
-        test: parameters of the test.
-        schedule: schedule of the test.
-        about: facts on robot and run: ``layout``, ``tick_unit``, and others for a reader.
+    ``about`` has facts on robot and run: ``layout``, ``tick_unit``, and others for a reader.
     """
-    command = schedule.command._asdict()
-    return {
-        **about,
-        "params": dict(test),
-        "command": command,
-        "trot": schedule.trot,
-        "hold": schedule.hold,
-    }
+    plan = {"command": schedule.command._asdict(), "trot": schedule.trot, "hold": schedule.hold}
+    return {**about, "params": dict(test), **plan}
 
 
 @dataclass(frozen=True, eq=False)
 class Packets:
-    """The valid packets of a recording, in order.
-
-    Attributes:
-        log: the recording.
-    """
+    """The valid packets of a recording, in order."""
 
     log: RawLog
 
@@ -80,11 +65,7 @@ class Packets:
     def readings(self) -> tuple[tuple[int, Reading], ...]:
         """(index, reading) of every valid state that is newer than the one before."""
         readings: list[tuple[int, Reading]] = []
-        for place in np.flatnonzero(self.log.directions == FROM_ROBOT).tolist():
-            try:
-                reading = unpack(self.log.packets[place], self.layout)
-            except WireError:
-                continue
+        for place, reading in self._valid(FROM_ROBOT, unpack):
             if not readings or elapsed_ticks(readings[-1][1].tick, reading.tick) > 0:
                 readings.append((place, reading))
         return tuple(readings)
@@ -92,13 +73,14 @@ class Packets:
     @cached_property
     def sent(self) -> tuple[tuple[int, Orders], ...]:
         """(index, orders) of every valid command."""
-        commands: list[tuple[int, Orders]] = []
-        for place in np.flatnonzero(self.log.directions == TO_ROBOT).tolist():
-            try:
-                commands.append((place, unpack_orders(self.log.packets[place], self.layout)))
-            except WireError:
-                continue
-        return tuple(commands)
+        return tuple(self._valid(TO_ROBOT, unpack_orders))
+
+    def _valid(
+        self, direction: int, decode: Callable[[bytes, Layout], Content]
+    ) -> Iterator[tuple[int, Content]]:
+        for place in np.flatnonzero(self.log.directions == direction).tolist():
+            with suppress(WireError):
+                yield place, decode(self.log.packets[place], self.layout)
 
     def walked(self) -> Iterator[Reading]:
         """Yield the readings from the beginning of the walk to its end.
@@ -141,9 +123,9 @@ def ending_of(log: RawLog) -> Ending | None:
                 return None
             first = request if request and request.get("word") == event["word"] else event
             return Ending(str(event["word"]), str(event.get("reason") or ""), first["time"])
-    return (
-        Ending(str(request["word"]), str(request.get("reason") or ""), request["time"]) if request else None
-    )
+    if request is None:
+        return None
+    return Ending(str(request["word"]), str(request.get("reason") or ""), request["time"])
 
 
 def decided_again(packets: Packets, pilot: Pilot) -> list[Note]:
@@ -160,17 +142,11 @@ def decided_again(packets: Packets, pilot: Pilot) -> list[Note]:
 
 
 def channels_of(packets: Packets, notes: Sequence[Note]) -> dict[str, FloatArray]:
-    """Return the samples of all channels but the true velocity, at these notes.
-
-    Raises:
-        TraceError: the reading of a note was not recorded.
-    """
+    """Return the samples of all channels but the true velocity; raise TraceError if a note's reading is missing."""
     places = {reading.tick: i for i, (_, reading) in enumerate(packets.readings)}
     recorder = Recorder(A1, Physics(), VelocityCommand())
     commanded = [place for place, _ in packets.sent]
-    rows: dict[str, list[FloatArray]] = {
-        name: [] for name in ("foot_force_raw", "motor_temperature", "tau_cmd")
-    }
+    rows: dict[str, list[FloatArray]] = {"foot_force_raw": [], "motor_temperature": [], "tau_cmd": []}
     for note in notes:
         at = places.get(note.clock)
         if at is None:
@@ -185,8 +161,7 @@ def channels_of(packets: Packets, notes: Sequence[Note]) -> dict[str, FloatArray
         rows["motor_temperature"].append(reading.temperature)
         order = int(np.searchsorted(commanded, place))
         sent = packets.sent[order][1] if order < len(commanded) else Orders(*note.done.motors)
-        commanded_torque = sent.tau + sent.kp * (sent.q - reading.q) + sent.kd * (sent.dq - reading.dq)
-        rows["tau_cmd"].append(commanded_torque)
+        rows["tau_cmd"].append(sent.tau + sent.kp * (sent.q - reading.q) + sent.kd * (sent.dq - reading.dq))
     velocity = np.array([note.state.velocity for note in notes])
     own = recorder.channels(velocity, fallen=False)
     commands = np.array([note.command for note in notes]).T
@@ -205,34 +180,12 @@ def protocol_trace(path: str | os.PathLike[str], notes: Sequence[Note]) -> Trace
         TraceError: the recording cannot be read, or ends before t = 0.
     """
     packets = Packets(rawlog.read(path))
-    header = packets.log.header
-    hold = int(header["hold"])
-    if not packets.log.finished:
-        written = {reading.tick for _, reading in packets.readings}
-        notes = [note for note in notes if note.clock in written]
-    notes = test_of(notes, hold)
+    notes = _recorded(packets, notes)
     if not notes:
         raise TraceError(f"{os.fspath(path)}: the recording ends before the protocol, at t = 0")
     samples = channels_of(packets, notes)
-    meta = {name: value for name, value in header.items() if name not in ("hold", "limits")}
-    meta["late"] = int(np.sum(samples["late"]))
-    return Trace(
-        np.array([note.tick for note in notes]) / RATE,
-        {name: samples[name] for name in EXCITED},
-        {name: UNITS[name] for name in EXCITED},
-        meta,
-    )
-
-
-def test_of(notes: Sequence[Note], hold: int) -> list[Note]:
-    """Return the notes of the test itself: from t = 0 to its duration, or to the first tick after it."""
-    selected = []
-    for note in notes:
-        if note.tick >= 0:
-            selected.append(note)
-        if note.tick >= hold:
-            break
-    return selected
+    samples = {name: samples[name] for name in EXCITED}
+    return _trace(notes, samples, {name: UNITS[name] for name in EXCITED}, _meta(packets))
 
 
 def trace_of(
@@ -257,40 +210,43 @@ def trace_of(
             "name the recording of a test"
         )
     again = notes is None
-    if notes is None:
-        notes = decided_again(packets, pilot or Pilot(Settings()))
-    if not packets.log.finished:  # the guard was killed before it wrote the last packets
-        written = {reading.tick for _, reading in packets.readings}
-        notes = [note for note in notes if note.clock in written]
-    notes = test_of(notes, int(header["hold"]))
+    notes = _recorded(packets, decided_again(packets, pilot or Pilot(Settings())) if notes is None else notes)
     if not notes:
         raise TraceError(f"{os.fspath(path)}: the recording ends before the command, at t = 0")
     samples = channels_of(packets, notes)
     samples = {"vx": samples["vx_est"], "vy": samples["vy_est"], **samples}
-    meta = {
-        name: value for name, value in header.items() if name not in ("command", "trot", "hold", "limits")
-    }
+    meta = _meta(packets)
     if again:
-        meta |= {"decided_again": True, **_end(packets.log, over=notes[-1].tick >= int(header["hold"]))}
+        meta["decided_again"] = True
+        if ending := ending_of(packets.log):
+            over = notes[-1].tick >= int(header["hold"])
+            kind = "after" if over else "failure" if ending.word in ROBOT_WORDS else "void"
+            meta |= {kind: ending.word, "reason": ending.reason}
     meta["qp_failures"] = int(np.sum(samples["qp_solved"] == 0.0))
+    return _trace(notes, samples, UNITS, meta)
+
+
+def _meta(packets: Packets) -> dict[str, Any]:
+    left_out = ("command", "trot", "hold", "limits")
+    return {name: value for name, value in packets.log.header.items() if name not in left_out}
+
+
+def _recorded(packets: Packets, notes: Sequence[Note]) -> list[Note]:
+    """Return the recorded notes of the test itself: from t = 0 to its duration, or to the first tick after it."""
+    if not packets.log.finished:  # the guard was killed before it wrote the last packets
+        written = {reading.tick for _, reading in packets.readings}
+        notes = [note for note in notes if note.clock in written]
+    hold = int(packets.log.header["hold"])
+    last = next((place for place, note in enumerate(notes) if note.tick >= hold), len(notes))
+    return [note for note in notes[: last + 1] if note.tick >= 0]
+
+
+def _trace(
+    notes: Sequence[Note], samples: dict[str, FloatArray], units: dict[str, str], meta: dict[str, Any]
+) -> Trace:
     meta["late"] = int(np.sum(samples["late"]))
-    return Trace(np.array([note.tick for note in notes]) / RATE, samples, UNITS, meta)
+    return Trace(np.array([note.tick for note in notes]) / RATE, samples, units, meta)
 
 
-def _end(log: RawLog, over: bool) -> dict[str, Any]:
-    """Return the guard's account of a walk's end: a failure, a void walk, or an event after the end of the test."""
-    ending = ending_of(log)
-    if ending is None:
-        return {}
-    kind = "after" if over else "failure" if ending.word in ROBOT_WORDS else "void"
-    return {kind: ending.word, "reason": ending.reason}
-
-
-def _units() -> dict[str, str]:
-    from s2r_a1.channels import channels
-
-    return {channel.name: channel.unit for channel in channels("")}
-
-
-UNITS = _units()
+UNITS = {channel.name: channel.unit for channel in channels("")}
 """Units of the channels of a trace."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, closing, suppress
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
@@ -52,29 +52,20 @@ def run(backend: A1Backend, test: Mapping[str, float], seed: int) -> Trace:
     command = VelocityCommand(test["vd"], test["vy"], test["wz"])
     schedule = Schedule.of(command, seed, round(backend.duration * RATE), own.settings.gains)
     about = about_run(backend, seed)
-    with ExitStack() as stack:
-        try:
-            listener = None if backend.reached.mocap is None else Listener(backend.reached.mocap)
-            if listener is not None:
-                stack.callback(listener.close)
-            client = Client(backend.robot)
-            stack.callback(client.close)
-            client.mocap = listener
-            about |= {"layout": client.layout, "tick_unit": client.unit}
-            path = new_path(backend.folder, seed)
-            client.record(path, recording.header_of(test, schedule, about))
-        except BackendError as error:
-            raise NotBegunError(str(error)) from None
-        walked = carried_out(
-            client, backend, lambda: walk(client, own, schedule, client.ready, backend.begins)
-        )
+    client, walked, path = carry_out(
+        backend,
+        about,
+        recording.header_of(test, schedule, {}),
+        lambda client: walk(client, own, schedule, client.ready, backend.begins),
+        backend.reached.mocap,
+    )
     try:
         trace = recording.trace_of(path, walked.notes, own)
     except TraceError as error:
         trace = lost_trace(backend.channels, about | {"params": dict(test)}, str(error))
     else:
-        if listener is not None:
-            trace = _with_velocity(trace, walked, listener, backend.placing, client)
+        if client.mocap is not None:
+            trace = _with_velocity(trace, walked, client.mocap, backend.placing, client)
     return ended_trace(trace, walked, schedule.hold, path)
 
 
@@ -89,26 +80,45 @@ def about_run(backend: A1Backend, seed: int) -> dict[str, Any]:
     }
 
 
-def carried_out(client: Client, backend: A1Backend, move: Callable[[], Walked]) -> Walked:
-    """Move, end the recording, and bring the robot to rest; a robot without an operator stays standing."""
+def carry_out(
+    backend: A1Backend,
+    about: dict[str, Any],
+    header: Mapping[str, Any],
+    move: Callable[[Client], Walked],
+    mocap: int | None = None,
+) -> tuple[Client, Walked, Path]:
+    """Attach to the robot's guard, move while it records, and bring the robot to rest; return its recording, too.
+
+    A robot without an operator stays standing. The header of the recording is ``about`` and ``header``; layout and
+    clock of the robot are added to ``about``. Poses are received at the UDP port ``mocap``, if any.
+
+    Raises:
+        NotBegunError: the guard, the port or the file cannot be used, or the motion did not begin.
+    """
     stays = backend.reached.operator == "auto"
-    try:
-        with undisturbed(first=not client.lockstep):
-            return move()
-    except NotBegunError:
-        stays = False
-        raise
-    except BackendError as error:
-        stays = False
-        raise NotBegunError(str(error)) from None
-    finally:
-        with suppress(BackendError):
-            client.request("stop_recording")
-        with suppress(BackendError):
-            if stays:
-                client.request("leave")
-            else:
-                rest(client)
+    with ExitStack() as stack:
+        try:
+            client = stack.enter_context(closing(Client(backend.reached, mocap)))
+            about |= {"layout": client.layout, "tick_unit": client.unit}
+            path = new_path(backend.folder, about["seed"])
+            client.record(path, {**about, **header})
+        except BackendError as error:
+            raise NotBegunError(str(error)) from None
+        try:
+            with undisturbed(first=not client.lockstep):
+                walked = move(client)
+        except BackendError as error:
+            stays = False
+            raise NotBegunError(str(error)) from None
+        finally:
+            with suppress(BackendError):
+                client.request("stop_recording")
+            with suppress(BackendError):
+                if stays:
+                    client.request("leave")
+                else:
+                    rest(client)
+    return client, walked, path
 
 
 def new_path(kept: str | None, seed: int) -> Path:
@@ -141,12 +151,8 @@ def _with_velocity(
         meta |= {"void": "mocap", "reason": str(error)}
     else:
         channels |= {"vx": velocity.forward, "vy": velocity.left}
-        meta["mocap"] = {
-            "offset": velocity.offset,
-            "correlation": velocity.correlation,
-            "turned": velocity.turned,
-            "refused": listener.refused,
-        }
+        aligned = {name: getattr(velocity, name) for name in ("offset", "correlation", "turned")}
+        meta["mocap"] = {**aligned, "refused": listener.refused}
     return Trace(trace.times, channels, trace.units, meta)
 
 

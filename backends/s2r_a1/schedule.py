@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from s2r_sim.controller.gains import RATE, Gains
+from s2r_sim.controller.gains import Gains
 from s2r_sim.controller.gait import Gait
 from s2r_sim.plant.noise import Noise, draw
 from s2r_sim.robot.signals import VelocityCommand
@@ -27,13 +27,7 @@ _STILL = VelocityCommand()
 
 @dataclass(frozen=True)
 class Schedule:
-    """One test, in control ticks.
-
-    Attributes:
-        command: velocity command of the test.
-        trot: ticks of trotting in place before t = 0.
-        hold: last tick of the test itself.
-    """
+    """One test in control ticks: ``trot`` in place before t = 0, and ``hold``, the last tick of the test itself."""
 
     command: VelocityCommand
     trot: int
@@ -66,8 +60,3 @@ class Schedule:
     def is_over(self, tick: int) -> bool:
         """Return whether the robot may be halted once all feet are on the ground."""
         return tick >= self.hold + RAMP
-
-    @property
-    def seconds(self) -> float:
-        """Longest time of walking [s]."""
-        return (self.trot + self.hold + RAMP) / RATE + Gains().period / 2.0

@@ -45,14 +45,9 @@ def control_ticks(before: int, after: int, unit: TickUnit) -> float:
 
 
 def sense(robot: Robot, before: Sensed | None, reading: Reading, stance: Stance, ticks: float) -> Sensed:
-    """Return the estimated state at a reading.
+    """Return the estimated state at a reading, with the feet that the gait has on the ground (``stance``).
 
-    Args:
-        robot: kinematics of the robot.
-        before: estimated state at the last reading; None at the first.
-        reading: the reading.
-        stance: feet that the gait has on the ground.
-        ticks: time since ``before`` on the robot's clock, in control ticks of 2 ms.
+    ``before`` is the estimated state at the last reading, ``ticks`` control ticks of 2 ms ago by the robot's clock.
     """
     w, x, y, z = (reading.quaternion / np.linalg.norm(reading.quaternion)).tolist()
     roll, pitch, yaw = rpy_from_wxyz(w, x, y, z)

@@ -109,8 +109,7 @@ class Ticks:
         if now - start < MEASURED:
             return
         rate = elapsed_ticks(first, tick) / (now - start)
-        self.unit = unit_of(rate)
-        self.refusal = None
+        self.unit, self.refusal = unit_of(rate), None
         if self.unit is None:
             self.refusal = (
                 f"the robot's clock runs at {rate:.0f} ticks per second, which is neither milliseconds nor "
@@ -121,10 +120,7 @@ class Ticks:
 
 def unit_of(rate: float) -> TickUnit | None:
     """Return the unit of a clock from its rate [ticks/s]; None if it is neither ms nor µs."""
-    for unit, seconds in SECONDS.items():
-        if abs(rate * seconds - 1.0) <= CLOSE:
-            return unit
-    return None
+    return next((unit for unit, seconds in SECONDS.items() if abs(rate * seconds - 1.0) <= CLOSE), None)
 
 
 def elapsed_ticks(before: int, after: int) -> int:

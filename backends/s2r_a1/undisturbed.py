@@ -10,11 +10,17 @@ from contextlib import contextmanager, suppress
 
 @contextmanager
 def undisturbed(first: bool) -> Iterator[None]:
-    """Disable garbage collection in the block; ``first`` also requests real-time priority, if the system allows it."""
+    """Disable garbage collection in the block; ``first`` also sets the lowest real-time priority if allowed."""
     gc.collect()
     gc.freeze()
     gc.disable()
-    restore = _real_time_priority() if first else None
+    restore = None
+    if first and hasattr(os, "sched_setscheduler"):
+        before = os.sched_getscheduler(0), os.sched_getparam(0)
+        with suppress(OSError):
+            lowest = os.sched_param(os.sched_get_priority_min(os.SCHED_FIFO))
+            os.sched_setscheduler(0, os.SCHED_FIFO, lowest)
+            restore = before
     try:
         yield
     finally:
@@ -23,15 +29,3 @@ def undisturbed(first: bool) -> Iterator[None]:
                 os.sched_setscheduler(0, *restore)
         gc.enable()
         gc.unfreeze()
-
-
-def _real_time_priority() -> tuple[int, os.sched_param] | None:
-    """Set the lowest real-time priority, and return the old policy and priority; None if the system forbids it."""
-    if not hasattr(os, "sched_setscheduler"):
-        return None
-    before = os.sched_getscheduler(0), os.sched_getparam(0)
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(os.sched_get_priority_min(os.SCHED_FIFO)))
-    except OSError:
-        return None
-    return before

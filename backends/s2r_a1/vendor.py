@@ -10,45 +10,22 @@ shows a new one. All data pass through :mod:`s2r_a1.wire`, with the same checks.
 
 from __future__ import annotations
 
-import socket
 import time
 from collections.abc import Callable
+from contextlib import closing
 from importlib import import_module
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from s2r_a1.datagrams import FROM_ROBOT, TO_ROBOT, Address, LinkError, Tap
-from s2r_a1.link import LinkFault
-from s2r_a1.ticks import Counters, Ticks, TickUnit
-from s2r_a1.wire import (
-    CLOSED_LOOP,
-    GO1,
-    LOW_LEVEL,
-    MOTORS,
-    Layout,
-    MotorPacket,
-    Orders,
-    Reading,
-    WireError,
-    pack,
-    pack_reading,
-    unpack,
-    unpack_orders,
-)
+from s2r_a1 import wire
+from s2r_a1.datagrams import FROM_ROBOT, TO_ROBOT, Address, LinkError, RealTimeSocket
+from s2r_a1.link import Link
+from s2r_a1.ticks import Counters
+from s2r_a1.wire import Layout, MotorPacket, Orders, Reading
 
 COMPILED_IN: Address = ("192.168.123.10", 8007)
 """A definition: the only robot that binding A can reach; its address is compiled in."""
-
-
-class Driver(Protocol):
-    """The vendor's module, with either binding."""
-
-    def read(self) -> Any:
-        """Return the vendor's ``LowState``; the last one again if no new one arrived."""
-
-    def write(self, orders: Orders) -> None:
-        """Send orders that fit their fields."""
 
 
 class BindingA:
@@ -66,7 +43,7 @@ class BindingA:
                 "leave module out to use the built-in wire protocol"
             )
         try:
-            self._robot = module.RobotInterface(LOW_LEVEL)
+            self._robot = module.RobotInterface(wire.LOW_LEVEL)
         except TypeError:  # older modules have the low level only
             self._robot = module.RobotInterface()
 
@@ -89,9 +66,9 @@ class BindingB:
         try:  # the newest module takes the lengths of the packets
             self._udp = module.UDP(port, *peer, layout.command.itemsize, layout.state.itemsize, -1)
         except TypeError:
-            self._udp = module.UDP(LOW_LEVEL, port, *peer)
+            self._udp = module.UDP(wire.LOW_LEVEL, port, *peer)
         self._udp.InitCmdData(self._command)
-        self._command.levelFlag = LOW_LEVEL
+        self._command.levelFlag = wire.LOW_LEVEL
         self._motors = self._command.motorCmd
 
     def read(self) -> Any:
@@ -103,43 +80,25 @@ class BindingB:
     def write(self, orders: Orders) -> None:
         """Send orders that fit their fields."""
         for motor, q, dq, kp, kd, tau in zip(self._motors, *(row.tolist() for row in orders), strict=False):
-            motor.mode = CLOSED_LOOP
+            motor.mode = wire.CLOSED_LOOP
             motor.q, motor.dq, motor.Kp, motor.Kd, motor.tau = q, dq, kp, kd, tau
         self._udp.SetSend(self._command)
         self._udp.Send()
 
 
-class VendorLink:
-    """A :class:`s2r_a1.link.Link` over the vendor's module, in real time.
+class VendorLink(Link):
+    """A link over the vendor's module, in real time.
 
     An exception of the module counts as silence, or as a command that was not sent: the guard must survive it.
-
-    Attributes:
-        counters: counts of packets since the link was opened.
-        packet: the state that decided the last read, packed from the module's numbers.
-        fault: the reason why the last read gave no state; None if it gave one.
-        tap: function that receives every packet with its direction.
+    ``packet`` is packed from the module's numbers.
     """
 
-    def __init__(self, driver: Driver, layout: Layout, clock: Callable[[], float] = time.monotonic) -> None:
-        self.counters = Counters()
-        self.packet = b""
-        self.fault: LinkFault | None = None
-        self.tap: Tap | None = None
-        self._driver: Driver | None = driver
-        self._layout = layout
+    def __init__(
+        self, driver: BindingA | BindingB, layout: Layout, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        super().__init__(layout, Counters())
+        self._driver: BindingA | BindingB | None = driver
         self._clock = clock
-        self._ticks = Ticks(self.counters)
-
-    @property
-    def unit(self) -> TickUnit | None:
-        """The unit of the robot's ticks, if it is known."""
-        return self._ticks.unit
-
-    @property
-    def refusal(self) -> str | None:
-        """A message if the robot's ticks have no known unit."""
-        return self._ticks.refusal
 
     def read(self) -> Reading | None:
         """Return the module's state; None if it was returned before or is not valid."""
@@ -149,15 +108,11 @@ class VendorLink:
         return reading
 
     def write(self, orders: Orders | MotorPacket) -> None:
-        """Send orders to the motors.
-
-        Raises:
-            WireError: a number does not fit its field; nothing is sent.
-        """
-        data = pack(orders, self._layout)
+        """Send orders to the motors; raise WireError if a number does not fit its field."""
+        data = wire.pack(orders, self._layout)
         driver = self._opened()
         try:
-            driver.write(unpack_orders(data, self._layout))
+            driver.write(wire.unpack_orders(data, self._layout))
         except Exception:
             self.counters.unsent += 1
             return
@@ -170,15 +125,11 @@ class VendorLink:
     def fileno(self) -> None:
         """Return None, because the module hides its socket and must be polled."""
 
-    def forget(self) -> None:
-        """Accept the next state as new and measure the unit again, as after the robot was switched off and on."""
-        self._ticks.forget()
-
     def close(self) -> None:
         """Release the module's objects; the module then closes its socket."""
         self._driver = None
 
-    def _opened(self) -> Driver:
+    def _opened(self) -> BindingA | BindingB:
         if self._driver is None:
             raise LinkError("this link is closed; open a new one")
         return self._driver
@@ -195,9 +146,9 @@ class VendorLink:
         self.counters.received += 1
         try:
             if not np.isfinite(raw.tau).all():  # the integer field of the packet would hide it
-                raise WireError("number", "a torque is not finite")
-            self.packet = pack_reading(raw, self._layout)
-            reading = unpack(self.packet, self._layout)
+                raise wire.WireError("number", "a torque is not finite")
+            self.packet = wire.pack_reading(raw, self._layout)
+            reading = wire.unpack(self.packet, self._layout)
         except (ValueError, OverflowError):  # WireError is one
             self.counters.numbers += 1
             self.fault = "number"
@@ -213,14 +164,10 @@ class VendorLink:
 def open_link(
     name: str, layout: Layout, peer: Address, port: int = 0, clock: Callable[[], float] = time.monotonic
 ) -> VendorLink:
-    """Return a link over an installed module.
+    """Return a link over an installed module, such as "robot_interface", to a robot of a layout.
 
-    Args:
-        name: name of the module, such as "robot_interface".
-        layout: layout of the robot's packets.
-        peer: address of the robot.
-        port: local port; 0 is any free one for binding B, and binding A has its own.
-        clock: time [s], against which the robot's ticks are measured.
+    ``port`` is the local one; 0 is any free one for binding B, and binding A has its own. The robot's ticks are
+    measured against the ``clock`` [s].
 
     Raises:
         LinkError: there is no such module, it has neither binding, or it is not for this robot.
@@ -235,7 +182,7 @@ def open_link(
             f"the module {name!r} has neither RobotInterface nor UDP, LowCmd and LowState; "
             "name the vendor's module, or leave it out"
         )
-    if hasattr(getattr(module, "LowState", None), "bms") != (layout is GO1):  # the battery is the Go1's
+    if hasattr(getattr(module, "LowState", None), "bms") != (layout is wire.GO1):  # the battery is the Go1's
         raise LinkError(
             f"the fields of the module {name!r} do not fit the {layout.name}; "
             "name the module of this robot, or leave it out"
@@ -243,23 +190,18 @@ def open_link(
     try:
         if binding_a:
             return VendorLink(BindingA(module, peer), layout, clock)
-        return VendorLink(BindingB(module, layout, peer, port or _free_port()), layout, clock)
+        with closing(RealTimeSocket("")) as free:
+            port = port or free.port
+        return VendorLink(BindingB(module, layout, peer, port), layout, clock)
     except LinkError:
         raise
     except Exception as error:
         raise LinkError(f"the module {name!r} cannot be opened: {error}; leave it out") from None
 
 
-def _free_port() -> int:
-    """Return a local UDP port that is free now."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
-        one.bind(("", 0))
-        return int(one.getsockname()[1])
-
-
 def _to_reading(state: Any) -> Reading:
     """Return the vendor's ``LowState`` as a reading."""
-    motors = state.motorState[:MOTORS]
+    motors = state.motorState[: wire.MOTORS]
     return Reading(
         quaternion=np.array(state.imu.quaternion, dtype=np.float64),
         gyro=np.array(state.imu.gyroscope, dtype=np.float64),

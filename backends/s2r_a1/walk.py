@@ -10,14 +10,14 @@ The guard ends the walk when a limit is exceeded, and changes its state. Before 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple
 
+from s2r_a1.client import GONE, Client, StateChange
+from s2r_a1.excitation import Player
 from s2r_a1.pilot import Note, Pilot, orders
 from s2r_a1.schedule import Schedule
-from s2r_a1.ticks import TickUnit
 from s2r_a1.wire import Orders, Reading, WireError
 from s2r_spec.errors import BackendError, NotBegunError
 
@@ -25,79 +25,17 @@ GETTING_UP = 5000
 """A budget [rounds of 2 ms]: time to stand up or to lie down, 10 s."""
 SETTLING = 250
 """A budget [rounds of 2 ms]: time of standing still before and after a walk, 0.5 s."""
-GONE = "GONE"
-"""A definition: the state of a guard that ended while a client was attached."""
 
 
-class StateChange(NamedTuple):
-    """A state of the guard, with the reason as a word and a sentence; both "" if nothing is wrong."""
-
-    state: str
-    word: str = ""
-    reason: str = ""
-
-
-class RobotConnection(Protocol):
-    """The connection to the robot: through the guard, or a substitute in tests.
-
-    Attributes:
-        unit: unit of the robot's clock.
-        change: the newest state of the guard, as of the last ``receive`` or ``request``.
-        wanted: the state that the guard requests, STAND or RESTING, and why; None while the robot may walk on.
-    """
-
-    unit: TickUnit
-    change: StateChange
-    wanted: StateChange | None
-
-    def receive(self) -> Reading | None:
-        """Return the state of this round; None if no valid one arrived."""
-        ...
-
-    def send(self, orders: Orders | None) -> None:
-        """Send the commands of this round, or none."""
-        ...
-
-    def request(self, do: str, **fields: Any) -> Mapping[str, Any]:
-        """Send a request to the guard, and return its reply.
-
-        Raises:
-            BackendError: the guard refuses; the message says why.
-        """
-        ...
-
-
-class Mover(Protocol):
-    """Computes the commands of a motion from one reading after another."""
-
-    def step(self, reading: Reading) -> Note:
-        """Compute the motor commands at a reading that is newer than the last."""
-        ...
-
-    def stop(self) -> None:
-        """Bring the motion to its end now."""
-        ...
-
-    def is_done(self, note: Note) -> bool:
-        """Return whether the robot may be halted."""
-        ...
-
-
-@dataclass(frozen=True)
-class Walked:
-    """The result of a walk, or of another motion.
-
-    Attributes:
-        notes: notes at every reading, from the first tick of trotting in place up to a requested stop.
-        ending: the cause of an early end; None if the walk went as planned.
-    """
+class Walked(NamedTuple):
+    """The notes of a motion from its first tick up to a requested stop, and the cause of an early end if any."""
 
     notes: tuple[Note, ...]
     ending: StateChange | None
 
 
 def walk(
-    line: RobotConnection,
+    line: Client,
     pilot: Pilot,
     schedule: Schedule,
     ready: Callable[[], None] | None = None,
@@ -108,7 +46,7 @@ def walk(
     Args:
         line: connection to the robot.
         pilot: pilot with compiled code, because compiling now would be silence to the guard.
-        schedule: schedule of the test.
+        schedule: the test.
         ready: raises a NotBegunError if the standing robot must not walk yet.
         begins: function to call at t = 0.
 
@@ -121,8 +59,8 @@ def walk(
 
 
 def move(
-    line: RobotConnection,
-    mover: Mover,
+    line: Client,
+    mover: Pilot | Player,
     motion: str,
     ready: Callable[[], None] | None = None,
     begins: Callable[[], None] | None = None,
@@ -133,13 +71,14 @@ def move(
         ready()
     notes, ending = _move(line, mover, motion, reading, begins)
     if ending is None or ending.state != GONE:
-        _settle(line)
+        with suppress(BackendError):  # until the robot is still; the recording goes on
+            _wait(line, SETTLING, lambda: line.change.state == GONE)
     if not notes or notes[-1].tick < 0:
         raise NotBegunError(_sentence(line.change if ending is None else ending))
     return Walked(tuple(notes), ending)
 
 
-def stand(line: RobotConnection) -> Reading:
+def stand(line: Client) -> Reading:
     """Have the robot stand up if it lies, and return the newest reading once it stands still.
 
     Raises:
@@ -160,27 +99,28 @@ def stand(line: RobotConnection) -> Reading:
     raise NotBegunError("the robot did not stand up within 10 s; check what holds it, and try again")
 
 
-def rest(line: RobotConnection) -> None:
-    """Have a standing robot lie down; return when it lies, or when the guard does something else.
-
-    Raises:
-        BackendError: the guard refuses.
-    """
+def rest(line: Client) -> None:
+    """Have a standing robot lie down, and wait until it lies or the guard acts; raise BackendError if it refuses."""
     if line.change.state in ("STANDING_UP", "STAND"):
         line.request("lie")
-    for _ in range(GETTING_UP):
-        if line.change.state != "LYING_DOWN":
+    _wait(line, GETTING_UP, lambda: line.change.state != "LYING_DOWN")
+
+
+def _wait(line: Client, rounds: int, until: Callable[[], bool]) -> None:
+    """Answer states without commands, for some rounds or until a condition holds."""
+    for _ in range(rounds):
+        if until():
             return
         line.send(None)
         line.receive()
 
 
 def _move(
-    line: RobotConnection, mover: Mover, motion: str, reading: Reading, begins: Callable[[], None] | None
+    line: Client, mover: Pilot | Player, motion: str, reading: Reading, begins: Callable[[], None] | None
 ) -> tuple[list[Note], StateChange | None]:
     """Return the notes of a motion from a reading on, and the cause of an early end."""
-    notes: list[Note] = []
     line.request(motion)
+    notes: list[Note] = []
     newest: Reading | None = reading
     ordered: Orders | None = None
     stopped: StateChange | None = None
@@ -196,46 +136,27 @@ def _move(
                 begins()
                 begins = None
             if mover.is_done(note):
-                return notes, _halt(line) or stopped
+                try:
+                    line.request("halt")
+                except BackendError:  # the guard acted before
+                    return notes, line.change
+                return notes, stopped
             ordered = orders(note)
         # Without a new state the last orders are sent again, to show the guard that this process is alive.
         try:
             line.send(ordered)
             newest = line.receive()
         except WireError as error:
-            return notes, _damp(line, f"the controller commands a number that no motor can take: {error}")
+            reason = f"the controller commands a number that no motor can take: {error}"
+            with suppress(BackendError):
+                line.request("damp", reason=reason)
+            return notes, StateChange("DAMPING", "torque", reason)  # a fault of the controller is an outcome
         except BackendError as error:
             return notes, StateChange(GONE, "link", str(error))
         if line.change.state != motion.upper():
             return notes, line.change
 
 
-def _halt(line: RobotConnection) -> StateChange | None:
-    """Have the guard take over; return its change of state if it acted before."""
-    try:
-        line.request("halt")
-    except BackendError:
-        return line.change
-    return None
-
-
-def _damp(line: RobotConnection, reason: str) -> StateChange:
-    """Have the robot damped; a fault of its controller is an outcome."""
-    with suppress(BackendError):
-        line.request("damp", reason=reason)
-    return StateChange("DAMPING", "torque", reason)
-
-
-def _settle(line: RobotConnection) -> None:
-    """Wait for ``SETTLING`` rounds until the robot is still; the recording goes on."""
-    with suppress(BackendError):
-        for _ in range(SETTLING):
-            if line.change.state == GONE:
-                break
-            line.send(None)
-            line.receive()
-
-
 def _sentence(change: StateChange) -> str:
-    """Return the reason why a walk did not begin."""
+    """Return why a walk did not begin."""
     return change.reason or f"the guard of the robot is in the state {change.state}; a walk begins in STAND"

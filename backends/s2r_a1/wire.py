@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import zlib
 from array import array
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite
@@ -45,14 +45,11 @@ _BOUNDS = np.array(
 )  # q, dq, kp, kd, tau
 
 Fault = Literal["length", "level", "crc", "number"]
+"""A wrong length, level or checksum of a packet, or a number that is not finite or does not fit its field."""
 
 
 class WireError(ValueError):
-    """A packet, or a number for a packet, is not valid.
-
-    Attributes:
-        fault: "length", "level" or "crc" of a packet, or a "number" that is not finite or does not fit its field.
-    """
+    """A packet, or a number for a packet, is not valid; ``fault`` says which part of it."""
 
     def __init__(self, fault: Fault, sentence: str) -> None:
         super().__init__(sentence)
@@ -70,18 +67,7 @@ class Orders(NamedTuple):
 
 
 class MotorPacket(NamedTuple):
-    """A packet's commands for the twelve motors, in its own numbers.
-
-    Attributes:
-        data: the packet.
-        layout: layout of the packet.
-        mode: modes of the motors; see ``CLOSED_LOOP``.
-        q: angles [rad].
-        dq: speeds [rad/s].
-        tau: torques, in counts.
-        kp: gains, in counts.
-        kd: gains, in counts.
-    """
+    """A packet's commands for the twelve motors, in its own numbers: rad, rad/s, and counts of torques and gains."""
 
     data: bytes
     layout: Layout
@@ -94,7 +80,7 @@ class MotorPacket(NamedTuple):
 
     def plain(self) -> bool:
         """Return whether the packet equals the one that :func:`pack` makes of its orders."""
-        return self.mode == _ALL_CLOSED and self.data == _command(*self[3:], self.layout)
+        return self.mode == _ALL_CLOSED and self.data == _command(self[3:], self.layout)
 
     def orders(self) -> Orders:
         """Return the commands that the motors follow; see :func:`unpack_orders`."""
@@ -164,14 +150,7 @@ _REMOTE = [("remote", "u1", 40), ("spare", "<u4"), ("crc", "<u4")]
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """The fields of a robot's packets.
-
-    Attributes:
-        name: name of the robot.
-        command: packed type of a command.
-        state: packed type of a state.
-        head: first bytes of every packet, up to its level flag.
-    """
+    """The fields of a robot's packets: packed types of command and state, and their ``head`` up to the level flag."""
 
     name: str
     command: np.dtype[Any]
@@ -257,15 +236,11 @@ def pack(orders: Orders | MotorPacket, layout: Layout) -> bytes:
     if isinstance(orders, MotorPacket):
         return orders.data
     (q, dq), (kp, kd, tau) = _counts(orders)
-    return _command(q, dq, tau, kp, kd, layout)
+    return _command((q, dq, tau, kp, kd), layout)
 
 
 def unpack(data: bytes, layout: Layout) -> Reading:
-    """Return the state in a packet.
-
-    Raises:
-        WireError: its length, level or checksum is wrong, or a number in it is not finite.
-    """
+    """Return the state in a packet; raise WireError if length, level, checksum or a number is not valid."""
     data = bytes(data)  # of any buffer
     _check(data, layout, layout.state)
     values = layout.readings.unpack(data)
@@ -292,23 +267,16 @@ def unpack(data: bytes, layout: Layout) -> Reading:
 
 
 def unpack_orders(data: bytes, layout: Layout) -> Orders:
-    """Return the commands that a robot's motors follow: the inverse of :func:`pack`.
+    """Return the commands that a robot's motors follow, the inverse of :func:`pack`; raise WireError as :func:`unpack`.
 
     A motor in any mode but ``CLOSED_LOOP`` has no gains and no torque. With an angle of ``POSITION_OFF`` its kp is
     0, and with a speed of ``SPEED_OFF`` its kd.
-
-    Raises:
-        WireError: as :func:`unpack`.
     """
     return read_command(data, layout).orders()
 
 
 def read_command(data: bytes, layout: Layout) -> MotorPacket:
-    """Return the commands of a packet in its own numbers.
-
-    Raises:
-        WireError: as :func:`unpack`.
-    """
+    """Return the commands of a packet in its own numbers; raise WireError as :func:`unpack`."""
     data = bytes(data)  # of any buffer
     _check(data, layout, layout.command)
     values = layout.orders.unpack(data)
@@ -340,11 +308,7 @@ def pack_reading(reading: Reading, layout: Layout) -> bytes:
 
 
 def _counts(orders: Orders) -> tuple[list[list[float]], list[list[int]]]:
-    """Return q and dq of some orders, and kp, kd and tau in counts, truncated towards zero.
-
-    Raises:
-        WireError: a number is not finite, or does not fit.
-    """
+    """Return q and dq, and kp, kd and tau in counts; raise WireError if a number is not finite, or does not fit."""
     try:
         values = np.array(orders).astype(np.float64, casting="same_kind", copy=False)
     except (TypeError, ValueError):  # different shapes, or no numbers
@@ -365,17 +329,11 @@ def _counts(orders: Orders) -> tuple[list[list[float]], list[list[int]]]:
     return values[:2].tolist(), (values[2:] * _SCALES).astype(np.int64).tolist()
 
 
-def _command(
-    q: Sequence[float],
-    dq: Sequence[float],
-    tau: Sequence[int],
-    kp: Sequence[int],
-    kd: Sequence[int],
-    layout: Layout,
-) -> bytes:
-    """Return the packet for twelve motors in closed loop."""
+def _command(rows: Iterable[Sequence[float]], layout: Layout) -> bytes:
+    """Return the packet for twelve motors in closed loop, from q, dq, tau, kp and kd."""
     fields: list[Any] = [CLOSED_LOOP] * (6 * MOTORS)
-    fields[1::6], fields[2::6], fields[3::6], fields[4::6], fields[5::6] = q, dq, tau, kp, kd
+    for place, row in enumerate(rows, 1):
+        fields[place::6] = row
     return _close(layout.orders.pack(*fields), layout)
 
 
@@ -386,13 +344,11 @@ def _check_finite(what: str, *numbers: float) -> None:
 
 
 def _close(packet: bytes, layout: Layout) -> bytes:
-    """Return a packet with its head and checksum filled in."""
     data = layout.head + packet[len(layout.head) :]
     return data[:-4] + checksum(data).to_bytes(4, "little")
 
 
 def _check(data: bytes, layout: Layout, kind: np.dtype[Any]) -> None:
-    """Raise WireError if the length, level or checksum of a packet is wrong."""
     if len(data) != kind.itemsize:
         raise WireError("length", f"a packet of the {layout.name} has {kind.itemsize} bytes, not {len(data)}")
     if data[-4:] != checksum(data).to_bytes(4, "little"):

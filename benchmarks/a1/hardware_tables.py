@@ -12,15 +12,14 @@ import sys
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
-from typing import get_args, get_type_hints
 
 from benchmarks.tables import table
 from s2r_a1 import attendance, excitation, remote, schedule
 from s2r_a1.backend import AROUND, PARAMETERS, PLACING
 from s2r_a1.channels import channels
 from s2r_a1.guard import leg, moves, states
-from s2r_a1.guard import limits as limit
-from s2r_a1.guard.limits import LIMITS, MS, ROBOT_WORDS, SECOND, Figure, Limits
+from s2r_a1.guard.checks import LimitCheck
+from s2r_a1.guard.limits import LIMITS, MS, ROBOT_WORDS, SECOND, Limits
 from s2r_a1.guard.states import RULES, State
 from s2r_a1.protocols import PROTOCOLS, height_in_rig
 from s2r_sim.controller.gains import RATE
@@ -108,7 +107,7 @@ def limit_table() -> str:
         *(State.ARMED, State.STANDING_UP, State.STAND, State.WALK, State.EXCITE, State.EXCITE_HELD),
         *(State.LYING_DOWN, State.RESTING),
     )
-    checks: dict[str, limit.LimitCheck] = {}
+    checks: dict[str, LimitCheck] = {}
     for state in (State.WALK, State.STAND, State.STANDING_UP, *RULES):
         checks |= {check.name: check for check in RULES[state].checks if check.name not in checks}
     conditions = means()
@@ -218,10 +217,9 @@ def time_table() -> str:
 
 def figure_table() -> str:
     """Return every figure of the guard's limits."""
-    hints = get_type_hints(Limits, include_extras=True)
     rows = []
     for field in fields(Limits):
-        figure = next(one for one in get_args(hints[field.name]) if isinstance(one, Figure))
+        figure = field.metadata["figure"]
         value = getattr(LIMITS, field.name)
         if isinstance(value, leg.Legs):
             shown = ", ".join(f"{part} {number}" for part, number in vars(value).items())

@@ -2,9 +2,11 @@
 
 import numpy as np
 
-from s2r_a1.guard import moves, states
+from s2r_a1.guard import moves, transitions
 from s2r_a1.guard.limits import LIMITS, ROUND
-from s2r_a1.guard.states import Conditions, Inputs, Machine, State
+from s2r_a1.guard.states import Inputs, Machine, State
+from s2r_a1.guard.step import judge_arrival, step
+from s2r_a1.guard.transitions import Conditions
 from s2r_a1.remote import pack_buttons
 from s2r_a1.wire import CLOSED_LOOP, Orders, Reading
 
@@ -68,25 +70,25 @@ class Rounds:
             if self.orders is not None and self.orders.kp.any():
                 self.q = self.orders.q
             seen = None if silent or bad else reading(self.q, **fields)
-            came = states.judge_arrival(LIMITS, seen, "number" if bad else None)
-            done = states.step(self.machine, Inputs(now, came, orders, dropped), LIMITS)
+            came = judge_arrival(LIMITS, seen, "number" if bad else None)
+            done = step(self.machine, Inputs(now, came, orders, dropped), LIMITS)
             self.machine, self.orders = done
         return count
 
     def ask(self, do, role="client", reason=None):
         """Make a request; return the sentence of a refusal."""
-        self.machine, refusal = states.request(self.machine, do, role, reason, LIMITS)
+        self.machine, refusal = transitions.request(self.machine, do, role, reason, LIMITS)
         return refusal
 
     def bring(self, state):
         """Bring the robot from OFF to a state by the operator's and the client's requests."""
         now = self.machine.memory.now
-        self.machine = states.connect(self.machine, now)
+        self.machine = transitions.connect(self.machine, now)
         self.turn(300)
         if state is State.LINKED:
             return self
-        assert states.unready(self.machine, READY, LIMITS) is None
-        self.machine = states.arm(self.machine, self.machine.memory.now)
+        assert transitions.unready(self.machine, READY, LIMITS) is None
+        self.machine = transitions.arm(self.machine, self.machine.memory.now)
         self.turn()
         ways = {
             State.ARMED: (),
@@ -99,12 +101,12 @@ class Rounds:
             State.RESTING: ("stand", State.STAND, "lie", State.RESTING),
             State.DAMPING: ("stand", "damp"),
         }
-        for step in ways[state]:
-            if isinstance(step, State):
-                self.turn(2000, until=step)
-                assert self.state is step
+        for way in ways[state]:
+            if isinstance(way, State):
+                self.turn(2000, until=way)
+                assert self.state is way
             else:
-                assert self.ask(step) is None
+                assert self.ask(way) is None
                 self.turn(orders=walking())
         assert self.state is state
         return self

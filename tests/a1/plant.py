@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from s2r_a1.walk import StateChange
+from s2r_a1.client import StateChange
 from s2r_a1.wire import A1, CLOSED_LOOP, Reading, pack, pack_reading, unpack, unpack_orders
 from s2r_sim.controller import estimator
 from s2r_sim.plant.plant import Plant

@@ -17,6 +17,7 @@ from unittest import mock
 
 import numpy as np
 
+from s2r_a1 import datagrams
 from s2r_a1.guard import loop, moves
 from s2r_a1.guard.answers import answer
 from s2r_a1.guard.control import Request
@@ -187,7 +188,7 @@ class Rig:
 
     def turn(self, rounds=1):
         """Turn rounds; the sockets that the guard opens meanwhile are the rig's."""
-        with mock.patch.object(loop, "open_socket", self._opened):
+        with mock.patch.object(datagrams, "open_socket", self._opened):
             for _ in range(rounds):
                 self.guard.turn()
 

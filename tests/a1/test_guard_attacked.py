@@ -6,12 +6,12 @@ import socket
 import pytest
 
 from s2r_a1.datagrams import LockStepSocket
-from s2r_a1.guard import states
 from s2r_a1.guard.control import RefusedError
 from s2r_a1.guard.limits import LIMITS, MS
 from s2r_a1.guard.place import RobotAddress, place
 from s2r_a1.guard.start import attach, start
 from s2r_a1.guard.states import Arrival, Inputs, State
+from s2r_a1.guard.step import step
 from s2r_a1.twin import TwinSettings
 from s2r_spec.errors import BackendError
 from tests.a1.guarding import Rounds, reading, walking
@@ -26,7 +26,7 @@ HOLDING = (State.STANDING_UP, State.STAND, State.WALK, State.LYING_DOWN)
 def test_a_guard_that_was_held_up_damps_a_robot_that_it_holds(state, pause, ends):
     robot = Rounds().bring(state)
     now = robot.machine.memory.now + pause * MS
-    machine, _ = states.step(robot.machine, Inputs(now, Arrival(reading(robot.q)), walking()), LIMITS)
+    machine, _ = step(robot.machine, Inputs(now, Arrival(reading(robot.q)), walking()), LIMITS)
     assert (machine.state is State.DAMPING) is ends
     assert machine.word == ("link" if ends else None)
 

@@ -16,8 +16,8 @@ from s2r_a1.datagrams import LockStepSocket
 from s2r_a1.guard import __main__ as guard
 from s2r_a1.guard import moves
 from s2r_a1.guard.control import Connection, ControlError, RefusedError
-from s2r_a1.guard.place import hold, place
-from s2r_a1.guard.start import RobotAddress, attach, start
+from s2r_a1.guard.place import RobotAddress, hold, place
+from s2r_a1.guard.start import attach, start
 from s2r_a1.link import UdpLink
 from s2r_a1.rawlog import read
 from s2r_a1.wire import A1, GO1, Orders, pack, pack_reading, unpack_orders

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from s2r_a1.datagrams import RealTimeSocket
-from s2r_a1.guard.limits import JOINT, LIMITS, CheckedQuantities, Limits, clip, power, power_count
+from s2r_a1.guard.checks import JOINT, CheckedQuantities, clip, power, power_count
+from s2r_a1.guard.limits import LIMITS, Limits
 from s2r_a1.guard.place import RobotAddress, hold, place
 from s2r_a1.guard.start import start
 from s2r_a1.link import RobotSide

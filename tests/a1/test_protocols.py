@@ -8,7 +8,8 @@ from s2r_a1 import attendance, hands, rawlog
 from s2r_a1.backend import A1Backend
 from s2r_a1.excitation import GOING, SHARES, Player, plan
 from s2r_a1.guard import moves
-from s2r_a1.guard.limits import LIMITS, clip
+from s2r_a1.guard.checks import clip
+from s2r_a1.guard.limits import LIMITS
 from s2r_a1.guard.states import State
 from s2r_a1.protocols import PROTOCOLS, height_in_rig
 from s2r_a1.twin import Twin, TwinSettings, read_inject

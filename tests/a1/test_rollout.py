@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from s2r_a1.backend import A1Backend
+from s2r_a1.client import StateChange
 from s2r_a1.rollout import ended_trace, lost_trace
 from s2r_a1.schedule import Schedule
-from s2r_a1.walk import StateChange, Walked
+from s2r_a1.walk import Walked
 from s2r_sim.controller.gains import RATE
 from s2r_sim.robot.signals import VelocityCommand
 from s2r_spec.trace import Trace

@@ -9,10 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from s2r_a1.guard import leg, moves, states
+from s2r_a1.guard import leg, moves, states, transitions
 from s2r_a1.guard.control import ROLES
 from s2r_a1.guard.limits import LIMITS, ROUND, SECOND
-from s2r_a1.guard.states import RULES, Arrival, Conditions, Inputs, Machine, State
+from s2r_a1.guard.states import RULES, Arrival, Inputs, Machine, State
+from s2r_a1.guard.step import judge_arrival, step
+from s2r_a1.guard.transitions import Conditions
 from s2r_a1.remote import LOST, pack_buttons
 from tests.a1.guarding import LYING, READY, ZERO, Rounds, at, leaning, reading, walking
 from tests.examples import examples
@@ -69,7 +71,7 @@ def test_no_trouble_found_while_connecting_ever_sends_a_gain(brought, trouble):
         rounds.turn(20, **trouble)
         assert rounds.ask("damp", "operator") is None
         assert rounds.ask("stand")
-        rounds.machine = states.leave(rounds.machine, rounds.machine.memory.now)
+        rounds.machine = transitions.leave(rounds.machine, rounds.machine.memory.now)
         assert rounds.state is State.LINKED
         assert limp(rounds.orders)
 
@@ -90,15 +92,15 @@ UNREADY = {
 @pytest.mark.parametrize(("trouble", "conditions"), UNREADY.values(), ids=UNREADY)
 def test_a_robot_is_not_armed_unless_all_is_well(brought, trouble, conditions):
     rounds = brought(State.LINKED)
-    assert states.unready(rounds.machine, READY, LIMITS) is None
+    assert transitions.unready(rounds.machine, READY, LIMITS) is None
     rounds.turn(10, **trouble)
-    assert states.unready(rounds.machine, conditions, LIMITS)
+    assert transitions.unready(rounds.machine, conditions, LIMITS)
 
 
 def test_a_twin_needs_no_remote(brought):
     rounds = brought(State.LINKED)
     rounds.turn(10, remote=bytes(40))
-    assert states.unready(rounds.machine, READY, LIMITS) is None
+    assert transitions.unready(rounds.machine, READY, LIMITS) is None
 
 
 OFF = {"remote": bytes(40)}
@@ -140,7 +142,7 @@ def test_a_remote_that_comes_back_in_time_ends_no_walk(brought):
 def test_a_twin_that_had_no_remote_misses_none(brought):
     rounds = brought(State.LINKED)
     rounds.turn(1, **OFF)
-    rounds.machine = states.arm(rounds.machine, rounds.machine.memory.now)
+    rounds.machine = transitions.arm(rounds.machine, rounds.machine.memory.now)
     assert rounds.ask("stand") is None
     rounds.turn(3 * SOON, **OFF)
     assert (rounds.state, rounds.machine.wanted) == (State.STAND, None)
@@ -152,32 +154,32 @@ def test_a_twin_that_had_no_remote_misses_none(brought):
 @pytest.mark.parametrize(("speed", "still"), [(0.04, True), (0.06, False)])
 def test_a_robot_that_moves_is_not_armed(speed, still):
     rounds = Rounds()
-    rounds.machine = states.connect(rounds.machine, 0)
+    rounds.machine = transitions.connect(rounds.machine, 0)
     sometimes = []
     for tick in range(1000):
         rounds.q = LYING + speed * 0.002 * tick
         rounds.turn()
-        sometimes.append(states.unready(rounds.machine, READY, LIMITS) is None)
+        sometimes.append(transitions.unready(rounds.machine, READY, LIMITS) is None)
     assert any(sometimes) == still
 
 
 def test_a_robot_is_armed_once_it_was_still_for_half_a_second():
     rounds = Rounds()
-    rounds.machine = states.connect(rounds.machine, 0)
+    rounds.machine = transitions.connect(rounds.machine, 0)
     rounds.turn()
     rounds.turn(249)
-    assert states.unready(rounds.machine, READY, LIMITS)
+    assert transitions.unready(rounds.machine, READY, LIMITS)
     rounds.turn()
-    assert states.unready(rounds.machine, READY, LIMITS) is None
+    assert transitions.unready(rounds.machine, READY, LIMITS) is None
 
 
 def test_a_robot_that_rocks_is_not_armed():
     rounds = Rounds()
-    rounds.machine = states.connect(rounds.machine, 0)
+    rounds.machine = transitions.connect(rounds.machine, 0)
     for tick in range(1000):
         rounds.q = LYING + 0.05 * np.sin(2 * np.pi * 2.5 * 0.002 * tick)
         rounds.turn()
-        assert states.unready(rounds.machine, READY, LIMITS)
+        assert transitions.unready(rounds.machine, READY, LIMITS)
 
 
 def test_standing_up_leads_from_where_the_joints_are_to_the_stand():
@@ -276,7 +278,7 @@ def test_torques_of_orders_are_sent_for_less_than_10_ms(brought, silence, torque
     rounds.turn(orders=walking(5.0))
     last = rounds.machine.memory.now
     rounds.turn(4)
-    orders = states.step(rounds.machine, Inputs(last + silence, Arrival(reading(rounds.q))), LIMITS).orders
+    orders = step(rounds.machine, Inputs(last + silence, Arrival(reading(rounds.q))), LIMITS).orders
     assert (orders.tau[0], orders.kp[0]) == (torque, 20.0)
 
 
@@ -309,7 +311,7 @@ def test_a_round_that_begins_a_little_early_ends_a_silence_as_any_other(brought)
     rounds.turn(orders=walking(5.0))
     rounds.turn(9)
     early = rounds.machine.memory.now + ROUND - 50_000
-    machine, orders = states.step(rounds.machine, Inputs(early), LIMITS)
+    machine, orders = step(rounds.machine, Inputs(early), LIMITS)
     assert machine.word == "client"
     assert damping(orders)
 
@@ -355,19 +357,19 @@ def test_one_reading_that_cannot_be_is_bridged_and_two_in_a_row_damp(brought):
 def test_a_reading_that_cannot_be_never_arrives(field):
     good = reading()
     wrong = good._replace(**{field: np.full_like(getattr(good, field), np.nan)})
-    found = states.judge_arrival(LIMITS, good, None)
+    found = judge_arrival(LIMITS, good, None)
     assert found.reading is good
     assert not found.bad
-    assert states.judge_arrival(LIMITS, wrong, None) == (None, True, False)
-    assert states.judge_arrival(LIMITS, None, "number") == (None, True, False)
-    assert states.judge_arrival(LIMITS, None, "silence") == (None, False, False)
+    assert judge_arrival(LIMITS, wrong, None) == (None, True, False)
+    assert judge_arrival(LIMITS, None, "number") == (None, True, False)
+    assert judge_arrival(LIMITS, None, "silence") == (None, False, False)
 
 
 @pytest.mark.parametrize("state", [State.STANDING_UP, State.STAND, State.WALK, State.LYING_DOWN])
 def test_a_guard_that_was_held_up_does_not_move_the_robot_on(brought, state):
     rounds = brought(state)
     now = rounds.machine.memory.now + 10 * ROUND
-    late = states.step(rounds.machine, Inputs(now, Arrival(reading(rounds.q)), walking()), LIMITS).machine
+    late = step(rounds.machine, Inputs(now, Arrival(reading(rounds.q)), walking()), LIMITS).machine
     assert (late.state, late.word) == (State.DAMPING, "link")
 
 
@@ -402,7 +404,7 @@ def test_a_fault_damps_a_robot_that_moves_in_the_round_in_which_it_is_there(brou
 def after(rounds, seen):
     """Return the machine after one more round with this reading."""
     inputs = Inputs(rounds.machine.memory.now + ROUND, Arrival(seen), walking())
-    return states.step(rounds.machine, inputs, LIMITS).machine
+    return step(rounds.machine, inputs, LIMITS).machine
 
 
 def test_where_no_reading_came_the_last_one_is_not_held_against_a_motion_that_went_on(brought):
@@ -416,7 +418,7 @@ def test_where_no_reading_came_the_last_one_is_not_held_against_a_motion_that_we
     assert np.abs(far[joint] - behind) > LIMITS.deviation
     for k in (2, 3, 4):
         assert machine.state is State.STANDING_UP
-        machine = states.step(machine, Inputs(now + k * ROUND), LIMITS).machine
+        machine = step(machine, Inputs(now + k * ROUND), LIMITS).machine
     assert machine.state is State.STANDING_UP
 
 
@@ -566,7 +568,7 @@ def test_a_client_that_stops_when_asked_ends_as_it_was_asked(brought):
 
 def test_a_full_disk_leaves_the_client_no_time(brought):
     rounds = brought(State.WALK)
-    rounds.machine = states.stop(rounds.machine, True, "disk", "the disk is full", now_=True)
+    rounds.machine = transitions.stop(rounds.machine, True, "disk", "the disk is full", at_once=True)
     assert rounds.state is State.STAND
     rounds.turn(2000, until=State.RESTING)
     assert rounds.state is State.RESTING
@@ -576,7 +578,7 @@ def test_a_full_disk_leaves_the_client_no_time(brought):
 @pytest.mark.parametrize("state", list(State))
 def test_a_client_that_dies_leaves_the_robot_damped_where_it_is_up(brought, state):
     rounds = Rounds() if state is State.OFF else brought(state)
-    alone = states.leave(rounds.machine, rounds.machine.memory.now)
+    alone = transitions.leave(rounds.machine, rounds.machine.memory.now)
     if state in (State.STANDING_UP, State.STAND, State.WALK, State.EXCITE, State.EXCITE_HELD):
         assert (alone.state, alone.word) == (State.DAMPING, "client")
     else:
@@ -586,7 +588,7 @@ def test_a_client_that_dies_leaves_the_robot_damped_where_it_is_up(brought, stat
 def test_a_client_may_leave_once_the_robot_is_to_lie_down(brought):
     rounds = brought(State.STAND)
     rounds.ask("lie", "operator")
-    rounds.machine = states.leave(rounds.machine, rounds.machine.memory.now)
+    rounds.machine = transitions.leave(rounds.machine, rounds.machine.memory.now)
     rounds.turn(2000, until=State.RESTING)
     assert rounds.state is State.RESTING
 
@@ -607,14 +609,14 @@ def test_nothing_but_a_reset_leaves_damping_and_then_the_robot_must_be_armed_ane
     for do in ("stand", "walk", "halt", "lie"):
         assert rounds.ask(do)
     rounds.ask("damp", "client", "second")
-    rounds.machine = states.leave(rounds.machine, rounds.machine.memory.now)
-    rounds.machine = states.connect(states.arm(rounds.machine, 0), 0)
+    rounds.machine = transitions.leave(rounds.machine, rounds.machine.memory.now)
+    rounds.machine = transitions.connect(transitions.arm(rounds.machine, 0), 0)
     rounds.turn(5000, orders=walking(20.0))
     assert (rounds.state, rounds.machine.reason) == (State.DAMPING, "first")
     assert damping(rounds.orders)
-    rounds.machine = states.reset(rounds.machine, rounds.machine.memory.now)
+    rounds.machine = transitions.reset(rounds.machine, rounds.machine.memory.now)
     assert rounds.state is State.LINKED
-    assert states.unready(rounds.machine, READY, LIMITS)  # no state has come since
+    assert transitions.unready(rounds.machine, READY, LIMITS)  # no state has come since
     assert rounds.ask("stand")
     rounds.turn(300)
     assert limp(rounds.orders)
@@ -644,16 +646,16 @@ def test_whatever_comes_no_gain_leaves_without_consent_and_damping_stays(events)
         elif event == "ask":
             rounds.ask(first, second)
         elif event == "connect":
-            rounds.machine = states.connect(before, now)
-        elif event == "arm" and not states.unready(before, READY, LIMITS):
-            rounds.machine = states.arm(before, now)
+            rounds.machine = transitions.connect(before, now)
+        elif event == "arm" and not transitions.unready(before, READY, LIMITS):
+            rounds.machine = transitions.arm(before, now)
             consent = consent or rounds.state is State.ARMED
         elif event == "reset":
-            rounds.machine = states.reset(before, now)
+            rounds.machine = transitions.reset(before, now)
         elif event == "leave":
-            rounds.machine = states.leave(before, now)
+            rounds.machine = transitions.leave(before, now)
         elif event == "disk":
-            rounds.machine = states.stop(before, True, "disk", "full", now_=True)
+            rounds.machine = transitions.stop(before, True, "disk", "full", at_once=True)
         after = rounds.machine
         if before.state is State.DAMPING and event != "reset":
             assert after.state is State.DAMPING

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from s2r_a1 import recording
+from s2r_a1.client import StateChange
 from s2r_a1.pilot import Pilot
 from s2r_a1.rawlog import RawLogWriter
 from s2r_a1.schedule import Schedule
-from s2r_a1.walk import SETTLING, StateChange, walk
+from s2r_a1.walk import SETTLING, walk
 from s2r_a1.wire import A1, Orders, pack, pack_reading, unpack, unpack_orders
 from s2r_sim.controller.gains import RATE
 from s2r_sim.controller.trot import Controller, Memory

@@ -19,8 +19,7 @@ import time
 from typing import Any
 
 from s2r_a1.guard.control import Connection, ControlError, Listener
-from s2r_a1.guard.place import claim, folder, hold, place
-from s2r_a1.guard.start import RobotAddress
+from s2r_a1.guard.place import PORT, RobotAddress, claim, folder, hold, is_held, place
 from s2r_spec.errors import BackendError, S2RError, UsageError
 
 PRIORITY = 20
@@ -40,7 +39,7 @@ def main(arguments: list[str] | None = None) -> int:
     for name, text in _COMMANDS.items():
         command = commands.add_parser(name, help=text, description=text)
         command.add_argument("--host", help="the robot's address; not needed if only one guard runs")
-        command.add_argument("--port", type=int, default=8007, help="the robot's UDP port (8007)")
+        command.add_argument("--port", type=int, default=PORT, help=f"the robot's UDP port ({PORT})")
         if name == "status":
             command.add_argument("--json", action="store_true", help="print one JSON object")
     _add_run(commands.add_parser("run", description="Start a guard; s2r does this itself."))
@@ -61,7 +60,6 @@ _COMMANDS = {
 
 
 def _send(options: argparse.Namespace) -> int:
-    """Send a request to a running guard."""
     connection = Connection(_find_guard(options.host, options.port))
     try:
         reply = connection.request(options.do)
@@ -77,15 +75,13 @@ def _send(options: argparse.Namespace) -> int:
 
 
 def _find_guard(host: str | None, port: int) -> Any:
-    """Return the control socket of a robot's guard, or of the only running guard.
+    """Return the control socket of a robot's guard, or of the only running one; raise BackendError if none runs.
 
-    Raises:
-        BackendError: no guard runs.
-        UsageError: several guards run, and ``host`` is None.
+    Without a ``host``, UsageError is raised if several guards run.
     """
     if host:
         files = place(host, port)
-        if not _runs(files.control.stem):
+        if not is_held(files):
             raise BackendError(
                 f"no guard of {host}:{port} is running; start one with a run on a1:host={host}"
             )
@@ -101,18 +97,11 @@ def _find_guard(host: str | None, port: int) -> Any:
 
 def _runs(stem: str) -> bool:
     host, _, port = stem.rpartition("_")
-    lock = hold(place(host, int(port)))
-    if lock is not None:
-        os.close(lock)
-    return lock is None
+    return is_held(place(host, int(port)))
 
 
 def _await_end(connection: Connection) -> None:
-    """Wait until the guard ends.
-
-    Raises:
-        BackendError: it does not end in time.
-    """
+    """Wait until the guard ends; raise BackendError if it does not end in time."""
     end = time.monotonic() + ENDING
     while time.monotonic() < end:
         try:
@@ -125,7 +114,6 @@ def _await_end(connection: Connection) -> None:
 
 
 def _lines_of(status: dict[str, Any]) -> str:
-    """Return a status as text for a person."""
     kind = "a twin" if status["twin"] else "a robot"
     since = f" since {status['since']:.1f} s" if status["since"] is not None else ""
     lines = [

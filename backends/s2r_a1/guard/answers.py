@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from s2r_a1 import remote
-from s2r_a1.guard import states
+from s2r_a1.guard import transitions
 from s2r_a1.guard.control import ROLES, Party, RefusedError, Request
 from s2r_a1.guard.limits import SECOND
-from s2r_a1.guard.loop import Deferred, Guard
-from s2r_a1.guard.states import RULES, State
+from s2r_a1.guard.loop import Guard
+from s2r_a1.guard.serving import Deferred
+from s2r_a1.guard.states import BEGINNINGS, RULES, SINKING, State
 
 Reply = dict[str, Any] | Deferred
 
@@ -26,25 +27,20 @@ LONGEST = 300
 """A budget: characters of a reason."""
 JUDGED = frozenset({"a1"})
 """A definition: layouts of robots with limits in :mod:`s2r_a1.guard.limits`; other robots are never armed."""
+_UNJUDGED = "the guard can read a {} but not move it, because it has the limits of an A1 only"
 
 
 def answer(guard: Guard, party: Party, request: Request) -> Reply:
-    """Return the reply to a request, now or later.
-
-    Raises:
-        RefusedError: the guard refuses; the message says why.
-        LinkError: the robot cannot be reached.
-    """
+    """Return the reply to a request, now or later; raise RefusedError, or LinkError if the robot is out of reach."""
     if party.role not in ROLES[request.do]:
         needed = " or ".join(sorted(role for role in ROLES[request.do] if role))
         raise RefusedError(f"{request.do} needs the role {needed}; send hello with that role first")
-    if request.do in states.BEGINNINGS or request.do in _MOTIONS:
-        return _motion(guard, party, request)
-    return _ANSWERS[request.do](guard, party, request.fields)
+    own = _ANSWERS.get(request.do)
+    return own(guard, party, request.fields) if own else _motion(guard, party, request)
 
 
 def _motion(guard: Guard, party: Party, request: Request) -> Reply:
-    if request.do in states.BEGINNINGS:
+    if request.do in BEGINNINGS:
         if guard.client is None or guard.client.party is not party:
             raise RefusedError("this program is no longer the client of the robot; connect again")
         if party.spent:
@@ -56,7 +52,7 @@ def _motion(guard: Guard, party: Party, request: Request) -> Reply:
             raise RefusedError("no operator is attached; attach one first, as s2r check, gap and certify do")
     reason = request.fields.get("reason")
     reason = " ".join(reason.split())[:LONGEST] if isinstance(reason, str) else None
-    machine, refusal = states.request(guard.machine, request.do, party.role, reason, guard.limits)
+    machine, refusal = transitions.request(guard.machine, request.do, party.role, reason, guard.limits)
     if refusal:
         raise RefusedError(refusal)
     if machine.state is not guard.machine.state and RULES[machine.state].client:
@@ -109,7 +105,7 @@ def _connect(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
             return status(guard)
         if guard.rounds < until:
             return None
-        sentence = silent(guard) if reading is None or conditions.refusal is None else clockless(guard)
+        sentence = _silent(guard) if reading is None or conditions.refusal is None else _clockless(guard)
         guard.disconnect()
         raise RefusedError(sentence)
 
@@ -122,13 +118,10 @@ def _arm(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
     if guard.machine.state is State.DAMPING:
         raise RefusedError(f"the robot is damped ({guard.machine.reason}); reset it first")
     if guard.robot.layout not in JUDGED:
-        raise RefusedError(unjudged(guard))
+        raise RefusedError(_UNJUDGED.format(guard.layout.name))
     memory = guard.machine.memory
-    if (
-        guard.machine.state is State.LINKED
-        and guard.link
-        and memory.now - memory.fresh >= guard.limits.silence
-    ):
+    silent_now = memory.now - memory.fresh >= guard.limits.silence
+    if guard.machine.state is State.LINKED and guard.link and silent_now:
         guard.link.forget()  # the clock of a robot that was switched off and on starts again
     until = guard.rounds + PATIENCE
 
@@ -139,7 +132,7 @@ def _arm(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
                 return None
             if sentence:
                 raise RefusedError(sentence)
-            guard.become(states.arm(guard.machine, guard.now))
+            guard.become(transitions.arm(guard.machine, guard.now))
         return {}
 
     return Deferred(party, poll, rounds=True)
@@ -152,7 +145,7 @@ def _reset(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply:
     def poll() -> dict[str, Any] | None:
         if guard.machine.state is not State.DAMPING:  # another operator has reset it
             return {}
-        if guard.now - guard.machine.since < states.SINKING:
+        if guard.now - guard.machine.since < SINKING:
             return None
         guard.reset()
         return {}
@@ -207,7 +200,7 @@ def _stop_recording(guard: Guard, party: Party, fields: dict[str, Any]) -> Reply
             return None
         if log.failure:
             raise RefusedError(log.failure)
-        return {"path": str(log.path), "packets": log.written.packets, "bytes": log.written.bytes}
+        return {"path": str(log.path), "packets": log.packets, "bytes": log.bytes}
 
     return Deferred(party, poll, rounds=False)
 
@@ -263,15 +256,8 @@ def status(guard: Guard) -> dict[str, Any]:
 def unready(guard: Guard) -> str | None:
     """Return why a robot must not be armed now, or None."""
     if guard.robot.layout not in JUDGED:
-        return unjudged(guard)
-    return states.unready(guard.machine, guard.conditions(), guard.limits)
-
-
-def unjudged(guard: Guard) -> str:
-    """Return the reason for refusing a robot without limits."""
-    return (
-        f"the guard can read a {guard.layout.name} but not move it, because it has the limits of an A1 only"
-    )
+        return _UNJUDGED.format(guard.layout.name)
+    return transitions.unready(guard.machine, guard.conditions(), guard.limits)
 
 
 def _battery(guard: Guard) -> int | None:
@@ -281,8 +267,7 @@ def _battery(guard: Guard) -> int | None:
     return int(np.frombuffer(guard.packet, guard.layout.state)["battery"][0, 3])
 
 
-def silent(guard: Guard) -> str:
-    """Return the message about a robot that has not answered."""
+def _silent(guard: Guard) -> str:
     where = f"{guard.robot.host}:{guard.robot.port}"
     if guard.link and guard.link.counters.corrupt:
         return f"{where} answers, but sends no packets of the {guard.layout.name}; check its layout and its address"
@@ -295,8 +280,7 @@ def silent(guard: Guard) -> str:
     return f"no {guard.layout.name} answers at {where}; check that it is on, its address, and the cable"
 
 
-def clockless(guard: Guard) -> str:
-    """Return the message about a robot whose clock has no known unit."""
+def _clockless(guard: Guard) -> str:
     assert guard.link is not None
     refusal = guard.link.refusal or ""
     if not guard.loopback:
@@ -305,7 +289,6 @@ def clockless(guard: Guard) -> str:
     return f"{problem}; if this machine is too busy for a twin in real time, use clock=lockstep for guard and twin"
 
 
-_MOTIONS = frozenset({"halt", "lie", "damp"})
 _ANSWERS: dict[str, Callable[[Guard, Party, dict[str, Any]], Reply]] = {
     "hello": _hello,
     "status": lambda guard, party, fields: status(guard),

@@ -1,7 +1,7 @@
 """The control socket of a guard: one JSON object per line, one reply per request.
 
 Requests are ``{"do": NAME, …}``; the reply is ``{"ok": true, "state": "STAND", …}`` or
-``{"ok": false, "error": "one sentence", "state": …}``. Events arrive between them without a request:
+``{"ok": false, "error": "one sentence", "state": …}``. Events arrive between them:
 
     {"event": "state", "state": "DAMPING", "word": "fall", "reason": "the base is tilted by 0.52 rad …", "round": 4711}
     {"event": "wanted", "state": "STAND" or "RESTING", "word": "operator", "reason": …, "round": …}
@@ -73,18 +73,10 @@ class RefusedError(BackendError):
 
 
 class Connection:
-    """A party's end of the control socket; for one thread.
-
-    Attributes:
-        events: received events that were not taken yet, oldest first.
-    """
+    """A party's end of the control socket, for one thread; ``events`` holds those that were not taken yet."""
 
     def __init__(self, path: Path) -> None:
-        """Connect to the guard that listens at a path.
-
-        Raises:
-            ControlError: no guard listens there.
-        """
+        """Connect to the guard that listens at a path; raise ControlError if none does."""
         self.events: deque[dict[str, Any]] = deque()
         self._buffer = b""
         self._replies: deque[dict[str, Any]] = deque()
@@ -99,12 +91,7 @@ class Connection:
         self._socket.setblocking(False)
 
     def request(self, do: str, /, **fields: Any) -> dict[str, Any]:
-        """Make a request and return its reply.
-
-        Raises:
-            RefusedError: the guard refused it.
-            ControlError: the guard ended, or does not answer.
-        """
+        """Make a request and return its reply; raise RefusedError, or ControlError if the guard does not answer."""
         self._send(json.dumps({"do": do, **fields}).encode() + b"\n")
         end = time.monotonic() + PATIENCE
         while not self._replies:
@@ -124,11 +111,7 @@ class Connection:
         return reply
 
     def take(self) -> Iterator[dict[str, Any]]:
-        """Yield the received events, oldest first, without waiting.
-
-        Raises:
-            ControlError: the guard ended; only after the last event.
-        """
+        """Yield the received events, oldest first, without waiting; then raise ControlError if the guard ended."""
         ended = None
         try:
             self._receive()
@@ -158,20 +141,24 @@ class Connection:
             raise ControlError("the guard has ended") from None
 
     def _receive(self) -> None:
-        """Read all received data."""
-        while True:
-            try:
-                data = self._socket.recv(LONGEST)
-            except BlockingIOError:
-                return
-            except OSError:
-                data = b""
+        """Read all received data; raise ControlError if the guard ended."""
+        while (data := _receive(self._socket)) is not None:
             if not data:
                 raise ControlError("the guard has ended")
             *lines, self._buffer = (self._buffer + data).split(b"\n")
             for line in lines:
                 message = json.loads(line)
                 (self._replies if "ok" in message else self.events).append(message)
+
+
+def _receive(connection: socket.socket) -> bytes | None:
+    """Return received data; None if nothing waits, and nothing (b"") if the other end is gone."""
+    try:
+        return connection.recv(LONGEST)
+    except BlockingIOError:
+        return None
+    except OSError:
+        return b""
 
 
 class Request(NamedTuple):
@@ -182,13 +169,9 @@ class Request(NamedTuple):
 
 
 class Party:
-    """The guard's end of a connection.
+    """The guard's end of a connection, which is ``open`` while it can be written to; role and pid come from its hello.
 
-    Attributes:
-        role: role from its hello; None before.
-        pid: process id from its hello.
-        spent: whether it was the client when the robot was damped.
-        open: whether it can still be written to.
+    ``spent`` tells whether it was the client when the robot was damped.
     """
 
     def __init__(self, connection: socket.socket) -> None:
@@ -203,12 +186,9 @@ class Party:
 
     def requests(self) -> list[Request | str]:
         """Return the received requests; a message in place of each request that cannot be read."""
-        try:
-            data = self._socket.recv(LONGEST)
-        except BlockingIOError:
+        data = _receive(self._socket)
+        if data is None:
             return []
-        except OSError:
-            data = b""
         self.open = self.open and bool(data)
         *lines, self._in = (self._in + data).split(b"\n")
         if len(self._in) > LONGEST or len(lines) > MANY:
@@ -242,7 +222,6 @@ class Party:
 
 
 def _request(line: bytes) -> Request | str:
-    """Return the request in a line, or a message if it is not valid."""
     try:
         message = json.loads(line)
     except (ValueError, RecursionError):
@@ -255,7 +234,6 @@ def _request(line: bytes) -> Request | str:
 
 
 def _listen(path: Path) -> socket.socket:
-    """Return a socket that listens at a path; an existing file is replaced."""
     path.unlink(missing_ok=True)
     listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
@@ -270,11 +248,7 @@ def _listen(path: Path) -> socket.socket:
 
 
 class Listener:
-    """The guard's end of the control socket.
-
-    Attributes:
-        parties: all connections that are open.
-    """
+    """The guard's end of the control socket; ``parties`` are all open connections."""
 
     def __init__(self, path: Path) -> None:
         """Listen at a path; an existing file is replaced, because the caller holds the robot's lock."""
@@ -304,7 +278,6 @@ class Listener:
 
         A party whose connection has ended stays in ``parties``, not ``open``, until :meth:`ended` returns it.
         """
-        requests: list[tuple[Party, Request | str]] = []
         if self.fileno() in ready:
             with contextlib.suppress(OSError):
                 connection = self._socket.accept()[0]
@@ -312,10 +285,8 @@ class Listener:
                     self.parties.append(Party(connection))
                 else:
                     connection.close()
-        for party in self.parties:
-            if party.fileno() in ready:
-                requests += [(party, request) for request in party.requests()]
-        return requests
+        asking = [party for party in self.parties if party.fileno() in ready]
+        return [(party, request) for party in asking for request in party.requests()]
 
     def ended(self) -> list[Party]:
         """Close and remove the parties whose connection has ended, and return them."""

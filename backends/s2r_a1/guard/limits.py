@@ -1,8 +1,4 @@
-"""Judge whether a robot may go on: all constants in one table, and one pure function for each limit.
-
-Data: the newest reading of the robot, and counts of the state machine (:class:`CheckedQuantities`). A check returns the
-reason for a stop, or None. ``states.RULES`` lists the checks of each state. The word of a check names the cause of a
-stopped rollout.
+"""The constants of the guard's checks in one table, and the words that name the cause of a stopped rollout.
 
 Words of the robot, which count as outcomes: fall, joint, torque, power, heat, motor. Words of other causes, which make
 a rollout void: link, client, operator, disk.
@@ -10,22 +6,17 @@ a rollout void: link, client, operator, disk.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from math import acos, cos, inf, isfinite, sin, sqrt
-from operator import mul
-from typing import Annotated, Literal, NamedTuple, get_args
+from math import cos, sin, sqrt
+from typing import Literal, NamedTuple, TypeVar, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
-from s2r_a1 import remote
 from s2r_a1.guard import leg
-from s2r_a1.wire import CLOSED_LOOP, KD, KP, MOTORS, TAU, MotorPacket, Orders, Reading
+from s2r_a1.wire import MOTORS, FloatArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+T = TypeVar("T")
 Vector3 = tuple[float, float, float]
 
 RobotWord = Literal["fall", "joint", "torque", "power", "heat", "motor"]
@@ -43,9 +34,6 @@ SECOND = 1000 * MS
 ROUND = 2 * MS
 """A definition: nanoseconds of a round, the time between two commands."""
 
-JOINTS = tuple(f"{side} {part}" for side in ("FR", "FL", "RR", "RL") for part in ("hip", "thigh", "calf"))
-"""A definition: names of the motors in the order of the wire."""
-
 
 class Figure(NamedTuple):
     """The unit and the source of a constant, and the effect of doubling it."""
@@ -55,133 +43,116 @@ class Figure(NamedTuple):
     twice: str
 
 
+def _level(value: T, unit: str, source: str, twice: str) -> T:
+    """Declare a constant of :class:`Limits` with its :class:`Figure`."""
+    return field(default=value, metadata={"figure": Figure(unit, source, twice)})
+
+
+_STOPS = Figure("rad", "Safety of SDK for the A1: hip, thigh, calf", "legs may strike their stops")
+
+
 @dataclass(frozen=True)
 class Limits:
     """Every constant of the guard's checks, for the A1; all are levels except the first three, which define the robot.
 
-    The annotation of each field is its :class:`Figure`.
+    The metadata of each field have its ``figure``.
     Sources by their short names: SDK = unitree_legged_sdk, FE = fast_and_efficient, WP = walk_in_the_park,
     QP = A1-QP-MPC-Controller, guide = unitree_guide, ZZ = ros_udp_node of Z. Zhuang.
     """
 
-    lowest: Annotated[
-        Vector3, Figure("rad", "Safety of SDK for the A1: hip, thigh, calf", "legs may strike their stops")
-    ] = (-0.802, -1.05, -2.7)
-    highest: Annotated[
-        Vector3, Figure("rad", "Safety of SDK for the A1: hip, thigh, calf", "legs may strike their stops")
-    ] = (0.802, 4.19, -0.916)
-    legs: Annotated[leg.Legs, Figure("m", "the A1's URDF", "the height is off by the same amount")] = leg.A1
-    margin: Annotated[
-        float,
-        Figure(
-            "rad",
-            "PositionProtect of SDK; standing and walking joints keep it",
-            "crouched walks end as faults",
-        ),
-    ] = 0.087
-    torque: Annotated[
-        float,
-        Figure("N·m", "the A1's URDF; ZZ stops beyond it, WP beyond 35.5", "overloaded gears go unnoticed"),
-    ] = 33.5
-    torque_rounds: Annotated[
-        int,
-        Figure(
-            "rounds", "one reading may be wrong, and an impact lasts one", "an overload lasts 6 ms longer"
-        ),
-    ] = 3
-    strain: Annotated[
-        float, Figure("N·m", "a motor held at 24.5 N·m failed at 48 °C (SDK issue 54)", "no warning")
-    ] = 20.0
-    strain_time: Annotated[
-        int, Figure("ns", "a step of the trot takes 0.2 s", "the warning comes a second later")
-    ] = SECOND
-    power_level: Annotated[
-        int,
-        Figure(
-            "1 to 10",
-            "PowerProtect of SDK: 1 for the new, 5 usual, 8 to 10 for walking fast",
-            "1000 W are allowed",
-        ),
-    ] = 5
-    power_rounds: Annotated[
-        int,
-        Figure(
-            "rounds",
-            "PowerProtect of SDK ends its process at the sixth round",
-            "an overload lasts 12 ms longer",
-        ),
-    ] = 6
-    hot: Annotated[
-        float, Figure("°C", "motors of an A1 stop themselves within minutes (WP warns at 50)", "a limp leg")
-    ] = 60.0
-    warm: Annotated[
-        float, Figure("°C", "WP warns there; no test begins above it", "heat ends tests, and they are lost")
-    ] = 50.0
-    tilt: Annotated[
-        float, Figure("rad", "FE stops at 0.555; a specification's fall is 0.7", "falls end in an impact")
-    ] = 0.5
-    height: Annotated[
-        float,
-        Figure("m", "FE uses it, too; a specification's fall is 0.16", "a stand of 0.28 m counts as a fall"),
-    ] = 0.18
-    deviation: Annotated[
-        float,
-        Figure(
-            "rad",
-            "a pose out of reach burnt a motor (locomotion_simulation issue 7)",
-            "the position gain commands 2 × 40 N·m",
-        ),
-    ] = 0.5
-    still: Annotated[
-        float, Figure("rad/s", "a robot that walks by itself moves faster", "a slow walk is armed")
-    ] = 0.05
-    still_time: Annotated[
-        int,
-        Figure(
-            "ns",
-            "a period of the trot is 0.4 s, and the encoders' noise is 1 mrad",
-            "arming takes 0.5 s more",
-        ),
-    ] = SECOND // 2
-    bridged: Annotated[
-        int,
-        Figure(
-            "ns", "ZZ; gaps on loopback are 7 ms at most (benchmarks/a1/gaps.py)", "torque acts on old states"
-        ),
-    ] = 10 * MS
-    silence: Annotated[
-        int,
-        Figure("ns", "ZZ: 20 to 50 ms; the robot's own limit is 30 ms", "the robot's own rule acts first"),
-    ] = 20 * MS
-    absence: Annotated[
-        int,
-        Figure(
-            "ns",
-            "only in states without motion; changing a battery takes longer",
-            "a robot that was switched off and on stays armed",
-        ),
-    ] = SECOND
-    dropped: Annotated[int, Figure("packets", "five rounds are 10 ms", "torque acts on old states")] = 5
-    kp: Annotated[float, Figure("N·m/rad", "the stiffest stand published (FE, WP)", "joints ring")] = 100.0
-    kd: Annotated[float, Figure("N·m·s/rad", "the guide's stand has 7", "joints ring")] = 10.0
-    speed: Annotated[float, Figure("rad/s", "the A1's URDF", "kd alone commands 200 N·m")] = 21.0
-    wild_speed: Annotated[
-        float, Figure("rad/s", "twice the joints' largest speed", "a broken encoder acts for longer")
-    ] = 42.0
-    wild_angle: Annotated[
-        float,
-        Figure(
-            "rad",
-            "beyond a joint's stop; a calf rests 0.1 beyond (SDK issue 131)",
-            "a broken encoder acts for longer",
-        ),
-    ] = 0.5
-    wild_turn: Annotated[
-        float, Figure("rad/s", "range of gyros of this kind, 2000 °/s", "a broken IMU acts for longer")
-    ] = 35.0
-    norm: Annotated[
-        float, Figure("1", "an attitude's quaternion has the norm 1", "a broken IMU acts for longer")
-    ] = 0.05
+    lowest: Vector3 = field(default=(-0.802, -1.05, -2.7), metadata={"figure": _STOPS})
+    highest: Vector3 = field(default=(0.802, 4.19, -0.916), metadata={"figure": _STOPS})
+    legs: leg.Legs = field(
+        default=leg.A1,
+        metadata={"figure": Figure("m", "the A1's URDF", "the height is off by the same amount")},
+    )
+    margin: float = _level(
+        0.087,
+        "rad",
+        "PositionProtect of SDK; standing and walking joints keep it",
+        "crouched walks end as faults",
+    )
+    torque: float = _level(
+        33.5, "N·m", "the A1's URDF; ZZ stops beyond it, WP beyond 35.5", "overloaded gears go unnoticed"
+    )
+    torque_rounds: int = _level(
+        3, "rounds", "one reading may be wrong, and an impact lasts one", "an overload lasts 6 ms longer"
+    )
+    strain: float = _level(
+        20.0, "N·m", "a motor held at 24.5 N·m failed at 48 °C (SDK issue 54)", "no warning"
+    )
+    strain_time: int = _level(
+        SECOND, "ns", "a step of the trot takes 0.2 s", "the warning comes a second later"
+    )
+    power_level: int = _level(
+        5,
+        "1 to 10",
+        "PowerProtect of SDK: 1 for the new, 5 usual, 8 to 10 for walking fast",
+        "1000 W are allowed",
+    )
+    power_rounds: int = _level(
+        6,
+        "rounds",
+        "PowerProtect of SDK ends its process at the sixth round",
+        "an overload lasts 12 ms longer",
+    )
+    hot: float = _level(
+        60.0, "°C", "motors of an A1 stop themselves within minutes (WP warns at 50)", "a limp leg"
+    )
+    warm: float = _level(
+        50.0, "°C", "WP warns there; no test begins above it", "heat ends tests, and they are lost"
+    )
+    tilt: float = _level(
+        0.5, "rad", "FE stops at 0.555; a specification's fall is 0.7", "falls end in an impact"
+    )
+    height: float = _level(
+        0.18, "m", "FE uses it, too; a specification's fall is 0.16", "a stand of 0.28 m counts as a fall"
+    )
+    deviation: float = _level(
+        0.5,
+        "rad",
+        "a pose out of reach burnt a motor (locomotion_simulation issue 7)",
+        "the position gain commands 2 × 40 N·m",
+    )
+    still: float = _level(0.05, "rad/s", "a robot that walks by itself moves faster", "a slow walk is armed")
+    still_time: int = _level(
+        SECOND // 2,
+        "ns",
+        "a period of the trot is 0.4 s, and the encoders' noise is 1 mrad",
+        "arming takes 0.5 s more",
+    )
+    bridged: int = _level(
+        10 * MS,
+        "ns",
+        "ZZ; gaps on loopback are 7 ms at most (benchmarks/a1/gaps.py)",
+        "torque acts on old states",
+    )
+    silence: int = _level(
+        20 * MS, "ns", "ZZ: 20 to 50 ms; the robot's own limit is 30 ms", "the robot's own rule acts first"
+    )
+    absence: int = _level(
+        SECOND,
+        "ns",
+        "only in states without motion; changing a battery takes longer",
+        "a robot that was switched off and on stays armed",
+    )
+    dropped: int = _level(5, "packets", "five rounds are 10 ms", "torque acts on old states")
+    kp: float = _level(100.0, "N·m/rad", "the stiffest stand published (FE, WP)", "joints ring")
+    kd: float = _level(10.0, "N·m·s/rad", "the guide's stand has 7", "joints ring")
+    speed: float = _level(21.0, "rad/s", "the A1's URDF", "kd alone commands 200 N·m")
+    wild_speed: float = _level(
+        42.0, "rad/s", "twice the joints' largest speed", "a broken encoder acts for longer"
+    )
+    wild_angle: float = _level(
+        0.5,
+        "rad",
+        "beyond a joint's stop; a calf rests 0.1 beyond (SDK issue 131)",
+        "a broken encoder acts for longer",
+    )
+    wild_turn: float = _level(
+        35.0, "rad/s", "range of gyros of this kind, 2000 °/s", "a broken IMU acts for longer"
+    )
+    norm: float = _level(0.05, "1", "an attitude's quaternion has the norm 1", "a broken IMU acts for longer")
 
     @cached_property
     def span(self) -> tuple[FloatArray, FloatArray]:
@@ -228,309 +199,3 @@ class Limits:
 
 LIMITS = Limits()
 """Limits of the A1."""
-
-_ALL_CLOSED = np.full(MOTORS, CLOSED_LOOP, dtype=np.int64).tobytes()
-_NO_ERROR = np.zeros(MOTORS, dtype=np.int64).tobytes()
-
-
-class CheckedQuantities(NamedTuple):
-    """The quantities that the checks judge.
-
-    Attributes:
-        reading: newest valid reading.
-        desired: (12,) reference angles of the guard's own motion [rad]; None during a client's motion.
-        link: time since the newest valid reading [ns].
-        bad: number of impossible readings in a row.
-        client: time since the client's newest commands [ns]; 0 if none are due.
-        late: time between the last two rounds of the guard [ns].
-        power: the count of :func:`power_count`.
-        strong: (12,) number of readings in a row above the torque limit.
-        strained: (12,) number of rounds in a row above the torque of a warning.
-    """
-
-    reading: Reading
-    desired: FloatArray | None
-    link: int
-    bad: int
-    client: int
-    late: int
-    power: int
-    strong: IntArray
-    strained: IntArray
-
-
-class LimitCheck(NamedTuple):
-    """One limit.
-
-    Attributes:
-        name: name in the table of limits.
-        word: cause of the end of a rollout that it stops.
-        find: returns the reason for a stop, or None.
-        measures: whether it judges the reading; such a check waits in a round without one.
-        covered: whether it passes every reading that is :func:`is_calm`.
-    """
-
-    name: str
-    word: Word
-    find: Callable[[Limits, CheckedQuantities], str | None]
-    measures: bool = True
-    covered: bool = False
-
-
-def is_calm(limits: Limits, reading: Reading) -> bool:
-    """Return whether a reading is possible, and so far from every limit that it passes all covered checks.
-
-    Nearly all readings of a walk are calm, so one test replaces six checks.
-    """
-    numbers: Iterator[list[float]] = (field.tolist() for field in reading[:7])
-    (w, x, y, z), gyro, force, q, dq, tau, temperature = numbers
-    if not isfinite(w + x + y + z + sum((*gyro, *force, *q, *dq, *tau, *temperature))):
-        return False
-    for place, (low, high) in enumerate(zip(limits.lowest, limits.highest, strict=True)):
-        angles = q[place::3]
-        if min(angles) < low + limits.margin or max(angles) > high - limits.margin:
-            return False
-    return (
-        abs(w * w + x * x + y * y + z * z - 1.0) <= 2.0 * limits.norm
-        and max(abs(x), abs(y)) <= limits.lean
-        and max(map(abs, gyro)) <= limits.wild_turn
-        and max(map(abs, dq)) <= limits.wild_speed
-        and max(map(abs, tau)) <= min(limits.strain, limits.torque)
-        and max(temperature) < min(limits.warm, limits.hot)
-    )
-
-
-def impossibility(limits: Limits, reading: Reading) -> str | None:
-    """Return the reason why a reading is impossible for an intact robot, or None; NaN is impossible."""
-    w, x, y, z = reading.quaternion.tolist()
-    norm = w * w + x * x + y * y + z * z
-    if not abs(norm - 1.0) <= 2.0 * limits.norm:
-        return f"the attitude's quaternion has the norm {norm**0.5:.3g}, not 1"
-    gyro, force = reading.gyro.tolist(), reading.accelerometer.tolist()
-    if not max(map(abs, gyro)) <= limits.wild_turn or not isfinite(sum(gyro)):
-        return f"the gyroscope reports {max(map(abs, gyro)):.3g} rad/s, which is beyond its range"
-    if not isfinite(sum(force)):
-        return "the accelerometer reports a number that is not finite"
-    middle, inverse = limits.possible
-    off = np.abs((reading.q - middle) * inverse)
-    if not off.max() <= 1.0:
-        joint = _worst_joint(off)
-        return f"the encoder of the {JOINTS[joint]} reports {reading.q[joint]:.3g} rad, an impossible angle"
-    if not np.abs(reading.dq).max() <= limits.wild_speed:
-        joint = _worst_joint(np.abs(reading.dq))
-        return (
-            f"the encoder of the {JOINTS[joint]} reports {reading.dq[joint]:.3g} rad/s, an impossible speed"
-        )
-    return None
-
-
-def power(reading: Reading) -> float:
-    """Return Σ |dq · tau| of all motors [W], as in the vendor's protection."""
-    watts: list[float] = list(map(mul, reading.dq.tolist(), reading.tau.tolist()))
-    return sum(map(abs, watts))
-
-
-def power_count(limits: Limits, count: int, watts: float) -> int:
-    """Return the vendor's count of power after one more reading: up by one above the level's power, else down by one.
-
-    Source: observed behaviour of ``Safety.PowerProtect`` in the vendor's compiled library: levels 1 to 10 are 100 to
-    1000 W, and other levels are the nearest of these.
-    """
-    return count + 1 if watts > limits.watts else max(count - 1, 0)
-
-
-def is_allowed(limits: Limits, command: MotorPacket) -> bool:
-    """Return whether a client's command may be passed on unchanged: :func:`clip` would change nothing in it."""
-    q = command.q
-    for place, (low, high) in enumerate(zip(limits.lowest, limits.highest, strict=True)):
-        angles = q[place::3]
-        if min(angles) < low or max(angles) > high:
-            return False
-    return (
-        max(map(abs, command.dq)) <= limits.speed
-        and max(map(abs, command.tau)) <= limits.torque * TAU
-        and min(command.kp) >= 0
-        and max(command.kp) <= limits.kp * KP
-        and min(command.kd) >= 0
-        and max(command.kd) <= limits.kd * KD
-        and command.plain()
-    )
-
-
-def clip(limits: Limits, orders: Orders) -> tuple[Orders, int] | None:
-    """Return a client's commands within the limits, and the number of clipped values.
-
-    None if a number is not finite or a gain is negative. A speed beyond the joint's limit switches the speed loop off:
-    the motor's kd is 0, as with the vendor's ``VelStopF``.
-    """
-    flat = np.concatenate(orders)
-    least, most = limits.ordered
-    if ((flat >= least) & (flat <= most)).all():  # as nearly always, in a third of the time
-        return orders, 0
-    if not np.isfinite(flat).all() or orders.kp.min() < 0.0 or orders.kd.min() < 0.0:
-        return None
-    low, high = limits.span
-    fast = np.abs(orders.dq) > limits.speed
-    within = Orders(
-        q=np.clip(orders.q, low, high),
-        dq=np.where(fast, 0.0, orders.dq),
-        kp=np.minimum(orders.kp, limits.kp),
-        kd=np.where(fast, 0.0, np.minimum(orders.kd, limits.kd)),
-        tau=np.clip(orders.tau, -limits.torque, limits.torque),
-    )
-    # With a gain of 0 the angle or speed has no effect, and programs may leave any number there.
-    beyond = (
-        (within.q != orders.q) & (orders.kp > 0.0),
-        within.kp != orders.kp,
-        within.kd != orders.kd,
-        within.tau != orders.tau,
-    )
-    return within, int(np.count_nonzero(beyond))
-
-
-def _worst_joint(values: FloatArray) -> int:
-    """Return the index of the largest value; NaN counts as the largest."""
-    return int(np.argmax(values))
-
-
-def _link(limits: Limits, checked: CheckedQuantities) -> str | None:
-    if checked.link >= limits.silence:
-        return f"the robot has sent no new state for {checked.link / MS:.0f} ms"
-    return None
-
-
-def _absent(limits: Limits, checked: CheckedQuantities) -> str | None:
-    if checked.link >= limits.absence:
-        return f"the robot has sent no new state for {checked.link / SECOND:.1f} s"
-    return None
-
-
-def _numbers(limits: Limits, checked: CheckedQuantities) -> str | None:
-    return "two states in a row had impossible numbers" if checked.bad >= 2 else None
-
-
-def _client(limits: Limits, checked: CheckedQuantities) -> str | None:
-    if checked.client >= limits.silence:
-        return f"the program that moves the robot has sent no valid command for {checked.client / MS:.0f} ms"
-    return None
-
-
-def _guard_delay(limits: Limits, checked: CheckedQuantities) -> str | None:
-    if checked.late >= limits.silence:
-        return f"the guard itself was delayed by {checked.late / MS:.0f} ms; run no other programs on its machine"
-    return None
-
-
-def _button(limits: Limits, checked: CheckedQuantities) -> str | None:
-    pressed = remote.stop(checked.reading.remote)
-    return f"{pressed} was pressed on the remote control" if pressed else None
-
-
-def _motor(limits: Limits, checked: CheckedQuantities) -> str | None:
-    mode, error = checked.reading.mode, checked.reading.error
-    # Bytes compare in a tenth of the time that arrays take.
-    if mode.tobytes() != _ALL_CLOSED:
-        joint = int(np.argmax(mode != CLOSED_LOOP))
-        return f"the motor of the {JOINTS[joint]} is in mode {mode[joint]}, not {CLOSED_LOOP}, and follows no commands"
-    if error.tobytes() != _NO_ERROR:
-        joint = int(np.argmax(error != 0))
-        return f"the motor of the {JOINTS[joint]} reports error {error[joint]}"
-    return None
-
-
-def _heat(limits: Limits, checked: CheckedQuantities) -> str | None:
-    return _too_hot(limits.hot, checked.reading.temperature)
-
-
-def _warmth(limits: Limits, checked: CheckedQuantities) -> str | None:
-    return _too_hot(limits.warm, checked.reading.temperature)
-
-
-def _too_hot(limit: float, temperature: FloatArray) -> str | None:
-    if temperature.max() < limit:
-        return None
-    joint = int(np.argmax(temperature))
-    return f"the motor of the {JOINTS[joint]} is at {temperature[joint]:.0f} °C; the limit is {limit:.0f} °C"
-
-
-def _torque(limits: Limits, checked: CheckedQuantities) -> str | None:
-    if checked.strong.max() < limits.torque_rounds:
-        return None
-    joint = int(np.argmax(checked.strong))
-    return (
-        f"the torque of the {JOINTS[joint]} is {checked.reading.tau[joint]:.1f} N·m, beyond ±{limits.torque:g} N·m, "
-        f"in {limits.torque_rounds} states in a row"
-    )
-
-
-def _strain(limits: Limits, checked: CheckedQuantities) -> str | None:
-    if checked.strained.max() * ROUND < limits.strain_time:
-        return None
-    joint = int(np.argmax(checked.strained))
-    return f"the torque of the {JOINTS[joint]} has exceeded {limits.strain:g} N·m for {limits.strain_time / SECOND:g} s"
-
-
-def _power(limits: Limits, checked: CheckedQuantities) -> str | None:
-    if checked.power < limits.power_rounds:
-        return None
-    watts = power(checked.reading)
-    return f"the motors take {watts:.0f} W; level {limits.power_level} of 10 allows {limits.watts:.0f} W"
-
-
-def _joints(limits: Limits, checked: CheckedQuantities) -> str | None:
-    q = checked.reading.q
-    middle, inverse = limits.kept
-    off = np.abs((q - middle) * inverse)
-    if off.max() <= 1.0:
-        return None
-    joint = _worst_joint(off)
-    bound = (limits.lowest if q[joint] < middle[joint] else limits.highest)[joint % 3]
-    return f"the {JOINTS[joint]} is at {q[joint]:.2f} rad, within {limits.margin:g} rad of its limit of {bound:.2f} rad"
-
-
-def _deviation(limits: Limits, checked: CheckedQuantities) -> str | None:
-    if checked.desired is None:
-        return None
-    off = np.abs(checked.reading.q - checked.desired)
-    if off.max() <= limits.deviation:
-        return None
-    joint = _worst_joint(off)
-    return (
-        f"the {JOINTS[joint]} is {off[joint]:.2f} rad from where it should be; "
-        "check what holds it, and whether its motor is weak"
-    )
-
-
-def _tilt(limits: Limits, checked: CheckedQuantities) -> str | None:
-    _, x, y, _ = checked.reading.quaternion.tolist()
-    upright = 1.0 - 2.0 * (x * x + y * y)
-    if upright >= limits.upright:
-        return None
-    return f"the base is tilted by {acos(max(upright, -1.0)):.2f} rad; the limit is {limits.tilt:g} rad"
-
-
-def _height(limits: Limits, checked: CheckedQuantities) -> str | None:
-    highest = -inf
-    for height in leg.heights(limits.legs, checked.reading.q.tolist(), checked.reading.quaternion.tolist()):
-        if height >= limits.height:  # mostly the first foot, and one is enough
-            return None
-        highest = max(highest, height)
-    return f"the base is {highest:.2f} m over the lowest foot; the limit is {limits.height:g} m"
-
-
-LINK = LimitCheck("link", "link", _link, measures=False)
-ABSENT = LimitCheck("absence", "link", _absent, measures=False)
-NUMBERS = LimitCheck("numbers", "link", _numbers, measures=False)
-CLIENT = LimitCheck("client", "client", _client, measures=False)
-HELD_UP = LimitCheck("guard", "link", _guard_delay, measures=False)
-BUTTON = LimitCheck("button", "operator", _button)
-MOTOR = LimitCheck("motor", "motor", _motor)
-HEAT = LimitCheck("heat", "heat", _heat, covered=True)
-WARMTH = LimitCheck("warmth", "heat", _warmth, covered=True)
-TORQUE = LimitCheck("torque", "torque", _torque, covered=True)
-STRAIN = LimitCheck("strain", "torque", _strain, covered=True)
-POWER = LimitCheck("power", "power", _power)
-JOINT = LimitCheck("joint", "joint", _joints, covered=True)
-DEVIATION = LimitCheck("deviation", "joint", _deviation)
-TILT = LimitCheck("tilt", "fall", _tilt, covered=True)
-HEIGHT = LimitCheck("height", "fall", _height)

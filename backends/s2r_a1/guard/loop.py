@@ -13,21 +13,22 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import select
-import socket as socketlib
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import partial
-from typing import Any, NamedTuple
+from math import inf
+from typing import Any
 
-from s2r_a1.datagrams import Address, LinkError, Socket, is_loopback, open_socket
-from s2r_a1.guard import moves, states
-from s2r_a1.guard.control import Listener, Party, RefusedError, Request
+from s2r_a1 import datagrams
+from s2r_a1.datagrams import Address, LinkError, RealTimeSocket, is_free, is_loopback
+from s2r_a1.guard import moves, transitions
+from s2r_a1.guard.client_session import ClientSession
+from s2r_a1.guard.control import Listener, Party
 from s2r_a1.guard.limits import LIMITS, ROUND, SECOND
 from s2r_a1.guard.place import RobotAddress
-from s2r_a1.guard.states import RULES, Arrival, Conditions, Inputs, Machine, State
-from s2r_a1.link import Link, RobotSide, UdpLink
+from s2r_a1.guard.serving import Answer, RequestServer
+from s2r_a1.guard.states import RULES, Arrival, Inputs, Machine, State
+from s2r_a1.guard.step import judge_arrival, merge, step
+from s2r_a1.guard.transitions import Conditions
+from s2r_a1.link import Link, UdpLink
 from s2r_a1.rawlog import RawLogError, RawLogWriter
 from s2r_a1.wire import LAYOUTS, MotorPacket, Orders
 
@@ -36,64 +37,30 @@ SINKING = {State.DAMPING: 3 * SECOND, State.RESTING: SECOND}
 LOOKED = 0.2
 """A budget [s]: interval at which an idle guard checks whether it must end."""
 UNANSWERED = 1.0
-"""A budget [s]: wait in lock step for a client that may no longer move the robot. A stopped client would delay the
-damping of the robot."""
+"""A budget [s]: wait in lock step for a client that may no longer move the robot, since it would delay damping."""
 GREETED = 10.0
 """A budget [s]: extra time that a new guard waits for the program that started it."""
 MUTE = 3.0
 """A budget [s]: time for the first answer of a twin in lock step."""
 RENEWED = 500
 """A budget [rounds]: interval between two checks of the control socket; each takes 10 µs."""
-POLLED = 0.005
-"""A budget [s]: interval between two checks of a request that waits for the disk."""
 
 AT_REST = frozenset({State.OFF, State.LINKED, State.ARMED, State.RESTING})
 """A definition: states in which the robot lies or hangs without support of its motors, so a guard may end."""
 
 
-class Deferred(NamedTuple):
-    """A request with a later reply.
-
-    Attributes:
-        party: connection that waits for the reply.
-        poll: returns the reply, or None while it must wait; raises RefusedError.
-        rounds: whether it waits for rounds (True) or for the disk (False).
-    """
-
-    party: Party
-    poll: Callable[[], dict[str, Any] | None]
-    rounds: bool
-
-
-@dataclass
-class ClientSession:
-    """The program that moves the robot: its control connection and its packet connection."""
-
-    party: Party
-    address: Address
-    socket: Socket
-    side: RobotSide
-
-
-Answer = Callable[["Guard", Party, Request], dict[str, Any] | Deferred]
-
-
 class Guard:
-    """The guard of one robot.
+    """The guard of one robot, with a machine whose state is a value.
 
     Attributes:
-        robot: address and settings of the robot.
-        machine: complete state of the state machine, a value.
         link: link to the robot; None before the first consent.
         client: program that moves the robot; None if there is none.
         log: current recording; None if there is none.
-        rounds: number of rounds so far.
         late: number of rounds that began more than one round late.
         event: last published event.
         packet: packet of the last valid state.
         ending: whether the guard ends as soon as the robot lies.
         terminated: set by the signal handler, and handled in the next wait.
-        answer: returns the reply to a request, now or later; raises RefusedError.
     """
 
     def __init__(self, robot: RobotAddress, listener: Listener, answer: Answer, idle: float = 60.0) -> None:
@@ -102,30 +69,25 @@ class Guard:
         self.limits = LIMITS
         self.lockstep = robot.clock == "lockstep"
         self.loopback = is_loopback(robot.host)
-        self.listener = listener
+        self.listener, self.answer = listener, answer
         self.machine = Machine()
         self.link: Link | None = None
         self.client: ClientSession | None = None
         self.log: RawLogWriter | None = None
-        self.rounds = 0
-        self.late = 0
+        self.rounds = self.late = 0
         self.event: dict[str, Any] | None = None
         self.packet = b""
-        self.ending = False
-        self.terminated = False
-        self.answer = answer
-        self._socket: Socket | None = None
-        self._pending: list[Deferred] = []
+        self.ending = self.terminated = False
+        self._requests = RequestServer(self, listener)
+        self._socket: RealTimeSocket | None = None
         self._idle = idle
         self._orders: Orders | MotorPacket | None = None
         self._due = 0
         self._alone = time.monotonic() + GREETED
 
-    # Methods for requests.
-
     @property
     def now(self) -> int:
-        """The time of this round [ns]; in lock step it counts rounds."""
+        """Time of this round [ns]; in lock step it counts rounds."""
         return self.rounds * ROUND if self.lockstep else time.monotonic_ns()
 
     def become(self, machine: Machine) -> None:
@@ -142,11 +104,9 @@ class Guard:
         wanted = machine.wanted
         if wanted and wanted != before.wanted and RULES[machine.state].client:
             self._publish("wanted", state=wanted.state, word=wanted.word, reason=wanted.reason)
-        if machine.warnings and machine.warnings != before.warnings:
-            old = {name for name, _ in before.warnings}
-            for name, sentence in machine.warnings:
-                if name not in old:
-                    self._publish("warning", reason=sentence)
+        for name, sentence in machine.warnings:
+            if name not in dict(before.warnings):
+                self._publish("warning", reason=sentence)
 
     def connect(self) -> None:
         """Open the link to the robot.
@@ -155,16 +115,16 @@ class Guard:
             LinkError: the local port is in use, no network leads to the robot, or the vendor's module is not valid.
         """
         if self.link is None:
-            self.link = self._opened()
+            self.link = self._open_link()
             self.link.tap = self._record
-        self.become(states.connect(self.machine, self.now))
+        self.become(transitions.connect(self.machine, self.now))
         self._orders, self._due = RULES[self.machine.state].orders(self.machine, self.now, self.limits), 0
 
-    def _opened(self) -> Link:
+    def _open_link(self) -> Link:
         robot = self.robot
         peer = (robot.host, robot.port)
         if not robot.module:
-            self._socket = open_socket(peer, lockstep=self.lockstep, port=robot.local)
+            self._socket = datagrams.open_socket(peer, lockstep=self.lockstep, port=robot.local)
             return UdpLink(self._socket, self.layout)
         if self.lockstep:
             raise LinkError("the vendor's module runs only in real time; leave out module or clock=lockstep")
@@ -174,12 +134,12 @@ class Guard:
 
     def disconnect(self) -> None:
         """Close the link to a robot that does not answer."""
-        self.become(states.disconnect(self.machine, self.now))
+        self.become(transitions.disconnect(self.machine, self.now))
         self._close_link()
 
     def reset(self) -> None:
-        """Reset after the operator's statement that a damped robot lies."""
-        self.become(states.reset(self.machine, self.now))
+        """Take the operator's word that a damped robot lies."""
+        self.become(transitions.reset(self.machine, self.now))
         if self._socket and self._socket.gone:
             self._close_link()
             self.connect()
@@ -193,15 +153,9 @@ class Guard:
         return Conditions(self.link.unit is not None, self.link.refusal, self.loopback)
 
     def attach(self, party: Party, port: int) -> int:
-        """Make a party the client, and return the guard's UDP port for it.
-
-        Raises:
-            LinkError: its port cannot be reached.
-        """
-        address = ("127.0.0.1", port)
-        socket = open_socket(address, lockstep=self.lockstep)
-        self.client = ClientSession(party, address, socket, RobotSide(socket, self.layout))
-        return socket.port
+        """Make a party the client, and return the guard's UDP port for it; raise LinkError if it is out of reach."""
+        self.client = ClientSession(party, port, self.layout, self.lockstep)
+        return self.client.socket.port
 
     @property
     def attended(self) -> bool:
@@ -216,12 +170,11 @@ class Guard:
         """
         if self.client and self.client.party is party:
             self.release()
-            self.become(states.leave(self.machine, self.now))
+            self.become(transitions.leave(self.machine, self.now))
         elif self.client and party.role == "operator" and not self.attended:
-            self.become(states.leave(self.machine, self.now, "operator"))
+            self.become(transitions.leave(self.machine, self.now, "operator"))
         elif not self.client and not self.listener.parties:
-            reason = "no program is attached to the guard"
-            self.become(states.stop(self.machine, True, "operator", reason))
+            self._lie("no program is attached to the guard")
 
     def release(self) -> None:
         """Remove the client; the robot's state does not change."""
@@ -232,7 +185,7 @@ class Guard:
     def forget_orders(self) -> None:
         """Discard the client's earlier commands at the beginning of a new motion."""
         if self.client and not self.lockstep:
-            self.client.side.receive()
+            self.client.socket.receive()
 
     def record(self, path: str, header: dict[str, Any]) -> RawLogWriter:
         """Begin a recording of all packets from and to the robot; finish the current one."""
@@ -247,8 +200,6 @@ class Guard:
         if log:
             log.finish()
         return log
-
-    # The loop.
 
     def run(self) -> None:
         """Run rounds and serve requests until the guard ends."""
@@ -265,7 +216,7 @@ class Guard:
             self.close()
 
     def _give_up(self) -> None:
-        """Damp the robot until it lies, after an unexpected error of the guard itself."""
+        """Damp the robot until it lies."""
         if self.link is None or self.machine.state in (State.OFF, State.LINKED):
             return
         for _ in range(SINKING[State.DAMPING] // ROUND):
@@ -277,10 +228,11 @@ class Guard:
 
     def turn(self) -> None:
         """Run one round, or serve requests for a while if no rounds go on."""
-        if self._turning():
+        waited_for = any(waits.rounds for waits in self._requests.pending)
+        if self.link and (not self.lockstep or self.client or waited_for or self.moving()):
             self._round()
         else:
-            self._serve(self._ready([], LOOKED))
+            self._serve(self._requests.ready([], LOOKED))
             self.listener.renew()
 
     def close(self) -> None:
@@ -289,41 +241,28 @@ class Guard:
         if log:
             with contextlib.suppress(RawLogError):  # all complete blocks that fit are on the disk
                 log.close(10.0)
-        if self.client:
-            self.client.socket.close()
-            self.client = None
+        self.release()
         self._close_link()
         self.listener.close()
 
     def stop(self, reason: str) -> None:
         """Make a standing robot lie down, and then end."""
         self.ending = True
-        self.become(states.stop(self.machine, True, "operator", reason))
+        self._lie(reason)
+
+    def _lie(self, reason: str) -> None:
+        self.become(transitions.stop(self.machine, True, "operator", reason))
 
     def _ended(self) -> bool:
-        """Return whether the guard may end now."""
         machine = self.machine
         if self.ending and machine.state in (*AT_REST, State.DAMPING) and not self._sinking():
             return True
-        if self.listener.parties or not (machine.state in AT_REST or self._orphaned()):
+        # A damped twin may have ended; a real robot stays damped until an operator resets it.
+        damped = machine.state is State.DAMPING and not self._sinking()
+        twin = (self.robot.host, self.robot.port) if damped and self.loopback else None
+        if self.listener.parties or not (machine.state in AT_REST or (twin and is_free(twin))):
             self._alone = time.monotonic()
         return time.monotonic() - self._alone >= self._idle
-
-    def _orphaned(self) -> bool:
-        """Return whether the robot was a damped twin that has ended.
-
-        A real robot stays damped until an operator resets it.
-        """
-        damped = self.machine.state is State.DAMPING and not self._sinking()
-        return damped and self.loopback and is_free((self.robot.host, self.robot.port))
-
-    def _turning(self) -> bool:
-        """Return whether rounds go on."""
-        if self.link is None:
-            return False
-        if not self.lockstep or self.client or any(waits.rounds for waits in self._pending):
-            return True
-        return self.moving()
 
     def moving(self) -> bool:
         """Return whether the robot moves without a client; rounds must then go on."""
@@ -331,7 +270,6 @@ class Guard:
         return RULES[machine.state].moves or machine.wanted is not None or self._sinking()
 
     def _sinking(self) -> bool:
-        """Return whether a damped robot may still be sinking."""
         return self.now - self.machine.since < SINKING.get(self.machine.state, 0)
 
     def _round(self) -> None:
@@ -339,68 +277,68 @@ class Guard:
         self.rounds += 1
         if self.rounds % RENEWED == 0:
             self.listener.renew()
-        step = states.step(self.machine, brought._replace(now=self.now), self.limits)
-        self._orders = step.orders
-        self.become(step.machine)
+        machine, self._orders = step(self.machine, brought._replace(now=self.now), self.limits)
+        self.become(machine)
         if not self.lockstep:
             self._send()
         if self.log:
             self._look_at_log(self.log)
-        if self._pending:
-            self._answer_later(rounds=True)
+        self._requests.answer_later(rounds=True)
 
     def _send(self) -> None:
         if self.link and self._orders:
             self.link.write(self._orders)
 
     def _real_time(self) -> Inputs:
-        """Wait until the round is due; return its inputs."""
         now = time.monotonic_ns()
         if not self._due or now - self._due > 2 * ROUND:
             self.late += self._due > 0
             self._due = now
         self._due += ROUND
-        link = self.link
+        link, arrival = self.link, Arrival()
         assert link is not None
-        arrival = Arrival()
         watched = link.fileno()
         while True:
             left = self._due - time.monotonic_ns()
-            ready = self._ready([] if watched is None else [watched], max(left, 0) / SECOND)
+            ready = self._requests.ready([] if watched is None else [watched], max(left, 0) / SECOND)
             is_due = left <= 0 or (not ready and time.monotonic_ns() >= self._due)
             if watched in ready or (watched is None and is_due):
-                arrival = _merge(arrival, self._read(link))
+                arrival = merge(arrival, self._read(link))
             self._serve(ready)
             if is_due:
                 return self._ordered(self.client, arrival)
+
+    def _serve(self, ready: set[int]) -> None:
+        self._requests.serve(ready)
+        if self.terminated and not self.ending:
+            self.stop("the guard was asked to end")
 
     def _lock_step(self) -> Inputs:
         """Send the command, wait for the robot's datagram, pass it on, and wait for the client's."""
         self._send()
         link, socket = self.link, self._socket
-        assert link is not None
-        assert socket is not None
+        assert link
+        assert socket
         # A peer that never answers uses another protocol; for one that has answered there is no time limit.
-        peer = (self.robot.host, self.robot.port)
-        self._await(socket, peer, None if link.counters.received else MUTE)
+        self._await(socket, (self.robot.host, self.robot.port), inf if link.counters.received else MUTE)
         arrival = self._read(link)
         client = self.client
         if client:
             if arrival.reading is None:
-                client.side.skip()
+                client.send(b"")
             self._await(client.socket, client.address, client=client)
         return self._ordered(client if client is self.client else None, arrival)
 
     def _await(
-        self, socket: Socket, peer: Address, seconds: float | None = None, client: ClientSession | None = None
+        self, socket: RealTimeSocket, peer: Address, seconds: float = inf, client: ClientSession | None = None
     ) -> None:
         """Serve requests until a datagram arrives at a socket.
 
-        Without one the peer counts as gone if its port is free, or after ``seconds`` if that is given.
+        Without one the peer counts as gone if its port is free, or after ``seconds``.
         """
         began = time.monotonic()
         while not socket.gone and (client is None or self.client is client):
-            ready = self._ready([socket.fileno()], LOOKED)
+            ready = self._requests.ready([socket.fileno()], LOOKED)
             self._serve(ready)
             if socket.fileno() in ready:
                 return
@@ -408,29 +346,21 @@ class Guard:
             if client and client.party.spent and silent >= UNANSWERED:
                 self.release()
                 return
-            socket.gone = (seconds is not None and silent >= seconds) or (silent >= LOOKED and is_free(peer))
+            socket.gone = silent >= seconds or (silent >= LOOKED and is_free(peer))
 
     def _read(self, link: Link) -> Arrival:
         """Return the arrived states; pass a valid one on to the client."""
-        arrival = states.judge_arrival(self.limits, link.read(), link.fault)
+        arrival = judge_arrival(self.limits, link.read(), link.fault)
         if arrival.reading is not None:
             self.packet = link.packet
             if self.client:
-                self.client.side.send(link.packet)
+                self.client.send(link.packet)
         return arrival
 
     def _ordered(self, client: ClientSession | None, arrival: Arrival) -> Inputs:
-        """Return the inputs of a round, with the client's newest commands."""
-        inputs = Inputs(0, arrival)
         if client is None:
-            return inputs
-        if not RULES[self.machine.state].client or client.party.spent:
-            client.socket.receive()  # discarded without decoding
-            return inputs
-        counters = client.side.counters
-        before = counters.corrupt + counters.numbers
-        orders = client.side.receive()
-        return inputs._replace(orders=orders, dropped=counters.corrupt + counters.numbers - before)
+            return Inputs(0, arrival)
+        return Inputs(0, arrival, *client.orders(RULES[self.machine.state].client))
 
     def _record(self, direction: int, data: bytes) -> None:
         if self.log:
@@ -439,57 +369,9 @@ class Guard:
     def _look_at_log(self, log: RawLogWriter) -> None:
         """Make the robot lie down if the disk fails, and end the recording of a client that has left."""
         if log.failure and not self.machine.wanted:
-            self.become(states.stop(self.machine, True, "disk", log.failure, now_=True))
+            self.become(transitions.stop(self.machine, True, "disk", log.failure, at_once=True))
         if self.client is None and not self.moving() and not RULES[self.machine.state].stands:
             self.finish_recording()
-
-    # Requests.
-
-    def _ready(self, files: list[int], seconds: float) -> set[int]:
-        """Return the descriptors that can be read, after at most this time [s]."""
-        if self._pending:
-            seconds = min(seconds, POLLED)
-        return set(select.select([*files, *self.listener.filenos()], [], [], seconds)[0])
-
-    def _serve(self, ready: set[int]) -> None:
-        """Answer new requests, and waiting ones whose reply is ready."""
-        if ready:
-            for party, request in self.listener.take(ready):
-                self._reply(party, partial(self._answered, party, request))
-            for party in self.listener.parties:
-                party.flush()
-            for party in self.listener.ended():
-                self.leave(party)
-        if self._pending:
-            self._answer_later(rounds=False)
-        if self.terminated and not self.ending:
-            self.stop("the guard was asked to end")
-
-    def _answer_later(self, rounds: bool) -> None:
-        """Answer requests that waited for rounds, or for the disk, if their reply is ready."""
-        waiting, self._pending = self._pending, []
-        for deferred in waiting:
-            if deferred.rounds is not rounds:
-                self._pending.append(deferred)
-            elif deferred.party.open:
-                self._reply(deferred.party, partial(_poll, deferred))
-
-    def _answered(self, party: Party, request: Request | str) -> dict[str, Any] | Deferred:
-        if isinstance(request, str):
-            raise RefusedError(request)
-        return self.answer(self, party, request)
-
-    def _reply(self, party: Party, answered: Callable[[], dict[str, Any] | Deferred]) -> None:
-        """Send the reply to a request, or keep the request for later."""
-        try:
-            reply = answered()
-        except (RefusedError, LinkError) as error:
-            party.send({"ok": False, "error": str(error), "state": self.machine.state})
-            return
-        if isinstance(reply, Deferred):
-            self._pending.append(reply)
-        else:
-            party.send({"ok": True, "state": self.machine.state, **reply})
 
     def _publish(self, event: str, **fields: Any) -> None:
         self.event = {"event": event, **fields, "round": self.rounds}
@@ -501,28 +383,3 @@ class Guard:
         if self.link:
             self.link.close()
         self.link = self._socket = None
-
-
-def _merge(before: Arrival, after: Arrival) -> Arrival:
-    """Combine two reads of a round: the newest valid reading, or whether an impossible one arrived."""
-    if after.reading is not None:
-        return after
-    return before if before.reading is not None else after._replace(bad=before.bad or after.bad)
-
-
-def _poll(deferred: Deferred) -> dict[str, Any] | Deferred:
-    reply = deferred.poll()
-    return deferred if reply is None else reply
-
-
-def is_free(address: Address) -> bool:
-    """Return whether no process of this computer uses a UDP port.
-
-    This is the only sign of a process that was killed after it received a datagram.
-    """
-    with socketlib.socket(socketlib.AF_INET, socketlib.SOCK_DGRAM) as probe:
-        try:
-            probe.bind(address)
-        except OSError:
-            return False
-    return True

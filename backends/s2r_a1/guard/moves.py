@@ -12,12 +12,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_a1.guard import leg
-from s2r_a1.wire import MOTORS, Orders
-
-FloatArray = NDArray[np.float64]
+from s2r_a1.wire import MOTORS, FloatArray, Orders
 
 STAND_HEIGHT = 0.28
 """A definition [m]: height of the base in a stand, as in the walking controller of ``s2r_sim``."""

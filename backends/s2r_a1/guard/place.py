@@ -20,7 +20,8 @@ from s2r_spec.errors import BackendError, UsageError
 
 LONGEST = 100
 """A definition: characters of a socket's path; the kernel accepts 107, and refuses a longer path."""
-
+PORT = 8007
+"""A definition: the UDP port of an A1's motion controller."""
 
 Clock = Literal["real", "lockstep"]
 
@@ -39,7 +40,7 @@ class RobotAddress:
     """
 
     host: str
-    port: int = 8007
+    port: int = PORT
     layout: str = "a1"
     clock: Clock = "real"
     local: int = 0
@@ -48,13 +49,7 @@ class RobotAddress:
 
 @dataclass(frozen=True)
 class GuardFiles:
-    """The files of the guard of one robot.
-
-    Attributes:
-        lock: lock that the guard holds while it runs.
-        control: socket for requests.
-        words: standard error of the guard.
-    """
+    """The files of the guard of one robot: its lock, its socket for requests, and its standard error."""
 
     lock: Path
     control: Path
@@ -62,11 +57,7 @@ class GuardFiles:
 
 
 def folder() -> Path:
-    """Return the folder of the guards' files, which only its user can read; make it if needed.
-
-    Raises:
-        UsageError: the folder belongs to another user, or cannot be made.
-    """
+    """Return the user's private folder for the guards' files, or make it; raise UsageError if it cannot be used."""
     named = os.environ.get("S2R_A1_RUN")
     runtime = os.environ.get("XDG_RUNTIME_DIR")
     path = (
@@ -114,6 +105,14 @@ def hold(place: GuardFiles) -> int | None:
         os.close(held)
         return None
     return held
+
+
+def is_held(place: GuardFiles) -> bool:
+    """Return whether a guard holds the lock of a robot."""
+    lock = hold(place)
+    if lock is not None:
+        os.close(lock)
+    return lock is None
 
 
 def claim(place: GuardFiles) -> None:

@@ -10,13 +10,12 @@ import select
 import subprocess
 import sys
 import time
+from contextlib import ExitStack, closing
 from typing import Any
 
-from s2r_a1.guard.control import Connection, ControlError, RefusedError, Role
-from s2r_a1.guard.place import GuardFiles, RobotAddress, hold, place
+from s2r_a1.guard.control import Connection, ControlError, Role
+from s2r_a1.guard.place import GuardFiles, RobotAddress, is_held, place
 from s2r_spec.errors import BackendError, UsageError
-
-__all__ = ["RobotAddress", "attach", "start"]
 
 PATIENCE = 20.0
 """A budget [s]: time for a guard to start; it needs about 0.3 s on an idle machine."""
@@ -27,25 +26,21 @@ def attach(
 ) -> tuple[Connection, dict[str, Any]] | None:
     """Return a connection to the running guard of a robot, and its reply to hello; None if no guard runs.
 
-    Args:
-        robot: the robot.
-        role: role for the hello; None to request the status instead.
-        hello: further fields of the hello: ``port``, the client's UDP port.
+    Without a ``role`` for the hello the status is requested instead. A client's hello has its UDP ``port``.
 
     Raises:
         UsageError: the guard has another layout, module or clock.
         RefusedError: the guard refused the hello, because it has another client.
     """
-    files = place(robot.host, robot.port)
-    try:
-        connection = Connection(files.control)
-    except ControlError:
-        return None
-    try:
-        if role:
-            answer = connection.request("hello", role=role, pid=os.getpid(), **hello)
-        else:
-            answer = connection.request("status")
+    with ExitStack() as opened:
+        try:
+            connection = opened.enter_context(closing(Connection(place(robot.host, robot.port).control)))
+            if role:
+                answer = connection.request("hello", role=role, pid=os.getpid(), **hello)
+            else:
+                answer = connection.request("status")
+        except ControlError:  # no guard listens, or it ended at this moment
+            return None
         for name in ("layout", "clock", "module", *(("local",) if robot.local else ())):
             if answer[name] != getattr(robot, name):
                 raise UsageError(
@@ -53,58 +48,39 @@ def attach(
                     f"{name}={getattr(robot, name)}; end it with: python -m s2r_a1.guard stop --host {robot.host} "
                     f"--port {robot.port}"
                 )
-    except (UsageError, RefusedError):
-        connection.close()
-        raise
-    except ControlError:  # the guard ended at this moment
-        connection.close()
-        return None
+        opened.pop_all()
     return connection, answer
 
 
 def start(robot: RobotAddress, idle: float = 60.0) -> tuple[Connection, dict[str, Any]]:
     """Return an operator's connection to the guard of a robot, and its reply to hello; start a guard if none runs.
 
-    A start sends nothing to the robot; only the request ``connect`` does.
-
-    Args:
-        robot: the robot.
-        idle: time that a guard runs without connections while the robot lies [s].
+    A start sends nothing to the robot; only the request ``connect`` does. A guard ends after ``idle`` [s] without
+    connections while the robot lies.
 
     Raises:
         UsageError: a running guard has another layout, module or clock.
         BackendError: the guard cannot start; the message is its own.
     """
     end = time.monotonic() + PATIENCE
-    failure: str | None = None
     while time.monotonic() < end:
         if attached := attach(robot, "operator"):
             return attached
         files = place(robot.host, robot.port)
-        if not _is_locked(files):
-            failure = _begin(robot, files, idle)
-            if failure is not None:
-                raise BackendError(failure)
-        else:
+        if is_held(files):
             time.sleep(0.02)  # a guard is starting or ending
+        else:
+            _begin(robot, files, idle)
     raise BackendError(
         f"the guard of {robot.host}:{robot.port} does not answer; see {place(robot.host, robot.port).words}"
     )
 
 
-def _is_locked(files: GuardFiles) -> bool:
-    """Return whether a guard holds the robot's lock."""
-    lock = hold(files)
-    if lock is None:
-        return True
-    os.close(lock)
-    return False
+def _begin(robot: RobotAddress, files: GuardFiles, idle: float) -> None:
+    """Start a guard, and wait until it listens, or ends because another one started at the same time.
 
-
-def _begin(robot: RobotAddress, files: GuardFiles, idle: float) -> str | None:
-    """Start a guard, and wait until it listens or ends; return its message if it could not start.
-
-    If another guard started at the same time, return None; the caller attaches to that one.
+    Raises:
+        BackendError: it cannot start; the message is its own.
     """
     ready, theirs = os.pipe()
     command = [
@@ -112,8 +88,8 @@ def _begin(robot: RobotAddress, files: GuardFiles, idle: float) -> str | None:
         "--layout", robot.layout, "--clock", robot.clock, "--local", str(robot.local),
         "--module", robot.module, "--idle", str(idle), "--ready", str(theirs),
     ]  # fmt: skip
-    try:
-        with open(files.words, "wb") as words:
+    with open(ready, "rb", buffering=0):
+        with open(theirs, "wb"), open(files.words, "wb") as words:
             # The first process forks and ends at once, so the guard has no parent here and leaves no zombie.
             subprocess.run(
                 command,
@@ -126,30 +102,10 @@ def _begin(robot: RobotAddress, files: GuardFiles, idle: float) -> str | None:
                 start_new_session=True,
                 check=False,
             )
-        os.close(theirs)
-        theirs = -1
-        answer = _read(ready, PATIENCE)
-    finally:
-        os.close(ready)
-        if theirs >= 0:
-            os.close(theirs)
-    if answer == "ready":
-        return None
+        # "ready", "held", "error: …", or "" if it ended without a word; such a short line arrives in one piece.
+        came = select.select([ready], [], [], PATIENCE)[0]
+        answer = os.read(ready, 4096).decode(errors="replace").strip() if came else ""
     if answer.startswith("error: "):
-        return answer.removeprefix("error: ")
-    return None if answer == "held" else f"the guard ended during its start; see {files.words}"
-
-
-def _read(ready: int, seconds: float) -> str:
-    """Return the message of a new guard: "ready", "held", "error: …", or "" if it ended without one."""
-    end = time.monotonic() + seconds
-    message = b""
-    while not message.endswith(b"\n"):
-        left = end - time.monotonic()
-        if left <= 0 or not select.select([ready], [], [], left)[0]:
-            break
-        data = os.read(ready, 4096)
-        if not data:
-            break
-        message += data
-    return message.decode(errors="replace").strip()
+        raise BackendError(answer.removeprefix("error: "))
+    if answer not in ("ready", "held"):
+        raise BackendError(f"the guard ended during its start; see {files.words}")

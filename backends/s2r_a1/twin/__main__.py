@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import sys
+from argparse import Namespace
 from contextlib import ExitStack
 
 from s2r_a1.rawlog import RawLogWriter
-from s2r_a1.twin.options import Options, read_options
+from s2r_a1.twin.options import read_options
 from s2r_a1.twin.server import Server
 from s2r_a1.twin.twin import Twin
 from s2r_spec.errors import BackendError, S2RError
@@ -24,7 +25,7 @@ def main(arguments: list[str]) -> int:
     return 0
 
 
-def _serve(options: Options, arguments: list[str]) -> None:
+def _serve(options: Namespace, arguments: list[str]) -> None:
     settings = options.twin
     with ExitStack() as stack:
         twin = Twin(settings)
@@ -36,14 +37,12 @@ def _serve(options: Options, arguments: list[str]) -> None:
             if record.failure:
                 raise BackendError(record.failure)
             stack.callback(record.close)
-        server = stack.enter_context(
-            Server(twin, options.address, options.mocap, record.append if record else None)
-        )
-        host = options.address[0]
+        tap = record.append if record else None
+        server = stack.enter_context(Server(twin, options.address, options.mocap, tap))
         with server.until_signalled():
             print(
                 f"twin of the {settings.layout.name} ({settings.place}), not a robot: "
-                f"{host}:{server.port}, {options.clock}",
+                f"{options.address[0]}:{server.port}, {options.clock}",
                 flush=True,
             )
             if options.clock == "lockstep":

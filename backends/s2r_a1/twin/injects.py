@@ -84,11 +84,7 @@ def acting_faults(injects: Iterable[Inject], round_: int, *kinds: str) -> Iterat
 
 
 def read_inject(text: str) -> Inject:
-    """Read a fault.
-
-    Raises:
-        UsageError: its kind, value or rounds are not valid.
-    """
+    """Read a fault; raise UsageError if its kind, value or rounds are not valid."""
     written, at, rounds = text.partition("@")
     name, equals, value = written.partition("=")
     if name not in KINDS:

@@ -9,13 +9,11 @@ from __future__ import annotations
 import json
 
 import numpy as np
-from numpy.typing import NDArray
 
+from s2r_a1.wire import FloatArray
 from s2r_sim.controller.gains import RATE
 from s2r_sim.robot import rotation
 from s2r_sim.robot.signals import RobotState
-
-FloatArray = NDArray[np.float64]
 
 FREQUENCY = 200
 """A definition: poses per second."""

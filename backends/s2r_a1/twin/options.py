@@ -5,12 +5,11 @@ from __future__ import annotations
 import argparse
 import ipaddress
 from collections.abc import Callable
-from dataclasses import dataclass
 from math import nan
 from pathlib import Path
-from typing import Literal, NoReturn, get_args
+from typing import NoReturn, get_args
 
-from s2r_a1.datagrams import Address
+from s2r_a1.guard.place import PORT, Clock
 from s2r_a1.hands import HIGHEST, LOWEST
 from s2r_a1.ticks import TickUnit
 from s2r_a1.twin.firmware import Silence
@@ -21,29 +20,8 @@ from s2r_a1.twin.twin import TwinSettings
 from s2r_a1.wire import LAYOUTS
 from s2r_spec.errors import UsageError
 
-Clock = Literal["real", "lockstep"]
-
 _MOST_DELAY = 10
 """A budget: rounds from a command's arrival to the motors, 20 ms, longer than any published estimate for an A1."""
-
-
-@dataclass(frozen=True)
-class Options:
-    """Options of a twin in a separate process.
-
-    Attributes:
-        twin: settings of the twin.
-        address: address at which it listens, only on this computer; port 0 is any free one.
-        clock: whether rounds follow the computer's clock or the received datagrams.
-        mocap: port of this computer to which it sends its true pose, or None.
-        record: file for all received and sent packets, or None.
-    """
-
-    twin: TwinSettings
-    address: Address
-    clock: Clock
-    mocap: int | None
-    record: Path | None
 
 
 class _Parser(argparse.ArgumentParser):
@@ -53,15 +31,15 @@ class _Parser(argparse.ArgumentParser):
         raise UsageError(f"{message}; see {self.prog} --help")
 
 
-def read_options(arguments: list[str]) -> Options:
-    """Read a command line.
+def read_options(arguments: list[str]) -> argparse.Namespace:
+    """Read a command line; raise UsageError if an option is not valid.
 
-    Raises:
-        UsageError: an option is not valid.
+    The options have the settings of the ``twin``, the ``address`` at which it listens, ``clock``, the port ``mocap``
+    for its true pose or None, and the file ``record`` for all packets or None.
     """
     options = _parser().parse_args(arguments)
     physics(options.place)
-    twin = TwinSettings(
+    options.twin = TwinSettings(
         place=options.place,
         layout=LAYOUTS[options.layout],
         seed=options.seed,
@@ -73,9 +51,8 @@ def read_options(arguments: list[str]) -> Options:
         start=read_start(options.start) if options.start else None,
         rig=options.rig,
     )
-    return Options(
-        twin, (_loopback(options.host), options.port), options.clock, options.mocap, options.record
-    )
+    options.address = _loopback(options.host), options.port
+    return options
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -93,18 +70,16 @@ def _parser() -> argparse.ArgumentParser:
     )
     add(
         "--port",
-        type=_whole_within(0, 65535),
-        default=8007,
+        type=_whole(0, 65535),
+        default=PORT,
         help="UDP port, 8007 by default; 0 for any free one",
     )
     add("--clock", choices=get_args(Clock), default="real", help="real, or lockstep: one state per command")
     add("--layout", choices=sorted(LAYOUTS), default="a1", help="layout of the packets; a1 by default")
-    add(
-        "--seed", type=_whole_within(0, 2**63 - 1), default=0, help="seed of all random numbers; 0 by default"
-    )
+    add("--seed", type=_whole(0, 2**63 - 1), default=0, help="seed of all random numbers; 0 by default")
     add(
         "--delay",
-        type=_whole_within(0, _MOST_DELAY),
+        type=_whole(0, _MOST_DELAY),
         default=1,
         help="delay of commands in rounds of 2 ms; 1 by default",
     )
@@ -112,7 +87,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--tick", choices=get_args(TickUnit), default="ms", help="unit of the robot's clock; ms by default")
     add(
         "--mocap",
-        type=_whole_within(1, 65535),
+        type=_whole(1, 65535),
         metavar="PORT",
         help="send the true pose to this port, as lines of JSON",
     )
@@ -129,7 +104,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _whole_within(low: int, high: int) -> Callable[[str], int]:
+def _whole(low: int, high: int) -> Callable[[str], int]:
     def read(text: str) -> int:
         try:
             value = int(text)

@@ -14,11 +14,7 @@ PLACES = (NOMINAL, *_TWINS)
 
 
 def physics(place: str) -> Physics:
-    """Return the physics of an environment.
-
-    Raises:
-        UsageError: there is no such environment.
-    """
+    """Return the physics of an environment; raise UsageError if there is no such environment."""
     if place not in PLACES:
         raise UsageError(
             f"there is no twin of a place {place!r}{did_you_mean(place, PLACES)}; use one of {one_of(PLACES)}"

@@ -53,14 +53,6 @@ def _nan(reading: Reading, inject: Inject) -> Reading:
     return reading._replace(**{name: values})
 
 
-def _quaternion(reading: Reading, inject: Inject) -> Reading:
-    return reading._replace(quaternion=inject.number * reading.quaternion)
-
-
-def _gyro(reading: Reading, inject: Inject) -> Reading:
-    return reading._replace(gyro=np.array([inject.number, *reading.gyro[1:]]))
-
-
 def _tilt(reading: Reading, inject: Inject) -> Reading:
     w, x, y, z = reading.quaternion.tolist()
     roll, pitch, yaw = rotation.rpy_from_wxyz(w, x, y, z)
@@ -84,8 +76,8 @@ def _of_motors(field: str) -> Callable[[Reading, Inject], Reading]:
 
 _REPORTS: dict[str, Callable[[Reading, Inject], Reading]] = {
     "nan": _nan,
-    "quaternion": _quaternion,
-    "gyro": _gyro,
+    "quaternion": lambda reading, inject: reading._replace(quaternion=inject.number * reading.quaternion),
+    "gyro": lambda reading, inject: reading._replace(gyro=np.array([inject.number, *reading.gyro[1:]])),
     "tilt": _tilt,
     "button": _button,
     "joint": _of_motors("q"),

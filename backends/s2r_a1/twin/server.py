@@ -7,7 +7,6 @@ lock step every datagram of the peer is a round and is answered by one datagram;
 from __future__ import annotations
 
 import contextlib
-import gc
 import select
 import signal
 import socket
@@ -17,9 +16,10 @@ from types import TracebackType
 from typing import Self
 
 from s2r_a1 import hands
-from s2r_a1.datagrams import FROM_ROBOT, LARGEST, TO_ROBOT, WAITING, Address
+from s2r_a1.datagrams import FROM_ROBOT, LARGEST, TO_ROBOT, WAITING, Address, open_port
 from s2r_a1.ticks import PERIOD
 from s2r_a1.twin.twin import Twin
+from s2r_a1.undisturbed import undisturbed
 from s2r_spec.errors import BackendError
 
 BEHIND = 0.1
@@ -33,32 +33,16 @@ Tap = Callable[[int, int, bytes], None]
 class Server:
     """A twin and its sockets.
 
-    Attributes:
-        port: UDP port of the twin.
-
     ``tap`` receives every datagram in both directions, from any sender, and in lock step also empty ones.
     """
 
     def __init__(
         self, twin: Twin, address: Address, mocap: int | None = None, tap: Tap | None = None
     ) -> None:
-        """Open the port.
-
-        Raises:
-            BackendError: the port cannot be opened.
-        """
+        """Open the port; raise BackendError if it cannot be opened."""
         self._twin, self._mocap, self._tap = twin, mocap, tap
         self._peer: Address | None = None
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            self._socket.bind(address)
-        except OSError as error:
-            self._socket.close()
-            raise BackendError(
-                f"the UDP port {address[1]} cannot be opened: {error.strerror}; "
-                "end the program that uses it, or name another with --port"
-            ) from None
-        self._socket.setblocking(False)
+        self._socket = open_port(address, BackendError, "the UDP port {}", "name another with --port")
         self._woken, self._waker = socket.socketpair()
         for end in (self._woken, self._waker):
             end.setblocking(False)
@@ -91,7 +75,7 @@ class Server:
 
     def serve_in_lock_step(self) -> None:
         """Answer datagrams until a signal arrives."""
-        while self._wait(None):
+        while self._wait():
             for data in self._received(1):
                 answers = self._round([data])
                 if self._twin.begun:
@@ -101,12 +85,12 @@ class Server:
     def serve_in_real_time(self) -> None:
         """Simulate a round every 2 ms from the first command on, until a signal arrives."""
         while not self._twin.begun:
-            if not self._wait(None):
+            if not self._wait():
                 return
             for data in self._round(self._received(WAITING)):
                 self._send(data)
         due = time.monotonic()
-        with _no_pauses():
+        with undisturbed(first=False):
             while self._rest_until(due := max(due + PERIOD, time.monotonic() - BEHIND)):
                 for data in self._round(self._received(WAITING)):
                     self._send(data)
@@ -122,16 +106,11 @@ class Server:
 
     def _rest_until(self, due: float) -> bool:
         """Wait until a time; return False if a signal arrived."""
-        while True:
-            left = due - time.monotonic()
-            if select.select([self._woken], [], [], max(0.0, left))[0]:
-                return False
-            if left <= 0.0:
-                return True
+        return not select.select([self._woken], [], [], max(0.0, due - time.monotonic()))[0]
 
-    def _wait(self, seconds: float | None) -> bool:
+    def _wait(self) -> bool:
         """Wait for a datagram; return False if a signal arrived."""
-        return self._woken not in select.select([self._socket, self._woken], [], [], seconds)[0]
+        return self._woken not in select.select([self._socket, self._woken], [], [])[0]
 
     def _received(self, most: int) -> list[bytes]:
         """Return the waiting datagrams of the peer, or of a sender that becomes the peer by a valid command."""
@@ -162,18 +141,3 @@ class Server:
     def _note(self, direction: int, data: bytes) -> None:
         if self._tap:
             self._tap(self._twin.rounds * _NANOSECONDS, direction, data)
-
-
-@contextlib.contextmanager
-def _no_pauses() -> Iterator[None]:
-    """Disable garbage collection in the block: its pauses would delay rounds, and rounds make no garbage."""
-    enabled = gc.isenabled()
-    gc.collect()
-    gc.freeze()
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.unfreeze()
-        if enabled:
-            gc.enable()

@@ -25,11 +25,7 @@ def write_start(path: Path, saved: Saved) -> None:
 
 
 def read_start(path: Path) -> Saved:
-    """Read a state that :func:`write_start` wrote.
-
-    Raises:
-        UsageError: the file cannot be read, or has other content.
-    """
+    """Read a state that :func:`write_start` wrote; raise UsageError if the file has other content."""
     try:
         with np.load(path, allow_pickle=False) as file:
             world, pending, play, speed = (file[name] for name in ("world", "pending", "play", "play_speed"))

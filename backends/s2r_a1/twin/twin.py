@@ -14,24 +14,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_a1 import remote
 from s2r_a1.ticks import TickUnit
 from s2r_a1.twin.body import Body
-from s2r_a1.twin.firmware import Firmware, ReceivedCommand, Silence, read_command
+from s2r_a1.twin.firmware import Firmware, Silence
 from s2r_a1.twin.injects import Injects, acting_faults
 from s2r_a1.twin.mocap import Mocap
 from s2r_a1.twin.network import Network
 from s2r_a1.twin.places import physics
 from s2r_a1.twin.reports import distort, pack, tick
 from s2r_a1.twin.start import write_start
-from s2r_a1.wire import A1, Layout, Orders, Reading, WireError
+from s2r_a1.wire import A1, FloatArray, Layout, MotorPacket, Orders, WireError, read_command
 from s2r_sim.plant.noise import Noise
 from s2r_sim.plant.plant import Saved
 from s2r_sim.robot.signals import RobotState
-
-FloatArray = NDArray[np.float64]
 
 LEAST_TICK, MOST_TICK = 10_000, 1_000_000
 """Levels [ms]: range of the robot's clock at the first command, drawn from the seed, because it need not start at 0."""
@@ -79,11 +76,8 @@ class Counts:
 class Twin:
     """The A1's plant of `s2r_sim` behind the A1's wire.
 
-    Attributes:
-        settings: settings of the twin.
-        injects: faults, at first the faults of the settings; they may be replaced between rounds.
-        rounds: number of rounds so far; 0 before the first valid command.
-        counts: counts of received packets.
+    ``injects`` are at first the faults of the settings, and may be replaced between rounds. ``rounds`` is 0 before the
+    first valid command.
     """
 
     def __init__(self, settings: TwinSettings) -> None:
@@ -141,7 +135,7 @@ class Twin:
         ``arrived`` are the datagrams that reach the robot in this round; the newest valid one counts, and an empty one
         means no packet.
         """
-        newest = self._newest([data for data in arrived if data])
+        newest = self._newest(arrived)
         if newest:
             self._firmware.take(self.rounds, newest)
         if not self.begun:
@@ -155,9 +149,9 @@ class Twin:
         """Return the lines of motion capture since the last call; call this after every round, or never."""
         return self._mocap.lines(self.rounds - 1, self.truth()) if self.begun else []
 
-    def _newest(self, arrived: Sequence[bytes]) -> ReceivedCommand | None:
+    def _newest(self, arrived: Sequence[bytes]) -> MotorPacket | None:
         newest = None
-        for data in arrived:
+        for data in filter(None, arrived):
             if self.begun and not self._network.hears(self.rounds, self.injects):
                 self.counts.lost += 1
                 continue
@@ -173,31 +167,20 @@ class Twin:
         return newest
 
     def _step(self) -> bytes:
-        """Simulate a round; return the packet of its state."""
         settings, injects, round_ = self.settings, self.injects, self.rounds
         orders = self._firmware.orders(round_, self.truth().q)
         push = np.zeros(3)
         for pushed in acting_faults(injects, round_, "push"):
             push[1] += pushed.number
-        sensors = self._body.step(_limp(orders, injects, round_), push)
-        reading = Reading(
-            sensors.quaternion,
-            sensors.gyro,
-            sensors.accelerometer,
-            sensors.q,
-            sensors.dq,
-            sensors.tau,
-            sensors.temperature,
-            self._firmware.mode,
-            tick(round_, self._start_tick, settings.tick_unit, injects),
-            remote.pack_buttons(),
-            foot_force=sensors.foot_force,
+        reading = self._body.step(_limp(orders, injects, round_), push)._replace(
+            mode=self._firmware.mode,
+            tick=tick(round_, self._start_tick, settings.tick_unit, injects),
+            remote=remote.pack_buttons(),
         )
         return pack(distort(reading, round_, injects), settings.layout)
 
 
 def _limp(orders: Orders, injects: Injects, round_: int) -> Orders:
-    """Return the motor commands without those for motors that have dropped out."""
     for dropped in acting_faults(injects, round_, "mode"):
         works = np.ones_like(orders.tau)
         works[list(dropped.per_motor.motors)] = 0.0
