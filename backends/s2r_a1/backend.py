@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, ClassVar, Self
 import numpy as np
 
 from s2r_a1.channels import channels
+from s2r_a1.guard.place import RobotAddress
 from s2r_a1.mocap import Placing, read_placing
 from s2r_a1.options import EXAMPLE, OFFERED, Options, read_options, write_options
 from s2r_a1.protocols import PROTOCOLS
@@ -122,6 +123,11 @@ class A1Backend:
     def placing(self) -> Placing:
         """Pose, in base axes, of the rigid body that motion capture tracks."""
         return read_placing(self.reached.body, self.reached.heading)
+
+    @property
+    def robot(self) -> RobotAddress:
+        """Address and settings for the guard."""
+        return self.reached
 
     def with_duration(self, seconds: float) -> Self:
         """Return this backend with rollouts of this duration [s], rounded up to a whole control tick."""

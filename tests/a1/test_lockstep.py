@@ -104,7 +104,7 @@ class Session:
 
     def guard(self):
         """Return the status of the guard."""
-        connection, _ = attach(self.backend.reached)
+        connection, _ = attach(self.backend.robot)
         try:
             return connection.request("status")
         finally:
@@ -236,10 +236,10 @@ def test_ctrl_c_in_a_test_makes_it_void_and_the_robot_lies(session, first):
     session.attended.end()
     session.begun = False
     assert session.guard()["state"] == "RESTING"
-    client = Client(session.backend.reached)
+    client = Client(session.backend.robot)
     try:
         with pytest.raises(BackendError, match="another program"):
-            Client(session.backend.reached)
+            Client(session.backend.robot)
     finally:
         client.close()
 
