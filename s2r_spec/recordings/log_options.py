@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,8 +25,7 @@ from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
 
-
-WORDS = {
+_FORMS = {
     "nan": "hold",
     "time-unit": "UNIT",
     "map": "NAME=COLUMN",
@@ -39,7 +39,7 @@ WORDS = {
     "param": "NAME=COLUMN@SECONDS",
 }
 """Definition: the options after the ``?``, each with the form of its value."""
-REPEATED = ("map", "param", "longest")
+_REPEATED = ("map", "param", "longest")
 """Definition: options that may be given several times."""
 
 
@@ -118,21 +118,17 @@ def _last_known(values: FloatArray) -> FloatArray:
 
 
 def _values(where: str, options: str) -> dict[str, Any]:
-    """Return option → its value; a list for one that may be repeated.
-
-    Raises:
-        UsageError: an option is unknown, or has two values.
-    """
-    values: dict[str, Any] = {key: [] for key in REPEATED}
+    """Return option → its value; a list for one that may be repeated."""
+    values: dict[str, Any] = {key: [] for key in _REPEATED}
     for option in filter(None, options.split("&")):
         key, _, value = option.partition("=")
         value = unquote(value)
-        if key not in WORDS:
-            known = ", ".join(f"{word}={form}" for word, form in WORDS.items())
+        if key not in _FORMS:
+            known = ", ".join(f"{word}={form}" for word, form in _FORMS.items())
             raise UsageError(
                 f"{where}: the options after the ? are {known}, not {option!r}; within a value, write & as %26"
             )
-        if key in REPEATED:
+        if key in _REPEATED:
             values[key].append(value)
         elif values.setdefault(key, value) != value:
             raise UsageError(f"{where}: {key} has several values, {values[key]} and {value}; give one")
@@ -140,22 +136,17 @@ def _values(where: str, options: str) -> dict[str, Any]:
 
 
 def _joining(where: str, values: Mapping[str, Any]) -> Joining | None:
-    rule, clock, stamps = (values.get(key) for key in ("join", "clock", "stamps"))
-    for key, value, allowed in (("join", rule, RULES), ("stamps", stamps, STAMPS)):
-        if value not in (None, *allowed):
-            raise UsageError(f"{where}: {key} must be {' or '.join(allowed)}, not {value!r}")
-    if rule is clock is stamps is None:
-        return None
-    return Joining(clock, rule or "hold", stamps)
+    for key, allowed in (("join", RULES), ("stamps", STAMPS)):
+        if values.get(key) not in (None, *allowed):
+            raise UsageError(f"{where}: {key} must be {' or '.join(allowed)}, not {values[key]!r}")
+    return Joining.chosen(values.get("clock"), values.get("join"), values.get("stamps"))
 
 
 def _seconds(where: str, values: Mapping[str, Any], key: str) -> float | None:
     if key not in values:
         return None
-    try:
+    with suppress(ValueError):
         seconds = float(values[key])
-    except ValueError:
-        seconds = math.nan
-    if not 0.0 <= seconds < math.inf:
-        raise UsageError(f"{where}: {key} must be a number of seconds, not {values[key]!r}")
-    return seconds
+        if 0.0 <= seconds < math.inf:
+            return seconds
+    raise UsageError(f"{where}: {key} must be a number of seconds, not {values[key]!r}")

@@ -126,13 +126,11 @@ class LogForm:
         from s2r_spec.logs.topics.join import Joining
         from s2r_spec.recordings.log_episodes import EpisodeSettings, read_longest
 
-        chooses = any(option is not None for option in (self.clock, self.join, self.stamps))
-        joining = Joining(self.clock, self.join or "hold", self.stamps) if chooses else None
         valid = read_longest(self.longest or [])
         return EpisodeSettings(
             read_map(self.columns or []),
             self.time_unit,
-            joining,
+            Joining.chosen(self.clock, self.join, self.stamps),
             self.when,
             self.start,
             self.duration,

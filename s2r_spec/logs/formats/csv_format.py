@@ -69,7 +69,7 @@ def load(path: Path, choose: Chooser) -> Table:
         text.heads,
         columns,
         text.meta,
-        _sample_places(text.heads, range(first, sys.maxsize)),
+        line_places(text.heads, range(first, sys.maxsize)),
         tuple(text.notes),
         own=text.own,
     )
@@ -327,18 +327,14 @@ def _table(text: Text, needed: Sequence[int]) -> Table:
             to_arrays()
     to_arrays()
     columns = {number: _join(parts) for number, parts in pieces.items()}
+    return Table(
+        text.heads, columns, text.meta, line_places(text.heads, lines), tuple(text.notes), own=text.own
+    )
 
-    place = _sample_places(text.heads, lines)
-    return Table(text.heads, columns, text.meta, place, tuple(text.notes), own=text.own)
 
-
-def _sample_places(heads: Sequence[Head], lines: Sequence[int]) -> Callable[[int, int], str]:
-    """Return what names the place of a sample, from the number of its line."""
-
-    def place(sample: int, number: int) -> str:
-        return f"line {lines[sample]}, column {number + 1} ({heads[number].name})"
-
-    return place
+def line_places(heads: Sequence[Head], lines: Sequence[int]) -> Callable[[int, int], str]:
+    """Return (sample number, head number) → place, from the number of each sample's line."""
+    return lambda sample, number: f"line {lines[sample]}, column {number + 1} ({heads[number].name})"
 
 
 def _join(pieces: Sequence[NDArray[Any]]) -> Column:

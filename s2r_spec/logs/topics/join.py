@@ -46,6 +46,12 @@ class Joining:
     stamps: Stamps | None = None
     held: frozenset[str] = frozenset()
 
+    @classmethod
+    def chosen(cls, clock: str | None, rule: Rule | None, stamps: Stamps | None) -> Joining | None:
+        """Return what a user chooses; None without a choice."""
+        chooses = any(one is not None for one in (clock, rule, stamps))
+        return cls(clock, rule or "hold", stamps) if chooses else None
+
     def interpolates(self, topic: str, name: str, column: Column) -> bool:
         """Return whether a field of a topic is linear between messages."""
         path = name if topic in ("", name) else f"{topic}.{name}"

@@ -43,10 +43,7 @@ def join_rows(
     if joining.stamps is not None:
         raise UsageError("--stamps is for messages with headers; a table has one column of times")
     columns, heads = [table.columns[n] for n in plan.times], [table.heads[n] for n in plan.times]
-
-    def place(row: int) -> str:
-        return table.place(row, plan.times[0])
-
+    place = table.places(plan.times[0])
     stamps = times.read(columns, heads, request.time_unit, place)
     read = channels(table, plan, stamps.seconds.size)
     lacking = omitted_columns(table, plan, request, read.faults)
