@@ -15,6 +15,7 @@ from s2r_spec.lang.units import LONGEST
 from s2r_spec.logs import values
 from s2r_spec.logs.account import Account
 from s2r_spec.logs.mapping import ANY, ColumnPlan, ColumnRequest, MappedChannel
+from s2r_spec.logs.options import unit_of_option
 from s2r_spec.logs.own import clock_of, restore
 from s2r_spec.logs.table import Column, Table, quote
 from s2r_spec.logs.times import dates, times
@@ -345,4 +346,4 @@ def request(
     """
     if wanted is not None and not isinstance(wanted, Mapping):
         wanted = dict.fromkeys(wanted, ANY)
-    return ColumnRequest(dict(columns or {}), wanted, times.unit_of_option(time_unit), gather, identifiers)
+    return ColumnRequest(dict(columns or {}), wanted, unit_of_option(time_unit), gather, identifiers)

@@ -14,9 +14,9 @@ EPISODE = "episode_index"
 """Definition: the column that numbers the episodes of a LeRobot data set (version 3.0 of its format)."""
 
 
-def episode_column(heads: Iterable[Head]) -> int | None:
-    """Return the number of the column that numbers the episodes; None if there is none."""
-    return next((number for number, head in enumerate(heads) if head.text == EPISODE), None)
+def episode_column(heads: Iterable[Head]) -> list[int]:
+    """Return the number of the first column that numbers the episodes; none if there is none."""
+    return [number for number, head in enumerate(heads) if head.text == EPISODE][:1]
 
 
 def split_episodes(table: Table, number: int) -> list[Table]:

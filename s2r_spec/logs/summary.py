@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from s2r_spec import logs
 from s2r_spec.base.errors import NoTimesError, TraceError
-from s2r_spec.logs.times.times import TIME, map_argument, unit_of_option
+from s2r_spec.logs.options import TIME, map_argument, unit_of_option
 from s2r_spec.logs.topics import formats
 from s2r_spec.logs.topics.arrays import TimeOptions
 from s2r_spec.logs.topics.order import resets
@@ -160,11 +160,12 @@ def _runs(stamps: NDArray[Any], sent: NDArray[Any]) -> list[NDArray[Any]]:
 def _table(path: Path, columns: Mapping[str, str], time_unit: str | None) -> LogSummary:
     notes: list[str] = []
     try:
-        episodes = logs.load_runs(path, columns, time_unit)
+        episodes = logs.load_episodes(path, logs.Reading(columns, time_unit=time_unit, runs=True))
     except NoTimesError as error:
         if TIME in columns:
             raise
-        episodes = logs.load_runs(path, {**columns, TIME: error.likely}, time_unit)
+        columns = {**columns, TIME: error.likely}
+        episodes = logs.load_episodes(path, logs.Reading(columns, time_unit=time_unit, runs=True))
         notes += [str(error).removeprefix(f"{path}: ")] if error.candidates else []
         notes.append(_taken(error))
     traces = [loaded.trace for loaded in episodes]

@@ -206,18 +206,18 @@ def read_log_episodes(
         UsageError: the length of an episode is not known.
     """
     sources = {source.column: source.column for source in settings.sources.values()}
-    read = None  # the channels of the condition and of the test parameters, too
+    channels = None  # those of the condition and of the test parameters, too
     if wanted is not None:
-        read = {**dict.fromkeys((*names(settings.when or ""), *sources), ANY), **wanted}
-    loads = logs.load_episodes(
-        path,
+        channels = {**dict.fromkeys((*names(settings.when or ""), *sources), ANY), **wanted}
+    reading = logs.Reading(
         {**sources, **settings.columns},
-        read,
-        time_unit=settings.time_unit,
-        gather=wanted is None,
-        joining=settings.held(),
-        longest=settings.longest,
+        channels,
+        settings.time_unit,
+        wanted is None,
+        settings.held(),
+        settings.longest,
     )
+    loads = logs.load_episodes(path, reading)
     windows: list[tuple[Loaded, EpisodeWindow | None]] = [(loaded, None) for loaded in loads]
     sentences: list[str] = []
     if settings.cuts:

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from s2r_spec import logs
 from s2r_spec.base.errors import UsageError
 from s2r_spec.logs.interpret import Loaded
-from s2r_spec.logs.mapping import read_map
-from s2r_spec.logs.times.times import unit_of_option
+from s2r_spec.logs.options import read_map, unit_of_option
 from s2r_spec.logs.topics.join import RULES, Joining
 from s2r_spec.logs.topics.topic import STAMPS
 from s2r_spec.recordings.log_episodes import EpisodeSettings, read_longest, read_sources

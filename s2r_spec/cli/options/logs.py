@@ -122,7 +122,7 @@ class LogForm:
 
     def episode_settings(self, sources: Mapping[str, ParamColumn]) -> EpisodeSettings:
         """Return how a log becomes traces, with the sources of its test parameters."""
-        from s2r_spec.logs.mapping import read_map
+        from s2r_spec.logs.options import read_map
         from s2r_spec.logs.topics.join import Joining
         from s2r_spec.recordings.log_episodes import EpisodeSettings, read_longest
 

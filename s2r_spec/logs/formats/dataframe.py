@@ -23,11 +23,12 @@ from s2r_spec.logs.formats.csv_format import head_of
 from s2r_spec.logs.formats.parquet_format import NOTES, as_column, in_one_piece
 from s2r_spec.logs.interpret import Loaded, build_trace, request
 from s2r_spec.logs.library import library
-from s2r_spec.logs.mapping import ColumnRequest, plan_columns, time_candidates
+from s2r_spec.logs.mapping import ColumnRequest, plan_columns
+from s2r_spec.logs.options import TIME
 from s2r_spec.logs.own import description, rows
 from s2r_spec.logs.table import Column, Head, Table, places_in, read_description
+from s2r_spec.logs.time_columns import time_candidates
 from s2r_spec.logs.times.candidates import of_table
-from s2r_spec.logs.times.times import TIME
 from s2r_spec.trace import Trace
 
 Library = Literal["pandas", "polars", "pyarrow"]

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from s2r_spec.base.errors import NoTimesError, TraceError
+from s2r_spec.logs.options import TIME, map_argument
 from s2r_spec.logs.table import Column, Head, Table, quote
 from s2r_spec.logs.times import time_units, times
 
@@ -25,12 +26,12 @@ def question(candidates: Mapping[str, Readable], unit: str | None) -> NoTimesErr
     names = tuple(ranges) or tuple(candidates)
     if len(ranges) < 2:
         return NoTimesError(
-            f"there is no column {times.TIME!r} with the times: add --map {times.map_argument(names[0])}",
+            f"there is no column {TIME!r} with the times: add --map {map_argument(names[0])}",
             names[0],
         )
     shown = ", or ".join(f"{quote(name)} ({text})" for name, text in ranges.items())
     return NoTimesError(
-        f"the times may be {shown}. Choose one, as in --map {times.map_argument(names[0])}", names[0], names
+        f"the times may be {shown}. Choose one, as in --map {map_argument(names[0])}", names[0], names
     )
 
 

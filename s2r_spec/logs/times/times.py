@@ -8,7 +8,6 @@ sample: whole numbers are subtracted before they are rounded. Numbers in seconds
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -17,8 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.base.errors import TraceError, UsageError
+from s2r_spec.base.errors import TraceError
 from s2r_spec.logs import cells
+from s2r_spec.logs.options import TIME
 from s2r_spec.logs.table import Column, Head, quote
 from s2r_spec.logs.times import dates, durations, time_units
 from s2r_spec.logs.times.durations import ClockTime
@@ -26,7 +26,6 @@ from s2r_spec.trace import stamps
 from s2r_spec.trace.instants import DATES
 from s2r_spec.trace.samples import FAST, SLOW
 
-TIME = "t"
 FloatArray = NDArray[np.float64]
 Place = Callable[[int], str]
 
@@ -50,22 +49,6 @@ class Times:
     notes: tuple[str, ...] = ()
     since: Fraction | None = None
     stated: bool = True
-
-
-def map_argument(name: str) -> str:
-    """Return the argument of ``--map`` that takes the times from a column, in quotes where a shell needs them."""
-    return shlex.quote(f"{TIME}={name}")
-
-
-def unit_of_option(text: str | None) -> str | None:
-    """Return the unit after a check that it is a unit of time.
-
-    Raises:
-        UsageError: the text is not a unit of time.
-    """
-    if text is not None and time_units.size(text) is None:
-        raise UsageError(f"time-unit {text!r} is not a unit of time; write s, ms, us, ns or min")
-    return text
 
 
 def read(

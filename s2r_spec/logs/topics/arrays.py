@@ -16,8 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError, one_of
-from s2r_spec.logs.mapping import TIME_WORDS, ColumnRequest, plan_columns
+from s2r_spec.logs.mapping import ColumnRequest, plan_columns
+from s2r_spec.logs.options import TIME
 from s2r_spec.logs.table import Column, Head, check_size, few, quote
+from s2r_spec.logs.time_columns import TIME_WORDS
 from s2r_spec.logs.times import candidates, times
 from s2r_spec.logs.times.dates import LAST
 from s2r_spec.logs.topics.topic import Stamps, Topic, TopicHead
@@ -120,9 +122,9 @@ class ArrayLog:
             if clock != own.clock:
                 own.other[name] = (
                     f"has the times {_clock_text(clock)}, and other arrays beside it have {_clock_text(own.clock)}; "
-                    f"choose by --map {times.TIME}={'+'.join(clock)}"
+                    f"choose by --map {TIME}={'+'.join(clock)}"
                 )
-            elif path == times.TIME:  # a trace has one t
+            elif path == TIME:  # a trace has one t
                 own.other[name] = f"is not the times, which are {_clock_text(clock)}"
             else:
                 own.fields.append(name)
@@ -130,7 +132,7 @@ class ArrayLog:
         return {topic: own for topic, own in topics.items() if own.fields}
 
     def _rank(self, clock: Clock) -> tuple[bool, bool]:
-        return clock not in self._mapped, _last(clock[0]) != times.TIME
+        return clock not in self._mapped, _last(clock[0]) != TIME
 
     def _clock(self, path: str, shape: tuple[int, ...]) -> Clock:
         """Return the times of an array, those that have as many samples; () if there are none.
@@ -151,7 +153,7 @@ class ArrayLog:
 
     def _rivals(self, clock: Clock) -> tuple[str, ...]:
         """Return the arrays that may be the times as well as a clock that nobody chose, with the clock."""
-        if clock in self._mapped or _last(clock[0]) == times.TIME:
+        if clock in self._mapped or _last(clock[0]) == TIME:
             return ()
         rivals = self._words(_folder(clock[0]), self._arrays[clock[0]].shape)
         return rivals if len(rivals) > 1 else ()
@@ -159,7 +161,7 @@ class ArrayLog:
     def _words(self, folder: str, shape: tuple[int, ...]) -> tuple[str, ...]:
         """Return the arrays of a folder that are called ``t`` or by a word for times, and have a shape; t first."""
         paths = [path for path in self._clocks.get(folder, ()) if self._arrays[path].shape == shape]
-        return tuple(sorted(paths, key=lambda path: _last(path) != times.TIME))
+        return tuple(sorted(paths, key=lambda path: _last(path) != TIME))
 
     def _describe_others(self, objects: Mapping[str, str]) -> None:
         """Say of each array below a topic that is not one of its fields why."""
@@ -327,7 +329,7 @@ def _mapped_clocks(arrays: Mapping[str, Array], name: str | None) -> tuple[Clock
     if clocks:
         return clocks
     heads = [Head(path, None, array.unit) for path, array in arrays.items()]
-    numbers = plan_columns(heads, ColumnRequest({times.TIME: name}, {})).times
+    numbers = plan_columns(heads, ColumnRequest({TIME: name}, {})).times
     return (tuple(heads[number].name for number in numbers),)
 
 
@@ -344,7 +346,7 @@ def _advice(arrays: Mapping[str, Array], mapped: Sequence[Clock], objects: Mappi
         return f"{why}. {quote(name)} {fault}"
     if not clock:
         return (
-            f"{why}; there are {one_of(arrays)}. Map one, as in --map {times.TIME}=NAME, or save an array of times "
+            f"{why}; there are {one_of(arrays)}. Map one, as in --map {TIME}=NAME, or save an array of times "
             f"beside them, called t"
         )
     shapes = one_of(f"{path} of {_shape(array)}" for path, array in arrays.items())
@@ -358,7 +360,7 @@ def _shape(array: Array) -> str:
 def is_word(path: str) -> bool:
     """Return whether the name of an array says that it holds times."""
     name = _last(path)
-    return name == times.TIME or name.lower() in TIME_WORDS
+    return name == TIME or name.lower() in TIME_WORDS
 
 
 def _topic(path: str, clock: Clock) -> str:

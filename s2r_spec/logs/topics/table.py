@@ -11,13 +11,13 @@ import numpy as np
 
 from s2r_spec.base.errors import TraceError, one_of
 from s2r_spec.logs.account import Account
+from s2r_spec.logs.options import TIME
 from s2r_spec.logs.table import Chooser, Column, Head, Table
-from s2r_spec.logs.times.times import TIME
 from s2r_spec.logs.topics.join import Joining, join
 from s2r_spec.logs.topics.topic import APART, Stamps, Topic, TopicHead, TopicLog, seconds
 
 
-def load(open_log: Callable[[Path], TopicLog], path: Path, choose: Chooser, joining: Joining) -> Table:
+def load(open_log: Callable[[Path], TopicLog], path: Path, choose: Chooser, *, joining: Joining) -> Table:
     """Read the chosen fields of a log.
 
     Args:
