@@ -131,7 +131,6 @@ def omitted_columns(
 def _of_topics(
     table: Table, plan: ColumnPlan, request: ColumnRequest, longest: Mapping[str, float]
 ) -> Loaded:
-    """Return the trace of columns with stamps of their own."""
     clock = _Clock.of(table)
     messages: dict[str, Messages] = {}
     units: dict[str, str] = {}

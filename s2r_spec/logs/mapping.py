@@ -168,7 +168,6 @@ class _Names:
         return numbered
 
     def channel(self, name: str, width: int | None, columns: Mapping[str, str]) -> MappedChannel:
-        """Return the parts of a channel."""
         parts = {
             key: text for key, text in columns.items() if key.startswith(f"{name}[") and key.endswith("]")
         }
@@ -188,7 +187,6 @@ class _Names:
         return self._from_columns(name, text, width) or self._with_stated_unit(name, text, width)
 
     def _from_columns(self, name: str, text: str, width: int | None) -> MappedChannel | None:
-        """Return the channel that a name of columns makes; None if there are no such columns."""
         if called := self.columns_called(text):
             return self.exact(name, text, called)
         if (component := self._component(text)) is not None:
@@ -259,7 +257,6 @@ class _Names:
         return MappedChannel(name, tuple(parts[i] for i in range(count)), True)
 
     def exact(self, name: str, text: str, exact: Sequence[int]) -> MappedChannel:
-        """Return the channel of the columns with exactly this name."""
         plain = [number for number in exact if self.heads[number].index is None]
         if len(exact) == 1 and (fault := self.heads[exact[0]].fault):
             raise TraceError(f"{quote(text)} {fault}")

@@ -148,7 +148,6 @@ def summary(path: Path, columns: Mapping[str, str] | None = None, time_unit: str
 
 
 def _size(path: Path) -> int:
-    """Return the bytes of a file, or of all files of a folder."""
     return sum(one.stat().st_size for one in (path.iterdir() if path.is_dir() else [path]))
 
 
@@ -202,7 +201,6 @@ def _topic(
     fields: Sequence[FieldSummary],
     left_out: Sequence[str],
 ) -> TopicSummary:
-    """Return a topic from the sorted stamps of its episodes."""
     steps = np.concatenate([seconds(np.diff(stamps)) for stamps in episodes])
     runs = [
         RunSummary(

@@ -159,11 +159,7 @@ class Text:
             raise
 
     def _read_units(self) -> None:
-        """Take the units from the row below the names, if it is one of units.
-
-        Raises:
-            TraceError: the row shows that these are not the names, or not separated by commas.
-        """
+        """Take the units from the row below the names, if it is one of units."""
         below = next((row for row in self._ahead(1) if not row.torn), None)
         if self._names.width < 2:
             csv_head.refuse_above(self._names, self._ahead())
@@ -269,7 +265,6 @@ class _Lines:
 
 
 def _next(reader: Any, lines: _Lines) -> CsvRow | None:
-    """Return the next row, or None at the end."""
     before = lines.number
     try:
         row: list[str] | None = next(reader, None)

@@ -83,7 +83,6 @@ def with_units(heads: Sequence[Head], row: CsvRow) -> tuple[Head, ...] | None:
 
 
 def _with_unit(head: Head, unit: str | None, row: CsvRow) -> Head:
-    """Return a head with the unit of a cell."""
     if not unit:
         return head
     split = time_units.split_brackets(head.name)

@@ -128,7 +128,6 @@ def _of_series(arrow: Any, values: Any) -> Column:
 
 
 def _arrow(frame: Any) -> tuple[tuple[Head, ...], list[Column], dict[str, Any]]:
-    """Return the columns of any other frame."""
     if hasattr(frame, "collect") and not hasattr(frame, "__arrow_c_stream__"):
         raise UsageError(f"a {type(frame).__name__} holds no data yet; give frame.collect()")
     if not hasattr(frame, "__arrow_c_stream__") or type(frame).__name__ == "Series":

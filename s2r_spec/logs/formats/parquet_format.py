@@ -79,7 +79,6 @@ def _units(file: Any) -> dict[str, str]:
 
 
 def _leaves(arrow: Any, schema: Any) -> list[tuple[str, tuple[str, ...]]]:
-    """Return (name, path) of every column, and of every field of a structure."""
     leaves: list[tuple[str, tuple[str, ...]]] = []
 
     def visit(field: Any, path: tuple[str, ...]) -> None:

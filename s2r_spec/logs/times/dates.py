@@ -61,7 +61,6 @@ def nanoseconds(texts: NDArray[Any], place: Callable[[int], str]) -> NDArray[np.
 
 
 def _offset(zone: str | None) -> int:
-    """Return the offset of a time zone from UTC [ns]."""
     if zone is None or zone in ("Z", "z", "UTC"):
         return 0
     digits = zone[1:].replace(":", "").ljust(4, "0")

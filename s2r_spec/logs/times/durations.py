@@ -70,7 +70,6 @@ def nanoseconds(texts: NDArray[Any], place: Callable[[int], str]) -> NDArray[np.
 
 
 def _parse(text: str) -> int | None:
-    """Return a duration [ns]; None if the text is none."""
     if match := _OF_DAY.fullmatch(text):
         return _count(*match.groups())
     if match := _DAYS.fullmatch(text):

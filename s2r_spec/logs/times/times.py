@@ -95,11 +95,6 @@ def read(
 
 
 def _refuse_odd_cell(texts: NDArray[Any], place: Place) -> None:
-    """Refuse a text among numbers.
-
-    Raises:
-        TraceError: most of the texts are numbers.
-    """
     number = np.array([cells.parse([text]).dtype != object for text in texts])
     if 2 * number.sum() > number.size:
         bad = int(np.argmin(number))
@@ -122,7 +117,6 @@ def _check_usable(column: Column, head: Head, place: Place) -> None:
 
 
 def _read_typed(values: NDArray[Any], unit: str | None, first: Any) -> Times:
-    """Return the times of a column of dates or durations."""
     dated = values.dtype.kind == "M"
     if unit is not None:
         raise TraceError(
@@ -137,11 +131,7 @@ def _read_typed(values: NDArray[Any], unit: str | None, first: Any) -> Times:
 
 
 def _durations(texts: NDArray[Any], unit: str | None, place: Place, first: Any) -> Times:
-    """Return the times of durations as text; those of a clock without a date count from the first one.
-
-    Raises:
-        TraceError: a time of day is before the one above it, or the texts have several forms.
-    """
+    """Return the times of durations as text; those of a clock without a date count from the first one."""
     values = durations.nanoseconds(texts, place)
     clock = durations.of_clock(texts[0])
     _check_form(ClockTime(0) if clock else values, first, texts, place)
@@ -173,7 +163,6 @@ def _form(values: Any) -> str:
 
 
 def _pair(columns: Sequence[Column], heads: Sequence[Head], unit: str | None, first: Any) -> Times:
-    """Return the times of two columns with whole seconds and fractions."""
     if unit is not None:
         raise TraceError(
             f"the times are in {quote(heads[0].text)} and {quote(heads[1].text)}, which state their units; "
@@ -204,7 +193,6 @@ def _whole_numbers(column: Column, head: Head) -> NDArray[np.int64]:
 
 
 def _counts(values: NDArray[Any], head: Head, unit: str | None, first: Any) -> Times:
-    """Return the times of a column of plain numbers."""
     size, notes = _size(head, unit)
     stated = size is not None or (head.name == TIME and _as_a_robot_samples(values))
     if size is None:
@@ -241,7 +229,6 @@ def _assumption_notes(values: NDArray[Any], head: Head) -> tuple[str, ...]:
 
 
 def _since(values: NDArray[Any], size: Fraction, first: Any) -> Times:
-    """Return the times of counts, from the first one if they are dates."""
     start = values[0] if first is None and values.size else first
     dated = start is not None and stamps.dates(np.array([start]), size)
     seconds = stamps.to_seconds(values, size, from_first=dated, first=start)

@@ -30,13 +30,7 @@ _UNITS = ("unit", "units")
 
 @dataclass(frozen=True)
 class Array:
-    """An array of a file before it is read.
-
-    Args:
-        shape: its shape, with the samples first.
-        read: reads it.
-        unit: unit as written; None if there is none.
-    """
+    """An array of a file before it is read: its shape with the samples first, what reads it, its unit as written."""
 
     shape: tuple[int, ...]
     read: Callable[[], NDArray[Any]]
@@ -45,11 +39,11 @@ class Array:
 
 @dataclass(frozen=True)
 class TimeOptions:
-    """What the user says of the times.
+    """What the user says of the times, if anything.
 
     Args:
-        unit: unit of times that are plain numbers; None if not stated.
-        times: path of the array of times, its last part, or two joined by "+"; None if not stated.
+        unit: unit of times that are plain numbers.
+        times: path of the array of times, its last part, or two joined by "+".
     """
 
     unit: str | None = None
@@ -92,7 +86,7 @@ class ArrayLog:
         few(len(arrays))
         self.sortable = False
         self._arrays, self._options = arrays, options or TimeOptions()
-        self.notes: tuple[str, ...] = ()
+        self.notes: list[str] = []
         self._mapped = _mapped_clocks(arrays, self._options.times)
         self._clocks: dict[str, list[str]] = defaultdict(list)
         for path in filter(is_word, arrays):
@@ -103,7 +97,9 @@ class ArrayLog:
                 f"no array of the file has times; {_advice(arrays, self._mapped, objects or {})}"
             )
         self._describe_others(objects or {})
-        self.heads = tuple(self._head(topic, fields) for topic, fields in self._topics.items())
+        self.heads: Sequence[TopicHead] = [
+            self._head(topic, fields) for topic, fields in self._topics.items()
+        ]
 
     def _group_fields(self) -> dict[str, _TopicArrays]:
         """Return topic → its clock and fields. A topic has one clock: the user's, ``t``, or the first."""
@@ -112,7 +108,11 @@ class ArrayLog:
         }
         clocks = {path: clock for path, clock in clocks.items() if path not in clock}
         first: dict[str, Clock] = {}
-        for path, clock in sorted(clocks.items(), key=lambda one: self._rank(one[1])):
+
+        def rank(one: tuple[str, Clock]) -> tuple[bool, bool]:
+            return one[1] not in self._mapped, _last(one[1][0]) != TIME
+
+        for path, clock in sorted(clocks.items(), key=rank):
             first.setdefault(_topic(path, clock), clock)
         topics: dict[str, _TopicArrays] = {}
         for path, clock in clocks.items():
@@ -130,9 +130,6 @@ class ArrayLog:
                 own.fields.append(name)
                 own.rivals = own.rivals or self._rivals(clock)
         return {topic: own for topic, own in topics.items() if own.fields}
-
-    def _rank(self, clock: Clock) -> tuple[bool, bool]:
-        return clock not in self._mapped, _last(clock[0]) != TIME
 
     def _clock(self, path: str, shape: tuple[int, ...]) -> Clock:
         """Return the times of an array, those that have as many samples; () if there are none.
@@ -165,9 +162,12 @@ class ArrayLog:
 
     def _describe_others(self, objects: Mapping[str, str]) -> None:
         """Say of each array below a topic that is not one of its fields why."""
-        known = {path for topic, fields in self._topics.items() for path in fields.clock}
-        known |= {_path(topic, name) for topic, fields in self._topics.items() for name in fields.fields}
-        known |= {_path(topic, name) for topic, fields in self._topics.items() for name in fields.other}
+        known = {path for fields in self._topics.values() for path in fields.clock}
+        known |= {
+            _path(topic, name)
+            for topic, fields in self._topics.items()
+            for name in (*fields.fields, *fields.other)
+        }
         others = {
             path: f"has {_shape(array)} numbers, and no array of times has as many samples"
             for path, array in self._arrays.items()
@@ -179,11 +179,8 @@ class ArrayLog:
                 self._topics[topic].other[_below(path, topic)] = text
 
     def _head(self, topic: str, fields: _TopicArrays) -> TopicHead:
-        units = {
-            name: unit
-            for name in fields.fields
-            if (unit := self._arrays[_path(topic, name)].unit) is not None
-        }
+        written = {name: self._arrays[_path(topic, name)].unit for name in fields.fields}
+        units = {name: unit for name, unit in written.items() if unit is not None}
         count = self._arrays[fields.clock[0]].shape[0]
         return TopicHead(
             topic, tuple(fields.fields), count, units=units, faults=fields.other, other=fields.other
@@ -234,9 +231,7 @@ class ArrayLog:
         clocks = {topic: self._topics[topic].clock for topic in wanted}
         for topic in wanted:
             if rivals := self._topics[topic].rivals:
-                readable = {
-                    _last(path): ([Column(self._arrays[path].read())], [self._time(path)]) for path in rivals
-                }
+                readable = {_last(path): self._readable([path]) for path in rivals}
                 raise candidates.question(readable, self._options.unit)
         own = {topic: clock for topic, clock in clocks.items() if self._mapped and clock not in self._mapped}
         if own and len(own) == len(clocks):
@@ -247,22 +242,23 @@ class ArrayLog:
                 f"{quote(topic)}, which has {_shape(self._arrays[clock[0]])} samples. Its own times are "
                 f"{_clock_text(clock)}"
             )
-        self.notes += tuple(
-            f"the times of {topic or 'the file'} are its own, {_clock_text(own[topic])}" for topic in own
-        )
+        self.notes += [
+            f"the times of {topic or 'the file'} are its own, {_clock_text(clock)}"
+            for topic, clock in own.items()
+        ]
 
-    def _time(self, path: str) -> Head:
-        return Head(_last(path), None, self._arrays[path].unit)
+    def _readable(self, paths: Sequence[str]) -> tuple[list[Column], list[Head]]:
+        """Return the columns of arrays of times, with their heads."""
+        heads = [Head(_last(path), None, self._arrays[path].unit) for path in paths]
+        return [Column(self._arrays[path].read()) for path in paths], heads
 
     def _stamps(self, topic: str) -> NDArray[Any]:
         """Return (n,) dates to the nanosecond, or seconds of a clock without a date."""
         clock = self._topics[topic].clock
         times_read = times.read(
-            [Column(self._arrays[path].read()) for path in clock],
-            [self._time(path) for path in clock],
+            *self._readable(clock),
             self._options.unit,
             lambda sample: f"sample {sample} of {_clock_text(clock)}",
-            None,
         )
         self.notes += times_read.notes
         if times_read.since is None:
@@ -272,9 +268,8 @@ class ArrayLog:
             raise TraceError(
                 f"the times of {_clock_text(clock)} begin at {times_read.begins}, which is no date"
             )
-        stamps: NDArray[Any] = round(times_read.since * 10**9) + np.rint(times_read.seconds * 1e9).astype(
-            np.int64
-        )
+        counts = np.rint(times_read.seconds * 1e9).astype(np.int64)
+        stamps: NDArray[Any] = round(times_read.since * 10**9) + counts
         return stamps.view("M8[ns]")
 
 
@@ -293,9 +288,7 @@ def is_unit_path(path: str) -> bool:
 def with_units(arrays: Mapping[str, Array], texts: Mapping[str, str]) -> dict[str, Array]:
     """Return arrays with the units that texts beside them state.
 
-    Args:
-        arrays: path → array.
-        texts: path → text: ``s.units`` is for all arrays of ``s`` but the times, and ``s.units.gap`` for ``s.gap``.
+    The text ``s.units`` is for all arrays of ``s`` but the times, and ``s.units.gap`` for ``s.gap``.
     """
     labelled = dict(arrays)
     for path, text in texts.items():
@@ -309,6 +302,11 @@ def with_units(arrays: Mapping[str, Array], texts: Mapping[str, str]) -> dict[st
     return labelled
 
 
+def as_text(value: Any) -> str:
+    """Return a text that may be bytes."""
+    return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
+
+
 def as_object(kind: str) -> str:
     """Return why an object of MATLAB cannot be read, as text after its name."""
     return (
@@ -318,11 +316,7 @@ def as_object(kind: str) -> str:
 
 
 def _mapped_clocks(arrays: Mapping[str, Array], name: str | None) -> tuple[Clock, ...]:
-    """Return the clocks that a user names by their path, or by its last part.
-
-    Raises:
-        NoTimesError: there is none.
-    """
+    """Return the clocks that a user names by their path, or by its last part."""
     if name is None:
         return ()
     clocks = tuple((path,) for path in arrays if path == name or path.endswith(f".{name}"))
@@ -335,12 +329,8 @@ def _mapped_clocks(arrays: Mapping[str, Array], name: str | None) -> tuple[Clock
 
 def _advice(arrays: Mapping[str, Array], mapped: Sequence[Clock], objects: Mapping[str, str]) -> str:
     """Return why a file has no topic, and what to save instead."""
-    if mapped:
-        why = f"no other array has as many samples as {mapped[0][0]}"
-        clock = mapped[0][0]
-    else:
-        why = "no array of the file has times"
-        clock = next(filter(is_word, arrays), "")
+    clock = mapped[0][0] if mapped else next(filter(is_word, arrays), "")
+    why = f"no other array has as many samples as {clock}" if mapped else "no array of the file has times"
     if objects and not clock:
         name, fault = next(iter(objects.items()))
         return f"{why}. {quote(name)} {fault}"
@@ -378,7 +368,6 @@ def _path(topic: str, name: str) -> str:
 
 
 def _below(path: str, topic: str) -> str:
-    """Return the name of a field from its path and its topic."""
     return path[len(topic) + 1 :] if topic and path.startswith(f"{topic}.") else path
 
 

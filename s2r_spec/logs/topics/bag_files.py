@@ -10,7 +10,7 @@ from __future__ import annotations
 import shutil
 import sqlite3
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -19,9 +19,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from rosbags.highlevel import AnyReader
-from rosbags.interfaces import Connection
 from rosbags.rosbag1 import Reader as Ros1Reader
-from rosbags.rosbag2.metadata import ReaderMetadata
 from rosbags.rosbag2.reader import DirectoryReader
 from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
@@ -143,7 +141,6 @@ class _Database(Sqlite3Reader):
             super().close()
 
     def _recover(self, journals: list[Path]) -> Path:
-        """Return a copy of the file with the messages of its journals."""
         folder = Path(self._stack.enter_context(TemporaryDirectory(prefix="s2r-")))
         names = one_of(file.name for file in journals)
         try:
@@ -204,21 +201,16 @@ class _File:
     def close(self) -> None:
         self._storage.close()
 
+    def __getattr__(self, name: str) -> Any:
+        """Return ``connections``, ``metadata`` or ``messages`` of the storage, or what else rosbags asks for."""
+        return getattr(self._storage, name)
+
     def __enter__(self) -> _File:
         self.open()
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    @property
-    def connections(self) -> list[Connection]:
-        """The topics with their types; what it gives must not be changed."""
-        return self._storage.connections  # type: ignore[no-any-return]
-
-    @property
-    def metadata(self) -> ReaderMetadata:
-        return self._storage.metadata  # type: ignore[no-any-return]
 
     @property
     def end_time(self) -> int:
@@ -229,18 +221,12 @@ class _File:
 
     @property
     def notes(self) -> list[str]:
-        """Notes on a file that is not complete."""
         return getattr(self._storage, "notes", [])
 
     @property
     def distribution(self) -> str:
         """Distribution of ROS as the recorder noted it; "" if it did not."""
         return getattr(self._storage, "distribution", "")
-
-    def messages(
-        self, connections: Collection[Connection], start: int | None = None, stop: int | None = None
-    ) -> Iterator[tuple[Connection, int, bytes]]:
-        return self._storage.messages(connections, start, stop)  # type: ignore[no-any-return]
 
 
 class _Folder(DirectoryReader):
@@ -282,16 +268,13 @@ class _Folder(DirectoryReader):
 
     @property
     def files_read(self) -> list[_File]:
-        """The files of the bag."""
         return [file for file in self.storages if isinstance(file, _File)]
 
     @property
     def end_time(self) -> int:
-        """Receipt of the last message of any file [ns]."""
         return max(file.end_time for file in self.files_read)
 
     def _listed_files(self) -> list[str]:
-        """Return the names of the files that ``metadata.yaml`` lists."""
         with suppress(Exception):  # then the metadata have another fault
             metadata = YAML(typ="safe").load((self.path / METADATA).read_text())
             return [
@@ -300,7 +283,6 @@ class _Folder(DirectoryReader):
         return []
 
     def _missing_files(self) -> list[str]:
-        """Return the files that ``metadata.yaml`` lists and the folder lacks."""
         return [name for name in self._listed_files() if not (self.path / name).exists()]
 
     def _surplus(self) -> list[str]:

@@ -150,7 +150,6 @@ def mcap(stream: BinaryIO, end: int, losses: _Losses) -> _Records:
 
 
 def _mcap(stream: BinaryIO, end: int, losses: _Losses, schemas: dict[int, Schema]) -> _Records:
-    """Yield the whole records of MCAP from here to an end."""
     held: list[Connection | _Message] = []  # a record before zeros is not whole: zeros may fill its end, too
     begin = stream.tell()
     while (at := stream.tell()) < end:
@@ -199,7 +198,6 @@ def _mcap_chunk(
 
 
 def _mcap_record(kind: int, body: BytesIO, schemas: dict[int, Schema]) -> list[Connection | _Message]:
-    """Return the connection or the message that a record holds."""
     number = int.from_bytes(body.read(2), "little")
     if kind == _SCHEMA:
         schemas[number] = Schema(number, read_string(body), read_string(body), read_string(body))
@@ -278,7 +276,6 @@ def _ros1_chunk(body: bytes, size: int, compression: str, losses: _Losses) -> _R
 
 
 def _ros1_connection(header: Header, body: bytes) -> Connection:
-    """Return the connection that a record holds."""
     # A record's data has the form of a header.
     more = Header.read(BytesIO(len(body).to_bytes(4, "little") + body))
     return Connection(

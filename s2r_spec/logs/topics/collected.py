@@ -107,16 +107,10 @@ class Codec:
 
 
 class _Values:
-    """Values of one field, (n,) or (n, k), in an array of at most 8 bytes a number.
+    """Values of one field, (n,) or (n, k), in arrays of at most 8 bytes a number."""
 
-    Args:
-        expected: number of the values; more may come.
-    """
-
-    def __init__(self, expected: int) -> None:
-        self._expected = expected
-        self._array: NDArray[Any] = np.zeros(0)
-        self._count = 0
+    def __init__(self) -> None:
+        self._parts: list[NDArray[Any]] = []
         self._lengths: set[int] = set()
 
     def extend(self, values: Any) -> int:
@@ -130,13 +124,13 @@ class _Values:
             values = np.stack(values)
         part = np.asarray(values)
         if len(self._lengths) <= 1 and len(part):
-            self._append(part)
+            self._parts.append(part)
         return part.size
 
     def array(self) -> NDArray[Any]:
         """Return all values, and forget them."""
-        values, self._array = self._array, np.zeros(0)
-        return values if len(values) == self._count else values[: self._count]
+        parts, self._parts = self._parts, []
+        return np.concatenate(parts) if parts else np.zeros(0)
 
     def column(self, fault: str, kept: NDArray[Any] | slice) -> Column:
         """Return the values of the kept messages, and forget all."""
@@ -144,18 +138,6 @@ class _Values:
             lengths = f"{min(self._lengths)} to {max(self._lengths)}"
             fault = fault or f"has vectors of {lengths} numbers, not of one length"
         return Column.without(fault) if fault else Column(self.array()[kept])
-
-    def _append(self, part: NDArray[Any]) -> None:
-        end = self._count + len(part)
-        dtype = np.result_type(self._array, part) if self._count else part.dtype
-        if end > len(self._array) or dtype != self._array.dtype:
-            room = max(end, 2 * self._count, self._expected if part.ndim == 1 else 0)
-            grown = np.empty((room, *part.shape[1:]), dtype)
-            if self._count:
-                grown[: self._count] = self._array[: self._count]
-            self._array = grown
-        self._array[self._count : end] = part
-        self._count = end
 
 
 class Collected:
@@ -166,20 +148,13 @@ class Collected:
         fields: names of the chosen fields.
         readers: what reads each of them from a message.
         stamped: whether the stamps are those of the headers.
-        expected: number of the messages, as the bag says.
     """
 
     def __init__(
-        self,
-        codec: Codec,
-        fields: Sequence[str],
-        readers: Sequence[Callable[[Any], Any]],
-        stamped: bool,
-        expected: int,
+        self, codec: Codec, fields: Sequence[str], readers: Sequence[Callable[[Any], Any]], stamped: bool
     ) -> None:
         self.count = self.numbers = 0
-        self._codec, self._fields, self._readers = codec, fields, readers
-        self._name = codec.topic
+        self._codec, self._fields, self._readers, self._name = codec, fields, readers, codec.topic
         self._stamped = stamped
         self._elements = any(isinstance(reader, Element) for reader in readers)
         self._one_layout = not any(isinstance(reader, Element | NamedVector) for reader in readers)
@@ -187,9 +162,9 @@ class Collected:
         self._waiting: list[int] = []
         self._raw: list[bytes] = []
         self._bytes = 0
-        self._stamps, self._ages, self._which = (_Values(expected) for _ in range(3))
+        self._stamps, self._ages, self._which = (_Values() for _ in range(3))
         self._age, self._last, self._unordered = 0, 0, False
-        self._columns = [_Values(expected) for _ in fields]
+        self._columns = [_Values() for _ in fields]
         self._patterns: dict[tuple[bool, ...], int] = {}
 
     def add(self, received: int, raw: bytes) -> bool:

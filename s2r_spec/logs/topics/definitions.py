@@ -77,7 +77,6 @@ def _store(distribution: str) -> Typestore:
 
 
 def _fits(distribution: str, kind: str, message: bytes) -> bool:
-    """Return whether a message has exactly the bytes that a definition wants."""
     try:
         _store(distribution).deserialize_cdr(message, kind)
     except Exception:  # of rosbags, or of what a wrong length leads to

@@ -78,11 +78,7 @@ class _Walk:
         self.constant = [*range(self._start)]
 
     def message(self, kind: str, prefix: str = "") -> None:
-        """Walk over a message.
-
-        Raises:
-            LookupError: it has sequences of messages or of texts, or a type that numpy lacks.
-        """
+        """Walk over a message."""
         for name, (shape, content) in self._store.fielddefs[kind][1]:
             path = f"{prefix}{name}"
             if shape == _NAME:
@@ -102,7 +98,6 @@ class _Walk:
             self.place += -(self.place - self._start) % size
 
     def _length(self) -> int:
-        """Return the length before a text or a sequence."""
         self._align(4)
         self.constant += range(self.place, self.place + 4)
         self.place += 4

@@ -16,15 +16,8 @@ import numpy as np
 from s2r_spec.base.errors import TraceError, shortened
 from s2r_spec.base.printable import one_line
 from s2r_spec.logs.table import regular
-from s2r_spec.logs.topics.arrays import (
-    Array,
-    ArrayLog,
-    TimeOptions,
-    as_object,
-    is_unit_path,
-    squeeze,
-    with_units,
-)
+from s2r_spec.logs.topics import arrays as named
+from s2r_spec.logs.topics.arrays import Array, ArrayLog, TimeOptions, is_unit_path, squeeze
 from s2r_spec.logs.topics.hdf5 import open_hdf5
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -57,14 +50,10 @@ def open_matlab(path: Path, options: TimeOptions | None = None) -> ArrayLog:
     variables = {name: value for name, value in content.items() if not name.startswith("__")}
     leaves = dict(_leaves(variables, ""))
     texts = {path: leaf for path, leaf in leaves.items() if isinstance(leaf, str)}
-    arrays = {
-        path: Array(leaf.shape, partial(np.asarray, leaf))
-        for path, leaf in leaves.items()
-        if path not in texts
-    }
-    return ArrayLog(
-        with_units(arrays, texts), options, {name: as_object(kind) for name, kind in _objects(content)}
-    )
+    numbers = {path: leaf for path, leaf in leaves.items() if path not in texts}
+    arrays = {path: Array(leaf.shape, partial(np.asarray, leaf)) for path, leaf in numbers.items()}
+    objects = {name: named.as_object(kind) for name, kind in _objects(content)}
+    return ArrayLog(named.with_units(arrays, texts), options, objects)
 
 
 def _leaves(value: Any, path: str) -> Iterator[tuple[str, Any]]:
@@ -92,8 +81,4 @@ def _objects(content: dict[str, Any]) -> Iterator[tuple[str, str]]:
     for value in content.values():
         if isinstance(value, MatlabOpaque):
             for one in value.ravel():
-                yield _word(one["s0"]), _word(one["s2"])
-
-
-def _word(text: Any) -> str:
-    return text.decode(errors="replace") if isinstance(text, bytes) else str(text)
+                yield named.as_text(one["s0"]), named.as_text(one["s2"])

@@ -119,7 +119,6 @@ def sort_messages(topic: Topic, sortable: bool, place: Callable[[int], str] | No
 
 
 def _late_messages(counts: FloatArray) -> IntArray:
-    """Return the messages that come after one with a later stamp."""
     return np.flatnonzero(counts < np.maximum.accumulate(counts))
 
 
@@ -175,7 +174,6 @@ def _is_repeated(column: Column, at: IntArray) -> NDArray[np.bool_]:
 
 
 def _remedy(topic: Topic) -> str:
-    """Return what to do with stamps that are no times."""
     if topic.age is not None:
         return "use --stamps received"
     return "save each part in a file of its own"

@@ -29,23 +29,8 @@ from s2r_spec.logs.topics.topic import Stamps, Topic, TopicHead
 if TYPE_CHECKING:
     from s2r_spec.logs.topics.bag_files import Bag
 
-_NUMBERS = frozenset(
-    (
-        "bool",
-        "byte",
-        "char",
-        "float32",
-        "float64",
-        "int8",
-        "int16",
-        "int32",
-        "int64",
-        "uint8",
-        "uint16",
-        "uint32",
-        "uint64",
-    )
-)
+_NUMBERS = {"bool", "byte", "char", "float32", "float64"}
+_NUMBERS |= {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
 """Definition: the base types of ROS that are numbers."""
 _TIMES = frozenset(("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"))
 _BASE, _NAME, _ARRAY, _SEQUENCE = 1, 2, 3, 4
@@ -61,10 +46,7 @@ _NAMES = ("name", "names", "joint_names")
 
 
 class RosBag:
-    """A bag; see :class:`s2r_spec.logs.topics.topic.TopicLog`.
-
-    Args:
-        path: a ROS 1 ``.bag``, the folder of a ROS 2 bag, or its ``.db3`` or ``.mcap`` file.
+    """A ROS 1 ``.bag``, the folder of a ROS 2 bag, or its ``.db3`` or ``.mcap`` file, as a ``TopicLog``.
 
     Raises:
         TraceError: rosbags is not installed, or the file is not a bag.
@@ -83,10 +65,10 @@ class RosBag:
         self._bag = self._open_bag(by_parts=False)
         self._listed, self._source = dict(self._bag.listed), self._bag.source
         try:
-            self.heads = tuple(self._heads())
+            self.heads: Sequence[TopicHead] = list(self._heads())
         except _DamagedError:
             self._bag = self._open_bag(by_parts=True)
-            self.heads = tuple(self._heads())
+            self.heads = list(self._heads())
         self.notes: list[str] = []
 
     def read(self, wanted: Mapping[str, Sequence[str]], stamps: Stamps) -> dict[str, Topic]:
@@ -106,6 +88,8 @@ class RosBag:
             self._bag = self._open_bag(by_parts=True)
             collected = self._collect(wanted, stamps)
         self.notes += self._bag.notes
+        # Receipt of the bag's last message [ns]; a log ends then, on the clock of its stamps.
+        received = max(int(file.end_time) for file in self._bag.reader.readers)
         read: dict[str, Topic] = {}
         for name, one in collected.items():
             listed = self._listed.get(name, one.count)
@@ -115,37 +99,23 @@ class RosBag:
                     f"{fault}{one.count:,} messages of {name} are read, and {self._source} lists {listed:,}"
                 )
             streams, notes = one.topics()
-            read |= {key: self._with_end(stream) for key, stream in streams.items()}
             self.notes += notes
+            for key, stream in streams.items():
+                end = received - round((stream.age or 0.0) * 1e9)
+                read[key] = replace(stream, log_end=np.datetime64(end, "ns")) if received > 0 else stream
         return read
 
-    def _with_end(self, topic: Topic) -> Topic:
-        """Return a topic with the end of the bag, on the clock of its stamps."""
-        received = max(int(file.end_time) for file in self._bag.reader.readers)
-        if received <= 0:
-            return topic
-        age = round((topic.age or 0.0) * 1e9)
-        return replace(topic, log_end=np.datetime64(received - age, "ns"))
-
     def _collect(self, wanted: Mapping[str, Sequence[str]], stamps: Stamps) -> dict[str, Collected]:
-        """Read all messages of topics.
-
-        Raises:
-            TraceError: a message does not fit its type, or there are too many numbers.
-            _DamagedError: the files are damaged.
-        """
-        counts = {head.name: head.count for head in self.heads}
         collected = {}
         for name, fields in wanted.items():
             readers = [self._reader(name, field) for field in fields]
-            collected[name] = Collected(self._codecs[name], fields, readers, stamps == "header", counts[name])
+            collected[name] = Collected(self._codecs[name], fields, readers, stamps == "header")
         for topic, received, raw in self._messages(set(wanted)):
             if collected[topic].add(received, raw):
                 check_size(sum(one.numbers for one in collected.values()))
         return collected
 
     def _heads(self) -> Iterator[TopicHead]:
-        """Yield what the bag says of its topics."""
         counts: dict[str, int] = defaultdict(int)
         kinds: dict[str, str] = {}
         others: dict[str, str] = {}
@@ -160,7 +130,7 @@ class RosBag:
                 fault = f"has messages of the types {kind} and {others[topic]}"
             self._codecs[topic] = codec
             if fault:
-                yield TopicHead(topic, (), counts[topic], kind, False, faults={"": fault})
+                yield TopicHead(topic, (), counts[topic], kind, faults={"": fault})
                 continue
             head = _head(codec.store, topic, kind, counts[topic])
             yield self._with_elements(head, *_named_vectors(codec.store, head))
@@ -169,7 +139,7 @@ class RosBag:
         """Return how the messages of a topic are decoded, and why they cannot be, as text after its name."""
         reader = self._bag.reader
         bag = Codec(topic, kind, reader.typestore, reader.is2, self._advice)
-        (one, *_) = (one for one in reader.connections if one.topic == topic)
+        one = next(one for one in reader.connections if one.topic == topic)
         encoding = getattr(one.ext, "serialization_format", "cdr")
         if encoding != "cdr":
             return bag, f"has messages in the encoding {encoding}, and s2r reads those of ROS"
@@ -200,18 +170,13 @@ class RosBag:
         return replace(head, fields=tuple(fields))
 
     def _reader(self, topic: str, field: str) -> Callable[[Any], Any]:
-        """Return what reads a field of a topic's messages."""
         if (topic, field) in self._elements:
             return self._elements[topic, field]
         names = self._vectors.get((topic, field))
         return attrgetter(field) if names is None else NamedVector(names, field)
 
     def _messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes]]:
-        """Yield (topic, time of receipt [ns], raw message) of some topics.
-
-        Raises:
-            _DamagedError: the files are damaged.
-        """
+        """Yield (topic, time of receipt [ns], raw message) of some topics."""
         connections = [one for one in self._bag.reader.connections if one.topic in topics]
         if not connections:
             return
@@ -239,7 +204,6 @@ class _DamagedError(TraceError):
 def _head(store: Any, topic: str, kind: str, count: int) -> TopicHead:
     """Return the fields of a topic that are numbers, from the definition of its messages."""
     fields: list[str] = []
-    faults: dict[str, str] = {}
     other: dict[str, str] = {}
 
     def visit(name: str, prefix: str, depth: int) -> None:
@@ -264,8 +228,8 @@ def _head(store: Any, topic: str, kind: str, count: int) -> TopicHead:
         visit(kind, "", 0)
         header = store.get_msgdef(kind).fields[0] == ("header", (_NAME, "std_msgs/msg/Header"))
     except KeyError:
-        faults[""] = f"has messages of the type {kind}, whose definition the bag lacks"
-        return TopicHead(topic, (), count, kind, False, faults=faults)
+        fault = f"has messages of the type {kind}, whose definition the bag lacks"
+        return TopicHead(topic, (), count, kind, faults={"": fault})
     return TopicHead(topic, tuple(fields), count, kind, header, other=other)
 
 

@@ -106,11 +106,7 @@ def _head(topic: TopicHead, field: str) -> Head:
 
 
 def _stamps(topics: list[TopicHead], chosen: Stamps | None) -> tuple[Stamps, list[str]]:
-    """Return which stamps count, and a note where the log has both.
-
-    Raises:
-        TraceError: the stamps of the headers are wanted, and a topic has none.
-    """
+    """Return which stamps count, and a note where the log has both."""
     without = [topic.name for topic in topics if not topic.header]
     if chosen == "header" and without:
         raise TraceError(
@@ -132,9 +128,6 @@ def _refuse_unset(topic: Topic) -> None:
     """Refuse headers without a stamp: the time of such a message is known by its receipt alone.
 
     The stamp 0 means that the sender set none, unless its clock began there.
-
-    Raises:
-        TraceError: some header has no stamp.
     """
     if topic.age is None:
         return
@@ -151,11 +144,7 @@ def _refuse_unset(topic: Topic) -> None:
 
 
 def _one_clock(topics: Mapping[str, Topic]) -> None:
-    """Refuse stamps of several clocks, such as simulated time beside the date.
-
-    Raises:
-        TraceError: the ages of two topics' stamps differ by more than :data:`APART`.
-    """
+    """Refuse stamps of several clocks, such as simulated time beside the date."""
     ages = {name: topic.age for name, topic in topics.items() if topic.age is not None}
     if ages and max(ages.values()) - min(ages.values()) > APART:
         late, early = max(ages, key=ages.__getitem__), min(ages, key=ages.__getitem__)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -42,10 +43,10 @@ class ULog:
             raise TraceError(f"this is not a ULog file: {reason}") from None
         self._data = {_name(one): one.data for one in log.data_list}
         few(sum(len(data) for data in self._data.values()))
-        self.heads = tuple(
+        self.heads: Sequence[TopicHead] = [
             TopicHead(name, tuple(field for field in data if field != _STAMP), len(data[_STAMP]))
             for name, data in self._data.items()
-        )
+        ]
         last = max((int(data[_STAMP].max()) for data in self._data.values() if len(data[_STAMP])), default=0)
         self._end = np.timedelta64(last * 1000, "ns")
         self.notes = (
@@ -89,6 +90,5 @@ def _whole_length(path: Path) -> int:
     return min(place, len(content)) if len(content) > _FILE_HEADER else len(content)
 
 
-def _name(data: object) -> str:
-    name, instance = data.name, data.multi_id  # type: ignore[attr-defined]
-    return f"{name}_{instance}" if instance else str(name)
+def _name(data: Any) -> str:
+    return f"{data.name}_{data.multi_id}" if data.multi_id else str(data.name)
