@@ -82,21 +82,20 @@ def load(
     gather: bool = False,
     joining: Joining | None = None,
 ) -> Loaded:
-    """Read a trace from a file, with notes for the user; see :func:`read`.
+    """Read a trace from a file, with notes for the user; for arguments and errors see also :func:`read`.
 
     Args:
         path: the file.
-        columns: see :func:`read`.
-        wanted: see :func:`read`.
-        time_unit: see :func:`read`.
+        columns: channel → name of its column.
+        wanted: channels to read.
+        time_unit: unit of times that are plain numbers.
         gather: if all columns are read, whether to make vectors of numbered columns (``q_0``, ``q_1``), and to leave
             out fields of topics that are not mapped and whose names no spec can have.
         joining: how topics come to common stamps; None for the defaults of a log of topics, and for a table whose
             rows have all channels.
 
     Raises:
-        TraceError: see :func:`read`; also if the file has several episodes.
-        UsageError: see :func:`read`.
+        TraceError: also if the file has several episodes.
     """
     episodes = load_episodes(path, Reading(columns or {}, wanted, time_unit, gather, joining))
     if len(episodes) > 1:
@@ -109,14 +108,9 @@ def load(
 
 @dataclass(frozen=True)
 class Reading:
-    """What is read of a file.
+    """What is read of a file, as for :func:`load`.
 
     Args:
-        columns: see :func:`load`, as for all fields up to ``joining``.
-        wanted: see there.
-        time_unit: see there.
-        gather: see there.
-        joining: see there.
         longest: channel → how long a value is valid, as the user states it [s].
         runs: whether a table has a trace for each run of its clock, whose times step back where it began anew.
     """

@@ -54,11 +54,7 @@ def build_trace(
 ) -> Loaded:
     """Return the trace of a parsed file.
 
-    Args:
-        table: the parsed columns.
-        plan: the columns of each channel.
-        request: what was asked for.
-        longest: channel → time for which a value of its messages is valid, as the user states it [s].
+    ``longest`` is channel → time for which a value of its messages is valid, as the user states it [s].
 
     Raises:
         TraceError: the times or a requested channel are not valid.
@@ -272,13 +268,7 @@ class Channels:
 
 
 def channels(table: Table, plan: ColumnPlan, count: int) -> Channels:
-    """Return the channels of a plan.
-
-    Args:
-        table: table with the columns that the plan needs.
-        plan: the columns of each channel.
-        count: number of samples that each channel must have.
-    """
+    """Return the channels of a plan, each with ``count`` samples."""
     read = Channels({}, {}, {})
     for channel in plan.channels:
         try:

@@ -160,11 +160,7 @@ Description = tuple[dict[str, str], dict[str, Any], dict[str, Any]]
 
 
 def parse_description(text: str | bytes, source: str) -> Description:
-    """Return what s2r writes beside the columns, from its JSON.
-
-    Args:
-        text: the JSON.
-        source: its place in the file, for messages.
+    """Return what s2r writes beside the columns, from its JSON; messages name its source in the file.
 
     Raises:
         TraceError: it is not JSON, or has another form.

@@ -20,11 +20,6 @@ def read(column: Column, name: str, place: Callable[[int], str]) -> tuple[FloatA
 
     Truth values become 1 and 0, and durations seconds.
 
-    Args:
-        column: the parsed column.
-        name: name of the column, in quotes.
-        place: sample number → its place in the file.
-
     Raises:
         TraceError: the column holds no numbers.
     """

@@ -71,12 +71,10 @@ class Entry:
 
 @dataclass(frozen=True)
 class Folder:
-    """The recordings of a folder.
+    """The recordings of a folder in order, and the files that determine them.
 
     Args:
         units: parameter → its unit; "" if none is written.
-        entries: the recordings in order.
-        files: the files that determine them.
         assumptions: what a statement about the recordings assumes of their choice, a sentence each.
     """
 

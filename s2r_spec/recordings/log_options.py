@@ -44,7 +44,7 @@ _REPEATED = ("map", "param", "longest")
 
 @dataclass(frozen=True)
 class LogOptions:
-    """A folder of traces, and the options for reading them.
+    """A folder of traces, and how they are read.
 
     Args:
         folder: the folder.
@@ -60,11 +60,7 @@ class LogOptions:
 
     @classmethod
     def parse(cls, backend: str, text: str) -> LogOptions:
-        """Read a text such as ``night?nan=hold``.
-
-        Args:
-            backend: name of the backend, for messages.
-            text: the text after the backend's name and colon.
+        """Read the text after the backend's name and colon, such as ``night?nan=hold``.
 
         Raises:
             UsageError: an option after the ``?`` is unknown or has a wrong value.

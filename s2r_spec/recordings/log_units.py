@@ -23,10 +23,7 @@ def no_units(
 ) -> list[str]:
     """Return a sentence for each column with a text in brackets that is no unit, where the signal has one.
 
-    Args:
-        signals: the signals that are read.
-        units: signal → unit in the log.
-        columns: signal or component → name of its column.
+    ``units`` are those of signals in the log, and ``columns`` those of signals or components.
     """
     mapped = [(key.partition("[")[0], column) for key, column in columns.items()]
     return [
@@ -81,10 +78,7 @@ def assumptions(
 def assumption(column: str, declared: str, remedy: str) -> str:
     """Return a sentence on a column without a unit that is read in a declared unit; "" if this is of SI.
 
-    Args:
-        column: name of the column.
-        declared: the unit in the specification.
-        remedy: the option that states the unit, with UNIT in its place.
+    ``remedy`` is the option that states the unit, with UNIT in its place.
     """
     unit = parse_unit(declared)
     mass = dict(unit.dimension).get("[mass]", 0.0)

@@ -207,11 +207,7 @@ def refuse_hidden(
 ) -> None:
     """Refuse recordings in which an undeclared parameter varies: its effect would count as noise.
 
-    Args:
-        spec: the specification, with its parameters.
-        backend: the backend with the recordings.
-        used: the recordings to check.
-        among: names of the parameters to check; None for all.
+    ``among`` are the names of the parameters to check; None for all.
 
     Raises:
         UsageError: a parameter varies that the spec does not declare.

@@ -127,13 +127,7 @@ def params_of(
 ) -> tuple[dict[str, float], frozenset[str]]:
     """Return parameter → value, and the names of the parameters whose values come from the trace.
 
-    A value of the request goes before the trace's; if they differ, a warning says so.
-
-    Args:
-        request: the request.
-        meta: the metadata of the trace.
-        source: the trace in words.
-        values: parameter → value in a column of the trace's file.
+    A value of the request goes before the trace's, in its meta or in a column; if they differ, a warning says so.
 
     Raises:
         TraceError: the trace's value of a parameter is not a number.
@@ -151,10 +145,6 @@ def params_of(
 
 def stream_of_rows(request: TraceRequest, readline: Callable[[int], str]) -> SampleStream:
     """Return the samples of a table that is read row by row while it is written.
-
-    Args:
-        request: the channels to read, and their specification.
-        readline: as in :func:`s2r_spec.logs.formats.follow.follow`.
 
     Raises:
         UsageError: the request cuts or joins, which needs the whole table.

@@ -100,8 +100,7 @@ class Text:
     def of(cls, readline: Callable[[], str]) -> Text:
         """Read comments, the names of the columns, and their units if these are a row of their own.
 
-        Args:
-            readline: returns the next line with its line break, at most :data:`LONGEST` characters; "" at the end.
+        ``readline`` returns the next line with its line break, at most :data:`LONGEST` characters; "" at the end.
 
         Raises:
             TraceError: there is no header, or the names are in a later line.
@@ -192,10 +191,7 @@ class Text:
         return rows
 
     def rows(self, needed: Sequence[int]) -> Iterator[tuple[int, list[str]]]:
-        """Yield (line, cells) of every complete row; an incomplete last row becomes a note.
-
-        Args:
-            needed: columns to read; a row is complete if it has these.
+        """Yield (line, cells) of every row that has the needed columns; an incomplete last row becomes a note.
 
         Raises:
             TraceError: a row before the last has a different length from the header.

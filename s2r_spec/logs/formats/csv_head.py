@@ -26,13 +26,9 @@ _SEPARATORS = (";", "\t", "|", " ")
 
 
 class CsvRow(NamedTuple):
-    """A row of the file.
+    """A row of the file: its cells, and the number of its last line, from 1.
 
-    Args:
-        cells: its cells.
-        line: number of its last line, from 1.
-        cut: whether this line has no line break.
-        torn: whether it ends inside quotes.
+    A row is cut if this line has no line break, and torn if it ends inside quotes.
     """
 
     cells: list[str]
@@ -137,11 +133,8 @@ def refuse_above(names: CsvRow, rows: Sequence[CsvRow]) -> None:
     """Refuse a file whose names are missing, or seem to stand below other lines.
 
     The line of the names is the one above the first row that begins as a sample, or above its row of units. It has no
-    number itself, and as many cells as the row.
-
-    Args:
-        names: the row that was taken for the names.
-        rows: the rows with text below it, up to the first that begins as a sample.
+    number itself, and as many cells as the row. ``rows`` are those with text below the names, up to the first that
+    begins as a sample.
 
     Raises:
         TraceError: the names are in a later line, or there are none.

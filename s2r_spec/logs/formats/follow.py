@@ -34,9 +34,7 @@ class Rows:
 def follow(readline: Callable[[int], str], request: ColumnRequest) -> Rows:
     """Read the header of a table now, and each row on request.
 
-    Args:
-        readline: method of a text stream; returns the next line with at most the given number of characters.
-        request: the channels to read.
+    ``readline`` returns the next line of a text stream, with at most the given number of characters.
 
     Raises:
         TraceError: as for a file, also during the reading of rows.

@@ -16,11 +16,9 @@ Readable = tuple[Sequence[Column], Sequence[Head]]
 
 
 def question(candidates: Mapping[str, Readable], unit: str | None) -> NoTimesError:
-    """Return the error that asks which candidate has the times.
+    """Return the error that asks which of two or more candidates, by their names in ``--map t=``, has the times.
 
-    Args:
-        candidates: name as ``--map t=`` takes it → its columns, two or more.
-        unit: unit of plain numbers that the user states; None if not stated.
+    ``unit`` is that of plain numbers, if the user states one.
     """
     ranges = {name: text for name, one in candidates.items() if (text := _describe(*one, unit)) is not None}
     names = tuple(ranges) or tuple(candidates)

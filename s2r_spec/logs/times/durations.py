@@ -49,11 +49,7 @@ def of_clock(text: str) -> bool:
 
 
 def nanoseconds(texts: NDArray[Any], place: Callable[[int], str]) -> NDArray[np.timedelta64]:
-    """Return (n,) durations in nanoseconds.
-
-    Args:
-        texts: (n,) durations, or times of day.
-        place: sample number → its place in the file.
+    """Return (n,) durations, or times of day, in nanoseconds.
 
     Raises:
         TraceError: a text is not a duration, or only some of the texts state days.

@@ -59,9 +59,9 @@ def read(
     Args:
         columns: one or two columns.
         heads: their heads.
-        unit: unit of plain numbers that the user states; None if not stated.
+        unit: unit of plain numbers that the user states, if any.
         place: sample number → its place in the file.
-        first: :attr:`Times.first` of a trace whose first samples were read before; else None.
+        first: :attr:`Times.first` of a trace whose first samples were read before.
 
     Raises:
         TraceError: a stamp is missing or no time, units contradict each other, or the numbers are too large for

@@ -83,12 +83,9 @@ class Joined:
 
 
 def join(topics: dict[str, Topic], joining: Joining, sortable: bool) -> Joined:
-    """Return the messages of topics in order, with an account of each.
+    """Return the messages of topics in order, with an account of each; the topics are removed from their table.
 
-    Args:
-        topics: name → topic, in the order of the file; they are removed from it.
-        joining: the clock and the rule.
-        sortable: whether messages of senders may be late.
+    ``sortable`` says whether messages of senders may be late.
 
     Raises:
         TraceError: the clock is not one of the topics, a topic has no messages, or its stamps are no times.

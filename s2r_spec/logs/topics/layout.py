@@ -115,12 +115,12 @@ class _Walk:
 
 
 def layout(store: Any, kind: str, message: bytes, cdr: bool) -> Layout | None:
-    """Return the layout of a message; None if it has none that this module knows.
+    """Return the layout of a raw message; None if it has none that this module knows.
 
     Args:
         store: rosbags' definitions of messages.
         kind: type of the message.
-        message: the raw message.
+        message: its bytes.
         cdr: whether it is in CDR, as in ROS 2.
     """
     try:

@@ -29,12 +29,7 @@ def join_rows(
 ) -> Loaded:
     """Return the trace of a table whose channels have rows of their own.
 
-    Args:
-        table: the parsed columns.
-        plan: the columns of each channel.
-        request: what was asked for.
-        joining: the clock and the rule.
-        longest: channel → time for which a value is valid, as the user states it [s].
+    ``longest`` is channel → time for which a value is valid, as the user states it [s].
 
     Raises:
         TraceError: the times do not increase, a channel has no value, or the clock is not a channel.

@@ -18,13 +18,7 @@ from s2r_spec.logs.topics.topic import APART, Stamps, Topic, TopicHead, TopicLog
 
 
 def load(open_log: Callable[[Path], TopicLog], path: Path, choose: Chooser, *, joining: Joining) -> Table:
-    """Read the chosen fields of a log.
-
-    Args:
-        open_log: opens the log.
-        path: its file or folder.
-        choose: chooses the fields.
-        joining: how the topics come to common instants.
+    """Read the chosen fields of a log, from its file or folder.
 
     Raises:
         TraceError: the file is damaged, or its stamps are no times or come from several clocks.

@@ -111,11 +111,7 @@ class TopicLog(Protocol):
     notes: list[str]
 
     def read(self, wanted: Mapping[str, Sequence[str]], stamps: Stamps) -> dict[str, Topic]:
-        """Read fields of topics, and nothing else.
-
-        Args:
-            wanted: topic → names of its fields; a topic may have none, for its stamps alone.
-            stamps: which stamps count, where the format has both.
+        """Read fields of topics, by topic → their names; a topic may have none, for its stamps alone.
 
         Raises:
             TraceError: the file is damaged.
