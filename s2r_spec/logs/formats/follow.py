@@ -39,7 +39,7 @@ def follow(readline: Callable[[int], str], request: ColumnRequest) -> Rows:
     Raises:
         TraceError: as for a file, also during the reading of rows.
     """
-    text = Text.of(lambda: readline(LONGEST))
+    text = Text(lambda: readline(LONGEST))
     plan = text.chosen(lambda heads: plan_columns(heads, request))
     if plan.faults and request.wanted is not None and not text.meta.get("failure"):
         raise TraceError(next(iter(plan.faults.values())))
