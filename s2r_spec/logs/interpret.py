@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError
 from s2r_spec.lang.units import LONGEST
-from s2r_spec.logs import values
+from s2r_spec.logs import cells
 from s2r_spec.logs.account import Account
 from s2r_spec.logs.mapping import ANY, ColumnPlan, ColumnRequest, MappedChannel
 from s2r_spec.logs.options import unit_of_option
@@ -289,7 +289,7 @@ def _channel(table: Table, channel: MappedChannel, count: int) -> tuple[FloatArr
     for part in channel.parts:
         head = table.heads[part.number]
         name = quote(head.text)
-        samples, unit = values.read(table.columns[part.number], name, table.places(part.number))
+        samples, unit = cells.read_samples(table.columns[part.number], name, table.places(part.number))
         if samples.shape[0] != count:
             raise TraceError(f"{name} has {samples.shape[0]} samples, but there are {count} time stamps")
         if part.component is not None:

@@ -58,18 +58,11 @@ def _read(
 ) -> times.Times | None:
     """Return the times of a candidate, with the likely unit where numbers need one; None if they are no times."""
     first = columns[0].values.flat[0] if columns[0].values.size else 0.0
-    likely = (
-        None
-        if isinstance(first, str | np.generic) and not _plain(first)
-        else time_units.looks_like(float(first))
-    )
+    plain = isinstance(first, int | float | np.integer | np.floating)
+    likely = time_units.looks_like(float(first)) if plain else None
     for one in dict.fromkeys((unit, None, likely)):
         try:
             return times.read(columns, heads, one, place)
         except TraceError:
             continue
     return None
-
-
-def _plain(value: object) -> bool:
-    return isinstance(value, int | float | np.integer | np.floating)
