@@ -28,7 +28,7 @@ from ruamel.yaml import YAML
 
 from s2r_spec.base.errors import TraceError, one_of, shortened
 from s2r_spec.base.printable import one_line
-from s2r_spec.logs.topics.bag_parts import Parts, mcap, remedy, ros1
+from s2r_spec.logs.topics.bag_parts import BY_PARTS, Parts, remedy
 from s2r_spec.logs.topics.rosbag import METADATA
 
 _JOURNALS = ("-wal", "-journal")
@@ -159,7 +159,6 @@ class _Database(Sqlite3Reader):
 
 
 _INDEXED: dict[str, Callable[[Path], Any]] = {".mcap": McapReader, ".bag": Ros1Reader, ".db3": _Database}
-_BY_PARTS = {".mcap": mcap, ".bag": ros1}
 
 
 class _File:
@@ -179,7 +178,7 @@ class _File:
     def open(self) -> None:
         ending = self.path.suffix.lower()
         reason: Exception = ValueError("it has no whole message")
-        if not self._by_parts or ending not in _BY_PARTS:
+        if not self._by_parts or ending not in BY_PARTS:
             try:
                 self._storage = _INDEXED[ending](self.path)
                 self._storage.open()
@@ -187,13 +186,13 @@ class _File:
             except (TraceError, PermissionError):
                 raise
             except Exception as error:
-                if ending not in _BY_PARTS:
+                if ending not in BY_PARTS:
                     raise unreadable_error(self.path, error) from None
                 reason = error
         with suppress(ValueError):  # it is no such file at all
-            parts = Parts(self.path, _BY_PARTS[ending])
+            parts = Parts(self.path, *BY_PARTS[ending])
             parts.open()
-            if not parts.empty:
+            if parts.count:
                 self._storage, self.parts = parts, True
                 return
         raise unreadable_error(self.path, reason)
@@ -247,7 +246,7 @@ class _Folder(DirectoryReader):
         try:
             self.open()
         except Exception:
-            if missing := self._missing_files():
+            if missing := [name for name in self._listed_files() if not (self.path / name).exists()]:
                 raise TraceError(
                     f"{METADATA} lists {one_of(missing)}, and the folder lacks it; copy it, or `ros2 bag reindex "
                     f"{self.path}` to read the rest"
@@ -281,9 +280,6 @@ class _Folder(DirectoryReader):
                 Path(name).name for name in metadata["rosbag2_bagfile_information"]["relative_file_paths"]
             ]
         return []
-
-    def _missing_files(self) -> list[str]:
-        return [name for name in self._listed_files() if not (self.path / name).exists()]
 
     def _surplus(self) -> list[str]:
         """Return the files of bags that the folder holds and ``metadata.yaml`` does not list."""
