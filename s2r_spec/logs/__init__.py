@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
 
 from s2r_spec.base.errors import NoTimesError, TraceError, TraceNote
@@ -147,7 +148,8 @@ def load_episodes(path: str | Path, reading: Reading) -> list[Loaded]:
 
     def choose(heads: tuple[Head, ...]) -> set[int]:
         plans.append(plan_columns(heads, requested))
-        episode.extend(() if topics else split.episode_column(heads))
+        named = (number for number, head in enumerate(heads) if head.text == split.EPISODE and not topics)
+        episode.extend(islice(named, 1))
         return plans[-1].needed | {*episode}
 
     try:

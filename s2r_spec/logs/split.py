@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from s2r_spec.base.errors import TraceError
-from s2r_spec.logs.table import Head, Table
+from s2r_spec.logs.table import Table
 
 EPISODE = "episode_index"
 """Definition: the column that numbers the episodes of a LeRobot data set (version 3.0 of its format)."""
-
-
-def episode_column(heads: Iterable[Head]) -> list[int]:
-    """Return the number of the first column that numbers the episodes; none if there is none."""
-    return [number for number, head in enumerate(heads) if head.text == EPISODE][:1]
 
 
 def split_episodes(table: Table, number: int) -> list[Table]:

@@ -132,19 +132,15 @@ def summary(path: Path, columns: Mapping[str, str] | None = None, time_unit: str
     summaries = []
     for head in log.heads:
         topic = topics[head.name]
-        runs = _runs(topic.stamps, sent.get(head.name, topic).stamps)
+        own = sent.get(head.name, topic).stamps  # stamps of the senders show where a clock began anew
+        parts = np.split(topic.stamps, resets(own) if len(own) == len(topic.stamps) else [])
         fields = [FieldSummary(head.path(name), head.units.get(name)) for name in head.fields]
         left_out = [f"{head.path(name)} {fault}" for name, fault in head.faults.items()]
         if not fields and not left_out:
             left_out.append("its messages hold no numbers that s2r reads")
-        summaries.append(_topic(head.name, head.kind, runs, fields, left_out))
+        summaries.append(_topic(head.name, head.kind, list(map(np.sort, parts)), fields, left_out))
     notes = [] if summaries else ["the file has no topics"]
     return LogSummary(tuple(summaries), (*log.notes, *notes))
-
-
-def _runs(stamps: NDArray[Any], sent: NDArray[Any]) -> list[NDArray[Any]]:
-    """Return the stamps of each run of a clock, in order; ``sent`` are those of the senders, which show the resets."""
-    return [np.sort(run) for run in np.split(stamps, resets(sent) if len(sent) == len(stamps) else [])]
 
 
 def _table(path: Path, columns: Mapping[str, str], time_unit: str | None) -> LogSummary:

@@ -5,7 +5,6 @@ The times are in one column, or in two: ``stamp.sec`` of whole seconds and ``sta
 
 from __future__ import annotations
 
-import re
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 
@@ -95,7 +94,10 @@ def time_candidates(heads: Sequence[Head]) -> tuple[str, ...]:
     words = [
         number
         for number, head in enumerate(heads)
-        if number not in taken and head.name and not head.fault and TIME_WORDS & {*_words(head.text)}
+        if number not in taken
+        and head.name
+        and not head.fault
+        and TIME_WORDS & {*time_units.words(head.text[:100])}
     ]
     return tuple(dict.fromkeys([*pairs, *_full_names(heads, words)]))
 
@@ -141,7 +143,3 @@ def _halves(heads: Sequence[Head]) -> dict[str, tuple[int, int]]:
         for stem, numbers in whole.items()
         if len(numbers) == 1 == len(below.get(stem, ()))
     }
-
-
-def _words(name: str) -> list[str]:
-    return [word.lower() for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name[:100])]

@@ -75,20 +75,17 @@ def with_units(heads: Sequence[Head], row: CsvRow) -> tuple[Head, ...] | None:
     units = [_unit(cell) for cell in row.cells]
     if row.width > len(heads) or not any(units) or None in units:
         return None
-    return tuple(_with_unit(head, unit, row) for head, unit in zip_longest(heads, units[: len(heads)]))
-
-
-def _with_unit(head: Head, unit: str | None, row: CsvRow) -> Head:
-    if not unit:
-        return head
-    split = time_units.split_brackets(head.name)
-    named = head.unit if head.unit is not None or split is None else split[1]
-    if named is not None and named != unit and _unit(named):
-        raise TraceError(
-            f"line {row.line} states {quote(unit)} for {quote(head.text)}, whose name states {quote(named)}; "
-            f"keep one of the two units"
-        )
-    return replace(head, unit=unit)
+    named = []
+    for head, unit in zip_longest(heads, units[: len(heads)]):
+        split = time_units.split_brackets(head.name)
+        written = head.unit if head.unit is not None or split is None else split[1]
+        if unit and written is not None and written != unit and _unit(written):
+            raise TraceError(
+                f"line {row.line} states {quote(unit)} for {quote(head.text)}, whose name states {quote(written)}; "
+                f"keep one of the two units"
+            )
+        named.append(replace(head, unit=unit or head.unit))
+    return tuple(named)
 
 
 def _unit(cell: str) -> str | None:

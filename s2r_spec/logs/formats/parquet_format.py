@@ -114,18 +114,14 @@ def _read(arrow: Any, file: Any, roots: list[str]) -> Any:
     check_size(file.metadata.num_rows * len(roots))
     batches, taken = [], 0
     for batch in file.iter_batches(batch_size=_ROWS, columns=roots, use_threads=False):
-        taken += sum(map(_numbers, batch.columns))
+        for column in batch.columns:  # its memory in numbers of 8 bytes
+            size = parsed.TEXT_SIZE if "string" in str(column.type) else 1
+            taken += max(len(column) * size, int(column.nbytes) // 8)
         check_size(taken)
         batches.append(batch)
     if batches:
         return arrow.Table.from_batches(batches)
     return arrow.schema([file.schema_arrow.field(name) for name in roots]).empty_table()
-
-
-def _numbers(column: Any) -> int:
-    """Return the memory for a column, in numbers of 8 bytes."""
-    texts = "string" in str(column.type)
-    return max(len(column) * (parsed.TEXT_SIZE if texts else 1), int(column.nbytes) // 8)
 
 
 def as_column(arrow: Any, column: Any) -> Column:

@@ -67,7 +67,9 @@ def read(
         TraceError: a stamp is missing or no time, units contradict each other, or the numbers are too large for
             seconds.
     """
-    columns = [_flat(column) for column in columns]
+    columns = [  # MATLAB writes numbers as vectors of one component
+        replace(one, values=one.values[:, 0]) if one.values.shape[1:] == (1,) else one for one in columns
+    ]
     for column, head in zip(columns, heads, strict=True):
         _check_usable(column, head, place)
     if len(columns) == 2:
@@ -99,12 +101,6 @@ def _refuse_odd_cell(texts: NDArray[Any], place: Place) -> None:
     if 2 * number.sum() > number.size:
         bad = int(np.argmin(number))
         raise TraceError(f"{place(bad)} is {quote(str(texts[bad]))}, and the other times are numbers")
-
-
-def _flat(column: Column) -> Column:
-    """Return a column of vectors with one component, the form of Matlab, as a column of numbers."""
-    one = column.values.ndim == 2 and column.values.shape[1] == 1
-    return replace(column, values=column.values[:, 0]) if one else column
 
 
 def _check_usable(column: Column, head: Head, place: Place) -> None:
@@ -194,7 +190,10 @@ def _whole_numbers(column: Column, head: Head) -> NDArray[np.int64]:
 
 def _counts(values: NDArray[Any], head: Head, unit: str | None, first: Any) -> Times:
     size, notes = _size(head, unit)
-    stated = size is not None or (head.name == TIME and _as_a_robot_samples(values))
+    stated = size is not None
+    if head.name == TIME:  # the times of a trace are in seconds unless they say so, if they look like seconds
+        steps = np.abs(np.diff(values.astype(np.float64)))
+        stated = stated or not steps.size or FAST < float(np.median(steps)) < SLOW
     if size is None:
         ends = [values[0], values[-1]] if values.size and first is None else []
         likely = next(filter(None, (time_units.looks_like(float(end)) for end in ends)), None)
@@ -210,11 +209,6 @@ def _counts(values: NDArray[Any], head: Head, unit: str | None, first: Any) -> T
         notes = _assumption_notes(values, head) if first is None else ()
     times = _since(values, size, first)
     return replace(times, notes=notes, stated=stated)
-
-
-def _as_a_robot_samples(values: NDArray[Any]) -> bool:
-    """Return whether the times of a trace, which are in seconds unless they say so, look like seconds."""
-    return len(values) < 2 or FAST < float(np.median(np.abs(np.diff(values.astype(np.float64))))) < SLOW
 
 
 def _assumption_notes(values: NDArray[Any], head: Head) -> tuple[str, ...]:
@@ -243,7 +237,9 @@ def _since(values: NDArray[Any], size: Fraction, first: Any) -> Times:
 def _size(head: Head, unit: str | None) -> tuple[Fraction | None, tuple[str, ...]]:
     """Return the unit of a column's numbers [s], or None; and a note if only the column's name states it."""
     stated = None if unit is None else time_units.size(unit)
-    declared = head.unit if head.unit is not None else time_units.in_brackets(head.name)
+    declared = head.unit
+    if declared is None and (split := time_units.split_brackets(head.name)) is not None:
+        declared = split[1] if time_units.size(split[1]) is not None else None
     if declared is not None:
         size = time_units.size(declared)
         if size is None:
@@ -257,12 +253,11 @@ def _size(head: Head, unit: str | None) -> tuple[Fraction | None, tuple[str, ...
         return size, ()
     if stated is not None:
         return stated, ()
-    name = time_units.unit_in_name(head.name)
-    if name is None:
+    word = time_units.last_word(head.name)
+    if word in time_units.WHOLE:
+        return Fraction(1), ()
+    if (name := time_units.SUB.get(word)) is None:
         return None, ()
-    note = (
-        ()
-        if name == "s"
-        else (f"the times are read in {name}, the unit in the column name {quote(head.name)}",)
+    return time_units.size(name), (
+        f"the times are read in {name}, the unit in the column name {quote(head.name)}",
     )
-    return time_units.size(name), note

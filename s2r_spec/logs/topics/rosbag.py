@@ -11,6 +11,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from importlib import import_module
 from itertools import islice
 from operator import attrgetter
@@ -59,8 +60,7 @@ class RosBag:
         self._advice = f"; the file is a part of a bag, so name the folder {path.parent}" if part else ""
         self._stack = ExitStack()
         finalize(self, self._stack.close)
-        self._elements: dict[tuple[str, str], Element] = {}
-        self._vectors: dict[tuple[str, str], str] = {}
+        self._readers: dict[tuple[str, str], Callable[[], Callable[[Any], Any]]] = {}
         self._codecs: dict[str, Codec] = {}
         self._bag = self._open_bag(by_parts=False)
         self._listed, self._source = dict(self._bag.listed), self._bag.source
@@ -108,7 +108,7 @@ class RosBag:
     def _collect(self, wanted: Mapping[str, Sequence[str]], stamps: Stamps) -> dict[str, Collected]:
         collected = {}
         for name, fields in wanted.items():
-            readers = [self._reader(name, field) for field in fields]
+            readers = [self._readers.get((name, field), partial(attrgetter, field))() for field in fields]
             collected[name] = Collected(self._codecs[name], fields, readers, stamps == "header")
         for topic, received, raw in self._messages(set(wanted)):
             if collected[topic].add(received, raw):
@@ -163,17 +163,11 @@ class RosBag:
             return replace(head, faults={"": f"cannot be read: {error}"})
         fields = list(head.fields)
         for vector in vectors:
-            self._vectors[head.name, vector] = names
+            self._readers[head.name, vector] = partial(NamedVector, names, vector)
             for name in elements:
                 fields.append(f"{vector}.{name}")
-                self._elements[head.name, fields[-1]] = Element(names, vector, name)
+                self._readers[head.name, fields[-1]] = partial(Element, names, vector, name)
         return replace(head, fields=tuple(fields))
-
-    def _reader(self, topic: str, field: str) -> Callable[[Any], Any]:
-        if (topic, field) in self._elements:
-            return self._elements[topic, field]
-        names = self._vectors.get((topic, field))
-        return attrgetter(field) if names is None else NamedVector(names, field)
 
     def _messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes]]:
         """Yield (topic, time of receipt [ns], raw message) of some topics."""

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -41,7 +40,9 @@ class ULog:
         except Exception as error:  # pyulog lets errors of numpy, struct and of its own through
             reason = shortened(one_line(str(error)) or type(error).__name__)
             raise TraceError(f"this is not a ULog file: {reason}") from None
-        self._data = {_name(one): one.data for one in log.data_list}
+        self._data = {
+            f"{one.name}_{one.multi_id}" if one.multi_id else str(one.name): one.data for one in log.data_list
+        }
         few(sum(len(data) for data in self._data.values()))
         self.heads: Sequence[TopicHead] = [
             TopicHead(name, tuple(field for field in data if field != _STAMP), len(data[_STAMP]))
@@ -88,7 +89,3 @@ def _whole_length(path: Path) -> int:
             break
         place = end
     return min(place, len(content)) if len(content) > _FILE_HEADER else len(content)
-
-
-def _name(data: Any) -> str:
-    return f"{data.name}_{data.multi_id}" if data.multi_id else str(data.name)
