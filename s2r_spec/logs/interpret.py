@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from s2r_spec.trace import stamps as exact
 from s2r_spec.trace.messages import SILENT, Messages, join
 
 FloatArray = NDArray[np.float64]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -128,21 +129,17 @@ def _of_topics(
     table: Table, plan: ColumnPlan, request: ColumnRequest, longest: Mapping[str, float]
 ) -> Loaded:
     clock = _Clock.of(table)
-    messages: dict[str, Messages] = {}
-    units: dict[str, str] = {}
-    accounts: dict[str, Account] = {}
-    faults: dict[str, str] = {}
     notes = [*table.notes, *plan.notes]
-    for channel in plan.channels:
-        try:
-            valid = longest.get(channel.name, math.nan)
-            messages[channel.name], unit = _messages(table, channel, clock, valid, notes)
-        except TraceError as error:
-            faults[channel.name] = str(error)
-            continue
-        if unit is not None:
-            units[channel.name] = unit
-        accounts[channel.name] = _account(table, channel, len(messages[channel.name]))
+
+    def read(channel: MappedChannel) -> tuple[Messages, str | None]:
+        return _messages(table, channel, clock, longest.get(channel.name, math.nan), notes)
+
+    messages, units, faults = _read_channels(plan, read)
+    accounts = {
+        one.name: _account(table, one, len(messages[one.name]))
+        for one in plan.channels
+        if one.name in messages
+    }
     lacking = omitted_columns(table, plan, request, faults)
     if not messages:
         stamps = clock.seconds(next(one.stamps for one in table.columns.values() if one.stamps is not None))
@@ -269,17 +266,23 @@ class Channels:
 
 def channels(table: Table, plan: ColumnPlan, count: int) -> Channels:
     """Return the channels of a plan, each with ``count`` samples."""
-    read = Channels({}, {}, {})
+    return Channels(*_read_channels(plan, lambda channel: _channel(table, channel, count)))
+
+
+def _read_channels(
+    plan: ColumnPlan, read: Callable[[MappedChannel], tuple[T, str | None]]
+) -> tuple[dict[str, T], dict[str, str], dict[str, str]]:
+    """Return name → what is read, name → unit, and name → fault of channels left out."""
+    values, units, faults = {}, {}, {}
     for channel in plan.channels:
         try:
-            samples, unit = _channel(table, channel, count)
+            values[channel.name], unit = read(channel)
         except TraceError as error:
-            read.faults[channel.name] = str(error)
+            faults[channel.name] = str(error)
             continue
-        read.samples[channel.name] = samples
         if unit is not None:
-            read.units[channel.name] = unit
-    return read
+            units[channel.name] = unit
+    return values, units, faults
 
 
 def _channel(table: Table, channel: MappedChannel, count: int) -> tuple[FloatArray, str | None]:

@@ -32,12 +32,7 @@ from s2r_spec.trace.samples import period_of
 
 @dataclass(frozen=True)
 class ParamColumn:
-    """The value of a test parameter in a log: that of a column, at a time after the episode's start.
-
-    Args:
-        column: name of the column.
-        at: time [s]; the last sample up to it counts.
-    """
+    """The value of a test parameter: that of a column ``at`` [s] after the episode's start, or of the sample before."""
 
     column: str
     at: float

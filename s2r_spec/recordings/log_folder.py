@@ -25,7 +25,7 @@ from s2r_spec.logs.formats.csv_head import is_number
 from s2r_spec.logs.interpret import Loaded
 from s2r_spec.logs.table import regular
 from s2r_spec.logs.topics.formats import FORMATS, opener
-from s2r_spec.recordings.log_episodes import Episode, LogEpisodes, read_log_episodes
+from s2r_spec.recordings.log_episodes import LogEpisodes, read_log_episodes
 from s2r_spec.recordings.log_options import LogOptions
 from s2r_spec.trace import Trace
 
@@ -136,7 +136,7 @@ def read(options: LogOptions) -> Folder:
 
 
 def _entries(log: LogEpisodes, row: _TestRow, units: dict[str, str]) -> list[Entry]:
-    """Return the recordings of a log; add the units of its parameters."""
+    """Return the recordings of a log, with its parameters and its protocol; add the units of its parameters."""
     entries = []
     for episode in log.episodes:
         for name, (_, unit) in episode.values.items():
@@ -144,24 +144,19 @@ def _entries(log: LogEpisodes, row: _TestRow, units: dict[str, str]) -> list[Ent
                 raise LogError(
                     f"{episode.name}: the parameter {name} is in {unit!r}, and before in {units[name]!r}"
                 )
+        named = episode.trace.meta.get(PROTOCOL)
+        if not isinstance(named, str) or named in ("", row.protocol):
+            named = row.protocol
+        elif row.protocol:
+            raise LogError(
+                f"{episode.name} is a run of the protocol {named!r}, but line {row.line} of {TABLE} names "
+                f"{row.protocol!r}; correct the row"
+            )
         values = {**row.params, **{name: value for name, (value, _) in episode.values.items()}}
         notes = (*log.notes, *log.silences)
         loaded = Loaded(episode.trace, notes, log.dated, log.left_out, log.accounts, log.stated)
-        entries.append(Entry(episode.name, values, loaded, _protocol(episode, row)))
+        entries.append(Entry(episode.name, values, loaded, named))
     return entries
-
-
-def _protocol(episode: Episode, row: _TestRow) -> str:
-    """Return the protocol of an episode, by its row or by its trace; "" for a test."""
-    of_trace = episode.trace.meta.get(PROTOCOL)
-    if not isinstance(of_trace, str) or of_trace in ("", row.protocol):
-        return row.protocol
-    if row.protocol:
-        raise LogError(
-            f"{episode.name} is a run of the protocol {of_trace!r}, but line {row.line} of {TABLE} names "
-            f"{row.protocol!r}; correct the row"
-        )
-    return of_trace
 
 
 def _refuse_empty(path: Path, table: _Tests, rows: Sequence[tuple[_TestRow, Entry]]) -> None:

@@ -75,10 +75,14 @@ class LogOptions:
         stated, sources = read_sources(values["param"])
         if stated:
             raise UsageError(f"{where}: param={stated[0]} names no column; write param=vd=COLUMN@0")
+        columns, unit = read_map(values["map"]), unit_of_option(values.get("time-unit"))
+        for key, allowed in (("join", RULES), ("stamps", STAMPS)):
+            if values.get(key) not in (None, *allowed):
+                raise UsageError(f"{where}: {key} must be {' or '.join(allowed)}, not {values[key]!r}")
         settings = EpisodeSettings(
-            read_map(values["map"]),
-            unit_of_option(values.get("time-unit")),
-            _joining(where, values),
+            columns,
+            unit,
+            Joining.chosen(values.get("clock"), values.get("join"), values.get("stamps")),
             values.get("when"),
             _seconds(where, values, "start"),
             _seconds(where, values, "duration"),
@@ -128,13 +132,6 @@ def _values(where: str, options: str) -> dict[str, Any]:
         elif values.setdefault(key, value) != value:
             raise UsageError(f"{where}: {key} has several values, {values[key]} and {value}; give one")
     return values
-
-
-def _joining(where: str, values: Mapping[str, Any]) -> Joining | None:
-    for key, allowed in (("join", RULES), ("stamps", STAMPS)):
-        if values.get(key) not in (None, *allowed):
-            raise UsageError(f"{where}: {key} must be {' or '.join(allowed)}, not {values[key]!r}")
-    return Joining.chosen(values.get("clock"), values.get("join"), values.get("stamps"))
 
 
 def _seconds(where: str, values: Mapping[str, Any], key: str) -> float | None:

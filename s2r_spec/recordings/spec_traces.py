@@ -18,7 +18,7 @@ from s2r_spec.base.printable import one_line
 from s2r_spec.logs.account import Account
 from s2r_spec.logs.formats.follow import follow
 from s2r_spec.logs.interpret import request as columns_to_read
-from s2r_spec.recordings.log_episodes import EpisodeSettings, LogEpisodes, read_log_episodes
+from s2r_spec.recordings.log_episodes import EpisodeSettings, read_log_episodes
 from s2r_spec.recordings.log_units import assumption, no_units
 from s2r_spec.robustness.grid import Grid
 from s2r_spec.robustness.reading import Missing
@@ -97,20 +97,6 @@ def read_spec_traces(request: TraceRequest, path: Path) -> list[SpecTrace]:
         raise UsageError(f"--longest names {unknown[0]!r}, which is no signal; the signals are {known}")
     horizon = max(request.spec.horizon(name) for name in request.requirements)
     log = read_log_episodes(path, request.spec.signals, request.wanted, horizon, request.settings)
-    notes = _notes(request, log)
-    for sentence in notes:
-        warnings.warn(f"{path}: {sentence}", TraceNote, stacklevel=2)
-    accounts = {name: one for name, one in log.accounts.items() if name in request.wanted}
-    traces = []
-    for episode in log.episodes:
-        with in_file(path):
-            values = request.spec.read_params(episode.texts())
-            params, taken = params_of(request, episode.trace.meta, episode.name, values)
-        traces.append(SpecTrace(episode.name, episode.trace, params, taken, notes, accounts, log.stated))
-    return traces
-
-
-def _notes(request: TraceRequest, log: LogEpisodes) -> tuple[str, ...]:
     notes = list(log.notes)
     for name, (_, unit) in log.episodes[0].values.items():
         if name in request.spec.params and not unit:
@@ -119,7 +105,18 @@ def _notes(request: TraceRequest, log: LogEpisodes) -> tuple[str, ...]:
             notes += filter(None, [assumption(source.column, request.spec.params[name].unit, remedy)])
     if log.dated:
         notes.append(f"times count from the first sample, at {log.dated}")
-    return tuple(notes)
+    for sentence in notes:
+        warnings.warn(f"{path}: {sentence}", TraceNote, stacklevel=2)
+    accounts = {name: one for name, one in log.accounts.items() if name in request.wanted}
+    traces = []
+    for episode in log.episodes:
+        with in_file(path):
+            values = request.spec.read_params(episode.texts())
+            params, taken = params_of(request, episode.trace.meta, episode.name, values)
+        traces.append(
+            SpecTrace(episode.name, episode.trace, params, taken, tuple(notes), accounts, log.stated)
+        )
+    return traces
 
 
 def params_of(

@@ -30,20 +30,9 @@ _NOTE_LENGTH = 2**24
 """Budget: bytes of ``s2r.json``, 16 million."""
 _HEADER_LENGTH = 10_000
 """Budget: bytes of an array's header, numpy's own limit; a longer header is slow to parse."""
-_BROKEN = (
-    ValueError,
-    EOFError,
-    KeyError,
-    NotImplementedError,
-    RuntimeError,
-    MemoryError,
-    RecursionError,
-    SyntaxError,
-    TypeError,
-    zipfile.BadZipFile,
-    zlib.error,
-    lzma.LZMAError,
-)
+_DAMAGED = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, MemoryError, RuntimeError)
+_BROKEN = (*_DAMAGED, ValueError, KeyError, SyntaxError, TypeError)
+"""Definition: what :mod:`zipfile` and numpy raise for a damaged archive."""
 
 
 def load(path: Path, choose: Chooser) -> Table:
@@ -85,7 +74,7 @@ class _Member:
     """The header of an array in the archive."""
 
     name: str
-    dtype: np.dtype[Any] | None
+    dtype: np.dtype[Any]
     shape: tuple[int, ...]
     fortran: bool
     start: int
@@ -106,40 +95,40 @@ class _Member:
         shape, start = header["shape"], 8 + wide + length
         if not isinstance(shape, tuple) or not all(isinstance(n, int) and n >= 0 for n in shape):
             raise ValueError(f"the shape of {name} is {str(shape)[:40]}")
-        fortran = bool(header["fortran_order"])
+        fault = ""
         if dtype.hasobject:
-            return cls(name, None, shape, fortran, start, "holds Python objects, which s2r does not read")
-        if dtype.names is not None or not dtype.itemsize:
-            return cls(name, None, shape, fortran, start, "holds records, not numbers")
-        if math.prod(shape) * dtype.itemsize > size - start:
+            fault = "holds Python objects, which s2r does not read"
+        elif dtype.names is not None or not dtype.itemsize:
+            fault = "holds records, not numbers"
+        elif math.prod(shape) * dtype.itemsize > size - start:
             raise ValueError(
                 f"the header of {name} states the shape {str(shape)[:60]}, but its data are shorter"
             )
-        return cls(name, dtype, shape, fortran, start)
+        return cls(name, dtype, shape, bool(header["fortran_order"]), start, fault)
 
     @property
     def numbers(self) -> int:
         """Memory for the array, in numbers of 8 bytes."""
-        if self.dtype is None:
+        if self.fault:
             return 0
         size = parsed.TEXT_SIZE if self.dtype.kind in "US" else 1
         return math.prod(self.shape) * max(size, self.dtype.itemsize // 8)
 
 
-def _array(archive: zipfile.ZipFile, member: _Member, dtype: np.dtype[Any]) -> NDArray[Any]:
+def _array(archive: zipfile.ZipFile, member: _Member) -> NDArray[Any]:
     with archive.open(member.name) as stream:
         if len(stream.read(member.start)) != member.start:
             raise EOFError("it ends inside a header")
-        data = stream.read(math.prod(member.shape) * dtype.itemsize)
+        data = stream.read(math.prod(member.shape) * member.dtype.itemsize)
         stream.read(1)  # the archive compares the checksum at the end
-    flat = np.frombuffer(data, dtype=dtype)
+    flat = np.frombuffer(data, dtype=member.dtype)
     return flat.reshape(member.shape, order="F" if member.fortran else "C")
 
 
 def _column(archive: zipfile.ZipFile, member: _Member) -> Column:
-    if member.dtype is None:
+    if member.fault:
         return Column.without(member.fault)
-    values = _array(archive, member, member.dtype)
+    values = _array(archive, member)
     if values.ndim == 0:
         return Column.without("is one value for the whole file, not one per sample")
     if values.ndim > 2:
@@ -160,10 +149,10 @@ def _notes(archive: zipfile.ZipFile, name: str | None) -> parsed.Description:
         return {}, {}, {}
     member = _Member.of(archive, name)
     dtype = member.dtype
-    if dtype is None or dtype.kind != "U" or member.shape or dtype.itemsize > _NOTE_LENGTH:
+    if member.fault or dtype.kind != "U" or member.shape or dtype.itemsize > _NOTE_LENGTH:
         raise TraceError(f"the array {_NOTES!r} is not a string")
     try:
-        text = str(_array(archive, member, dtype)[()])
+        text = str(_array(archive, member)[()])
     except ValueError as error:
         raise TraceError(f"the array {_NOTES!r} is not JSON: {error}") from None
     return parsed.parse_description(text, f"the array {_NOTES!r}")

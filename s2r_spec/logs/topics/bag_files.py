@@ -37,7 +37,7 @@ _JOURNALS = ("-wal", "-journal")
 
 @dataclass(frozen=True)
 class Bag:
-    """An open bag.
+    """An open bag, with notes on files that are not complete.
 
     Args:
         reader: gives connections, and the definitions of messages that the bag holds.
@@ -46,7 +46,6 @@ class Bag:
         listed: topic → number of its messages in ``metadata.yaml``, or in the file's index.
         source: where these numbers come from.
         distribution: of ROS, in lower case, as the recorder noted it; "" if it did not.
-        notes: notes on files that are not complete.
     """
 
     reader: AnyReader
@@ -59,12 +58,7 @@ class Bag:
 
 
 def open_bag(path: Path, stack: ExitStack, by_parts: bool = False) -> Bag:
-    """Open a bag, and close it with a stack.
-
-    Args:
-        path: a ROS 1 ``.bag``, the folder of a ROS 2 bag, or its ``.db3`` or ``.mcap`` file.
-        stack: closes the files.
-        by_parts: whether not to use indexes.
+    """Open a bag, and close it with a stack; ``by_parts`` uses no index.
 
     Raises:
         TraceError: the bag has no message that can be read.
@@ -266,12 +260,8 @@ class _Folder(DirectoryReader):
         self.close()
 
     @property
-    def files_read(self) -> list[_File]:
-        return [file for file in self.storages if isinstance(file, _File)]
-
-    @property
     def end_time(self) -> int:
-        return max(file.end_time for file in self.files_read)
+        return max(file.end_time for file in self.storages if isinstance(file, _File))
 
     def _listed_files(self) -> list[str]:
         with suppress(Exception):  # then the metadata have another fault

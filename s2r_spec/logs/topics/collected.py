@@ -77,7 +77,7 @@ class Codec:
     """How the raw messages of a topic are decoded.
 
     Args:
-        topic: name of the topic.
+        topic: its name.
         kind: type of the messages.
         store: rosbags' definitions of messages.
         cdr: whether they are in CDR, as in ROS 2.
@@ -141,13 +141,9 @@ class _Values:
 
 
 class Collected:
-    """The messages of a topic that were added so far, of which only the chosen numbers remain.
+    """The messages of a topic that were added so far, of which only the numbers of chosen fields remain.
 
-    Args:
-        codec: decodes the messages.
-        fields: names of the chosen fields.
-        readers: what reads each of them from a message.
-        stamped: whether the stamps are those of the headers.
+    Each field has a reader; ``stamped`` says whether the stamps are those of the headers.
     """
 
     def __init__(

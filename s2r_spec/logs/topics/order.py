@@ -49,14 +49,16 @@ class Ordered:
     resorted: int
     notes: tuple[str, ...]
 
+    @property
+    def messages(self) -> int:
+        """Number of the topic's messages in the file."""
+        return len(self.topic) + self.merged + sum(self.topic.dropped.values())
+
 
 def sort_messages(topic: Topic, sortable: bool, place: Callable[[int], str] | None = None) -> Ordered:
-    """Return a topic in order of its stamps.
+    """Return a topic in order of its stamps, which are its sender's, and may come late, if it is sortable.
 
-    Args:
-        topic: the topic, in the order of the file.
-        sortable: whether its stamps are from its sender, whose messages may come late.
-        place: number of a message → its place in the file; None to number the messages.
+    ``place`` is number of a message → its place in the file; None to number the messages.
 
     Raises:
         TraceError: the clock began anew, was set, or stood still.

@@ -133,7 +133,7 @@ class RosBag:
                 yield TopicHead(topic, (), counts[topic], kind, faults={"": fault})
                 continue
             head = _head(codec.store, topic, kind, counts[topic])
-            yield self._with_elements(head, *_named_vectors(codec.store, head))
+            yield self._with_elements(codec.store, head)
 
     def _codec(self, topic: str, kind: str) -> tuple[Codec, str]:
         """Return how the messages of a topic are decoded, and why they cannot be, as text after its name."""
@@ -149,10 +149,18 @@ class RosBag:
         store, fault = self._definitions.find_definitions(kind, raw, self._bag.distribution)
         return replace(bag, store=store), fault
 
-    def _with_elements(self, head: TopicHead, names: str, vectors: Sequence[str]) -> TopicHead:
+    def _with_elements(self, store: Any, head: TopicHead) -> TopicHead:
         """Return a topic with a field for each named element of its vectors, by the names in its first messages."""
-        if not (names and vectors and head.count):
+        defined = () if head.faults else store.get_msgdef(head.kind).fields
+        texts = [
+            name
+            for name, (shape, content) in defined
+            if name in _NAMES and shape == _SEQUENCE and content[0] == (_BASE, ("string", 0))
+        ]
+        vectors = [name for name, (shape, _) in defined if name in head.fields and shape == _SEQUENCE]
+        if not (texts and vectors and head.count):
             return head
+        names = texts[0]
         elements: dict[str, None] = {}
         try:
             for number, (_, _, raw) in enumerate(islice(self._messages({head.name}), _LOOKED_AT), 1):
@@ -225,17 +233,3 @@ def _head(store: Any, topic: str, kind: str, count: int) -> TopicHead:
         fault = f"has messages of the type {kind}, whose definition the bag lacks"
         return TopicHead(topic, (), count, kind, faults={"": fault})
     return TopicHead(topic, tuple(fields), count, kind, header, other=other)
-
-
-def _named_vectors(store: Any, head: TopicHead) -> tuple[str, tuple[str, ...]]:
-    """Return the field with the names of a message's elements ("" if it has none), and its vectors of numbers."""
-    if head.faults:
-        return "", ()
-    fields = store.get_msgdef(head.kind).fields
-    names = [
-        name
-        for name, (shape, content) in fields
-        if name in _NAMES and shape == _SEQUENCE and content[0] == (_BASE, ("string", 0))
-    ]
-    vectors = [name for name, (shape, _) in fields if name in head.fields and shape == _SEQUENCE]
-    return (names[0] if names else ""), tuple(vectors)

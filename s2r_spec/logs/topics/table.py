@@ -58,7 +58,10 @@ def load(open_log: Callable[[Path], TopicLog], path: Path, choose: Chooser, *, j
             f"they are {one_of(ordered)}"
         )
     clock = None if joining.clock is None else np.unique(ordered[joining.clock].topic.stamps)
-    by_stream = {key: _account(one) for key, one in ordered.items()}
+    accounts_of = {
+        key: Account(one.messages, len(one.topic), one.merged, one.topic.dropped, one.resorted)
+        for key, one in ordered.items()
+    }
     columns: dict[int, Column] = {}
     accounts: dict[int, Account] = {}
     for number, (topic, field) in chosen.items():
@@ -67,7 +70,7 @@ def load(open_log: Callable[[Path], TopicLog], path: Path, choose: Chooser, *, j
         column = stream.columns[field]
         linear = joining.interpolates(topic.name, field, column)
         columns[number] = replace(column, stamps=stream.stamps, log_end=stream.log_end, linear=linear)
-        accounts[number] = by_stream[key]
+        accounts[number] = accounts_of[key]
     if not columns:  # a trace has stamps, although no channel
         columns[0] = Column(some, stamps=some)
     return Table(
@@ -90,12 +93,6 @@ def _in_order(topics: dict[str, Topic], sortable: bool) -> dict[str, Ordered]:
             raise TraceError(f"{name or 'the file'} has no messages")
         ordered[name] = sort_messages(topic, sortable)
     return ordered
-
-
-def _account(one: Ordered) -> Account:
-    dropped = one.topic.dropped
-    count = len(one.topic) + one.merged + sum(dropped.values())
-    return Account(count, len(one.topic), one.merged, dropped, one.resorted)
 
 
 def _heads(topics: Sequence[TopicHead], fields: Sequence[tuple[TopicHead, str]]) -> list[Head]:
