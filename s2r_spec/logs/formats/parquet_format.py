@@ -38,12 +38,11 @@ def load(path: Path, choose: Chooser) -> Table:
     try:
         with parquet.ParquetFile(path) as file:
             return _table(arrow, file, choose)
-    except (arrow.ArrowException, MemoryError, UnicodeDecodeError) as error:
+    except (arrow.ArrowException, OSError, MemoryError, UnicodeDecodeError) as error:
+        if getattr(error, "strerror", None) is not None:
+            raise
+        # pyarrow raises an OSError of its own for a damaged page
         raise TraceError(f"this is not a valid Parquet file: {shortened(str(error))}") from None
-    except OSError as error:
-        if error.strerror is None:  # pyarrow's own error, for a damaged page
-            raise TraceError(f"this is not a valid Parquet file: {shortened(str(error))}") from None
-        raise
 
 
 def _table(arrow: Any, file: Any, choose: Chooser) -> Table:

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.base.errors import TraceError, one_of, shortened
-from s2r_spec.base.printable import one_line
+from s2r_spec.base.errors import TraceError, one_of
+from s2r_spec.logs.library import reason_of
 from s2r_spec.logs.table import Column
 from s2r_spec.logs.topics.layout import Layout, layout
 from s2r_spec.logs.topics.topic import Topic, jump_of
@@ -100,9 +100,9 @@ class Codec:
             deserialize = self.store.deserialize_cdr if self.cdr else self.store.deserialize_ros1
             return deserialize(raw, self.kind)
         except Exception as error:  # of rosbags, or of what a wrong length leads to
-            reason = shortened(one_line(str(error)) or type(error).__name__)
             raise TraceError(
-                f"message {number:,} of {self.topic} does not fit the definition of {self.kind}: {reason}{self.advice}"
+                f"message {number:,} of {self.topic} does not fit the definition of {self.kind}: "
+                f"{reason_of(error)}{self.advice}"
             ) from None
 
 

@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.base.errors import TraceError, shortened
-from s2r_spec.base.printable import one_line
+from s2r_spec.base.errors import TraceError
 from s2r_spec.lang.units import LONGEST
-from s2r_spec.logs.library import library
+from s2r_spec.logs.library import library, reason_of
 from s2r_spec.logs.table import few, quote, regular
 from s2r_spec.logs.topics import arrays as named
 from s2r_spec.logs.topics.arrays import Array, ArrayLog, TimeOptions, is_unit_path, squeeze
@@ -126,5 +125,4 @@ def _open(path: Path) -> Iterator[Any]:
     except (OSError, RuntimeError, KeyError, ValueError) as error:
         if isinstance(error, OSError) and error.errno is not None:
             raise
-        reason = shortened(one_line(str(error)) or type(error).__name__)
-        raise TraceError(f"this is not a complete HDF5 file: {reason}") from None
+        raise TraceError(f"this is not a complete HDF5 file: {reason_of(error)}") from None

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from s2r_spec.base.errors import TraceError, shortened
-from s2r_spec.base.printable import one_line
+from s2r_spec.base.errors import TraceError
+from s2r_spec.logs.library import reason_of
 from s2r_spec.logs.table import regular
 from s2r_spec.logs.topics import arrays as named
 from s2r_spec.logs.topics.arrays import Array, ArrayLog, TimeOptions, is_unit_path, squeeze
@@ -43,10 +43,9 @@ def open_matlab(path: Path, options: TimeOptions | None = None) -> ArrayLog:
     except OSError as error:
         if error.errno is not None:
             raise
-        raise TraceError(f"this is not a MATLAB file: {shortened(one_line(str(error)))}") from None
+        raise TraceError(f"this is not a MATLAB file: {reason_of(error)}") from None
     except Exception as error:  # SciPy lets errors of struct, zlib and numpy through
-        reason = shortened(one_line(str(error)) or type(error).__name__)
-        raise TraceError(f"this is not a complete MATLAB file: {reason}") from None
+        raise TraceError(f"this is not a complete MATLAB file: {reason_of(error)}") from None
     variables = {name: value for name, value in content.items() if not name.startswith("__")}
     leaves = dict(_leaves(variables, ""))
     texts = {path: leaf for path, leaf in leaves.items() if isinstance(leaf, str)}

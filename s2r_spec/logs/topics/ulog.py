@@ -10,9 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from s2r_spec.base.errors import TraceError, shortened
-from s2r_spec.base.printable import one_line
-from s2r_spec.logs.library import library
+from s2r_spec.base.errors import TraceError
+from s2r_spec.logs.library import library, reason_of
 from s2r_spec.logs.table import Column, check_size, few, regular
 from s2r_spec.logs.topics.topic import Stamps, Topic, TopicHead
 
@@ -38,8 +37,7 @@ class ULog:
         except OSError:
             raise
         except Exception as error:  # pyulog lets errors of numpy, struct and of its own through
-            reason = shortened(one_line(str(error)) or type(error).__name__)
-            raise TraceError(f"this is not a ULog file: {reason}") from None
+            raise TraceError(f"this is not a ULog file: {reason_of(error)}") from None
         self._data = {
             f"{one.name}_{one.multi_id}" if one.multi_id else str(one.name): one.data for one in log.data_list
         }
