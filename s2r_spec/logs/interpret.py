@@ -286,7 +286,6 @@ def _read_channels(
 
 
 def _channel(table: Table, channel: MappedChannel, count: int) -> tuple[FloatArray, str | None]:
-    """Return (n,) or (n, k) samples in the requested shape, and their unit."""
     columns: list[FloatArray] = []
     units: list[str | None] = []
     for part in channel.parts:

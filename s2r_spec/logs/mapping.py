@@ -318,7 +318,6 @@ class _Names:
         return replace(channel, parts=tuple(replace(part, unit=unit) for part in channel.parts))
 
     def _group(self, text: str, width: int) -> tuple[ColumnPart, ...] | None:
-        """Return the numbered columns of a vector; None if there are none."""
         separators = [separator for separator in _SEPARATORS if (text, separator) in self.numbered]
         groups = {
             separator: columns

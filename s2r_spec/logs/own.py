@@ -150,7 +150,6 @@ def _pack(mask: BoolArray) -> str:
 
 
 def _unpack(text: str, count: int) -> BoolArray:
-    """Return (count,) a mask."""
     bits = np.unpackbits(np.frombuffer(base64.b64decode(text, validate=True), dtype=np.uint8))
     if not count <= bits.size < count + 8:
         raise ValueError(

@@ -143,7 +143,6 @@ class Text:
             raise
 
     def _read_units(self) -> None:
-        """Take the units from the row below the names, if it is one of units."""
         below = next((row for row in self._ahead(1) if not row.torn), None)
         if self._names.width < 2:
             csv_head.refuse_above(self._names, self._ahead())
@@ -238,7 +237,6 @@ def head_of(text: str) -> Head:
 
 
 def _read_rows(text: Text, needed: Sequence[int]) -> tuple[dict[int, Column], Sequence[int]]:
-    """Return the columns, and the line of each row."""
     pieces: dict[int, list[NDArray[Any]]] = {number: [] for number in needed}
     waiting: dict[int, list[str]] = {number: [] for number in needed}
     lines = array("q")

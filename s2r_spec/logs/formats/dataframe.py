@@ -78,7 +78,6 @@ def read(
 
 
 def _times(heads: tuple[Head, ...], time: str | None) -> str:
-    """Return the name of the column of times, or of several that may have them."""
     names = [head.text for head in heads]
     likely = time_candidates(heads)
     stem, _, _ = (time or TIME).partition("+")

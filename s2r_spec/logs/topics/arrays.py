@@ -161,7 +161,6 @@ class ArrayLog:
         return tuple(sorted(paths, key=lambda path: _last(path) != TIME))
 
     def _describe_others(self, objects: Mapping[str, str]) -> None:
-        """Say of each array below a topic that is not one of its fields why."""
         known = {path for fields in self._topics.values() for path in fields.clock}
         known |= {
             _path(topic, name)
@@ -248,7 +247,6 @@ class ArrayLog:
         ]
 
     def _readable(self, paths: Sequence[str]) -> tuple[list[Column], list[Head]]:
-        """Return the columns of arrays of times, with their heads."""
         heads = [Head(_last(path), None, self._arrays[path].unit) for path in paths]
         return [Column(self._arrays[path].read()) for path in paths], heads
 
@@ -328,7 +326,6 @@ def _mapped_clocks(arrays: Mapping[str, Array], name: str | None) -> tuple[Clock
 
 
 def _advice(arrays: Mapping[str, Array], mapped: Sequence[Clock], objects: Mapping[str, str]) -> str:
-    """Return why a file has no topic, and what to save instead."""
     clock = mapped[0][0] if mapped else next(filter(is_word, arrays), "")
     why = f"no other array has as many samples as {clock}" if mapped else "no array of the file has times"
     if objects and not clock:

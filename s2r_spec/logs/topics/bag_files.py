@@ -218,7 +218,6 @@ class _File:
 
     @property
     def distribution(self) -> str:
-        """Distribution of ROS as the recorder noted it; "" if it did not."""
         return getattr(self._storage, "distribution", "")
 
 
@@ -272,7 +271,6 @@ class _Folder(DirectoryReader):
         return []
 
     def _surplus(self) -> list[str]:
-        """Return the files of bags that the folder holds and ``metadata.yaml`` does not list."""
         listed = {name.removesuffix(".zstd") for name in self._listed_files()}
         files = sorted(one.name for one in Path(str(self.path)).iterdir() if one.suffix in (".db3", ".mcap"))
         return [name for name in files if name not in listed] if listed else []

@@ -244,7 +244,6 @@ class Collected:
         return ""
 
     def _decode(self) -> None:
-        """Keep the chosen numbers of the messages that wait."""
         begin = self.count - len(self._waiting)
         waiting, raw = self._waiting, self._raw
         self._waiting, self._raw, self._bytes = [], [], 0

@@ -59,7 +59,6 @@ def versions(kind: str) -> list[list[str]]:
 
 
 def _expand(definitions: Any, kind: str) -> tuple[Any, ...]:
-    """Return the fields of a type with those of the types in it."""
     fields: list[tuple[Any, ...]] = []
     for name, (shape, content) in definitions[kind][1]:
         if shape in (Nodetype.ARRAY, Nodetype.SEQUENCE):

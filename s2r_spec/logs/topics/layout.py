@@ -78,7 +78,6 @@ class _Walk:
         self.constant = [*range(self._start)]
 
     def message(self, kind: str, prefix: str = "") -> None:
-        """Walk over a message."""
         for name, (shape, content) in self._store.fielddefs[kind][1]:
             path = f"{prefix}{name}"
             if shape == _NAME:

@@ -190,7 +190,6 @@ class RosBag:
             raise _DamagedError(str(self._files.unreadable_error(self._path, error))) from None
 
     def _open_bag(self, by_parts: bool) -> Bag:
-        """Open the bag, in place of the one that is open."""
         self._path.stat()  # a missing file is no damaged bag
         library("rosbags.highlevel", "ROS bags")
         self._stack.pop_all().close()
@@ -204,7 +203,6 @@ class _DamagedError(TraceError):
 
 
 def _head(store: Any, topic: str, kind: str, count: int) -> TopicHead:
-    """Return the fields of a topic that are numbers, from the definition of its messages."""
     fields: list[str] = []
     other: dict[str, str] = {}
 

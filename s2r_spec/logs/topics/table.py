@@ -96,7 +96,6 @@ def _in_order(topics: dict[str, Topic], sortable: bool) -> dict[str, Ordered]:
 
 
 def _heads(topics: Sequence[TopicHead], fields: Sequence[tuple[TopicHead, str]]) -> list[Head]:
-    """Return the heads of the time, of the fields in their order, and of what cannot be read."""
     heads = [Head(TIME), *(_head(topic, field) for topic, field in fields)]
     for topic in topics:
         without = {**topic.other, **topic.faults}
