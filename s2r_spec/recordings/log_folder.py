@@ -61,12 +61,13 @@ class _Tests:
 
 @dataclass(frozen=True)
 class Entry:
-    """A recording: its file, its parameters, its trace with notes, and its protocol ("" for a test of a spec)."""
+    """A recording: its file, its parameters, its trace with notes, its protocol ("" for a test of a spec), its row."""
 
     source: str
     params: dict[str, float]
     loaded: Loaded
-    protocol: str = ""
+    protocol: str
+    row: _TestRow
 
 
 @dataclass(frozen=True)
@@ -111,15 +112,12 @@ def read(options: LogOptions) -> Folder:
     units = dict(table.units)
     entries: list[Entry] = []
     sentences: list[str] = []
-    origins: list[_TestRow] = []
     for path, row in tests:
         log = read_log_episodes(path, {}, None, math.inf, settings)
-        made = _entries(log, row, units)
-        entries += made
-        origins += [row] * len(made)
+        entries += _entries(log, row, units)
         sentences += [f"{path.name}: {note}" for note in log.cut]
     if listed:
-        _refuse_empty(root / TABLE, table, list(zip(origins, entries, strict=True)))
+        _refuse_empty(root / TABLE, table, entries)
     if listed and not settings.cuts:
         entries = _with_placeholders(entries)
     determining = [root / TABLE] if listed else []
@@ -155,18 +153,18 @@ def _entries(log: LogEpisodes, row: _TestRow, units: dict[str, str]) -> list[Ent
         values = {**row.params, **{name: value for name, (value, _) in episode.values.items()}}
         notes = (*log.notes, *log.silences)
         loaded = Loaded(episode.trace, notes, log.dated, log.left_out, log.accounts, log.stated)
-        entries.append(Entry(episode.name, values, loaded, named))
+        entries.append(Entry(episode.name, values, loaded, named, row))
     return entries
 
 
-def _refuse_empty(path: Path, table: _Tests, rows: Sequence[tuple[_TestRow, Entry]]) -> None:
+def _refuse_empty(path: Path, table: _Tests, entries: Sequence[Entry]) -> None:
     """Refuse a test without one of the tests' parameters; a column that only protocols fill is none of them."""
-    of_protocols = {name for row, entry in rows if entry.protocol for name in row.params}
-    of_tests = {name for row, entry in rows if not entry.protocol for name in row.params}
-    for row, entry in rows:
+    of_protocols = {name for entry in entries if entry.protocol for name in entry.row.params}
+    of_tests = {name for entry in entries if not entry.protocol for name in entry.row.params}
+    for entry in entries:
         for name in () if entry.protocol else table.units:
-            if name not in row.params and (name in of_tests or name not in of_protocols):
-                raise LogError(f"{path}, line {row.line}: the parameter {name!r} is empty")
+            if name not in entry.row.params and (name in of_tests or name not in of_protocols):
+                raise LogError(f"{path}, line {entry.row.line}: the parameter {name!r} is empty")
 
 
 def _logs(root: Path) -> list[Path]:
