@@ -97,9 +97,6 @@ def _in_python(text: str) -> str:
     return text.replace("map t to a column of times", "name a column of times, as time=…")
 
 
-# -- columns of a frame ----------------------------------------------------------------------------------------------
-
-
 def _pandas(frame: Any, time: str | None) -> tuple[tuple[Head, ...], list[Column], dict[str, Any]]:
     """Return the columns of a pandas frame, with its index as the first one if that holds times."""
     arrow = _pyarrow()
@@ -156,9 +153,6 @@ def _column(arrow: Any, values: Any) -> Column:
 def _pyarrow() -> Any:
     library("pyarrow.compute", "data frames")
     return library("pyarrow", "data frames")
-
-
-# -- frames from a trace ---------------------------------------------------------------------------------------------
 
 
 def frame_of(trace: Trace, package: Library = "pandas") -> Any:

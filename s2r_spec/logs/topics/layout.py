@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-_BASE, _NAME, _ARRAY, _SEQUENCE = 1, 2, 3, 4
+BASE, NAME, ARRAY, SEQUENCE = 1, 2, 3, 4
 """Definition: rosbags' numbers of the kinds of a field: a base type, a message, and vectors of either."""
 _TYPES = {"byte": "u1", "char": "u1", "bool": "?"}
 """Definition: numpy's names of the base types of ROS that it knows by another name."""
@@ -80,17 +80,17 @@ class _Walk:
     def message(self, kind: str, prefix: str = "") -> None:
         for name, (shape, content) in self._store.fielddefs[kind][1]:
             path = f"{prefix}{name}"
-            if shape == _NAME:
+            if shape == NAME:
                 self.message(content, f"{path}.")
-            elif shape == _BASE and content[0] == "string":
+            elif shape == BASE and content[0] == "string":
                 length = self._length()
                 self.place += length
-            elif shape == _BASE:
+            elif shape == BASE:
                 self._numbers(path, content[0], None)
-            elif content[0][0] != _BASE or content[0][1][0] == "string":
+            elif content[0][0] != BASE or content[0][1][0] == "string":
                 raise LookupError(path)
             else:
-                self._numbers(path, content[0][1][0], content[1] if shape == _ARRAY else self._length())
+                self._numbers(path, content[0][1][0], content[1] if shape == ARRAY else self._length())
 
     def _align(self, size: int) -> None:
         if self._cdr:

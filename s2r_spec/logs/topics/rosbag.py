@@ -25,6 +25,7 @@ from s2r_spec.base.errors import TraceError
 from s2r_spec.logs.library import library
 from s2r_spec.logs.table import check_size, few
 from s2r_spec.logs.topics.collected import Codec, Collected, Element, NamedVector
+from s2r_spec.logs.topics.layout import ARRAY, BASE, NAME, SEQUENCE
 from s2r_spec.logs.topics.topic import Stamps, Topic, TopicHead
 
 if TYPE_CHECKING:
@@ -34,8 +35,6 @@ _NUMBERS = {"bool", "byte", "char", "float32", "float64"}
 _NUMBERS |= {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
 """Definition: the base types of ROS that are numbers."""
 _TIMES = frozenset(("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"))
-_BASE, _NAME, _ARRAY, _SEQUENCE = 1, 2, 3, 4
-"""Definition: rosbags' numbers of the kinds of a field: a base type, a message, and vectors of either."""
 _DEEPEST = 20
 """Budget: levels of messages within messages."""
 _LOOKED_AT = 100
@@ -155,9 +154,9 @@ class RosBag:
         texts = [
             name
             for name, (shape, content) in defined
-            if name in _NAMES and shape == _SEQUENCE and content[0] == (_BASE, ("string", 0))
+            if name in _NAMES and shape == SEQUENCE and content[0] == (BASE, ("string", 0))
         ]
-        vectors = [name for name, (shape, _) in defined if name in head.fields and shape == _SEQUENCE]
+        vectors = [name for name, (shape, _) in defined if name in head.fields and shape == SEQUENCE]
         if not (texts and vectors and head.count):
             return head
         names = texts[0]
@@ -209,24 +208,24 @@ def _head(store: Any, topic: str, kind: str, count: int) -> TopicHead:
     def visit(name: str, prefix: str, depth: int) -> None:
         for field, (shape, content) in store.get_msgdef(name).fields:
             path = f"{prefix}{field}"
-            if shape == _NAME and content not in _TIMES and depth < _DEEPEST:
+            if shape == NAME and content not in _TIMES and depth < _DEEPEST:
                 visit(content, f"{path}.", depth + 1)
-            elif shape == _BASE:
+            elif shape == BASE:
                 if content[0] in _NUMBERS:
                     fields.append(path)
                 else:
                     other[path] = "holds text, and s2r reads numbers"
-            elif shape in (_ARRAY, _SEQUENCE) and content[0][0] == _BASE and content[0][1][0] in _NUMBERS:
+            elif shape in (ARRAY, SEQUENCE) and content[0][0] == BASE and content[0][1][0] in _NUMBERS:
                 fields.append(path)
-            elif shape in (_ARRAY, _SEQUENCE):
-                held = "texts" if content[0][0] == _BASE else "messages"
+            elif shape in (ARRAY, SEQUENCE):
+                held = "texts" if content[0][0] == BASE else "messages"
                 other[path] = f"is an array of {held}, and s2r reads numbers and arrays of numbers"
             elif content in _TIMES:
                 other[path] = "is a time, and s2r reads numbers"
 
     try:
         visit(kind, "", 0)
-        header = store.get_msgdef(kind).fields[0] == ("header", (_NAME, "std_msgs/msg/Header"))
+        header = store.get_msgdef(kind).fields[0] == ("header", (NAME, "std_msgs/msg/Header"))
     except KeyError:
         fault = f"has messages of the type {kind}, whose definition the bag lacks"
         return TopicHead(topic, (), count, kind, faults={"": fault})
