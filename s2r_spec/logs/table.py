@@ -116,7 +116,7 @@ Chooser = Callable[[tuple[Head, ...]], Iterable[int]]
 """Heads of a file → numbers of the columns to read."""
 
 
-def regular(path: Path) -> None:
+def check_file(path: Path) -> None:
     """Refuse a path that is not a regular file, because a read could hang or never end.
 
     Raises:
@@ -143,7 +143,7 @@ def check_size(numbers: int) -> None:
         )
 
 
-def few(columns: int) -> None:
+def check_columns(columns: int) -> None:
     """Refuse a file with too many columns.
 
     Raises:

@@ -125,7 +125,7 @@ class EpisodeSettings:
         mapped = [self.columns[name] for name in sources if name in self.columns]
         return frozenset((*channels, *columns, *sources, *mapped))
 
-    def held(self) -> Joining | None:
+    def hold_commands(self) -> Joining | None:
         """Return how topics are joined; commands are held, because nobody sends a value between two of them."""
         if self.joining is None:
             return None
@@ -209,7 +209,7 @@ def read_log_episodes(
         channels,
         settings.time_unit,
         wanted is None,
-        settings.held(),
+        settings.hold_commands(),
         settings.longest,
     )
     loads = logs.load_episodes(path, reading)

@@ -23,7 +23,7 @@ from s2r_spec.backend.protocols import PROTOCOL
 from s2r_spec.base.errors import TraceError, UsageError, one_of, shortened
 from s2r_spec.logs.formats.csv_head import is_number
 from s2r_spec.logs.interpret import Loaded
-from s2r_spec.logs.table import regular
+from s2r_spec.logs.table import check_file
 from s2r_spec.logs.topics.formats import FORMATS, opener
 from s2r_spec.recordings.log_episodes import LogEpisodes, read_log_episodes
 from s2r_spec.recordings.log_options import LogOptions
@@ -247,7 +247,7 @@ def _lines(path: Path) -> list[tuple[int, list[str]]]:
         raise LogError(f"there is no folder {path.parent}; log:FOLDER needs one with recordings and {TABLE}")
     try:
         if path.exists():
-            regular(path)
+            check_file(path)
         with path.open(newline="", encoding="utf-8-sig") as stream:
             text = stream.read(_LONGEST)
         if len(text) == _LONGEST:

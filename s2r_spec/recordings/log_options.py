@@ -82,7 +82,7 @@ class LogOptions:
         settings = EpisodeSettings(
             columns,
             unit,
-            Joining.chosen(values.get("clock"), values.get("join"), values.get("stamps")),
+            Joining.of_options(values.get("clock"), values.get("join"), values.get("stamps")),
             values.get("when"),
             _seconds(where, values, "start"),
             _seconds(where, values, "duration"),

@@ -130,7 +130,7 @@ class LogForm:
         return EpisodeSettings(
             read_map(self.columns or []),
             self.time_unit,
-            Joining.chosen(self.clock, self.join, self.stamps),
+            Joining.of_options(self.clock, self.join, self.stamps),
             self.when,
             self.start,
             self.duration,

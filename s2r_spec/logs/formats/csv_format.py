@@ -43,11 +43,11 @@ def load(path: Path, choose: Chooser) -> Table:
         TraceError: the file is not comma-separated text with a header, or a row has another length.
         OSError: the file cannot be read.
     """
-    parsed.regular(path)
+    parsed.check_file(path)
     # "utf-8-sig": spreadsheets write a byte-order mark. "replace": a column that is not read may hold any bytes.
     with path.open(newline="", encoding="utf-8-sig", errors="replace") as stream:
         text = Text(lambda: stream.readline(LONGEST))
-        needed = sorted(set(text.chosen(choose)))
+        needed = sorted(set(text.choose(choose)))
         first = text.first_line
         bulk = None if first is None else csv_bulk.numbers(path, first - 1, len(text.heads), needed)
         columns, lines = _read_rows(text, needed) if bulk is None else ({}, range(first or 0, sys.maxsize))
@@ -103,7 +103,7 @@ class Text:
             # numpy.savetxt and others write the names as a comment
             self._rows, self.first_line = chain([names], self._rows), None
             names = names._replace(cells=above)
-        parsed.few(len(names.cells))
+        parsed.check_columns(len(names.cells))
         self._names = names
         self.heads = tuple(map(head_of, [names.cells[0] or parsed.INDEX, *names.cells[1:]]))
         self._read_units()
@@ -130,7 +130,7 @@ class Text:
             raise TraceError(f"this is not comma-separated text: {error}") from None
         return None if row is None else CsvRow(row, self._number, self._cut)
 
-    def chosen(self, choose: Callable[[tuple[Head, ...]], T]) -> T:
+    def choose(self, choose: Callable[[tuple[Head, ...]], T]) -> T:
         """Return what is chosen by the names.
 
         Raises:

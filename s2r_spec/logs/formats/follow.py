@@ -40,7 +40,7 @@ def follow(readline: Callable[[int], str], request: ColumnRequest) -> Rows:
         TraceError: as for a file, also during the reading of rows.
     """
     text = Text(lambda: readline(LONGEST))
-    plan = text.chosen(lambda heads: plan_columns(heads, request))
+    plan = text.choose(lambda heads: plan_columns(heads, request))
     if plan.faults and request.wanted is not None and not text.meta.get("failure"):
         raise TraceError(next(iter(plan.faults.values())))
     needed = sorted(plan.needed)

@@ -42,7 +42,7 @@ def load(path: Path, choose: Chooser) -> Table:
         TraceError: the file is not an archive, or an array in it is damaged.
         OSError: the file cannot be read.
     """
-    parsed.regular(path)
+    parsed.check_file(path)
     try:
         if not zipfile.is_zipfile(path):
             raise TraceError("this is not an .npz archive")
@@ -55,7 +55,7 @@ def load(path: Path, choose: Chooser) -> Table:
 
 def _table(archive: zipfile.ZipFile, choose: Chooser) -> Table:
     members = {name.removesuffix(".npy"): name for name in archive.namelist()}
-    parsed.few(len(members))
+    parsed.check_columns(len(members))
     units, meta, record = _notes(archive, members.pop(_NOTES, None))
     names = list(members)
     heads = tuple(Head(name, None, units.get(name)) for name in names)
@@ -95,7 +95,7 @@ class _Member:
         shape, start = header["shape"], 8 + wide + length
         if not isinstance(shape, tuple) or not all(isinstance(n, int) and n >= 0 for n in shape):
             raise ValueError(f"the shape of {name} is {str(shape)[:40]}")
-        fault = ""
+        fortran, fault = bool(header["fortran_order"]), ""
         if dtype.hasobject:
             fault = "holds Python objects, which s2r does not read"
         elif dtype.names is not None or not dtype.itemsize:
@@ -104,7 +104,7 @@ class _Member:
             raise ValueError(
                 f"the header of {name} states the shape {str(shape)[:60]}, but its data are shorter"
             )
-        return cls(name, dtype, shape, bool(header["fortran_order"]), start, fault)
+        return cls(name, dtype, shape, fortran, start, fault)
 
     @property
     def numbers(self) -> int:

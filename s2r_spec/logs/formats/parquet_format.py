@@ -34,7 +34,7 @@ def load(path: Path, choose: Chooser) -> Table:
         OSError: the file cannot be read.
     """
     arrow, parquet = _libraries()
-    parsed.regular(path)
+    parsed.check_file(path)
     try:
         with parquet.ParquetFile(path) as file:
             return _table(arrow, file, choose)
@@ -46,7 +46,7 @@ def load(path: Path, choose: Chooser) -> Table:
 
 
 def _table(arrow: Any, file: Any, choose: Chooser) -> Table:
-    parsed.few(file.metadata.num_columns)
+    parsed.check_columns(file.metadata.num_columns)
     notes = (file.metadata.metadata or {}).get(NOTES, b"{}")
     units, meta, record = parsed.parse_description(notes, "the metadata 's2r'")
     leaves = _leaves(arrow, file.schema_arrow)

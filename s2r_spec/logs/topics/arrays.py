@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from s2r_spec.base.errors import TraceError, one_of
 from s2r_spec.logs.mapping import ColumnRequest, plan_columns
 from s2r_spec.logs.options import TIME
-from s2r_spec.logs.table import Column, Head, check_size, few, quote
+from s2r_spec.logs.table import Column, Head, check_columns, check_size, quote
 from s2r_spec.logs.time_columns import TIME_WORDS
 from s2r_spec.logs.times import candidates, times
 from s2r_spec.logs.times.dates import LAST
@@ -83,7 +83,7 @@ class ArrayLog:
         options: TimeOptions | None = None,
         objects: Mapping[str, str] | None = None,
     ) -> None:
-        few(len(arrays))
+        check_columns(len(arrays))
         self.sortable = False
         self._arrays, self._options = arrays, options or TimeOptions()
         self.notes: list[str] = []

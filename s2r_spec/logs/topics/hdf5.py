@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from s2r_spec.base.errors import TraceError
 from s2r_spec.lang.units import LONGEST
 from s2r_spec.logs.library import library, reason_of
-from s2r_spec.logs.table import few, quote, regular
+from s2r_spec.logs.table import check_columns, check_file, quote
 from s2r_spec.logs.topics import arrays as named
 from s2r_spec.logs.topics.arrays import Array, ArrayLog, TimeOptions, is_unit_path, squeeze
 
@@ -34,7 +34,7 @@ def open_hdf5(path: Path, options: TimeOptions | None = None) -> ArrayLog:
     Raises:
         TraceError: h5py is not installed, or the file is not HDF5.
     """
-    regular(path)
+    check_file(path)
     h5py = library("h5py", "HDF5 files")
     arrays: dict[str, Array] = {}
     texts: dict[str, str] = {}
@@ -96,7 +96,7 @@ def _elements(references: Any, name: str) -> Iterator[tuple[str, Any]]:
 
     They are numbered from 1, ``list_1`` or ``structures_1.field``.
     """
-    few(references.size)
+    check_columns(references.size)
     folder, slash, field = ("", "", name) if _MATLAB in references.attrs else name.rpartition("/")
     for number, one in enumerate(references[()].ravel(), 1):
         if one:

@@ -42,7 +42,7 @@ class Joining:
     held: frozenset[str] = frozenset()
 
     @classmethod
-    def chosen(cls, clock: str | None, rule: Rule | None, stamps: Stamps | None) -> Joining | None:
+    def of_options(cls, clock: str | None, rule: Rule | None, stamps: Stamps | None) -> Joining | None:
         """Return what a user chooses; None without a choice."""
         chooses = any(one is not None for one in (clock, rule, stamps))
         return cls(clock, rule or "hold", stamps) if chooses else None

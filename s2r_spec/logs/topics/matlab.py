@@ -15,7 +15,7 @@ import numpy as np
 
 from s2r_spec.base.errors import TraceError
 from s2r_spec.logs.library import reason_of
-from s2r_spec.logs.table import regular
+from s2r_spec.logs.table import check_file
 from s2r_spec.logs.topics import arrays as named
 from s2r_spec.logs.topics.arrays import Array, ArrayLog, TimeOptions, is_unit_path, squeeze
 from s2r_spec.logs.topics.hdf5 import open_hdf5
@@ -31,7 +31,7 @@ def open_matlab(path: Path, options: TimeOptions | None = None) -> ArrayLog:
     Raises:
         TraceError: the file is not a MATLAB file, or has no arrays with times.
     """
-    regular(path)
+    check_file(path)
     with path.open("rb") as stream:
         start = stream.read(_BLOCK + len(_HDF5))
     if start[_BLOCK:] == _HDF5 or start.startswith(_HDF5):

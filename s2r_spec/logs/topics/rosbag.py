@@ -23,7 +23,7 @@ import numpy as np
 
 from s2r_spec.base.errors import TraceError
 from s2r_spec.logs.library import library
-from s2r_spec.logs.table import check_size, few
+from s2r_spec.logs.table import check_columns, check_size
 from s2r_spec.logs.topics.collected import Codec, Collected, Element, NamedVector
 from s2r_spec.logs.topics.layout import ARRAY, BASE, NAME, SEQUENCE
 from s2r_spec.logs.topics.topic import Stamps, Topic, TopicHead
@@ -122,7 +122,7 @@ class RosBag:
             counts[connection.topic] += connection.msgcount
             if connection.msgtype != kinds.setdefault(connection.topic, connection.msgtype):
                 others[connection.topic] = connection.msgtype
-        few(len(kinds))
+        check_columns(len(kinds))
         for topic, kind in kinds.items():
             codec, fault = self._codec(topic, kind)
             if topic in others:

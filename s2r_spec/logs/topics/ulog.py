@@ -12,7 +12,7 @@ import numpy as np
 
 from s2r_spec.base.errors import TraceError
 from s2r_spec.logs.library import library, reason_of
-from s2r_spec.logs.table import Column, check_size, few, regular
+from s2r_spec.logs.table import Column, check_columns, check_file, check_size
 from s2r_spec.logs.topics.topic import Stamps, Topic, TopicHead
 
 _STAMP = "timestamp"
@@ -28,7 +28,7 @@ class ULog:
     """
 
     def __init__(self, path: Path) -> None:
-        regular(path)
+        check_file(path)
         self.sortable = True
         pyulog = library("pyulog", "ULog files")
         try:
@@ -41,7 +41,7 @@ class ULog:
         self._data = {
             f"{one.name}_{one.multi_id}" if one.multi_id else str(one.name): one.data for one in log.data_list
         }
-        few(sum(len(data) for data in self._data.values()))
+        check_columns(sum(len(data) for data in self._data.values()))
         self.heads: Sequence[TopicHead] = [
             TopicHead(name, tuple(field for field in data if field != _STAMP), len(data[_STAMP]))
             for name, data in self._data.items()
