@@ -8,13 +8,14 @@ lines. Formatting a formatted text changes nothing.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence, Set
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import groupby
 
 from lark import Token
 
 from s2r_spec.lang import syntax
 from s2r_spec.lang.diagnostics import SpecError
+from s2r_spec.lang.formula import walk
 from s2r_spec.lang.imports import imported_names
 from s2r_spec.lang.lexing import comments, lex
 from s2r_spec.lang.parsing import parse
@@ -42,7 +43,7 @@ def format_text(text: str, name: str = "<string>") -> str:
     parsed = parse(source, outside)
     if parsed.diagnostics:
         raise SpecError(parsed.diagnostics)
-    intervals = {item.span.start for item in _intervals(parsed.statements)}
+    intervals = {node.span.start for node in walk(*parsed.statements) if isinstance(node, syntax.Interval)}
     lines = _align(list(_lines(source, outside, intervals)))
     return "".join(f"{line}\n" for line in lines)
 
@@ -66,18 +67,6 @@ class _Line:
     column: int = 0
     kind: str = ""
     blank: bool = False
-
-
-def _intervals(nodes: Sequence[object]) -> Iterator[syntax.Interval]:
-    stack = list(nodes)
-    while stack:
-        node = stack.pop()
-        if isinstance(node, syntax.Interval):
-            yield node
-        if isinstance(node, syntax.Node):
-            stack += [getattr(node, item.name) for item in fields(node)]
-        elif isinstance(node, tuple):
-            stack += node
 
 
 def _lines(source: Source, outside: Set[str], intervals: set[int]) -> Iterator[_Line]:
