@@ -8,7 +8,6 @@ from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_sim.controller.gains import RATE
 from s2r_sim.controller.gait import Gait
@@ -18,11 +17,10 @@ from s2r_sim.plant.noise import Noise, draw, with_instruments
 from s2r_sim.plant.plant import Plant, Saved
 from s2r_sim.plant.recorder import Recorder
 from s2r_sim.plant.sensors import SensorMemory, Sensors
+from s2r_sim.robot.constants import FloatArray
 from s2r_sim.robot.leg_kinematics import stand_angles
 from s2r_sim.robot.signals import RobotState, VelocityCommand
 from s2r_sim.settings import Settings
-
-FloatArray = NDArray[np.float64]
 
 _STILL = VelocityCommand()
 

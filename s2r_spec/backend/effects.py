@@ -14,7 +14,7 @@ import operator
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
@@ -85,6 +85,12 @@ class ModelEffect(Effect):
     """An effect that changes fields of a model; ``changes`` has one change for each parameter, in their order."""
 
     changes: tuple[Change, ...] = ()
+
+    @classmethod
+    def of(cls, name: str, family: str, physics: str, *rows: tuple[Any, ...]) -> Self:
+        """Return an effect from rows of a table: the six fields of a parameter, and the change that it makes."""
+        parameters = tuple(EffectParameter(*row[:6]) for row in rows)
+        return cls(name, family, physics, parameters, tuple(change for row in rows for change in row[6:]))
 
     def apply(self, model: Any, **values: float) -> Any:
         """Return a copy of a frozen dataclass with the effect in it; ``values`` has every parameter."""

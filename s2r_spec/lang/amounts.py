@@ -19,12 +19,10 @@ class PintQuantity(Protocol):
     @property
     def magnitude(self) -> Any:
         """The number."""
-        ...
 
     @property
     def units(self) -> Any:
         """The unit."""
-        ...
 
 
 Amount = float | str | PintQuantity

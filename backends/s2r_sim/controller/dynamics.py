@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from s2r_sim.controller.foot_jacobian import at_feet
 from s2r_sim.robot import pinocchio_model
-from s2r_sim.robot.constants import LEGS, Robot
+from s2r_sim.robot.constants import LEGS, FloatArray, Robot
 from s2r_sim.robot.rotation import to_pinocchio
 from s2r_sim.robot.signals import RobotState
-
-FloatArray = NDArray[np.float64]
 
 
 class RigidBody:

@@ -14,15 +14,13 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_sim.controller.gains import RATE
-from s2r_sim.robot.constants import GRAVITY, LEGS, Robot
+from s2r_sim.robot.constants import GRAVITY, LEGS, FloatArray, Robot
 from s2r_sim.robot.leg_kinematics import foot_motion
 from s2r_sim.robot.rotation import rotate, turned_back
 from s2r_sim.robot.signals import RobotState
 
-FloatArray = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 BLEND = 0.02

@@ -8,14 +8,11 @@ This QP is the reference for the condensed form in :mod:`s2r_sim.controller.stan
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_sim.controller.dynamics import RigidBody
 from s2r_sim.controller.gains import Gains
 from s2r_sim.controller.qp import ControlTask, Solution, Solver, pyramid
-from s2r_sim.robot.constants import GRAVITY, Robot
-
-FloatArray = NDArray[np.float64]
+from s2r_sim.robot.constants import GRAVITY, FloatArray, Robot
 
 
 class FullQP:

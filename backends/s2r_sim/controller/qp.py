@@ -6,12 +6,11 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import piqp
-from numpy.typing import NDArray
 
 from s2r_sim.controller.dynamics import RigidBody
 from s2r_sim.controller.gains import Gains
+from s2r_sim.robot.constants import FloatArray
 
-FloatArray = NDArray[np.float64]
 Stance = tuple[bool, bool, bool, bool]
 
 _SOLVED = piqp.PIQP_SOLVED
@@ -55,11 +54,9 @@ class InverseDynamics(Protocol):
 
     def reset(self) -> None:
         """Drop the state of earlier problems, so that a rollout does not depend on earlier rollouts."""
-        ...
 
     def solve(self, body: RigidBody, task: ControlTask) -> Solution | None:
         """Solve for one tick."""
-        ...
 
 
 def pyramid(gains: Gains) -> FloatArray:

@@ -17,15 +17,12 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_sim.controller.dynamics import RigidBody
 from s2r_sim.controller.gains import Gains
 from s2r_sim.controller.qp import ControlTask, Solution, Solver, Stance, pyramid
 from s2r_sim.controller.reduction import base_acceleration, distribute, force_cost, laws_of_motion
-from s2r_sim.robot.constants import GRAVITY, Robot
-
-FloatArray = NDArray[np.float64]
+from s2r_sim.robot.constants import GRAVITY, FloatArray, Robot
 
 
 class StanceQP:

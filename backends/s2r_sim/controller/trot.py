@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_sim.controller.base_task import BaseReference, base_task
 from s2r_sim.controller.dynamics import RigidBody
@@ -19,10 +18,8 @@ from s2r_sim.controller.gait import Gait, Progress
 from s2r_sim.controller.qp import ControlTask, InverseDynamics, Solution, Stance
 from s2r_sim.controller.reduction import in_joint_space
 from s2r_sim.controller.stance_qp import StanceQP
-from s2r_sim.robot.constants import Robot
+from s2r_sim.robot.constants import FloatArray, Robot
 from s2r_sim.robot.signals import MotorCommand, RobotState, VelocityCommand
-
-FloatArray = NDArray[np.float64]
 
 FORMS: dict[Form, Callable[[Gains, Robot], InverseDynamics]] = {"condensed": StanceQP, "full": FullQP}
 
@@ -137,8 +134,7 @@ class Controller:
         if memory.failed_in_a_row > self._gains.hold_ticks:
             return None
         held = memory.forces * np.repeat(stance, 3)
-        static: FloatArray = body.bias[6:] - body.leg_jacobian.T @ held
-        return static
+        return body.bias[6:] - body.leg_jacobian.T @ held
 
 
 class _Phase:

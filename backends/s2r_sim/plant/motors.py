@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_sim.plant.physics import USUAL_LOAD, Physics
-from s2r_sim.robot.constants import Robot
+from s2r_sim.robot.constants import FloatArray, Robot
 from s2r_sim.robot.signals import MotorCommand
 from s2r_spec.compiled import compiled
 
-FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 

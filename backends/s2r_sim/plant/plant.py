@@ -7,17 +7,14 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_sim.controller.gains import RATE
 from s2r_sim.plant import mujoco_model, terrain
 from s2r_sim.plant.motors import Motors, MotorState
 from s2r_sim.plant.physics import FallLimits, Physics
 from s2r_sim.robot import rotation
-from s2r_sim.robot.constants import LEGS, Robot
+from s2r_sim.robot.constants import LEGS, FloatArray, Robot
 from s2r_sim.robot.signals import MotorCommand, RobotState
-
-FloatArray = NDArray[np.float64]
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _TERRAIN_GROWS = 0.2

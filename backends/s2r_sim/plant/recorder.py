@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_sim.controller.trot import Tick
 from s2r_sim.plant import terrain
 from s2r_sim.plant.channels import TRUE_CHANNELS
 from s2r_sim.plant.physics import Physics
-from s2r_sim.robot.constants import LEGS, Robot
+from s2r_sim.robot.constants import LEGS, FloatArray, Robot
 from s2r_sim.robot.leg_kinematics import foot_motion
 from s2r_sim.robot.rotation import rotate
 from s2r_sim.robot.signals import RobotState, VelocityCommand
-
-FloatArray = NDArray[np.float64]
 
 
 class Recorder:
@@ -140,13 +137,11 @@ class Recorder:
     def _commanded(self, own: RobotState) -> FloatArray:
         """Return (n, 12) torque commands of the motors' own loops, from encoder readings, before saturation [N m]."""
         q, dq, kp, kd, tau = (np.array(rows) for rows in zip(*(d.motors for d in self._done), strict=True))
-        torque: FloatArray = tau + kp * (q - own.q.T) + kd * (dq - own.dq.T)
-        return torque
+        return tau + kp * (q - own.q.T) + kd * (dq - own.dq.T)
 
 
 def yaw_rate(state: RobotState) -> FloatArray:
     """Return (n,) the rate of the heading [rad/s] of n states."""
     roll, pitch, _ = state.rpy
     wx, wy, wz = state.omega
-    rate: FloatArray = np.cos(pitch) * (np.sin(roll) * wy + np.cos(roll) * wz) - np.sin(pitch) * wx
-    return rate
+    return np.cos(pitch) * (np.sin(roll) * wy + np.cos(roll) * wz) - np.sin(pitch) * wx

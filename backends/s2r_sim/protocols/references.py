@@ -11,12 +11,9 @@ from dataclasses import dataclass
 from math import pi
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_sim.controller.gains import RATE
-from s2r_sim.robot.constants import A1, LEGS
-
-FloatArray = NDArray[np.float64]
+from s2r_sim.robot.constants import A1, LEGS, FloatArray
 
 SIDES = np.array([float(leg.sy) for leg in LEGS])
 """(4,) −1 for a right leg, 1 for a left one."""

@@ -8,7 +8,6 @@ from threading import Lock
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_sim.controller.gains import RATE
 from s2r_sim.controller.trot import Tick
@@ -19,11 +18,9 @@ from s2r_sim.plant.plant import Plant
 from s2r_sim.plant.recorder import Recorder
 from s2r_sim.plant.sensors import Sensors
 from s2r_sim.protocols.references import Reference
-from s2r_sim.robot.constants import GRAVITY, LEGS
+from s2r_sim.robot.constants import GRAVITY, LEGS, FloatArray
 from s2r_sim.robot.signals import MotorCommand, VelocityCommand
 from s2r_sim.settings import Settings
-
-FloatArray = NDArray[np.float64]
 
 SETTLING = 0.4
 """[s] for which the robot holds the first pose before the protocol begins."""

@@ -30,7 +30,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import convolve1d
 
 from s2r_sim.controller.gains import Gains
@@ -41,13 +40,12 @@ from s2r_sim.plant.physics import Physics
 from s2r_sim.protocols import PROTOCOLS
 from s2r_sim.residuals.motion import RecordedMotion, hann, recorded_motion
 from s2r_sim.residuals.world import ModelledMotion, Protocol
+from s2r_sim.robot.constants import FloatArray
 from s2r_sim.settings import Settings
 from s2r_spec.effects import Choice
 from s2r_spec.errors import TraceError, one_of
 from s2r_spec.protocols import PROTOCOL, named
 from s2r_spec.trace import Trace
-
-FloatArray = NDArray[np.float64]
 
 WINDOW = 0.03
 """[s] width of the Hann weights over differences."""
@@ -179,21 +177,18 @@ def _base_wrench(motion: ModelledMotion) -> FloatArray:
 
 def _motor(motion: ModelledMotion) -> FloatArray:
     """Reported torque of the motors minus that of the law, with the joints at the end of the tick."""
-    left: FloatArray = motion.recorded.at("tau") - motion.delivered
-    return left
+    return motion.recorded.at("tau") - motion.delivered
 
 
 def _acceleration(motion: ModelledMotion) -> FloatArray:
     """Acceleration expected from the QP's prediction minus the recorded one; forward, left, up."""
     log = motion.recorded
-    left: FloatArray = motion.follows - _ahead(log, log.rate(log.velocity))
-    return left
+    return motion.follows - _ahead(log, log.rate(log.velocity))
 
 
 def _estimate(motion: ModelledMotion) -> FloatArray:
     own = np.column_stack([motion.recorded.at(f"{name}_est") for name in ("vx", "vy")])
-    left: FloatArray = own - motion.estimated
-    return left
+    return own - motion.estimated
 
 
 def _slip(motion: ModelledMotion) -> FloatArray:
@@ -204,8 +199,7 @@ def _slip(motion: ModelledMotion) -> FloatArray:
 
 def _sinking(motion: ModelledMotion) -> FloatArray:
     """Depth of ball feet below the world's ground where they touch it; negative above."""
-    below: FloatArray = motion.recorded.touches * motion.below
-    return below
+    return motion.recorded.touches * motion.below
 
 
 def _unevenness(motion: ModelledMotion) -> FloatArray:
@@ -216,14 +210,12 @@ def _unevenness(motion: ModelledMotion) -> FloatArray:
 
 
 def _timing(motion: ModelledMotion) -> FloatArray:
-    left: FloatArray = motion.recorded.at("contact") - motion.recorded.at("stance")
-    return left
+    return motion.recorded.at("contact") - motion.recorded.at("stance")
 
 
 def _joint_speed(motion: ModelledMotion) -> FloatArray:
     log = motion.recorded
-    left: FloatArray = log.rate(log.trace["q"]) - log.mid("dq")
-    return left
+    return log.rate(log.trace["q"]) - log.mid("dq")
 
 
 def _foot_place(motion: ModelledMotion) -> FloatArray:
@@ -231,8 +223,7 @@ def _foot_place(motion: ModelledMotion) -> FloatArray:
     place, _, _ = log.feet
     base = np.column_stack([log.mid(name) for name in ("x", "y", "z")])
     turned = np.einsum("nij,nkj->nki", log.attitude, place) + base[:, None]
-    left: FloatArray = log.mid("foot_position") - turned.reshape(-1, 12)
-    return left
+    return log.mid("foot_position") - turned.reshape(-1, 12)
 
 
 def _ahead(log: RecordedMotion, vector: FloatArray) -> FloatArray:

@@ -12,13 +12,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_sim.plant import mujoco_model
 from s2r_sim.plant.physics import Physics
-from s2r_sim.robot.constants import LEGS, Robot
-
-FloatArray = NDArray[np.float64]
+from s2r_sim.robot.constants import LEGS, FloatArray, Robot
 
 _DEEPEST = 0.06
 """Greatest depth of the table [m]."""

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_sim.plant.terrain import covariance
+from s2r_sim.robot.constants import FloatArray
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
@@ -38,8 +38,7 @@ class Footing:
     def mean(self, values: FloatArray) -> FloatArray:
         """Return (m,) means of (ticks, 4) values over each stretch."""
         stands = self.of >= 0
-        mean: FloatArray = np.bincount(self.of[stands], values[stands], len(self.weight)) / self.weight
-        return mean
+        return np.bincount(self.of[stands], values[stands], len(self.weight)) / self.weight
 
     def spread(self, values: FloatArray) -> FloatArray:
         """Return (ticks, 4) the value of (m,) at the ticks of its stretch; 0 where no foot stands."""

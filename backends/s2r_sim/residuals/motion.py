@@ -13,16 +13,13 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from s2r_sim.residuals.footing import Footing, footing
 from s2r_sim.robot import pinocchio_model
-from s2r_sim.robot.constants import GRAVITY, LEGS, Inertia, Robot
+from s2r_sim.robot.constants import GRAVITY, LEGS, FloatArray, Inertia, Robot
 from s2r_sim.robot.leg_kinematics import foot_motion
 from s2r_spec.trace import Trace
-
-FloatArray = NDArray[np.float64]
 
 
 class RecordedMotion:
@@ -46,8 +43,7 @@ class RecordedMotion:
 
     def rate(self, values: FloatArray) -> FloatArray:
         """Return (n − 1, …): the change over every tick, per second."""
-        change: FloatArray = np.diff(values, axis=0) / self.dt.reshape(-1, *[1] * (values.ndim - 1))
-        return change
+        return np.diff(values, axis=0) / self.dt.reshape(-1, *[1] * (values.ndim - 1))
 
     @cached_property
     def velocity(self) -> FloatArray:
@@ -59,8 +55,7 @@ class RecordedMotion:
     @cached_property
     def attitude(self) -> FloatArray:
         """(n − 1, 3, 3) rotation from base axes to world axes, at the midpoint of every tick."""
-        turn: FloatArray = _attitude(*(self.mid(name) for name in ("roll", "pitch", "yaw"))).as_matrix()
-        return turn
+        return _attitude(*(self.mid(name) for name in ("roll", "pitch", "yaw"))).as_matrix()
 
     @cached_property
     def feet(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -99,22 +94,19 @@ class RecordedMotion:
             self.mid("omega")[:, None], place
         )
         base = np.einsum("nji,nj->ni", self.attitude, _midpoints(self.velocity))
-        speed: FloatArray = own + base[:, None]
-        return speed
+        return own + base[:, None]
 
     @cached_property
     def shank_spin(self) -> FloatArray:
         """(n − 1, 4, 3) angular velocity of the shanks, base axes [rad/s]."""
         _, _, spin = self.feet
-        turns: FloatArray = (spin @ self.mid("dq").reshape(-1, 4, 3, 1))[..., 0] + self.mid("omega")[:, None]
-        return turns
+        return (spin @ self.mid("dq").reshape(-1, 4, 3, 1))[..., 0] + self.mid("omega")[:, None]
 
     @cached_property
     def touches(self) -> FloatArray:
         """(n − 1, 4) 1 where a foot is on the ground at both ends of the tick."""
         contact = self.trace["contact"]
-        both: FloatArray = np.minimum(contact[1:], contact[:-1])
-        return both
+        return np.minimum(contact[1:], contact[:-1])
 
     @cached_property
     def footing(self) -> Footing:
@@ -130,8 +122,7 @@ class RecordedMotion:
     def foot_force(self) -> FloatArray:
         """(n − 1, 4, 3) ground on feet, base axes [N]."""
         world = self.at("foot_force").reshape(-1, 4, 3)
-        turned: FloatArray = np.einsum("nji,nkj->nki", self.attitude, world)
-        return turned
+        return np.einsum("nji,nkj->nki", self.attitude, world)
 
     def pushed(self, force: FloatArray, arm: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
         """Return (n − 1, 6) wrench on the base and (n − 1, 12) torque on the joints of (n − 1, 4, 3) forces on feet.
@@ -169,10 +160,7 @@ class RecordedMotion:
         q = np.hstack((place, turn, self.mid("q")))
         model = _model(self.robot)
         data = model.createData()
-        torque: FloatArray = np.array(
-            [pin.rnea(model, data, *row) for row in zip(q, *self.twist, strict=True)]
-        )
-        return torque
+        return np.array([pin.rnea(model, data, *row) for row in zip(q, *self.twist, strict=True)])
 
     def base_needs(self, inertia: Inertia) -> FloatArray:
         """Return (n − 1, 6) the wrench that moves a body fixed to the base, base axes [N], [N m].
@@ -207,21 +195,18 @@ class Ground:
     @cached_property
     def normal(self) -> FloatArray:
         """(3,) the ground's normal, world axes."""
-        across: FloatArray = np.array([-self.rise, 0.0, 1.0]) / np.hypot(1.0, self.rise)
-        return across
+        return np.array([-self.rise, 0.0, 1.0]) / np.hypot(1.0, self.rise)
 
     @cached_property
     def arm(self) -> FloatArray:
         """(n − 1, 3) vector from a ball's centre to its contact point with the ground, base axes [m]."""
-        arm: FloatArray = -self.motion.robot.foot_radius * (self.normal @ self.motion.attitude)
-        return arm
+        return -self.motion.robot.foot_radius * (self.normal @ self.motion.attitude)
 
     @cached_property
     def contact_speed(self) -> FloatArray:
         """(n − 1, 4, 3) velocity of each ball's material point at ``arm``, world axes [m/s]."""
         own = self.motion.foot_speed + np.cross(self.motion.shank_spin, self.arm[:, None])
-        speed: FloatArray = np.einsum("nij,nkj->nki", self.motion.attitude, own)
-        return speed
+        return np.einsum("nij,nkj->nki", self.motion.attitude, own)
 
     @cached_property
     def forces(self) -> tuple[FloatArray, FloatArray]:
@@ -269,8 +254,7 @@ def _model(robot: Robot) -> Any:
 
 
 def _midpoints(values: FloatArray) -> FloatArray:
-    middle: FloatArray = (values[1:] + values[:-1]) / 2
-    return middle
+    return (values[1:] + values[:-1]) / 2
 
 
 def _attitude(roll: FloatArray, pitch: FloatArray, yaw: FloatArray) -> Any:

@@ -7,11 +7,9 @@ from math import asin, atan2, cos, sin
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from s2r_sim.robot.constants import FloatArray
 from s2r_spec.compiled import compiled
-
-FloatArray = NDArray[np.float64]
 
 
 def matrix(roll: float, pitch: float, yaw: float) -> FloatArray:
