@@ -15,8 +15,7 @@ import numpy as np
 from s2r_a1.guard.limits import LIMITS
 from s2r_sim.controller.gains import RATE
 from s2r_sim.protocols import PROTOCOLS as SIMULATED
-from s2r_sim.protocols.catalogue import GAIN
-from s2r_sim.protocols.references import MOTIONS, reference
+from s2r_sim.protocols.references import GAIN, MOTIONS, reference
 from s2r_spec.backend import Parameter
 from s2r_spec.protocols import PROTOCOL, Protocol, named
 from s2r_spec.trace import Trace

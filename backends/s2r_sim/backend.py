@@ -21,6 +21,7 @@ from s2r_sim.parameters import PARAMETERS, read_test
 from s2r_sim.plant.channels import CHANNELS, TRUE_CHANNELS
 from s2r_sim.plant.noise import Noise
 from s2r_sim.protocols import PROTOCOLS
+from s2r_sim.robot.constants import FloatArray
 from s2r_sim.settings import Settings
 from s2r_spec.backend import Channel, Effect, Parameter
 from s2r_spec.effects import Choice, Values, as_values, choose
@@ -142,23 +143,18 @@ class SimBackend:
         settings = self._settings
         settings = replace(settings, physics=test.world(settings.physics))
         record = simulator(settings).rollout(test, self.noise, seed, _ticks(self.duration) + 1)
-        meta: dict[str, Any] = {
-            "backend": self.name,
-            "model_hash": self.model_hash,
-            "params": test._asdict(),
-            "seed": seed,
-            "qp_failures": record.qp_failures,
-        }
+        facts = {"params": test._asdict(), "seed": seed, "qp_failures": record.qp_failures}
+        return self._trace(record.channels, record.fallen, facts)
+
+    def _trace(self, channels: dict[str, FloatArray], fallen: bool, facts: dict[str, Any]) -> Trace:
+        """Return the samples of all control ticks as a trace, with these facts in its meta."""
+        meta = {"backend": self.name, "model_hash": self.model_hash, **facts}
         if effects := self.chosen():
             meta["effects"] = effects
-        if record.fallen:
+        if fallen:
             meta["failure"] = "fall"
-        return Trace(
-            np.arange(record.ticks) / RATE,
-            record.channels,
-            units={channel.name: channel.unit for channel in self.channels},
-            meta=meta,
-        )
+        units = {channel.name: channel.unit for channel in self.channels if channel.name in channels}
+        return Trace(np.arange(len(channels["x"])) / RATE, channels, units, meta)
 
     def protocols(self) -> tuple[Protocol, ...]:
         """Return the excitation protocols; see :class:`s2r_spec.protocols.HasProtocols`."""
@@ -176,26 +172,9 @@ class SimBackend:
         from s2r_sim.protocols.references import reference
         from s2r_sim.protocols.simulator import protocol_simulator
 
-        channels, fallen = protocol_simulator(self._settings).run(
-            reference(protocol, **values), self.noise, seed
-        )
-        meta: dict[str, Any] = {
-            "backend": self.name,
-            "model_hash": self.model_hash,
-            PROTOCOL: protocol,
-            "params": values,
-            "seed": seed,
-        }
-        if effects := self.chosen():
-            meta["effects"] = effects
-        if fallen:
-            meta["failure"] = "fall"
-        return Trace(
-            np.arange(len(channels["x"])) / RATE,
-            channels,
-            units={channel.name: channel.unit for channel in self.channels if channel.name in channels},
-            meta=meta,
-        )
+        simulator, motion = protocol_simulator(self._settings), reference(protocol, **values)
+        channels, fallen = simulator.run(motion, self.noise, seed)
+        return self._trace(channels, fallen, {PROTOCOL: protocol, "params": values, "seed": seed})
 
     def render(self, params: Mapping[str, float], seed: int, path: str | Path) -> Trace:
         """Run one test and draw it: tiles of the gait (.png, .jpg) or a short video (.gif, .webp).

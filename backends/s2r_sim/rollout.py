@@ -28,7 +28,6 @@ _STILL = VelocityCommand()
 class RolloutRecord(NamedTuple):
     """Record of a rollout: samples by channel, failed QPs, whether it ended in a fall."""
 
-    ticks: int
     channels: dict[str, FloatArray]
     qp_failures: int
     fallen: bool
@@ -106,8 +105,7 @@ class Simulator:
             if fallen:
                 break
         channels = recorder.channels(sensors.estimates()[settling:], fallen)
-        channels = with_instruments(channels, noise, seed)
-        return RolloutRecord(len(recorder), channels, recorder.qp_failures, fallen)
+        return RolloutRecord(with_instruments(channels, noise, seed), recorder.qp_failures, fallen)
 
 
 @lru_cache(maxsize=32)

@@ -110,22 +110,13 @@ def residuals(
         )
     log = recorded_motion(trace, settings.robot)
     bare, here = test.world(settings.physics), test.world(with_effects(settings.physics, effects))
-    return Trace(
-        _inner(trace.times[:-1] + log.dt / 2, window),
-        {
-            one.name: _averages(
-                one,
-                log,
-                settings.gains,
-                _with_fields(bare, one.knows),
-                _with_fields(here, one.knows),
-                (test, protocol),
-            )
-            for one in possible
-        },
-        units={one.name: one.unit for one in possible},
-        meta={"parts": {one.name: one.parts for one in possible}},
-    )
+    channels = {}
+    for one in possible:
+        worlds = _with_fields(bare, one.knows), _with_fields(here, one.knows)
+        channels[one.name] = _averages(one, log, settings.gains, *worlds, (test, protocol))
+    units = {one.name: one.unit for one in possible}
+    parts = {one.name: one.parts for one in possible}
+    return Trace(_inner(trace.times[:-1] + log.dt / 2, window), channels, units, {"parts": parts})
 
 
 def _protocol(trace: Trace, params: Mapping[str, float]) -> Protocol | None:
@@ -239,76 +230,33 @@ _ON_GROUND = (*_MOTION, "contact")
 _EACH_AXIS = tuple(f"{foot} foot" for foot in FEET for _ in range(3))
 _EACH_FOOT = tuple(f"{foot} foot" for foot in FEET)
 
-_SENSES = (
-    *("encoder_offset", "attitude_bias"),
-    *("backlash", "armature", "torque_constant", "timestep"),
-)
+_SENSES = ("encoder_offset", "attitude_bias", "backlash", "armature", "torque_constant", "timestep")
 _JOINTS_KNOW = ("damping", "dry_friction", "drag", "drag_height", "slope", *_SENSES)
 _BASE_KNOWS = ("payloads", "com_shift", "drag", "drag_height", "slope", *_SENSES)
-_MOTOR_KNOWS = ("strength", "fade", "fade_by_load", "voltage", "latency", "timestep")
-_PREDICTION_KNOWS = (
-    "strength",
-    "fade",
-    "fade_by_load",
-    "torque_constant",
-    "payloads",
-    "com_shift",
-    "attitude_bias",
-)
+_MOTORS_KNOW = ("strength", "fade", "fade_by_load", "voltage", "latency", "timestep")
+_QP_KNOWS = ("strength", "fade", "fade_by_load", "torque_constant", "payloads", "com_shift", "attitude_bias")
 _ESTIMATE_KNOWS = ("velocity_bias", "velocity_scale", "attitude_bias")
 _SLIP_KNOWS = ("impratio", "sink", "slope", *_SENSES)
+_GROUND_KNOWS = ("sink", "impratio", "slope")
+_IMU_AND_LEGS = ("IMU and legs",) * 2
+_ENCODERS = tuple(f"{name} encoder" for name in JOINTS)
 
 RESIDUALS = (
-    _Residual(
-        "joint_torque", "N*m", (*_WITH_FORCE, "tau"), _JOINTS_KNOW, JOINTS, lambda motion: motion.joints
-    ),
+    _Residual("joint_torque", "N*m", (*_WITH_FORCE, "tau"), _JOINTS_KNOW, JOINTS, lambda motion: motion.joints),
     _Residual("base_force", "N", _WITH_FORCE, _BASE_KNOWS, _BASE, lambda motion: _base_wrench(motion)[:, :3]),
-    _Residual(
-        "base_torque", "N*m", _WITH_FORCE, _BASE_KNOWS, _BASE, lambda motion: _base_wrench(motion)[:, 3:]
-    ),
-    _Residual("motor", "N*m", ("q", "dq", "tau", "tau_cmd", "stance"), _MOTOR_KNOWS, JOINTS, _motor, True),
-    _Residual(
-        "acceleration",
-        "m/s^2",
-        ("acc_pred", "vx", "vy", "vz", "yaw"),
-        _PREDICTION_KNOWS,
-        _BASE,
-        _acceleration,
-    ),
-    _Residual(
-        "velocity_estimate",
-        "m/s",
-        ("vx_est", "vy_est", "vx", "vy"),
-        _ESTIMATE_KNOWS,
-        ("IMU and legs",) * 2,
-        _estimate,
-    ),
+    _Residual("base_torque", "N*m", _WITH_FORCE, _BASE_KNOWS, _BASE, lambda motion: _base_wrench(motion)[:, 3:]),
+    _Residual("motor", "N*m", ("q", "dq", "tau", "tau_cmd", "stance"), _MOTORS_KNOW, JOINTS, _motor, True),
+    _Residual("acceleration", "m/s^2", ("acc_pred", "vx", "vy", "vz", "yaw"), _QP_KNOWS, _BASE, _acceleration),
+    _Residual("velocity_estimate", "m/s", ("vx_est", "vy_est", "vx", "vy"), _ESTIMATE_KNOWS, _IMU_AND_LEGS, _estimate),
     _Residual("slip", "m/s", _ON_GROUND, _SLIP_KNOWS, _EACH_FOOT * 2, _slip),
-    _Residual(
-        "grip",
-        "N",
-        (*_ON_GROUND, "foot_force"),
-        (*_SLIP_KNOWS, "friction"),
-        _EACH_FOOT,
-        lambda motion: motion.grips,
-    ),
-    _Residual(
-        "sinking", "m", ("foot_position", "contact"), ("sink", "impratio", "slope"), _EACH_FOOT, _sinking
-    ),
-    _Residual(
-        "unevenness",
-        "m",
-        ("foot_position", "contact"),
-        ("roughness", "sink", "impratio", "slope"),
-        _EACH_FOOT,
-        _unevenness,
-    ),
+    _Residual("grip", "N", (*_ON_GROUND, "foot_force"), (*_SLIP_KNOWS, "friction"), _EACH_FOOT,
+              lambda motion: motion.grips),
+    _Residual("sinking", "m", ("foot_position", "contact"), _GROUND_KNOWS, _EACH_FOOT, _sinking),
+    _Residual("unevenness", "m", ("foot_position", "contact"), ("roughness", *_GROUND_KNOWS), _EACH_FOOT, _unevenness),
     _Residual("contact_timing", "", ("contact", "stance"), (), _EACH_FOOT, _timing),
-    _Residual(
-        "joint_speed", "rad/s", ("q", "dq"), (), tuple(f"{name} encoder" for name in JOINTS), _joint_speed
-    ),
+    _Residual("joint_speed", "rad/s", ("q", "dq"), (), _ENCODERS, _joint_speed),
     _Residual("foot_place", "m", (*_POSE, "q", "foot_position"), _SENSES, _EACH_AXIS, _foot_place),
-)
+)  # fmt: skip
 """``slip`` has the forward, then the left velocities of the feet that touch. ``contact_timing`` is +1 where a foot
 touches in its swing, −1 where it does not touch in its stance."""
 _FEWEST = min(RESIDUALS, key=lambda one: len(one.needs))
