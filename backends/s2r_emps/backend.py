@@ -198,7 +198,6 @@ class EmpsBackend:
         return self._trace(reference_position, record, {PROTOCOL: PLAYED, "params": values, "seed": seed})
 
     def _trace(self, reference_position: FloatArray, record: DriveLog, facts: dict[str, Any]) -> Trace:
-        """Return a record as a trace from t = 0, with these facts in its meta."""
         columns = (reference_position, record.q, record.v, record.u, record.force)
         meta: dict[str, Any] = {"backend": self.name, "model_hash": self.model_hash, **facts}
         if self.added:
@@ -243,7 +242,6 @@ def _read_options(text: str, reference: str, added: Choice) -> tuple[str, Choice
 
 
 def _write_options(reference: str, added: Choice) -> str:
-    """Return the options as text that :func:`_read_options` reads."""
     return ",".join(([f"reference={reference}"] if reference else []) + words(added))
 
 

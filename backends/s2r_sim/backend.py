@@ -147,7 +147,6 @@ class SimBackend:
         return self._trace(record.channels, record.fallen, facts)
 
     def _trace(self, channels: dict[str, FloatArray], fallen: bool, facts: dict[str, Any]) -> Trace:
-        """Return the samples of all control ticks as a trace, with these facts in its meta."""
         meta = {"backend": self.name, "model_hash": self.model_hash, **facts}
         if effects := self.chosen():
             meta["effects"] = effects

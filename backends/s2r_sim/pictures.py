@@ -107,7 +107,6 @@ def _true(trace: Trace, name: str) -> NDArray[np.float64]:
 
 
 def _furnish(spec: Any, settings: Settings) -> None:
-    """Add limbs to the robot, a checkered texture to the ground, and a light to the scene."""
     robot = settings.robot
     spec.visual.global_.offwidth, spec.visual.global_.offheight = WIDTH, HEIGHT
     spec.visual.headlight.ambient[:], spec.visual.headlight.diffuse[:] = [0.45] * 3, [0.35] * 3

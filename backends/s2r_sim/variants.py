@@ -37,16 +37,12 @@ def variants(settings: Settings, noise: Noise) -> dict[str, tuple[Settings, Nois
         "more torsion": replace(p, torsion=3.0 * p.torsion),
         "joints that rub less": replace(p, damping=0.2 * p.damping, dry_friction=0.2 * p.dry_friction),
     }
-    settings_by_name = {
-        name: (replace(settings, physics=changed), noise) for name, changed in physics.items()
+    lighter = replace(settings, robot=_shift(settings.robot))
+    return {name: (replace(settings, physics=changed), noise) for name, changed in physics.items()} | {
+        "lighter legs, heavier trunk": (lighter, noise),
+        "twice the sensor noise": (settings, _louder(noise)),
+        "measured by instruments": (settings, replace(noise, **INSTRUMENTS)),
     }
-    settings_by_name["lighter legs, heavier trunk"] = (
-        replace(settings, robot=_shift(settings.robot)),
-        noise,
-    )
-    settings_by_name["twice the sensor noise"] = (settings, _louder(noise))
-    settings_by_name["measured by instruments"] = (settings, replace(noise, **INSTRUMENTS))
-    return settings_by_name
 
 
 def _shift(robot: Robot) -> Robot:

@@ -83,7 +83,6 @@ class Shown:
 
 
 def _entries(record: type[Shown]) -> dict[str, str]:
-    """Return name → path of the entries."""
     pairs = (entry.partition("=") for entry in record.JSON.split())
     return {name: path or name for name, _, path in pairs}
 

@@ -52,7 +52,6 @@ def _text(position: int) -> _Part:
 
 
 def _number(position: int) -> _Part:
-    """Return the part of a number without a unit."""
 
     def part(source: Source, children: list[_Child]) -> syntax.Number:
         token = cast(Token, children[position])
@@ -80,7 +79,6 @@ def _maybe(kind: str) -> _Part:
 
 
 def _all(kind: type[_Child]) -> _Part:
-    """Return the part of all children that are trees, or all that are tokens."""
     return lambda source, children: tuple(
         _node(source, child) for child in children if isinstance(child, kind)
     )

@@ -46,15 +46,12 @@ def _different(left: f.Value, right: f.Value, at: Span, verb: str) -> None:
     assert left.unit is not None
     assert right.unit is not None
     link = "with" if verb == "compare" else "and"
-    fix = f"{_measured(left)}, {_measured(right)}"
+    units = ("has no unit" if value.unit == PLAIN else f"is in {value.unit}" for value in (left, right))
+    fix = ", ".join(f"`{_text(value)}` {unit}" for value, unit in zip((left, right), units, strict=True))
     if PLAIN in (left.unit, right.unit):
         fix += "; add a unit to its declaration"
     fix = left.unit.two_readings(right.unit) or fix
     fail("E03", f"cannot {verb} {left.unit} {link} {right.unit}", at, fix)
-
-
-def _measured(value: f.Value) -> str:
-    return f"`{_text(value)}` " + ("has no unit" if value.unit == PLAIN else f"is in {value.unit}")
 
 
 def _text(value: f.Value) -> str:
@@ -101,10 +98,6 @@ def one(value: f.Value) -> f.Value:
     """Return the value; fail if it has more than one component."""
     if value.width != 1:
         text = _text(value)
-        fail(
-            "E17",
-            f"`{text}` is a vector of {value.width}, but a number is needed here",
-            value.span,
-            f"take `norm({text})` or one component",
-        )
+        message = f"`{text}` is a vector of {value.width}, but a number is needed here"
+        fail("E17", message, value.span, f"take `norm({text})` or one component")
     return value

@@ -134,7 +134,6 @@ def _chained_implication(parsed: Parsed, document: Document) -> Iterator[LintWar
 
 
 def _has_brackets(node: f.Node) -> bool:
-    """Return whether a node stands in brackets of its own."""
     text, span = node.span.source.text, node.span
     return text[: span.start].rstrip().endswith("(") and text[span.end :].lstrip().startswith(")")
 

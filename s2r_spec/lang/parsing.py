@@ -76,12 +76,9 @@ def _statement(source: Source, tokens: tuple[Token, ...]) -> syntax.Statement | 
     except UnexpectedToken:
         return explain(source, tokens, fed, _allowed_after(tokens[:fed]))
     if (depth := max(level for level, _ in _levels(tree))) > DEEPEST:
-        return Diagnostic(
-            "E19",
-            f"this statement is nested {depth} levels deep; {DEEPEST} are allowed",
-            span_of(source, tokens[0]).to(span_of(source, tokens[-1])),
-            fix="define parts of it with `let`",
-        )
+        message = f"this statement is nested {depth} levels deep; {DEEPEST} are allowed"
+        fix = "define parts of it with `let`"
+        return Diagnostic("E19", message, span_of(source, tokens[0]).to(span_of(source, tokens[-1])), fix=fix)
     return build(source, tree)
 
 

@@ -7,6 +7,7 @@ lines. Formatting a formatted text changes nothing.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass
 from itertools import groupby
@@ -70,17 +71,21 @@ class _Line:
 
 
 def _lines(source: Source, outside: Set[str], intervals: set[int]) -> Iterator[_Line]:
-    """Yield every statement and every comment that stands alone, in order."""
     items = [_canonical(tokens) for tokens in lex(source, outside).statements]
     remarks = comments(source)
     last = 0  # last line of the text that was yielded
-    for number, tokens in enumerate(items):
-        start, end = _place(tokens[0])[0], _place(tokens[-1])[1]
-        following = items[number + 1] if number + 1 < len(items) else None
-        while remarks and _start(remarks[0]) < _start(tokens[0]):
+
+    def alone(end: float) -> Iterator[_Line]:
+        nonlocal last
+        while remarks and _start(remarks[0]) < end:
             remark = remarks.pop(0)
             yield _Line(comment=_comment(remark), blank=_place(remark)[0] > last + 1 and last > 0)
             last = _place(remark)[1]
+
+    for number, tokens in enumerate(items):
+        yield from alone(_start(tokens[0]))
+        start, end = _place(tokens[0])[0], _place(tokens[-1])[1]
+        following = items[number + 1] if number + 1 < len(items) else None
         inner: list[Token] = []
         while remarks and _start(remarks[0]) < _start(tokens[-1]):
             inner.append(remarks.pop(0))
@@ -93,9 +98,7 @@ def _lines(source: Source, outside: Set[str], intervals: set[int]) -> Iterator[_
         yield from (
             _keep_lines(tokens, inner, line, intervals) if inner else _statement(tokens, line, intervals)
         )
-    for remark in remarks:
-        yield _Line(comment=_comment(remark), blank=_place(remark)[0] > last + 1 and last > 0)
-        last = _place(remark)[1]
+    yield from alone(math.inf)
 
 
 def _canonical(tokens: Sequence[Token]) -> list[Token]:
@@ -126,7 +129,6 @@ def _column(token: Token) -> int:
 
 
 def _place(token: Token) -> tuple[int, int]:
-    """Return the first and last line of a token."""
     assert token.line is not None
     assert token.end_line is not None
     return token.line, token.end_line
@@ -138,7 +140,6 @@ def _comment(token: Token) -> str:
 
 
 def _statement(tokens: Sequence[Token], line: _Line, intervals: set[int]) -> Iterator[_Line]:
-    """Yield a statement on one line, or broken at its loosest operator."""
     cut = _head_length(tokens)
     line.head, line.body = _join_tokens(tokens[:cut], intervals), _join_tokens(tokens[cut:], intervals)
     if len(line.head) + len(line.body) + 1 <= WIDTH:
@@ -192,7 +193,6 @@ def _broken(tokens: Sequence[Token]) -> Iterator[list[Token]]:
 def _keep_lines(
     tokens: Sequence[Token], inner: Sequence[Token], line: _Line, intervals: set[int]
 ) -> Iterator[_Line]:
-    """Yield a statement with comments between its parts, on its original lines."""
     everything = sorted([*tokens, *inner], key=_start)
     for number, group in groupby(everything, key=lambda token: _place(token)[0]):
         parts = list(group)
@@ -209,7 +209,6 @@ def _keep_lines(
 
 
 def _join_tokens(tokens: Sequence[Token], intervals: set[int]) -> str:
-    """Join tokens with the spaces that belong between them."""
     text, before, signed = "", None, False
     for token in tokens:
         if before is not None and not signed and not _tight(before, token, intervals):
@@ -233,7 +232,6 @@ def _join_words(head: str, body: str) -> str:
 
 
 def _align(lines: list[_Line]) -> Iterator[str]:
-    """Yield the lines as text, each block with its columns."""
     for block in _blocks(lines):
         for kind in ("SIGNAL", "PARAM", "CONST", "LET", "REQUIRE", "CERTIFY"):
             heads = [len(line.head) for line in block if line.kind == kind and line.body]

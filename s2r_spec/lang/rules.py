@@ -38,7 +38,6 @@ def _unique_names(parsed: Parsed) -> Iterator[Diagnostic]:
 
 
 def _complete_params(parsed: Parsed) -> Iterator[Diagnostic]:
-    """Report every ``param`` without a range and a default."""
     for item in parsed.statements:
         if isinstance(item, syntax.Param) and item.range is None and item.default is None:
             name, unit = item.name.text, "" if item.unit is None else f" {{{item.unit.text}}}"

@@ -79,7 +79,6 @@ def _playable(subject: Subject, out: Check) -> None:
 
 
 def _attempt(subject: Subject, out: Check, protocol: Protocol, params: Mapping[str, float]) -> Trace | None:
-    """Run a protocol; a missing name is a violation, too."""
     at = f"{protocol.name} with {dict(params)}" if params else protocol.name
     trace = attempt(out, at, "run", lambda: subject.backend.run(protocol.name, params, SEED))
     if trace is not None and (named := trace.meta.get(PROTOCOL)) != protocol.name:
@@ -88,7 +87,6 @@ def _attempt(subject: Subject, out: Check, protocol: Protocol, params: Mapping[s
 
 
 def _refuses(backend: Any, name: str, params: Mapping[str, float]) -> bool:
-    """Return whether a run raises a UsageError."""
     try:
         backend.run(name, params, SEED)
     except UsageError:

@@ -27,20 +27,6 @@ BLEND = 0.02
 """[s] time constant: inertial above its frequency, leg odometry below."""
 
 
-class BaseMotion(NamedTuple):
-    """Motion of the base, from joints and IMU, at one tick or at n of them.
-
-    Attributes:
-        height: height of the base above the standing feet's contact points [m].
-        velocity: velocity of the base from leg odometry [m/s], world axes.
-        acceleration: mean acceleration of the base since the last tick, from the IMU [m/s²], world axes.
-    """
-
-    height: Any
-    velocity: tuple[Any, Any, Any]
-    acceleration: tuple[Any, Any, Any]
-
-
 class Estimate(NamedTuple):
     """Base position [m] (z above the standing feet's contact points) and velocity [m/s], world axes."""
 
@@ -91,8 +77,11 @@ def leg_odometry(
 
 def motion(
     robot: Robot, measured: RobotState, force: Sequence[Any], stance: Any, sin: Any, cos: Any
-) -> BaseMotion:
-    """Return the motion of the base, from joints and IMU.
+) -> tuple[Any, tuple[Any, Any, Any], tuple[Any, Any, Any]]:
+    """Return the motion of the base in world axes, at one tick or at n of them.
+
+    They are its height above the standing feet's contact points [m], its velocity by leg odometry [m/s], and its mean
+    acceleration since the last tick by the IMU [m/s²].
 
     Args:
         robot: the robot, for its kinematics.
@@ -105,7 +94,7 @@ def motion(
     height, velocity = leg_odometry(robot, measured, stance, sin, cos)
     roll, pitch, yaw = measured.rpy
     ax, ay, az = rotate(roll, pitch, yaw, force, sin, cos)
-    return BaseMotion(height, velocity, (ax, ay, az - GRAVITY))
+    return height, velocity, (ax, ay, az - GRAVITY)
 
 
 def blend(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -15,13 +14,11 @@ from s2r_sim.controller.foot_task import STANDS, foot_task, note_stance
 from s2r_sim.controller.full_qp import FullQP
 from s2r_sim.controller.gains import Form, Gains
 from s2r_sim.controller.gait import Gait, Progress
-from s2r_sim.controller.qp import ControlTask, InverseDynamics, Solution, Stance
+from s2r_sim.controller.qp import ControlTask, Solution, Stance
 from s2r_sim.controller.reduction import in_joint_space
 from s2r_sim.controller.stance_qp import StanceQP
 from s2r_sim.robot.constants import FloatArray, Robot
 from s2r_sim.robot.signals import MotorCommand, RobotState, VelocityCommand
-
-FORMS: dict[Form, Callable[[Gains, Robot], InverseDynamics]] = {"condensed": StanceQP, "full": FullQP}
 
 
 @dataclass
@@ -52,7 +49,7 @@ class Controller:
         self._schedule = tuple(_Phase(gains, self._gait.progress(tick)) for tick in range(self._gait.period))
         self._foot_radius = robot.foot_radius
         self._body = RigidBody(robot, gains.rotor_inertia)
-        self._qp = FORMS[form](gains, robot)
+        self._qp = StanceQP(gains, robot) if form == "condensed" else FullQP(gains, robot)
         self._base_gains = gains.base
         self._swing = (*gains.swing, self._gait.swing_time, self._gait.stance_time)
         self.memory = Memory()

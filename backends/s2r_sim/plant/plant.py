@@ -106,7 +106,6 @@ class Plant:
             mujoco.mj_step(self.model, self.data)
 
     def _follow_terrain(self, elapsed: float) -> None:
-        """Lay the plane under every foot along the terrain at that foot."""
         amplitude = min(1.0, max(0.0, 1.0 + elapsed / _TERRAIN_GROWS))
         for plane, foot in zip(self._planes, self._feet, strict=True):
             x, y, _ = self.data.geom_xpos[foot].tolist()
@@ -115,7 +114,6 @@ class Plant:
             self.model.geom_quat[plane] = terrain.plane_attitude(slope_x, slope_y)
 
     def _drag_feet(self) -> None:
-        """Apply drag to low feet, at the ball's centre."""
         model, data, physics = self.model, self.data, self._physics
         data.qfrc_applied[:] = 0.0
         velocity = np.empty(6)

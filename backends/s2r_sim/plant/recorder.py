@@ -23,24 +23,15 @@ class Recorder:
         self._physics = physics
         self._command = command
         self._with_truth = truth
-        self._truth: list[FloatArray] = []
-        self._own: list[FloatArray] = []
+        self._rows: list[tuple[FloatArray, FloatArray, FloatArray, FloatArray]] = []
         self._done: list[Tick] = []
-        self._torque: list[FloatArray] = []
-        self._foot_forces: list[FloatArray] = []
-
-    def __len__(self) -> int:
-        return len(self._done)
 
     def write(
         self, truth: RobotState, own: RobotState, done: Tick, torque: FloatArray, foot_forces: FloatArray
     ) -> None:
         """Append a tick; ``own`` is the state from the robot's own sensors. The arrays must not change afterwards."""
-        self._truth.append(truth.flat)
-        self._own.append(own.flat)
+        self._rows.append((truth.flat, own.flat, torque, foot_forces))
         self._done.append(done)
-        self._torque.append(torque)
-        self._foot_forces.append(foot_forces)
 
     @property
     def qp_failures(self) -> int:
@@ -57,15 +48,16 @@ class Recorder:
             estimate: (n, 3) the robot's own estimate of its velocity, world axes [m/s].
             fallen: whether the robot has fallen at the last sample.
         """
-        n = len(self)
-        truth = RobotState(np.array(self._truth).T)
+        n = len(self._done)
+        true_states, own_states, torque, foot_forces = zip(*self._rows, strict=True)
+        truth = RobotState(np.array(true_states).T)
         # Without sensor errors they are the same arrays.
-        own = truth if self._own[0] is self._truth[0] else RobotState(np.array(self._own).T)
+        own = truth if own_states[0] is true_states[0] else RobotState(np.array(own_states).T)
         roll, pitch, yaw = own.rpy
         vx, vy, vz = truth.velocity
         own_x, own_y, _ = estimate.T
         foot_position, foot_velocity = self._feet(truth)
-        foot_force = np.array(self._foot_forces)
+        foot_force = np.array(foot_forces)
         iterations = [0 if done.solution is None else done.solution.iterations for done in self._done]
         solved = [done.solution is not None for done in self._done]
         return {
@@ -94,7 +86,7 @@ class Recorder:
             "q": own.q.T,
             "dq": own.dq.T,
             "tau_cmd": self._commanded(own),
-            "tau": np.array(self._torque),
+            "tau": np.array(torque),
             "foot_position": foot_position,
             "foot_velocity": foot_velocity,
             "foot_force": foot_force,

@@ -91,7 +91,6 @@ class Sensors:
         return measured
 
     def _feed_back(self, truth: RobotState, measured: RobotState, tick: int) -> None:
-        """Replace position and velocity by the robot's own estimate."""
         memory = self.memory
         noise = (0.0, 0.0, 0.0) if self._random is None else self._random.accelerometer[tick].tolist()
         change = (truth.velocity - (truth.velocity if memory is None else memory.velocity)).tolist()

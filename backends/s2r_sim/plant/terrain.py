@@ -61,7 +61,6 @@ def covariance(dx: FloatArray, dy: FloatArray) -> FloatArray:
 def _add_waves(
     waves: FloatArray, scale: float, x: float, y: float, height: float, slope_x: float
 ) -> tuple[float, float, float]:
-    """Return height and slopes plus those of (waves, 3) plane waves."""
     slope_y = 0.0
     for k in range(waves.shape[0]):
         kx, ky = waves[k, 0], waves[k, 1]

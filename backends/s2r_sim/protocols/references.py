@@ -85,7 +85,6 @@ def leg(x: FloatArray | float, z: FloatArray | float) -> tuple[FloatArray, Float
 def _same_on_all_legs(
     hip: FloatArray | float, thigh: FloatArray | float, calf: FloatArray | float, n: int
 ) -> FloatArray:
-    """Return (n, 12) joint angles that are the same on all legs."""
     joints = np.stack([np.broadcast_to(angle, n) for angle in (hip, thigh, calf)], axis=1)
     return np.tile(joints, (1, len(LEGS)))
 

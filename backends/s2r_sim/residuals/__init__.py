@@ -120,7 +120,6 @@ def residuals(
 
 
 def _protocol(trace: Trace, params: Mapping[str, float]) -> Protocol | None:
-    """Return the protocol of a trace and its parameters; None for a test."""
     if PROTOCOL not in trace.meta:
         return None
     one = named(PROTOCOLS, str(trace.meta[PROTOCOL]), "sim")

@@ -262,5 +262,4 @@ def _attitude(roll: FloatArray, pitch: FloatArray, yaw: FloatArray) -> Any:
 
 
 def _stack(vector: tuple[Any, Any, Any], n: int) -> FloatArray:
-    """Return three arrays or numbers as the columns of one (n, 3) array."""
     return np.stack([np.broadcast_to(part, n) for part in vector], -1)

@@ -187,7 +187,6 @@ class ModelledMotion:
 
     @property
     def _steps(self) -> int:
-        """Steps of physics in a tick."""
         return max(1, round(float(np.median(self.recorded.dt)) / self.world.timestep))
 
     @cached_property
