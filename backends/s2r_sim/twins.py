@@ -11,9 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from s2r_sim.backend import SimBackend
+from s2r_sim.backend import SimBackend, write_options
 from s2r_sim.effects import CATALOGUE
-from s2r_sim.options import write_options
 from s2r_spec.effects import Values, choose
 from s2r_spec.errors import UsageError, did_you_mean, one_of
 

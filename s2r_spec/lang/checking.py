@@ -22,12 +22,9 @@ _WIDEST = 100_000
 
 
 def check_text(text: str, name: str = "<string>", stored: Mapping[str, str] | None = None) -> Document:
-    """Return the checked specification of a text.
+    """Return the checked specification of a text; ``name``, usually its path, stands in messages.
 
-    Args:
-        text: the specification.
-        name: the name of the specification in messages, usually a path.
-        stored: name → text of all files that it imports; None to read them from disk.
+    It reads its imports from ``stored``, name → text, or from disk without that.
 
     Raises:
         SpecError: the text has mistakes; the error lists all of them.

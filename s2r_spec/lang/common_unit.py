@@ -24,12 +24,8 @@ def convert(value: f.Value, unit: Unit) -> f.Value:
 def combine(values: Sequence[f.Value], at: Span, verb: str) -> tuple[list[f.Value], Unit | None]:
     """Convert numbers to the unit of the first one that has a unit; return them and the unit of the result.
 
-    Temperatures with an offset (degC) can be compared; their difference is in kelvin, and their sum is refused.
-
-    Args:
-        values: the numbers.
-        at: place of a mistake.
-        verb: the operation, for the message ("compare").
+    Temperatures with an offset (degC) can be compared; their difference is in kelvin, and their sum is refused. A
+    mistake stands ``at`` a place and names the operation by its ``verb`` ("compare").
     """
     unit = next((value.unit for value in values if value.unit is not None), None)
     if unit is None:

@@ -270,13 +270,9 @@ def _seconds(bound: syntax.Bound, checked: f.Value, number: float) -> float:
 
 
 def quantity(written: syntax.Expression, scope: Scope, unit: Unit | None, quantity_name: str) -> float:
-    """Return a constant in ``unit``; a number without a unit is taken to be in it.
+    """Return a constant in ``unit``, None for none; a number without a unit is taken to be in it.
 
-    Args:
-        written: the expression.
-        scope: the declarations above it.
-        unit: the unit of the result; None for a number without a unit.
-        quantity_name: name of the quantity for the message ("the range of `vd`").
+    Messages call it ``quantity_name`` ("the range of `vd`").
 
     Raises:
         Mistake: it is not constant, not finite, or in a unit that does not fit.

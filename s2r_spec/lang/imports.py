@@ -20,11 +20,7 @@ DEEPEST = 50
 def gather(source: Source, stored: Mapping[str, str] | None = None) -> tuple[Parsed, tuple[Source, ...]]:
     """Return the statements of a source and of its imports, and the imported sources, each once.
 
-    A path is relative to the file that imports it.
-
-    Args:
-        source: the source of the specification.
-        stored: name → text of all files that it imports; None to read them from disk.
+    A path is relative to the file that imports it. All files are in ``stored``, name → text, or else on disk.
     """
     gathering = _Gathering(stored)
     parsed = gathering.gather(source, (normpath(source.name),))

@@ -31,12 +31,7 @@ class Parsed:
 
 
 def parse(source: Source, declared: Set[str] = frozenset()) -> Parsed:
-    """Parse every statement of a source by itself. Never raises on any text.
-
-    Args:
-        source: the text.
-        declared: names that imported files declare; they are not operators here.
-    """
+    """Parse every statement of a source by itself; ``declared`` names of imports are not operators. Never raises."""
     lexed = lex(source, declared)
     if lexed.beyond is not None:
         message = f"the text is too long: it has more than {MOST_TOKENS:,} words, numbers, signs and spaces"

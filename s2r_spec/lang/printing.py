@@ -30,11 +30,7 @@ _LOOSEST = ("IFF", "IMPLIES", "OR", "AND", "UNTIL")
 
 
 def format_text(text: str, name: str = "<string>") -> str:
-    """Return a specification in the standard layout, with the same meaning.
-
-    Args:
-        text: the specification.
-        name: the path of the specification; imported files are relative to it.
+    """Return a specification in the standard layout, with the same meaning; its imports are relative to ``name``.
 
     Raises:
         SpecError: the text does not parse. Mistakes that only the check finds are not reported.
@@ -55,8 +51,6 @@ class _Line:
 
     Args:
         head: text before the column that a block aligns; "" if there is none.
-        body: the rest of the line.
-        comment: the comment at the end of the line.
         column: column of the comment before formatting, from 0.
         kind: keyword of the statement; consecutive lines of one kind form a block.
         blank: whether an empty line comes before.

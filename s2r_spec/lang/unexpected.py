@@ -51,13 +51,9 @@ def stray_character(span: Span) -> Diagnostic:
 
 
 def explain(source: Source, tokens: Sequence[Token], position: int, allowed: Set[str]) -> Diagnostic:
-    """Return the diagnostic of a token, or of the end, that cannot follow the tokens before it.
+    """Return the diagnostic of the token at ``position``, or of the end, that cannot follow the tokens before it.
 
-    Args:
-        source: the text.
-        tokens: the statement.
-        position: index of the unexpected token; ``len(tokens)`` for the end.
-        allowed: terminals that could stand there.
+    The ``allowed`` terminals could stand there.
     """
     if position == len(tokens):
         return _end(source, tokens, allowed)

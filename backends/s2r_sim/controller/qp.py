@@ -10,7 +10,7 @@ import piqp
 from s2r_sim.controller.gains import Gains
 from s2r_sim.robot.constants import FloatArray
 
-Stance = tuple[bool, bool, bool, bool]
+Stance = tuple[bool, ...]
 
 _SOLVED = piqp.PIQP_SOLVED
 

@@ -35,11 +35,8 @@ class StanceQP:
 
     def __init__(self, gains: Gains, robot: Robot) -> None:
         self._torque_limit = robot.torque_limit
-        self._problems = {
-            (a, b, c, d): _Problem(gains, robot, (a, b, c, d))
-            for a, b, c, d in product((True, False), repeat=4)
-            if a or b or c or d
-        }
+        stances = filter(any, product((True, False), repeat=4))
+        self._problems = {stance: _Problem(gains, robot, stance) for stance in stances}
         self._solvers = {feet: (Solver(), Solver()) for feet in (1, 2, 3, 4)}
 
     def reset(self) -> None:

@@ -69,13 +69,7 @@ class Controller:
         return self._schedule[self.memory.tick % len(self._schedule)].stance
 
     def skip(self, ticks: int, measured: RobotState, command: VelocityCommand) -> None:
-        """Advance the gait's clock and the reference over ticks that were missed.
-
-        Args:
-            ticks: number of missed ticks.
-            measured: the last state before them.
-            command: the command during them.
-        """
+        """Advance the gait's clock and the reference over missed ticks; ``measured`` is the last state before them."""
         memory = self.memory
         memory.tick += ticks
         for _ in range(ticks):
@@ -138,8 +132,7 @@ class _Phase:
     """Quantities that one tick of the gait period fixes."""
 
     def __init__(self, gains: Gains, progress: Progress) -> None:
-        a, b, c, d = (s is None for s in progress)
-        self.stance: Stance = (a, b, c, d)
+        self.stance: Stance = tuple(s is None for s in progress)
         self.progress = np.array([STANDS if s is None else s for s in progress])
         self.kp = np.repeat([0.0 if stands else gains.kp_joint_swing for stands in self.stance], 3)
         self.kd = np.full(12, gains.kd_joint)

@@ -12,10 +12,6 @@ A weak motor, friction in a gear, a payload, a push: each appears in the rows on
 which it acts, under any reaction of the controller. It disappears when the model of
 the world contains it.
 
-``motion.py`` has the quantities that depend on no world, computed once for a trace.
-``world.py`` has the quantities of a world. ``compliance.py`` gives the compliance of its
-ground, ``footing.py`` the unevenness, and ``play.py`` the rotors in the play of their gears.
-
 Recorded joints and attitude come from the robot's own sensors. The true motion is the
 one that sensors with the world's errors would report as recorded. Accelerations are
 differences of recorded velocities. All residuals are averaged over :data:`WINDOW` with

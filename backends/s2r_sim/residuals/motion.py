@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from s2r_sim.residuals.footing import Footing, footing
+from s2r_sim.residuals.ground import Footing, footing
 from s2r_sim.robot import pinocchio_model
 from s2r_sim.robot.constants import GRAVITY, LEGS, FloatArray, Inertia, Robot
 from s2r_sim.robot.leg_kinematics import foot_motion
@@ -79,12 +79,9 @@ class RecordedMotion:
         if "foot_velocity" not in self.trace.channels:
             return self._foot_speed_by_joints
         measured = self.mid("foot_velocity").reshape(-1, 4, 3)
-        speed: FloatArray = np.einsum("nji,nkj->nki", self.attitude, measured)
-        return (
-            speed
-            if np.isfinite(speed).all()
-            else np.where(np.isfinite(speed), speed, self._foot_speed_by_joints)
-        )
+        speed = np.einsum("nji,nkj->nki", self.attitude, measured)
+        known = np.isfinite(speed)
+        return speed if known.all() else np.where(known, speed, self._foot_speed_by_joints)
 
     @cached_property
     def _foot_speed_by_joints(self) -> FloatArray:

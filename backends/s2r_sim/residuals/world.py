@@ -14,7 +14,7 @@ from s2r_sim.controller.gains import RATE, Gains
 from s2r_sim.parameters import Test
 from s2r_sim.plant.physics import USUAL_LOAD, Physics
 from s2r_sim.protocols.references import reference
-from s2r_sim.residuals.compliance import Compliance, ground_compliance
+from s2r_sim.residuals.ground import Compliance, ground_compliance
 from s2r_sim.residuals.motion import Ground, RecordedMotion, corrected_motion, ground, hann
 from s2r_sim.residuals.play import cross_play
 from s2r_sim.robot.constants import GRAVITY, FloatArray, Robot
@@ -214,7 +214,8 @@ class ModelledMotion:
                 log.mid(name) if name in log.trace.channels else level for name in ("roll", "pitch")
             )
             by_roll, by_pitch = np.radians(self.world.attitude_bias)
-            felt = _level(roll - by_roll, pitch - by_pitch, _in_base(roll, pitch, felt))
+            in_base = turned_back(roll, pitch, 0.0, felt.T, np.sin, np.cos)
+            felt = np.column_stack(rotate(roll - by_roll, pitch - by_pitch, 0.0, in_base, np.sin, np.cos))
         part = self.strength * self.world.torque_constant * self.robot.mass / self.loaded.mass
         return part[:, None] * felt - gravity
 
@@ -284,18 +285,7 @@ class ModelledMotion:
 
     @property
     def _grounds(self) -> tuple[Compliance, Compliance]:
-        here, bare = self.world, self.bare
-        return ground_compliance(self.robot, here.impratio, here.sink), ground_compliance(
-            self.robot, bare.impratio, bare.sink
+        here, bare = (
+            ground_compliance(self.robot, one.impratio, one.sink) for one in (self.world, self.bare)
         )
-
-
-def _in_base(roll: FloatArray, pitch: FloatArray, vector: FloatArray) -> FloatArray:
-    """Return (n, 3) vectors, given as forward, left and up, in base axes."""
-    return np.column_stack(turned_back(roll, pitch, 0.0, vector.T, np.sin, np.cos))
-
-
-def _level(roll: FloatArray, pitch: FloatArray, vector: FloatArray) -> FloatArray:
-    """Return (n, 3) vectors, given in base axes, as forward, left and up."""
-    x, y, z = rotate(roll, pitch, 0.0, vector.T, np.sin, np.cos)
-    return np.column_stack((x, y, z))
+        return here, bare
