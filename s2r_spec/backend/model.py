@@ -6,11 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from s2r_spec.base.errors import (
-    UsageError,
-    did_you_mean,
-    one_of,
-)
+from s2r_spec.base.errors import UsageError, did_you_mean, one_of
 
 
 @dataclass(frozen=True)

@@ -109,7 +109,9 @@ class _Checker:
         match statement:
             case syntax.Signal(name=word, dim=dim):
                 unit = unit_of(statement.unit)
-                width = 1 if dim is None else _width(dim)
+                if dim is not None and not (dim.value.is_integer() and 1 <= dim.value <= _WIDEST):
+                    fail("E17", f"a vector has 1 to {_WIDEST} components, not `{dim.span.text}`", dim.span)
+                width = 1 if dim is None else int(dim.value)
                 range_ = range_of(statement.range, scope, unit, word.text)
                 vector, boolean = dim is not None, statement.boolean
                 return Signal(word.text, unit.text, width, range_, vector, boolean, unit, span)
@@ -166,9 +168,3 @@ class _Checker:
         if id(node) not in self.depths:
             self.depths[id(node)] = 1 + max((self._levels(child) for child in f.children(node)), default=0)
         return self.depths[id(node)]
-
-
-def _width(dim: syntax.Number) -> int:
-    if not dim.value.is_integer() or not 1 <= dim.value <= _WIDEST:
-        fail("E17", f"a vector has 1 to {_WIDEST} components, not `{dim.span.text}`", dim.span)
-    return int(dim.value)

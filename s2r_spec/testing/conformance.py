@@ -33,7 +33,6 @@ from s2r_spec.testing.subject import (
     SEED,
     Check,
     Checks,
-    FloatArray,
     Subject,
     attempt,
     describe,
@@ -271,7 +270,8 @@ def _residuals(subject: Subject, out: Check) -> None:
         changed = subject.with_effects(values)
         trace = rollout(changed, subject.test)
         nominal, modelled = (
-            _residuals_of(backend, trace, subject.test) for backend in (subject.backend, changed)
+            {n: np.asarray(x) for n, x in backend.residuals(trace, subject.test).channels.items()}
+            for backend in (subject.backend, changed)
         )
         if {n: x.shape for n, x in nominal.items()} != {n: x.shape for n, x in modelled.items()}:
             out.violations.append(f"{name} changes the channels or the times of the residuals")
@@ -295,10 +295,6 @@ def _residuals(subject: Subject, out: Check) -> None:
             f"more than half of the residual remains with the effect in the model: {', '.join(weak)}; "
             f"in the default test the equations say little about them"
         )
-
-
-def _residuals_of(backend: Any, trace: Trace, test: Mapping[str, float]) -> dict[str, FloatArray]:
-    return {name: np.asarray(values) for name, values in backend.residuals(trace, test).channels.items()}
 
 
 def _rms_difference(one: Trace, other: Trace) -> dict[str, float]:

@@ -108,7 +108,9 @@ class Controller:
         solution = self._qp.solve(body, ControlTask(base, feet[0], legs, phase.stance))
         torque = self._feedforward(solution, phase.stance)
         if torque is None:
-            return Tick(_damping(gains), phase.stance, solution)
+            none = np.zeros(12)  # the last resort: every joint brakes
+            brake = MotorCommand(q=none, dq=none, kp=none, kd=np.full(12, gains.kd_damping), tau=none)
+            return Tick(brake, phase.stance, solution)
         bound = gains.max_joint_step
         step = np.minimum(np.maximum(legs[:, 7], -bound), bound)
         motors = MotorCommand(q=measured.q + step, dq=legs[:, 8], kp=phase.kp, kd=phase.kd, tau=torque)
@@ -136,9 +138,3 @@ class _Phase:
         self.progress = np.array([STANDS if s is None else s for s in progress])
         self.kp = np.repeat([0.0 if stands else gains.kp_joint_swing for stands in self.stance], 3)
         self.kd = np.full(12, gains.kd_joint)
-
-
-def _damping(gains: Gains) -> MotorCommand:
-    """Return the command of last resort: every joint brakes."""
-    none = np.zeros(12)
-    return MotorCommand(q=none, dq=none, kp=none, kd=np.full(12, gains.kd_damping), tau=none)

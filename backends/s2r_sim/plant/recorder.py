@@ -60,7 +60,7 @@ class Recorder:
         foot_force = np.array(foot_forces)
         iterations = [0 if done.solution is None else done.solution.iterations for done in self._done]
         solved = [done.solution is not None for done in self._done]
-        return {
+        channels = {
             "vx": np.cos(yaw) * vx + np.sin(yaw) * vy,
             "vy": np.cos(yaw) * vy - np.sin(yaw) * vx,
             "vz": vz,
@@ -91,13 +91,11 @@ class Recorder:
             "foot_velocity": foot_velocity,
             "foot_force": foot_force,
             "contact": (foot_force[:, 2::3] > 0.0).astype(float),
-        } | (self._true(truth) if self._with_truth else {})
-
-    def _true(self, truth: RobotState) -> dict[str, FloatArray]:
-        """Return the true values of the quantities that the robot's own sensors measure, as in ``TRUE_CHANNELS``."""
-        roll, pitch, _ = truth.rpy
-        values = (truth.q.T, truth.dq.T, roll, pitch, yaw_rate(truth))
-        return dict(zip((channel.name for channel in TRUE_CHANNELS), values, strict=True))
+        }
+        if self._with_truth:
+            values = (truth.q.T, truth.dq.T, truth.rpy[0], truth.rpy[1], yaw_rate(truth))
+            channels |= {channel.name: one for channel, one in zip(TRUE_CHANNELS, values, strict=True)}
+        return channels
 
     def _feet(self, truth: RobotState) -> tuple[FloatArray, FloatArray]:
         """Return (n, 12) true positions [m] and (n, 12) velocities [m/s] of the ball centres, world axes."""

@@ -122,6 +122,9 @@ def _protocol(trace: Trace, params: Mapping[str, float]) -> Protocol | None:
     return one.name, tuple(one.values(params).items())
 
 
+_modelled_motion = lru_cache(maxsize=4)(ModelledMotion)
+
+
 @lru_cache(maxsize=128)
 def _averages(
     one: _Residual,
@@ -133,20 +136,13 @@ def _averages(
 ) -> FloatArray:
     """Return the (m, columns) averages of a residual; cached, for most worlds change only one or two residuals."""
     window = hann(log.trace.times, WINDOW)
-    return _inner(convolve1d(one.of(_modelled_motion(log, gains, bare, here, way)), window, axis=0), window)
+    return _inner(convolve1d(one.of(_modelled_motion(log, gains, bare, here, *way)), window, axis=0), window)
 
 
 def _inner(values: FloatArray, window: FloatArray) -> FloatArray:
     """Return the rows with a whole window around them."""
     half = len(window) // 2
     return values[half : len(values) - half]
-
-
-@lru_cache(maxsize=4)
-def _modelled_motion(
-    log: RecordedMotion, gains: Gains, bare: Physics, here: Physics, way: tuple[Test, Protocol | None]
-) -> ModelledMotion:
-    return ModelledMotion(log, gains, bare, here, *way)
 
 
 def _with_fields(world: Physics, fields: tuple[str, ...]) -> Physics:
@@ -159,11 +155,6 @@ def _base_wrench(motion: ModelledMotion) -> FloatArray:
     left: FloatArray = motion.needed[:, :6] - ground
     left[:, :3] -= motion.push
     return left
-
-
-def _motor(motion: ModelledMotion) -> FloatArray:
-    """Reported torque of the motors minus that of the law, with the joints at the end of the tick."""
-    return motion.recorded.at("tau") - motion.delivered
 
 
 def _acceleration(motion: ModelledMotion) -> FloatArray:
@@ -183,25 +174,11 @@ def _slip(motion: ModelledMotion) -> FloatArray:
     return np.hstack((touches * x, touches * y))
 
 
-def _sinking(motion: ModelledMotion) -> FloatArray:
-    """Depth of ball feet below the world's ground where they touch it; negative above."""
-    return motion.recorded.touches * motion.below
-
-
 def _unevenness(motion: ModelledMotion) -> FloatArray:
     """Distance of footholds from the plane through all of them, minus the distance expected from the roughness."""
     footing = motion.recorded.footing
     away = np.abs(footing.about @ footing.mean(motion.below))
     return footing.spread(away - motion.world.roughness * footing.expected)
-
-
-def _timing(motion: ModelledMotion) -> FloatArray:
-    return motion.recorded.at("contact") - motion.recorded.at("stance")
-
-
-def _joint_speed(motion: ModelledMotion) -> FloatArray:
-    log = motion.recorded
-    return log.rate(log.trace["q"]) - log.mid("dq")
 
 
 def _foot_place(motion: ModelledMotion) -> FloatArray:
@@ -240,18 +217,23 @@ RESIDUALS = (
     _Residual("joint_torque", "N*m", (*_WITH_FORCE, "tau"), _JOINTS_KNOW, JOINTS, lambda motion: motion.joints),
     _Residual("base_force", "N", _WITH_FORCE, _BASE_KNOWS, _BASE, lambda motion: _base_wrench(motion)[:, :3]),
     _Residual("base_torque", "N*m", _WITH_FORCE, _BASE_KNOWS, _BASE, lambda motion: _base_wrench(motion)[:, 3:]),
-    _Residual("motor", "N*m", ("q", "dq", "tau", "tau_cmd", "stance"), _MOTORS_KNOW, JOINTS, _motor, True),
+    _Residual("motor", "N*m", ("q", "dq", "tau", "tau_cmd", "stance"), _MOTORS_KNOW, JOINTS,
+              lambda motion: motion.recorded.at("tau") - motion.delivered, True),
     _Residual("acceleration", "m/s^2", ("acc_pred", "vx", "vy", "vz", "yaw"), _QP_KNOWS, _BASE, _acceleration),
     _Residual("velocity_estimate", "m/s", ("vx_est", "vy_est", "vx", "vy"), _ESTIMATE_KNOWS, _IMU_AND_LEGS, _estimate),
     _Residual("slip", "m/s", _ON_GROUND, _SLIP_KNOWS, _EACH_FOOT * 2, _slip),
     _Residual("grip", "N", (*_ON_GROUND, "foot_force"), (*_SLIP_KNOWS, "friction"), _EACH_FOOT,
               lambda motion: motion.grips),
-    _Residual("sinking", "m", ("foot_position", "contact"), _GROUND_KNOWS, _EACH_FOOT, _sinking),
+    _Residual("sinking", "m", ("foot_position", "contact"), _GROUND_KNOWS, _EACH_FOOT,
+              lambda motion: motion.recorded.touches * motion.below),
     _Residual("unevenness", "m", ("foot_position", "contact"), ("roughness", *_GROUND_KNOWS), _EACH_FOOT, _unevenness),
-    _Residual("contact_timing", "", ("contact", "stance"), (), _EACH_FOOT, _timing),
-    _Residual("joint_speed", "rad/s", ("q", "dq"), (), _ENCODERS, _joint_speed),
+    _Residual("contact_timing", "", ("contact", "stance"), (), _EACH_FOOT,
+              lambda motion: motion.recorded.at("contact") - motion.recorded.at("stance")),
+    _Residual("joint_speed", "rad/s", ("q", "dq"), (), _ENCODERS,
+              lambda motion: motion.recorded.rate(motion.recorded.trace["q"]) - motion.recorded.mid("dq")),
     _Residual("foot_place", "m", (*_POSE, "q", "foot_position"), _SENSES, _EACH_AXIS, _foot_place),
 )  # fmt: skip
-"""``slip`` has the forward, then the left velocities of the feet that touch. ``contact_timing`` is +1 where a foot
+"""``motor`` has the joints at the end of the tick; ``sinking`` is the depth of ball feet below the world's ground.
+``slip`` has the forward, then the left velocities of the feet that touch. ``contact_timing`` is +1 where a foot
 touches in its swing, −1 where it does not touch in its stance."""
 _FEWEST = min(RESIDUALS, key=lambda one: len(one.needs))

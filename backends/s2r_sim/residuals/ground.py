@@ -6,9 +6,9 @@ R = (1 − d)/d · Â. The impedance d grows with the depth r (MuJoCo's document
 and b v = (R / impratio) f under a tangential one.
 
 Unevenness, data: heights of footholds, one for each stretch of time in which a foot stood. The plane through them
-absorbs the common part: a slope, a soft ground, a wrong origin of the height, and also a part of the unevenness. Model: heights are Gaussian with
-covariance K on ground of unit roughness. R is the residual operator of the plane (least squares, weighted by the
-duration of each stand). Then the distances from the plane have the covariance R K Rᵀ.
+absorbs the common part: a slope, a soft ground, a wrong origin of the height, and also a part of the unevenness.
+Model: heights are Gaussian with covariance K on ground of unit roughness. R is the residual operator of the plane
+(least squares, weighted by the duration of each stand). Then the distances from it have the covariance R K Rᵀ.
 """
 
 from __future__ import annotations

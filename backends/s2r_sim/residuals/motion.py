@@ -219,10 +219,11 @@ def hann(times: FloatArray, width: float) -> FloatArray:
     return weights
 
 
-@lru_cache(maxsize=2)
-def recorded_motion(trace: Trace, robot: Robot) -> RecordedMotion:
-    """Return the motion of a trace; the cache returns the same object for the last traces."""
-    return RecordedMotion(trace, robot)
+recorded_motion = lru_cache(maxsize=2)(RecordedMotion)
+"""The motion of a trace and a robot; the cache returns the same object for the last traces."""
+ground = lru_cache(maxsize=4)(Ground)
+"""A motion on a slope [deg]."""
+_model = lru_cache(maxsize=8)(pinocchio_model.build)
 
 
 @lru_cache(maxsize=4)
@@ -237,17 +238,6 @@ def corrected_motion(
         if angle:
             errors[name] = angle
     return motion.less(**errors) if errors else motion
-
-
-@lru_cache(maxsize=4)
-def ground(motion: RecordedMotion, slope: float) -> Ground:
-    """Return the motion on a slope [deg]; cached."""
-    return Ground(motion, slope)
-
-
-@lru_cache(maxsize=8)
-def _model(robot: Robot) -> Any:
-    return pinocchio_model.build(robot)
 
 
 def _midpoints(values: FloatArray) -> FloatArray:
