@@ -80,7 +80,7 @@ def motion(
 ) -> tuple[Any, tuple[Any, Any, Any], tuple[Any, Any, Any]]:
     """Return the motion of the base in world axes, at one tick or at n of them.
 
-    They are its height above the standing feet's contact points [m], its velocity by leg odometry [m/s], and its mean
+    That is its height above the standing feet's contact points [m], its velocity by leg odometry [m/s], and its mean
     acceleration since the last tick by the IMU [m/s²].
 
     Args:
