@@ -9,12 +9,12 @@ from s2r_spec.base.errors import TraceError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.evaluate import Walk, Witness
 from s2r_spec.robustness.numbers import no_value
-from s2r_spec.robustness.online.clock import OnlineClock
+from s2r_spec.robustness.online.clock import Component, InstantNumber, OnlineClock
 from s2r_spec.robustness.online.spans import Span, Spans
 from s2r_spec.robustness.online.tape import Tape
 from s2r_spec.robustness.online.terms import AdjacentSample, Leaf, Least, Negative, Rise, Scaled, Term
 from s2r_spec.robustness.online.timed import Always, Until
-from s2r_spec.robustness.online.values import Component, InstantNumber, NumberBuilder
+from s2r_spec.robustness.online.values import NumberBuilder
 from s2r_spec.robustness.ties import break_tie
 
 INFINITE: Span = (-math.inf, math.inf)

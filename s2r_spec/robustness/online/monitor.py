@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
 from s2r_spec.base.errors import TraceError, UsageError, one_of, suggest
@@ -18,7 +19,6 @@ from s2r_spec.robustness.online.algebra import OnlineAlgebra
 from s2r_spec.robustness.online.clock import OnlineClock
 from s2r_spec.robustness.online.points import Point, Points
 from s2r_spec.robustness.online.tape import Tape
-from s2r_spec.robustness.online.terms import Term
 from s2r_spec.robustness.reading import HOLD, LEADING, Missing
 from s2r_spec.robustness.ties import restore_zero
 
@@ -100,10 +100,8 @@ class _Recorder:
         self.algebra = OnlineAlgebra(
             self.clock, self.tapes, ranges, followed.params, tuple(followed.formulas.values()), followed.until
         )
-        windows = [narrowest(formula) for formula in followed.formulas.values()]
-        self.narrowest = min(
-            (window for window in windows if window is not None), key=lambda w: w.length, default=None
-        )
+        windows = filter(None, map(narrowest, followed.formulas.values()))
+        self.narrowest = min(windows, key=lambda window: window.length, default=None)
         self._refuse_short()
         self.terms = {name: self.algebra.walk(formula) for name, formula in followed.formulas.items()}
         self.broken: TraceError | None = None
@@ -161,9 +159,8 @@ class _Recorder:
     def _read(self, signal: Signal, sample: Mapping[str, Any]) -> list[float]:
         name = signal.name
         if name not in sample:
-            raise TraceError(
-                f"the sample has no channel {name!r}{suggest(name, sample)} it has {one_of(sample)}"
-            )
+            lacks = f"the sample has no channel {name!r}{suggest(name, sample)} it has {one_of(sample)}"
+            raise TraceError(lacks)
         try:
             numbers = [float(x) for x in sample[name]] if signal.vector else [float(sample[name])]
         except (TypeError, ValueError):
@@ -296,11 +293,8 @@ class RobustnessStream:
         self._times = Tape()
         self._times.keep(lambda: min(self._sent.values()))
         for name, term in self._recorder.terms.items():
-            self._follow(name, term)
-
-    def _follow(self, name: str, term: Term) -> None:
-        term.follow()
-        term.keep(lambda: self._sent[name])
+            term.follow()
+            term.keep(partial(self._sent.__getitem__, name))
 
     def update(self, time: float, sample: Mapping[str, Any]) -> dict[str, list[tuple[float, float]]]:
         """Take one more sample, and return requirement → [(time [s], ρ), …] of the instants that it decides.

@@ -19,11 +19,12 @@ class InstantSource(Protocol):
     @property
     def end(self) -> int:
         """Number of instants with a known value."""
-        ...
 
     def keep(self, reader: Reader) -> None:
         """Keep the values from the instant on that ``reader`` returns at any time."""
-        ...
+
+    def value(self, k: int) -> float:
+        """Return the value of an instant with a known one."""
 
 
 class Tape:
