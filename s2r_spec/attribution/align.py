@@ -18,8 +18,9 @@ from s2r_spec.lang import formula as f
 from s2r_spec.robustness.binding import bind, names
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.grid import Grid
+from s2r_spec.robustness.numbers import SampledSignals
 from s2r_spec.robustness.reading import read_params, read_signals
-from s2r_spec.robustness.sampled import SampledAlgebra, SampledSignals
+from s2r_spec.robustness.sampled import SampledAlgebra
 from s2r_spec.robustness.ticks import Ticks, clock_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace

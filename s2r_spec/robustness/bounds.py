@@ -14,20 +14,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, TypeVar
 
 from s2r_spec.lang import formula as f
-from s2r_spec.robustness.evaluate import Algebra
+from s2r_spec.robustness.evaluate import Algebra, WithEdges
 
 S = TypeVar("S")
-
-
-class WithEdges(Algebra[S], Protocol[S]):
-    """An algebra whose edges may be of two signals."""
-
-    def edge(self, now: S, before: S, earlier: float = ...) -> S:
-        """Return min(now, −before just before); ``earlier`` is the value before the first instant."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -47,7 +39,7 @@ class RhoBounds(Generic[S]):
 
 
 @dataclass(frozen=True)
-class BoundedAlgebra(Generic[S]):
+class BoundedAlgebra(Algebra[RhoBounds[S]], Generic[S]):
     """Robustness signals with bounds.
 
     Args:

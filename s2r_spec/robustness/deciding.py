@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.evaluate import Walk, up_to
-from s2r_spec.robustness.sampled import SampleClock
+from s2r_spec.robustness.ticks import Clock
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
@@ -33,7 +33,7 @@ class DescentStep:
     vacuous: bool = False
 
 
-def descend(root: f.Formula, walk: Walk[FloatArray], clock: SampleClock) -> Iterator[DescentStep]:
+def descend(root: f.Formula, walk: Walk[FloatArray], clock: Clock) -> Iterator[DescentStep]:
     """Yield the steps from ``root`` at the first sample to the predicate that decides its ρ.
 
     If several decide equally, the nearest in time is taken, and then the first in the text. The last step is a
@@ -48,7 +48,7 @@ def descend(root: f.Formula, walk: Walk[FloatArray], clock: SampleClock) -> Iter
 
 
 class _Descent:
-    def __init__(self, walk: Walk[FloatArray], clock: SampleClock) -> None:
+    def __init__(self, walk: Walk[FloatArray], clock: Clock) -> None:
         self.walk, self.clock = walk, clock
 
     def rho(self, node: f.Formula, sample: int) -> float:
@@ -141,7 +141,7 @@ class Witnessed:
 
 
 def best_witness(
-    node: f.Until, t: int, walk: Walk[FloatArray], clock: SampleClock, sign: float
+    node: f.Until, t: int, walk: Walk[FloatArray], clock: Clock, sign: float
 ) -> Witnessed | None:
     """Return the first best witness of sign · left until sign · right at sample t; None in an empty window."""
     past = node.operator == "since"

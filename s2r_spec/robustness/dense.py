@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import reduce
 from typing import Literal
 
 import numpy as np
@@ -12,9 +13,9 @@ from s2r_spec.base.errors import UsageError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness import windows
 from s2r_spec.robustness.curve import Curve, add, maximum, minimum, sign, split_at_zero
-from s2r_spec.robustness.evaluate import Walk
-from s2r_spec.robustness.numbers import Numbers, no_value
-from s2r_spec.robustness.sampled import SampledAlgebra, SampledSignals
+from s2r_spec.robustness.evaluate import Walk, WithEdges
+from s2r_spec.robustness.numbers import Numbers, SampledSignals, no_value
+from s2r_spec.robustness.sampled import SampledAlgebra
 from s2r_spec.robustness.ties import TIE, break_ties, rescale
 
 FloatArray = NDArray[np.float64]
@@ -56,7 +57,7 @@ def walk_curves(recording: ContinuousSignals) -> Walk[Curve]:
     return Walk(DenseAlgebra(recording), recording.samples.until)
 
 
-class DenseAlgebra:
+class DenseAlgebra(WithEdges[Curve]):
     """Robustness signals as curves."""
 
     def __init__(self, recording: ContinuousSignals) -> None:
@@ -87,11 +88,10 @@ class DenseAlgebra:
         if bad.any():
             raise no_value(node, f"{difference.times[np.argmax(bad)]:.9g} s after the first sample")
         fine = split_at_zero(difference, self.snap)
-        parts = (fine.at, fine.right, fine.left)
+        at, right_limit, left_limit = fine.at, fine.right, fine.left
         if node.operator in ("==", "!="):
             sign = -1.0 if node.operator == "==" else 1.0
-            parts = (sign * np.abs(fine.at), sign * np.abs(fine.right), sign * np.abs(fine.left))
-        at, right_limit, left_limit = parts
+            at, right_limit, left_limit = (sign * np.abs(part) for part in (at, right_limit, left_limit))
         return Curve(
             fine.times,
             break_ties(at, node.operator),
@@ -111,19 +111,11 @@ class DenseAlgebra:
         """Return the smaller of both, with crossings."""
         return minimum(x, y, self.snap)
 
-    def greatest(self, x: Curve, y: Curve) -> Curve:
-        """Return the greater of both, with crossings."""
-        return maximum(x, y, self.snap)
-
     def always(self, x: Curve, interval: f.Interval, past: bool) -> Curve:
         """Return the infimum over the window."""
         if past:
             return windows.infimum(x.backward(), interval, self.snap).backward()
         return windows.infimum(x, interval, self.snap)
-
-    def eventually(self, x: Curve, interval: f.Interval, past: bool) -> Curve:
-        """Return the supremum over the window."""
-        return -self.always(-x, interval, past)
 
     def until(self, left: Curve, right: Curve, interval: f.Interval, past: bool) -> Curve:
         """Return the robustness of the best witness."""
@@ -137,10 +129,6 @@ class DenseAlgebra:
             f"`{node.span.text}` ({node.span.place}) counts samples: "
             f"`{node.operator}` needs interpolation='samples'"
         )
-
-    def rise(self, x: Curve) -> Curve:
-        """Return min(x, −x just before)."""
-        return self.edge(x, x)
 
     def edge(self, now: Curve, before: Curve, earlier: float = np.inf) -> Curve:
         """Return min(now, −before just before); ``earlier`` is the value before the first instant."""
@@ -204,10 +192,7 @@ class PredicateCurves:
                 return sign(self(node.operand), snap)
             case f.Extremum():
                 fold = minimum if node.function == "min" else maximum
-                result = self(node.operands[0])
-                for operand in node.operands[1:]:
-                    result = fold(result, self(operand), snap)
-                return result
+                return reduce(lambda x, y: fold(x, y, snap), map(self, node.operands))
             case f.Overshoot():
                 beyond = add(self(node.signal), -self(node.reference), snap)
                 return beyond.scale(float(self.sampled.direction(node).item()))

@@ -7,9 +7,11 @@ An :class:`Algebra` defines the representation and its minimum, window and until
 
 from __future__ import annotations
 
+import math
+from abc import ABC, abstractmethod
 from dataclasses import replace
 from functools import reduce
-from typing import Generic, Literal, Protocol, TypeVar
+from typing import Generic, Literal, TypeVar
 
 from s2r_spec.lang import formula as f
 
@@ -17,59 +19,71 @@ S = TypeVar("S")
 Witness = Literal["open", "closed"]
 
 
-class Algebra(Protocol[S]):
+class Algebra(ABC, Generic[S]):
     """The operations on robustness signals from which the language's operators are built.
 
     With ``past`` the window of an instant t is t − interval, else t + interval.
     """
 
+    @abstractmethod
     def truth(self, value: bool) -> S:
         """Return +inf or −inf at every instant."""
-        ...
 
+    @abstractmethod
     def flag(self, node: f.Flag) -> S:
         """Return +inf where a boolean signal is true, −inf where it is not."""
-        ...
 
+    @abstractmethod
     def margin(self, node: f.Comparison) -> S:
         """Return the robustness of a predicate."""
-        ...
 
+    @abstractmethod
     def negative(self, x: S) -> S:
         """Return −x."""
-        ...
 
+    @abstractmethod
     def scale(self, x: S, factor: float) -> S:
         """Return factor · x, factor > 0."""
-        ...
 
+    @abstractmethod
     def least(self, x: S, y: S) -> S:
         """Return the smaller of both at each instant."""
-        ...
 
     def greatest(self, x: S, y: S) -> S:
         """Return the greater of both at each instant."""
-        ...
+        return self.negative(self.least(self.negative(x), self.negative(y)))
 
+    @abstractmethod
     def always(self, x: S, interval: f.Interval, past: bool) -> S:
         """Return the infimum over the window; +inf where the window is empty."""
-        ...
 
     def eventually(self, x: S, interval: f.Interval, past: bool) -> S:
         """Return the supremum over the window; −inf where the window is empty."""
-        ...
+        return self.negative(self.always(self.negative(x), interval, past))
 
+    @abstractmethod
     def until(self, left: S, right: S, interval: f.Interval, past: bool) -> S:
         """Return sup over witnesses t' in the window of min(right(t'), inf of left on [t, t'))."""
-        ...
 
+    @abstractmethod
     def step(self, x: S, node: f.AdjacentSample) -> S:
         """Return the next or previous sample's x; −inf where there is none."""
-        ...
 
+    @abstractmethod
     def rise(self, x: S) -> S:
         """Return min(x now, −x just before); −inf at the first instant."""
-        ...
+
+
+class WithEdges(Algebra[S]):
+    """An algebra whose edges may be of two signals."""
+
+    @abstractmethod
+    def edge(self, now: S, before: S, earlier: float = math.inf) -> S:
+        """Return min(now, −before just before); ``earlier`` is the value before the first instant."""
+
+    def rise(self, x: S) -> S:
+        """Return min(x, −x just before)."""
+        return self.edge(x, x)
 
 
 class Walk(Generic[S]):

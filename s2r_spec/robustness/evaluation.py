@@ -18,7 +18,8 @@ from s2r_spec.robustness.evaluate import Walk, Witness
 from s2r_spec.robustness.grid import SNAP, Grid
 from s2r_spec.robustness.horizon import horizon, samples_needed, seconds_needed
 from s2r_spec.robustness.narrow import narrowest, refuse_short
-from s2r_spec.robustness.sampled import SampledSignals, walk_samples
+from s2r_spec.robustness.numbers import SampledSignals
+from s2r_spec.robustness.sampled import walk_samples
 from s2r_spec.robustness.silence import Span, bounding_walk, silences_of
 from s2r_spec.robustness.ticks import Ticks, clock_of
 from s2r_spec.robustness.ties import restore_zeros

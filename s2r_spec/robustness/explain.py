@@ -15,8 +15,9 @@ from s2r_spec.lang import formula as f
 from s2r_spec.robustness.deciding import DescentStep, descend
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.evaluation import Reading
+from s2r_spec.robustness.numbers import SampledSignals
 from s2r_spec.robustness.responsible import responsible_samples
-from s2r_spec.robustness.sampled import SampledAlgebra, SampledSignals
+from s2r_spec.robustness.sampled import SampledAlgebra
 from s2r_spec.robustness.ties import restore_zero
 from s2r_spec.trace.instants import DATES, instant
 

@@ -27,8 +27,7 @@ from s2r_spec.robustness import history
 from s2r_spec.robustness.curve import Curve, align, split_at_zero
 from s2r_spec.robustness.dense import ContinuousSignals, DenseAlgebra, PredicateCurves
 from s2r_spec.robustness.evaluate import Walk, Witness
-from s2r_spec.robustness.numbers import Numbers, margin
-from s2r_spec.robustness.sampled import SampledSignals
+from s2r_spec.robustness.numbers import Numbers, SampledSignals, margin
 from s2r_spec.robustness.ticks import Ticks
 
 FloatArray = NDArray[np.float64]
@@ -137,7 +136,7 @@ class HeldAlgebra(DenseAlgebra):
         """Return the margin of the comparison."""
         values = self.values_of(node)
         if values.recording.between == "hold" and not _grows(node):
-            samples = margin(node, values.sampled, values.sampled.clock)
+            samples = margin(node, values.sampled)
             return Curve.of(values.recording.times, samples, "hold")
         self.values = values
         return super().margin(node)
@@ -362,7 +361,7 @@ class _OwnNumbers(Numbers):
     def __init__(self, samples: SampledSignals, courses: Courses) -> None:
         # Not a method of these numbers: a reference cycle would keep the samples in memory.
         conditions = partial(_conditions, courses, samples.clock.times)
-        super().__init__(samples.signals, samples.params, samples.clock, lambda: conditions)
+        super().__init__(samples, lambda: conditions)
         self._courses = courses
 
     def _history(self, node: f.Value) -> FloatArray:

@@ -6,59 +6,18 @@ any batch axes come first, time is last.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import partial
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
-from s2r_spec.robustness.evaluate import Walk, Witness
+from s2r_spec.robustness.evaluate import Walk, WithEdges
 from s2r_spec.robustness.kernels import shift
-from s2r_spec.robustness.numbers import Numbers, SampleTimes, margin
+from s2r_spec.robustness.numbers import Numbers, SampledSignals, margin
 from s2r_spec.robustness.ties import rescale
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
-
-
-class SampleClock(SampleTimes, Protocol):
-    """Sample times and windows on them: :class:`~s2r_spec.robustness.grid.Grid` or ``Ticks``."""
-
-    def windows(self, interval: f.Interval, past: bool) -> tuple[IntArray, IntArray]:
-        """Return (first, last), each (n,): the samples in the window of each sample; empty if last < first."""
-        ...
-
-    def always(self, x: FloatArray, interval: f.Interval, past: bool) -> FloatArray:
-        """Return (…, n): the least of x in the window of each sample, +inf if it is empty."""
-        ...
-
-    def eventually(self, x: FloatArray, interval: f.Interval, past: bool) -> FloatArray:
-        """Return (…, n): the greatest of x in the window of each sample, −inf if it is empty."""
-        ...
-
-    def until(self, left: FloatArray, right: FloatArray, interval: f.Interval, past: bool) -> FloatArray:
-        """Return (…, n): see :func:`s2r_spec.robustness.kernels.until`."""
-        ...
-
-
-@dataclass(frozen=True)
-class SampledSignals:
-    """Sample times, signals and parameters on which formulas are evaluated.
-
-    Args:
-        clock: the sample times.
-        signals: name → (…, width, n), in the declared unit, free of NaN.
-        params: name → (…, 1, 1) numbers, in the declared unit.
-        until: see :class:`s2r_spec.robustness.evaluate.Walk`.
-    """
-
-    clock: SampleClock
-    signals: Mapping[str, FloatArray]
-    params: Mapping[str, FloatArray]
-    until: Witness = "open"
 
 
 def walk_samples(samples: SampledSignals) -> Walk[FloatArray]:
@@ -71,17 +30,12 @@ def walk_samples(samples: SampledSignals) -> Walk[FloatArray]:
     return Walk(SampledAlgebra(samples), samples.until)
 
 
-def robustness(formula: f.Formula, samples: SampledSignals) -> FloatArray:
-    """Return (…, n): the robustness of a formula at every sample; see :func:`walk_samples`."""
-    return walk_samples(samples)(formula)
-
-
-class SampledAlgebra:
+class SampledAlgebra(WithEdges[FloatArray]):
     """Robustness signals as arrays (…, n)."""
 
     def __init__(self, samples: SampledSignals) -> None:
         self.samples = samples
-        self.numbers = Numbers(samples.signals, samples.params, samples.clock, partial(walk_samples, samples))
+        self.numbers = Numbers(samples, partial(walk_samples, samples))
 
     def truth(self, value: bool) -> FloatArray:
         """Return (n,) infinities."""
@@ -93,7 +47,7 @@ class SampledAlgebra:
 
     def margin(self, node: f.Comparison) -> FloatArray:
         """Return (…, n): the margin of the comparison."""
-        return margin(node, self.numbers, self.samples.clock)
+        return margin(node, self.numbers)
 
     def negative(self, x: FloatArray) -> FloatArray:
         """Return −x."""
@@ -126,10 +80,6 @@ class SampledAlgebra:
     def step(self, x: FloatArray, node: f.AdjacentSample) -> FloatArray:
         """Return the neighbouring sample's x."""
         return shift(x, 1 if node.operator == "next" else -1, -np.inf)
-
-    def rise(self, x: FloatArray) -> FloatArray:
-        """Return min(x, −x one sample before)."""
-        return self.edge(x, x)
 
     def edge(self, now: FloatArray, before: FloatArray, earlier: float = np.inf) -> FloatArray:
         """Return min(now, −before one sample before); ``earlier`` is the value before the first one."""

@@ -9,7 +9,8 @@ from s2r_spec.robustness.deciding import descend
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.evaluation import Reading
 from s2r_spec.robustness.horizon import horizon
-from s2r_spec.robustness.sampled import SampledAlgebra, SampledSignals
+from s2r_spec.robustness.numbers import SampledSignals
+from s2r_spec.robustness.sampled import SampledAlgebra
 
 
 def shortfall(formula: f.Formula, reading: Reading) -> str:

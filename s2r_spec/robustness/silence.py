@@ -20,7 +20,8 @@ from s2r_spec.robustness.bounds import BoundedAlgebra, RhoBounds
 from s2r_spec.robustness.curve import Curve
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.held import HeldAlgebra, signals_of
-from s2r_spec.robustness.sampled import SampledAlgebra, SampledSignals
+from s2r_spec.robustness.numbers import SampledSignals
+from s2r_spec.robustness.sampled import SampledAlgebra
 from s2r_spec.robustness.ticks import Ticks
 from s2r_spec.trace.messages import SILENT, period_of_messages
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from fractions import Fraction
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,9 +18,10 @@ from s2r_spec.base.errors import UsageError, one_of
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.declarations import Param, Signal
 from s2r_spec.robustness.binding import names
-from s2r_spec.robustness.evaluate import Walk, Witness
+from s2r_spec.robustness.evaluate import Algebra, Walk, Witness
 from s2r_spec.robustness.grid import Grid
 from s2r_spec.robustness.narrow import narrowest, refuse_short
+from s2r_spec.robustness.numbers import MARGIN
 from s2r_spec.robustness.smooth import Smooth, shift
 from s2r_spec.robustness.tensor_values import TensorValues
 
@@ -29,25 +30,6 @@ if TYPE_CHECKING:
 
 _INF = float("inf")
 Window = Callable[["Tensor", int, "int | None"], "Tensor"]
-
-
-def walk_tensors(
-    grid: Grid,
-    signals: Mapping[str, Tensor],
-    params: Mapping[str, Tensor],
-    until: Witness = "open",
-    temperature: float = 0.0,
-) -> Walk[Tensor]:
-    """Return the walk that evaluates a formula to (…, n), its robustness at every sample.
-
-    Args:
-        grid: the sample times.
-        signals: name → (…, width, n), in the declared unit.
-        params: name → (…, 1, 1), in the declared unit.
-        until: see :class:`s2r_spec.robustness.evaluate.Walk`.
-        temperature: the temperature of the smooth minimum, in the unit of ρ; 0 for the exact one.
-    """
-    return Walk(TensorAlgebra(grid, signals, params, temperature), until)
 
 
 def read_tensors(channels: Iterable[Signal], signals: Mapping[str, Tensor]) -> dict[str, Tensor]:
@@ -104,7 +86,7 @@ def evaluate_tensors(
         params: result of :func:`read_numbers`.
         period: sample period [s].
         until: see :class:`s2r_spec.robustness.evaluate.Walk`.
-        temperature: see :func:`walk_tensors`.
+        temperature: the temperature of the smooth minimum, in the unit of ρ; 0 for the exact one.
 
     Raises:
         UsageError: a window is shorter than the period.
@@ -112,30 +94,10 @@ def evaluate_tensors(
     samples = next(iter(signals.values())).shape[-1]
     grid = Grid(samples, Fraction(period).limit_denominator(10**9))
     refuse_short(narrowest(formula), grid.step)
-    return walk_tensors(grid, signals, params, until, temperature)(formula)
+    return Walk(TensorAlgebra(grid, signals, params, temperature), until)(formula)
 
 
-class Windows(Protocol):
-    """Minimum, windows and until, exact or smooth."""
-
-    def least(self, x: Tensor, y: Tensor, /) -> Tensor:
-        """Return the smaller of both."""
-        ...
-
-    def window_min(self, x: Tensor, low: int, high: int | None) -> Tensor:
-        """Return (…, n); see :func:`s2r_spec.robustness.kernels.window_min`."""
-        ...
-
-    def window_max(self, x: Tensor, low: int, high: int | None) -> Tensor:
-        """Return (…, n); see :func:`s2r_spec.robustness.kernels.window_max`."""
-        ...
-
-    def until(self, left: Tensor, right: Tensor, high: int | None) -> Tensor:
-        """Return (…, n): :func:`s2r_spec.robustness.kernels.until` with the first witness now."""
-        ...
-
-
-class TensorAlgebra:
+class TensorAlgebra(Algebra["Tensor"]):
     """Robustness signals as tensors (…, n)."""
 
     def __init__(
@@ -151,7 +113,8 @@ class TensorAlgebra:
 
         self.torch = torch
         self.grid = grid
-        self.windows: Windows = Smooth(temperature) if temperature else tensor_windows
+        # both have least, window_min, window_max and until
+        self.windows: Any = Smooth(temperature) if temperature else tensor_windows
         self.value = TensorValues(signals, params)
 
     def truth(self, value: bool) -> Tensor:
@@ -166,15 +129,7 @@ class TensorAlgebra:
     def margin(self, node: f.Comparison) -> Tensor:
         """Return (…, n): the margin of the comparison; NaN where it is undefined."""
         left, right = self.value(node.left)[..., 0, :], self.value(node.right)[..., 0, :]
-        match node.operator:
-            case "<" | "<=":
-                result = right - left
-            case ">" | ">=":
-                result = left - right
-            case "==":
-                result = -(left - right).abs()
-            case "!=":
-                result = (left - right).abs()
+        result: Tensor = MARGIN[node.operator](left, right)
         return result.expand(*result.shape[:-1], self.grid.count)
 
     def negative(self, x: Tensor) -> Tensor:
@@ -188,10 +143,6 @@ class TensorAlgebra:
     def least(self, x: Tensor, y: Tensor) -> Tensor:
         """Return the smaller of both; the smooth minimum with a temperature."""
         return self.windows.least(x, y)
-
-    def greatest(self, x: Tensor, y: Tensor) -> Tensor:
-        """Return the greater of both."""
-        return -self.least(-x, -y)
 
     def always(self, x: Tensor, interval: f.Interval, past: bool) -> Tensor:
         """Return the least over the window."""

@@ -154,8 +154,12 @@ class Ticks:
         return mirrored[..., ::-1]
 
 
+Clock = Grid | Ticks
+"""The sample times of a trace, and windows on them."""
+
+
 @once
-def clock_of(times: FloatArray) -> Grid | Ticks:
+def clock_of(times: FloatArray) -> Clock:
     """Return the grid that (n,) increasing times [s] lie on, or the times as they are.
 
     The array must not change, since its clock is computed once.

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from s2r_spec.attribution.gradient import margin_gradient
 from s2r_spec.robustness.evaluate import Walk
-from s2r_spec.robustness.sampled import SampledAlgebra, SampledSignals
+from s2r_spec.robustness.numbers import SampledSignals
+from s2r_spec.robustness.sampled import SampledAlgebra
 from s2r_spec.robustness.ticks import clock_of
 from s2r_spec.spec import parse_spec
 from tests.examples import examples

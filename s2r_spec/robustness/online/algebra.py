@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from s2r_spec.base.errors import TraceError
 from s2r_spec.lang import formula as f
-from s2r_spec.robustness.evaluate import Walk, Witness
-from s2r_spec.robustness.numbers import no_value
+from s2r_spec.robustness.evaluate import Algebra, Walk, Witness
+from s2r_spec.robustness.numbers import MARGIN, no_value
 from s2r_spec.robustness.online.clock import Component, InstantNumber, OnlineClock
 from s2r_spec.robustness.online.spans import Span, Spans
 from s2r_spec.robustness.online.tape import Tape
@@ -20,7 +19,7 @@ from s2r_spec.robustness.ties import break_tie
 INFINITE: Span = (-math.inf, math.inf)
 
 
-class OnlineAlgebra:
+class OnlineAlgebra(Algebra[Term]):
     """Robustness signals that grow with the trace.
 
     Args:
@@ -91,23 +90,17 @@ class OnlineAlgebra:
         """Return the margin of the comparison."""
         left, right = self.values(node.left), self.values(node.right)
         (x,), (y,) = left.parts, right.parts
-        difference: Component = (
-            (lambda k: y(k) - x(k)) if node.operator[0] == "<" else (lambda k: x(k) - y(k))
-        )
-        sign = {"==": -1.0, "!=": 1.0}.get(node.operator)
+        difference, operator = MARGIN[node.operator], node.operator
 
         def margin(k: int) -> float:
-            rho = difference(k) if sign is None else sign * abs(difference(k))
+            rho: float = difference(x(k), y(k))
             if rho != rho:
-                raise self._no_value(node, k)
-            return break_tie(rho, node.operator)
+                raise no_value(node, f"sample {k}, {self.clock.seconds(k):.9g} s after the first")
+            return break_tie(rho, operator)
 
         leaf = self._leaf(margin, InstantNumber((), (*left.sources, *right.sources)), INFINITE)
         self.predicates.append((leaf, node))
         return leaf
-
-    def _no_value(self, node: f.Comparison, k: int) -> TraceError:
-        return no_value(node, f"sample {k}, {self.clock.seconds(k):.9g} s after the first")
 
     def negative(self, x: Term) -> Term:
         """Return −x."""
@@ -121,18 +114,10 @@ class OnlineAlgebra:
         """Return the smaller of both."""
         return self._make(Least(self.clock, x, y))
 
-    def greatest(self, x: Term, y: Term) -> Term:
-        """Return the greater of both."""
-        return self.negative(self.least(self.negative(x), self.negative(y)))
-
     def always(self, x: Term, interval: f.Interval, past: bool) -> Term:
         """Return the least over the window."""
         reach, place = self.clock.reach(interval, past), self.places[id(interval.span)]
         return self._make(Always(self.clock, x, reach, past, place))
-
-    def eventually(self, x: Term, interval: f.Interval, past: bool) -> Term:
-        """Return the greatest over the window."""
-        return self.negative(self.always(self.negative(x), interval, past))
 
     def until(self, left: Term, right: Term, interval: f.Interval, past: bool) -> Term:
         """Return the robustness of the best witness."""
