@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,7 +15,6 @@ from s2r_spec.lang import formula as f
 from s2r_spec.robustness.deciding import DescentStep, descend
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.evaluation import Reading
-from s2r_spec.robustness.numbers import SampledSignals
 from s2r_spec.robustness.responsible import responsible_samples
 from s2r_spec.robustness.sampled import SampledAlgebra
 from s2r_spec.robustness.ties import restore_zero
@@ -153,20 +152,17 @@ class Explanation:
 
 def explain(formula: f.Formula, reading: Reading, requirement: str, unit: str) -> Explanation:
     """Explain ρ of a formula at the first sample; conditions are evaluated at the samples."""
-    algebra = SampledAlgebra(SampledSignals(reading.clock, reading.signals, reading.params, reading.until))
+    algebra = SampledAlgebra(reading.samples)
     walk = Walk(algebra, reading.until)
+
+    def at(node: f.Value, sample: int) -> FloatArray:
+        values = algebra.numbers(node)
+        return values[:, min(sample, values.shape[-1] - 1)]
+
     signed = float(walk(formula)[0])
     steps = list(descend(formula, walk, reading.clock))
-    parts = tuple(
-        ExplanationStep(
-            _one_line(step.node.span.text),
-            step.node.name if isinstance(step.node, f.Named) else "",
-            step.node.span.line,
-            float(reading.times[step.sample]),
-            restore_zero(float(walk(step.node)[step.sample])),
-        )
-        for step in steps
-        if not isinstance(step.node, f.Rescale)
+    parts = way_down(
+        (step.node, float(reading.times[step.sample]), float(walk(step.node)[step.sample])) for step in steps
     )
     last = steps[-1]
     predicate, sample = last.node, last.sample
@@ -179,8 +175,10 @@ def explain(formula: f.Formula, reading: Reading, requirement: str, unit: str) -
         decided = replace(
             decided,
             runs=_runs(times, reading.times),
-            sides=tuple(_observe(side, algebra, sample) for side in (predicate.left, predicate.right)),
-            signals=_signals(predicate, algebra, sample),
+            sides=tuple(
+                observe(side, float(at(side, sample)[0])) for side in (predicate.left, predicate.right)
+            ),
+            signals=observe_signals(predicate, lambda node: at(node, sample)),
         )
     return make_explanation(requirement, unit, signed, parts, decided)
 
@@ -261,27 +259,40 @@ def _unit(node: f.Value | f.Formula) -> str:
     return "" if node.unit is None else node.unit.text
 
 
-def _observe(node: f.Value, algebra: SampledAlgebra, sample: int) -> Observed:
-    values = algebra.numbers(node)[0]
-    return Observed(_one_line(node.span.text), float(values[min(sample, values.size - 1)]), _unit(node))
+def way_down(steps: Iterable[tuple[f.Formula, float, float]]) -> tuple[ExplanationStep, ...]:
+    """Return the steps of an explanation from sub-formulas, their instants [s] and their signed ρ there."""
+    return tuple(
+        ExplanationStep(
+            _one_line(node.span.text),
+            node.name if isinstance(node, f.Named) else "",
+            node.span.line,
+            time,
+            restore_zero(rho),
+        )
+        for node, time, rho in steps
+        if not isinstance(node, f.Rescale)
+    )
 
 
-def _signals(predicate: f.Comparison, algebra: SampledAlgebra, sample: int) -> tuple[Observed, ...]:
-    """Return the signals and parameters in a predicate, each once, vectors by component."""
+def observe(node: f.Value, number: float) -> Observed:
+    """Return a value as text with its number."""
+    return Observed(_one_line(node.span.text), number, _unit(node))
+
+
+def observe_signals(
+    predicate: f.Comparison, read: Callable[[f.SignalValue | f.ParamValue], FloatArray]
+) -> tuple[Observed, ...]:
+    """Return the signals and parameters in a predicate, each once, vectors by component.
+
+    ``read``: signal or parameter → (width,) its components at the instant.
+    """
     observed: dict[str, Observed] = {}
     for node in f.walk(predicate):
-        if not isinstance(node, f.SignalValue | f.ParamValue):
-            continue
-        values = algebra.numbers(node)
-        index = node.index if isinstance(node, f.SignalValue) else None
-        for k, component in enumerate(values):
-            name = (
-                node.name
-                if node.width == 1 and index is None
-                else f"{node.name}[{k if index is None else index}]"
-            )
-            value = float(component[min(sample, component.size - 1)])
-            observed.setdefault(name, Observed(name, value, _unit(node)))
+        if isinstance(node, f.SignalValue | f.ParamValue):
+            index = node.index if isinstance(node, f.SignalValue) else None
+            for k, number in enumerate(read(node), index or 0):
+                name = node.name if node.width == 1 and index is None else f"{node.name}[{k}]"
+                observed.setdefault(name, Observed(name, float(number), _unit(node)))
     return tuple(observed.values())
 
 

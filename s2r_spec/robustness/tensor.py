@@ -142,7 +142,8 @@ class TensorAlgebra(Algebra["Tensor"]):
 
     def least(self, x: Tensor, y: Tensor) -> Tensor:
         """Return the smaller of both; the smooth minimum with a temperature."""
-        return self.windows.least(x, y)
+        least: Tensor = self.windows.least(x, y)
+        return least
 
     def always(self, x: Tensor, interval: f.Interval, past: bool) -> Tensor:
         """Return the least over the window."""
@@ -179,7 +180,7 @@ class TensorAlgebra(Algebra["Tensor"]):
         return self.least(x, -shift(x.flip(-1), 1, _INF).flip(-1))
 
     def _until(self, left: Tensor, right: Tensor, low: int, high: int | None) -> Tensor:
+        rest: Tensor = self.windows.until(left, right, None if high is None else high - low)
         if low == 0:
-            return self.windows.until(left, right, high)
-        rest = self.windows.until(left, right, None if high is None else high - low)
+            return rest
         return self.least(self.windows.window_min(left, 0, low - 1), shift(rest, low, -_INF))

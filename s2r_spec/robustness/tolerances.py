@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.evaluation import Reading
+from s2r_spec.robustness.ticks import clock_of
 
 FloatArray = NDArray[np.float64]
 
@@ -146,7 +147,9 @@ def _bands(
     trial = np.repeat(recorded[:, :1], _CANDIDATES + 1, axis=1)
     trial[row, 1:] = values
     times = np.arange(_CANDIDATES + 1.0)
-    margins = Reading.of(times, {signal.name: trial}, reading.params, "samples", "open").signed(predicate)
+    margins = Reading(times, {signal.name: trial}, reading.params, "samples", "open", clock_of(times)).signed(
+        predicate
+    )
     holds = np.concatenate(([False], margins[1:] > 0.0, [False]))
     edges = np.flatnonzero(np.diff(holds))
     return tuple(
