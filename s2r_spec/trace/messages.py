@@ -12,9 +12,12 @@ valid for one period, and through a gap of at most :data:`SILENT` periods.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -226,6 +229,46 @@ def union(channels: Iterable[Messages]) -> FloatArray:
     distinct = {id(one.times): one.times for one in channels}.values()
     result: FloatArray = np.unique(np.concatenate(list(distinct)))
     return result
+
+
+class HeldChannels(Mapping[str, FloatArray]):
+    """Channels with messages, as their values at all stamps of the trace; each is made when it is read."""
+
+    def __init__(self, messages: Mapping[str, Messages], since: float | None, until: float | None) -> None:
+        self.messages = MappingProxyType(dict(messages))
+        self._since, self._until = since, until
+
+    def __getitem__(self, name: str) -> FloatArray:
+        values = self.messages[name].read(self.times)
+        values.setflags(write=False)
+        return values
+
+    @cached_property
+    def times(self) -> FloatArray:
+        """(n,) the begin of the trace, and all stamps of all channels in it [s]."""
+        times = union(self.messages.values())
+        if self._since is not None:
+            times = np.union1d(times[times > self._since], self._since)
+        if self._until is not None:
+            times = times[times <= self._until]
+        times.setflags(write=False)
+        return times
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.messages)
+
+    def __len__(self) -> int:
+        return len(self.messages)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.messages
+
+
+def messages_of(channels: Mapping[str, Any]) -> Mapping[str, Messages]:
+    """Return the channels that are messages."""
+    if isinstance(channels, HeldChannels):
+        return channels.messages
+    return {name: one for name, one in channels.items() if isinstance(one, Messages)}
 
 
 def join(parts: list[Messages]) -> Messages:
