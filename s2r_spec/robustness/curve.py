@@ -51,10 +51,6 @@ class Curve:
         """Return the curve with reversed time."""
         return Curve(-self.times[::-1], self.at[::-1], self.left[::-1], self.right[::-1])
 
-    def scale(self, factor: float) -> Curve:
-        """Return factor · curve."""
-        return self.map(lambda part: factor * part)
-
     def map(self, line: Callable[[FloatArray], FloatArray]) -> Curve:
         """Return a linear function of the curve."""
         return Curve(self.times, *map(line, (self.at, self.right, self.left)))

@@ -37,8 +37,7 @@ def descend(root: f.Formula, walk: Walk[FloatArray], clock: Clock) -> Iterator[D
     """Yield the steps from ``root`` at the first sample to the predicate that decides its ρ.
 
     If several decide equally, the nearest in time is taken, and then the first in the text. The last step is a
-    :class:`~s2r_spec.lang.formula.Comparison`, or a formula with infinite ρ: a constant, a boolean signal, or an
-    operator whose window lies past the end of the trace.
+    predicate, or has infinite ρ: a constant, a boolean signal, or an operator whose window lies past the end.
     """
     step: DescentStep | None = DescentStep(root, 0, 1.0)
     down = _Descent(walk, clock)

@@ -49,10 +49,9 @@ def snap_of(times: FloatArray) -> float:
 
 
 def walk_curves(recording: ContinuousSignals) -> Walk[Curve]:
-    """Return the walk that gives the robustness of a formula as a curve over the recording.
+    """Return the walk that gives the robustness of a formula as a curve.
 
-    The walk raises TraceError if a predicate has no value, and UsageError for
-    ``next`` and ``prev``, which count samples.
+    It raises TraceError if a predicate has no value, and UsageError for ``next`` and ``prev``, which count samples.
     """
     return Walk(DenseAlgebra(recording), recording.samples.until)
 
@@ -180,9 +179,10 @@ class PredicateCurves:
                 factor = float(self.sampled(node.right).item())
                 with np.errstate(all="ignore"):
                     factor = factor if node.operator == "*" else float(np.divide(1.0, factor))
-                    return self(node.left).scale(factor)
+                    return self(node.left).map(lambda part: factor * part)
             case f.Arithmetic(operator="*") if self._steady(node.left):
-                return self(node.right).scale(float(self.sampled(node.left).item()))
+                factor = float(self.sampled(node.left).item())
+                return self(node.right).map(lambda part: factor * part)
             case f.Elementary(function="minus"):
                 return -self(node.operand)
             case f.Elementary(function="abs") | f.Norm(operands=(f.Value(width=1),)):
@@ -194,8 +194,8 @@ class PredicateCurves:
                 fold = minimum if node.function == "min" else maximum
                 return reduce(lambda x, y: fold(x, y, snap), map(self, node.operands))
             case f.Overshoot():
-                beyond = add(self(node.signal), -self(node.reference), snap)
-                return beyond.scale(float(self.sampled.direction(node).item()))
+                direction = float(self.sampled.direction(node).item())
+                return add(self(node.signal), -self(node.reference), snap).map(lambda part: direction * part)
             case _:
                 return self._join(node)
 

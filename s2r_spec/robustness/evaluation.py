@@ -101,8 +101,7 @@ class Reading:
         times: (n,) increasing times [s].
         signals: name → (width, n), in the declared unit, free of NaN.
         params: name → (1, 1), in the declared unit.
-        interpolation: "samples" evaluates conditions only at the samples; "hold" and "linear" at every instant,
-            with signals that hold the last sample or are linear between samples.
+        interpolation: see :meth:`s2r_spec.spec.Spec.evaluate`.
         until: see :class:`s2r_spec.robustness.evaluate.Walk`.
         clock: the regular grid of the times, or the times themselves (:func:`clock_of`).
     """
@@ -170,11 +169,7 @@ class Reading:
         return float(bounds.lower[0]), float(bounds.upper[0])
 
     def refuse_short(self, formula: f.Formula) -> None:
-        """Refuse windows shorter than the median period if conditions are evaluated only at the samples.
-
-        Raises:
-            SamplingError: a window is shorter.
-        """
+        """Raise SamplingError if conditions are evaluated at the samples, and a window is shorter than the period."""
         if self.interpolation == "samples":
             refuse_short(narrowest(formula), self.period)
 

@@ -161,10 +161,7 @@ class Judge:
         return HeldBounds(variants, silences, self._unseen(start), open_steps).walk()
 
     def _courses(self, start: float, end: float, numbers: Mapping[int, int]) -> Courses:
-        """Return the signals from a start to an end [s].
-
-        ``numbers``: topic (``Stream.topic``) → which of several messages with one stamp is read.
-        """
+        """Return the signals; ``numbers``: topic → which of several messages with one stamp is read."""
         signals = _Lazy(
             {name: partial(one.course, start, end, numbers[one.topic]) for name, one in self.streams.items()}
         )
@@ -183,12 +180,7 @@ class Judge:
         return frozenset(name for name, first in firsts.items() if began < start <= first)
 
     def judge(self, formula: f.Formula, partial: bool = False) -> Judgement:
-        """Return the verdict on a formula whose time bounds are numbers.
-
-        Args:
-            formula: the formula.
-            partial: whether windows are cut at the end of the trace, so that it may be too short.
-        """
+        """Return the verdict on a formula whose time bounds are numbers; ``partial`` cuts windows at the end."""
         start, end, silent = self.start, self.end, any(self.silences.values())
         lower, upper = bounds_at_start(formula, self.walk(start, end), self.snap)
         complete = seconds_needed(formula, 0.0) <= end - start + self.snap
@@ -236,8 +228,14 @@ class Judge:
             raise TraceError(
                 f"{requirement!r} looks {needs:g} s ahead, past the end of the trace at {self._time(until)}"
             )
-        walk = self._without_ends().walk(start, until + needs) if end == "hold" else self.walk(start, until)
-        rho = walk(formula).lower.values(times - start, self.snap)
+        judge, last = self, until
+        if end == "hold":
+            streams = {
+                name: replace(one, messages=replace(one.messages, end=math.inf))
+                for name, one in self.streams.items()
+            }
+            judge, last = replace(self, streams=streams), until + needs
+        rho = judge.walk(start, last)(formula).lower.values(times - start, self.snap)
         if end == "nan":
             rho = np.where(complete, rho, np.nan)
         return Evaluation(
@@ -254,25 +252,13 @@ class Judge:
             notes=(),
         )
 
-    def _without_ends(self) -> Judge:
-        """Return this judge with signals whose last values are valid for ever."""
-        streams = {
-            name: replace(one, messages=replace(one.messages, end=math.inf))
-            for name, one in self.streams.items()
-        }
-        return replace(self, streams=streams)
-
     def shortfall(self, formula: f.Formula) -> str:
         """Return the end of a sentence on a requirement that the trace does not reach: "looks 2 s ahead, but …"."""
         length = self.end - self.start
         return f"looks {horizon(formula):g} s ahead, but its signals last {length:.6g} s together"
 
     def refuse_short(self, formula: f.Formula) -> None:
-        """Refuse windows shorter than all periods; then the unit of the times is likely to be wrong.
-
-        Raises:
-            SamplingError: a window is shorter.
-        """
+        """Raise SamplingError if a window is shorter than all periods: then the unit of the times is likely wrong."""
         refuse_short(narrowest(formula), self.period, "the shortest period of a signal")
 
     # -- what lies outside of the window -----------------------------------------------------------------------------

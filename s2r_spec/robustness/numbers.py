@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import reduce
@@ -85,7 +86,8 @@ class Numbers:
             case f.Convert():
                 return node.conversion.each(self(node.operand))
             case f.Arithmetic():
-                return _ARITHMETIC[node.operator](self(node.left), self(node.right))
+                result: FloatArray = ARITHMETIC[node.operator](self(node.left), self(node.right))
+                return result
             case f.Elementary():
                 return _ELEMENTARY[node.function](self(node.operand))
             case f.Extremum():
@@ -167,5 +169,8 @@ MARGIN: Mapping[str, Callable[[Any, Any], Any]] = {
     "==": lambda x, y: -abs(x - y), "!=": lambda x, y: abs(x - y),
 }  # fmt: skip
 """Comparison → the margin of two numbers, arrays or tensors."""
-_ARITHMETIC = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "^": np.power}
+ARITHMETIC: Mapping[str, Callable[[Any, Any], Any]] = {
+    "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv, "^": operator.pow,
+}  # fmt: skip
+"""Operator → the result of two numbers, arrays or tensors."""
 _ELEMENTARY = {"minus": np.negative, "abs": np.abs, "sign": np.sign, "sqrt": np.sqrt}

@@ -29,12 +29,7 @@ Missing = Literal["error", "hold"]
 def read_signals(
     signals: Iterable[Signal], trace: Trace, missing: Missing = "error"
 ) -> dict[str, FloatArray]:
-    """Return name → (dim, n) in the declared unit.
-
-    Args:
-        signals: the signals to read.
-        trace: the trace.
-        missing: the treatment of a NaN sample: "error", or "hold" to repeat the last sample.
+    """Return name → (dim, n) in the declared unit; ``missing`` is the treatment of a NaN sample.
 
     Raises:
         TraceError: a channel is missing, has another width, NaN, or a unit that does not fit.

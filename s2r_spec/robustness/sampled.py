@@ -23,8 +23,7 @@ FloatArray = NDArray[np.float64]
 def walk_samples(samples: SampledSignals) -> Walk[FloatArray]:
     """Return the walk that evaluates a formula to (…, n), its robustness at every sample.
 
-    Windows are cut at the ends of the trace (see :mod:`s2r_spec.robustness.kernels`).
-    The walk raises TraceError if a time bound does not fit the sample times, or a
+    It cuts windows at the ends of the trace, and raises TraceError if a time bound does not fit the sample times, or a
     predicate is undefined (0/0, √−1).
     """
     return Walk(SampledAlgebra(samples), samples.until)

@@ -138,18 +138,12 @@ def _replace(x: Curve, spans: Iterable[Span], value: float, snap: float) -> Curv
     return fine
 
 
-def silences_of(times: FloatArray, longest: float = math.nan) -> list[Span]:
-    """Return the spans without a sample in (n,) increasing times of a periodic signal [s].
-
-    Args:
-        times: the samples.
-        longest: time for which a value is valid, as the user states it [s]; NaN if not stated.
-    """
-    period = period_of_messages(times) if math.isnan(longest) else longest
-    bridged = SILENT * period if math.isnan(longest) else longest
+def silences_of(times: FloatArray) -> list[Span]:
+    """Return the spans without a sample in (n,) increasing times of a periodic signal [s]."""
+    period = period_of_messages(times)
     if math.isnan(period):
         return []
-    before = np.flatnonzero(np.diff(times) > bridged)
+    before = np.flatnonzero(np.diff(times) > SILENT * period)
     return [(float(times[i]), float(times[i + 1])) for i in before]
 
 
@@ -158,12 +152,8 @@ def bounding_walk(
 ) -> Walk[RhoBounds[FloatArray]]:
     """Return the walk over samples that bounds ρ where all signals have no sample.
 
-    Instants one period apart stand for each silence, and every margin there is any number.
-
-    Args:
-        samples: the samples; their clock has times, not a grid.
-        spans: silences between two samples, after the first sample [s].
-        period: median time from one sample to the next [s].
+    Instants one ``period`` [s] apart stand for each of the silences ``spans`` [s] between two samples, and every
+    margin there is any number.
     """
     own = samples.clock.times
     apart = max(period, sum(end - start for start, end in spans) / MOST_INSTANTS)

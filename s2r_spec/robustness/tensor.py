@@ -80,13 +80,7 @@ def evaluate_tensors(
 ) -> Tensor:
     """Return (…, n): ρ of a formula; see :meth:`s2r_spec.spec.Spec.robustness_tensor`.
 
-    Args:
-        formula: without parameters in its time bounds.
-        signals: result of :func:`read_tensors`, not empty.
-        params: result of :func:`read_numbers`.
-        period: sample period [s].
-        until: see :class:`s2r_spec.robustness.evaluate.Walk`.
-        temperature: the temperature of the smooth minimum, in the unit of ρ; 0 for the exact one.
+    ``signals`` and ``params`` come from :func:`read_tensors` and :func:`read_numbers`.
 
     Raises:
         UsageError: a window is shorter than the period.

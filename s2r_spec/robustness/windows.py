@@ -25,10 +25,7 @@ IntArray = NDArray[np.intp]
 def infimum(x: Curve, interval: Interval, snap: float) -> Curve:
     """Return y with y(t) = inf of x on t + interval, cut at the end of the curve; +inf on an empty window.
 
-    Args:
-        x: a curve.
-        interval: relative to t [s].
-        snap: times closer than this are the same [s].
+    Times closer than ``snap`` [s] are the same.
     """
     low, high = interval.low, interval.high
     first, last = x.times[0], x.times[-1]

@@ -23,8 +23,8 @@ class Declared:
     """A checked specification, before any trace.
 
     Args:
-        name: the name of the specification in messages; the path if it was loaded.
-        text: the text of the specification, with line feeds as line endings.
+        name: its name in messages; the path if it was loaded.
+        text: its text, with line feeds as line endings.
         imported: name → text of every file that it imports, directly or not.
         signals: name → declaration of a channel that a trace must have.
         params: name → declaration of a test parameter.

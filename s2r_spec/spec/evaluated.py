@@ -68,12 +68,8 @@ class Spec(OnTraces):
         if trace.failure is not None:
             return {name: self._fallen(name, trace.failure) for name in names}
         if end is not None:
-            return {
-                name: self.evaluate(
-                    trace, name, params, nan=nan, interpolation=interpolation, until=until, end=end
-                ).value
-                for name in names
-            }
+            how = How(params, interpolation, until, nan, end=end)
+            return {name: self._evaluate(trace, name, how).value for name in names}
         signed = self._at_start(trace, names, How(params, interpolation, until, nan, partial))
         return {name: restore_zero(rho) for name, rho in signed.items()}
 
@@ -145,10 +141,8 @@ class Spec(OnTraces):
         end: End = "clip",
     ) -> FloatArray:
         """Return (n,): ρ of one requirement at every sample, as :meth:`evaluate` computes it."""
-        evaluation = self.evaluate(
-            trace, requirement, params, interpolation=interpolation, until=until, end=end
-        )
-        return evaluation.values
+        how = How(params, interpolation, until, end=end)
+        return self._evaluate(trace, requirement, how).values
 
     def evaluate(
         self,
@@ -182,13 +176,10 @@ class Spec(OnTraces):
             nan: the treatment of a NaN sample: "error", or "hold" to repeat the sample before.
             sparse: also evaluate windows shorter than the time between two samples, on the one sample in them.
 
-        Raises:
-            TraceError: see :meth:`robustness`.
-            UsageError: see :meth:`robustness`.
+        For errors see :meth:`robustness`.
         """
         how = How(params, interpolation, until, nan, sparse=sparse, end=end)
-        reader, formula = self._read(self.own_trace(trace, requirement), requirement, how)
-        return reader.evaluate(formula, requirement, self.unit(requirement), end)
+        return self._evaluate(trace, requirement, how)
 
     def bounds(
         self,
@@ -305,18 +296,7 @@ class Spec(OnTraces):
 
         ``print`` shows it in words. Conditions are evaluated at the samples.
 
-        Args:
-            trace: see :meth:`robustness`.
-            requirement: one of :attr:`requirements`.
-            params: see :meth:`robustness`.
-            until: see :meth:`evaluate`.
-            nan: see :meth:`evaluate`.
-            partial: see :meth:`robustness`.
-            sparse: see :meth:`evaluate`.
-
-        Raises:
-            TraceError: see :meth:`robustness`.
-            UsageError: see :meth:`robustness`.
+        For args and errors see :meth:`evaluate`, and :meth:`robustness` for ``partial``.
         """
         unit = self.unit(requirement)
         trace = as_trace(trace)
@@ -355,8 +335,7 @@ class Spec(OnTraces):
             title: a line above the plot.
 
         Raises:
-            TraceError: see :meth:`robustness`.
-            UsageError: see :meth:`robustness`; or matplotlib is not installed.
+            UsageError: matplotlib is not installed; or see :meth:`robustness`, also for other errors.
         """
         reason = self.explain(trace, requirement, params, partial=True)
         return draw(self.tolerances(trace, requirement, params), reason, title)
@@ -366,11 +345,7 @@ class Spec(OnTraces):
     ) -> Tolerances:
         """Return the signals that a requirement reads, with their allowed values over time.
 
-        A failure of the trace does not change the result.
-
-        Raises:
-            TraceError: see :meth:`robustness`.
-            UsageError: see :meth:`robustness`.
+        A failure of the trace does not change the result. For errors see :meth:`robustness`.
         """
         formula = self._formula(requirement)
         trace = self.own_trace(trace, requirement)

@@ -15,7 +15,7 @@ from s2r_spec.lang import formula as f
 from s2r_spec.lang.amounts import Amount
 from s2r_spec.robustness.binding import bind, names
 from s2r_spec.robustness.evaluate import Witness
-from s2r_spec.robustness.evaluation import End, Interpolation, Reading
+from s2r_spec.robustness.evaluation import End, Evaluation, Interpolation, Reading
 from s2r_spec.robustness.grid import sent_on_change
 from s2r_spec.robustness.held import needs_samples
 from s2r_spec.robustness.judge import Judge
@@ -101,6 +101,10 @@ class OnTraces(Declared):
             reader.refuse_short(formula)
         return reader, formula
 
+    def _evaluate(self, trace: Trace, requirement: str, how: How) -> Evaluation:
+        reader, formula = self._read(self.own_trace(trace, requirement), requirement, how)
+        return reader.evaluate(formula, requirement, self.unit(requirement), how.end)
+
     def _reading(self, trace: Trace, requirement: str | None, how: How) -> Reading:
         """Return the samples that a requirement (or any) reads."""
         trace = as_trace(trace)
@@ -124,7 +128,6 @@ class OnTraces(Declared):
         return judge, bind(self._formula(requirement), {name: one.item() for name, one in numbers.items()})
 
     def _given(self, trace: Trace, how: How) -> Mapping[str, Amount]:
-        """Return parameter → value: as given, or else as the trace was recorded with."""
         return {**self.recorded_params(trace.meta), **(how.params or {})}
 
     def _numbers(self, params: Mapping[str, Amount] | None, requirement: str | None) -> dict[str, FloatArray]:
