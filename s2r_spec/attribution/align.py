@@ -20,7 +20,7 @@ from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.grid import Grid
 from s2r_spec.robustness.numbers import SampledSignals
 from s2r_spec.robustness.reading import read_params, read_signals
-from s2r_spec.robustness.sampled import SampledAlgebra
+from s2r_spec.robustness.sampled import numbers_at, sampled_algebra
 from s2r_spec.robustness.ticks import Ticks, clock_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
@@ -35,10 +35,8 @@ class Evaluated:
     """Formulas and numbers on given signals; each is evaluated once."""
 
     def __init__(self, samples: SampledSignals) -> None:
-        self.samples = samples
-        algebra = SampledAlgebra(samples)
-        self.numbers = algebra.numbers
-        self.walk = Walk(algebra, samples.until)
+        self.numbers = numbers_at(samples)
+        self.walk = Walk(sampled_algebra(self.numbers), samples.until)
 
 
 @dataclass(frozen=True, eq=False)

@@ -197,7 +197,7 @@ class Path:
         steps = b.steps if isinstance(b.steps[-1].node, f.Comparison) else a.steps
         if amount == 0.0 or not np.isfinite(amount):
             return
-        before, after = a.algebra.samples.signals, b.algebra.samples.signals
+        before, after = a.algebra.numbers.signals, b.algebra.numbers.signals
         changed = [name for name in before if not np.array_equal(before[name], after[name])]
         alone = np.array([abs(self.pair.rho({**before, name: after[name]}) - a.rho) for name in changed])
         alone = np.where(np.isfinite(alone), alone, 0.0)

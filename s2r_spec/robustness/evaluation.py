@@ -15,7 +15,7 @@ from s2r_spec.base.errors import TraceError, UsageError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.binding import bind
 from s2r_spec.robustness.deciding import descend
-from s2r_spec.robustness.dense import ContinuousSignals, snap_of, walk_curves
+from s2r_spec.robustness.dense import ContinuousSignals, curve_algebra, snap_of
 from s2r_spec.robustness.evaluate import Walk, Witness
 from s2r_spec.robustness.grid import SNAP, Grid
 from s2r_spec.robustness.horizon import horizon, samples_needed, seconds_needed
@@ -144,7 +144,7 @@ class Reading:
         if self.interpolation == "samples":
             return walk_samples(self.samples)
         samples = replace(self.samples, clock=Ticks.of(self.times))
-        return walk_curves(ContinuousSignals(samples, self.interpolation, self.snap))
+        return Walk(curve_algebra(ContinuousSignals(samples, self.interpolation, self.snap)), self.until)
 
     def signed(self, formula: f.Formula) -> FloatArray:
         """Return (n,): ρ at every sample, never 0: its sign is the verdict (:mod:`s2r_spec.robustness.ties`)."""

@@ -16,7 +16,7 @@ from s2r_spec.robustness.deciding import DescentStep, descend
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.evaluation import Reading
 from s2r_spec.robustness.responsible import responsible_samples
-from s2r_spec.robustness.sampled import SampledAlgebra
+from s2r_spec.robustness.sampled import numbers_at, sampled_algebra
 from s2r_spec.robustness.ties import restore_zero
 from s2r_spec.trace.instants import DATES, instant
 
@@ -152,11 +152,11 @@ class Explanation:
 
 def explain(formula: f.Formula, reading: Reading, requirement: str, unit: str) -> Explanation:
     """Explain ρ of a formula at the first sample; conditions are evaluated at the samples."""
-    algebra = SampledAlgebra(reading.samples)
-    walk = Walk(algebra, reading.until)
+    numbers = numbers_at(reading.samples)
+    walk = Walk(sampled_algebra(numbers), reading.until)
 
     def at(node: f.Value, sample: int) -> FloatArray:
-        values = algebra.numbers(node)
+        values = numbers(node)
         return values[:, min(sample, values.shape[-1] - 1)]
 
     signed = float(walk(formula)[0])

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import pairwise
 
 import numpy as np
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.at_start import bounds_at_start, curves_of, infimum_over
-from s2r_spec.robustness.bounds import BoundedAlgebra, RhoBounds
+from s2r_spec.robustness.bounds import RhoBounds
 from s2r_spec.robustness.curve import Curve
 from s2r_spec.robustness.evaluate import Walk, up_to
 from s2r_spec.robustness.explain import (
@@ -30,7 +30,8 @@ from s2r_spec.robustness.explain import (
     observe_signals,
     way_down,
 )
-from s2r_spec.robustness.held import Courses, HeldAlgebra, HeldValues, signals_of
+from s2r_spec.robustness.held import Courses, HeldValues, signals_of
+from s2r_spec.robustness.silence import HeldBounds
 from s2r_spec.robustness.ticks import Reach
 
 FloatArray = NDArray[np.float64]
@@ -65,22 +66,24 @@ class HeldExplainer:
     """Explains ρ of one requirement.
 
     Args:
-        walk: the walk over bounds on curves, whose first instant is that of the requirement.
+        bounds: the bounds of predicates, whose first instant is that of the requirement.
         start: that instant on the clock of the trace [s].
         worse: whether ρ is the lower bound; else the upper one.
     """
 
-    walk: Walk[RhoBounds[Curve]]
+    bounds: HeldBounds
     start: float
     worse: bool
+
+    @cached_property
+    def walk(self) -> Walk[RhoBounds[Curve]]:
+        """The walk over bounds on curves."""
+        return self.bounds.walk()
 
     @property
     def courses(self) -> Courses:
         """The signals; of several values with one stamp the first one."""
-        algebra = self.walk.algebra
-        assert isinstance(algebra, BoundedAlgebra)
-        assert isinstance(algebra.inner, HeldAlgebra)
-        return algebra.inner.courses
+        return self.bounds.courses
 
     def explain(self, formula: f.Formula, requirement: str, unit: str) -> Explanation:
         """Return the explanation of a formula."""

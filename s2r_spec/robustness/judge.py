@@ -24,13 +24,11 @@ from s2r_spec.base.printable import count_messages
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.account import Instants, instants_of
 from s2r_spec.robustness.at_start import bounds_at_start
-from s2r_spec.robustness.bounds import RhoBounds
-from s2r_spec.robustness.curve import Curve
-from s2r_spec.robustness.evaluate import Walk, Witness
+from s2r_spec.robustness.evaluate import Witness
 from s2r_spec.robustness.evaluation import End, Evaluation
 from s2r_spec.robustness.explain import Explanation
 from s2r_spec.robustness.explain_held import HeldExplainer
-from s2r_spec.robustness.held import Course, Courses, HeldAlgebra
+from s2r_spec.robustness.held import Course, Courses
 from s2r_spec.robustness.horizon import horizon, seconds_needed
 from s2r_spec.robustness.narrow import narrowest, refuse_short
 from s2r_spec.robustness.silence import HeldBounds, Span, edge_signals
@@ -144,8 +142,8 @@ class Judge:
         known = (one.messages.period for one in self.streams.values() if not math.isnan(one.messages.period))
         return min(known, default=None)
 
-    def walk(self, start: float, end: float, open_steps: bool = False) -> Walk[RhoBounds[Curve]]:
-        """Return the walk that bounds ρ from ``start`` to ``end`` [s]; see :class:`HeldBounds`."""
+    def bounds(self, start: float, end: float, open_steps: bool = False) -> HeldBounds:
+        """Return the bounds of predicates from ``start`` to ``end`` [s]; see :class:`HeldBounds`."""
         most = {stream.topic: stream.most for stream in self.streams.values()}
         if math.prod(most.values()) > MOST_VARIANTS:
             raise TraceError(
@@ -154,11 +152,11 @@ class Judge:
             )
         # The messages of one topic come together; those of two topics in any combination.
         variants = [
-            HeldAlgebra(self._courses(start, end, dict(zip(most, numbers, strict=True))))
+            self._courses(start, end, dict(zip(most, numbers, strict=True)))
             for numbers in product(*map(range, most.values()))
         ]
         silences = {name: stream.silences(start, end) for name, stream in self.streams.items()}
-        return HeldBounds(variants, silences, self._unseen(start), open_steps).walk()
+        return HeldBounds(variants, silences, self._unseen(start), open_steps)
 
     def _courses(self, start: float, end: float, numbers: Mapping[int, int]) -> Courses:
         """Return the signals; ``numbers``: topic → which of several messages with one stamp is read."""
@@ -169,7 +167,7 @@ class Judge:
 
     def contradicts(self, formula: f.Formula, satisfied: bool) -> bool:
         """Return whether all messages contradict a verdict at samples, whatever is known at samples alone."""
-        walk = self.walk(self.start, self.end, open_steps=True)
+        walk = self.bounds(self.start, self.end, open_steps=True).walk()
         lower, upper = bounds_at_start(formula, walk, self.snap)
         return upper < 0 if satisfied else lower > 0
 
@@ -182,7 +180,7 @@ class Judge:
     def judge(self, formula: f.Formula, partial: bool = False) -> Judgement:
         """Return the verdict on a formula whose time bounds are numbers; ``partial`` cuts windows at the end."""
         start, end, silent = self.start, self.end, any(self.silences.values())
-        lower, upper = bounds_at_start(formula, self.walk(start, end), self.snap)
+        lower, upper = bounds_at_start(formula, self.bounds(start, end).walk(), self.snap)
         complete = seconds_needed(formula, 0.0) <= end - start + self.snap
         unseen = sorted(self._unseen(start) & edge_signals(formula))
         satisfied = lower > 0 if lower > 0 or upper < 0 or not (silent or unseen) else None
@@ -213,7 +211,7 @@ class Judge:
         """Return the explanation of a verdict on a formula whose time bounds are numbers."""
         # beside a silence, only the upper bound is sure to be < 0
         worse = not (any(self.silences.values()) and judgement.satisfied is False)
-        return HeldExplainer(self.walk(self.start, self.end), self.start, worse).explain(
+        return HeldExplainer(self.bounds(self.start, self.end), self.start, worse).explain(
             formula, requirement, unit
         )
 
@@ -235,7 +233,7 @@ class Judge:
                 for name, one in self.streams.items()
             }
             judge, last = replace(self, streams=streams), until + needs
-        rho = judge.walk(start, last)(formula).lower.values(times - start, self.snap)
+        rho = judge.bounds(start, last).walk()(formula).lower.values(times - start, self.snap)
         if end == "nan":
             rho = np.where(complete, rho, np.nan)
         return Evaluation(
@@ -285,7 +283,7 @@ class Judge:
             starts[begin] = f"{since}, but messages before"
         for start, why in starts.items():
             end = max(self.until, start + seconds_needed(formula, 0.0))
-            lower, upper = bounds_at_start(formula, self.walk(start, end), snap_of(start, end))
+            lower, upper = bounds_at_start(formula, self.bounds(start, end).walk(), snap_of(start, end))
             if (satisfied and upper < 0) or (not satisfied and lower > 0):
                 return f"{why} {other} it"
         return ""
