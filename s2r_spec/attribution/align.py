@@ -94,21 +94,18 @@ def align(
     last = min(trace.duration for trace in (simulated, real))
     times = (real.times - real.times[0])[real.times - real.times[0] <= last + SAME]
     flags = frozenset(signal.name for signal in declared if signal.boolean)
-    real_signals, simulated_signals = (
-        {
-            name: _at(times, trace.times - trace.times[0], samples, name in flags)
-            for name, samples in read_signals(declared, trace).items()
-        }
-        for trace in (real, simulated)
-    )
+
+    def at_times(trace: Trace) -> dict[str, FloatArray]:
+        own, signals = trace.times - trace.times[0], read_signals(declared, trace)
+        return {name: _at(times, own, samples, name in flags) for name, samples in signals.items()}
+
+    real_signals = at_times(real)
     pair = Aligned(
-        formula=bind(
-            spec.formulas[requirement], {name: float(value.item()) for name, value in numbers.items()}
-        ),
+        formula=bind(spec.formulas[requirement], {name: value.item() for name, value in numbers.items()}),
         times=real.times[: times.size],
         clock=clock_of(times),
         params=numbers,
-        simulated=simulated_signals,
+        simulated=at_times(simulated),
         real=real_signals,
         flags=flags,
         delta=real_rho - simulated_rho,

@@ -25,14 +25,10 @@ def margin_gradient(node: f.Comparison, numbers: Numbers, sample: int) -> dict[s
     seed[0, sample] = 1.0
     back = _Backwards(numbers)
     left, right = numbers(node.left)[..., 0, :], numbers(node.right)[..., 0, :]
-    match node.operator:
-        case "<" | "<=":
-            sign = -1.0
-        case ">" | ">=":
-            sign = 1.0
-        case "==" | "!=":
-            ahead = np.broadcast_to(left >= right, (numbers.clock.count,))[sample]
-            sign = 1.0 if ahead == (node.operator == "!=") else -1.0
+    sign = -1.0 if node.operator in ("<", "<=") else 1.0
+    if node.operator in ("==", "!="):
+        ahead = np.broadcast_to(left >= right, (numbers.clock.count,))[sample]
+        sign = 1.0 if ahead == (node.operator == "!=") else -1.0
     with np.errstate(all="ignore"):
         back.add(node.left, sign * seed)
         back.add(node.right, -sign * seed)

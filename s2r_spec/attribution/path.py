@@ -101,18 +101,16 @@ class Path:
             if not late:
                 yield from self._jump(before, after)
 
-    def _signals(self, at: float, late: bool) -> dict[str, FloatArray]:
-        pair = self.pair
-        return {
-            name: (pair.real[name] if late else other)
-            if name in pair.flags
-            else (1.0 - at) * other + at * pair.real[name]
-            for name, other in pair.simulated.items()
-        }
-
     def _algebra(self, at: float, late: bool) -> Evaluated:
         if (at, late) not in self._algebras:
-            self._algebras[at, late] = self.pair.algebra(self._signals(at, late))
+            pair = self.pair
+            signals = {
+                name: (pair.real[name] if late else other)
+                if name in pair.flags
+                else (1.0 - at) * other + at * pair.real[name]
+                for name, other in pair.simulated.items()
+            }
+            self._algebras[at, late] = pair.algebra(signals)
         return self._algebras[at, late]
 
     def _point(self, at: float, late: bool) -> _Point:

@@ -40,11 +40,11 @@ class ExplanationStep:
     """A sub-formula on the way from the requirement to the predicate.
 
     Args:
-        text: the text of the formula in the specification.
-        name: the name of the formula, if it is a use of a named sub-formula.
-        line: the line of the formula, counted from 1.
+        text: its text in the specification.
+        name: its name, if it is a use of a named sub-formula.
+        line: its line, counted from 1.
         time: instant at which it is evaluated [s].
-        rho: the robustness of the formula at that instant.
+        rho: its robustness at that instant.
     """
 
     text: str
@@ -154,11 +154,6 @@ def explain(formula: f.Formula, reading: Reading, requirement: str, unit: str) -
     """Explain ρ of a formula at the first sample; conditions are evaluated at the samples."""
     numbers = numbers_at(reading.samples)
     walk = Walk(sampled_algebra(numbers), reading.until)
-
-    def at(node: f.Value, sample: int) -> FloatArray:
-        values = numbers(node)
-        return values[:, min(sample, values.shape[-1] - 1)]
-
     signed = float(walk(formula)[0])
     steps = list(descend(formula, walk, reading.clock))
     parts = way_down(
@@ -168,33 +163,31 @@ def explain(formula: f.Formula, reading: Reading, requirement: str, unit: str) -
     predicate, sample = last.node, last.sample
     decided = Decided(predicate, last.factor, reading.times, unneeded=_irrelevant_side(steps))
     if isinstance(predicate, f.Comparison):
-        times = responsible_samples(formula, walk, reading.clock).get(
-            id(predicate), np.zeros(len(reading.times), dtype=bool)
-        )
+
+        def at(node: f.Value) -> FloatArray:
+            values = numbers(node)
+            return values[:, min(sample, values.shape[-1] - 1)]
+
+        none = np.zeros(len(reading.times), dtype=bool)
+        times = responsible_samples(formula, walk, reading.clock).get(id(predicate), none)
         times[sample] = True  # a violated until may have several reasons, and ρ may name another one
         decided = replace(
             decided,
             runs=_runs(times, reading.times),
-            sides=tuple(
-                observe(side, float(at(side, sample)[0])) for side in (predicate.left, predicate.right)
-            ),
-            signals=observe_signals(predicate, lambda node: at(node, sample)),
+            sides=tuple(observe(side, at(side)[0]) for side in (predicate.left, predicate.right)),
+            signals=observe_signals(predicate, at),
         )
     return make_explanation(requirement, unit, signed, parts, decided)
 
 
 @dataclass(frozen=True, eq=False)
 class Decided:
-    """The formula at the end of the way down, which decides ρ.
+    """The formula at the end of the way down, which decides ρ; for most fields see :class:`Explanation`.
 
     Args:
         node: a predicate; or a formula whose ρ is infinite.
-        factor: see :class:`Explanation`.
         times: increasing times of the trace, to whose resolution times are printed [s].
         runs: (from, to) times at which the verdict depends on the predicate [s].
-        sides: both sides of the predicate.
-        signals: its signals and parameters.
-        unneeded: see :class:`Explanation`.
     """
 
     node: f.Formula
@@ -276,7 +269,7 @@ def way_down(steps: Iterable[tuple[f.Formula, float, float]]) -> tuple[Explanati
 
 def observe(node: f.Value, number: float) -> Observed:
     """Return a value as text with its number."""
-    return Observed(_one_line(node.span.text), number, _unit(node))
+    return Observed(_one_line(node.span.text), float(number), _unit(node))
 
 
 def observe_signals(
@@ -301,15 +294,11 @@ def _run_text(times: FloatArray, start: float, end: float) -> str:
     if start == end:
         return instant(times, start)
     first = 0.0 if times[0] < DATES else float(times[0])
-    return f"{instant(times - first, start - first)} to {instant(times - first, end - first)}" + (
-        " after the first sample" if first else ""
-    )
+    after = " after the first sample" if first else ""
+    return f"{instant(times - first, start - first)} to {instant(times - first, end - first)}{after}"
 
 
 def _runs(at: NDArray[np.bool_], times: FloatArray) -> tuple[tuple[float, float], ...]:
     """Return (first, last) time of every run of samples."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], at, [False]))))
-    return tuple(
-        (float(times[start]), float(times[end - 1]))
-        for start, end in zip(edges[::2], edges[1::2], strict=True)
-    )
+    return tuple(zip(times[edges[::2]].tolist(), times[edges[1::2] - 1].tolist(), strict=True))

@@ -45,13 +45,9 @@ _INSIDE = 1e-6
 
 @dataclass(frozen=True)
 class _HeldStep:
-    """A sub-formula on the way down.
+    """A sub-formula on the way down, as :class:`~s2r_spec.robustness.deciding.DescentStep`, at a time [s].
 
-    Args:
-        node: the sub-formula.
-        time: the instant [s].
-        factor: ρ of the requirement is factor · ρ of this node here; negative below a negation.
-        runs: (k, 2) times at which the verdict depends on the node, from and to [s].
+    ``runs``: (k, 2) times at which the verdict depends on the node, from and to [s].
     """
 
     node: f.Formula

@@ -87,7 +87,7 @@ class Judge:
         params: name → (1, 1), in the declared unit.
         since: the begin of the trace [s]; None for the first message.
         until: the end of the trace [s].
-        witness: see :class:`s2r_spec.robustness.evaluate.Walk`.
+        witness: ``until`` of :class:`s2r_spec.robustness.evaluate.Walk`.
     """
 
     streams: Mapping[str, SignalMessages]

@@ -171,8 +171,8 @@ class Channels:
             return float(self.times[-1])
         if self.until is not None:
             return self.until
-        known = (one.log_end for one in self.messages.values() if not isnan(one.log_end))
-        return max([*(one.recorded_until for one in self.messages.values()), *known])
+        ends = [end for one in self.messages.values() for end in (one.recorded_until, one.log_end)]
+        return max(end for end in ends if not isnan(end))
 
     @property
     def duration(self) -> float:

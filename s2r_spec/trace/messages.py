@@ -96,14 +96,11 @@ class Messages:
     def valid_until(self) -> float:
         """Time until which the last value is valid, if it is the last one of the log [s]."""
         last = float(self.times[-1])
-        if self.linear:
-            return last
-        return last + self.valid if math.isfinite(self.valid) else self._log_end(last)
+        return last if self.linear else self._valid_after(last)
 
     def held_between(self) -> Messages:
         """Return the messages of a channel that holds its values although its log is interpolated."""
-        end = self.end + self.valid if math.isfinite(self.valid) else self._log_end(self.end)
-        return replace(self, linear=False, end=end)
+        return replace(self, linear=False, end=self._valid_after(self.end))
 
     def in_log_until(self, end: float) -> Messages:
         """Return the messages of a log recorded until a time [s]: values sent on change are valid until then."""
@@ -111,8 +108,10 @@ class Messages:
             return self
         return replace(self, end=max(self.end, end))
 
-    def _log_end(self, last: float) -> float:
-        """Return the end of the log if it is known and not before ``last``, else this [s]."""
+    def _valid_after(self, last: float) -> float:
+        """Return until when a last value is valid: for its time, or else until the end of the log, if known [s]."""
+        if math.isfinite(self.valid):
+            return last + self.valid
         return last if math.isnan(self.log_end) else max(self.log_end, last)
 
     @property
@@ -191,9 +190,8 @@ class Messages:
     def shifted(self, by: float) -> Messages:
         """Return the messages, later by so many seconds."""
         invalid = tuple((start + by, end + by) for start, end in self.invalid)
-        return replace(
-            self, times=self.times + by, end=self.end + by, log_end=self.log_end + by, invalid=invalid
-        )
+        moved = replace(self, times=self.times + by, invalid=invalid)
+        return replace(moved, end=self.end + by, log_end=self.log_end + by)
 
     def silences(self, start: float, end: float) -> list[tuple[float, float]]:
         """Return the spans without a valid value that overlap ``start`` to ``end`` [s], in order."""
@@ -286,21 +284,15 @@ def join(parts: list[Messages]) -> Messages:
     whole = [one for one in parts if reach - float(one.times[-1]) <= one.bridged]
     times, values = _combine(parts, begin)
     periods = [one.period for one in parts if not math.isnan(one.period)]
-    return Messages(
-        times,
-        values,
-        min(periods, default=math.nan),
-        first.longest,
-        max(known, default=math.nan),
-        min(one.end for one in whole or parts),
-        first.linear,
-        tuple(
-            span
-            for one in parts
-            for span in one.silences(begin, reach)
-            if math.isfinite(span[1]) or all(one is not other for other in whole)
-        ),
+    invalid = tuple(
+        span
+        for one in parts
+        for span in one.silences(begin, reach)
+        if math.isfinite(span[1]) or all(one is not other for other in whole)
     )
+    period, log_end = min(periods, default=math.nan), max(known, default=math.nan)
+    end = min(one.end for one in whole or parts)
+    return Messages(times, values, period, first.longest, log_end, end, first.linear, invalid)
 
 
 def _combine(parts: list[Messages], begin: float) -> tuple[FloatArray, FloatArray]:
@@ -323,9 +315,6 @@ def _combine(parts: list[Messages], begin: float) -> tuple[FloatArray, FloatArra
         times += [at] * len(combinations)
         rows += combinations
     kept = ~np.isin(stamps, [*repeated])
-    all_times, all_rows = (
-        np.concatenate((stamps[kept], times)),
-        np.concatenate((values[kept], np.array(rows))),
-    )
-    order = np.argsort(all_times, kind="stable")
-    return all_times[order], all_rows[order]
+    every = np.concatenate((stamps[kept], times))
+    order = np.argsort(every, kind="stable")
+    return every[order], np.concatenate((values[kept], np.array(rows)))[order]

@@ -25,14 +25,10 @@ MOST_SAMPLES = 2**25
 
 
 def seconds_of(value: Any, what: str) -> float:
-    """Return a time or a duration in seconds.
-
-    Args:
-        value: a number of seconds, or a ``timedelta`` of Python, numpy or pandas.
-        what: its name for a message.
+    """Return a number of seconds, or a ``timedelta`` of Python, numpy or pandas, in seconds.
 
     Raises:
-        TraceError: it is neither.
+        TraceError: it is neither; ``what`` is its name.
     """
     number = math.nan
     try:

@@ -173,10 +173,9 @@ class Trace(Channels):
         """Return channels with messages at the stamps of the one with the most, from the first value of each on."""
         if not self.messages:
             return self
-        busiest = max(self.messages.values(), key=len)
         first = max(float(one.times[0]) for one in self.messages.values())
         since = first if self.since is None else max(first, self.since)
-        times = np.unique(busiest.times)
+        times = np.unique(max(self.messages.values(), key=len).times)
         inner = times[(times > since) & (times <= self.ends)]
         return self.sampled_at(np.concatenate(([since], inner)))
 
