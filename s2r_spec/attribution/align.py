@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.attribution.place import instant
 from s2r_spec.lang import formula as f
@@ -24,8 +23,7 @@ from s2r_spec.robustness.sampled import numbers_at, sampled_algebra
 from s2r_spec.robustness.ticks import Ticks, clock_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
 
 SAME = 1e-6
 """Tolerance [s]: sample times closer than this are the same."""

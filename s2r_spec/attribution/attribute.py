@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.attribution.align import align
 from s2r_spec.attribution.critical import Switch, switch
@@ -14,8 +13,7 @@ from s2r_spec.attribution.path import Path, PathPiece
 from s2r_spec.lang import formula as f
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
 
 BINS = 300
 """Budget: bins of a trace in JSON."""

@@ -8,12 +8,10 @@ Tests compare the two.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.numbers import Numbers
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray, IntArray
 
 
 def margin_gradient(node: f.Comparison, numbers: Numbers, sample: int) -> dict[str, FloatArray]:
@@ -132,7 +130,7 @@ class _Backwards:
                 return _integral(seed, times, node.seconds)
 
 
-def _scatter(seed: FloatArray, index: NDArray[np.intp]) -> FloatArray:
+def _scatter(seed: FloatArray, index: IntArray) -> FloatArray:
     """Return the transpose of ``x[:, index]``."""
     result = np.zeros_like(seed)
     for row, held in zip(seed, result, strict=True):

@@ -11,12 +11,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.robustness.silence import Span
 from s2r_spec.robustness.stream import SignalMessages
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
 
 _PIECE = 2**18
 """Budget: stamps that are counted at a time."""

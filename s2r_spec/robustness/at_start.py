@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.bounds import RhoBounds
@@ -18,7 +17,6 @@ from s2r_spec.robustness.curve import Curve
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.ties import rescale_number
 
-FloatArray = NDArray[np.float64]
 Pair = tuple[float, float]
 
 

@@ -6,14 +6,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.evaluate import Walk, up_to
 from s2r_spec.robustness.ticks import Clock
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
+from s2r_spec.trace.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

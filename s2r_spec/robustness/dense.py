@@ -8,7 +8,6 @@ from functools import reduce
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.base.errors import UsageError
 from s2r_spec.lang import formula as f
@@ -18,8 +17,7 @@ from s2r_spec.robustness.evaluate import Algebra
 from s2r_spec.robustness.numbers import Numbers, SampledSignals, no_value
 from s2r_spec.robustness.sampled import numbers_at
 from s2r_spec.robustness.ties import TIE, break_ties, rescale
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError, UsageError
 from s2r_spec.lang import formula as f
@@ -25,10 +24,9 @@ from s2r_spec.robustness.sampled import walk_samples
 from s2r_spec.robustness.silence import Span, bounding_walk, silences_of
 from s2r_spec.robustness.ticks import Clock, Ticks
 from s2r_spec.robustness.ties import restore_zeros
+from s2r_spec.trace.arrays import BoolArray, FloatArray
 from s2r_spec.trace.instants import instant
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 Interpolation = Literal["samples", "hold", "linear"]
 End = Literal["clip", "hold", "nan", "error"]
 MOST_HELD = 10_000_000

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.base.json_values import to_json
 from s2r_spec.base.printable import html_text, one_line
@@ -18,9 +17,8 @@ from s2r_spec.robustness.evaluation import Reading
 from s2r_spec.robustness.responsible import responsible_samples
 from s2r_spec.robustness.sampled import numbers_at, sampled_algebra
 from s2r_spec.robustness.ties import restore_zero
+from s2r_spec.trace.arrays import BoolArray, FloatArray
 from s2r_spec.trace.instants import DATES, instant
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -298,7 +296,7 @@ def _run_text(times: FloatArray, start: float, end: float) -> str:
     return f"{instant(times - first, start - first)} to {instant(times - first, end - first)}{after}"
 
 
-def _runs(at: NDArray[np.bool_], times: FloatArray) -> tuple[tuple[float, float], ...]:
+def _runs(at: BoolArray, times: FloatArray) -> tuple[tuple[float, float], ...]:
     """Return (first, last) time of every run of samples."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], at, [False]))))
     return tuple(zip(times[edges[::2]].tolist(), times[edges[1::2] - 1].tolist(), strict=True))

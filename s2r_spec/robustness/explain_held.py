@@ -14,7 +14,6 @@ from functools import cached_property, partial
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.at_start import bounds_at_start, curves_of, infimum_over
@@ -33,8 +32,8 @@ from s2r_spec.robustness.explain import (
 from s2r_spec.robustness.held import Courses, HeldValues, signals_of
 from s2r_spec.robustness.silence import HeldBounds
 from s2r_spec.robustness.ticks import Reach
+from s2r_spec.trace.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 Span = tuple[float, float]
 
 SHOWN = 5

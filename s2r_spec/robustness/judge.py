@@ -17,7 +17,6 @@ from functools import cached_property, partial
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError
 from s2r_spec.base.printable import count_messages
@@ -34,10 +33,9 @@ from s2r_spec.robustness.narrow import narrowest, refuse_short
 from s2r_spec.robustness.silence import HeldBounds, Span, edge_signals
 from s2r_spec.robustness.stream import SignalMessages, in_one_turn
 from s2r_spec.robustness.ties import restore_zero, restore_zeros
+from s2r_spec.trace.arrays import FloatArray
 from s2r_spec.trace.instants import instant
 from s2r_spec.trace.messages import union
-
-FloatArray = NDArray[np.float64]
 
 MOST_VARIANTS = 64
 """Budget: combinations of several values with one stamp that are evaluated."""
@@ -99,27 +97,25 @@ class Judge:
     @cached_property
     def start(self) -> float:
         """The first time at which each signal has a value [s]."""
-        first = [stream.first for stream in self.streams.values()]
+        first = [stream.messages.first for stream in self.streams.values()]
         return max(first if self.since is None else [self.since, *first])
 
     @cached_property
     def end(self) -> float:
         """The time until which each signal is valid; one that ends more than a silence early is silent instead [s]."""
-        ends = {name: stream.end(self.until) for name, stream in self.streams.items()}
-        whole = [
-            end for name, end in ends.items()
-            if self._last - self.streams[name].last <= self.streams[name].messages.bridged
-        ]  # fmt: skip
+        every = [stream.messages for stream in self.streams.values()]
+        whole = [min(one.end, self.until) for one in every if self._last - one.last <= one.bridged]
         end = max(min(whole, default=self.until), self.start)
-        snap = snap_of(self.start, end)
-        return max(end, *(stream.stamp_up_to(end + snap) for stream in self.streams.values()))
+        reach = end + snap_of(self.start, end)
+        stamps = (one.times[: np.searchsorted(one.times, reach, side="right")] for one in every)
+        return max([end, *(float(part[-1]) for part in stamps if part.size)])
 
     @property
     def _last(self) -> float:
         """The last stamp of the log, as far as it is known [s]."""
         ends = [one.messages.log_end for one in self.streams.values()]
         known = [end for end in ends if not math.isnan(end)]
-        return min(max([*known, *(one.last for one in self.streams.values())]), self.until)
+        return min(max([*known, *(one.messages.last for one in self.streams.values())]), self.until)
 
     @property
     def snap(self) -> float:
@@ -173,7 +169,7 @@ class Judge:
 
     def _unseen(self, start: float) -> frozenset[str]:
         """Return the signals whose first message is at a start, in a log that began before."""
-        firsts = {name: stream.first for name, stream in self.streams.items()}
+        firsts = {name: stream.messages.first for name, stream in self.streams.items()}
         began = min(firsts.values()) if self.since is None else self.since
         return frozenset(name for name, first in firsts.items() if began < start <= first)
 
@@ -185,7 +181,7 @@ class Judge:
         unseen = sorted(self._unseen(start) & edge_signals(formula))
         satisfied = lower > 0 if lower > 0 or upper < 0 or not (silent or unseen) else None
         reason = "" if satisfied is not None else self._silent() or self._first(unseen)
-        early = self.since is None and any(one.first < start for one in self.streams.values())
+        early = self.since is None and any(one.messages.first < start for one in self.streams.values())
         if satisfied is not None and (early or any(map(any, self.unevaluated.values()))):
             reason = self._contradiction(formula, satisfied)
             satisfied = None if reason else satisfied
@@ -272,7 +268,7 @@ class Judge:
     def _contradiction(self, formula: f.Formula, satisfied: bool) -> str:
         """Return why messages outside of the window contradict a verdict; "" if they do not."""
         verb, other = ("holds", "violate") if satisfied else ("is violated", "satisfy")
-        first = min(stream.first for stream in self.streams.values())
+        first = min(stream.messages.first for stream in self.streams.values())
         begin = first if self.since is None else max(first, self.since)
         starts = {}
         if any(count for _, count in self.unevaluated.values()):
@@ -289,11 +285,12 @@ class Judge:
         return ""
 
     def _last_to_begin(self) -> str:
-        return max(self.streams, key=lambda name: self.streams[name].first)
+        return max(self.streams, key=lambda name: self.streams[name].messages.first)
 
     def _first_to_end(self) -> str:
         """Return the signal that ends first, of those that last as long as the log."""
-        return min(self.streams, key=lambda name: abs(self.streams[name].end(self.until) - self.end))
+        ends = {name: min(one.messages.end, self.until) for name, one in self.streams.items()}
+        return min(ends, key=lambda name: abs(ends[name] - self.end))
 
     # -- words -------------------------------------------------------------------------------------------------------
 

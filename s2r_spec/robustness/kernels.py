@@ -9,12 +9,9 @@ cache. A window that reaches past the last sample is cut there. One that lies wh
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.robustness.pieces import pieces
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
+from s2r_spec.trace.arrays import FloatArray, IntArray
 
 PIECE = 1 << 16
 """Budget: samples in one pass, half a megabyte, the size of a processor's second-level cache."""

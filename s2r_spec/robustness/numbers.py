@@ -10,7 +10,6 @@ from functools import reduce
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError
 from s2r_spec.lang import formula as f
@@ -18,8 +17,7 @@ from s2r_spec.robustness import history
 from s2r_spec.robustness.evaluate import Witness
 from s2r_spec.robustness.ticks import Clock
 from s2r_spec.robustness.ties import break_ties
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import BoolArray, FloatArray
 
 
 @dataclass(frozen=True)
@@ -102,7 +100,7 @@ class Numbers:
             case _:
                 raise AssertionError(node)
 
-    def holds(self, node: f.Formula) -> NDArray[np.bool_]:
+    def holds(self, node: f.Formula) -> BoolArray:
         """Return (…, 1, n): where a condition holds."""
         if self.formula is None:
             self.formula = self.conditions()

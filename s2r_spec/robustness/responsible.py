@@ -5,15 +5,12 @@ from __future__ import annotations
 from functools import reduce
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.deciding import best_witness
 from s2r_spec.robustness.evaluate import Walk, up_to
 from s2r_spec.robustness.ticks import Clock
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from s2r_spec.trace.arrays import BoolArray, FloatArray
 
 
 def responsible_samples(root: f.Formula, walk: Walk[FloatArray], clock: Clock) -> dict[int, BoolArray]:

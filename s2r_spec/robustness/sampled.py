@@ -9,14 +9,12 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.robustness.evaluate import Algebra, Walk
 from s2r_spec.robustness.kernels import shift
 from s2r_spec.robustness.numbers import Numbers, SampledSignals, margin
 from s2r_spec.robustness.ties import rescale
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
 
 
 def numbers_at(samples: SampledSignals) -> Numbers:

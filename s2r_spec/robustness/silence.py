@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.bounds import RhoBounds, bounded_algebra
@@ -24,9 +23,9 @@ from s2r_spec.robustness.held import Courses, held_algebra, signals_of
 from s2r_spec.robustness.numbers import SampledSignals
 from s2r_spec.robustness.sampled import numbers_at, sampled_algebra
 from s2r_spec.robustness.ticks import Ticks
+from s2r_spec.trace.arrays import FloatArray
 from s2r_spec.trace.messages import SILENT, period_of_messages
 
-FloatArray = NDArray[np.float64]
 Span = tuple[float, float]
 S = TypeVar("S")
 

@@ -11,13 +11,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.robustness.held import Course
 from s2r_spec.robustness.silence import Span
+from s2r_spec.trace.arrays import FloatArray
 from s2r_spec.trace.messages import Messages
 
-FloatArray = NDArray[np.float64]
 _SLACK = 1e-3
 """Tolerance: by which a rounded angle may exceed the ends of its range [turns]."""
 
@@ -37,26 +36,6 @@ class SignalMessages:
     values: FloatArray
     without: int = 0
     turn: float = math.inf
-
-    @property
-    def first(self) -> float:
-        """The first stamp [s]."""
-        return float(self.messages.times[0])
-
-    @property
-    def last(self) -> float:
-        """The last stamp [s]."""
-        return float(self.messages.times[-1])
-
-    def stamp_up_to(self, time: float) -> float:
-        """Return the last stamp up to a time [s]; −inf if there is none."""
-        times = self.messages.times
-        number = int(np.searchsorted(times, time, side="right"))
-        return float(times[number - 1]) if number else -math.inf
-
-    def end(self, until: float) -> float:
-        """Return the time until which the last value is valid, at most ``until`` [s]."""
-        return min(self.messages.end, until)
 
     def silences(self, start: float, end: float) -> list[Span]:
         """Return the spans from ``start`` to ``end`` without a valid value, after the start [s]."""

@@ -7,13 +7,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.evaluation import Reading
 from s2r_spec.robustness.ticks import clock_of
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
 
 _POINTWISE = (
     f.Comparison, f.Number, f.SignalValue, f.ParamValue, f.Convert, f.Arithmetic, f.Elementary, f.Extremum, f.Norm,

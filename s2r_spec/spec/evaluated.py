@@ -16,9 +16,10 @@ from s2r_spec.robustness.online.monitor import Monitor, RobustnessStream
 from s2r_spec.robustness.reading import Missing
 from s2r_spec.robustness.ties import restore_zero
 from s2r_spec.robustness.tolerances import Tolerances, tolerances
-from s2r_spec.spec.on_traces import FloatArray, How, OnTraces, as_trace, refuse_short_trace
+from s2r_spec.spec.on_traces import How, OnTraces, as_trace, refuse_short_trace
 from s2r_spec.spec.plot import Plot, draw
 from s2r_spec.trace import Trace
+from s2r_spec.trace.arrays import FloatArray
 
 if TYPE_CHECKING:
     from torch import Tensor

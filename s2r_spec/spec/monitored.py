@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.base.errors import UsageError
 from s2r_spec.base.printable import count_messages
@@ -28,6 +27,7 @@ from s2r_spec.robustness.reading import Missing
 from s2r_spec.robustness.silence import silences_of
 from s2r_spec.spec.on_traces import How
 from s2r_spec.trace import Trace
+from s2r_spec.trace.arrays import BoolArray
 from s2r_spec.trace.instants import instant
 from s2r_spec.trace.samples import FAST, SLOW
 
@@ -304,7 +304,7 @@ def _without_the_rest(result: Monitored, sampled: Trace, messages: Trace) -> Mon
     return replace(result, text="\n".join((result.text, *lines)))
 
 
-def _missing(trace: Trace, name: str) -> NDArray[np.bool_]:
+def _missing(trace: Trace, name: str) -> BoolArray:
     """Return (n,) whether a sample of a channel is missing."""
     return np.asarray(np.isnan(trace[name].reshape(len(trace), -1)).any(axis=1))
 

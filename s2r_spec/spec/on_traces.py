@@ -7,9 +7,6 @@ from dataclasses import dataclass, replace
 from os import PathLike
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from s2r_spec.base.errors import TraceError, UndecidedError, UsageError
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.amounts import Amount
@@ -24,8 +21,7 @@ from s2r_spec.robustness.reading import Missing, read_params, read_signals, read
 from s2r_spec.robustness.ticks import clock_of
 from s2r_spec.spec.declared import Declared
 from s2r_spec.trace import Trace
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
 
 _CHOICES: Mapping[str, tuple[str | None, ...]] = {
     "end": ("clip", "hold", "nan", "error"), "interpolation": (None, "samples", "hold", "linear"),

@@ -12,14 +12,8 @@ import numpy as np
 
 from s2r_spec.base.errors import TraceError, one_of, suggest
 from s2r_spec.base.printable import html_table, one_line
-from s2r_spec.trace.contract import (
-    BoolArray,
-    FloatArray,
-    failure_word,
-    frozen_floats,
-    frozen_mask,
-    unit_texts,
-)
+from s2r_spec.trace.arrays import BoolArray, FloatArray
+from s2r_spec.trace.contract import failure_word, frozen_floats, frozen_mask, unit_texts
 from s2r_spec.trace.instants import instant
 from s2r_spec.trace.messages import HeldChannels, Messages, messages_of
 from s2r_spec.trace.samples import describe_sampling
@@ -160,9 +154,7 @@ class Channels:
         """The first time [s]."""
         if not self.messages:
             return float(self.times[0])
-        return (
-            min(float(one.times[0]) for one in self.messages.values()) if self.since is None else self.since
-        )
+        return min(one.first for one in self.messages.values()) if self.since is None else self.since
 
     @property
     def ends(self) -> float:

@@ -6,14 +6,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from s2r_spec.base.errors import TraceError, one_of
 from s2r_spec.base.printable import one_line
 from s2r_spec.trace import stamps
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from s2r_spec.trace.arrays import BoolArray, FloatArray
 
 
 def frozen_mask(mask: ArrayLike, count: int, name: str) -> BoolArray:

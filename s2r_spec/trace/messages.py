@@ -20,11 +20,8 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
-BoolArray = NDArray[np.bool_]
+from s2r_spec.trace.arrays import BoolArray, FloatArray, IntArray
 
 SILENT = 5.0
 """Tolerance: longest gap of a periodic channel that its last value bridges [periods], so that single losses of a
@@ -93,10 +90,19 @@ class Messages:
         return replace(made, end=made.valid_until)
 
     @property
+    def first(self) -> float:
+        """The first stamp [s]."""
+        return float(self.times[0])
+
+    @property
+    def last(self) -> float:
+        """The last stamp [s]."""
+        return float(self.times[-1])
+
+    @property
     def valid_until(self) -> float:
         """Time until which the last value is valid, if it is the last one of the log [s]."""
-        last = float(self.times[-1])
-        return last if self.linear else self._valid_after(last)
+        return self.last if self.linear else self._valid_after(self.last)
 
     def held_between(self) -> Messages:
         """Return the messages of a channel that holds its values although its log is interpolated."""
@@ -131,8 +137,7 @@ class Messages:
     @property
     def recorded_until(self) -> float:
         """Time up to which the messages were recorded, one period after the last of a periodic channel [s]."""
-        last = float(self.times[-1])
-        return last if math.isnan(self.period) or self.linear else last + self.period
+        return self.last if math.isnan(self.period) or self.linear else self.last + self.period
 
     @property
     def rhythm(self) -> str:
@@ -195,9 +200,8 @@ class Messages:
 
     def silences(self, start: float, end: float) -> list[tuple[float, float]]:
         """Return the spans without a valid value that overlap ``start`` to ``end`` [s], in order."""
-        times, bridged, valid = self.times, self.bridged, self.valid
-        first, last = float(times[0]), float(times[-1])
-        spans = [(-math.inf, first)] if first > start else []
+        times, bridged, valid, last = self.times, self.bridged, self.valid, self.last
+        spans = [(-math.inf, self.first)] if self.first > start else []
         if math.isfinite(bridged):
             for i in np.flatnonzero(np.diff(times) > bridged):
                 before, after = float(times[i]) + valid, float(times[i + 1])
@@ -278,10 +282,10 @@ def join(parts: list[Messages]) -> Messages:
     first = parts[0]
     if all(one.times is first.times or np.array_equal(one.times, first.times) for one in parts):
         return replace(first, values=np.stack([one.values for one in parts], axis=1))
-    begin = max(float(one.times[0]) for one in parts)
+    begin = max(one.first for one in parts)
     known = [one.log_end for one in parts if not math.isnan(one.log_end)]
-    reach = max([*known, *(float(one.times[-1]) for one in parts)])
-    whole = [one for one in parts if reach - float(one.times[-1]) <= one.bridged]
+    reach = max([*known, *(one.last for one in parts)])
+    whole = [one for one in parts if reach - one.last <= one.bridged]
     times, values = _combine(parts, begin)
     periods = [one.period for one in parts if not math.isnan(one.period)]
     invalid = tuple(

@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError
+from s2r_spec.trace.arrays import FloatArray
 from s2r_spec.trace.instants import DATES
-
-FloatArray = NDArray[np.float64]
 
 _UNITS = {
     "W": Fraction(604800), "D": Fraction(86400), "h": Fraction(3600), "m": Fraction(60), "s": Fraction(1),

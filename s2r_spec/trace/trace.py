@@ -13,8 +13,8 @@ import numpy as np
 
 from s2r_spec.base.errors import TraceError, TraceNote
 from s2r_spec.base.upper import upper
+from s2r_spec.trace.arrays import FloatArray
 from s2r_spec.trace.channels import Channels
-from s2r_spec.trace.contract import FloatArray
 from s2r_spec.trace.messages import Messages
 from s2r_spec.trace.samples import Rule, between, finite_seconds, inside, regular, seconds_of
 
@@ -173,7 +173,7 @@ class Trace(Channels):
         """Return channels with messages at the stamps of the one with the most, from the first value of each on."""
         if not self.messages:
             return self
-        first = max(float(one.times[0]) for one in self.messages.values())
+        first = max(one.first for one in self.messages.values())
         since = first if self.since is None else max(first, self.since)
         times = np.unique(max(self.messages.values(), key=len).times)
         inner = times[(times > since) & (times <= self.ends)]

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
+
 Reader = Callable[[], int]
 T = TypeVar("T")
 

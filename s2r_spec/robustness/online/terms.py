@@ -11,14 +11,13 @@ import math
 from abc import ABC, abstractmethod
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.robustness.online.clock import Component, InstantNumber, OnlineClock
 from s2r_spec.robustness.online.spans import ANY, Span, negate
 from s2r_spec.robustness.online.tape import Reader, Tape, lesser
 from s2r_spec.robustness.ties import rescale, rescale_number
+from s2r_spec.trace.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 LOWER, UPPER = 0, 1
 """Index of the lower and of the upper end of a span."""
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.base.errors import UsageError
 from s2r_spec.lang.source import Span as Place
@@ -15,8 +14,7 @@ from s2r_spec.robustness.online.spans import Span
 from s2r_spec.robustness.online.tape import Sliding, lesser
 from s2r_spec.robustness.online.terms import LOWER, UPPER, Stored, Term
 from s2r_spec.robustness.ticks import Reach
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import BoolArray, FloatArray, IntArray
 
 
 class Timed(Stored):
@@ -59,7 +57,7 @@ class Timed(Stored):
         """Return the first instant of the operands that is still needed."""
         return min(self.new if self.reach.low == -math.inf else self.first, self.tape.end)
 
-    def _windows(self, first: int, last: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def _windows(self, first: int, last: int) -> tuple[IntArray, IntArray]:
         """Return the first and the last instant in the windows of the instants ``first`` … ``last``.
 
         A window that later samples can enter ends with the instant after the newest one.
@@ -200,7 +198,7 @@ class Until(Timed):
         low = -math.inf if self.past else min(left[LOWER], right[LOWER])
         return low, min(left[UPPER], right[UPPER])
 
-    def waits(self, at: FloatArray, side: int) -> NDArray[np.bool_]:
+    def waits(self, at: FloatArray, side: int) -> BoolArray:
         """Return (m,): whether ``left`` matters at later instants before the windows of (m,) instants begin.
 
         Without a period there may be no such instant, so no upper bound uses it.
