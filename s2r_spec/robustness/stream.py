@@ -58,10 +58,7 @@ class SignalMessages:
 
     def _course(self, times: FloatArray, values: FloatArray) -> Course:
         """Return the messages as a course; an angle that jumps by over half a turn is linear on the circle."""
-        linear = self.messages.linear
-        if not linear or not (np.abs(np.diff(values)) > self.turn / 2).any():
-            return Course(times, values, linear)
-        return on_circle(times, values, self.turn)
+        return on_circle(times, values, self.turn) if self.messages.linear else Course(times, values)
 
     @property
     def topic(self) -> int:
@@ -91,12 +88,12 @@ def on_circle(times: FloatArray, values: FloatArray, turn: float) -> Course:
     Where it passes the end of its range, 0 to a turn or half a turn around 0, it jumps to the other end. An angle of
     several turns, as of a wheel, has no such end: it is linear between its values.
     """
-    if not in_one_turn(values, turn):
+    jumps = np.abs(np.diff(values)) > turn / 2
+    if not jumps.any() or not in_one_turn(values, turn):
         return Course(times, values, True)
     high = np.where(values.min(axis=1) >= 0.0, turn, turn / 2)[:, np.newaxis]
     step = np.diff(values)
     short = step - turn * np.rint(step / turn)
-    jumps = np.abs(step) > turn / 2
     border = np.where(short > 0, high, high - turn)
     with np.errstate(divide="ignore", invalid="ignore"):
         part = np.clip((border - values[:, :-1]) / short, 0.0, 1.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.evaluate import Algebra, Walk, Witness
@@ -17,6 +18,7 @@ from s2r_spec.robustness.online.values import NumberBuilder
 from s2r_spec.robustness.ties import break_tie
 
 
+@dataclass(eq=False)
 class OnlineAlgebra:
     """Robustness signals that grow with the trace.
 
@@ -29,24 +31,21 @@ class OnlineAlgebra:
         until: see :class:`s2r_spec.robustness.evaluate.Walk`.
     """
 
-    def __init__(
-        self,
-        clock: OnlineClock,
-        signals: Mapping[str, Sequence[Tape]],
-        ranges: Mapping[str, Span],
-        params: Mapping[str, float],
-        roots: Sequence[f.Formula],
-        until: Witness,
-    ) -> None:
-        self.clock = clock
-        self.signals = signals
-        self.ranges = ranges
-        self.params = params
-        self.walk = Walk(self._operations(), until)
-        self.values = NumberBuilder(clock, signals, params, roots, self._follow)
+    clock: OnlineClock
+    signals: Mapping[str, Sequence[Tape]]
+    ranges: Mapping[str, Span]
+    params: Mapping[str, float]
+    roots: Sequence[f.Formula]
+    until: Witness
+
+    def __post_init__(self) -> None:
+        self.walk = Walk(self._operations(), self.until)
+        self.values = NumberBuilder(self.clock, self.signals, self.params, self.roots, self._follow)
         self.terms: list[Term] = []  # the operands of a term come before it
         self.predicates: list[tuple[Leaf, f.Comparison]] = []
-        timed = (node for root in roots for node in f.walk(root) if isinstance(node, f.Temporal | f.Until))
+        timed = (
+            node for root in self.roots for node in f.walk(root) if isinstance(node, f.Temporal | f.Until)
+        )
         self.places = {id(node.interval.span): node.span for node in timed}
 
     def foresee(self) -> None:
@@ -79,9 +78,8 @@ class OnlineAlgebra:
             ),
             until=self._until,
             step=lambda x, node: make(AdjacentSample(clock, x, node.operator == "next")),
-            edge=lambda now, before, earlier: make(
-                Rise(clock, now)
-            ),  # before is now, and −inf the first edge
+            # of one signal, and never at the first sample
+            edge=lambda now, before, earlier: make(Rise(clock, now)),
         )
 
     def _make(self, term: Term) -> Term:

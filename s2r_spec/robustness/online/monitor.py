@@ -27,17 +27,12 @@ Verdict = Literal["holds", "violated", "unknown"]
 
 @dataclass(frozen=True)
 class Followed:
-    """The requirements to follow, and the settings of the samples.
+    """The requirements to follow, and the settings of :meth:`s2r_spec.spec.Spec.monitor`.
 
     Args:
         formulas: requirement → its formula, with numbers for the parameters in time bounds.
         signals: the signals that they read.
         params: parameter → value, for the parameters that they use.
-        period: sample period [s]; None if samples come at any time.
-        until: see :class:`s2r_spec.robustness.evaluate.Walk`.
-        nan: the treatment of a NaN sample: "error", or "hold" to repeat the sample before.
-        ranges: whether samples lie in the declared ranges.
-        sparse: whether windows may be shorter than the time between two samples.
     """
 
     formulas: Mapping[str, f.Formula]
@@ -107,12 +102,7 @@ class _Recorder:
         self.broken: TraceError | None = None
 
     def take(self, time: float, sample: Mapping[str, Any]) -> None:
-        """Take the next sample.
-
-        Raises:
-            TraceError: the sample is invalid and was not taken; or the trace so far has no robustness, and no
-                further sample can be taken.
-        """
+        """Take the next sample; for errors see :meth:`Monitor.update`."""
         self._check_open()
         numbers = [self._read(signal, sample) for signal in self.followed.signals]
         self.clock.tick(float(time))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 from s2r_spec.lang import formula as f
 
@@ -15,6 +16,7 @@ Span = tuple[float, float]
 ANY: Span = (-math.inf, math.inf)
 
 
+@dataclass(eq=False)
 class Spans:
     """Spans of the numbers of a formula.
 
@@ -25,15 +27,11 @@ class Spans:
             after the first sample), or None.
     """
 
-    def __init__(
-        self,
-        ranges: Mapping[str, Span],
-        params: Mapping[str, float],
-        settled: Callable[[f.Value], Sequence[float] | None],
-    ) -> None:
-        self.ranges = ranges
-        self.params = params
-        self.settled = settled
+    ranges: Mapping[str, Span]
+    params: Mapping[str, float]
+    settled: Callable[[f.Value], Sequence[float] | None]
+
+    def __post_init__(self) -> None:
         self.done: dict[int, tuple[Span, ...]] = {}
 
     def __call__(self, node: f.Value) -> tuple[Span, ...]:
@@ -45,15 +43,12 @@ class Spans:
     def margin(self, node: f.Comparison) -> Span:
         """Return the span of a predicate's robustness."""
         (left,), (right,) = self(node.left), self(node.right)
-        match node.operator:
-            case "<" | "<=":
-                return _subtract(right, left)
-            case ">" | ">=":
-                return _subtract(left, right)
-            case "==":
-                return negate(_absolute(_subtract(left, right)))
-            case "!=":
-                return _absolute(_subtract(left, right))
+        if node.operator in ("<", "<="):
+            return _subtract(right, left)
+        if node.operator in (">", ">="):
+            return _subtract(left, right)
+        size = _absolute(_subtract(left, right))
+        return size if node.operator == "!=" else negate(size)
 
     def _spans(self, node: f.Value) -> tuple[Span, ...]:
         match node:

@@ -10,6 +10,7 @@ import math
 import operator
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -20,6 +21,7 @@ from s2r_spec.robustness.online.clock import Component, InstantNumber, OnlineClo
 from s2r_spec.robustness.online.tape import InstantSource, Tape, greater, lesser
 
 
+@dataclass(eq=False)
 class NumberBuilder:
     """Makes the numbers of formulas.
 
@@ -31,21 +33,16 @@ class NumberBuilder:
         condition: a function that makes the evaluator of the conditions in ``if``, ``duration`` and ``count``.
     """
 
-    def __init__(
-        self,
-        clock: OnlineClock,
-        signals: Mapping[str, Sequence[Tape]],
-        params: Mapping[str, float],
-        roots: Iterable[f.Formula],
-        condition: Callable[[f.Formula], InstantSource],
-    ) -> None:
-        self.clock = clock
-        self.signals = signals
-        self.params = params
-        self.condition = condition
+    clock: OnlineClock
+    signals: Mapping[str, Sequence[Tape]]
+    params: Mapping[str, float]
+    roots: Iterable[f.Formula]
+    condition: Callable[[f.Formula], InstantSource]
+
+    def __post_init__(self) -> None:
         self.done: dict[int, InstantNumber] = {}
         self.firsts: dict[int, tuple[_First, ...]] = {}
-        nodes = {id(node): node for root in roots for node in f.walk(root)}
+        nodes = {id(node): node for root in self.roots for node in f.walk(root)}
         self.uses = Counter(id(child) for node in nodes.values() for child in f.children(node))
 
     def __call__(self, node: f.Value) -> InstantNumber:
