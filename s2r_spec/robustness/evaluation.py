@@ -189,7 +189,7 @@ class Reading:
         """
         n = self.times.size
         if self.period is None:
-            return np.full(n, horizon(formula) == 0.0 and samples_needed(formula, Grid(1, None)) == 0)
+            return np.full(n, horizon(formula) == 0.0 and samples_needed(formula, None) == 0)
         if self.interpolation != "samples":
             return np.asarray(self.times + self.needs(formula) <= self.times[-1] + self.snap)
         at, snap = self.clock.times, max(self.clock.snap, SNAP * self.period)
@@ -216,20 +216,20 @@ class Reading:
         Raises:
             UsageError: the samples do not lie on a regular grid, or too many would be added.
         """
-        needed, last = self.needs(formula), self.times[-1]
-        if self.grid and samples_needed(formula, self.grid) > MOST_HELD:
-            raise UsageError(
-                f"end='hold' would add {samples_needed(formula, self.grid):.0e} samples, for a requirement that "
-                f"looks {needed:g} s ahead; use it with interpolation='hold', which adds one"
-            )
+        needed, last, clock = self.needs(formula), self.times[-1], self.clock
         if self.interpolation == "samples" and not self.grid:
             raise UsageError(
                 "end='hold' adds samples, but these times have no regular period; "
                 "use it with interpolation='hold' or 'linear'"
             )
-        clock = self.clock
         if self.grid:
-            clock = replace(self.grid, count=self.grid.count + samples_needed(formula, self.grid))
+            count = samples_needed(formula, self.grid.period)
+            if count > MOST_HELD:
+                raise UsageError(
+                    f"end='hold' would add {count:.0e} samples, for a requirement that looks {needed:g} s ahead; "
+                    f"use it with interpolation='hold', which adds one"
+                )
+            clock = replace(self.grid, count=self.grid.count + count)
             more = last + np.array([clock.seconds(k) for k in range(1, clock.count - len(self.times) + 1)])
         else:
             more = np.array([last + needed] if needed > 0 else [])

@@ -115,11 +115,6 @@ class Conventions:
     stated: bool = False
     like: str = "s2r"
 
-    @property
-    def profile(self) -> Profile:
-        """The conventions of the tool."""
-        return profile(self.like)
-
 
 def monitor_trace(
     spec: Spec, trace: Trace, names: Sequence[str], params: Mapping[str, Amount], conventions: Conventions
@@ -221,7 +216,7 @@ class _Monitoring:
 
     def _of_samples(self, trace: Trace) -> Monitored:
         spec, requirement = self.spec, self.requirement
-        how, partial, nan = self.conventions.profile, self.conventions.partial, self.conventions.nan
+        how, partial, nan = profile(self.conventions.like), self.conventions.partial, self.conventions.nan
         held = how["end"] == "hold" and len(trace) > 1
         if partial and not held:
             how = {**how, "end": "clip"}

@@ -12,7 +12,7 @@ from s2r_spec.base.errors import TraceError, UsageError, one_of, suggest
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.declarations import Signal
 from s2r_spec.robustness.evaluate import Witness
-from s2r_spec.robustness.grid import SNAP, Grid
+from s2r_spec.robustness.grid import SNAP
 from s2r_spec.robustness.horizon import horizon, samples_needed, seconds_needed
 from s2r_spec.robustness.narrow import narrowest, refuse_short
 from s2r_spec.robustness.online.algebra import OnlineAlgebra
@@ -188,7 +188,7 @@ class _Recorder:
         """
         clock = self.clock
         if clock.now < 1:
-            return horizon(formula) == 0 and samples_needed(formula, Grid(1, None)) == 0
+            return horizon(formula) == 0 and samples_needed(formula, None) == 0
         step = clock.step if clock.period is not None else clock.shortest
         snap = max(clock.slack, SNAP * step)
         reached = clock.now * step if clock.period is not None else clock.latest
