@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from s2r_spec.diagnose import Diagnosis, diagnose
     from s2r_spec.logs import read as read_trace
     from s2r_spec.logs import write as write_trace
-    from s2r_spec.recordings.read_episodes import read_episodes
+    from s2r_spec.recordings.log_episodes import read_episodes
     from s2r_spec.report.results import load_result
     from s2r_spec.robustness.profiles import profile
     from s2r_spec.runs.replay import Replay, replay
@@ -124,7 +124,7 @@ _HOMES = {
     "logs": ("read_trace", "write_trace"),
     "report.results": ("load_result",),
     "robustness.profiles": ("profile",),
-    "recordings.read_episodes": ("read_episodes",),
+    "recordings.log_episodes": ("read_episodes",),
     "runs.replay": ("Replay", "replay"),
     "space": ("Axis", "Space"),
     "spec": (

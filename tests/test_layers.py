@@ -37,7 +37,7 @@ SIMULATOR_LAYERS = [
     {"twins"},
     {"backend"},
     {"residuals"},
-    {"options", "pictures", "protocols", "rollout", "variants"},
+    {"pictures", "protocols", "rollout", "variants"},
     {"settings", "parameters"},
     {"effects"},
     {"plant"},

@@ -37,7 +37,7 @@ _CONTROLLERS = frozenset(
     {
         *("robot", "controller", "rollout.py", "settings.py"),
         *("plant/channels.py", "plant/noise.py", "plant/physics.py", "plant/recorder.py"),
-        *("protocols/catalogue.py", "protocols/references.py"),
+        "protocols/references.py",
     }
 )
 """A definition: packages and modules of the simulator that affect the robot's motion or its traces."""

@@ -11,8 +11,7 @@ from math import floor
 
 from s2r_a1.guard.limits import LIMITS
 from s2r_sim.protocols import PROTOCOLS as SIMULATED
-from s2r_sim.protocols.catalogue import GAIN
-from s2r_sim.protocols.references import MOTIONS
+from s2r_sim.protocols.references import GAIN, MOTIONS
 from s2r_spec.protocols import Protocol
 
 

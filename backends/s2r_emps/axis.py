@@ -57,24 +57,26 @@ class DriveLog:
 
 
 class _Constants(NamedTuple):
-    """The constants of a tick: :class:`~s2r_emps.physics.Physics`, and the values that follow from it."""
+    """The constants of a tick: fields of :class:`~s2r_emps.physics.Physics`, and values that follow from them."""
 
     mass: float
-    motor: float
-    gain: float
-    limit: float
     viscous: float
     drag: float
     cable: float
     offset: float
     coulomb: float
     stribeck: float
-    per_speed: float
-    screw: float
+    load_friction: float
     ripple: float
-    phase: float
-    wobble: float
-    turned: float
+    ripple_phase: float
+    encoder_ripple: float
+    encoder_phase: float
+    half_gap: float
+    compliance: float
+    voltage: float
+    motor: float
+    gain: float
+    per_speed: float
     sag: float
     follow: float
     """Step of the drive's current towards its voltage in one tick, as a share of their difference."""
@@ -84,10 +86,11 @@ class _Constants(NamedTuple):
     whole: int
     """Whole ticks of the delay; ``part`` is the remaining share of a tick."""
     part: float
-    gap: float
-    yields: float
     position_gain: float
     speed_gain: float
+
+
+_OF_PHYSICS = _Constants._fields[:15]
 
 
 def simulate(
@@ -106,30 +109,16 @@ def simulate(
     follow = 1 - exp(-h / p.lag) if p.lag else 1.0
     whole = int(p.delay / h + 1e-9)
     constants = _Constants(
-        mass=float(p.mass),
+        **{name: float(getattr(p, name)) for name in _OF_PHYSICS},
         motor=float(MOTOR_SHARE * p.mass),
         gain=float(p.gain * draws.gain),
-        limit=float(p.voltage),
-        viscous=float(p.viscous),
-        drag=float(p.drag),
-        cable=float(p.cable),
-        offset=float(p.offset),
-        coulomb=float(p.coulomb),
-        stribeck=float(p.stribeck),
         per_speed=1.0 / p.stribeck_speed,
-        screw=float(p.load_friction),
-        ripple=float(p.ripple),
-        phase=float(p.ripple_phase),
-        wobble=float(p.encoder_ripple),
-        turned=float(p.encoder_phase),
         sag=float(p.sag / VOLTAGE),
         follow=float(follow),
         behind=float(p.lag / h * follow),
         smooth=float(1 - exp(-h / p.speed_filter) if p.speed_filter else 1.0),
         whole=whole,
         part=float(max(0.0, p.delay / h - whole)),
-        gap=float(p.half_gap),
-        yields=float(p.compliance),
         position_gain=KP * sqrt(stiffness),
         speed_gain=KV * sqrt(stiffness),
     )
@@ -157,23 +146,23 @@ def _ticks(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return (ticks,) the encoder position [m], the fed-back speed [m/s] and the commanded voltage [V]."""
     h, carriage, teeth, n = STEP, p.mass - p.motor, RIPPLES * TURN, reference.size
-    dry = p.coulomb != 0.0 or p.stribeck != 0.0 or p.screw != 0.0
+    dry = p.coulomb != 0.0 or p.stribeck != 0.0 or p.load_friction != 0.0
     late = p.whole > 0 or p.part > 0.0
     measured, v = start
     positions, speeds, sent = np.empty(n), np.empty(n), np.empty(n)
 
     # Position of the motor, on whose shaft the encoder sits. An elastic joint is in equilibrium at every tick.
-    q = measured - p.wobble * sin(TURN * measured + p.turned)
+    q = measured - p.encoder_ripple * sin(TURN * measured + p.encoder_phase)
     ql, vl = q, v  # of the carriage; equal to the motor's without play
     measured -= h * v
     speed, current, twist = v, 0.0, 0.0
     for k in range(n):
         before, measured = measured, q + twist + errors[k]
-        if p.wobble != 0.0:
-            measured += p.wobble * sin(TURN * q + p.turned)
+        if p.encoder_ripple != 0.0:
+            measured += p.encoder_ripple * sin(TURN * q + p.encoder_phase)
         speed += p.smooth * ((measured - before) / h - speed)
         u = p.speed_gain * (p.position_gain * (reference[k] - measured) - speed) if closed[k] else voltage[k]
-        u = p.limit if u > p.limit else -p.limit if u < -p.limit else u
+        u = p.voltage if u > p.voltage else -p.voltage if u < -p.voltage else u
         positions[k], speeds[k], sent[k] = measured, speed, u
         if late:
             # The voltage is zero until the first command arrives.
@@ -186,25 +175,25 @@ def _ticks(
         if p.sag != 0.0:
             force -= force * p.sag * abs(u)
         if p.ripple != 0.0:
-            force += p.ripple * sin(teeth * q + p.phase)
+            force += p.ripple * sin(teeth * q + p.ripple_phase)
         resist = p.viscous * vl + p.drag * vl * abs(vl) + p.cable * (ql - MIDDLE) + p.offset - pushes[k]
         brake = 0.0
         if dry:
             fading = vl * p.per_speed
-            brake = p.coulomb + p.stribeck * exp(-(fading * fading)) + p.screw * abs(force)
-        if p.gap == 0.0:
+            brake = p.coulomb + p.stribeck * exp(-(fading * fading)) + p.load_friction * abs(force)
+        if p.half_gap == 0.0:
             new = v + h * (force - resist) / p.mass
             if dry:
                 lost = h * brake / p.mass
                 new = new - lost if new > lost else new + lost if new < -lost else 0.0
             q += h * (v + new) / 2
-            twist = p.yields * (force - p.motor * (new - v) / h)
+            twist = p.compliance * (force - p.motor * (new - v) / h)
             v = vl = new
             ql = q
             continue
         fast, slow = v + h * force / p.motor, vl - h * resist / carriage
         way = q - ql + h * (fast - slow)
-        together = (way >= p.gap and fast >= slow) or (way <= -p.gap and fast <= slow)
+        together = (way >= p.half_gap and fast >= slow) or (way <= -p.half_gap and fast <= slow)
         if together:  # the flanks meet without bouncing
             fast = slow = (p.motor * fast + carriage * slow) / p.mass
         if dry:
@@ -214,11 +203,11 @@ def _ticks(
             fast = slow
         q += h * (v + fast) / 2
         ql += h * (vl + slow) / 2
-        twist = p.yields * (force - p.motor * (fast - v) / h)
+        twist = p.compliance * (force - p.motor * (fast - v) / h)
         v, vl = fast, slow
         # An impact ends within a tick: an overlap that remains over ticks would act as a spring.
-        if abs(q - ql) > p.gap:
-            over = q - ql - (p.gap if q > ql else -p.gap)
+        if abs(q - ql) > p.half_gap:
+            over = q - ql - (p.half_gap if q > ql else -p.half_gap)
             ql += over * p.motor / p.mass
             q -= over * carriage / p.mass
     return positions, speeds, sent

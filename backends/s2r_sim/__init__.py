@@ -4,10 +4,10 @@ A module imports only from its own line and the lines below it; ``tests/test_lay
 
     twins                        four places, each a mixture of effects
     backend                      the interface to s2r: a test in, a trace out
-    options, pictures, rollout, variants
+    pictures, rollout, variants
     residuals/                   the part of a recorded motion that the model does not explain
     settings, parameters         all settings of a simulator, and the test parameters
-    effects/                     physics that the nominal plant leaves out, one folder for each family
+    effects                      physics that the nominal plant leaves out
     plant/                       MuJoCo, ground, motors, sensors and noise, and the recorder of channels
     controller/                  gait, tasks, QPs and velocity estimator; it does not know the plant
     robot/                       constants, kinematics, rigid-body model, signals between robot and controller

@@ -10,27 +10,32 @@ from importlib.metadata import version
 from importlib.util import find_spec
 from math import ceil
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, get_args
 
 import numpy as np
 
-from s2r_sim.controller.gains import RATE
+from s2r_sim.controller.gains import RATE, Feedback, Form
 from s2r_sim.effects import CATALOGUE, with_effects
-from s2r_sim.options import read_options, write_options
 from s2r_sim.parameters import PARAMETERS, read_test
 from s2r_sim.plant.channels import CHANNELS, TRUE_CHANNELS
 from s2r_sim.plant.noise import Noise
 from s2r_sim.protocols import PROTOCOLS
-from s2r_sim.settings import Settings
+from s2r_sim.robot.constants import FloatArray
+from s2r_sim.settings import Record, Settings
 from s2r_spec.backend import Channel, Effect, Parameter
-from s2r_spec.effects import Choice, Values, as_values, choose
-from s2r_spec.errors import MissingPackageError
+from s2r_spec.effects import Choice, Values, as_values, choose, read_word, words
+from s2r_spec.errors import MissingPackageError, UsageError, did_you_mean, one_of
 from s2r_spec.protocols import PROTOCOL, Protocol, named
 from s2r_spec.trace import Trace
 
 _MODULES = ("mujoco", "numba", "pinocchio", "piqp")
 _DISTRIBUTIONS = ("mujoco", "numba", "numpy", "pin", "piqp")
 
+_OPTIONS: dict[str, tuple[str, ...]] = {
+    "feedback": get_args(Feedback),
+    "form": get_args(Form),
+    "record": get_args(Record),
+}
 _ONLOOKERS = frozenset({"pictures.py", "residuals", "variants.py"})
 """Source files and folders that have no influence on a trace of this backend."""
 
@@ -65,7 +70,7 @@ class SimBackend:
         for module in _MODULES:
             if find_spec(module) is None:
                 raise MissingPackageError("sim", module)
-        settings, added = read_options(options, self.settings, self.added)
+        settings, added = _read_options(options, self.settings, self.added)
         object.__setattr__(self, "settings", settings)
         object.__setattr__(self, "added", added)
         if settings.record == "truth":
@@ -142,23 +147,17 @@ class SimBackend:
         settings = self._settings
         settings = replace(settings, physics=test.world(settings.physics))
         record = simulator(settings).rollout(test, self.noise, seed, _ticks(self.duration) + 1)
-        meta: dict[str, Any] = {
-            "backend": self.name,
-            "model_hash": self.model_hash,
-            "params": test._asdict(),
-            "seed": seed,
-            "qp_failures": record.qp_failures,
-        }
+        facts = {"params": test._asdict(), "seed": seed, "qp_failures": record.qp_failures}
+        return self._trace(record.channels, record.fallen, facts)
+
+    def _trace(self, channels: dict[str, FloatArray], fallen: bool, facts: dict[str, Any]) -> Trace:
+        meta = {"backend": self.name, "model_hash": self.model_hash, **facts}
         if effects := self.chosen():
             meta["effects"] = effects
-        if record.fallen:
+        if fallen:
             meta["failure"] = "fall"
-        return Trace(
-            np.arange(record.ticks) / RATE,
-            record.channels,
-            units={channel.name: channel.unit for channel in self.channels},
-            meta=meta,
-        )
+        units = {channel.name: channel.unit for channel in self.channels if channel.name in channels}
+        return Trace(np.arange(len(channels["x"])) / RATE, channels, units, meta)
 
     def protocols(self) -> tuple[Protocol, ...]:
         """Return the excitation protocols; see :class:`s2r_spec.protocols.HasProtocols`."""
@@ -176,26 +175,9 @@ class SimBackend:
         from s2r_sim.protocols.references import reference
         from s2r_sim.protocols.simulator import protocol_simulator
 
-        channels, fallen = protocol_simulator(self._settings).run(
-            reference(protocol, **values), self.noise, seed
-        )
-        meta: dict[str, Any] = {
-            "backend": self.name,
-            "model_hash": self.model_hash,
-            PROTOCOL: protocol,
-            "params": values,
-            "seed": seed,
-        }
-        if effects := self.chosen():
-            meta["effects"] = effects
-        if fallen:
-            meta["failure"] = "fall"
-        return Trace(
-            np.arange(len(channels["x"])) / RATE,
-            channels,
-            units={channel.name: channel.unit for channel in self.channels if channel.name in channels},
-            meta=meta,
-        )
+        simulator, motion = protocol_simulator(self._settings), reference(protocol, **values)
+        channels, fallen = simulator.run(motion, self.noise, seed)
+        return self._trace(channels, fallen, {PROTOCOL: protocol, "params": values, "seed": seed})
 
     def render(self, params: Mapping[str, float], seed: int, path: str | Path) -> Trace:
         """Run one test and draw it: tiles of the gait (.png, .jpg) or a short video (.gif, .webp).
@@ -225,6 +207,39 @@ class SimBackend:
         from s2r_sim.residuals import residuals
 
         return residuals(trace, self.settings, self.added, params)
+
+
+def _read_options(text: str, settings: Settings, added: Choice) -> tuple[Settings, Choice]:
+    """Return settings and effects with the options of a text such as ``feedback=estimate,latency.delay=0.004``.
+
+    Raises:
+        UsageError: a name or a value is unknown; the message lists the valid ones.
+    """
+    for word in filter(None, text.split(",")):
+        name, _, value = word.partition("=")
+        if values := read_word(word):
+            added = choose("sim", CATALOGUE.values(), added, values)
+            continue
+        if name not in _OPTIONS:
+            raise UsageError(
+                f"the backend 'sim' has no option {name!r}{did_you_mean(name, _OPTIONS)}; it has {one_of(_OPTIONS)} "
+                f"(feedback=estimate), and every parameter of every effect (latency.delay=0.004)"
+            )
+        if value not in _OPTIONS[name]:
+            raise UsageError(f"{name} = {value!r} is not one of {one_of(_OPTIONS[name])}")
+        settings = replace(settings, **{name: value})  # type: ignore[arg-type]  # it is one of the values
+    return settings, added
+
+
+def write_options(settings: Settings, added: Choice) -> str:
+    """Return the text from which :func:`_read_options` gives these settings and effects, without defaults."""
+    nominal = Settings()
+    changed = [
+        f"{name}={getattr(settings, name)}"
+        for name in _OPTIONS
+        if getattr(settings, name) != getattr(nominal, name)
+    ]
+    return ",".join(changed + words(added))
 
 
 def _ticks(seconds: float) -> int:

@@ -107,30 +107,24 @@ def _true(trace: Trace, name: str) -> NDArray[np.float64]:
 
 
 def _furnish(spec: Any, settings: Settings) -> None:
-    """Add limbs to the robot, a checkered texture to the ground, and a light to the scene."""
     robot = settings.robot
     spec.visual.global_.offwidth, spec.visual.global_.offheight = WIDTH, HEIGHT
     spec.visual.headlight.ambient[:], spec.visual.headlight.diffuse[:] = [0.45] * 3, [0.35] * 3
-    lamp = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
-    spec.worldbody.add_light(pos=[0, -2, 4], dir=[0.1, 0.4, -1], diffuse=[0.5] * 3, type=lamp)
-    spec.add_texture(
-        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
-        rgb1=[0.93, 0.95, 0.97],
-        width=8,
-        height=48,
+    lamp, texture, pattern = mujoco.mjtLightType, mujoco.mjtTexture, mujoco.mjtBuiltin
+    spec.worldbody.add_light(
+        pos=[0, -2, 4], dir=[0.1, 0.4, -1], diffuse=[0.5] * 3, type=lamp.mjLIGHT_DIRECTIONAL
     )
-    spec.add_texture(
-        name="squares",
-        type=mujoco.mjtTexture.mjTEXTURE_2D,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
-        rgb1=[0.75, 0.77, 0.8],
-        rgb2=[0.66, 0.68, 0.72],
-        width=256,
-        height=256,
-    )
-    squares = spec.add_material(name="squares", texrepeat=[10, 10], texuniform=True)
-    squares.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "squares"
+    sky = {"type": texture.mjTEXTURE_SKYBOX, "builtin": pattern.mjBUILTIN_FLAT, "width": 8, "height": 48}
+    spec.add_texture(rgb1=[0.93, 0.95, 0.97], **sky)
+    squares = {
+        "type": texture.mjTEXTURE_2D,
+        "builtin": pattern.mjBUILTIN_CHECKER,
+        "width": 256,
+        "height": 256,
+    }
+    spec.add_texture(name="squares", rgb1=[0.75, 0.77, 0.8], rgb2=[0.66, 0.68, 0.72], **squares)
+    material = spec.add_material(name="squares", texrepeat=[10, 10], texuniform=True)
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "squares"
     spec.geom(mujoco_model.FLOOR).material = "squares"
     spec.geom("trunk").rgba = [0.16, 0.38, 0.62, 1.0]
     for leg in LEGS:

@@ -8,7 +8,6 @@ from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_sim.controller.gains import RATE
 from s2r_sim.controller.gait import Gait
@@ -18,11 +17,10 @@ from s2r_sim.plant.noise import Noise, draw, with_instruments
 from s2r_sim.plant.plant import Plant, Saved
 from s2r_sim.plant.recorder import Recorder
 from s2r_sim.plant.sensors import SensorMemory, Sensors
+from s2r_sim.robot.constants import FloatArray
 from s2r_sim.robot.leg_kinematics import stand_angles
 from s2r_sim.robot.signals import RobotState, VelocityCommand
 from s2r_sim.settings import Settings
-
-FloatArray = NDArray[np.float64]
 
 _STILL = VelocityCommand()
 
@@ -30,7 +28,6 @@ _STILL = VelocityCommand()
 class RolloutRecord(NamedTuple):
     """Record of a rollout: samples by channel, failed QPs, whether it ended in a fall."""
 
-    ticks: int
     channels: dict[str, FloatArray]
     qp_failures: int
     fallen: bool
@@ -78,48 +75,43 @@ class Simulator:
     def rollout(self, test: Test, noise: Noise, seed: int, ticks: int) -> RolloutRecord:
         """Run one test for this number of control ticks, or until the robot falls."""
         with self._lock:
-            return self._rollout(test, noise, seed, ticks)
+            plant, sensors, controller = self._plant, self._sensors, self._controller
+            settling = round(self._settings.settling * RATE)
+            period = len(self._warm)
+            random = draw(noise, seed, settling + ticks, period)
 
-    def _rollout(self, test: Test, noise: Noise, seed: int, ticks: int) -> RolloutRecord:
-        plant, sensors, controller = self._plant, self._sensors, self._controller
-        settling = round(self._settings.settling * RATE)
-        period = len(self._warm)
-        random = draw(noise, seed, settling + ticks, period)
-
-        warm = self._warm[(random.phase - settling) % period]
-        plant.restore(warm.world)
-        sensors.begin(random, warm.sensors)
-        controller.restore(warm.memory)
-        plant.origin = random.ground
-        plant.displace(random.rise, random.tilt, random.joints)
-        settings = self._settings
-        recorder = Recorder(settings.robot, settings.physics, test.command, truth=settings.record == "truth")
-        for tick in range(-settling, ticks):
-            truth = plant.truth()
-            measured = sensors.read(truth, plant.play, controller.stance)
-            if tick < 0:
-                plant.step(controller.tick(measured, _STILL).motors, tick / RATE)
-                continue
-            fallen = plant.has_fallen(truth, self._settings.fall)
-            own = sensors.reported(truth, plant.play)
-            done = controller.tick(measured, test.command)
-            plant.step(done.motors, tick / RATE, _push(test, tick, truth))
-            recorder.write(truth, own, done, plant.torque, plant.foot_forces)
-            if fallen:
-                break
-        channels = recorder.channels(sensors.estimates()[settling:], fallen)
-        channels = with_instruments(channels, noise, seed)
-        return RolloutRecord(len(recorder), channels, recorder.qp_failures, fallen)
+            warm = self._warm[(random.phase - settling) % period]
+            plant.restore(warm.world)
+            sensors.begin(random, warm.sensors)
+            controller.restore(warm.memory)
+            plant.origin = random.ground
+            plant.displace(random.rise, random.tilt, random.joints)
+            settings = self._settings
+            recorder = Recorder(
+                settings.robot, settings.physics, test.command, truth=settings.record == "truth"
+            )
+            for tick in range(-settling, ticks):
+                truth = plant.truth()
+                measured = sensors.read(truth, plant.play, controller.stance)
+                if tick < 0:
+                    plant.step(controller.tick(measured, _STILL).motors, tick / RATE)
+                    continue
+                fallen = plant.has_fallen(truth, self._settings.fall)
+                own = sensors.reported(truth, plant.play)
+                done = controller.tick(measured, test.command)
+                plant.step(done.motors, tick / RATE, _push(test, tick, truth))
+                recorder.write(truth, own, done, plant.torque, plant.foot_forces)
+                if fallen:
+                    break
+            channels = recorder.channels(sensors.estimates()[settling:], fallen)
+            return RolloutRecord(with_instruments(channels, noise, seed), recorder.qp_failures, fallen)
 
 
-@lru_cache(maxsize=32)
-def simulator(settings: Settings) -> Simulator:
-    """Return this process's simulator for these settings, built and warmed up once.
+simulator = lru_cache(maxsize=32)(Simulator)
+"""This process's simulator for some settings, built and warmed up once; it takes about 2 MiB.
 
-    A simulator takes about 2 MiB. Every slope and every payload needs its own warm
-    states, so that a search over them keeps only the last simulators.
-    """
-    return Simulator(settings)
+Every slope and every payload needs its own warm states, so that a search over them keeps only the last simulators.
+"""
 
 
 def _push(test: Test, tick: int, truth: RobotState) -> FloatArray | None:

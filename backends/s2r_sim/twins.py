@@ -11,37 +11,24 @@ from __future__ import annotations
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from s2r_sim.backend import SimBackend
+from s2r_sim.backend import SimBackend, write_options
 from s2r_sim.effects import CATALOGUE
-from s2r_sim.options import write_options
 from s2r_spec.effects import Values, choose
 from s2r_spec.errors import UsageError, did_you_mean, one_of
 
 PLACES: MappingProxyType[str, Values] = MappingProxyType(
     {
-        "lab": {
-            "motor_strength": {"factor": 0.6},
-            "dry_friction": {"torque": 0.5},
-            "latency": {"delay": 0.004},
-        },
+        "lab": {"motor_strength": {"factor": 0.6}, "dry_friction": {"torque": 0.5}, "latency": {"delay": 0.004}},
         "grass": {
-            "foot_drag": {"coefficient": 15.0},
-            "ground_friction": {"factor": 0.625},
-            "soft_ground": {"sink": 0.02},
+            "foot_drag": {"coefficient": 15.0}, "ground_friction": {"factor": 0.625}, "soft_ground": {"sink": 0.02},
         },
         "sand": {
-            "foot_drag": {"coefficient": 12.0},
-            "ground_friction": {"factor": 0.5},
-            "soft_ground": {"sink": 0.03},
+            "foot_drag": {"coefficient": 12.0}, "ground_friction": {"factor": 0.5}, "soft_ground": {"sink": 0.03},
             "shear_creep": {"stiffness": 0.1},
         },
-        "ramp": {
-            "slope": {"angle": -4.0},
-            "attitude_bias": {"pitch": -3.0},
-            "dry_friction": {"torque": 0.5},
-        },
+        "ramp": {"slope": {"angle": -4.0}, "attitude_bias": {"pitch": -3.0}, "dry_friction": {"torque": 0.5}},
     }
-)
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,12 @@ from __future__ import annotations
 from dataclasses import fields, replace
 
 from s2r_sim.plant.noise import Noise
-from s2r_sim.robot.constants import Inertia, Robot
+from s2r_sim.robot.constants import Inertia
 from s2r_sim.settings import Settings
 
 MASS_ERROR = 0.015
 """Relative uncertainty of a link's mass (dimensionless)."""
+_INITIAL = ("initial", "gait")
 INSTRUMENTS = {
     "capture_position": 2e-4,
     "capture_speed": 1e-3,
@@ -37,36 +38,17 @@ def variants(settings: Settings, noise: Noise) -> dict[str, tuple[Settings, Nois
         "more torsion": replace(p, torsion=3.0 * p.torsion),
         "joints that rub less": replace(p, damping=0.2 * p.damping, dry_friction=0.2 * p.dry_friction),
     }
-    settings_by_name = {
-        name: (replace(settings, physics=changed), noise) for name, changed in physics.items()
+    robot, light = settings.robot, 1.0 - MASS_ERROR
+    heavier = replace(robot, trunk=_scale(robot.trunk, 1.0 + MASS_ERROR))
+    lighter = replace(heavier, thigh=_scale(robot.thigh, light), calf=_scale(robot.calf, light))
+    louder = {f.name: 2.0 * getattr(noise, f.name) for f in fields(noise) if not f.name.startswith(_INITIAL)}
+    return {name: (replace(settings, physics=changed), noise) for name, changed in physics.items()} | {
+        "lighter legs, heavier trunk": (replace(settings, robot=lighter), noise),
+        "twice the sensor noise": (settings, replace(noise, **louder)),
+        "measured by instruments": (settings, replace(noise, **INSTRUMENTS)),
     }
-    settings_by_name["lighter legs, heavier trunk"] = (
-        replace(settings, robot=_shift(settings.robot)),
-        noise,
-    )
-    settings_by_name["twice the sensor noise"] = (settings, _louder(noise))
-    settings_by_name["measured by instruments"] = (settings, replace(noise, **INSTRUMENTS))
-    return settings_by_name
-
-
-def _shift(robot: Robot) -> Robot:
-    return replace(
-        robot,
-        trunk=_scale(robot.trunk, 1.0 + MASS_ERROR),
-        thigh=_scale(robot.thigh, 1.0 - MASS_ERROR),
-        calf=_scale(robot.calf, 1.0 - MASS_ERROR),
-    )
 
 
 def _scale(inertia: Inertia, factor: float) -> Inertia:
     moments = {name: getattr(inertia, name) * factor for name in ("mass", "xx", "yy", "zz", "xy", "xz", "yz")}
     return replace(inertia, **moments)
-
-
-def _louder(noise: Noise) -> Noise:
-    spread = {
-        f.name: 2.0 * getattr(noise, f.name)
-        for f in fields(noise)
-        if not f.name.startswith(("initial", "gait"))
-    }
-    return replace(noise, **spread)

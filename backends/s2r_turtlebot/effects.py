@@ -12,7 +12,7 @@ from math import exp
 from pathlib import Path
 from typing import Self
 
-from s2r_spec.backend import Effect, EffectParameter
+from s2r_spec.backend import Effect
 from s2r_spec.effects import (
     Choice,
     ModelEffect,
@@ -78,54 +78,30 @@ class Physics:
         return body
 
 
-CATALOGUE = (
-    ModelEffect(
-        "position_bias", "sensing", "The robot's estimate of its position is this much too far to the left.",
-        (EffectParameter("left", "m", low=-0.2, high=0.2, nominal=0.0, prior="normal, 0.04 m"),),
-        (adds("left"),),
-    ),
-    ModelEffect(
-        "heading_bias", "sensing", "The robot's estimate of its heading is this much too far to the left.",
-        (EffectParameter("angle", "rad", low=-0.5, high=0.5, nominal=0.0, prior="normal, 0.1 rad"),),
-        (adds("heading"),),
-    ),
-    ModelEffect(
-        "latency", "timing", "Commands reach the wheels this much later; before the first one the wheels stand still.",
-        (EffectParameter("delay", "s", low=0.0, high=0.3, nominal=0.0, prior="half-normal, 0.06 s"),),
-        (adds("delay"),),
-    ),
-    ModelEffect(
-        "speed_limit", "actuation", "No wheel turns faster than this; both slow down by the same factor.",
-        (EffectParameter("speed", "m/s", low=0.1, high=1.0, nominal=1.0, prior="1 minus half-normal, 0.3 m/s"),),
-        (limits("speed"),),
-    ),
-    ModelEffect(
-        "motor_lag", "actuation", "The speed of the wheels follows the command with this time constant.",
-        (EffectParameter("time", "s", low=0.0, high=0.5, nominal=0.0, prior="half-normal, 0.1 s"),),
-        (adds("lag"),),
-    ),
-    ModelEffect(
-        "wheel_radius", "geometry", "Both wheels are larger than drawn by this factor, so the robot drives faster.",
-        (EffectParameter("factor", "", low=0.7, high=1.3, nominal=1.0,
-                         prior="normal around 1, standard deviation 0.1"),),
-        (scales("radius"),),
-    ),
-    ModelEffect(
-        "uneven_wheels", "geometry", "The right wheel travels farther by this share, and the left wheel less by it.",
-        (EffectParameter("share", "", low=-0.1, high=0.1, nominal=0.0, prior="normal, 0.02"),),
-        (adds("uneven"),),
-    ),
-    ModelEffect(
-        "axle_length", "geometry", "The axle is longer than in the drawing by this factor, so the robot turns less.",
-        (EffectParameter("factor", "", low=0.5, high=1.6, nominal=1.0,
-                         prior="normal around 1, standard deviation 0.15"),),
-        (scales("axle"),),
-    ),
-    ModelEffect(
-        "turning_slip", "contact", "The faster the robot drives, the less it turns, because the wheels slide sideways.",
-        (EffectParameter("coefficient", "s/m", low=0.0, high=4.0, nominal=0.0, prior="half-normal, 0.8 s/m"),),
-        (adds("slip"),),
-    ),
+effect = ModelEffect.of
+CATALOGUE = (  # of a parameter: name, unit, low, high, nominal value, prior, and what it changes
+    effect("position_bias", "sensing", "The robot's estimate of its position is this much too far to the left.",
+           ("left", "m", -0.2, 0.2, 0.0, "normal, 0.04 m", adds("left"))),
+    effect("heading_bias", "sensing", "The robot's estimate of its heading is this much too far to the left.",
+           ("angle", "rad", -0.5, 0.5, 0.0, "normal, 0.1 rad", adds("heading"))),
+    effect("latency", "timing",
+           "Commands reach the wheels this much later; before the first one the wheels stand still.",
+           ("delay", "s", 0.0, 0.3, 0.0, "half-normal, 0.06 s", adds("delay"))),
+    effect("speed_limit", "actuation", "No wheel turns faster than this; both slow down by the same factor.",
+           ("speed", "m/s", 0.1, 1.0, 1.0, "1 minus half-normal, 0.3 m/s", limits("speed"))),
+    effect("motor_lag", "actuation", "The speed of the wheels follows the command with this time constant.",
+           ("time", "s", 0.0, 0.5, 0.0, "half-normal, 0.1 s", adds("lag"))),
+    effect("wheel_radius", "geometry", "Both wheels are larger than drawn by this factor, so the robot drives faster.",
+           ("factor", "", 0.7, 1.3, 1.0, "normal around 1, standard deviation 0.1", scales("radius"))),
+    effect("uneven_wheels", "geometry",
+           "The right wheel travels farther by this share, and the left wheel less by it.",
+           ("share", "", -0.1, 0.1, 0.0, "normal, 0.02", adds("uneven"))),
+    effect("axle_length", "geometry",
+           "The axle is longer than in the drawing by this factor, so the robot turns less.",
+           ("factor", "", 0.5, 1.6, 1.0, "normal around 1, standard deviation 0.15", scales("axle"))),
+    effect("turning_slip", "contact",
+           "The faster the robot drives, the less it turns, because the wheels slide sideways.",
+           ("coefficient", "s/m", 0.0, 4.0, 0.0, "half-normal, 0.8 s/m", adds("slip"))),
 )  # fmt: skip
 
 

@@ -11,20 +11,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.attribution.place import instant
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.binding import bind, names
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.grid import Grid
+from s2r_spec.robustness.numbers import SampledSignals
 from s2r_spec.robustness.reading import read_params, read_signals
-from s2r_spec.robustness.sampled import SampledAlgebra, SampledSignals
+from s2r_spec.robustness.sampled import numbers_at, sampled_algebra
 from s2r_spec.robustness.ticks import Ticks, clock_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
 
 SAME = 1e-6
 """Tolerance [s]: sample times closer than this are the same."""
@@ -34,10 +33,8 @@ class Evaluated:
     """Formulas and numbers on given signals; each is evaluated once."""
 
     def __init__(self, samples: SampledSignals) -> None:
-        self.samples = samples
-        algebra = SampledAlgebra(samples)
-        self.numbers = algebra.numbers
-        self.walk = Walk(algebra, samples.until)
+        self.numbers = numbers_at(samples)
+        self.walk = Walk(sampled_algebra(self.numbers), samples.until)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,21 +92,18 @@ def align(
     last = min(trace.duration for trace in (simulated, real))
     times = (real.times - real.times[0])[real.times - real.times[0] <= last + SAME]
     flags = frozenset(signal.name for signal in declared if signal.boolean)
-    real_signals, simulated_signals = (
-        {
-            name: _at(times, trace.times - trace.times[0], samples, name in flags)
-            for name, samples in read_signals(declared, trace).items()
-        }
-        for trace in (real, simulated)
-    )
+
+    def at_times(trace: Trace) -> dict[str, FloatArray]:
+        own, signals = trace.times - trace.times[0], read_signals(declared, trace)
+        return {name: _at(times, own, samples, name in flags) for name, samples in signals.items()}
+
+    real_signals = at_times(real)
     pair = Aligned(
-        formula=bind(
-            spec.formulas[requirement], {name: float(value.item()) for name, value in numbers.items()}
-        ),
+        formula=bind(spec.formulas[requirement], {name: value.item() for name, value in numbers.items()}),
         times=real.times[: times.size],
         clock=clock_of(times),
         params=numbers,
-        simulated=simulated_signals,
+        simulated=at_times(simulated),
         real=real_signals,
         flags=flags,
         delta=real_rho - simulated_rho,

@@ -6,16 +6,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from s2r_spec.attribution.align import Aligned, align
+from s2r_spec.attribution.align import align
 from s2r_spec.attribution.critical import Switch, switch
 from s2r_spec.attribution.path import Path, PathPiece
 from s2r_spec.lang import formula as f
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
 
 BINS = 300
 """Budget: bins of a trace in JSON."""
@@ -28,10 +26,8 @@ class FormulaShare:
     """A sub-formula and its part of Δρ.
 
     Attributes:
-        text: its text in the specification.
+        text, line, span: its text in the specification, its line, and (start, end) in the text.
         name: the name of a named sub-formula; "" for others.
-        line: its line in the specification.
-        span: (start, end) of it in the specification's text.
         depth: number of sub-formulas around it.
         predicate: whether it is a predicate, the end of a branch.
         amount: its part of Δρ, in the unit of ρ.
@@ -48,13 +44,7 @@ class FormulaShare:
 
 @dataclass(frozen=True)
 class Window:
-    """One of equal windows of time.
-
-    Attributes:
-        begin: the start of the window [s].
-        end: the end of the window [s].
-        delta: the contribution of the window to Δρ.
-    """
+    """One of equal windows of time, from ``begin`` to ``end`` [s], and its part of Δρ."""
 
     begin: float
     end: float
@@ -63,13 +53,7 @@ class Window:
 
 @dataclass(frozen=True)
 class BinnedChannel:
-    """One channel of both traces, in the spec's unit.
-
-    Attributes:
-        real: means over bins.
-        simulated: means over bins.
-        delta: the contribution of each bin to Δρ.
-    """
+    """One channel of both traces, in the spec's unit: means over bins, and the part of each bin of Δρ."""
 
     real: list[float]
     simulated: list[float]
@@ -78,12 +62,7 @@ class BinnedChannel:
 
 @dataclass(frozen=True)
 class BinnedTraces:
-    """A real and a simulated trace, in bins of samples.
-
-    Attributes:
-        begin: the start of each bin [s].
-        channels: name of the channel → samples.
-    """
+    """A real and a simulated trace, in bins of samples; ``begin`` is the start of each bin [s]."""
 
     begin: list[float]
     channels: dict[str, BinnedChannel]
@@ -148,8 +127,9 @@ class Attribution:
 
     def binned(self, most: int = BINS) -> BinnedTraces:
         """Return means of the samples and sums of their parts, over bins of equal size."""
-        starts = np.unique(np.linspace(0, self.times.size, min(most, self.times.size) + 1).astype(int)[:-1])
-        counts = np.diff(np.append(starts, self.times.size))
+        n = self.times.size
+        starts = np.unique(np.linspace(0, n, min(most, n) + 1).astype(int)[:-1])
+        counts = np.diff(np.append(starts, n))
 
         def plain(values: FloatArray) -> list[float]:
             return [float(f"{value:.6g}") for value in np.add.reduceat(values, starts)]
@@ -170,23 +150,15 @@ class Attribution:
 def attribute(
     spec: Spec, requirement: str, real: Trace, simulated: Trace, params: Mapping[str, float]
 ) -> Attribution:
-    """Return the parts of Δρ = ρ_real − ρ_sim of one pair of rollouts.
-
-    Args:
-        spec: the specification.
-        requirement: one of its requirements.
-        real: a real rollout.
-        simulated: a simulated rollout of the same test.
-        params: the test.
-
-    Raises:
-        TraceError: a channel is missing, or does not fit the spec.
-        UsageError: a parameter is missing, or a trace fell and the spec declares no ρ for that.
-    """
+    """Return the parts of Δρ = ρ_real − ρ_sim of one pair of rollouts of a test; for errors see :func:`align`."""
     pair = align(spec, requirement, real, simulated, params)
     path = Path(pair)
     pieces = list(path.pieces())
-    credit = _by_channel(pair, pieces)
+    sums = {name: np.zeros_like(samples) for name, samples in pair.real.items()}
+    for piece in pieces:
+        for name, amounts in piece.credit.items():
+            sums[name] += amounts
+    credit = label_components(sums)
     return Attribution(
         requirement=requirement,
         unit=spec.unit(requirement),
@@ -236,15 +208,6 @@ def _walk_formulas(node: f.Formula, depth: int, seen: set[int]) -> Iterator[tupl
         for child in f.children(node):
             if isinstance(child, f.Formula):
                 yield from _walk_formulas(child, depth, seen)
-
-
-def _by_channel(pair: Aligned, pieces: list[PathPiece]) -> dict[str, FloatArray]:
-    """Return label → (n,) sums over the pieces, for every channel of the formula."""
-    sums = {name: np.zeros_like(samples) for name, samples in pair.real.items()}
-    for piece in pieces:
-        for name, amounts in piece.credit.items():
-            sums[name] += amounts
-    return label_components(sums)
 
 
 def label_components(signals: Mapping[str, FloatArray]) -> dict[str, FloatArray]:

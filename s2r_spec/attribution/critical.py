@@ -27,12 +27,10 @@ class Critical:
     """The predicate and sample that decide ρ of one trace.
 
     Attributes:
-        predicate: its text in the specification.
+        predicate, line: its text in the specification, and its line.
         name: name of the innermost named sub-formula around it; "" for none.
-        line: its line in the specification.
         time: time of the sample [s].
-        simulated: ± its margin on the simulated trace, in the unit of ρ.
-        real: ± its margin on the real trace.
+        simulated, real: ± its margin on each trace, in the unit of ρ.
     """
 
     predicate: str
@@ -49,11 +47,9 @@ class Critical:
 
 @dataclass(frozen=True)
 class Switch(Shown):
-    """The critical predicates in simulation and on the real machine.
+    """The predicates that decide ρ in simulation and on the real machine.
 
     Attributes:
-        simulated: the predicate that decides ρ of the simulated trace.
-        real: the predicate that decides ρ of the real trace.
         bounds: bounds on Δρ; None if ρ is neither a minimum nor a maximum of margins.
         words: the same in a sentence.
     """
@@ -98,14 +94,8 @@ def switch(path: Path) -> Switch | None:
 
     simulated, real = critical(start.steps), critical(end.steps)
     changes = real.real - real.simulated, simulated.real - simulated.simulated
-    match kind(path.pair.formula):
-        case "mixed":
-            bounds = None
-        case "max":
-            bounds = changes[1], changes[0]
-        case _:
-            bounds = changes
-    return Switch(simulated, real, bounds)
+    over = kind(path.pair.formula)
+    return Switch(simulated, real, None if over == "mixed" else changes[::-1] if over == "max" else changes)
 
 
 def kind(formula: f.Formula, negated: bool = False) -> Kind:

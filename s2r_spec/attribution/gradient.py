@@ -8,12 +8,10 @@ Tests compare the two.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.numbers import Numbers
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray, IntArray
 
 
 def margin_gradient(node: f.Comparison, numbers: Numbers, sample: int) -> dict[str, FloatArray]:
@@ -25,14 +23,10 @@ def margin_gradient(node: f.Comparison, numbers: Numbers, sample: int) -> dict[s
     seed[0, sample] = 1.0
     back = _Backwards(numbers)
     left, right = numbers(node.left)[..., 0, :], numbers(node.right)[..., 0, :]
-    match node.operator:
-        case "<" | "<=":
-            sign = -1.0
-        case ">" | ">=":
-            sign = 1.0
-        case "==" | "!=":
-            ahead = np.broadcast_to(left >= right, (numbers.clock.count,))[sample]
-            sign = 1.0 if ahead == (node.operator == "!=") else -1.0
+    sign = -1.0 if node.operator in ("<", "<=") else 1.0
+    if node.operator in ("==", "!="):
+        ahead = np.broadcast_to(left >= right, (numbers.clock.count,))[sample]
+        sign = 1.0 if ahead == (node.operator == "!=") else -1.0
     with np.errstate(all="ignore"):
         back.add(node.left, sign * seed)
         back.add(node.right, -sign * seed)
@@ -136,7 +130,7 @@ class _Backwards:
                 return _integral(seed, times, node.seconds)
 
 
-def _scatter(seed: FloatArray, index: NDArray[np.intp]) -> FloatArray:
+def _scatter(seed: FloatArray, index: IntArray) -> FloatArray:
     """Return the transpose of ``x[:, index]``."""
     result = np.zeros_like(seed)
     for row, held in zip(seed, result, strict=True):

@@ -23,14 +23,12 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.attribution.align import Aligned, Evaluated
 from s2r_spec.attribution.gradient import margin_gradient
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.deciding import DescentStep, descend
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
 
 _PIECES = 4
 """Budget: least number of pieces, because a minimum of maxima can return to a predicate."""
@@ -101,18 +99,16 @@ class Path:
             if not late:
                 yield from self._jump(before, after)
 
-    def _signals(self, at: float, late: bool) -> dict[str, FloatArray]:
-        pair = self.pair
-        return {
-            name: (pair.real[name] if late else other)
-            if name in pair.flags
-            else (1.0 - at) * other + at * pair.real[name]
-            for name, other in pair.simulated.items()
-        }
-
     def _algebra(self, at: float, late: bool) -> Evaluated:
         if (at, late) not in self._algebras:
-            self._algebras[at, late] = self.pair.algebra(self._signals(at, late))
+            pair = self.pair
+            signals = {
+                name: (pair.real[name] if late else other)
+                if name in pair.flags
+                else (1.0 - at) * other + at * pair.real[name]
+                for name, other in pair.simulated.items()
+            }
+            self._algebras[at, late] = pair.algebra(signals)
         return self._algebras[at, late]
 
     def _point(self, at: float, late: bool) -> _Point:
@@ -197,7 +193,7 @@ class Path:
         steps = b.steps if isinstance(b.steps[-1].node, f.Comparison) else a.steps
         if amount == 0.0 or not np.isfinite(amount):
             return
-        before, after = a.algebra.samples.signals, b.algebra.samples.signals
+        before, after = a.algebra.numbers.signals, b.algebra.numbers.signals
         changed = [name for name in before if not np.array_equal(before[name], after[name])]
         alone = np.array([abs(self.pair.rho({**before, name: after[name]}) - a.rho) for name in changed])
         alone = np.where(np.isfinite(alone), alone, 0.0)

@@ -35,12 +35,10 @@ class ValueRange:
     """Values of one quantity, in its unit.
 
     Attributes:
-        low: lower end; −inf for none.
-        high: upper end; inf for none.
+        low, high: the ends; ∓inf for none.
         unit: of both, as the specification writes it.
         name: the channel or the parameter; "" for time.
-        lowest: the lowest value that occurs at all; −inf if it is not known.
-        highest: the highest value that occurs at all; inf if it is not known.
+        lowest, highest: the ends of all values that occur at all; ∓inf if they are not known.
     """
 
     low: float
@@ -99,14 +97,13 @@ class ValueRange:
         """Return both ends, rounded to the width of the range, and their unit."""
         low, high = max(self.low, self.lowest), min(self.high, self.highest)
         scale = Scale.of(max(abs(end) for end in (low, high) if math.isfinite(end)), self.unit)
-        texts = [
-            _number(
-                end / scale.factor,
-                (ROUNDING * self._width if math.isfinite(self._width) else DIGITS * abs(end)) / scale.factor,
-            )
-            for end in (low, high)
-        ]
-        return texts[0], texts[1], scale.unit
+        finite = math.isfinite(self._width)
+        errors = [ROUNDING * self._width if finite else DIGITS * abs(end) for end in (low, high)]
+        first, last = (
+            _number(end / scale.factor, error / scale.factor)
+            for end, error in zip((low, high), errors, strict=True)
+        )
+        return first, last, scale.unit
 
 
 @dataclass(frozen=True)
@@ -173,11 +170,8 @@ def cause_first(items: Sequence[T], place: Callable[[T], Place], strength: Calla
     large, ordered = by_strength[:count], []
     while large:
         places = [place(one) for one in large]
-        ordered.append(
-            large.pop(
-                next(k for k, late in enumerate(places) if not any(early.precedes(late) for early in places))
-            )
-        )
+        late = next(k for k, one in enumerate(places) if not any(early.precedes(one) for early in places))
+        ordered.append(large.pop(late))
     return ordered + by_strength[count:]
 
 

@@ -1,65 +1,37 @@
 """Backends: what one declares and can do, and how it is found by its name. Authors import from here."""
 
-from s2r_spec.backend.capabilities import (
-    VOID,
-    Backend,
-    HasChosen,
-    HasDuration,
-    HasEffects,
-    HasOptions,
-    HasPictures,
-    HasRecordings,
-    HasResiduals,
-    HasVariants,
-    KeepsRaw,
-    Needs,
-    NeedsSpec,
-    Option,
-    Prepares,
-    Recording,
-    SaysWhenItBegins,
-    assumptions_of,
-    hands_over,
-    is_exclusive,
-)
-from s2r_spec.backend.model import Channel, Effect, EffectParameter, Parameter, read_test, refuse_unknown
-from s2r_spec.backend.operator import Attended, Coming, HasAttendance, Operator
-from s2r_spec.backend.registry import described, fault, installed, load_backend, short
-
-__all__ = [
-    "VOID",
-    "Attended",
-    "Backend",
-    "Channel",
-    "Coming",
-    "Effect",
-    "EffectParameter",
-    "HasAttendance",
-    "HasChosen",
-    "HasDuration",
-    "HasEffects",
-    "HasOptions",
-    "HasPictures",
-    "HasRecordings",
-    "HasResiduals",
-    "HasVariants",
-    "KeepsRaw",
-    "Needs",
-    "NeedsSpec",
-    "Operator",
-    "Option",
-    "Parameter",
-    "Prepares",
-    "Recording",
-    "SaysWhenItBegins",
-    "assumptions_of",
-    "described",
-    "fault",
-    "hands_over",
-    "installed",
-    "is_exclusive",
-    "load_backend",
-    "read_test",
-    "refuse_unknown",
-    "short",
-]
+from s2r_spec.backend.capabilities import VOID as VOID
+from s2r_spec.backend.capabilities import Backend as Backend
+from s2r_spec.backend.capabilities import HasChosen as HasChosen
+from s2r_spec.backend.capabilities import HasDuration as HasDuration
+from s2r_spec.backend.capabilities import HasEffects as HasEffects
+from s2r_spec.backend.capabilities import HasOptions as HasOptions
+from s2r_spec.backend.capabilities import HasPictures as HasPictures
+from s2r_spec.backend.capabilities import HasRecordings as HasRecordings
+from s2r_spec.backend.capabilities import HasResiduals as HasResiduals
+from s2r_spec.backend.capabilities import HasVariants as HasVariants
+from s2r_spec.backend.capabilities import KeepsRaw as KeepsRaw
+from s2r_spec.backend.capabilities import Needs as Needs
+from s2r_spec.backend.capabilities import NeedsSpec as NeedsSpec
+from s2r_spec.backend.capabilities import Option as Option
+from s2r_spec.backend.capabilities import Prepares as Prepares
+from s2r_spec.backend.capabilities import Recording as Recording
+from s2r_spec.backend.capabilities import SaysWhenItBegins as SaysWhenItBegins
+from s2r_spec.backend.capabilities import assumptions_of as assumptions_of
+from s2r_spec.backend.capabilities import hands_over as hands_over
+from s2r_spec.backend.capabilities import is_exclusive as is_exclusive
+from s2r_spec.backend.model import Channel as Channel
+from s2r_spec.backend.model import Effect as Effect
+from s2r_spec.backend.model import EffectParameter as EffectParameter
+from s2r_spec.backend.model import Parameter as Parameter
+from s2r_spec.backend.model import read_test as read_test
+from s2r_spec.backend.model import refuse_unknown as refuse_unknown
+from s2r_spec.backend.operator import Attended as Attended
+from s2r_spec.backend.operator import Coming as Coming
+from s2r_spec.backend.operator import HasAttendance as HasAttendance
+from s2r_spec.backend.operator import Operator as Operator
+from s2r_spec.backend.registry import described as described
+from s2r_spec.backend.registry import fault as fault
+from s2r_spec.backend.registry import installed as installed
+from s2r_spec.backend.registry import load_backend as load_backend
+from s2r_spec.backend.registry import short as short

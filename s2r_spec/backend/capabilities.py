@@ -13,57 +13,41 @@ from s2r_spec.trace import Trace
 
 @runtime_checkable
 class Backend(Protocol):
-    """A simulator, a robot or a recording.
-
-    Attributes:
-        name: name and options, as in ``--backend`` ("twin:lab").
-        channels: every channel of every trace, with units.
-        parameters: every test parameter, with units, ranges and defaults.
-        deterministic: whether the same parameters and seed give the same trace, bit for bit, whatever ran before and
-            in whichever process. A run tests this once.
-        duration: duration of a trace [s], unless the rollout fails early.
-        cost: expected time of one rollout on one core [s], for planning.
-        model_hash: hash that changes whenever the traces could (constants, gains, solver versions).
-    """
+    """A simulator, a robot or a recording."""
 
     @property
     def name(self) -> str:
-        """Name and options, as in ``--backend``."""
-        ...
+        """Name and options, as in ``--backend`` ("twin:lab")."""
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """Every channel of every trace."""
-        ...
+        """Every channel of every trace, with units."""
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Every test parameter."""
-        ...
+        """Every test parameter, with units, ranges and defaults."""
 
     @property
     def deterministic(self) -> bool:
-        """Whether parameters and seed determine the trace."""
-        ...
+        """Whether the same parameters and seed give the same trace, bit for bit.
+
+        Whatever ran before it and in whichever process. A run tests this once.
+        """
 
     @property
     def duration(self) -> float:
-        """Duration of a trace [s]."""
-        ...
+        """Duration of a trace [s], unless the rollout fails early."""
 
     @property
     def cost(self) -> float:
-        """Expected time of one rollout on one core [s]."""
-        ...
+        """Expected time of one rollout on one core [s], for planning."""
 
     @property
     def model_hash(self) -> str:
-        """Hex digest over everything that determines a trace."""
-        ...
+        """Hash that changes whenever the traces could (constants, gains, solver versions)."""
 
     def rollout(self, params: Mapping[str, float], seed: int) -> Trace:
         """Run one test. A fall or a crash sets ``meta["failure"]`` and raises nothing."""
-        ...
 
 
 @runtime_checkable
@@ -72,7 +56,6 @@ class HasDuration(Protocol):
 
     def with_duration(self, seconds: float) -> Self:
         """Return this backend with rollouts of this duration [s]."""
-        ...
 
 
 @runtime_checkable
@@ -85,7 +68,6 @@ class HasPictures(Protocol):
         Raises:
             UsageError: it cannot be drawn on this computer.
         """
-        ...
 
 
 @dataclass(frozen=True)
@@ -112,7 +94,6 @@ class HasRecordings(Protocol):
     @property
     def recordings(self) -> tuple[Recording, ...]:
         """Every recording once, with parameters in the backend's units; runs of protocols have their names."""
-        ...
 
 
 @runtime_checkable
@@ -121,11 +102,9 @@ class HasEffects(Protocol):
 
     def effects(self) -> tuple[Effect, ...]:
         """Return the catalogue of effects."""
-        ...
 
     def with_effects(self, values: Mapping[str, Mapping[str, float]]) -> Self:
         """Return this backend with these effects added: effect → parameter → value."""
-        ...
 
 
 @runtime_checkable
@@ -134,7 +113,6 @@ class HasChosen(Protocol):
 
     def chosen(self) -> Mapping[str, Mapping[str, float]]:
         """Return effect → parameter → value of all effects set by ``with_effects`` or by options."""
-        ...
 
 
 @runtime_checkable
@@ -166,7 +144,6 @@ class HasResiduals(Protocol):
         Raises:
             TraceError: the trace lacks the channels of every residual; the message lists them.
         """
-        ...
 
 
 @runtime_checkable
@@ -179,7 +156,6 @@ class HasVariants(Protocol):
 
     def variants(self) -> Mapping[str, Backend]:
         """Return name → this simulator with one idealisation replaced by an equally valid one."""
-        ...
 
 
 def is_exclusive(backend: object) -> bool:
@@ -226,7 +202,6 @@ class Prepares(Protocol):
         Called once for a simulator. For a machine it is called before every rollout, and before the question to the
         operator.
         """
-        ...
 
 
 @runtime_checkable
@@ -235,7 +210,6 @@ class KeepsRaw(Protocol):
 
     def keeping(self, folder: str) -> Self:
         """Return this backend with its raw recordings in a folder; no file is ever overwritten."""
-        ...
 
 
 @runtime_checkable
@@ -244,7 +218,6 @@ class SaysWhenItBegins(Protocol):
 
     def saying(self, begins: Callable[[], None]) -> Self:
         """Return this backend with rollouts that call ``begins`` at t = 0, from which ``--timeout`` counts."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -268,7 +241,6 @@ class NeedsSpec(Protocol):
 
     def for_spec(self, needs: Needs) -> Self:
         """Return this backend with these channels and parameters; open nothing."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ import operator
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
@@ -85,6 +85,12 @@ class ModelEffect(Effect):
     """An effect that changes fields of a model; ``changes`` has one change for each parameter, in their order."""
 
     changes: tuple[Change, ...] = ()
+
+    @classmethod
+    def of(cls, name: str, family: str, physics: str, *rows: tuple[Any, ...]) -> Self:
+        """Return an effect from rows of a table: the six fields of a parameter, and the change that it makes."""
+        parameters = tuple(EffectParameter(*row[:6]) for row in rows)
+        return cls(name, family, physics, parameters, tuple(change for row in rows for change in row[6:]))
 
     def apply(self, model: Any, **values: float) -> Any:
         """Return a copy of a frozen dataclass with the effect in it; ``values`` has every parameter."""
@@ -203,18 +209,13 @@ def _check(backend: str, effect: Effect, chosen: Mapping[str, float]) -> Effect:
                 f"backend {backend!r}: the effect {effect.name!r} has {p.name!r} in [{p.low:g}, {p.high:g}] with the "
                 f"nominal value {p.nominal:g}; declare finite ends, low < high, and a nominal value between them"
             )
-        if _lacks_scale(p):
+        if _NORMAL.search(p.prior) and not prior_scale(p):
             raise BackendError(
                 f"backend {backend!r}: the effect {effect.name!r} has {p.name!r} with the prior {p.prior!r} without a "
                 f"scale; write 'half-normal, 20 N' or 'normal around 1, standard deviation 0.1'"
             )
     parameters = tuple(replace(p, nominal=float(chosen.get(p.name, p.nominal))) for p in effect.parameters)
     return replace(effect, parameters=parameters)
-
-
-def _lacks_scale(parameter: EffectParameter) -> bool:
-    """Return whether a prior names a normal distribution without a scale in the parameter's unit."""
-    return bool(_NORMAL.search(parameter.prior)) and not prior_scale(parameter)
 
 
 def prior_scale(parameter: EffectParameter) -> float:

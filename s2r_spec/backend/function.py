@@ -70,7 +70,6 @@ class FunctionBackend:
 
 
 def _hash(function: Any, name: str) -> str:
-    """Return a hash of a function's source, or of its compiled code."""
     try:
         source = inspect.getsource(function).encode()
     except (OSError, TypeError):

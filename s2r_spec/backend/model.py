@@ -6,11 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from s2r_spec.base.errors import (
-    UsageError,
-    did_you_mean,
-    one_of,
-)
+from s2r_spec.base.errors import UsageError, did_you_mean, one_of
 
 
 @dataclass(frozen=True)
@@ -92,11 +88,6 @@ class Parameter:
 def refuse_unknown(name: str, parameters: Iterable[Parameter], params: Iterable[str]) -> None:
     """Refuse a test with an undeclared parameter, because the rollout would run a different test.
 
-    Args:
-        name: name of the backend.
-        parameters: parameters that the backend declares.
-        params: names of the test's parameters.
-
     Raises:
         UsageError: the backend does not declare one of them.
     """
@@ -110,11 +101,6 @@ def refuse_unknown(name: str, parameters: Iterable[Parameter], params: Iterable[
 
 def read_test(name: str, parameters: Iterable[Parameter], params: Mapping[str, float]) -> dict[str, float]:
     """Return the value of every declared parameter; a missing one takes its default.
-
-    Args:
-        name: name of the backend.
-        parameters: parameters that the backend declares.
-        params: parameters of the test.
 
     Raises:
         UsageError: a parameter is not declared, is not a number, or is outside its range.

@@ -14,7 +14,6 @@ class Operator(Protocol):
 
     def say(self, text: str) -> None:
         """Show a text; without a terminal, on standard error."""
-        ...
 
     def type_word(self, question: str, word: str) -> None:
         """Ask until the person types exactly this word.
@@ -23,7 +22,6 @@ class Operator(Protocol):
             StoppedError: ``q``, the end of input, or Ctrl-C.
             UsageError: there is no terminal.
         """
-        ...
 
     def choose(self, question: str, answers: Mapping[str, str]) -> str:
         """Return the key that the person types, one of key → meaning; the key "" is Enter alone.
@@ -32,7 +30,6 @@ class Operator(Protocol):
             StoppedError: ``q``, the end of input, or Ctrl-C.
             UsageError: there is no terminal.
         """
-        ...
 
     def line(self, question: str) -> str:
         """Return the line that the person types, such as the path of a file.
@@ -41,7 +38,6 @@ class Operator(Protocol):
             StoppedError: ``q``, the end of input, or Ctrl-C.
             UsageError: there is no terminal.
         """
-        ...
 
 
 @dataclass(frozen=True)
@@ -67,7 +63,6 @@ class Attended(Protocol):
 
     def begin(self, coming: Coming) -> None:
         """Prepare the machine and ask for the operator's consent, before the first rollout."""
-        ...
 
     def before(self, params: Mapping[str, float]) -> None:
         """Return when the rollout of this test may begin.
@@ -76,19 +71,15 @@ class Attended(Protocol):
             NotBegunError: the rollout may not begin; the operator decides whether to try again.
             StoppedError: the operator ends the run.
         """
-        ...
 
     def after(self, trace: Trace | None) -> None:
         """Finish a rollout, whose trace is recorded; None if it left no trace or did not begin."""
-        ...
 
     def interrupt(self, urgent: bool) -> None:
         """Bring the machine to rest during a rollout; at once if ``urgent``, after a second Ctrl-C. Returns soon."""
-        ...
 
     def end(self) -> None:
         """Leave the machine at rest after the last rollout, or after any other end of the run."""
-        ...
 
 
 @runtime_checkable
@@ -97,4 +88,3 @@ class HasAttendance(Protocol):
 
     def attendance(self, operator: Operator) -> Attended:
         """Return the attendance of a run's rollouts; open nothing."""
-        ...

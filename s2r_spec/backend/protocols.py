@@ -81,7 +81,6 @@ class HasInputs(typing.Protocol):
             TraceError: a channel of the input is missing, or its samples are not those of the controller.
             UsageError: a parameter is unknown or out of range.
         """
-        ...
 
 
 @runtime_checkable
@@ -90,7 +89,6 @@ class HasProtocols(typing.Protocol):
 
     def protocols(self) -> tuple[Protocol, ...]:
         """Return the protocols that this backend can run."""
-        ...
 
     def run(self, protocol: str, params: Mapping[str, float], seed: int) -> Trace:
         """Run a protocol; ``meta["protocol"]`` of the trace is its name.
@@ -100,7 +98,6 @@ class HasProtocols(typing.Protocol):
         Raises:
             UsageError: the backend has no such protocol, or a parameter is unknown or out of range.
         """
-        ...
 
 
 @runtime_checkable
@@ -117,7 +114,6 @@ class HasPlayable(typing.Protocol):
         Raises:
             UsageError: the backend has no such protocol, or a parameter is unknown or out of range.
         """
-        ...
 
 
 @runtime_checkable
@@ -131,7 +127,6 @@ class AttendsProtocols(typing.Protocol):
             NotBegunError: the run may not begin; the operator decides whether to try again.
             StoppedError: the operator ends the run.
         """
-        ...
 
 
 def named(protocols: Iterable[Protocol], name: str, backend: str) -> Protocol:

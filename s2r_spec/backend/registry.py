@@ -10,19 +10,10 @@ from hashlib import sha256
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from s2r_spec.backend.capabilities import (
-    Backend,
-    HasOptions,
-    Option,
-)
+from s2r_spec.backend.capabilities import Backend, HasOptions, Option
 from s2r_spec.backend.model import Channel, Parameter
 from s2r_spec.base.distribution import BACKENDS
-from s2r_spec.base.errors import (
-    BackendError,
-    MissingPackageError,
-    S2RError,
-    UnknownBackendError,
-)
+from s2r_spec.base.errors import BackendError, MissingPackageError, S2RError, UnknownBackendError
 
 
 def installed() -> dict[str, EntryPoint]:

@@ -44,15 +44,10 @@ def package(module: str) -> str:
 
 
 def install_command(modules: Iterable[str], distribution: Distribution | None) -> str:
-    """Return the command that installs the packages of some modules.
+    """Return the command that installs the packages of some modules: ``pip install 's2r-spec[logs]'``.
 
-    Args:
-        modules: names of the modules.
-        distribution: the distribution that may have an extra for them.
-
-    Returns:
-        ``pip install 's2r-spec[logs]'`` with the smallest extra that requires all of these packages. Without such
-        an extra, or without metadata, the command names the packages themselves.
+    It names the distribution's smallest extra that requires all of them. Without such an extra, or without metadata, it
+    names the packages themselves.
     """
     packages = sorted({package(module) for module in modules})
     extra = None if distribution is None else _extra(distribution, packages)

@@ -28,11 +28,7 @@ def _address() -> str | None:
 
 
 def page(name: str) -> str:
-    """Return the name of a page in a message: its address, or the command that prints it if there is no site.
-
-    Args:
-        name: the name of the page below ``docs``, without its ending, such as ``how-to/effects``.
-    """
+    """Return the address of a page such as ``how-to/effects``, or the command that prints it if there is no site."""
     address = _address()
     if address is None:
         return f"`s2r docs {name}`"

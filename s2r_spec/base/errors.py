@@ -141,11 +141,7 @@ class MissingPackageError(UsageError):
 
 
 def require(need: str, *modules: str) -> None:
-    """Check that modules are installed.
-
-    Args:
-        need: who needs them, with the verb, such as ``plots need``.
-        modules: names of packages without dots.
+    """Check that modules, packages without dots, are installed; ``need`` is who needs them, such as ``plots need``.
 
     Raises:
         UsageError: one of them is not installed; the message has the command that installs them all.
@@ -158,13 +154,7 @@ def require(need: str, *modules: str) -> None:
 
 
 def not_installed(need: str, module: str, owner: Distribution | None) -> str:
-    """Return the message about a module that is not installed.
-
-    Args:
-        need: who needs it, with the verb, such as ``plots need``.
-        module: its name.
-        owner: the distribution of the code that needs it.
-    """
+    """Return the message about a missing module; ``need`` is who needs it (``plots need``), ``owner`` has the code."""
     return _install_sentence(need, [module], distribution.install_command([module], owner))
 
 

@@ -38,7 +38,6 @@ def saving(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def _usage_errors(path: Path) -> Iterator[None]:
-    """Turn an OSError into a UsageError."""
     try:
         yield
     except OSError as error:

@@ -83,7 +83,6 @@ class Shown:
 
 
 def _entries(record: type[Shown]) -> dict[str, str]:
-    """Return name → path of the entries."""
     pairs = (entry.partition("=") for entry in record.JSON.split())
     return {name: path or name for name, _, path in pairs}
 
@@ -102,7 +101,10 @@ def _describe(record: Any) -> Any:
             types |= get_type_hints(spread, include_extras=True)
             bases.append(spread)
             continue
-        types[name] = NotRequired[_not_none(kind)] if name in optional else kind
+        if name in optional:
+            (kind,) = (each for each in get_args(kind) if each is not type(None))
+            kind = NotRequired[kind]
+        types[name] = kind
         hidden = path != name and name in own_fields  # by an entry of the same name
         if words and (hidden or f" {name}: " not in own):
             rows.append(f"    {name}: {words}")
@@ -110,11 +112,6 @@ def _describe(record: Any) -> Any:
     made.__orig_bases__ = (*bases, record)  # type: ignore[attr-defined]
     made.__doc__ = "\n".join([summary, "", *rows])
     return made
-
-
-def _not_none(kind: Any) -> Any:
-    (other,) = (each for each in get_args(kind) if each is not type(None))
-    return other
 
 
 def _kind(record: type, path: str) -> tuple[Any, str]:
@@ -153,28 +150,21 @@ def to_json(value: Any, infinite: bool = False) -> Any:
         value: a dataclass, or what a field of one holds.
         infinite: whether a number that is not finite becomes its word: "inf", "-inf" or "nan".
     """
-    if isinstance(value, Shown):
+    if is_dataclass(value):
         absent = optional_fields(value)
+        own = isinstance(value, Shown)
+        kind: Any = type(value)
+        paths = _entries(kind) if own else {each.name: each.name for each in fields(value)}
+        digits = {each.name: each.metadata[DIGITS] for each in fields(value) if DIGITS in each.metadata}
         shown: dict[str, Any] = {}
-        digits = {
-            each.name: each.metadata[DIGITS] for each in fields(cast(Any, value)) if DIGITS in each.metadata
-        }
-        for name, path in _entries(type(value)).items():
+        for name, path in paths.items():
             one = attrgetter(path.removeprefix("*"))(value)
             if one is None and name in absent:
                 continue
-            one = to_json(one() if callable(one) else one, infinite)
-            one = round(one, digits[path]) if path in digits else one
+            one = to_json(one() if own and callable(one) else one, infinite)
+            one = round(one, digits[path]) if own and path in digits else one
             shown |= one if name.startswith("*") else {name: one}
         return shown
-    if is_dataclass(value):
-        absent = optional_fields(value)
-        entries = {each.name: getattr(value, each.name) for each in fields(value)}
-        return {
-            name: to_json(one, infinite)
-            for name, one in entries.items()
-            if one is not None or name not in absent
-        }
     if isinstance(value, Enum):
         return value.value
     if isinstance(value, Mapping):

@@ -18,10 +18,6 @@ double precision.
 def number(name: str, value: object) -> float:
     """Return a finite number as a float.
 
-    Args:
-        name: name of the setting, for the message.
-        value: a number of Python or NumPy.
-
     Raises:
         UsageError: the value is not a finite number.
     """

@@ -72,7 +72,6 @@ def format_estimate(value: float, low: float, high: float, unit: str) -> str:
 
 
 def _round(value: float, uncertainty: float) -> str:
-    """Return a value rounded to the digits of its uncertainty."""
     if not (uncertainty > 0.0 and math.isfinite(uncertainty) and math.isfinite(value)):
         return f"{value:.3g}"
     exponent = math.floor(math.log10(uncertainty))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from s2r_spec.base.upper import upper
 
@@ -16,18 +16,15 @@ class Result:
 
     def __repr__(self) -> str:
         """Return one line: the verdict, and the bounds or the reason."""
-        line: str = upper(_FORMS).line(self)
-        return line
+        return cast(str, upper(_FORMS).line(self))
 
     def _repr_html_(self) -> str:
         """Return a small table for a notebook."""
-        table: str = upper(_FORMS).table(self)
-        return table
+        return cast(str, upper(_FORMS).table(self))
 
     def to_json(self) -> dict[str, Any]:
         """Return the object that the command prints with ``--json``, as plain values."""
-        values: dict[str, Any] = upper(_FORMS).as_json(self)
-        return values
+        return cast(dict[str, Any], upper(_FORMS).as_json(self))
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write :meth:`to_json` to a file, and return its path.
@@ -39,8 +36,7 @@ class Result:
         Raises:
             UsageError: the name has another ending, or the file cannot be written.
         """
-        file: Path = upper(_FORMS).save_result(self, path)
-        return file
+        return cast(Path, upper(_FORMS).save_result(self, path))
 
     def report(self, path: str | PathLike[str]) -> Path:
         """Write the page of ``s2r report`` or ``--report``, which opens offline, and return its path.
@@ -55,5 +51,4 @@ class Result:
             UsageError: the name has another ending, a package is missing, the run is gone, or the file cannot be
                 written.
         """
-        page: Path = upper(_FORMS).save_page(self, path)
-        return page
+        return cast(Path, upper(_FORMS).save_page(self, path))

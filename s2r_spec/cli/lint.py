@@ -13,7 +13,7 @@ from s2r_spec.cli.terminal.common import sentences
 
 if TYPE_CHECKING:
     from s2r_spec.lang.diagnostics import Diagnostic
-    from s2r_spec.lang.lints.finding import LintWarning
+    from s2r_spec.lang.lints import LintWarning
 
 
 def lint(

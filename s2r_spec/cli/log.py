@@ -34,7 +34,7 @@ def log(
 ) -> None:
     """List the topics of a log, with their fields, rates, gaps and units."""
     with sentences(as_json):
-        from s2r_spec.logs.mapping import read_map
+        from s2r_spec.logs.options import read_map
         from s2r_spec.logs.summary import summary
         from s2r_spec.report.records.log import LogObject
 

@@ -172,8 +172,7 @@ def _follow(
     request: TraceRequest, source: Path, following: Following, conventions: Conventions, as_json: bool
 ) -> int:
     """Follow a file, or standard input if it is ``-``, to its end; print each change, and return the exit code."""
-    from s2r_spec.recordings.spec_streams import stream_of_file, stream_of_rows
-    from s2r_spec.recordings.spec_traces import in_file
+    from s2r_spec.recordings.spec_traces import in_file, stream_of_file, stream_of_rows
     from s2r_spec.spec.followed import OnlineConventions, VerdictChange, follow
 
     how = OnlineConventions(

@@ -19,12 +19,10 @@ class PintQuantity(Protocol):
     @property
     def magnitude(self) -> Any:
         """The number."""
-        ...
 
     @property
     def units(self) -> Any:
         """The unit."""
-        ...
 
 
 Amount = float | str | PintQuantity
@@ -32,15 +30,10 @@ Amount = float | str | PintQuantity
 
 
 def read_amount(value: Any, unit: Unit, name: str) -> float:
-    """Return a value in a unit.
-
-    Args:
-        value: see :data:`Amount`; a text without a unit is in ``unit``.
-        unit: unit of the result.
-        name: name of the parameter.
+    """Return a value of the parameter ``name`` in a unit; a text without a unit is in ``unit``.
 
     Raises:
-        UsageError: it is none of these, or its unit does not fit.
+        UsageError: it is no :data:`Amount`, or its unit does not fit.
     """
     if type(value) is float:  # the common case, once for each rollout
         return value
@@ -63,14 +56,7 @@ def read_amount(value: Any, unit: Unit, name: str) -> float:
 
 
 def convert(number: float, written: str, unit: Unit, what: str, name: str) -> float:
-    """Return a number of the written unit in another unit; "" for the same unit.
-
-    Args:
-        number: the number.
-        written: its unit as a text.
-        unit: unit of the result.
-        what: the value as it is given, for a message.
-        name: name of the parameter.
+    """Return a number of the ``written`` unit ("" for the same) in another unit; ``what`` names the value in messages.
 
     Raises:
         UsageError: the text is not a unit, or has another dimension.

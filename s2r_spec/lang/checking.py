@@ -10,10 +10,9 @@ from s2r_spec.lang import syntax
 from s2r_spec.lang.constants import constant
 from s2r_spec.lang.declarations import CertifySettings, Document, Param, Signal
 from s2r_spec.lang.diagnostics import Diagnostic, SpecError
-from s2r_spec.lang.expressions import check, condition
+from s2r_spec.lang.expressions import check, condition, quantity, range_of
 from s2r_spec.lang.imports import gather
 from s2r_spec.lang.parsing import DEEPEST, Parsed
-from s2r_spec.lang.quantities import quantity, range_of
 from s2r_spec.lang.rules import RULES
 from s2r_spec.lang.scope import Declaration, Definition, Mistake, Scope, fail, unit_of
 from s2r_spec.lang.settings import certify_settings
@@ -23,12 +22,9 @@ _WIDEST = 100_000
 
 
 def check_text(text: str, name: str = "<string>", stored: Mapping[str, str] | None = None) -> Document:
-    """Return the checked specification of a text.
+    """Return the checked specification of a text; ``name``, usually its path, stands in messages.
 
-    Args:
-        text: the specification.
-        name: the name of the specification in messages, usually a path.
-        stored: name → text of all files that it imports; None to read them from disk.
+    It reads its imports from ``stored``, name → text, or from disk without that.
 
     Raises:
         SpecError: the text has mistakes; the error lists all of them.
@@ -113,7 +109,9 @@ class _Checker:
         match statement:
             case syntax.Signal(name=word, dim=dim):
                 unit = unit_of(statement.unit)
-                width = 1 if dim is None else _width(dim)
+                if dim is not None and not (dim.value.is_integer() and 1 <= dim.value <= _WIDEST):
+                    fail("E17", f"a vector has 1 to {_WIDEST} components, not `{dim.span.text}`", dim.span)
+                width = 1 if dim is None else int(dim.value)
                 range_ = range_of(statement.range, scope, unit, word.text)
                 vector, boolean = dim is not None, statement.boolean
                 return Signal(word.text, unit.text, width, range_, vector, boolean, unit, span)
@@ -127,7 +125,10 @@ class _Checker:
                 default = None
                 if statement.default is not None:
                     default = quantity(statement.default, scope, unit, f"the default of `{word.text}`")
-                    _inside(statement.default, default, range_, word.text)
+                    if range_ is not None and not range_[0] <= default <= range_[1]:
+                        limits = f"[{range_[0]:g}, {range_[1]:g}]"
+                        message = f"the default of `{word.text}` is outside its range {limits}"
+                        fail("E09", message, statement.default.span)
                 return Param(word.text, unit.text, range_, default, unit, span)
             case syntax.Const():
                 return Definition(self._constant(statement), span)
@@ -159,31 +160,11 @@ class _Checker:
 
     def _depth(self, node: f.Node, span: Span) -> None:
         if self._levels(node) > DEEPEST + 20:
-            fail(
-                "E19",
-                f"`{span.text}` is nested more than {DEEPEST} levels deep, counting the definitions that it uses",
-                span,
-            )
+            deep = f"`{span.text}` is nested more than {DEEPEST} levels deep"
+            fail("E19", f"{deep}, counting the definitions that it uses", span)
 
     def _levels(self, node: f.Node) -> int:
         # each statement adds a bounded number of levels, so the recursion depth is bounded
         if id(node) not in self.depths:
             self.depths[id(node)] = 1 + max((self._levels(child) for child in f.children(node)), default=0)
         return self.depths[id(node)]
-
-
-def _width(dim: syntax.Number) -> int:
-    if not dim.value.is_integer() or not 1 <= dim.value <= _WIDEST:
-        fail("E17", f"a vector has 1 to {_WIDEST} components, not `{dim.span.text}`", dim.span)
-    return int(dim.value)
-
-
-def _inside(
-    written: syntax.Expression, default: float, range_: tuple[float, float] | None, name: str
-) -> None:
-    if range_ is not None and not range_[0] <= default <= range_[1]:
-        fail(
-            "E09",
-            f"the default of `{name}` is outside its range [{range_[0]:g}, {range_[1]:g}]",
-            written.span,
-        )

@@ -24,12 +24,8 @@ def convert(value: f.Value, unit: Unit) -> f.Value:
 def combine(values: Sequence[f.Value], at: Span, verb: str) -> tuple[list[f.Value], Unit | None]:
     """Convert numbers to the unit of the first one that has a unit; return them and the unit of the result.
 
-    Temperatures with an offset (degC) can be compared; their difference is in kelvin, and their sum is refused.
-
-    Args:
-        values: the numbers.
-        at: place of a mistake.
-        verb: the operation, for the message ("compare").
+    Temperatures with an offset (degC) can be compared; their difference is in kelvin, and their sum is refused. A
+    mistake stands ``at`` a place and names the operation by its ``verb`` ("compare").
     """
     unit = next((value.unit for value in values if value.unit is not None), None)
     if unit is None:
@@ -46,15 +42,12 @@ def _different(left: f.Value, right: f.Value, at: Span, verb: str) -> None:
     assert left.unit is not None
     assert right.unit is not None
     link = "with" if verb == "compare" else "and"
-    fix = f"{_measured(left)}, {_measured(right)}"
+    units = ("has no unit" if value.unit == PLAIN else f"is in {value.unit}" for value in (left, right))
+    fix = ", ".join(f"`{_text(value)}` {unit}" for value, unit in zip((left, right), units, strict=True))
     if PLAIN in (left.unit, right.unit):
         fix += "; add a unit to its declaration"
     fix = left.unit.two_readings(right.unit) or fix
     fail("E03", f"cannot {verb} {left.unit} {link} {right.unit}", at, fix)
-
-
-def _measured(value: f.Value) -> str:
-    return f"`{_text(value)}` " + ("has no unit" if value.unit == PLAIN else f"is in {value.unit}")
 
 
 def _text(value: f.Value) -> str:
@@ -101,10 +94,6 @@ def one(value: f.Value) -> f.Value:
     """Return the value; fail if it has more than one component."""
     if value.width != 1:
         text = _text(value)
-        fail(
-            "E17",
-            f"`{text}` is a vector of {value.width}, but a number is needed here",
-            value.span,
-            f"take `norm({text})` or one component",
-        )
+        message = f"`{text}` is a vector of {value.width}, but a number is needed here"
+        fail("E17", message, value.span, f"take `norm({text})` or one component")
     return value

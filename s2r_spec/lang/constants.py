@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import operator
+from collections.abc import Callable
 
 from s2r_spec.lang import formula as f
 
@@ -13,10 +15,9 @@ def constant(value: f.Value) -> float | None:
     An undefined number (1/0, the root of −1) is NaN.
     """
     try:
-        result = _constant(value)
+        return _constant(value)
     except (ArithmeticError, ValueError):
         return math.nan
-    return result
 
 
 def _constant(value: f.Value) -> float | None:
@@ -28,12 +29,12 @@ def _constant(value: f.Value) -> float | None:
             return None if operand is None else value.conversion(operand)
         case f.Elementary():
             operand = _constant(value.operand)
-            return None if operand is None else _elementary(value.function, operand)
+            return None if operand is None else _FUNCTIONS[value.function](operand)
         case f.Arithmetic():
             # the right operand is visited only if the left one is constant, to save time on shared parts
             left = _constant(value.left)
             right = None if left is None else _constant(value.right)
-            return None if left is None or right is None else _arithmetic(value.operator, left, right)
+            return None if left is None or right is None else _OPERATORS[value.operator](left, right)
         case f.Extremum() | f.Norm():
             operands: list[float] = []
             for part in value.operands:
@@ -48,25 +49,16 @@ def _constant(value: f.Value) -> float | None:
             return None
 
 
-def _elementary(function: str, operand: float) -> float:
-    if function == "minus":
-        return -operand
-    if function == "abs":
-        return abs(operand)
-    if function == "sqrt":
-        return math.sqrt(operand)
-    return math.copysign(1.0, operand) if operand else 0.0
-
-
-def _arithmetic(operator: f.ArithmeticOp, left: float, right: float) -> float:
-    match operator:
-        case "+":
-            return left + right
-        case "-":
-            return left - right
-        case "*":
-            return left * right
-        case "/":
-            return left / right
-        case "^":
-            return math.pow(left, right)
+_FUNCTIONS: dict[str, Callable[[float], float]] = {
+    "minus": operator.neg,
+    "abs": abs,
+    "sqrt": math.sqrt,
+    "sign": lambda operand: math.copysign(1.0, operand) if operand else 0.0,
+}
+_OPERATORS: dict[f.ArithmeticOp, Callable[[float, float], float]] = {
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "/": operator.truediv,
+    "^": math.pow,
+}

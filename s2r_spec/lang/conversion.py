@@ -106,5 +106,4 @@ class Conversion:
             exact = (n / ten == x) & (n != 0) & (np.abs(top) <= WHOLE)
             flat[at[exact]] = top[exact] / (c * ten)
             x, at = x[~exact], at[~exact]
-        converted: NDArray[np.float64] = flat.reshape(values.shape)
-        return converted
+        return flat.reshape(values.shape)

@@ -8,17 +8,19 @@ there is a :class:`Convert` or a :class:`Rescale`.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import Field, dataclass, fields
 from functools import cache
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal, dataclass_transform
 
 from s2r_spec.lang.conversion import Conversion
 from s2r_spec.lang.source import Span
-from s2r_spec.lang.syntax import StepOp, TemporalOp, UntilOp
 from s2r_spec.lang.units import Unit
 
 CompareOp = Literal["<", "<=", ">", ">=", "==", "!="]
 ArithmeticOp = Literal["+", "-", "*", "/", "^"]
+TemporalOp = Literal["always", "eventually", "historically", "once"]
+UntilOp = Literal["until", "since", "release", "unless"]
+StepOp = Literal["next", "prev"]
 
 MIXED = Unit("mixed", (("mixed", 1.0),))
 """Unit of a robustness that combines margins of different dimensions."""
@@ -60,14 +62,22 @@ class Interval:
         return tuple(end for end in (self.low_param, self.high_param) if end is not None)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Node:
-    """A node with its place in the text."""
+@dataclass_transform(kw_only_default=True, frozen_default=True)
+class Record:
+    """A base whose subclasses are frozen dataclasses with keywords alone, without a decorator on each."""
+
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+
+    def __init_subclass__(cls) -> None:
+        dataclass(frozen=True, kw_only=True)(cls)
+
+
+class Node(Record):
+    """A node of a tree, before or after the check, with its place in the text."""
 
     span: Span
 
 
-@dataclass(frozen=True, kw_only=True)
 class Value(Node):
     """A vector of ``width`` numbers at each instant; with unit None it takes the unit of its neighbour."""
 
@@ -75,14 +85,12 @@ class Value(Node):
     width: int = 1
 
 
-@dataclass(frozen=True, kw_only=True)
 class Number(Value):
     """A constant."""
 
     value: float
 
 
-@dataclass(frozen=True, kw_only=True)
 class SignalValue(Value):
     """A signal, or one component of it."""
 
@@ -90,14 +98,12 @@ class SignalValue(Value):
     index: int | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
 class ParamValue(Value):
     """A test parameter."""
 
     name: str
 
 
-@dataclass(frozen=True, kw_only=True)
 class Convert(Value):
     """The same quantity in another unit."""
 
@@ -105,7 +111,6 @@ class Convert(Value):
     conversion: Conversion
 
 
-@dataclass(frozen=True, kw_only=True)
 class Arithmetic(Value):
     """left ∘ right."""
 
@@ -114,7 +119,6 @@ class Arithmetic(Value):
     right: Value
 
 
-@dataclass(frozen=True, kw_only=True)
 class Elementary(Value):
     """A function of one number."""
 
@@ -122,7 +126,6 @@ class Elementary(Value):
     operand: Value
 
 
-@dataclass(frozen=True, kw_only=True)
 class Extremum(Value):
     """The least or the greatest of several numbers."""
 
@@ -130,21 +133,18 @@ class Extremum(Value):
     operands: tuple[Value, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
 class Norm(Value):
     """Euclidean length of all components of the operands together."""
 
     operands: tuple[Value, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
 class Initial(Value):
     """The operand at the trace's first sample, at every instant."""
 
     operand: Value
 
 
-@dataclass(frozen=True, kw_only=True)
 class Overshoot(Value):
     """(signal − reference) · dir: the distance of the signal beyond its reference.
 
@@ -158,7 +158,6 @@ class Overshoot(Value):
     origin: Value | None
 
 
-@dataclass(frozen=True, kw_only=True)
 class Delayed(Value):
     """The operand ``seconds`` ago: its last sample at or before that time, or else its first sample."""
 
@@ -166,14 +165,12 @@ class Delayed(Value):
     seconds: float
 
 
-@dataclass(frozen=True, kw_only=True)
 class Derivative(Value):
     """Backward difference quotient; the first sample has the value of the second."""
 
     operand: Value
 
 
-@dataclass(frozen=True, kw_only=True)
 class Accumulated(Value):
     """Integral or mean over the last ``seconds``, with straight lines between samples.
 
@@ -185,14 +182,12 @@ class Accumulated(Value):
     seconds: float
 
 
-@dataclass(frozen=True, kw_only=True)
 class Duration(Value):
     """Time for which the operand has held without a break, up to now [s]; 0 where it does not hold."""
 
     operand: Formula
 
 
-@dataclass(frozen=True, kw_only=True)
 class Count(Value):
     """Number of samples in the last ``seconds`` at which the operand held; inf means all samples so far."""
 
@@ -200,7 +195,6 @@ class Count(Value):
     seconds: float
 
 
-@dataclass(frozen=True, kw_only=True)
 class Choice(Value):
     """``left`` where the condition holds, else ``right``."""
 
@@ -209,28 +203,24 @@ class Choice(Value):
     right: Value
 
 
-@dataclass(frozen=True, kw_only=True)
 class Formula(Node):
     """A condition; ``unit`` is the unit of its robustness, None if nothing in it has a unit."""
 
     unit: Unit | None
 
 
-@dataclass(frozen=True, kw_only=True)
 class Truth(Formula):
     """true (+inf) or false (−inf)."""
 
     value: bool
 
 
-@dataclass(frozen=True, kw_only=True)
 class Flag(Formula):
     """A boolean signal: +inf where it is true, −inf where it is not."""
 
     name: str
 
 
-@dataclass(frozen=True, kw_only=True)
 class Comparison(Formula):
     """A predicate. Its robustness is right − left for ``<`` and ``<=``, −abs(left − right) for ``==``."""
 
@@ -239,14 +229,12 @@ class Comparison(Formula):
     right: Value
 
 
-@dataclass(frozen=True, kw_only=True)
 class Not(Formula):
     """Negation."""
 
     operand: Formula
 
 
-@dataclass(frozen=True, kw_only=True)
 class Junction(Formula):
     """Conjunction (the least) or disjunction (the greatest)."""
 
@@ -254,7 +242,6 @@ class Junction(Formula):
     operands: tuple[Formula, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
 class Implication(Formula):
     """``->`` or ``<->``."""
 
@@ -263,7 +250,6 @@ class Implication(Formula):
     right: Formula
 
 
-@dataclass(frozen=True, kw_only=True)
 class Rescale(Formula):
     """factor · robustness: the same margin in another unit; factor > 0."""
 
@@ -271,7 +257,6 @@ class Rescale(Formula):
     factor: float
 
 
-@dataclass(frozen=True, kw_only=True)
 class Temporal(Formula):
     """always, eventually, and their counterparts in the past, historically and once."""
 
@@ -280,7 +265,6 @@ class Temporal(Formula):
     operand: Formula
 
 
-@dataclass(frozen=True, kw_only=True)
 class Until(Formula):
     """until, release, unless, and since (until in the past)."""
 
@@ -290,7 +274,6 @@ class Until(Formula):
     right: Formula
 
 
-@dataclass(frozen=True, kw_only=True)
 class AdjacentSample(Formula):
     """The operand one sample later or earlier; −inf where there is none."""
 
@@ -298,7 +281,6 @@ class AdjacentSample(Formula):
     operand: Formula
 
 
-@dataclass(frozen=True, kw_only=True)
 class Edge(Formula):
     """The operand becomes true (rise) or false (fall) at this sample; never at the first one."""
 
@@ -306,7 +288,6 @@ class Edge(Formula):
     operand: Formula
 
 
-@dataclass(frozen=True, kw_only=True)
 class Named(Formula):
     """A use of a named sub-formula; all uses share the same operand."""
 
@@ -316,11 +297,11 @@ class Named(Formula):
 
 @cache
 def _names(kind: Any) -> tuple[str, ...]:
-    return tuple(item.name for item in fields(kind) if item.name not in ("span", "unit", "width"))
+    return tuple(item.name for item in fields(kind) if item.name not in ("span", "width"))
 
 
 def children(node: Node) -> Iterator[Node]:
-    """Yield the nodes directly below, left to right."""
+    """Yield the nodes directly below, left to right; every tuple in a node holds nodes."""
     kind: Any = type(node)  # mypy believes that the class of a dataclass is unhashable
     for name in _names(kind):
         part = getattr(node, name)
@@ -330,10 +311,10 @@ def children(node: Node) -> Iterator[Node]:
             yield from part
 
 
-def walk(node: Node) -> Iterator[Node]:
-    """Yield the node and all nodes below it; a shared node is yielded once."""
+def walk(*nodes: Node) -> Iterator[Node]:
+    """Yield the nodes and all nodes below them, in the order of the text; a shared node is yielded once."""
     seen: set[int] = set()
-    stack = [node]
+    stack = list(reversed(nodes))
     while stack:
         current = stack.pop()
         if id(current) not in seen:

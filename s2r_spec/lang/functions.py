@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Literal, NoReturn, cast
+from typing import Literal, cast
 
 from s2r_spec.lang import formula as f
 from s2r_spec.lang import syntax
@@ -23,12 +23,9 @@ def call(expression: syntax.Call, arguments: Sequence[Argument]) -> f.Value | f.
     name = expression.function.text
     if name not in FUNCTIONS:
         guess = suggestion(name, FUNCTIONS)
-        fail(
-            "E16",
-            f"there is no function `{name}`",
-            expression.function.span,
-            guess or f"the functions are {', '.join(sorted(FUNCTIONS))}",
-        )
+        message = f"there is no function `{name}`"
+        fix = guess or f"the functions are {', '.join(sorted(FUNCTIONS))}"
+        fail("E16", message, expression.function.span, fix)
     make, fewest, most, usage = FUNCTIONS[name]
     if not fewest <= len(arguments) <= most:
         plural = "argument" if len(arguments) == 1 else "arguments"
@@ -40,31 +37,25 @@ def _numbers(name: str, arguments: Sequence[Argument]) -> list[f.Value]:
     values = []
     for written, argument in arguments:
         if isinstance(argument, f.Formula):
-            _wrong_kind(written, f"`{name}` needs a number, but `{written.span.text}` is a condition")
+            message = f"`{name}` needs a number, but `{written.span.text}` is a condition"
+            fail("E05", message, written.span)
         values.append(argument)
     return values
-
-
-def _wrong_kind(written: syntax.Expression, message: str) -> NoReturn:
-    fail("E05", message, written.span)
 
 
 def _elementary(name: str, span: Span, arguments: Sequence[Argument]) -> f.Value:
     (operand,) = map(without_offset, _numbers(name, arguments))
     unit = operand.unit
-    if name == "sign":
-        unit = None if unit is None else PLAIN
-    elif name == "sqrt":
-        unit = None if unit is None else unit.power(0.5)
+    if unit is not None and name != "abs":
+        unit = PLAIN if name == "sign" else unit.power(0.5)
     function = cast(Literal["abs", "sign", "sqrt"], name)
     return f.Elementary(span=span, unit=unit, width=operand.width, function=function, operand=operand)
 
 
 def _extremum(name: str, span: Span, arguments: Sequence[Argument]) -> f.Value:
     values, unit = combine([one(value) for value in _numbers(name, arguments)], span, f"take the {name} of")
-    return f.Extremum(
-        span=span, unit=unit, function=cast(Literal["min", "max"], name), operands=tuple(values)
-    )
+    function = cast(Literal["min", "max"], name)
+    return f.Extremum(span=span, unit=unit, function=function, operands=tuple(values))
 
 
 def _norm(name: str, span: Span, arguments: Sequence[Argument]) -> f.Value:
@@ -81,9 +72,8 @@ def _init(name: str, span: Span, arguments: Sequence[Argument]) -> f.Value:
 def _overshoot(name: str, span: Span, arguments: Sequence[Argument]) -> f.Value:
     values = [without_offset(one(value)) for value in _numbers(name, arguments)]
     (signal, reference, *origin), unit = combine(values, span, "take the overshoot of")
-    return f.Overshoot(
-        span=span, unit=unit, signal=signal, reference=reference, origin=origin[0] if origin else None
-    )
+    start = origin[0] if origin else None
+    return f.Overshoot(span=span, unit=unit, signal=signal, reference=reference, origin=start)
 
 
 def _edge(name: str, span: Span, arguments: Sequence[Argument]) -> f.Formula:
@@ -93,13 +83,8 @@ def _edge(name: str, span: Span, arguments: Sequence[Argument]) -> f.Formula:
 
 def _delay(name: str, span: Span, arguments: Sequence[Argument]) -> f.Value:
     operand = _numbers(name, arguments[:1])[0]
-    return f.Delayed(
-        span=span,
-        unit=operand.unit,
-        width=operand.width,
-        operand=operand,
-        seconds=_seconds(name, arguments[1:]),
-    )
+    seconds, unit = _seconds(name, arguments[1:]), operand.unit
+    return f.Delayed(span=span, unit=unit, width=operand.width, operand=operand, seconds=seconds)
 
 
 def _deriv(name: str, span: Span, arguments: Sequence[Argument]) -> f.Value:
@@ -132,8 +117,7 @@ def _count(name: str, span: Span, arguments: Sequence[Argument]) -> f.Value:
 
 def _if(name: str, span: Span, arguments: Sequence[Argument]) -> f.Value:
     condition = _condition(name, arguments[0])
-    operands, unit = combine(_numbers(name, arguments[1:]), span, "choose between")
-    left, right = operands
+    (left, right), unit = combine(_numbers(name, arguments[1:]), span, "choose between")
     width = alike(left, right, span)
     return f.Choice(span=span, unit=unit, width=width, condition=condition, left=left, right=right)
 
@@ -141,7 +125,7 @@ def _if(name: str, span: Span, arguments: Sequence[Argument]) -> f.Value:
 def _condition(name: str, argument: Argument) -> f.Formula:
     written, operand = argument
     if isinstance(operand, f.Value):
-        _wrong_kind(written, f"`{name}` needs a condition, but `{written.span.text}` is a number")
+        fail("E05", f"`{name}` needs a condition, but `{written.span.text}` is a number", written.span)
     return operand
 
 
@@ -153,11 +137,8 @@ def _seconds(name: str, arguments: Sequence[Argument]) -> float:
     (checked,) = _numbers(name, arguments)
     unit, number = checked.unit or SECOND, constant(checked)
     if number is None or not math.isfinite(number) or number < 0:
-        fail(
-            "E18",
-            f"the time of `{name}` must be a non-negative constant, but `{written.span.text}` is not",
-            written.span,
-        )
+        message = f"the time of `{name}` must be a non-negative constant, but `{written.span.text}` is not"
+        fail("E18", message, written.span)
     if not unit.fits(SECOND):
         fail("E06", f"`{name}` needs a time, but `{written.span.text}` is in {unit}", written.span)
     return unit.to(SECOND)(number)

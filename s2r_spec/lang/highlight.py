@@ -7,13 +7,11 @@ from typing import ClassVar
 from pygments.lexer import RegexLexer, words
 from pygments.token import Comment, Keyword, Literal, Name, Number, Operator, Punctuation, Text
 
+from s2r_spec.lang.functions import FUNCTIONS
+
 STATEMENTS = ("signal", "param", "const", "let", "require", "certify", "import")
 TEMPORAL = (
     "always", "eventually", "historically", "once", "until", "since", "release", "unless", "next", "prev",
-)  # fmt: skip
-FUNCTIONS = (
-    "abs", "min", "max", "norm", "sign", "sqrt", "init", "overshoot", "rise", "fall", "delay", "deriv",
-    "integral", "mean", "duration", "count", "if",
 )  # fmt: skip
 
 
@@ -33,7 +31,7 @@ class StlLexer(RegexLexer):
             (words(("and", "or", "not", "implies", "iff"), suffix=r"\b"), Operator.Word),
             (words(("in", "bool"), suffix=r"\b"), Keyword.Type),
             (words(("true", "false", "inf"), suffix=r"\b"), Keyword.Constant),
-            (words(FUNCTIONS, suffix=r"(?=\s*\()"), Name.Builtin),
+            (words(tuple(FUNCTIONS), suffix=r"(?=\s*\()"), Name.Builtin),
             (r"\{[^{}\n]*\}", Literal),
             (r'"[^"\n]*"', Literal.String),
             (r"(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", Number),

@@ -20,15 +20,11 @@ DEEPEST = 50
 def gather(source: Source, stored: Mapping[str, str] | None = None) -> tuple[Parsed, tuple[Source, ...]]:
     """Return the statements of a source and of its imports, and the imported sources, each once.
 
-    A path is relative to the file that imports it.
-
-    Args:
-        source: the source of the specification.
-        stored: name → text of all files that it imports; None to read them from disk.
+    A path is relative to the file that imports it. All files are in ``stored``, name → text, or else on disk.
     """
-    gathering = _Gathering(stored)
-    parsed = gathering.gather(source, (normpath(source.name),))
-    return parsed, tuple(file.source for file in gathering.files.values())
+    files: dict[str, Parsed] = {}
+    parsed = _gather(source, (normpath(source.name),), files, stored)
+    return parsed, tuple(file.source for file in files.values())
 
 
 def imported_names(source: Source) -> frozenset[str]:
@@ -37,50 +33,48 @@ def imported_names(source: Source) -> frozenset[str]:
     return frozenset(name for file in files for name in _declared_names([parse(file)]))
 
 
-class _Gathering:
-    def __init__(self, stored: Mapping[str, str] | None) -> None:
-        self.files: dict[str, Parsed] = {}
-        self._stored = stored
+def _gather(
+    source: Source, chain: tuple[str, ...], files: dict[str, Parsed], stored: Mapping[str, str] | None
+) -> Parsed:
+    parts: list[Parsed] = []
+    mistakes: list[Diagnostic] = []
+    own = parse(source)
+    for line in own.imports:
+        # "parts/../a.stl" is "a.stl"; otherwise a file could import itself unnoticed
+        name = normpath(join(dirname(source.name), line.path.text))
+        if name in chain:
+            mistakes.append(Diagnostic("E21", f"`{name}` imports itself", line.path.span))
+        elif len(chain) > DEEPEST:
+            sentence = f"`{name}` is imported by a chain of more than {DEEPEST} files"
+            mistakes.append(Diagnostic("E21", sentence, line.path.span))
+        elif name not in files:
+            try:
+                text = _read(name, stored)
+            except UsageError as error:
+                mistakes.append(Diagnostic("E21", str(error), line.path.span))
+                continue
+            imported = _gather(Source.of(text, name), (*chain, name), files, stored)
+            files[name] = replace(imported, source=Source.of(text, name))
+            parts.append(imported)
+    if own.imports:
+        # parsed again with the imported names: a declared letter is not an operator
+        own = parse(source, frozenset(_declared_names(files.values())))
+    parts.append(replace(own, diagnostics=(*own.diagnostics, *mistakes)))
+    return Parsed(
+        source,
+        tuple(statement for part in parts for statement in part.statements),
+        own.imports,
+        tuple(statement for part in parts for statement in part.broken),
+        tuple(diagnostic for part in parts for diagnostic in part.diagnostics),
+    )
 
-    def gather(self, source: Source, chain: tuple[str, ...]) -> Parsed:
-        parts: list[Parsed] = []
-        mistakes: list[Diagnostic] = []
-        own = parse(source)
-        for line in own.imports:
-            # "parts/../a.stl" is "a.stl"; otherwise a file could import itself unnoticed
-            name = normpath(join(dirname(source.name), line.path.text))
-            if name in chain:
-                mistakes.append(Diagnostic("E21", f"`{name}` imports itself", line.path.span))
-            elif len(chain) > DEEPEST:
-                sentence = f"`{name}` is imported by a chain of more than {DEEPEST} files"
-                mistakes.append(Diagnostic("E21", sentence, line.path.span))
-            elif name not in self.files:
-                try:
-                    text = self._read(name)
-                except UsageError as error:
-                    mistakes.append(Diagnostic("E21", str(error), line.path.span))
-                    continue
-                imported = self.gather(Source.of(text, name), (*chain, name))
-                self.files[name] = replace(imported, source=Source.of(text, name))
-                parts.append(imported)
-        if own.imports:
-            # parsed again with the imported names: a declared letter is not an operator
-            own = parse(source, frozenset(_declared_names(self.files.values())))
-        parts.append(replace(own, diagnostics=(*own.diagnostics, *mistakes)))
-        return Parsed(
-            source,
-            tuple(statement for part in parts for statement in part.statements),
-            own.imports,
-            tuple(statement for part in parts for statement in part.broken),
-            tuple(diagnostic for part in parts for diagnostic in part.diagnostics),
-        )
 
-    def _read(self, name: str) -> str:
-        if self._stored is None:
-            return read_text(name)
-        if name not in self._stored:
-            raise UsageError(f"{name} is not among the stored imports")
-        return self._stored[name]
+def _read(name: str, stored: Mapping[str, str] | None) -> str:
+    if stored is None:
+        return read_text(name)
+    if name not in stored:
+        raise UsageError(f"{name} is not among the stored imports")
+    return stored[name]
 
 
 def _declared_names(files: Iterable[Parsed]) -> Iterator[str]:

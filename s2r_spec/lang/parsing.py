@@ -31,12 +31,7 @@ class Parsed:
 
 
 def parse(source: Source, declared: Set[str] = frozenset()) -> Parsed:
-    """Parse every statement of a source by itself. Never raises on any text.
-
-    Args:
-        source: the text.
-        declared: names that imported files declare; they are not operators here.
-    """
+    """Parse every statement of a source by itself; ``declared`` names of imports are not operators. Never raises."""
     lexed = lex(source, declared)
     if lexed.beyond is not None:
         message = f"the text is too long: it has more than {MOST_TOKENS:,} words, numbers, signs and spaces"
@@ -76,12 +71,9 @@ def _statement(source: Source, tokens: tuple[Token, ...]) -> syntax.Statement | 
     except UnexpectedToken:
         return explain(source, tokens, fed, _allowed_after(tokens[:fed]))
     if (depth := max(level for level, _ in _levels(tree))) > DEEPEST:
-        return Diagnostic(
-            "E19",
-            f"this statement is nested {depth} levels deep; {DEEPEST} are allowed",
-            span_of(source, tokens[0]).to(span_of(source, tokens[-1])),
-            fix="define parts of it with `let`",
-        )
+        message = f"this statement is nested {depth} levels deep; {DEEPEST} are allowed"
+        fix = "define parts of it with `let`"
+        return Diagnostic("E19", message, span_of(source, tokens[0]).to(span_of(source, tokens[-1])), fix=fix)
     return build(source, tree)
 
 

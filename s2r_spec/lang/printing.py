@@ -7,14 +7,16 @@ lines. Formatting a formatted text changes nothing.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence, Set
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import groupby
 
 from lark import Token
 
 from s2r_spec.lang import syntax
 from s2r_spec.lang.diagnostics import SpecError
+from s2r_spec.lang.formula import walk
 from s2r_spec.lang.imports import imported_names
 from s2r_spec.lang.lexing import comments, lex
 from s2r_spec.lang.parsing import parse
@@ -28,11 +30,7 @@ _LOOSEST = ("IFF", "IMPLIES", "OR", "AND", "UNTIL")
 
 
 def format_text(text: str, name: str = "<string>") -> str:
-    """Return a specification in the standard layout, with the same meaning.
-
-    Args:
-        text: the specification.
-        name: the path of the specification; imported files are relative to it.
+    """Return a specification in the standard layout, with the same meaning; its imports are relative to ``name``.
 
     Raises:
         SpecError: the text does not parse. Mistakes that only the check finds are not reported.
@@ -42,7 +40,7 @@ def format_text(text: str, name: str = "<string>") -> str:
     parsed = parse(source, outside)
     if parsed.diagnostics:
         raise SpecError(parsed.diagnostics)
-    intervals = {item.span.start for item in _intervals(parsed.statements)}
+    intervals = {node.span.start for node in walk(*parsed.statements) if isinstance(node, syntax.Interval)}
     lines = _align(list(_lines(source, outside, intervals)))
     return "".join(f"{line}\n" for line in lines)
 
@@ -53,8 +51,6 @@ class _Line:
 
     Args:
         head: text before the column that a block aligns; "" if there is none.
-        body: the rest of the line.
-        comment: the comment at the end of the line.
         column: column of the comment before formatting, from 0.
         kind: keyword of the statement; consecutive lines of one kind form a block.
         blank: whether an empty line comes before.
@@ -68,30 +64,22 @@ class _Line:
     blank: bool = False
 
 
-def _intervals(nodes: Sequence[object]) -> Iterator[syntax.Interval]:
-    stack = list(nodes)
-    while stack:
-        node = stack.pop()
-        if isinstance(node, syntax.Interval):
-            yield node
-        if isinstance(node, syntax.Node):
-            stack += [getattr(node, item.name) for item in fields(node)]
-        elif isinstance(node, tuple):
-            stack += node
-
-
 def _lines(source: Source, outside: Set[str], intervals: set[int]) -> Iterator[_Line]:
-    """Yield every statement and every comment that stands alone, in order."""
     items = [_canonical(tokens) for tokens in lex(source, outside).statements]
     remarks = comments(source)
     last = 0  # last line of the text that was yielded
-    for number, tokens in enumerate(items):
-        start, end = _place(tokens[0])[0], _place(tokens[-1])[1]
-        following = items[number + 1] if number + 1 < len(items) else None
-        while remarks and _start(remarks[0]) < _start(tokens[0]):
+
+    def alone(end: float) -> Iterator[_Line]:
+        nonlocal last
+        while remarks and _start(remarks[0]) < end:
             remark = remarks.pop(0)
             yield _Line(comment=_comment(remark), blank=_place(remark)[0] > last + 1 and last > 0)
             last = _place(remark)[1]
+
+    for number, tokens in enumerate(items):
+        yield from alone(_start(tokens[0]))
+        start, end = _place(tokens[0])[0], _place(tokens[-1])[1]
+        following = items[number + 1] if number + 1 < len(items) else None
         inner: list[Token] = []
         while remarks and _start(remarks[0]) < _start(tokens[-1]):
             inner.append(remarks.pop(0))
@@ -104,9 +92,7 @@ def _lines(source: Source, outside: Set[str], intervals: set[int]) -> Iterator[_
         yield from (
             _keep_lines(tokens, inner, line, intervals) if inner else _statement(tokens, line, intervals)
         )
-    for remark in remarks:
-        yield _Line(comment=_comment(remark), blank=_place(remark)[0] > last + 1 and last > 0)
-        last = _place(remark)[1]
+    yield from alone(math.inf)
 
 
 def _canonical(tokens: Sequence[Token]) -> list[Token]:
@@ -137,7 +123,6 @@ def _column(token: Token) -> int:
 
 
 def _place(token: Token) -> tuple[int, int]:
-    """Return the first and last line of a token."""
     assert token.line is not None
     assert token.end_line is not None
     return token.line, token.end_line
@@ -149,7 +134,6 @@ def _comment(token: Token) -> str:
 
 
 def _statement(tokens: Sequence[Token], line: _Line, intervals: set[int]) -> Iterator[_Line]:
-    """Yield a statement on one line, or broken at its loosest operator."""
     cut = _head_length(tokens)
     line.head, line.body = _join_tokens(tokens[:cut], intervals), _join_tokens(tokens[cut:], intervals)
     if len(line.head) + len(line.body) + 1 <= WIDTH:
@@ -203,7 +187,6 @@ def _broken(tokens: Sequence[Token]) -> Iterator[list[Token]]:
 def _keep_lines(
     tokens: Sequence[Token], inner: Sequence[Token], line: _Line, intervals: set[int]
 ) -> Iterator[_Line]:
-    """Yield a statement with comments between its parts, on its original lines."""
     everything = sorted([*tokens, *inner], key=_start)
     for number, group in groupby(everything, key=lambda token: _place(token)[0]):
         parts = list(group)
@@ -220,7 +203,6 @@ def _keep_lines(
 
 
 def _join_tokens(tokens: Sequence[Token], intervals: set[int]) -> str:
-    """Join tokens with the spaces that belong between them."""
     text, before, signed = "", None, False
     for token in tokens:
         if before is not None and not signed and not _tight(before, token, intervals):
@@ -244,7 +226,6 @@ def _join_words(head: str, body: str) -> str:
 
 
 def _align(lines: list[_Line]) -> Iterator[str]:
-    """Yield the lines as text, each block with its columns."""
     for block in _blocks(lines):
         for kind in ("SIGNAL", "PARAM", "CONST", "LET", "REQUIRE", "CERTIFY"):
             heads = [len(line.head) for line in block if line.kind == kind and line.body]

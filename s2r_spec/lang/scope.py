@@ -82,13 +82,8 @@ class Scope:
         if name in self.poisoned:
             raise Mistake
         if name in self.later:
-            fail(
-                "E02",
-                f"`{name}` is used above its declaration",
-                span,
-                "move the declaration up",
-                self.later[name],
-            )
+            message = f"`{name}` is used above its declaration"
+            fail("E02", message, span, "move the declaration up", self.later[name])
         listed = ", ".join(f"`{known}`" for known in list(self.declared)[:8]) or "nothing"
         fix = suggestion(name, self.declared) or f"declare it; declared above: {listed}"
         fail("E02", f"`{name}` is not declared", span, fix)

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import get_args
 
 from s2r_spec.base.magnitude import beyond
 from s2r_spec.lang import formula as f
 from s2r_spec.lang import syntax
 from s2r_spec.lang.declarations import CertifySettings, KernelChoice, KernelName, Param
 from s2r_spec.lang.diagnostics import suggestion
-from s2r_spec.lang.expressions import value
-from s2r_spec.lang.quantities import quantity
+from s2r_spec.lang.expressions import quantity, value
 from s2r_spec.lang.scope import Scope, each, fail
 from s2r_spec.lang.units import PLAIN
 
-_KERNELS: dict[str, KernelName] = {
-    "rbf": "rbf",
-    "matern32": "matern32",
-    "matern52": "matern52",
-}
+_KERNELS: tuple[KernelName, ...] = get_args(KernelName)
 _KEYS = ("delta", "epsilon", "B", "R", "kernel", "fall")
 
 
@@ -57,12 +53,8 @@ def _number(setting: syntax.Setting, requirement: f.Formula | None, scope: Scope
         unit = None if requirement.unit in (None, PLAIN, f.MIXED) else requirement.unit
     number = quantity(setting.value, scope, unit, f"`{key}`")
     if key == "delta" and not 0 < number < 1:
-        fail(
-            "E13",
-            f"`delta` must be a probability between 0 and 1, not {number:g}",
-            span,
-            "for example `delta = 1e-6`",
-        )
+        message = f"`delta` must be a probability between 0 and 1, not {number:g}"
+        fail("E13", message, span, "for example `delta = 1e-6`")
     if key in ("B", "R", "epsilon") and number <= 0:
         fail("E13", f"`{key}` must be positive, not {number:g}", span)
     if key == "fall" and number >= 0:
@@ -96,7 +88,7 @@ def _kernel(written: syntax.Expression, scope: Scope) -> KernelChoice:
             usage,
         )
     pairs = list(zip(scales * len(axes) if count == 1 else scales, axes, strict=True))
-    return KernelChoice(_KERNELS[name], tuple(_lengthscale(scale, axis, scope) for scale, axis in pairs))
+    return KernelChoice(name, tuple(_lengthscale(scale, axis, scope) for scale, axis in pairs))
 
 
 def _lengthscale(written: syntax.Expression, axis: Param, scope: Scope) -> float:

@@ -2,31 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
-from s2r_spec.lang.source import Span
-
-TemporalOp = Literal["always", "eventually", "historically", "once"]
-UntilOp = Literal["until", "since", "release", "unless"]
-StepOp = Literal["next", "prev"]
+from s2r_spec.lang.formula import Node, StepOp, TemporalOp, UntilOp
 
 
-@dataclass(frozen=True, kw_only=True)
-class Node:
-    """A node of the tree, with its place."""
-
-    span: Span
-
-
-@dataclass(frozen=True, kw_only=True)
 class Word(Node):
     """A name, a keyword or an operator, as written."""
 
     text: str
 
 
-@dataclass(frozen=True, kw_only=True)
 class Number(Node):
     """``0.05 {m/s}``."""
 
@@ -34,14 +20,12 @@ class Number(Node):
     unit: Word | None
 
 
-@dataclass(frozen=True, kw_only=True)
 class Name(Node):
     """A use of a declared name."""
 
     name: str
 
 
-@dataclass(frozen=True, kw_only=True)
 class Index(Node):
     """``u[0]``, counted from 0."""
 
@@ -49,7 +33,6 @@ class Index(Node):
     index: Number
 
 
-@dataclass(frozen=True, kw_only=True)
 class Call(Node):
     """``abs(x)``."""
 
@@ -57,21 +40,18 @@ class Call(Node):
     arguments: tuple[Expression, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
 class Truth(Node):
     """``true`` or ``false``."""
 
     value: bool
 
 
-@dataclass(frozen=True, kw_only=True)
 class Minus(Node):
     """``-x``."""
 
     operand: Expression
 
 
-@dataclass(frozen=True, kw_only=True)
 class Arithmetic(Node):
     """``left + right`` with + - * / ^."""
 
@@ -80,7 +60,6 @@ class Arithmetic(Node):
     right: Expression
 
 
-@dataclass(frozen=True, kw_only=True)
 class Comparison(Node):
     """``0 <= x <= 2``: one operator fewer than operands."""
 
@@ -88,14 +67,12 @@ class Comparison(Node):
     operands: tuple[Expression, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
 class Negation(Node):
     """``not φ``."""
 
     operand: Expression
 
 
-@dataclass(frozen=True, kw_only=True)
 class Junction(Node):
     """``φ and ψ and …`` or ``φ or ψ or …``."""
 
@@ -103,7 +80,6 @@ class Junction(Node):
     operands: tuple[Expression, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
 class Implication(Node):
     """``φ -> ψ`` or ``φ <-> ψ``."""
 
@@ -112,7 +88,6 @@ class Implication(Node):
     right: Expression
 
 
-@dataclass(frozen=True, kw_only=True)
 class Bound(Node):
     """One end of an interval; without an expression it is ``inf``."""
 
@@ -120,7 +95,6 @@ class Bound(Node):
     unit: Word | None
 
 
-@dataclass(frozen=True, kw_only=True)
 class Interval(Node):
     """``[a, b]``, ``(a, b]``, ``[a, b)`` or ``(a, b)``."""
 
@@ -130,7 +104,6 @@ class Interval(Node):
     high_closed: bool
 
 
-@dataclass(frozen=True, kw_only=True)
 class Temporal(Node):
     """``always[a, b] φ``."""
 
@@ -139,7 +112,6 @@ class Temporal(Node):
     operand: Expression
 
 
-@dataclass(frozen=True, kw_only=True)
 class UntilLink(Node):
     """The part ``until[a, b] ψ`` of an until."""
 
@@ -149,7 +121,6 @@ class UntilLink(Node):
     operand: Expression
 
 
-@dataclass(frozen=True, kw_only=True)
 class Until(Node):
     """``φ until[a, b] ψ``; more than one link is a mistake, which a rule reports."""
 
@@ -157,7 +128,6 @@ class Until(Node):
     links: tuple[UntilLink, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
 class AdjacentSample(Node):
     """``next φ``."""
 
@@ -171,7 +141,6 @@ Expression = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True, kw_only=True)
 class Range(Node):
     """``in [low, high]``."""
 
@@ -179,7 +148,6 @@ class Range(Node):
     high: Expression
 
 
-@dataclass(frozen=True, kw_only=True)
 class Signal(Node):
     """``signal u[3] {V} in [-24, 24]``, or ``signal contact bool``."""
 
@@ -190,7 +158,6 @@ class Signal(Node):
     range: Range | None
 
 
-@dataclass(frozen=True, kw_only=True)
 class Param(Node):
     """``param vd {m/s} = 0.1 in [-0.2, 0.3]``."""
 
@@ -200,7 +167,6 @@ class Param(Node):
     range: Range | None
 
 
-@dataclass(frozen=True, kw_only=True)
 class Const(Node):
     """``const tol {m/s} = 0.05``."""
 
@@ -209,7 +175,6 @@ class Const(Node):
     value: Expression
 
 
-@dataclass(frozen=True, kw_only=True)
 class Let(Node):
     """``let settled := φ``; φ may be a number, too."""
 
@@ -217,7 +182,6 @@ class Let(Node):
     body: Expression
 
 
-@dataclass(frozen=True, kw_only=True)
 class Require(Node):
     """``require walking: φ``."""
 
@@ -225,7 +189,6 @@ class Require(Node):
     body: Expression
 
 
-@dataclass(frozen=True, kw_only=True)
 class Setting(Node):
     """``delta = 1e-6``."""
 
@@ -233,7 +196,6 @@ class Setting(Node):
     value: Expression
 
 
-@dataclass(frozen=True, kw_only=True)
 class Certify(Node):
     """``certify walking: delta = 1e-6, …``; without a name it is for every requirement."""
 
@@ -241,14 +203,12 @@ class Certify(Node):
     settings: tuple[Setting, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
 class Import(Node):
     """``import "robot.stl"``."""
 
     path: Word
 
 
-@dataclass(frozen=True, kw_only=True)
 class Broken(Node):
     """A statement that did not parse: only its keyword and name are known."""
 

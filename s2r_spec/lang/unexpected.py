@@ -51,13 +51,9 @@ def stray_character(span: Span) -> Diagnostic:
 
 
 def explain(source: Source, tokens: Sequence[Token], position: int, allowed: Set[str]) -> Diagnostic:
-    """Return the diagnostic of a token, or of the end, that cannot follow the tokens before it.
+    """Return the diagnostic of the token at ``position``, or of the end, that cannot follow the tokens before it.
 
-    Args:
-        source: the text.
-        tokens: the statement.
-        position: index of the unexpected token; ``len(tokens)`` for the end.
-        allowed: terminals that could stand there.
+    The ``allowed`` terminals could stand there.
     """
     if position == len(tokens):
         return _end(source, tokens, allowed)
@@ -65,12 +61,8 @@ def explain(source: Source, tokens: Sequence[Token], position: int, allowed: Set
     span = span_of(source, token)
     if position == 0:
         guess = suggestion(str(token), _KEYWORDS)
-        return Diagnostic(
-            "E01",
-            f"a statement cannot begin with `{span.text}`",
-            span,
-            fix=guess or f"begin with {_ANY_KEYWORD}",
-        )
+        message = f"a statement cannot begin with `{span.text}`"
+        return Diagnostic("E01", message, span, fix=guess or f"begin with {_ANY_KEYWORD}")
     taken = _taken_alias(source, tokens, position)
     if taken is not None:
         return taken
@@ -83,12 +75,9 @@ def _end(source: Source, tokens: Sequence[Token], allowed: Set[str]) -> Diagnost
     opened = _unclosed_bracket(tokens)
     if opened is not None and (closing := _CLOSING[opened.type])[0] in allowed:
         place = span_of(source, opened)
-        return Diagnostic(
-            "E01",
-            f"this `{place.text}` is never closed",
-            place,
-            fix=f"write `{closing[1]}` after `{last.text}` in line {last.line}, or remove this",
-        )
+        message = f"this `{place.text}` is never closed"
+        fix = f"write `{closing[1]}` after `{last.text}` in line {last.line}, or remove this"
+        return Diagnostic("E01", message, place, fix=fix)
     after = Span(source, last.end - 1, last.end)
     return Diagnostic(
         "E01", f"the statement ends after `{last.text}`, expected {_expectation(allowed)}", after
@@ -164,7 +153,6 @@ def _hint(source: Source, tokens: Sequence[Token], position: int, allowed: Set[s
 
 
 def _between_bars(source: Source, tokens: Sequence[Token]) -> str:
-    """Return what stands between the first token, a bar, and the next bar; "…" if there is none."""
     closing = next((i for i, token in enumerate(tokens) if i > 1 and token == "|"), None)
     if closing is None:
         return "…"
@@ -178,10 +166,6 @@ def _taken_alias(source: Source, tokens: Sequence[Token], position: int) -> Diag
             continue
         _, word = ALIASES[str(name)]
         span = span_of(source, name)
-        return Diagnostic(
-            "E07",
-            f"`{name}` is declared here, so it does not mean `{word}`",
-            span,
-            fix=f"write `{word}`, or declare another name",
-        )
+        message = f"`{name}` is declared here, so it does not mean `{word}`"
+        return Diagnostic("E07", message, span, fix=f"write `{word}`, or declare another name")
     return None

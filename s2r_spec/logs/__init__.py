@@ -10,6 +10,8 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import islice
 from pathlib import Path
 
 from s2r_spec.base.errors import NoTimesError, TraceError, TraceNote
@@ -18,15 +20,14 @@ from s2r_spec.logs import split
 from s2r_spec.logs.formats import csv_format, npz_format, parquet_format
 from s2r_spec.logs.interpret import Loaded, build_trace, request
 from s2r_spec.logs.mapping import ColumnPlan, ColumnRequest, plan_columns
+from s2r_spec.logs.options import TIME, unit_of_option
 from s2r_spec.logs.table import Chooser, Head, Table
 from s2r_spec.logs.times import candidates
-from s2r_spec.logs.times.times import TIME, unit_of_option
 from s2r_spec.logs.topics import formats as topic_formats
 from s2r_spec.logs.topics import sparse
 from s2r_spec.logs.topics import table as topic_table
 from s2r_spec.logs.topics.arrays import TimeOptions
 from s2r_spec.logs.topics.join import Joining
-from s2r_spec.logs.topics.topic import TopicLog
 from s2r_spec.trace import Trace
 
 _PARSERS: dict[str, Callable[[Path, Chooser], Table]] = {
@@ -82,23 +83,22 @@ def load(
     gather: bool = False,
     joining: Joining | None = None,
 ) -> Loaded:
-    """Read a trace from a file, with notes for the user; see :func:`read`.
+    """Read a trace from a file, with notes for the user; for arguments and errors see also :func:`read`.
 
     Args:
         path: the file.
-        columns: see :func:`read`.
-        wanted: see :func:`read`.
-        time_unit: see :func:`read`.
+        columns: channel → name of its column.
+        wanted: channels to read.
+        time_unit: unit of times that are plain numbers.
         gather: if all columns are read, whether to make vectors of numbered columns (``q_0``, ``q_1``), and to leave
             out fields of topics that are not mapped and whose names no spec can have.
         joining: how topics come to common stamps; None for the defaults of a log of topics, and for a table whose
             rows have all channels.
 
     Raises:
-        TraceError: see :func:`read`; also if the file has several episodes.
-        UsageError: see :func:`read`.
+        TraceError: also if the file has several episodes.
     """
-    episodes = load_episodes(path, columns, wanted, time_unit=time_unit, gather=gather, joining=joining)
+    episodes = load_episodes(path, Reading(columns or {}, wanted, time_unit, gather, joining))
     if len(episodes) > 1:
         raise TraceError(
             f"{path}: the file has {len(episodes)} episodes, numbered by {split.EPISODE!r}, and a trace is one; "
@@ -107,36 +107,14 @@ def load(
     return replace(episodes[0], trace=episodes[0].trace.known())
 
 
-def load_episodes(
-    path: str | Path,
-    columns: Mapping[str, str] | None = None,
-    wanted: Mapping[str, int | None] | Sequence[str] | None = None,
-    *,
-    time_unit: str | None = None,
-    gather: bool = False,
-    joining: Joining | None = None,
-    longest: Mapping[str, float] | None = None,
-) -> list[Loaded]:
-    """Read the traces of a file: one for each episode of a table that numbers its episodes, else one.
-
-    ``longest`` states how long a value of a channel is valid [s]. For other arguments and errors see :func:`load`.
-    """
-    return _load(Path(path), _What(columns or {}, wanted, time_unit, gather, joining, longest or {}))
-
-
-def load_runs(
-    path: str | Path, columns: Mapping[str, str] | None = None, time_unit: str | None = None
-) -> list[Loaded]:
-    """Read the traces of a table: one for each run of a clock, whose times step back where it began anew.
-
-    For arguments and errors see :func:`load`.
-    """
-    return _load(Path(path), _What(columns or {}, time_unit=time_unit, runs=True))
-
-
 @dataclass(frozen=True)
-class _What:
-    """What is read of a file; see :func:`load_episodes` and :func:`load_runs`."""
+class Reading:
+    """What is read of a file, as for :func:`load`.
+
+    Args:
+        longest: channel → how long a value is valid, as the user states it [s].
+        runs: whether a table has a trace for each run of its clock, whose times step back where it began anew.
+    """
 
     columns: Mapping[str, str]
     wanted: Mapping[str, int | None] | Sequence[str] | None = None
@@ -147,41 +125,46 @@ class _What:
     runs: bool = False
 
 
-def _load(path: Path, what: _What) -> list[Loaded]:
-    names, joining = dict(what.columns), what.joining
+def load_episodes(path: str | Path, reading: Reading) -> list[Loaded]:
+    """Read the traces of a file: one for each episode of a table that numbers its episodes, else one.
+
+    For errors see :func:`load`.
+    """
+    path, names, joining = Path(path), dict(reading.columns), reading.joining
     arrays = path.suffix.lower() in topic_formats.ARRAYS
-    unit = unit_of_option(what.time_unit)
+    unit = unit_of_option(reading.time_unit)
     open_log = topic_formats.opener(path, TimeOptions(unit, names.pop(TIME, None)) if arrays else None)
+    topics = open_log is not None
     if open_log is None:
         parser = _PARSERS[_ending(path, READABLE)]
     else:
-        parser = _of_topics(open_log, _with_clock(joining or Joining(), names))
+        parser = partial(topic_table.load, open_log, joining=_with_clock(joining or Joining(), names))
     # arrays have the times and their unit already
-    topics = open_log is not None
-    requested = request(names, what.wanted, None if arrays else unit, what.gather, what.gather and topics)
+    requested = request(
+        names, reading.wanted, None if arrays else unit, reading.gather, reading.gather and topics
+    )
     plans: list[ColumnPlan] = []
     episode: list[int] = []
 
     def choose(heads: tuple[Head, ...]) -> set[int]:
         plans.append(plan_columns(heads, requested))
-        number = split.episode_column(heads) if open_log is None else None
-        episode.extend([] if number is None else [number])
+        named = (number for number, head in enumerate(heads) if head.text == split.EPISODE and not topics)
+        episode.extend(islice(named, 1))
         return plans[-1].needed | {*episode}
 
     try:
         table = parser(path, choose)
         parts = split.split_episodes(table, episode[0]) if episode else [table]
-        if what.runs:
+        if reading.runs:
             parts = [run for part in parts for run in split.runs(part, plans[-1].times)]
         if joining is None or topics:
-            return [build_trace(part, plans[-1], requested, what.longest) for part in parts]
-        by_column = {column: name for name, column in names.items()}
-        clocked = _with_clock(joining, by_column)
-        return [sparse.join_rows(part, plans[-1], requested, clocked, what.longest) for part in parts]
+            return [build_trace(part, plans[-1], requested, reading.longest) for part in parts]
+        clocked = _with_clock(joining, {column: name for name, column in names.items()})
+        return [sparse.join_rows(part, plans[-1], requested, clocked, reading.longest) for part in parts]
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise TraceError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
     except NoTimesError as error:
-        question = _question(path, parser, error, requested.time_unit) if open_log is None else error
+        question = error if topics else _question(path, parser, error, requested.time_unit)
         raise NoTimesError(f"{path}: {question}", question.likely, question.candidates) from None
     except TraceError as error:
         raise TraceError(f"{path}: {error}") from None
@@ -224,13 +207,7 @@ def write(trace: Trace, path: str | Path) -> None:
 
 def _with_clock(joining: Joining, names: Mapping[str, str]) -> Joining:
     """Return a joining whose clock has the name that the file, or the trace, has for it."""
-    return (
-        joining if joining.clock is None else replace(joining, clock=names.get(joining.clock, joining.clock))
-    )
-
-
-def _of_topics(open_log: Callable[[Path], TopicLog], joining: Joining) -> Callable[[Path, Chooser], Table]:
-    return lambda path, choose: topic_table.load(open_log, path, choose, joining)
+    return replace(joining, clock=None if joining.clock is None else names.get(joining.clock, joining.clock))
 
 
 def _ending(path: Path, allowed: Sequence[str]) -> str:

@@ -27,8 +27,3 @@ class Account:
     merged: int = 0
     dropped: Mapping[str, int] = field(default_factory=dict)
     resorted: int = 0
-
-    @property
-    def balanced(self) -> bool:
-        """Whether every message is accounted for."""
-        return self.messages == self.samples + self.merged + sum(self.dropped.values())

@@ -1,13 +1,17 @@
-"""Parse the text of table cells as numbers and truth values."""
+"""Read numbers, truth values and durations from the cells of a column, typed or as text, with NaN for gaps."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from s2r_spec.base.errors import TraceError, shortened
+from s2r_spec.logs.table import Column
+from s2r_spec.trace import stamps
 
 _PANDAS = "nan|-nan|na|<na>|n/a|#n/a|#n/a n/a|#na|null|none|-1.#ind|1.#ind|-1.#qnan|1.#qnan"
 MISSING = frozenset(("", "nat", *_PANDAS.split("|")))
@@ -85,3 +89,51 @@ def _overflows(numbers: NDArray[Any], texts: Sequence[str]) -> bool:
 
 def _number(text: str) -> float:
     return np.nan if text.strip().lower() in MISSING else float(text)
+
+
+def read_samples(
+    column: Column, name: str, place: Callable[[int], str]
+) -> tuple[NDArray[np.float64], str | None]:
+    """Return (n,) or (n, k) samples, with NaN for missing ones, and the unit if the type states it.
+
+    Truth values become 1 and 0, and durations seconds.
+
+    Raises:
+        TraceError: the column holds no numbers.
+    """
+    if column.fault:
+        raise TraceError(f"{name} {column.fault}")
+    values, unit = column.values, None
+    if values.dtype.kind == "M":
+        raise TraceError(f"{name} holds dates, not numbers")
+    if values.dtype.kind == "m":
+        gaps = np.isnat(values)
+        filled = np.where(gaps, np.zeros(1, values.dtype), values)
+        values, unit = stamps.seconds(filled.ravel(), np.timedelta64(0, "s")), "s"
+        values = values.reshape(gaps.shape)
+        values[gaps] = np.nan
+    samples = _read_texts(column, name, place) if column.texts else np.asarray(values, dtype=np.float64)
+    if column.missing is not None:
+        samples = samples.copy()
+        samples[column.missing] = np.nan
+    return samples, unit
+
+
+def _read_texts(column: Column, name: str, place: Callable[[int], str]) -> NDArray[np.float64]:
+    if column.values.ndim != 1:
+        raise TraceError(f"{name} holds texts, not numbers")
+    samples = np.full(len(column.values), np.nan)
+    present = np.flatnonzero(~is_missing(column.values))
+    truth = truths([column.values[sample] for sample in present])
+    if truth is not None:
+        samples[present] = truth
+        return samples
+    for sample in present:
+        try:
+            samples[sample] = number(column.values[sample])
+        except ValueError:
+            raise TraceError(
+                f"{place(int(sample))} is {shortened(column.values[sample])!r}, not a number"
+                f"{decimal_point(column.values[sample])}"
+            ) from None
+    return samples

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError
 from s2r_spec.lang.units import LONGEST
-from s2r_spec.logs import values
+from s2r_spec.logs import cells
 from s2r_spec.logs.account import Account
 from s2r_spec.logs.mapping import ANY, ColumnPlan, ColumnRequest, MappedChannel
+from s2r_spec.logs.options import unit_of_option
 from s2r_spec.logs.own import clock_of, restore
 from s2r_spec.logs.table import Column, Table, quote
 from s2r_spec.logs.times import dates, times
@@ -25,6 +26,7 @@ from s2r_spec.trace import stamps as exact
 from s2r_spec.trace.messages import SILENT, Messages, join
 
 FloatArray = NDArray[np.float64]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -53,11 +55,7 @@ def build_trace(
 ) -> Loaded:
     """Return the trace of a parsed file.
 
-    Args:
-        table: the parsed columns.
-        plan: the columns of each channel.
-        request: what was asked for.
-        longest: channel → time for which a value of its messages is valid, as the user states it [s].
+    ``longest`` is channel → time for which a value of its messages is valid, as the user states it [s].
 
     Raises:
         TraceError: the times or a requested channel are not valid.
@@ -68,20 +66,26 @@ def build_trace(
     heads = [table.heads[number] for number in plan.times]
     if columns[0].values.shape[:1] == (0,) and not columns[0].fault:
         raise TraceError("; ".join(["the file has no samples", *table.notes]))
-    stamps = times.read(columns, heads, request.time_unit, lambda k: table.place(k, plan.times[0]))
+    stamps = times.read(columns, heads, request.time_unit, table.places(plan.times[0]))
     read = channels(table, plan, stamps.seconds.size)
     lacking = omitted_columns(table, plan, request, read.faults)
     names = {one.name: table.heads[one.parts[0].number].name for one in plan.channels}
     kept = restore(stamps.seconds, read.samples, table.own, names)
     if kept is not None:
         trace = replace(kept, units=read.units, meta=table.meta)
-        accounts = {name: Account(count, count) for name, count in _counts(kept).items()}
+        own = {name: len(one) for name, one in kept.messages.items()}
+        own = own or {name: int(kept.own(name).sum()) for name in kept.channels}
+        accounts = {name: Account(count, count) for name, count in own.items()}
         if (clock := clock_of(stamps.seconds, table.own)) is not None:
             trace = at_clock(trace, clock)
         return Loaded(trace, (*table.notes, *plan.notes), stamps.begins, lacking, accounts, stamps.stated)
     trace, account, notes = _of_rows(stamps.seconds, read, table, plan.times[0])
-    if longest and not trace.messages:
-        trace = _trace_of_messages(trace, longest)
+    if longest and trace.channels and not trace.messages:
+        messages = {
+            name: Messages.of(trace.times, samples, longest=longest.get(name, math.nan))
+            for name, samples in trace.channels.items()
+        }
+        trace = Trace.of_messages(messages, trace.units, trace.meta)
     notes = (*table.notes, *plan.notes, *stamps.notes, *notes)
     accounts = dict.fromkeys(read.samples, account)
     return Loaded(trace, notes, stamps.begins, lacking, accounts, stamps.stated)
@@ -90,16 +94,12 @@ def build_trace(
 def _of_rows(
     seconds: FloatArray, read: Channels, table: Table, number: int
 ) -> tuple[Trace, Account, tuple[str, ...]]:
-    """Return the trace of a table's rows, what became of these, and notes; rows are never sorted.
-
-    Raises:
-        TraceError: the times do not increase.
-    """
+    """Return the trace of a table's rows, what became of these, and notes; rows are never sorted."""
     steps = np.diff(seconds)
     if (steps > 0).all():
         return Trace(seconds, read.samples, read.units, table.meta), Account(seconds.size, seconds.size), ()
     topic = Topic("", seconds, {name: Column(one) for name, one in read.samples.items()})
-    sorted_rows = sort_messages(topic, sortable=False, place=lambda sample: table.place(sample, number))
+    sorted_rows = sort_messages(topic, sortable=False, place=table.places(number))
     times = sorted_rows.topic.stamps
     samples = {name: column.values for name, column in sorted_rows.topic.columns.items()}
     if (np.diff(times) > 0).all():
@@ -108,22 +108,6 @@ def _of_rows(
         messages = {name: Messages.of(times, one) for name, one in samples.items()}
         trace = Trace.of_messages(messages, read.units, table.meta)
     return trace, Account(seconds.size, times.size, sorted_rows.merged), sorted_rows.notes
-
-
-def _trace_of_messages(trace: Trace, longest: Mapping[str, float]) -> Trace:
-    """Return a trace whose rows are messages, some of which the user says how long they are valid [s]."""
-    messages = {
-        name: Messages.of(trace.times, values, longest=longest.get(name, math.nan))
-        for name, values in trace.channels.items()
-    }
-    return Trace.of_messages(messages, trace.units, trace.meta) if messages else trace
-
-
-def _counts(trace: Trace) -> dict[str, int]:
-    """Return channel → number of its own samples."""
-    if trace.messages:
-        return {name: len(one) for name, one in trace.messages.items()}
-    return {name: int(trace.own(name).sum()) for name in trace.channels}
 
 
 def omitted_columns(
@@ -144,23 +128,18 @@ def omitted_columns(
 def _of_topics(
     table: Table, plan: ColumnPlan, request: ColumnRequest, longest: Mapping[str, float]
 ) -> Loaded:
-    """Return the trace of columns with stamps of their own."""
     clock = _Clock.of(table)
-    messages: dict[str, Messages] = {}
-    units: dict[str, str] = {}
-    accounts: dict[str, Account] = {}
-    faults: dict[str, str] = {}
     notes = [*table.notes, *plan.notes]
-    for channel in plan.channels:
-        try:
-            valid = longest.get(channel.name, math.nan)
-            messages[channel.name], unit = _messages(table, channel, clock, valid, notes)
-        except TraceError as error:
-            faults[channel.name] = str(error)
-            continue
-        if unit is not None:
-            units[channel.name] = unit
-        accounts[channel.name] = _account(table, channel, len(messages[channel.name]))
+
+    def read(channel: MappedChannel) -> tuple[Messages, str | None]:
+        return _messages(table, channel, clock, longest.get(channel.name, math.nan), notes)
+
+    messages, units, faults = _read_channels(plan, read)
+    accounts = {
+        one.name: _account(table, one, len(messages[one.name]))
+        for one in plan.channels
+        if one.name in messages
+    }
     lacking = omitted_columns(table, plan, request, faults)
     if not messages:
         stamps = clock.seconds(next(one.stamps for one in table.columns.values() if one.stamps is not None))
@@ -235,21 +214,20 @@ def _messages(
     table: Table, channel: MappedChannel, clock: _Clock, longest: float, notes: list[str]
 ) -> tuple[Messages, str | None]:
     """Return the messages of a channel, and its unit; notes are added."""
-    stamps = [table.columns[part.number].stamps for part in channel.parts]
-    first = stamps[0]
-    linear = all(table.columns[part.number].linear for part in channel.parts)
-    if first is not None and all(one is first for one in stamps):
-        samples, unit = _channel(table, channel, len(first))
-        shaped = _reshape(samples, channel.width)
-        end = clock.end(table.columns[channel.parts[0].number].log_end)
-        return Messages.of(clock.seconds(first), shaped, longest=longest, log_end=end, linear=linear), unit
-    parts, units = [], []
-    for part, own in zip(channel.parts, stamps, strict=True):
-        assert own is not None
-        samples, unit = _channel(table, MappedChannel(channel.name, (part,), False), len(own))
-        end = clock.end(table.columns[part.number].log_end)
-        parts.append(Messages.of(clock.seconds(own), samples, longest=longest, log_end=end, linear=linear))
-        units.append(unit)
+    columns = [table.columns[part.number] for part in channel.parts]
+    linear = all(column.linear for column in columns)
+
+    def read(one: MappedChannel, column: Column) -> tuple[Messages, str | None]:
+        assert column.stamps is not None
+        samples, unit = _channel(table, one, len(column.stamps))
+        times, end = clock.seconds(column.stamps), clock.end(column.log_end)
+        return Messages.of(times, samples, longest=longest, log_end=end, linear=linear), unit
+
+    if all(column.stamps is columns[0].stamps for column in columns):
+        return read(channel, columns[0])
+    scalars = [MappedChannel(channel.name, (part,), False) for part in channel.parts]
+    read_parts = [read(*one) for one in zip(scalars, columns, strict=True)]
+    parts, units = [one for one, _ in read_parts], [unit for _, unit in read_parts]
     if any(unit != units[0] for unit in units):
         raise TraceError(f"the components of {quote(channel.name)} have different units")
     vector = join(parts)
@@ -287,24 +265,24 @@ class Channels:
 
 
 def channels(table: Table, plan: ColumnPlan, count: int) -> Channels:
-    """Return the channels of a plan.
+    """Return the channels of a plan, each with ``count`` samples."""
+    return Channels(*_read_channels(plan, lambda channel: _channel(table, channel, count)))
 
-    Args:
-        table: table with the columns that the plan needs.
-        plan: the columns of each channel.
-        count: number of samples that each channel must have.
-    """
-    read = Channels({}, {}, {})
+
+def _read_channels(
+    plan: ColumnPlan, read: Callable[[MappedChannel], tuple[T, str | None]]
+) -> tuple[dict[str, T], dict[str, str], dict[str, str]]:
+    """Return name → what is read, name → unit, and name → fault of channels left out."""
+    values, units, faults = {}, {}, {}
     for channel in plan.channels:
         try:
-            samples, unit = _channel(table, channel, count)
+            values[channel.name], unit = read(channel)
         except TraceError as error:
-            read.faults[channel.name] = str(error)
+            faults[channel.name] = str(error)
             continue
-        read.samples[channel.name] = _reshape(samples, channel.width)
         if unit is not None:
-            read.units[channel.name] = unit
-    return read
+            units[channel.name] = unit
+    return values, units, faults
 
 
 def _channel(table: Table, channel: MappedChannel, count: int) -> tuple[FloatArray, str | None]:
@@ -313,7 +291,7 @@ def _channel(table: Table, channel: MappedChannel, count: int) -> tuple[FloatArr
     for part in channel.parts:
         head = table.heads[part.number]
         name = quote(head.text)
-        samples, unit = values.read(table.columns[part.number], name, _row_place(table, part.number))
+        samples, unit = cells.read_samples(table.columns[part.number], name, table.places(part.number))
         if samples.shape[0] != count:
             raise TraceError(f"{name} has {samples.shape[0]} samples, but there are {count} time stamps")
         if part.component is not None:
@@ -327,47 +305,22 @@ def _channel(table: Table, channel: MappedChannel, count: int) -> tuple[FloatArr
                 f"the unit of {name} is {quote(written)}, which is not a unit; "
                 f"state it, such as --map '{channel.name}={head.text} [m/s]'"
             )
+        if unit is not None and written not in (None, unit):
+            raise TraceError(
+                f"{name} holds durations, but its unit is written as {written!r}; leave the unit out"
+            )
         columns.append(samples)
-        units.append(_column_unit(unit, written, name))
+        units.append(written if unit is None else unit)
     if any(unit != units[0] for unit in units):
         raise TraceError(f"the components of {quote(channel.name)} have different units")
-    if len(columns) == 1 and not channel.vector:
-        return columns[0], units[0]
-    if any(samples.ndim != 1 for samples in columns):
-        raise TraceError(f"a component of {quote(channel.name)} is a vector itself")
-    return np.stack(columns, axis=1), units[0]
-
-
-def _reshape(samples: FloatArray, width: int | None) -> FloatArray:
-    """Return (n, 1) samples as (n,) for a scalar channel, and (n,) as (n, 1) for a vector; others unchanged."""
-    if width is None and samples.ndim == 2 and samples.shape[1] == 1:
-        return samples[:, 0]
-    return samples[:, np.newaxis] if width == 1 and samples.ndim == 1 else samples
-
-
-def _row_place(table: Table, number: int) -> _RowPlace:
-    return _RowPlace(table, number)
-
-
-@dataclass(frozen=True)
-class _RowPlace:
-    table: Table
-    number: int
-
-    def __call__(self, sample: int) -> str:
-        """Return the place of a sample in the file."""
-        return self.table.place(sample, self.number)
-
-
-def _column_unit(typed: str | None, written: str | None, name: str) -> str | None:
-    """Return the unit of a column: the unit of its type, which the written unit must not contradict."""
-    if typed is None:
-        return written
-    if written not in (None, typed):
-        raise TraceError(
-            f"{name} holds durations, but its unit is written as {written!r}; leave the unit out"
-        )
-    return typed
+    samples = columns[0]
+    if len(columns) > 1 or channel.vector:
+        if any(one.ndim != 1 for one in columns):
+            raise TraceError(f"a component of {quote(channel.name)} is a vector itself")
+        samples = np.stack(columns, axis=1)
+    if channel.width is None and samples.ndim == 2 and samples.shape[1] == 1:
+        return samples[:, 0], units[0]
+    return samples[:, np.newaxis] if channel.width == 1 and samples.ndim == 1 else samples, units[0]
 
 
 def request(
@@ -384,4 +337,4 @@ def request(
     """
     if wanted is not None and not isinstance(wanted, Mapping):
         wanted = dict.fromkeys(wanted, ANY)
-    return ColumnRequest(dict(columns or {}), wanted, times.unit_of_option(time_unit), gather, identifiers)
+    return ColumnRequest(dict(columns or {}), wanted, unit_of_option(time_unit), gather, identifiers)

@@ -1,4 +1,4 @@
-"""Libraries behind extras, imported where a file needs them."""
+"""Libraries behind extras, imported where a file needs them, and their errors."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from importlib import import_module
 from typing import Any
 
 from s2r_spec.base.distribution import find_own
-from s2r_spec.base.errors import TraceError, not_installed
+from s2r_spec.base.errors import TraceError, not_installed, shortened
+from s2r_spec.base.printable import one_line
 
 
 def library(name: str, what: str) -> Any:
@@ -23,3 +24,8 @@ def library(name: str, what: str) -> Any:
         return import_module(name)
     except ImportError:
         raise TraceError(not_installed(f"{what} need", name, find_own())) from None
+
+
+def reason_of(error: Exception) -> str:
+    """Return the message of a library's error in one short line, or else the name of its type."""
+    return shortened(one_line(str(error)) or type(error).__name__)

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import base64
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -64,30 +65,41 @@ def rows(trace: Trace) -> tuple[FloatArray, Mapping[str, FloatArray], dict[str, 
         described[name] = {
             "own": _pack(own),
             "linear": one.linear,
-            **({"invalid": [[_or_none(at) for at in span] for span in one.invalid]} if one.invalid else {}),
+            # JSON has no infinite numbers.
+            **(
+                {"invalid": [[at if math.isfinite(at) else None for at in span] for span in one.invalid]}
+                if one.invalid
+                else {}
+            ),
             **{key: number for key, number in numbers.items() if math.isfinite(number)},
         }
     record = {"version": VERSION, "messages": described, "since": trace.since, "until": trace.until}
     return times, channels, record if clock is None else {**record, "clock": _pack(np.isin(times, clock))}
 
 
-def clock_of(times: FloatArray, record: Mapping[str, Any]) -> FloatArray | None:
-    """Return (m,) the stamps of the clock of a table with a record; None without a clock.
+def description(trace: Trace, record: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what stands beside the columns of a trace's table: units, meta, and the record if there is one."""
+    return {"units": dict(trace.units), "meta": dict(trace.meta)} | ({"own": record} if record else {})
 
-    Args:
-        times: (n,) times of the rows [s].
-        record: the record.
+
+def clock_of(times: FloatArray, record: Mapping[str, Any]) -> FloatArray | None:
+    """Return (m,) the stamps of the clock of a table with (n,) times and a record [s]; None without a clock.
 
     Raises:
         TraceError: the record does not fit the table.
     """
     if "clock" not in record:
         return None
+    with _fitting():
+        return np.unique(times[_unpack(record["clock"], times.size)])
+
+
+@contextmanager
+def _fitting() -> Iterator[None]:
     try:
-        stamps: FloatArray = np.unique(times[_unpack(record["clock"], times.size)])
-    except (TypeError, ValueError) as error:
+        yield
+    except (KeyError, TypeError, ValueError) as error:
         raise TraceError(f"its record of own samples does not fit the table: {error}") from None
-    return stamps
 
 
 def restore(
@@ -110,7 +122,7 @@ def restore(
         raise TraceError(
             f"its record of own samples has version {record.get('version')!r}; s2r reads {VERSION}"
         )
-    try:
+    with _fitting():
         if "masks" in record:
             masks = {
                 name: _unpack(record["masks"][names[name]], times.size)
@@ -131,13 +143,6 @@ def restore(
                 times[own], values[own], linear=bool(one["linear"]), invalid=spans, **numbers
             )
         return Trace.of_messages(messages, since=record.get("since"), until=record.get("until"))
-    except (KeyError, TypeError, ValueError) as error:
-        raise TraceError(f"its record of own samples does not fit the table: {error}") from None
-
-
-def _or_none(number: float) -> float | None:
-    """Return a number; None for an infinite one, which JSON does not have."""
-    return number if math.isfinite(number) else None
 
 
 def _pack(mask: BoolArray) -> str:
@@ -145,11 +150,6 @@ def _pack(mask: BoolArray) -> str:
 
 
 def _unpack(text: str, count: int) -> BoolArray:
-    """Return (count,) a mask.
-
-    Raises:
-        ValueError: the text has another length.
-    """
     bits = np.unpackbits(np.frombuffer(base64.b64decode(text, validate=True), dtype=np.uint8))
     if not count <= bits.size < count + 8:
         raise ValueError(

@@ -2,30 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError
-from s2r_spec.logs.table import Column, Head, Table
+from s2r_spec.logs.table import Table
 
 EPISODE = "episode_index"
 """Definition: the column that numbers the episodes of a LeRobot data set (version 3.0 of its format)."""
 
 
-def episode_column(heads: Iterable[Head]) -> int | None:
-    """Return the number of the column that numbers the episodes; None if there is none."""
-    return next((number for number, head in enumerate(heads) if head.text == EPISODE), None)
-
-
 def split_episodes(table: Table, number: int) -> list[Table]:
-    """Return a table for each episode.
-
-    Args:
-        table: the table, with the column of the episodes.
-        number: number of this column.
+    """Return a table for each episode; ``number`` is that of the column which numbers them.
 
     Raises:
         TraceError: the column is not readable, or the rows of an episode are not together.
@@ -56,20 +46,14 @@ def _cut_table(table: Table, begins: list[int], count: int) -> list[Table]:
 
 
 def _rows(table: Table, first: int, end: int) -> Table:
-    columns = {number: _part(column, first, end) for number, column in table.columns.items()}
-    return replace(table, columns=columns, place=_EpisodePlace(table, first))
-
-
-def _part(column: Column, first: int, end: int) -> Column:
-    missing: NDArray[np.bool_] | None = None if column.missing is None else column.missing[first:end]
-    return column if column.fault else replace(column, values=column.values[first:end], missing=missing)
-
-
-@dataclass(frozen=True)
-class _EpisodePlace:
-    table: Table
-    first: int
-
-    def __call__(self, sample: int, number: int) -> str:
-        """Return the place of a sample in the file."""
-        return self.table.place(self.first + sample, number)
+    columns = {
+        number: column
+        if column.fault
+        else replace(
+            column,
+            values=column.values[first:end],
+            missing=None if column.missing is None else column.missing[first:end],
+        )
+        for number, column in table.columns.items()
+    }
+    return replace(table, columns=columns, place=lambda sample, number: table.place(first + sample, number))

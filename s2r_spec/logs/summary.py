@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from s2r_spec import logs
 from s2r_spec.base.errors import NoTimesError, TraceError
-from s2r_spec.logs.times.times import TIME, map_argument, unit_of_option
+from s2r_spec.logs.options import TIME, map_argument, unit_of_option
 from s2r_spec.logs.topics import formats
 from s2r_spec.logs.topics.arrays import TimeOptions
 from s2r_spec.logs.topics.order import resets
@@ -115,10 +115,10 @@ def summary(path: Path, columns: Mapping[str, str] | None = None, time_unit: str
         topics = log.read({topic.name: () for topic in log.heads}, "received")
         stamped = [topic.name for topic in log.heads if topic.header and topic.count]
         sent = {}
-        if stamped and _size(path) <= _HEADERS_UP_TO:
-            with suppress(
-                TraceError
-            ):  # a message that cannot be decoded is an error of the command that reads it
+        size = sum(one.stat().st_size for one in (path.iterdir() if path.is_dir() else [path]))
+        if stamped and size <= _HEADERS_UP_TO:
+            # a message that cannot be decoded is an error of the command that reads it
+            with suppress(TraceError):
                 sent = log.read(dict.fromkeys(stamped, ()), "header")
     except OSError as error:
         raise TraceError(f"cannot read {path}: {error.strerror or error}") from None
@@ -129,61 +129,43 @@ def summary(path: Path, columns: Mapping[str, str] | None = None, time_unit: str
         return LogSummary(likely.topics, (str(error), _taken(error), *likely.notes))
     except TraceError as error:
         raise TraceError(f"{path}: {error}") from None
-    return LogSummary(
-        tuple(
-            _topic(
-                head.name,
-                head.kind,
-                _runs(topics[head.name].stamps, sent.get(head.name, topics[head.name]).stamps),
-                [FieldSummary(head.path(name), head.units.get(name)) for name in head.fields],
-                [
-                    *(f"{head.path(name)} {fault}" for name, fault in head.faults.items()),
-                    *([] if head.fields or head.faults else ["its messages hold no numbers that s2r reads"]),
-                ],
-            )
-            for head in log.heads
-        ),
-        tuple(log.notes) if log.heads else (*log.notes, "the file has no topics"),
-    )
-
-
-def _size(path: Path) -> int:
-    """Return the bytes of a file, or of all files of a folder."""
-    return sum(one.stat().st_size for one in (path.iterdir() if path.is_dir() else [path]))
-
-
-def _runs(stamps: NDArray[Any], sent: NDArray[Any]) -> list[NDArray[Any]]:
-    """Return the stamps of each run of a clock, in order; ``sent`` are those of the senders, which show the resets."""
-    return [np.sort(run) for run in np.split(stamps, resets(sent) if len(sent) == len(stamps) else [])]
+    summaries = []
+    for head in log.heads:
+        topic = topics[head.name]
+        own = sent.get(head.name, topic).stamps  # stamps of the senders show where a clock began anew
+        parts = np.split(topic.stamps, resets(own) if len(own) == len(topic.stamps) else [])
+        fields = [FieldSummary(head.path(name), head.units.get(name)) for name in head.fields]
+        left_out = [f"{head.path(name)} {fault}" for name, fault in head.faults.items()]
+        if not fields and not left_out:
+            left_out.append("its messages hold no numbers that s2r reads")
+        summaries.append(_topic(head.name, head.kind, list(map(np.sort, parts)), fields, left_out))
+    notes = [] if summaries else ["the file has no topics"]
+    return LogSummary(tuple(summaries), (*log.notes, *notes))
 
 
 def _table(path: Path, columns: Mapping[str, str], time_unit: str | None) -> LogSummary:
     notes: list[str] = []
     try:
-        episodes = logs.load_runs(path, columns, time_unit)
+        episodes = logs.load_episodes(path, logs.Reading(columns, time_unit=time_unit, runs=True))
     except NoTimesError as error:
         if TIME in columns:
             raise
-        episodes = logs.load_runs(path, {**columns, TIME: error.likely}, time_unit)
+        columns = {**columns, TIME: error.likely}
+        episodes = logs.load_episodes(path, logs.Reading(columns, time_unit=time_unit, runs=True))
         notes += [str(error).removeprefix(f"{path}: ")] if error.candidates else []
         notes.append(_taken(error))
     traces = [loaded.trace for loaded in episodes]
-    missing = {
-        name: sum(int(np.isnan(trace[name].reshape(len(trace), -1)).any(axis=1).sum()) for trace in traces)
-        for name in traces[0].channels
-    }
-    first = traces[0]
-    fields = [
-        FieldSummary(
-            name, first.units.get(name), count, first[name].shape[1] if first[name].ndim == 2 else None
-        )
-        for name, count in missing.items()
-    ]
+    fields = []
+    for name, samples in traces[0].channels.items():
+        rows = [np.isnan(trace[name].reshape(len(trace), -1)).any(axis=1) for trace in traces]
+        missing = sum(int(one.sum()) for one in rows)
+        width = samples.shape[1] if samples.ndim == 2 else None
+        fields.append(FieldSummary(name, traces[0].units.get(name), missing, width))
     left_out = [f"{name}: {why}" for name, why in episodes[0].left_out.items()]
     topic = _topic("", "", [trace.times for trace in traces], fields, left_out)
     notes += dict.fromkeys(note for loaded in episodes for note in loaded.notes)
     notes += [f"times count from {episodes[0].begins}"] if episodes[0].begins else []
-    if any(missing.values()):
+    if any(field.missing for field in fields):
         notes.append("cells are empty; --join hold treats each column as a topic with its own stamps")
     return LogSummary((topic,), tuple(notes))
 
@@ -201,13 +183,11 @@ def _topic(
     fields: Sequence[FieldSummary],
     left_out: Sequence[str],
 ) -> TopicSummary:
-    """Return a topic from the sorted stamps of its episodes."""
-    steps = np.concatenate([seconds(np.diff(stamps)) for stamps in episodes])
+    parts = [seconds(np.diff(stamps)) for stamps in episodes]
+    steps = np.concatenate(parts)
     runs = [
-        RunSummary(
-            stamp_text(stamps[0]) if len(stamps) else "", len(stamps), float(seconds(np.diff(stamps)).sum())
-        )
-        for stamps in episodes
+        RunSummary(stamp_text(stamps[0]) if len(stamps) else "", len(stamps), float(part.sum()))
+        for stamps, part in zip(episodes, parts, strict=True)
     ]
     return TopicSummary(
         name,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import stat
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,8 +21,6 @@ TEXT_SIZE = 8
 """Definition: memory of a text, in numbers of 8 bytes; Python needs at least 60 bytes for one."""
 MOST_COLUMNS = 100_000
 """Budget: columns of one file."""
-
-
 INDEX = "Unnamed: 0"
 """Definition: pandas' name of a first column without one, which is often the index of a frame."""
 
@@ -103,12 +102,21 @@ class Table:
     clock: NDArray[Any] | None = None
     own: Mapping[str, Any] = field(default_factory=dict)
 
+    def places(self, number: int) -> Callable[[int], str]:
+        """Return sample number → place in the file, for a column."""
+        return lambda sample: self.place(sample, number)
+
+
+def places_in(heads: Sequence[Head], form: str) -> Callable[[int, int], str]:
+    """Return (sample number, head number) → place, from a form such as ``row {} of the column {}``."""
+    return lambda sample, number: form.format(sample, quote(heads[number].text))
+
 
 Chooser = Callable[[tuple[Head, ...]], Iterable[int]]
 """Heads of a file → numbers of the columns to read."""
 
 
-def regular(path: Path) -> None:
+def check_file(path: Path) -> None:
     """Refuse a path that is not a regular file, because a read could hang or never end.
 
     Raises:
@@ -135,7 +143,7 @@ def check_size(numbers: int) -> None:
         )
 
 
-def few(columns: int) -> None:
+def check_columns(columns: int) -> None:
     """Refuse a file with too many columns.
 
     Raises:
@@ -147,24 +155,31 @@ def few(columns: int) -> None:
         )
 
 
-def read_description(record: Any, source: str) -> tuple[dict[str, str], dict[str, Any], dict[str, Any]]:
-    """Return units, meta and the record of own samples (:mod:`s2r_spec.logs.own`) that s2r writes beside the columns.
+Description = tuple[dict[str, str], dict[str, Any], dict[str, Any]]
+"""Units, meta, and the record of own samples (:mod:`s2r_spec.logs.own`)."""
 
-    Args:
-        record: the parsed record.
-        source: the place of the record in the file, for messages.
+
+def parse_description(text: str | bytes, source: str) -> Description:
+    """Return what s2r writes beside the columns, from its JSON; messages name its source in the file.
 
     Raises:
-        TraceError: the record has another form.
+        TraceError: it is not JSON, or has another form.
     """
+    try:
+        return read_description(json.loads(text), source)
+    except (ValueError, RecursionError) as error:
+        raise TraceError(f"{source} is not JSON: {error}") from None
+
+
+def read_description(record: Any, source: str) -> Description:
+    """Return what s2r writes beside the columns, from a parsed record; see :func:`parse_description`."""
     if not isinstance(record, dict):
         raise TraceError(f"{source} is not a JSON object")
-    units, meta = record.get("units", {}), record.get("meta", {})
+    units, meta, own = (record.get(key, {}) for key in ("units", "meta", "own"))
     if not isinstance(units, dict) or not all(isinstance(unit, str) for unit in units.values()):
         raise TraceError(f'{source}: "units" must map names to texts, such as "m/s"')
     if not isinstance(meta, dict):
         raise TraceError(f'{source}: "meta" must be a JSON object')
-    own = record.get("own", {})
     if not isinstance(own, dict):
         raise TraceError(f'{source}: "own" must be a JSON object')
     return units, meta, own

@@ -9,16 +9,20 @@ ended in a failure, its last episode is the one that failed: to leave it out wou
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.lang.declarations import Signal
 from s2r_spec.robustness.grid import SNAP, Grid
+from s2r_spec.spec import Spec, parse_spec
 from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+_CONDITION = "when"
 
 
 @dataclass(frozen=True)
@@ -98,7 +102,7 @@ def find_episodes(
     """
     begins = np.flatnonzero(truth[1:] & ~truth[:-1]) + 1
     begins = begins[times[begins] >= earliest]
-    slack = slack_of(times)
+    slack = _slack(times)
     ranges: list[tuple[int, int]] = []
     within = incomplete = 0
     failed = False
@@ -119,11 +123,101 @@ def find_episodes(
     return EpisodeSearch(tuple(ranges), bool(truth[0]), within, incomplete, failed)
 
 
-def slack_of(times: FloatArray) -> float:
+def _slack(times: FloatArray) -> float:
     """Return by how much a sample may miss an instant that it stands for, by rounding or jitter of a grid [s]."""
     rounding = 16 * math.ulp(max(abs(float(times[0])), abs(float(times[-1]))))
     grid = Grid.of(times) if len(times) > 1 else None
     return rounding if grid is None else max(rounding, (grid.jitter + SNAP) * grid.step)
+
+
+def find_windows(
+    trace: Trace, signals: Mapping[str, Signal], when: str | None, start: float, duration: float
+) -> tuple[list[EpisodeWindow], list[str]]:
+    """Return the windows of the episodes in a log, and sentences on how they were cut.
+
+    Args:
+        trace: the log.
+        signals: the declared signals, for the units in the condition.
+        when: condition that begins an episode as it becomes true; None for one episode.
+        start: time after the log's begin from which episodes may begin [s].
+        duration: length of an episode [s].
+    """
+    if trace.origin is not None:  # an episode begins with the message that makes the condition true
+        windows, sentences = find_windows(trace.origin, signals, when, start, duration)
+        slack = _slack(trace.times)
+        for number, one in enumerate(windows):
+            first, stop = map(int, np.searchsorted(trace.times, (one.begin, one.end + slack)))
+            windows[number] = replace(one, samples=slice(first, max(stop, first + 1)))
+        return windows, sentences
+    if when is None:
+        return _single_window(trace, start, duration)
+    condition = _condition(trace, signals, when)
+    times, truth = _truth(condition, trace.only(condition.channels(_CONDITION)), trace.begin)
+    until = trace.ends if trace.messages else None
+    found = find_episodes(times, truth, duration, trace.begin + start, trace.failure is not None, until)
+    windows = [
+        EpisodeWindow(float(times[first]), float(times[first]) + duration, slice(first, end))
+        for first, end in found.ranges
+    ]
+    if found.failed:
+        windows[-1] = replace(windows[-1], end=math.inf, failed=True)
+    return windows, found.notes(when)
+
+
+def _truth(condition: Spec, trace: Trace, begin: float) -> tuple[FloatArray, BoolArray]:
+    """Return (n,) times and whether a condition is true; before the first value of a channel it is not."""
+    if trace.messages:
+        evaluation = condition.evaluate(trace, _CONDITION)
+        early = [begin] if begin < evaluation.times[0] else []
+        times = np.concatenate((early, evaluation.times))
+        return times, np.concatenate((np.zeros(len(early), bool), evaluation.truth & evaluation.complete))
+    known = np.ones(len(trace), dtype=bool)
+    for values in trace.channels.values():
+        known &= ~np.isnan(values.reshape(len(trace), -1)).any(axis=1)
+    truth = np.zeros(len(trace), dtype=bool)
+    if known.any():
+        first = int(np.argmax(known))
+        rest = EpisodeWindow(float(trace.times[first]), math.inf, slice(first, None), failed=True)
+        evaluation = condition.evaluate(take_episode(trace, rest), _CONDITION)
+        truth[first:] = evaluation.truth & evaluation.complete
+    return trace.times, truth
+
+
+def _single_window(trace: Trace, start: float, duration: float) -> tuple[list[EpisodeWindow], list[str]]:
+    """Return the one episode from a time on; none, with the reason, if the log does not hold it."""
+    failed = trace.failure is not None
+    first = trace.begin
+    if trace.messages:
+        complete = trace.ends >= first + start + duration - 16 * math.ulp(trace.ends)
+        if complete or (failed and first + start <= trace.ends):
+            end = first + start + duration if complete else math.inf
+            return [EpisodeWindow(first + start, end, slice(0, 0), not complete)], []
+    else:
+        times = trace.times - first
+        slack = _slack(trace.times)
+        begin = int(np.searchsorted(times, start - slack))
+        stop = int(np.searchsorted(times, start + duration + slack, side="right"))
+        complete = times[-1] >= start + duration - slack
+        if begin < stop and (complete or failed):
+            end = first + start + duration
+            return [EpisodeWindow(float(trace.times[begin]), end, slice(begin, stop), not complete)], []
+    span = f"{start:.6g} s to {start + duration:.6g} s"
+    lasts = trace.times[-1] - trace.times[0]
+    if lasts > start + duration:
+        return [], [f"the log has no sample from {span}, and an episode needs all of it"]
+    return [], [f"the log ends {lasts:.6g} s after its first sample, and an episode needs {span}"]
+
+
+def _condition(trace: Trace, signals: Mapping[str, Signal], text: str) -> Spec:
+    """Return a specification of the condition, which may name every channel that was read."""
+    lines = []
+    for name in filter(str.isidentifier, trace.channels):
+        signal = signals.get(name)
+        unit = trace.units.get(name, "") if signal is None else signal.unit
+        width = "" if trace[name].ndim == 1 else f"[{trace[name].shape[1]}]"
+        shape = width + (f" {{{unit}}}" if unit else "")
+        lines.append(f"signal {name}{' bool' if signal is not None and signal.boolean else shape}")
+    return parse_spec("\n".join([*lines, f"require {_CONDITION}: {text}"]), "--when")
 
 
 def take_episode(trace: Trace, window: EpisodeWindow) -> Trace:

@@ -23,9 +23,9 @@ from s2r_spec.backend.protocols import PROTOCOL
 from s2r_spec.base.errors import TraceError, UsageError, one_of, shortened
 from s2r_spec.logs.formats.csv_head import is_number
 from s2r_spec.logs.interpret import Loaded
-from s2r_spec.logs.table import regular
+from s2r_spec.logs.table import check_file
 from s2r_spec.logs.topics.formats import FORMATS, opener
-from s2r_spec.recordings.log_episodes import Episode, LogEpisodes, read_log_episodes
+from s2r_spec.recordings.log_episodes import LogEpisodes, read_log_episodes
 from s2r_spec.recordings.log_options import LogOptions
 from s2r_spec.trace import Trace
 
@@ -61,22 +61,21 @@ class _Tests:
 
 @dataclass(frozen=True)
 class Entry:
-    """A recording: its file, its parameters, its trace with notes, and its protocol ("" for a test of a spec)."""
+    """A recording: its file, its parameters, its trace with notes, its protocol ("" for a test of a spec), its row."""
 
     source: str
     params: dict[str, float]
     loaded: Loaded
-    protocol: str = ""
+    protocol: str
+    row: _TestRow
 
 
 @dataclass(frozen=True)
 class Folder:
-    """The recordings of a folder.
+    """The recordings of a folder in order, and the files that determine them.
 
     Args:
         units: parameter → its unit; "" if none is written.
-        entries: the recordings in order.
-        files: the files that determine them.
         assumptions: what a statement about the recordings assumes of their choice, a sentence each.
     """
 
@@ -113,33 +112,29 @@ def read(options: LogOptions) -> Folder:
     units = dict(table.units)
     entries: list[Entry] = []
     sentences: list[str] = []
-    origins: list[_TestRow] = []
     for path, row in tests:
         log = read_log_episodes(path, {}, None, math.inf, settings)
-        made = _entries(log, row, units)
-        entries += made
-        origins += [row] * len(made)
+        entries += _entries(log, row, units)
         sentences += [f"{path.name}: {note}" for note in log.cut]
     if listed:
-        _refuse_empty(root / TABLE, table, list(zip(origins, entries, strict=True)))
+        _refuse_empty(root / TABLE, table, entries)
     if listed and not settings.cuts:
         entries = _with_placeholders(entries)
-    return Folder(
-        units,
-        tuple(entries),
-        (*([root / TABLE] if listed else []), *_parts(sorted(path for path, _ in tests))),
-        _choice(sum(not entry.protocol for entry in entries), len(tests), sentences)
-        if sentences or not listed
-        else (),
-    )
+    determining = [root / TABLE] if listed else []
+    for path in sorted(path for path, _ in tests):
+        determining += sorted(path.iterdir()) if path.is_dir() else [path]
+    assumptions: tuple[str, ...] = ()
+    if sentences or not listed:
+        how = f" ({'; '.join(sentences)})" if sentences else ""
+        assumptions = (
+            f"the {sum(not entry.protocol for entry in entries)} episodes of {len(tests)} logs are all tests that were "
+            f"run, chosen before their results were known{how}",
+        )
+    return Folder(units, tuple(entries), tuple(determining), assumptions)
 
 
 def _entries(log: LogEpisodes, row: _TestRow, units: dict[str, str]) -> list[Entry]:
-    """Return the recordings of a log; add the units of its parameters.
-
-    Raises:
-        LogError: a parameter has several units, or the table names another protocol than the trace.
-    """
+    """Return the recordings of a log, with its parameters and its protocol; add the units of its parameters."""
     entries = []
     for episode in log.episodes:
         for name, (_, unit) in episode.values.items():
@@ -147,51 +142,29 @@ def _entries(log: LogEpisodes, row: _TestRow, units: dict[str, str]) -> list[Ent
                 raise LogError(
                     f"{episode.name}: the parameter {name} is in {unit!r}, and before in {units[name]!r}"
                 )
+        named = episode.trace.meta.get(PROTOCOL)
+        if not isinstance(named, str) or named in ("", row.protocol):
+            named = row.protocol
+        elif row.protocol:
+            raise LogError(
+                f"{episode.name} is a run of the protocol {named!r}, but line {row.line} of {TABLE} names "
+                f"{row.protocol!r}; correct the row"
+            )
         values = {**row.params, **{name: value for name, (value, _) in episode.values.items()}}
         notes = (*log.notes, *log.silences)
         loaded = Loaded(episode.trace, notes, log.dated, log.left_out, log.accounts, log.stated)
-        entries.append(Entry(episode.name, values, loaded, _protocol(episode, row)))
+        entries.append(Entry(episode.name, values, loaded, named, row))
     return entries
 
 
-def _protocol(episode: Episode, row: _TestRow) -> str:
-    """Return the protocol of an episode, by its row or by its trace; "" for a test.
-
-    Raises:
-        LogError: the two name different protocols.
-    """
-    of_trace = episode.trace.meta.get(PROTOCOL)
-    if not isinstance(of_trace, str) or of_trace in ("", row.protocol):
-        return row.protocol
-    if row.protocol:
-        raise LogError(
-            f"{episode.name} is a run of the protocol {of_trace!r}, but line {row.line} of {TABLE} names "
-            f"{row.protocol!r}; correct the row"
-        )
-    return of_trace
-
-
-def _refuse_empty(path: Path, table: _Tests, rows: Sequence[tuple[_TestRow, Entry]]) -> None:
-    """Refuse a test without one of the tests' parameters; a column that only protocols fill is none of them.
-
-    Raises:
-        LogError: a cell is empty.
-    """
-    of_protocols = {name for row, entry in rows if entry.protocol for name in row.params}
-    of_tests = {name for row, entry in rows if not entry.protocol for name in row.params}
-    for row, entry in rows:
+def _refuse_empty(path: Path, table: _Tests, entries: Sequence[Entry]) -> None:
+    """Refuse a test without one of the tests' parameters; a column that only protocols fill is none of them."""
+    of_protocols = {name for entry in entries if entry.protocol for name in entry.row.params}
+    of_tests = {name for entry in entries if not entry.protocol for name in entry.row.params}
+    for entry in entries:
         for name in () if entry.protocol else table.units:
-            if name not in row.params and (name in of_tests or name not in of_protocols):
-                raise LogError(f"{path}, line {row.line}: the parameter {name!r} is empty")
-
-
-def _choice(episodes: int, count: int, sentences: Sequence[str]) -> tuple[str, ...]:
-    """Return the assumption about how the recordings were chosen."""
-    how = f" ({'; '.join(sentences)})" if sentences else ""
-    return (
-        f"the {episodes} episodes of {count} logs are all tests that were run, chosen before their results were "
-        f"known{how}",
-    )
+            if name not in entry.row.params and (name in of_tests or name not in of_protocols):
+                raise LogError(f"{path}, line {entry.row.line}: the parameter {name!r} is empty")
 
 
 def _logs(root: Path) -> list[Path]:
@@ -208,11 +181,7 @@ def _logs(root: Path) -> list[Path]:
 
 
 def _complete(root: Path, paths: Sequence[Path]) -> None:
-    """Refuse a folder that holds logs which are not read; no table says that they are none of the tests.
-
-    Raises:
-        LogError: a log lies deeper, is compressed, or its recording did not end well.
-    """
+    """Refuse a folder with logs that lie deeper, are compressed or did not end well: no table says they are none."""
     for path in sorted(set(root.iterdir()) - set(paths)):
         if path.name.startswith("."):
             continue
@@ -220,19 +189,14 @@ def _complete(root: Path, paths: Sequence[Path]) -> None:
         if not below and not any(ending.lower() in FORMATS for ending in path.suffixes[:-1]):
             continue
         held = (
-            f" holds {one_of(below)}, which log:{root} does not read"
+            f"holds {one_of(below)}, which log:{root} does not read"
             if below
-            else f" is not read by log:{root}"
+            else f"is not read by log:{root}"
         )
         raise LogError(
-            f"{path}{held}: leaving out a recording biases the bound. Move the logs into {root}, unpack or "
+            f"{path} {held}: leaving out a recording biases the bound. Move the logs into {root}, unpack or "
             f"`ros2 bag reindex` them, or list all tests in {TABLE}"
         )
-
-
-def _parts(paths: Sequence[Path]) -> list[Path]:
-    """Return the files of logs, some of which are folders."""
-    return [file for path in paths for file in (sorted(path.iterdir()) if path.is_dir() else [path])]
 
 
 def _with_placeholders(entries: Sequence[Entry]) -> list[Entry]:
@@ -242,16 +206,15 @@ def _with_placeholders(entries: Sequence[Entry]) -> list[Entry]:
     """
     tests = [one.loaded.trace for one in entries if not one.protocol]
     first = next((trace for trace in tests if not _is_placeholder(trace)), None)
-    return [one if first is None or one.protocol else _fill_placeholder(one, first) for one in entries]
-
-
-def _fill_placeholder(entry: Entry, first: Trace) -> Entry:
-    trace = entry.loaded.trace
-    if not _is_placeholder(trace):
-        return entry
-    samples = {key: np.full((len(trace), *v.shape[1:]), np.nan) for key, v in first.channels.items()}
-    filled = Trace(trace.times, samples, first.units, trace.meta)
-    return replace(entry, loaded=replace(entry.loaded, trace=filled, left_out={}))
+    filled = []
+    for entry in entries:
+        trace = entry.loaded.trace
+        if first is not None and not entry.protocol and _is_placeholder(trace):
+            samples = {key: np.full((len(trace), *v.shape[1:]), np.nan) for key, v in first.channels.items()}
+            trace = Trace(trace.times, samples, first.units, trace.meta)
+            entry = replace(entry, loaded=replace(entry.loaded, trace=trace, left_out={}))
+        filled.append(entry)
+    return filled
 
 
 def digest(trace: Trace) -> bytes | None:
@@ -259,20 +222,18 @@ def digest(trace: Trace) -> bytes | None:
 
     A failed rollout may have no log. Its placeholder has no finite sample, and is not a copy of another.
     """
-    trace = (
-        trace if trace.origin is None else trace.origin
-    )  # two episodes may have the same values at a clock
+    # two episodes may have the same values at a clock
+    trace = trace if trace.origin is None else trace.origin
     own = [one.values for one in trace.messages.values()] or list(trace.channels.values())
     if not any(np.isfinite(values).any() for values in own):
         return None
     sha = hashlib.sha256(b"" if trace.messages else trace.times.tobytes())
-    for name, one in sorted(trace.messages.items()):
-        sha.update(
-            name.encode() + one.times.tobytes() + np.where(np.isnan(one.values), np.nan, one.values).tobytes()
-        )
-    for name, values in () if trace.messages else sorted(trace.channels.items()):
+    for name in sorted(trace.messages or trace.channels):
+        message = trace.messages.get(name)
+        sha.update(name.encode() + (b"" if message is None else message.times.tobytes()))
+        values = trace[name] if message is None else message.values
         # NaN has many bit patterns, and a file need not keep them.
-        sha.update(name.encode() + np.where(np.isnan(values), np.nan, values).tobytes())
+        sha.update(np.where(np.isnan(values), np.nan, values).tobytes())
     return sha.digest()
 
 
@@ -286,7 +247,7 @@ def _lines(path: Path) -> list[tuple[int, list[str]]]:
         raise LogError(f"there is no folder {path.parent}; log:FOLDER needs one with recordings and {TABLE}")
     try:
         if path.exists():
-            regular(path)
+            check_file(path)
         with path.open(newline="", encoding="utf-8-sig") as stream:
             text = stream.read(_LONGEST)
         if len(text) == _LONGEST:
@@ -312,7 +273,7 @@ def _table(path: Path) -> _Tests:
     (number, header), *body = _lines(path)
     units: dict[str, str] = {}
     for place, text in enumerate(header):
-        name, unit = _parameter(text)
+        name, unit = _split_unit(text)
         if not name or name in units or (place == 0) != (text == _ID):
             raise LogError(
                 f"{path}, line {number}: the header is {shortened(','.join(header))!r}; "
@@ -320,9 +281,10 @@ def _table(path: Path) -> _Tests:
             )
         units[name] = unit
     names = list(units)
-    has_protocols = units.get(PROTOCOL) == "" and _names_protocols(
-        [cells[names.index(PROTOCOL)] for _, cells in body if len(cells) == len(names)]
-    )
+    has_protocols = units.get(PROTOCOL) == ""
+    if has_protocols:  # numbers are a parameter of an older folder
+        column = [cells[names.index(PROTOCOL)] for _, cells in body if len(cells) == len(names)]
+        has_protocols = not any(column) or not all(map(is_number, column))
     rows: dict[str, _TestRow] = {}
     for line, cells in body:
         if len(cells) != len(names):
@@ -350,12 +312,7 @@ def _table(path: Path) -> _Tests:
     return _Tests({name: unit for name, unit in units.items() if name not in reserved}, list(rows.values()))
 
 
-def _names_protocols(column: Sequence[str]) -> bool:
-    """Return whether the column ``protocol`` names protocols; numbers are a parameter of an older folder."""
-    return not any(column) or not all(is_number(text) for text in column)
-
-
-def _parameter(text: str) -> tuple[str, str]:
+def _split_unit(text: str) -> tuple[str, str]:
     """Return the name and the unit ("" if there is none) in a cell such as "vd [m/s]"; ("", "") for another form."""
     name, bracket, rest = text.partition("[")
     unit = rest.removesuffix("]")

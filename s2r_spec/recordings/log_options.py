@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,8 +16,7 @@ from numpy.typing import NDArray
 from s2r_spec import logs
 from s2r_spec.base.errors import UsageError
 from s2r_spec.logs.interpret import Loaded
-from s2r_spec.logs.mapping import read_map
-from s2r_spec.logs.times.times import unit_of_option
+from s2r_spec.logs.options import read_map, unit_of_option
 from s2r_spec.logs.topics.join import RULES, Joining
 from s2r_spec.logs.topics.topic import STAMPS
 from s2r_spec.recordings.log_episodes import EpisodeSettings, read_longest, read_sources
@@ -24,8 +24,7 @@ from s2r_spec.trace import Trace
 
 FloatArray = NDArray[np.float64]
 
-
-WORDS = {
+_FORMS = {
     "nan": "hold",
     "time-unit": "UNIT",
     "map": "NAME=COLUMN",
@@ -39,13 +38,13 @@ WORDS = {
     "param": "NAME=COLUMN@SECONDS",
 }
 """Definition: the options after the ``?``, each with the form of its value."""
-REPEATED = ("map", "param", "longest")
+_REPEATED = ("map", "param", "longest")
 """Definition: options that may be given several times."""
 
 
 @dataclass(frozen=True)
 class LogOptions:
-    """A folder of traces, and the options for reading them.
+    """A folder of traces, and how they are read.
 
     Args:
         folder: the folder.
@@ -61,11 +60,7 @@ class LogOptions:
 
     @classmethod
     def parse(cls, backend: str, text: str) -> LogOptions:
-        """Read a text such as ``night?nan=hold``.
-
-        Args:
-            backend: name of the backend, for messages.
-            text: the text after the backend's name and colon.
+        """Read the text after the backend's name and colon, such as ``night?nan=hold``.
 
         Raises:
             UsageError: an option after the ``?`` is unknown or has a wrong value.
@@ -80,10 +75,14 @@ class LogOptions:
         stated, sources = read_sources(values["param"])
         if stated:
             raise UsageError(f"{where}: param={stated[0]} names no column; write param=vd=COLUMN@0")
+        columns, unit = read_map(values["map"]), unit_of_option(values.get("time-unit"))
+        for key, allowed in (("join", RULES), ("stamps", STAMPS)):
+            if values.get(key) not in (None, *allowed):
+                raise UsageError(f"{where}: {key} must be {' or '.join(allowed)}, not {values[key]!r}")
         settings = EpisodeSettings(
-            read_map(values["map"]),
-            unit_of_option(values.get("time-unit")),
-            _joining(where, values),
+            columns,
+            unit,
+            Joining.of_options(values.get("clock"), values.get("join"), values.get("stamps")),
             values.get("when"),
             _seconds(where, values, "start"),
             _seconds(where, values, "duration"),
@@ -118,44 +117,28 @@ def _last_known(values: FloatArray) -> FloatArray:
 
 
 def _values(where: str, options: str) -> dict[str, Any]:
-    """Return option → its value; a list for one that may be repeated.
-
-    Raises:
-        UsageError: an option is unknown, or has two values.
-    """
-    values: dict[str, Any] = {key: [] for key in REPEATED}
+    """Return option → its value; a list for one that may be repeated."""
+    values: dict[str, Any] = {key: [] for key in _REPEATED}
     for option in filter(None, options.split("&")):
         key, _, value = option.partition("=")
         value = unquote(value)
-        if key not in WORDS:
-            known = ", ".join(f"{word}={form}" for word, form in WORDS.items())
+        if key not in _FORMS:
+            known = ", ".join(f"{word}={form}" for word, form in _FORMS.items())
             raise UsageError(
                 f"{where}: the options after the ? are {known}, not {option!r}; within a value, write & as %26"
             )
-        if key in REPEATED:
+        if key in _REPEATED:
             values[key].append(value)
         elif values.setdefault(key, value) != value:
             raise UsageError(f"{where}: {key} has several values, {values[key]} and {value}; give one")
     return values
 
 
-def _joining(where: str, values: Mapping[str, Any]) -> Joining | None:
-    rule, clock, stamps = (values.get(key) for key in ("join", "clock", "stamps"))
-    for key, value, allowed in (("join", rule, RULES), ("stamps", stamps, STAMPS)):
-        if value not in (None, *allowed):
-            raise UsageError(f"{where}: {key} must be {' or '.join(allowed)}, not {value!r}")
-    if rule is clock is stamps is None:
-        return None
-    return Joining(clock, rule or "hold", stamps)
-
-
 def _seconds(where: str, values: Mapping[str, Any], key: str) -> float | None:
     if key not in values:
         return None
-    try:
+    with suppress(ValueError):
         seconds = float(values[key])
-    except ValueError:
-        seconds = math.nan
-    if not 0.0 <= seconds < math.inf:
-        raise UsageError(f"{where}: {key} must be a number of seconds, not {values[key]!r}")
-    return seconds
+        if 0.0 <= seconds < math.inf:
+            return seconds
+    raise UsageError(f"{where}: {key} must be a number of seconds, not {values[key]!r}")

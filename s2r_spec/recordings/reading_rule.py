@@ -36,10 +36,7 @@ class ReadsLogs(Protocol):
 
 
 def header_fields(backend: Backend) -> dict[str, Any]:
-    """Return the header's fields for a backend; a backend that reads no logs has none.
-
-    They are the number of the rule, and what became of the messages of each signal, if the backend knows it.
-    """
+    """Return the rule's number and the accounts of messages of a backend; one that reads no logs has neither."""
     if not isinstance(backend, ReadsLogs):
         return {}
     accounts = getattr(backend, "accounts", {})
@@ -58,10 +55,7 @@ def changes(
 ) -> Iterator[tuple[str, int, int]]:
     """Yield (backend, its rule, the rule now) of each system of a run that another rule read.
 
-    Args:
-        header: the header of the run.
-        now: the header that the run would have now.
-        systems: fields of a header with a part for each system.
+    ``now`` is the header that the run would have now; ``systems`` are a header's fields with a part for each system.
     """
     for before, after in [(header, now), *((header.get(side), now.get(side)) for side in systems)]:
         if isinstance(before, Mapping) and isinstance(after, Mapping):
@@ -71,11 +65,7 @@ def changes(
 
 
 def note(about: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return a sentence on a system that another rule read; none if this version's rule did.
-
-    Args:
-        about: its part of a header.
-    """
+    """Return a sentence on a system that another rule read, from its part of a header; none for this version's."""
     rule = rule_of(about)
     if rule in (None, READING):
         return ()

@@ -22,7 +22,6 @@ from dataclasses import replace
 
 from s2r_spec.backend import Backend, Channel, Parameter, Recording
 from s2r_spec.base.errors import TraceNote, UsageError
-from s2r_spec.logs.interpret import Loaded
 from s2r_spec.recordings.log_folder import Entry, LogError, digest, read
 from s2r_spec.recordings.log_options import LogOptions
 from s2r_spec.recordings.reading_rule import READING
@@ -65,7 +64,7 @@ class LogBackend:
         recorded = read(options)
         self.name = f"log:{folder}"
         tests = [entry for entry in recorded.entries if not entry.protocol]
-        self.lacking = _lacking_channels([(entry.source, entry.loaded) for entry in tests])
+        self.lacking = _lacking_channels(tests)
         self.recordings = tuple(
             Recording(
                 entry.source, entry.params, options.fill_gaps(_own_trace(entry, self.lacking)), entry.protocol
@@ -83,7 +82,11 @@ class LogBackend:
         for note in _notes(recorded.entries, self.lacking):
             warnings.warn(note, TraceNote, stacklevel=2)
         _refuse_copies(self.recordings)
-        self.channels = _channels(used)
+        first = used[0].trace  # every other trace has the same channels
+        self.channels = tuple(
+            Channel(name, first.units.get(name, ""), "as recorded", math.prod(values.shape[1:]))
+            for name, values in first.channels.items()
+        )
         self.assumptions = recorded.assumptions
         self.parameters = tuple(
             Parameter(name, unit, min(values), max(values), values[0], "as recorded")
@@ -111,10 +114,14 @@ class LogBackend:
         Raises:
             UsageError: there is no recording at these parameters.
         """
+        # equal up to the rounding of a conversion of units
         candidates = [
-            r
-            for r in self._tests
-            if all(name in r.params and _is_close(r.params[name], params[name]) for name in params)
+            one
+            for one in self._tests
+            if all(
+                name in one.params and math.isclose(one.params[name], value, rel_tol=1e-9, abs_tol=1e-12)
+                for name, value in params.items()
+            )
         ]
         if not candidates:
             tests = sorted({tuple(recording.params.items()) for recording in self._tests})
@@ -132,42 +139,34 @@ def tests_of(recordings: Iterable[Recording]) -> tuple[Recording, ...]:
 def omission_note(recordings: Sequence[Recording]) -> str:
     """Return a sentence on the runs of protocols that a statement leaves out; "" if there are none."""
     count = len(recordings) - len(tests_of(recordings))
-    if not count:
-        return ""
-    return (
-        f"{count} rollouts of protocols were left out"
-        if count > 1
-        else "1 rollout of a protocol was left out"
-    )
+    if count < 2:
+        return "1 rollout of a protocol was left out" * count
+    return f"{count} rollouts of protocols were left out"
 
 
 def _own_trace(entry: Entry, lacking: Collection[str]) -> Trace:
     """Return the trace of an entry; of a test without the channels that other tests lack."""
-    trace = entry.loaded.trace if entry.protocol else _without(entry.loaded.trace, lacking)
+    trace = entry.loaded.trace
+    if not entry.protocol:
+        trace = trace.only(name for name in trace.channels if name not in lacking)
     if trace.messages or trace.origin is not None or not sent_on_change(trace.times):
         return trace
     return replace(trace, origin=trace.as_messages())
 
 
-def _lacking_channels(loaded: Sequence[tuple[str, Loaded]]) -> dict[str, str]:
-    """Return channel → reason for each channel that not all files have; the reason names one file.
-
-    Raises:
-        LogError: no channel remains.
-    """
-    first_with: dict[str, str] = {}
+def _lacking_channels(tests: Sequence[Entry]) -> dict[str, str]:
+    """Return channel → reason for each channel that not all files have; the reason names one file."""
+    first_with: dict[str, Entry] = {}
     reasons: dict[str, str] = {}
-    for source, one in loaded:
-        for name in one.trace.channels:
-            first_with.setdefault(name, source)
-        for name, reason in one.left_out.items():
-            reasons.setdefault(name, f"{source}: {reason}")
-    by_source = {source: one.trace for source, one in loaded}
-    for name, other in first_with.items():
-        for source, one in loaded:
-            difference = _difference(name, one.trace, by_source[other], other)
-            if difference:
-                reasons.setdefault(name, source + difference)
+    for entry in tests:
+        for name in entry.loaded.trace.channels:
+            first_with.setdefault(name, entry)
+        for name, reason in entry.loaded.left_out.items():
+            reasons.setdefault(name, f"{entry.source}: {reason}")
+    for name, first in first_with.items():
+        for entry in tests:
+            if difference := _difference(name, entry.loaded.trace, first.loaded.trace, first.source):
+                reasons.setdefault(name, entry.source + difference)
     if reasons and not set(first_with) - set(reasons):
         raise LogError(next(iter(reasons.values())))
     return reasons
@@ -189,10 +188,6 @@ def _difference(name: str, trace: Trace, first: Trace, other: str) -> str:
     return ""
 
 
-def _without(trace: Trace, names: Collection[str]) -> Trace:
-    return trace.only(name for name in trace.channels if name not in names)
-
-
 def _notes(entries: Sequence[Entry], lacking: Mapping[str, str]) -> list[str]:
     """Return a note for each channel left out, and one for each kind of the files' notes, with the first file."""
     sentences = [f"the channel {name!r} is left out: {reason}" for name, reason in lacking.items()]
@@ -212,11 +207,7 @@ def refuse_hidden(
 ) -> None:
     """Refuse recordings in which an undeclared parameter varies: its effect would count as noise.
 
-    Args:
-        spec: the specification, with its parameters.
-        backend: the backend with the recordings.
-        used: the recordings to check.
-        among: names of the parameters to check; None for all.
+    ``among`` are the names of the parameters to check; None for all.
 
     Raises:
         UsageError: a parameter varies that the spec does not declare.
@@ -251,11 +242,6 @@ def _words(params: Mapping[str, float]) -> str:
     return ", ".join(f"{name} = {value:g}" for name, value in params.items())
 
 
-def _is_close(left: float, right: float) -> bool:
-    """Return whether two numbers are equal up to the rounding of a conversion of units."""
-    return math.isclose(left, right, rel_tol=1e-9, abs_tol=1e-12)
-
-
 def _refuse_copies(recordings: Sequence[Recording]) -> None:
     """Refuse two copies of one recording: a certificate may count it only once."""
     sources: dict[bytes, str] = {}
@@ -266,12 +252,3 @@ def _refuse_copies(recordings: Sequence[Recording]) -> None:
             raise LogError(
                 f"{recording.source} is the same recording as {original}, sample for sample; remove one of them"
             )
-
-
-def _channels(recordings: Sequence[Recording]) -> tuple[Channel, ...]:
-    """Return the channels of the first trace; every other trace has the same ones."""
-    first = recordings[0].trace
-    return tuple(
-        Channel(name, first.units.get(name, ""), "as recorded", math.prod(values.shape[1:]))
-        for name, values in first.channels.items()
-    )

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,9 +16,15 @@ from typing import Any
 from s2r_spec.base.errors import TraceNote, UsageError, one_of
 from s2r_spec.base.printable import one_line
 from s2r_spec.logs.account import Account
-from s2r_spec.recordings.log_episodes import EpisodeSettings, LogEpisodes, assumption, read_log_episodes
+from s2r_spec.logs.formats.follow import follow
+from s2r_spec.logs.interpret import request as columns_to_read
+from s2r_spec.recordings.log_episodes import EpisodeSettings, read_log_episodes
+from s2r_spec.recordings.log_units import assumption, no_units
+from s2r_spec.robustness.grid import Grid
 from s2r_spec.robustness.reading import Missing
+from s2r_spec.robustness.silence import silences_of
 from s2r_spec.spec import Spec
+from s2r_spec.spec.followed import SampleStream
 from s2r_spec.trace import Trace
 
 
@@ -91,20 +97,6 @@ def read_spec_traces(request: TraceRequest, path: Path) -> list[SpecTrace]:
         raise UsageError(f"--longest names {unknown[0]!r}, which is no signal; the signals are {known}")
     horizon = max(request.spec.horizon(name) for name in request.requirements)
     log = read_log_episodes(path, request.spec.signals, request.wanted, horizon, request.settings)
-    notes = _notes(request, log)
-    for sentence in notes:
-        warnings.warn(f"{path}: {sentence}", TraceNote, stacklevel=2)
-    accounts = {name: one for name, one in log.accounts.items() if name in request.wanted}
-    traces = []
-    for episode in log.episodes:
-        with in_file(path):
-            values = request.spec.read_params(episode.texts())
-            params, taken = params_of(request, episode.trace.meta, episode.name, values)
-        traces.append(SpecTrace(episode.name, episode.trace, params, taken, notes, accounts, log.stated))
-    return traces
-
-
-def _notes(request: TraceRequest, log: LogEpisodes) -> tuple[str, ...]:
     notes = list(log.notes)
     for name, (_, unit) in log.episodes[0].values.items():
         if name in request.spec.params and not unit:
@@ -113,7 +105,18 @@ def _notes(request: TraceRequest, log: LogEpisodes) -> tuple[str, ...]:
             notes += filter(None, [assumption(source.column, request.spec.params[name].unit, remedy)])
     if log.dated:
         notes.append(f"times count from the first sample, at {log.dated}")
-    return tuple(notes)
+    for sentence in notes:
+        warnings.warn(f"{path}: {sentence}", TraceNote, stacklevel=2)
+    accounts = {name: one for name, one in log.accounts.items() if name in request.wanted}
+    traces = []
+    for episode in log.episodes:
+        with in_file(path):
+            values = request.spec.read_params(episode.texts())
+            params, taken = params_of(request, episode.trace.meta, episode.name, values)
+        traces.append(
+            SpecTrace(episode.name, episode.trace, params, taken, tuple(notes), accounts, log.stated)
+        )
+    return traces
 
 
 def params_of(
@@ -121,13 +124,7 @@ def params_of(
 ) -> tuple[dict[str, float], frozenset[str]]:
     """Return parameter → value, and the names of the parameters whose values come from the trace.
 
-    A value of the request goes before the trace's; if they differ, a warning says so.
-
-    Args:
-        request: the request.
-        meta: the metadata of the trace.
-        source: the trace in words.
-        values: parameter → value in a column of the trace's file.
+    A value of the request goes before the trace's, in its meta or in a column; if they differ, a warning says so.
 
     Raises:
         TraceError: the trace's value of a parameter is not a number.
@@ -141,6 +138,52 @@ def params_of(
                 stacklevel=3,
             )
     return values_read | request.params, frozenset(values_read) - frozenset(request.params)
+
+
+def stream_of_rows(request: TraceRequest, readline: Callable[[int], str]) -> SampleStream:
+    """Return the samples of a table that is read row by row while it is written.
+
+    Raises:
+        UsageError: the request cuts or joins, which needs the whole table.
+        TraceError: the head of the table cannot be read.
+    """
+    settings = request.settings
+    if settings.cuts or settings.sources or settings.joining is not None:
+        raise UsageError(
+            "rows from stdin are one whole trace: leave out --when, --start, --duration, --join, --clock, --stamps, "
+            "and parameters from a column"
+        )
+    rows = follow(readline, columns_to_read(settings.columns, request.wanted, settings.time_unit))
+    rows.notes.extend(no_units(request.spec.signals, rows.units, settings.columns))
+    params, _ = params_of(request, rows.meta, "the trace")
+    return SampleStream(rows.units, rows.meta, rows.samples, None, params, rows.notes)
+
+
+def stream_of_file(request: TraceRequest, path: Path) -> SampleStream:
+    """Return the samples of a recorded trace.
+
+    Raises:
+        UsageError: the file has several episodes or topics, or a gap.
+        TraceError: the file cannot be read.
+    """
+    recorded, *more = read_spec_traces(request, path)
+    if more:
+        raise UsageError("--online follows one episode; cut one by --start and --duration")
+    trace = recorded.trace
+    if trace.messages or trace.origin is not None:
+        raise UsageError(
+            "--online follows one list of samples, and this log has several topics: leave it out"
+        )
+    if silences_of(trace.times):
+        raise UsageError("--online follows samples, and these have a gap of over five periods: leave it out")
+    grid = Grid.of(trace.times)
+    samples = (
+        (float(time), {name: channel[k] for name, channel in trace.channels.items()})
+        for k, time in enumerate(trace.times)
+    )
+    regular = grid is not None and grid.period is not None
+    period = grid.seconds(1) if grid and regular else None
+    return SampleStream(trace.units, trace.meta, samples, period, recorded.params)
 
 
 @contextmanager

@@ -11,12 +11,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.robustness.silence import Span
 from s2r_spec.robustness.stream import SignalMessages
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
 
 _PIECE = 2**18
 """Budget: stamps that are counted at a time."""
@@ -37,11 +35,7 @@ def instants_of(
 ) -> dict[str, Instants]:
     """Return signal → its instants from a start to an end [s].
 
-    Args:
-        streams: name → signal.
-        silent: name → spans without a valid value, after the start [s].
-        start: the begin of the window [s].
-        end: the end of the window [s].
+    ``silent``: signal → spans without a valid value, after the start [s].
     """
     own = {one.topic: one.messages.times for one in streams.values()}
     inner = {key: _inside(times, start, end) for key, times in own.items()}
@@ -62,7 +56,6 @@ def instants_of(
 
 
 def _inside(times: FloatArray, start: float, end: float) -> FloatArray:
-    """Return the times from ``start`` to ``end``, both included."""
     return times[np.searchsorted(times, start) : np.searchsorted(times, end, side="right")]
 
 

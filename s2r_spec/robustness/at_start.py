@@ -7,102 +7,76 @@ of each predicate, and no curve over all stamps of all signals.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
-from s2r_spec.robustness.bounds import BoundedAlgebra, RhoBounds
+from s2r_spec.robustness.bounds import RhoBounds
 from s2r_spec.robustness.curve import Curve
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.ties import rescale_number
 
-FloatArray = NDArray[np.float64]
 Pair = tuple[float, float]
 
 
 def curves_of(node: f.Formula, walk: Walk[RhoBounds[Curve]]) -> RhoBounds[Curve]:
     """Return the curves of a formula; those of a predicate are not kept, since many fill the memory."""
     if isinstance(node, f.Comparison) and id(node) not in walk.done:
-        assert isinstance(walk.algebra, BoundedAlgebra)
         return walk.algebra.margin(node)
     return walk(node)
 
 
 def bounds_at_start(formula: f.Formula, walk: Walk[RhoBounds[Curve]], snap: float) -> Pair:
     """Return the bounds of ρ at the first instant, never 0: their signs are the verdict."""
-    return _Start(walk, snap).value(formula)
+    return _Extremes(walk, snap).over(formula, None, least=True)
 
 
-class _Start:
+class _Extremes:
     def __init__(self, walk: Walk[RhoBounds[Curve]], snap: float) -> None:
         self.walk, self.snap = walk, snap
 
-    def value(self, node: f.Formula) -> Pair:
-        """Return the bounds of a formula at the first instant."""
-        match node:
-            case f.Temporal(operator="always" | "eventually"):
-                return self.extreme(node.operand, node.interval, least=node.operator == "always")
-            case _:
-                return self._combine_parts(node, self.value) or self._first(node)
-
-    def _first(self, node: f.Formula) -> Pair:
-        curves = curves_of(node, self.walk)
-        return float(curves.lower.at[0]), float(curves.upper.at[0])
-
-    def _combine_parts(self, node: f.Formula, of: Callable[[f.Formula], Pair]) -> Pair | None:
-        """Return the bounds of a formula from those of its parts at the same instant; None if it has no such parts."""
+    def over(self, node: f.Formula, interval: f.Interval | None, least: bool) -> Pair:
+        """Return the bounds of the least, or of the greatest, value over a window; None is the first instant alone."""
         match node:
             case f.Named():
-                return of(node.operand)
-            case f.Not():
-                return _minus(of(node.operand))
+                return self.over(node.operand, interval, least)
             case f.Rescale():
-                low, high = of(node.operand)
+                low, high = self.over(node.operand, interval, least)
                 return rescale_number(low, node.factor), rescale_number(high, node.factor)
-            case f.Junction():
-                fold = min if node.operator == "and" else max
-                parts = [of(operand) for operand in node.operands]
-                return fold(low for low, _ in parts), fold(high for _, high in parts)
-            case f.Implication(operator="->"):
-                left, right = _minus(of(node.left)), of(node.right)
-                return max(left[0], right[0]), max(left[1], right[1])
-            case _:
-                return None
-
-    def extreme(self, node: f.Formula, interval: f.Interval, least: bool) -> Pair:
-        """Return the bounds of the least, or of the greatest, value of a formula over a window."""
-        match node:
-            case f.Named() | f.Rescale():
-                parts = self._combine_parts(node, lambda operand: self.extreme(operand, interval, least))
-                assert parts is not None
-                return parts
             case f.Not():
-                return _minus(self.extreme(node.operand, interval, not least))
-            case f.Junction() if (node.operator == "and") == least:
-                fold = min if least else max
-                each = [self.extreme(operand, interval, least) for operand in node.operands]
-                return fold(low for low, _ in each), fold(high for _, high in each)
-            case f.Temporal(operator="always" | "eventually") if (node.operator == "always") == least:
-                inner = node.interval
-                total = replace(
-                    interval,
-                    low=interval.low + inner.low,
-                    high=interval.high + inner.high,
-                    low_closed=interval.low_closed and inner.low_closed,
-                    high_closed=interval.high_closed and inner.high_closed,
-                )
-                return self.extreme(node.operand, total, least)
-            case _:
-                curves = curves_of(node, self.walk)
-                sign = 1.0 if least else -1.0
-                low, high = (
-                    sign * infimum_over(x if least else -x, interval, self.snap)
-                    for x in (curves.lower, curves.upper)
-                )
-                return low, high
+                return _minus(self.over(node.operand, interval, not least))
+            case f.Junction() if interval is None or (node.operator == "and") == least:
+                fold = min if node.operator == "and" else max
+                lows, highs = zip(*(self.over(part, interval, least) for part in node.operands), strict=True)
+                return fold(lows), fold(highs)
+            case f.Implication(operator="->") if interval is None:
+                left, right = _minus(self.over(node.left, None, least)), self.over(node.right, None, least)
+                return max(left[0], right[0]), max(left[1], right[1])
+            case f.Temporal(operator="always" | "eventually") if interval is None:
+                return self.over(node.operand, node.interval, least=node.operator == "always")
+            case f.Temporal(operator="always" | "eventually" as operator):
+                if interval is not None and (operator == "always") == least:
+                    return self.over(node.operand, _sum(interval, node.interval), least)
+        curves = curves_of(node, self.walk)
+        if interval is None:
+            return float(curves.lower.at[0]), float(curves.upper.at[0])
+        sign = 1.0 if least else -1.0
+        low, high = (
+            sign * infimum_over(x if least else -x, interval, self.snap) for x in (curves.lower, curves.upper)
+        )
+        return low, high
+
+
+def _sum(outer: f.Interval, inner: f.Interval) -> f.Interval:
+    """Return the window that an inner window covers from the instants of an outer one."""
+    return replace(
+        outer,
+        low=outer.low + inner.low,
+        high=outer.high + inner.high,
+        low_closed=outer.low_closed and inner.low_closed,
+        high_closed=outer.high_closed and inner.high_closed,
+    )
 
 
 def _minus(pair: Pair) -> Pair:

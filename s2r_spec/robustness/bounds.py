@@ -14,20 +14,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, TypeVar
 
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.evaluate import Algebra
 
 S = TypeVar("S")
-
-
-class WithEdges(Algebra[S], Protocol[S]):
-    """An algebra whose edges may be of two signals."""
-
-    def edge(self, now: S, before: S, earlier: float = ...) -> S:
-        """Return min(now, −before just before); ``earlier`` is the value before the first instant."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -46,78 +38,45 @@ class RhoBounds(Generic[S]):
     unseen: bool = False
 
 
-@dataclass(frozen=True)
-class BoundedAlgebra(Generic[S]):
-    """Robustness signals with bounds.
+def bounded_algebra(
+    inner: Algebra[S], leaf: Callable[[f.Comparison | f.Flag], RhoBounds[S]]
+) -> Algebra[RhoBounds[S]]:
+    """Return the operations on robustness signals with bounds.
 
     Args:
         inner: the algebra of each bound.
         leaf: predicate, or use of a boolean signal → the bounds of its margin.
     """
 
-    inner: WithEdges[S]
-    leaf: Callable[[f.Comparison | f.Flag], RhoBounds[S]]
+    def each(change: Callable[..., S]) -> Callable[..., RhoBounds[S]]:
+        """Return a monotone function of bounds."""
+        return lambda x, *rest: replace(x, lower=change(x.lower, *rest), upper=change(x.upper, *rest))
 
-    def truth(self, value: bool) -> RhoBounds[S]:
-        """Return +inf or −inf."""
-        known = self.inner.truth(value)
+    def both(change: Callable[..., S]) -> Callable[..., RhoBounds[S]]:
+        """Return a function of two bounds that is monotone in both."""
+        return lambda x, y, *rest: RhoBounds(
+            change(x.lower, y.lower, *rest), change(x.upper, y.upper, *rest), x.unseen or y.unseen
+        )
+
+    def truth(value: bool) -> RhoBounds[S]:
+        known = inner.truth(value)
         return RhoBounds(known, known)
 
-    def flag(self, node: f.Flag) -> RhoBounds[S]:
-        """Return the bounds of a boolean signal."""
-        return self.leaf(node)
+    def edge(now: RhoBounds[S], before: RhoBounds[S], earlier: float) -> RhoBounds[S]:
+        upper = inner.edge(now.upper, before.lower, -math.inf if before.unseen else earlier)
+        return RhoBounds(inner.edge(now.lower, before.upper, earlier), upper, before.unseen)
 
-    def margin(self, node: f.Comparison) -> RhoBounds[S]:
-        """Return the bounds of a predicate."""
-        return self.leaf(node)
-
-    def negative(self, x: RhoBounds[S]) -> RhoBounds[S]:
-        """Return −x."""
-        return replace(x, lower=self.inner.negative(x.upper), upper=self.inner.negative(x.lower))
-
-    def scale(self, x: RhoBounds[S], factor: float) -> RhoBounds[S]:
-        """Return factor · x, factor > 0."""
-        return _each(x, lambda one: self.inner.scale(one, factor))
-
-    def least(self, x: RhoBounds[S], y: RhoBounds[S]) -> RhoBounds[S]:
-        """Return the smaller of both."""
-        return _both(x, y, self.inner.least)
-
-    def greatest(self, x: RhoBounds[S], y: RhoBounds[S]) -> RhoBounds[S]:
-        """Return the greater of both."""
-        return _both(x, y, self.inner.greatest)
-
-    def always(self, x: RhoBounds[S], interval: f.Interval, past: bool) -> RhoBounds[S]:
-        """Return the infimum over the window."""
-        return _each(x, lambda one: self.inner.always(one, interval, past))
-
-    def eventually(self, x: RhoBounds[S], interval: f.Interval, past: bool) -> RhoBounds[S]:
-        """Return the supremum over the window."""
-        return _each(x, lambda one: self.inner.eventually(one, interval, past))
-
-    def until(
-        self, left: RhoBounds[S], right: RhoBounds[S], interval: f.Interval, past: bool
-    ) -> RhoBounds[S]:
-        """Return the robustness of the best witness."""
-        return _both(left, right, lambda x, y: self.inner.until(x, y, interval, past))
-
-    def step(self, x: RhoBounds[S], node: f.AdjacentSample) -> RhoBounds[S]:
-        """Return the next or previous sample's x."""
-        return _each(x, lambda one: self.inner.step(one, node))
-
-    def rise(self, x: RhoBounds[S]) -> RhoBounds[S]:
-        """Return min(x now, −x just before)."""
-        lower = self.inner.edge(x.lower, x.upper)
-        if not x.unseen:
-            return RhoBounds(lower, self.inner.edge(x.upper, x.lower))
-        return RhoBounds(lower, self.inner.edge(x.upper, x.lower, -math.inf), True)
-
-
-def _each(x: RhoBounds[S], change: Callable[[S], S]) -> RhoBounds[S]:
-    """Return a monotone function of bounds."""
-    return replace(x, lower=change(x.lower), upper=change(x.upper))
-
-
-def _both(x: RhoBounds[S], y: RhoBounds[S], change: Callable[[S, S], S]) -> RhoBounds[S]:
-    """Return a function of two bounds that is monotone in both."""
-    return RhoBounds(change(x.lower, y.lower), change(x.upper, y.upper), x.unseen or y.unseen)
+    return Algebra(
+        truth=truth,
+        flag=leaf,
+        margin=leaf,
+        negative=lambda x: replace(x, lower=inner.negative(x.upper), upper=inner.negative(x.lower)),
+        scale=each(inner.scale),
+        least=both(inner.least),
+        greatest=both(inner.greatest),
+        always=each(inner.always),
+        eventually=each(inner.eventually),
+        until=both(inner.until),
+        step=each(inner.step),
+        edge=edge,
+    )

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,19 +50,15 @@ class Curve:
         """Return the curve with reversed time."""
         return Curve(-self.times[::-1], self.at[::-1], self.left[::-1], self.right[::-1])
 
-    def scale(self, factor: float) -> Curve:
-        """Return factor · curve."""
-        return self.map(lambda part: factor * part)
-
     def map(self, line: Callable[[FloatArray], FloatArray]) -> Curve:
         """Return a linear function of the curve."""
         return Curve(self.times, *map(line, (self.at, self.right, self.left)))
 
-    def piece(self, times: FloatArray) -> NDArray[np.intp]:
+    def piece(self, times: FloatArray) -> IntArray:
         """Return the index of the piece that contains each time, its start included; −1 before the first."""
         return np.searchsorted(self.times, times, "right") - 1
 
-    def along(self, piece: NDArray[np.intp], times: FloatArray) -> FloatArray:
+    def along(self, piece: IntArray, times: FloatArray) -> FloatArray:
         """Return the values at ``times`` on the straight line of each piece."""
         start, end = self.times[piece], self.times[piece + 1]
         part = np.clip((times - start) / (end - start), 0.0, 1.0)
@@ -113,7 +108,7 @@ class Curve:
         return Curve(self.times[kept], self.at[kept], self.right[kept[:-1]], self.left[kept[1:]])
 
 
-def nearest(times: FloatArray, targets: FloatArray) -> NDArray[np.intp]:
+def nearest(times: FloatArray, targets: FloatArray) -> IntArray:
     """Return the index of the time closest to each target."""
     after = np.clip(np.searchsorted(times, targets), 1, max(times.size - 1, 1))
     if times.size == 1:

@@ -6,14 +6,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.evaluate import Walk, up_to
-from s2r_spec.robustness.sampled import SampleClock
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
+from s2r_spec.robustness.ticks import Clock
+from s2r_spec.trace.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -33,12 +30,11 @@ class DescentStep:
     vacuous: bool = False
 
 
-def descend(root: f.Formula, walk: Walk[FloatArray], clock: SampleClock) -> Iterator[DescentStep]:
+def descend(root: f.Formula, walk: Walk[FloatArray], clock: Clock) -> Iterator[DescentStep]:
     """Yield the steps from ``root`` at the first sample to the predicate that decides its ρ.
 
     If several decide equally, the nearest in time is taken, and then the first in the text. The last step is a
-    :class:`~s2r_spec.lang.formula.Comparison`, or a formula with infinite ρ: a constant, a boolean signal, or an
-    operator whose window lies past the end of the trace.
+    predicate, or has infinite ρ: a constant, a boolean signal, or an operator whose window lies past the end.
     """
     step: DescentStep | None = DescentStep(root, 0, 1.0)
     down = _Descent(walk, clock)
@@ -48,7 +44,7 @@ def descend(root: f.Formula, walk: Walk[FloatArray], clock: SampleClock) -> Iter
 
 
 class _Descent:
-    def __init__(self, walk: Walk[FloatArray], clock: SampleClock) -> None:
+    def __init__(self, walk: Walk[FloatArray], clock: Clock) -> None:
         self.walk, self.clock = walk, clock
 
     def rho(self, node: f.Formula, sample: int) -> float:
@@ -141,7 +137,7 @@ class Witnessed:
 
 
 def best_witness(
-    node: f.Until, t: int, walk: Walk[FloatArray], clock: SampleClock, sign: float
+    node: f.Until, t: int, walk: Walk[FloatArray], clock: Clock, sign: float
 ) -> Witnessed | None:
     """Return the first best witness of sign · left until sign · right at sample t; None in an empty window."""
     past = node.operator == "since"

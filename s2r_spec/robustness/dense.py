@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
+import operator
 from dataclasses import dataclass, field
+from functools import reduce
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.base.errors import UsageError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness import windows
 from s2r_spec.robustness.curve import Curve, add, maximum, minimum, sign, split_at_zero
-from s2r_spec.robustness.evaluate import Walk
-from s2r_spec.robustness.numbers import Numbers, no_value
-from s2r_spec.robustness.sampled import SampledAlgebra, SampledSignals
+from s2r_spec.robustness.evaluate import Algebra
+from s2r_spec.robustness.numbers import Numbers, SampledSignals, no_value
+from s2r_spec.robustness.sampled import numbers_at
 from s2r_spec.robustness.ties import TIE, break_ties, rescale
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
 
 
 @dataclass(frozen=True)
@@ -47,104 +47,75 @@ def snap_of(times: FloatArray) -> float:
     return 1e-12 * span + 8 * float(np.finfo(np.float64).eps) * float(np.abs(times).max())
 
 
-def walk_curves(recording: ContinuousSignals) -> Walk[Curve]:
-    """Return the walk that gives the robustness of a formula as a curve over the recording.
+def curve_algebra(recording: ContinuousSignals) -> Algebra[Curve]:
+    """Return the operations on robustness signals as curves.
 
-    The walk raises TraceError if a predicate has no value, and UsageError for
-    ``next`` and ``prev``, which count samples.
+    They raise TraceError if a predicate has no value, and UsageError for ``next`` and ``prev``, which count samples.
     """
-    return Walk(DenseAlgebra(recording), recording.samples.until)
+    times, snap, values = recording.times, recording.snap, PredicateCurves(recording)
 
+    def flag(node: f.Flag) -> Curve:
+        states = np.where(recording.samples.signals[node.name][0] > 0, np.inf, -np.inf)
+        return Curve.of(times, states, "hold")
 
-class DenseAlgebra:
-    """Robustness signals as curves."""
-
-    def __init__(self, recording: ContinuousSignals) -> None:
-        self.recording = recording
-        self.snap = recording.snap
-        self.values = PredicateCurves(recording)
-
-    def truth(self, value: bool) -> Curve:
-        """Return an infinity."""
-        return Curve.constant(self.recording.times, np.inf if value else -np.inf)
-
-    def flag(self, node: f.Flag) -> Curve:
-        """Return an infinity at each instant."""
-        states = np.where(self.recording.samples.signals[node.name][0] > 0, np.inf, -np.inf)
-        return Curve.of(self.recording.times, states, "hold")
-
-    def margin(self, node: f.Comparison) -> Curve:
-        """Return the margin of the comparison."""
-        left, right = self.values(node.left), self.values(node.right)
-        if node.operator in (">", ">="):
-            left, right = right, left
-        difference = add(right, -left, self.snap)
-        with np.errstate(invalid="ignore"):
-            bad = np.isnan(difference.at)
-            bad[:-1] |= ~(
-                np.isfinite(difference.left - difference.right) | (difference.left == difference.right)
-            )
-        if bad.any():
-            raise no_value(node, f"{difference.times[np.argmax(bad)]:.9g} s after the first sample")
-        fine = split_at_zero(difference, self.snap)
-        parts = (fine.at, fine.right, fine.left)
-        if node.operator in ("==", "!="):
-            sign = -1.0 if node.operator == "==" else 1.0
-            parts = (sign * np.abs(fine.at), sign * np.abs(fine.right), sign * np.abs(fine.left))
-        at, right_limit, left_limit = parts
-        return Curve(
-            fine.times,
-            break_ties(at, node.operator),
-            _signed_limit(right_limit, left_limit, node.operator),
-            _signed_limit(left_limit, right_limit, node.operator),
-        )
-
-    def negative(self, x: Curve) -> Curve:
-        """Return −x."""
-        return -x
-
-    def scale(self, x: Curve, factor: float) -> Curve:
-        """Return factor · x."""
-        return Curve(x.times, *(rescale(part, factor) for part in (x.at, x.right, x.left)))
-
-    def least(self, x: Curve, y: Curve) -> Curve:
-        """Return the smaller of both, with crossings."""
-        return minimum(x, y, self.snap)
-
-    def greatest(self, x: Curve, y: Curve) -> Curve:
-        """Return the greater of both, with crossings."""
-        return maximum(x, y, self.snap)
-
-    def always(self, x: Curve, interval: f.Interval, past: bool) -> Curve:
-        """Return the infimum over the window."""
+    def always(x: Curve, interval: f.Interval, past: bool) -> Curve:
         if past:
-            return windows.infimum(x.backward(), interval, self.snap).backward()
-        return windows.infimum(x, interval, self.snap)
+            return windows.infimum(x.backward(), interval, snap).backward()
+        return windows.infimum(x, interval, snap)
 
-    def eventually(self, x: Curve, interval: f.Interval, past: bool) -> Curve:
-        """Return the supremum over the window."""
-        return -self.always(-x, interval, past)
-
-    def until(self, left: Curve, right: Curve, interval: f.Interval, past: bool) -> Curve:
-        """Return the robustness of the best witness."""
+    def until(left: Curve, right: Curve, interval: f.Interval, past: bool) -> Curve:
         if past:
-            return windows.until(left.backward(), right.backward(), interval, self.snap).backward()
-        return windows.until(left, right, interval, self.snap)
+            return windows.until(left.backward(), right.backward(), interval, snap).backward()
+        return windows.until(left, right, interval, snap)
 
-    def step(self, x: Curve, node: f.AdjacentSample) -> Curve:
-        """Refuse: there is no next instant."""
+    def step(x: Curve, node: f.AdjacentSample) -> Curve:
         raise UsageError(
             f"`{node.span.text}` ({node.span.place}) counts samples: "
             f"`{node.operator}` needs interpolation='samples'"
         )
 
-    def rise(self, x: Curve) -> Curve:
-        """Return min(x, −x just before)."""
-        return self.edge(x, x)
+    return Algebra(
+        truth=lambda value: Curve.constant(times, np.inf if value else -np.inf),
+        flag=flag,
+        margin=lambda node: margin_curve(node, values),
+        negative=operator.neg,
+        scale=lambda x, factor: Curve(x.times, *(rescale(part, factor) for part in (x.at, x.right, x.left))),
+        least=lambda x, y: minimum(x, y, snap),
+        greatest=lambda x, y: maximum(x, y, snap),
+        always=always,
+        eventually=lambda x, interval, past: -always(-x, interval, past),
+        until=until,
+        step=step,
+        edge=lambda now, before, earlier: windows.edge(now, before, earlier, snap),
+    )
 
-    def edge(self, now: Curve, before: Curve, earlier: float = np.inf) -> Curve:
-        """Return min(now, −before just before); ``earlier`` is the value before the first instant."""
-        return windows.edge(now, before, earlier, self.snap)
+
+def margin_curve(node: f.Comparison, values: PredicateCurves) -> Curve:
+    """Return the margin of a comparison, never 0; see :mod:`s2r_spec.robustness.ties`.
+
+    Raises:
+        TraceError: it is undefined at some instant.
+    """
+    snap, left, right = values.recording.snap, values(node.left), values(node.right)
+    if node.operator in (">", ">="):
+        left, right = right, left
+    difference = add(right, -left, snap)
+    with np.errstate(invalid="ignore"):
+        bad = np.isnan(difference.at)
+        bad[:-1] |= ~(np.isfinite(difference.left - difference.right) | (difference.left == difference.right))
+    if bad.any():
+        raise no_value(node, f"{difference.times[np.argmax(bad)]:.9g} s after the first sample")
+    fine = split_at_zero(difference, snap)
+    at, right_limit, left_limit = fine.at, fine.right, fine.left
+    if node.operator in ("==", "!="):
+        sign = -1.0 if node.operator == "==" else 1.0
+        at, right_limit, left_limit = (sign * np.abs(part) for part in (at, right_limit, left_limit))
+    return Curve(
+        fine.times,
+        break_ties(at, node.operator),
+        _signed_limit(right_limit, left_limit, node.operator),
+        _signed_limit(left_limit, right_limit, node.operator),
+    )
 
 
 def _signed_limit(limit: FloatArray, other: FloatArray, operator: f.CompareOp) -> FloatArray:
@@ -169,7 +140,7 @@ class PredicateCurves:
     done: dict[int, Curve] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.sampled = SampledAlgebra(self.recording.samples).numbers
+        self.sampled = numbers_at(self.recording.samples)
 
     def __call__(self, node: f.Value) -> Curve:
         """Return the value of a node with one component; NaN where it is undefined."""
@@ -192,9 +163,10 @@ class PredicateCurves:
                 factor = float(self.sampled(node.right).item())
                 with np.errstate(all="ignore"):
                     factor = factor if node.operator == "*" else float(np.divide(1.0, factor))
-                    return self(node.left).scale(factor)
+                    return self(node.left).map(lambda part: factor * part)
             case f.Arithmetic(operator="*") if self._steady(node.left):
-                return self(node.right).scale(float(self.sampled(node.left).item()))
+                factor = float(self.sampled(node.left).item())
+                return self(node.right).map(lambda part: factor * part)
             case f.Elementary(function="minus"):
                 return -self(node.operand)
             case f.Elementary(function="abs") | f.Norm(operands=(f.Value(width=1),)):
@@ -204,13 +176,10 @@ class PredicateCurves:
                 return sign(self(node.operand), snap)
             case f.Extremum():
                 fold = minimum if node.function == "min" else maximum
-                result = self(node.operands[0])
-                for operand in node.operands[1:]:
-                    result = fold(result, self(operand), snap)
-                return result
+                return reduce(lambda x, y: fold(x, y, snap), map(self, node.operands))
             case f.Overshoot():
-                beyond = add(self(node.signal), -self(node.reference), snap)
-                return beyond.scale(float(self.sampled.direction(node).item()))
+                direction = float(self.sampled.direction(node).item())
+                return add(self(node.signal), -self(node.reference), snap).map(lambda part: direction * part)
             case _:
                 return self._join(node)
 

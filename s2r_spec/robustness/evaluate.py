@@ -7,9 +7,11 @@ An :class:`Algebra` defines the representation and its minimum, window and until
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import reduce
-from typing import Generic, Literal, Protocol, TypeVar
+from typing import Generic, Literal, TypeVar
 
 from s2r_spec.lang import formula as f
 
@@ -17,59 +19,37 @@ S = TypeVar("S")
 Witness = Literal["open", "closed"]
 
 
-class Algebra(Protocol[S]):
+@dataclass(frozen=True)
+class Algebra(Generic[S]):
     """The operations on robustness signals from which the language's operators are built.
 
-    With ``past`` the window of an instant t is t − interval, else t + interval.
+    Args:
+        truth: +inf or −inf at every instant.
+        flag: +inf where a boolean signal is true, −inf where it is not.
+        margin: the robustness of a predicate.
+        negative: −x.
+        scale: factor · x, factor > 0.
+        least: the smaller of both at each instant.
+        greatest: the greater of both at each instant.
+        always: the infimum over t + interval, or t − interval if ``past``; +inf where this window is empty.
+        eventually: the supremum over the window; −inf where it is empty.
+        until: sup over witnesses t' in the window of min(right(t'), inf of left on [t, t')).
+        step: the next or previous sample's x; −inf where there is none.
+        edge: min(now, −before just before); the last argument is the value before the first instant.
     """
 
-    def truth(self, value: bool) -> S:
-        """Return +inf or −inf at every instant."""
-        ...
-
-    def flag(self, node: f.Flag) -> S:
-        """Return +inf where a boolean signal is true, −inf where it is not."""
-        ...
-
-    def margin(self, node: f.Comparison) -> S:
-        """Return the robustness of a predicate."""
-        ...
-
-    def negative(self, x: S) -> S:
-        """Return −x."""
-        ...
-
-    def scale(self, x: S, factor: float) -> S:
-        """Return factor · x, factor > 0."""
-        ...
-
-    def least(self, x: S, y: S) -> S:
-        """Return the smaller of both at each instant."""
-        ...
-
-    def greatest(self, x: S, y: S) -> S:
-        """Return the greater of both at each instant."""
-        ...
-
-    def always(self, x: S, interval: f.Interval, past: bool) -> S:
-        """Return the infimum over the window; +inf where the window is empty."""
-        ...
-
-    def eventually(self, x: S, interval: f.Interval, past: bool) -> S:
-        """Return the supremum over the window; −inf where the window is empty."""
-        ...
-
-    def until(self, left: S, right: S, interval: f.Interval, past: bool) -> S:
-        """Return sup over witnesses t' in the window of min(right(t'), inf of left on [t, t'))."""
-        ...
-
-    def step(self, x: S, node: f.AdjacentSample) -> S:
-        """Return the next or previous sample's x; −inf where there is none."""
-        ...
-
-    def rise(self, x: S) -> S:
-        """Return min(x now, −x just before); −inf at the first instant."""
-        ...
+    truth: Callable[[bool], S]
+    flag: Callable[[f.Flag], S]
+    margin: Callable[[f.Comparison], S]
+    negative: Callable[[S], S]
+    scale: Callable[[S, float], S]
+    least: Callable[[S, S], S]
+    greatest: Callable[[S, S], S]
+    always: Callable[[S, f.Interval, bool], S]
+    eventually: Callable[[S, f.Interval, bool], S]
+    until: Callable[[S, S, f.Interval, bool], S]
+    step: Callable[[S, f.AdjacentSample], S]
+    edge: Callable[[S, S, float], S]
 
 
 class Walk(Generic[S]):
@@ -127,7 +107,8 @@ class Walk(Generic[S]):
                 return algebra.step(self(node.operand), node)
             case f.Edge():
                 now = self(node.operand)
-                return algebra.rise(now if node.operator == "rise" else algebra.negative(now))
+                now = now if node.operator == "rise" else algebra.negative(now)
+                return algebra.edge(now, now, math.inf)
             case _:
                 raise AssertionError(node)
 
@@ -136,14 +117,13 @@ class Walk(Generic[S]):
         left, right = self(node.left), self(node.right)
         match node.operator:
             case "until" | "since":
-                return self._witnessed(left, right, within, past=node.operator == "since")
+                return self._witnessed(left, right, within, node.operator == "since")
             case "release":
-                return algebra.negative(
-                    self._witnessed(algebra.negative(left), algebra.negative(right), within, past=False)
-                )
+                left, right = algebra.negative(left), algebra.negative(right)
+                return algebra.negative(self._witnessed(left, right, within, False))
             case "unless":
                 stays = algebra.always(left, up_to(within), False)
-                return algebra.greatest(stays, self._witnessed(left, right, within, past=False))
+                return algebra.greatest(stays, self._witnessed(left, right, within, False))
 
     def _witnessed(self, left: S, right: S, within: f.Interval, past: bool) -> S:
         if self.witness == "closed":

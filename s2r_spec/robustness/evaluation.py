@@ -2,30 +2,31 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError, UsageError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.binding import bind
-from s2r_spec.robustness.dense import ContinuousSignals, snap_of, walk_curves
+from s2r_spec.robustness.deciding import descend
+from s2r_spec.robustness.dense import ContinuousSignals, curve_algebra, snap_of
 from s2r_spec.robustness.evaluate import Walk, Witness
 from s2r_spec.robustness.grid import SNAP, Grid
 from s2r_spec.robustness.horizon import horizon, samples_needed, seconds_needed
 from s2r_spec.robustness.narrow import narrowest, refuse_short
-from s2r_spec.robustness.sampled import SampledSignals, walk_samples
+from s2r_spec.robustness.numbers import SampledSignals
+from s2r_spec.robustness.sampled import walk_samples
 from s2r_spec.robustness.silence import Span, bounding_walk, silences_of
-from s2r_spec.robustness.ticks import Ticks, clock_of
+from s2r_spec.robustness.ticks import Clock, Ticks
 from s2r_spec.robustness.ties import restore_zeros
+from s2r_spec.trace.arrays import BoolArray, FloatArray
 from s2r_spec.trace.instants import instant
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 Interpolation = Literal["samples", "hold", "linear"]
 End = Literal["clip", "hold", "nan", "error"]
 MOST_HELD = 10_000_000
@@ -98,10 +99,9 @@ class Reading:
         times: (n,) increasing times [s].
         signals: name → (width, n), in the declared unit, free of NaN.
         params: name → (1, 1), in the declared unit.
-        interpolation: "samples" evaluates conditions only at the samples; "hold" and "linear" at every instant,
-            with signals that hold the last sample or are linear between samples.
+        interpolation: see :meth:`s2r_spec.spec.Spec.evaluate`.
         until: see :class:`s2r_spec.robustness.evaluate.Walk`.
-        clock: the regular grid of the times, or the times themselves.
+        clock: the regular grid of the times, or the times themselves (:func:`clock_of`).
     """
 
     times: FloatArray
@@ -109,19 +109,7 @@ class Reading:
     params: Mapping[str, FloatArray]
     interpolation: Interpolation
     until: Witness
-    clock: Grid | Ticks
-
-    @classmethod
-    def of(
-        cls,
-        times: FloatArray,
-        signals: Mapping[str, FloatArray],
-        params: Mapping[str, FloatArray],
-        interpolation: Interpolation,
-        until: Witness,
-    ) -> Reading:
-        """Return the reading with the clock of the times."""
-        return cls(times, signals, params, interpolation, until, clock_of(times))
+    clock: Clock
 
     @property
     def grid(self) -> Grid | None:
@@ -144,12 +132,17 @@ class Reading:
         """Return the formula with numbers for the parameters in its time bounds."""
         return bind(formula, {name: float(value.item()) for name, value in self.params.items()})
 
+    @property
+    def samples(self) -> SampledSignals:
+        """The same at the samples alone."""
+        return SampledSignals(self.clock, self.signals, self.params, self.until)
+
     def walk(self) -> Walk[Any]:
         """Return a walk over samples or curves."""
         if self.interpolation == "samples":
-            return walk_samples(SampledSignals(self.clock, self.signals, self.params, self.until))
-        samples = SampledSignals(Ticks.of(self.times), self.signals, self.params, self.until)
-        return walk_curves(ContinuousSignals(samples, self.interpolation, self.snap))
+            return walk_samples(self.samples)
+        samples = replace(self.samples, clock=Ticks.of(self.times))
+        return Walk(curve_algebra(ContinuousSignals(samples, self.interpolation, self.snap)), self.until)
 
     def signed(self, formula: f.Formula) -> FloatArray:
         """Return (n,): ρ at every sample, never 0: its sign is the verdict (:mod:`s2r_spec.robustness.ties`)."""
@@ -170,16 +163,11 @@ class Reading:
         """Return the bounds of ρ at the first sample where the samples are silent for a while; None if they are not."""
         if not self.silences:
             return None
-        samples = SampledSignals(self.clock, self.signals, self.params, self.until)
-        bounds = bounding_walk(samples, self.silences, self.period or 0.0)(formula)
+        bounds = bounding_walk(self.samples, self.silences, self.period or 0.0)(formula)
         return float(bounds.lower[0]), float(bounds.upper[0])
 
     def refuse_short(self, formula: f.Formula) -> None:
-        """Refuse windows shorter than the median period if conditions are evaluated only at the samples.
-
-        Raises:
-            SamplingError: a window is shorter.
-        """
+        """Raise SamplingError if conditions are evaluated at the samples, and a window is shorter than the period."""
         if self.interpolation == "samples":
             refuse_short(narrowest(formula), self.period)
 
@@ -201,7 +189,7 @@ class Reading:
         """
         n = self.times.size
         if self.period is None:
-            return np.full(n, horizon(formula) == 0.0 and samples_needed(formula, Grid(1, None)) == 0)
+            return np.full(n, horizon(formula) == 0.0 and samples_needed(formula, None) == 0)
         if self.interpolation != "samples":
             return np.asarray(self.times + self.needs(formula) <= self.times[-1] + self.snap)
         at, snap = self.clock.times, max(self.clock.snap, SNAP * self.period)
@@ -213,15 +201,13 @@ class Reading:
         if self.grid is None:
             return ()
         sentences: dict[str, None] = {}
-        for node in f.walk(formula):
-            if isinstance(node, f.Temporal | f.Until):
-                for end in (node.interval.low, node.interval.high):
-                    if self.grid.between(end):
-                        span = node.interval.span
-                        sentences[
-                            f"{end:g} s in `{' '.join(span.text.split())}` ({span.place}) lies between two samples: "
-                            f"the window has the samples inside it, {self.grid.step:.6g} s apart"
-                        ] = None
+        within = (node.interval for node in f.walk(formula) if isinstance(node, f.Temporal | f.Until))
+        for end, span in ((end, one.span) for one in within for end in (one.low, one.high)):
+            if self.grid.between(end):
+                sentences[
+                    f"{end:g} s in `{' '.join(span.text.split())}` ({span.place}) lies between two samples: "
+                    f"the window has the samples inside it, {self.grid.step:.6g} s apart"
+                ] = None
         return tuple(sentences)
 
     def held(self, formula: f.Formula) -> Reading:
@@ -230,20 +216,20 @@ class Reading:
         Raises:
             UsageError: the samples do not lie on a regular grid, or too many would be added.
         """
-        needed, last = self.needs(formula), self.times[-1]
-        if self.grid and samples_needed(formula, self.grid) > MOST_HELD:
-            raise UsageError(
-                f"end='hold' would add {samples_needed(formula, self.grid):.0e} samples, for a requirement that "
-                f"looks {needed:g} s ahead; use it with interpolation='hold', which adds one"
-            )
+        needed, last, clock = self.needs(formula), self.times[-1], self.clock
         if self.interpolation == "samples" and not self.grid:
             raise UsageError(
                 "end='hold' adds samples, but these times have no regular period; "
                 "use it with interpolation='hold' or 'linear'"
             )
-        clock = self.clock
         if self.grid:
-            clock = replace(self.grid, count=self.grid.count + samples_needed(formula, self.grid))
+            count = samples_needed(formula, self.grid.period)
+            if count > MOST_HELD:
+                raise UsageError(
+                    f"end='hold' would add {count:.0e} samples, for a requirement that looks {needed:g} s ahead; "
+                    f"use it with interpolation='hold', which adds one"
+                )
+            clock = replace(self.grid, count=self.grid.count + count)
             more = last + np.array([clock.seconds(k) for k in range(1, clock.count - len(self.times) + 1)])
         else:
             more = np.array([last + needed] if needed > 0 else [])
@@ -253,31 +239,52 @@ class Reading:
         }
         return replace(self, times=np.concatenate((self.times, more)), signals=signals, clock=clock)
 
-
-def evaluate(formula: f.Formula, reading: Reading, requirement: str, unit: str, end: End) -> Evaluation:
-    """Evaluate one requirement; for ``end`` see :meth:`s2r_spec.spec.Spec.evaluate`."""
-    n = reading.times.size
-    complete = reading.complete(formula)
-    if end == "error" and not complete.all():
-        first = int(np.argmin(complete))
-        raise TraceError(
-            f"{requirement!r} at t = {instant(reading.times, float(reading.times[first]))} looks "
-            f"{reading.needs(formula):g} s ahead, past the end of the trace at "
-            f"{instant(reading.times, float(reading.times[-1]))}"
+    def evaluate(self, formula: f.Formula, requirement: str, unit: str, end: End) -> Evaluation:
+        """Evaluate one requirement; for ``end`` see :meth:`s2r_spec.spec.Spec.evaluate`."""
+        n = self.times.size
+        complete = self.complete(formula)
+        if end == "error" and not complete.all():
+            first = int(np.argmin(complete))
+            raise TraceError(
+                f"{requirement!r} at t = {instant(self.times, float(self.times[first]))} looks "
+                f"{self.needs(formula):g} s ahead, past the end of the trace at "
+                f"{instant(self.times, float(self.times[-1]))}"
+            )
+        rho = (self.held(formula) if end == "hold" else self).signed(formula)[:n]
+        if end == "nan":
+            rho = np.where(complete, rho, np.nan)
+        return Evaluation(
+            requirement=requirement,
+            unit=unit,
+            times=self.times,
+            values=restore_zeros(rho),
+            truth=rho > 0,
+            horizon=horizon(formula),
+            complete=complete,
+            jitter=self.clock.jitter if isinstance(self.clock, Grid) else None,
+            period=self.period,
+            narrowest=self.narrowest(formula),
+            notes=self.notes(formula),
         )
-    rho = (reading.held(formula) if end == "hold" else reading).signed(formula)[:n]
-    if end == "nan":
-        rho = np.where(complete, rho, np.nan)
-    return Evaluation(
-        requirement=requirement,
-        unit=unit,
-        times=reading.times,
-        values=restore_zeros(rho),
-        truth=rho > 0,
-        horizon=horizon(formula),
-        complete=complete,
-        jitter=reading.clock.jitter if isinstance(reading.clock, Grid) else None,
-        period=reading.period,
-        narrowest=reading.narrowest(formula),
-        notes=reading.notes(formula),
-    )
+
+    def shortfall(self, formula: f.Formula) -> str:
+        """Return the end of a sentence on a requirement that the trace does not decide: "looks 2 s ahead, but …".
+
+        The instant in it would decide ρ if windows were cut at the end of the trace.
+        """
+        ahead, times = horizon(formula), self.times - self.times[0]
+        length = f"the trace lasts {times[-1]:.6g} s" if times.size > 1 else "the trace has one sample"
+        if 0 < ahead < math.inf:
+            return f"looks {ahead:g} s ahead, but {length}"
+        if ahead == 0:
+            return f"looks at the next sample, but {length}"
+        if times.size == 1:
+            return f"looks at the whole rest of a trace, but {length}"
+        walk = walk_samples(self.samples)
+        walk(formula)
+        reach, at = self.needs(formula), 0.0
+        for step in descend(formula, walk, self.clock):
+            needs, time = self.needs(step.node), float(self.times[step.sample])
+            if needs > 0 and time + needs > self.times[-1]:
+                reach, at = needs, time - float(self.times[0])
+        return f"looks {reach:g} s past t = {at:.6g} s, but the trace ends at {float(times[-1]):.6g} s"

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.base.json_values import to_json
 from s2r_spec.base.printable import html_text, one_line
@@ -16,11 +15,10 @@ from s2r_spec.robustness.deciding import DescentStep, descend
 from s2r_spec.robustness.evaluate import Walk
 from s2r_spec.robustness.evaluation import Reading
 from s2r_spec.robustness.responsible import responsible_samples
-from s2r_spec.robustness.sampled import SampledAlgebra, SampledSignals
+from s2r_spec.robustness.sampled import numbers_at, sampled_algebra
 from s2r_spec.robustness.ties import restore_zero
+from s2r_spec.trace.arrays import BoolArray, FloatArray
 from s2r_spec.trace.instants import DATES, instant
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -40,11 +38,11 @@ class ExplanationStep:
     """A sub-formula on the way from the requirement to the predicate.
 
     Args:
-        text: the text of the formula in the specification.
-        name: the name of the formula, if it is a use of a named sub-formula.
-        line: the line of the formula, counted from 1.
+        text: its text in the specification.
+        name: its name, if it is a use of a named sub-formula.
+        line: its line, counted from 1.
         time: instant at which it is evaluated [s].
-        rho: the robustness of the formula at that instant.
+        rho: its robustness at that instant.
     """
 
     text: str
@@ -152,50 +150,42 @@ class Explanation:
 
 def explain(formula: f.Formula, reading: Reading, requirement: str, unit: str) -> Explanation:
     """Explain ρ of a formula at the first sample; conditions are evaluated at the samples."""
-    algebra = SampledAlgebra(SampledSignals(reading.clock, reading.signals, reading.params, reading.until))
-    walk = Walk(algebra, reading.until)
+    numbers = numbers_at(reading.samples)
+    walk = Walk(sampled_algebra(numbers), reading.until)
     signed = float(walk(formula)[0])
     steps = list(descend(formula, walk, reading.clock))
-    parts = tuple(
-        ExplanationStep(
-            _one_line(step.node.span.text),
-            step.node.name if isinstance(step.node, f.Named) else "",
-            step.node.span.line,
-            float(reading.times[step.sample]),
-            restore_zero(float(walk(step.node)[step.sample])),
-        )
-        for step in steps
-        if not isinstance(step.node, f.Rescale)
+    parts = way_down(
+        (step.node, float(reading.times[step.sample]), float(walk(step.node)[step.sample])) for step in steps
     )
     last = steps[-1]
     predicate, sample = last.node, last.sample
     decided = Decided(predicate, last.factor, reading.times, unneeded=_irrelevant_side(steps))
     if isinstance(predicate, f.Comparison):
-        times = responsible_samples(formula, walk, reading.clock).get(
-            id(predicate), np.zeros(len(reading.times), dtype=bool)
-        )
+
+        def at(node: f.Value) -> FloatArray:
+            values = numbers(node)
+            return values[:, min(sample, values.shape[-1] - 1)]
+
+        none = np.zeros(len(reading.times), dtype=bool)
+        times = responsible_samples(formula, walk, reading.clock).get(id(predicate), none)
         times[sample] = True  # a violated until may have several reasons, and ρ may name another one
         decided = replace(
             decided,
             runs=_runs(times, reading.times),
-            sides=tuple(_observe(side, algebra, sample) for side in (predicate.left, predicate.right)),
-            signals=_signals(predicate, algebra, sample),
+            sides=tuple(observe(side, at(side)[0]) for side in (predicate.left, predicate.right)),
+            signals=observe_signals(predicate, at),
         )
     return make_explanation(requirement, unit, signed, parts, decided)
 
 
 @dataclass(frozen=True, eq=False)
 class Decided:
-    """The formula at the end of the way down, which decides ρ.
+    """The formula at the end of the way down, which decides ρ; for most fields see :class:`Explanation`.
 
     Args:
         node: a predicate; or a formula whose ρ is infinite.
-        factor: see :class:`Explanation`.
         times: increasing times of the trace, to whose resolution times are printed [s].
         runs: (from, to) times at which the verdict depends on the predicate [s].
-        sides: both sides of the predicate.
-        signals: its signals and parameters.
-        unneeded: see :class:`Explanation`.
     """
 
     node: f.Formula
@@ -260,27 +250,40 @@ def _unit(node: f.Value | f.Formula) -> str:
     return "" if node.unit is None else node.unit.text
 
 
-def _observe(node: f.Value, algebra: SampledAlgebra, sample: int) -> Observed:
-    values = algebra.numbers(node)[0]
-    return Observed(_one_line(node.span.text), float(values[min(sample, values.size - 1)]), _unit(node))
+def way_down(steps: Iterable[tuple[f.Formula, float, float]]) -> tuple[ExplanationStep, ...]:
+    """Return the steps of an explanation from sub-formulas, their instants [s] and their signed ρ there."""
+    return tuple(
+        ExplanationStep(
+            _one_line(node.span.text),
+            node.name if isinstance(node, f.Named) else "",
+            node.span.line,
+            time,
+            restore_zero(rho),
+        )
+        for node, time, rho in steps
+        if not isinstance(node, f.Rescale)
+    )
 
 
-def _signals(predicate: f.Comparison, algebra: SampledAlgebra, sample: int) -> tuple[Observed, ...]:
-    """Return the signals and parameters in a predicate, each once, vectors by component."""
+def observe(node: f.Value, number: float) -> Observed:
+    """Return a value as text with its number."""
+    return Observed(_one_line(node.span.text), float(number), _unit(node))
+
+
+def observe_signals(
+    predicate: f.Comparison, read: Callable[[f.SignalValue | f.ParamValue], FloatArray]
+) -> tuple[Observed, ...]:
+    """Return the signals and parameters in a predicate, each once, vectors by component.
+
+    ``read``: signal or parameter → (width,) its components at the instant.
+    """
     observed: dict[str, Observed] = {}
     for node in f.walk(predicate):
-        if not isinstance(node, f.SignalValue | f.ParamValue):
-            continue
-        values = algebra.numbers(node)
-        index = node.index if isinstance(node, f.SignalValue) else None
-        for k, component in enumerate(values):
-            name = (
-                node.name
-                if node.width == 1 and index is None
-                else f"{node.name}[{k if index is None else index}]"
-            )
-            value = float(component[min(sample, component.size - 1)])
-            observed.setdefault(name, Observed(name, value, _unit(node)))
+        if isinstance(node, f.SignalValue | f.ParamValue):
+            index = node.index if isinstance(node, f.SignalValue) else None
+            for k, number in enumerate(read(node), index or 0):
+                name = node.name if node.width == 1 and index is None else f"{node.name}[{k}]"
+                observed.setdefault(name, Observed(name, float(number), _unit(node)))
     return tuple(observed.values())
 
 
@@ -289,15 +292,11 @@ def _run_text(times: FloatArray, start: float, end: float) -> str:
     if start == end:
         return instant(times, start)
     first = 0.0 if times[0] < DATES else float(times[0])
-    return f"{instant(times - first, start - first)} to {instant(times - first, end - first)}" + (
-        " after the first sample" if first else ""
-    )
+    after = " after the first sample" if first else ""
+    return f"{instant(times - first, start - first)} to {instant(times - first, end - first)}{after}"
 
 
-def _runs(at: NDArray[np.bool_], times: FloatArray) -> tuple[tuple[float, float], ...]:
+def _runs(at: BoolArray, times: FloatArray) -> tuple[tuple[float, float], ...]:
     """Return (first, last) time of every run of samples."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], at, [False]))))
-    return tuple(
-        (float(times[start]), float(times[end - 1]))
-        for start, end in zip(edges[::2], edges[1::2], strict=True)
-    )
+    return tuple(zip(times[edges[::2]].tolist(), times[edges[1::2] - 1].tolist(), strict=True))

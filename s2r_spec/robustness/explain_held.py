@@ -10,21 +10,30 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.at_start import bounds_at_start, curves_of, infimum_over
-from s2r_spec.robustness.bounds import BoundedAlgebra, RhoBounds
+from s2r_spec.robustness.bounds import RhoBounds
 from s2r_spec.robustness.curve import Curve
 from s2r_spec.robustness.evaluate import Walk, up_to
-from s2r_spec.robustness.explain import Decided, Explanation, ExplanationStep, Observed, make_explanation
-from s2r_spec.robustness.held import Courses, HeldAlgebra, HeldValues, signals_of
-from s2r_spec.robustness.ties import restore_zero
+from s2r_spec.robustness.explain import (
+    Decided,
+    Explanation,
+    Observed,
+    make_explanation,
+    observe,
+    observe_signals,
+    way_down,
+)
+from s2r_spec.robustness.held import Courses, HeldValues, signals_of
+from s2r_spec.robustness.silence import HeldBounds
+from s2r_spec.robustness.ticks import Reach
+from s2r_spec.trace.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 Span = tuple[float, float]
 
 SHOWN = 5
@@ -35,13 +44,9 @@ _INSIDE = 1e-6
 
 @dataclass(frozen=True)
 class _HeldStep:
-    """A sub-formula on the way down.
+    """A sub-formula on the way down, as :class:`~s2r_spec.robustness.deciding.DescentStep`, at a time [s].
 
-    Args:
-        node: the sub-formula.
-        time: the instant [s].
-        factor: ρ of the requirement is factor · ρ of this node here; negative below a negation.
-        runs: (k, 2) times at which the verdict depends on the node, from and to [s].
+    ``runs``: (k, 2) times at which the verdict depends on the node, from and to [s].
     """
 
     node: f.Formula
@@ -56,38 +61,30 @@ class HeldExplainer:
     """Explains ρ of one requirement.
 
     Args:
-        walk: the walk over bounds on curves, whose first instant is that of the requirement.
+        bounds: the bounds of predicates, whose first instant is that of the requirement.
         start: that instant on the clock of the trace [s].
         worse: whether ρ is the lower bound; else the upper one.
     """
 
-    walk: Walk[RhoBounds[Curve]]
+    bounds: HeldBounds
     start: float
     worse: bool
+
+    @cached_property
+    def walk(self) -> Walk[RhoBounds[Curve]]:
+        """The walk over bounds on curves."""
+        return self.bounds.walk()
 
     @property
     def courses(self) -> Courses:
         """The signals; of several values with one stamp the first one."""
-        algebra = self.walk.algebra
-        assert isinstance(algebra, BoundedAlgebra)
-        assert isinstance(algebra.inner, HeldAlgebra)
-        return algebra.inner.courses
+        return self.bounds.courses
 
     def explain(self, formula: f.Formula, requirement: str, unit: str) -> Explanation:
         """Return the explanation of a formula."""
         rho = self.rho(formula, 0.0, 1.0)
         steps = list(self._descend(formula))
-        parts = tuple(
-            ExplanationStep(
-                " ".join(step.node.span.text.split()),
-                step.node.name if isinstance(step.node, f.Named) else "",
-                step.node.span.line,
-                self.start + step.time,
-                restore_zero(rho / step.factor),
-            )
-            for step in steps
-            if not isinstance(step.node, f.Rescale)
-        )
+        parts = way_down((step.node, self.start + step.time, rho / step.factor) for step in steps)
         last = steps[-1]
         vacuous = next((a.node for a, b in pairwise(steps) if b.vacuous), None)
         unneeded = vacuous.right.span.text if isinstance(vacuous, f.Implication) else ""
@@ -100,7 +97,7 @@ class HeldExplainer:
                 times=self._instants_near([at, *(time for run in runs[:SHOWN] for time in run)]),
                 runs=runs,
                 sides=tuple(self._observe(side, last.time) for side in (last.node.left, last.node.right)),
-                signals=tuple(self._signals(last.node, last.time)),
+                signals=observe_signals(last.node, partial(self._read, time=last.time)),
             )
         return make_explanation(requirement, unit, rho, parts, decided)
 
@@ -177,13 +174,13 @@ class HeldExplainer:
 
     def _window(self, interval: f.Interval, step: _HeldStep, past: bool) -> Span:
         """Return the times of a window of one instant, cut at the ends of the trace."""
-        ends = (-interval.high, -interval.low) if past else (interval.low, interval.high)
-        return max(step.time + ends[0], 0.0), min(step.time + ends[1], self.courses.end)
+        reach = Reach.of(interval, past)
+        return max(step.time + reach.low, 0.0), min(step.time + reach.high, self.courses.end)
 
     def _spread(self, interval: f.Interval, step: _HeldStep, past: bool) -> FloatArray:
         """Return the times that the windows of a step's instants reach, as one run."""
-        low, high = (-interval.high, -interval.low) if past else (interval.low, interval.high)
-        begin, end = step.runs[0, 0] + low, step.runs[-1, 1] + high
+        reach = Reach.of(interval, past)
+        begin, end = step.runs[0, 0] + reach.low, step.runs[-1, 1] + reach.high
         return np.array([[max(begin, 0.0), min(end, self.courses.end)]])
 
     def _restrict(self, curve: Curve, holds: bool, runs: FloatArray) -> FloatArray:
@@ -229,10 +226,7 @@ class HeldExplainer:
         snap = self.courses.snap
         if low > high + snap:
             return None
-        first, stop = (
-            np.searchsorted(x.times, low - snap),
-            np.searchsorted(x.times, high + snap, side="right"),
-        )
+        first, stop = np.searchsorted(x.times, low - snap), np.searchsorted(x.times, high + snap, "right")
         times, values = [np.clip(x.times[first:stop], low, high)], [x.at[first:stop]]
         if x.right.size:
             begin = max(int(np.searchsorted(x.times, low + snap, side="right")) - 1, 0)
@@ -247,10 +241,6 @@ class HeldExplainer:
         places = [at[np.flatnonzero(part == least)[last]] for value, part, at in known if value == least]
         return float(max(places) if past else min(places))
 
-    def at(self, step: _HeldStep) -> float:
-        """Return ρ of a step's node at its instant."""
-        return self.rho(step.node, step.time, step.factor)
-
     def _instants(
         self, curves: list[Curve], low: float, high: float, interval: f.Interval, past: bool
     ) -> FloatArray:
@@ -264,10 +254,8 @@ class HeldExplainer:
         width = np.diff(ends)
         long = width > snap
         within = np.concatenate([(ends[:-1] + _INSIDE * width)[long], (ends[1:] - _INSIDE * width)[long]])
-        closed = [interval.low_closed, interval.high_closed]
-        borders = [
-            end for end, kept in zip((high, low) if past else (low, high), closed, strict=True) if kept
-        ]
+        near, far = (high, low) if past else (low, high)
+        borders = [near] * interval.low_closed + [far] * interval.high_closed
         times = np.unique(np.concatenate([inner, within, borders]))
         return times[::-1] if past else times
 
@@ -312,29 +300,17 @@ class HeldExplainer:
 
     def _runs(self, step: _HeldStep) -> tuple[Span, ...]:
         """Return (from, to) times in the window at which the predicate is what decides: [s] on the trace's clock."""
-        holds = self.at(step) > 0
+        holds = self.rho(step.node, step.time, step.factor) > 0
         runs = self._restrict(self.curve(step.node, step.factor), holds, step.runs)
         return tuple((self.start + float(begin), self.start + float(end)) for begin, end in runs)
 
     def _observe(self, node: f.Value, time: float) -> Observed:
         values = HeldValues.at_messages(self.courses, signals_of(node))
         number = float(values(node).values(np.array([time]), self.courses.snap)[0])
-        return Observed(" ".join(node.span.text.split()), number, "" if node.unit is None else node.unit.text)
+        return observe(node, number)
 
-    def _signals(self, predicate: f.Comparison, time: float) -> Iterator[Observed]:
-        seen: set[str] = set()
-        for node in f.walk(predicate):
-            if isinstance(node, f.SignalValue):
-                rows = self.courses.signals[node.name].at(np.array([time]))[:, 0]
-                index = node.index
-                unit = "" if node.unit is None else node.unit.text
-            elif isinstance(node, f.ParamValue):
-                rows, index = self.courses.params[node.name][:, 0], None
-                unit = "" if node.unit is None else node.unit.text
-            else:
-                continue
-            for k in range(len(rows)) if index is None else [index]:
-                name = node.name if node.width == 1 and index is None else f"{node.name}[{k}]"
-                if name not in seen:
-                    seen.add(name)
-                    yield Observed(name, float(rows[k]), unit)
+    def _read(self, node: f.SignalValue | f.ParamValue, time: float) -> FloatArray:
+        if isinstance(node, f.ParamValue):
+            return self.courses.params[node.name][:, 0]
+        rows = self.courses.signals[node.name].at(np.array([time]))[:, 0]
+        return rows if node.index is None else rows[[node.index]]

@@ -10,15 +10,13 @@ from fractions import Fraction
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError
 from s2r_spec.lang.formula import Interval
 from s2r_spec.robustness.kernels import until, window_max, window_min
+from s2r_spec.trace.arrays import FloatArray, IntArray
 from s2r_spec.trace.messages import INTERVALS, period_of_messages
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 Window = Callable[[FloatArray, int, int | None], FloatArray]
 
 JITTER = 1e-2

@@ -19,19 +19,16 @@ from functools import partial
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness import history
 from s2r_spec.robustness.curve import Curve, align, split_at_zero
-from s2r_spec.robustness.dense import ContinuousSignals, DenseAlgebra, PredicateCurves
-from s2r_spec.robustness.evaluate import Walk, Witness
-from s2r_spec.robustness.numbers import Numbers, margin
-from s2r_spec.robustness.sampled import SampledSignals
+from s2r_spec.robustness.dense import ContinuousSignals, PredicateCurves, curve_algebra, margin_curve
+from s2r_spec.robustness.evaluate import Algebra, Walk, Witness
+from s2r_spec.robustness.numbers import Numbers, SampledSignals, margin
 from s2r_spec.robustness.ticks import Ticks
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
 
 MEAN_ERROR = 1e-7
 """Tolerance: error of a mean between two messages while its window grows, in parts of its change."""
@@ -114,40 +111,32 @@ class Courses:
 
     def walk(self) -> Walk[Curve]:
         """Return the walk that gives the robustness of a formula as a curve."""
-        return Walk(HeldAlgebra(self), self.until)
+        return Walk(held_algebra(self), self.until)
 
 
-class HeldAlgebra(DenseAlgebra):
-    """Robustness signals as curves, whose predicates have breakpoints at the messages of their signals."""
+def held_algebra(courses: Courses) -> Algebra[Curve]:
+    """Return the operations on curves whose predicates have breakpoints at the messages of their signals."""
+    # Only the values of the last predicate, since those of many topics fill the memory.
+    last: dict[frozenset[str], HeldValues] = {}
 
-    def __init__(self, courses: Courses) -> None:
-        ends = courses.stamps(frozenset())
-        super().__init__(ContinuousSignals(courses.sampled(ends, frozenset()), "hold", courses.snap))
-        self.courses = courses
-        # Only those of the last predicate, since those of many topics fill the memory.
-        self._last: tuple[frozenset[str], HeldValues] | None = None
-
-    def flag(self, node: f.Flag) -> Curve:
-        """Return an infinity at each instant."""
-        times = self.courses.stamps(frozenset((node.name,)))
-        states = np.where(self.courses.signals[node.name].at(times)[0] > 0, np.inf, -np.inf)
+    def flag(node: f.Flag) -> Curve:
+        times = courses.stamps(frozenset((node.name,)))
+        states = np.where(courses.signals[node.name].at(times)[0] > 0, np.inf, -np.inf)
         return Curve.of(times, states, "hold")
 
-    def margin(self, node: f.Comparison) -> Curve:
-        """Return the margin of the comparison."""
-        values = self.values_of(node)
-        if values.recording.between == "hold" and not _grows(node):
-            samples = margin(node, values.sampled, values.sampled.clock)
-            return Curve.of(values.recording.times, samples, "hold")
-        self.values = values
-        return super().margin(node)
-
-    def values_of(self, node: f.Node) -> HeldValues:
-        """Return the values of the signals that a predicate reads, at their messages."""
+    def margin_of(node: f.Comparison) -> Curve:
         read = signals_of(node)
-        if self._last is None or self._last[0] != read:
-            self._last = read, HeldValues.at_messages(self.courses, read)
-        return self._last[1]
+        if read not in last:
+            last.clear()
+            last[read] = HeldValues.at_messages(courses, read)
+        values = last[read]
+        if values.recording.between == "linear" or _grows(node):
+            return margin_curve(node, values)
+        return Curve.of(values.recording.times, margin(node, values.sampled), "hold")
+
+    ends = courses.sampled(courses.stamps(frozenset()), frozenset())
+    algebra = curve_algebra(ContinuousSignals(ends, "hold", courses.snap))
+    return replace(algebra, flag=flag, margin=margin_of)
 
 
 def needs_samples(node: f.Node, times: Mapping[str, FloatArray]) -> bool:
@@ -362,7 +351,7 @@ class _OwnNumbers(Numbers):
     def __init__(self, samples: SampledSignals, courses: Courses) -> None:
         # Not a method of these numbers: a reference cycle would keep the samples in memory.
         conditions = partial(_conditions, courses, samples.clock.times)
-        super().__init__(samples.signals, samples.params, samples.clock, lambda: conditions)
+        super().__init__(samples, lambda: conditions)
         self._courses = courses
 
     def _history(self, node: f.Value) -> FloatArray:

@@ -9,10 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from s2r_spec.trace.arrays import BoolArray, FloatArray
 
 
 def delay(x: FloatArray, times: FloatArray, seconds: float, snap: float) -> FloatArray:

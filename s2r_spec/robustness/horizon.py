@@ -22,17 +22,13 @@ def horizon(formula: f.Formula) -> float:
     return _reach(formula, lambda interval: (interval.low, interval.high), 0.0)
 
 
-def samples_needed(formula: f.Formula, grid: Grid) -> int:
-    """Return the number of samples after an instant that a formula needs on a grid.
+@once
+def samples_needed(formula: f.Formula, period: Fraction | None) -> int:
+    """Return the number of samples after an instant that a formula needs on a grid of a period [s].
 
     An unbounded window needs only its first sample, since it means the rest of the trace, of any length. An open end
     does not need the sample on it.
     """
-    return _samples(formula, grid.period)
-
-
-@once
-def _samples(formula: f.Formula, period: Fraction | None) -> int:
     grid = Grid(1, period)
 
     def ends(interval: f.Interval) -> tuple[float, float]:

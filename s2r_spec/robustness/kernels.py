@@ -9,12 +9,9 @@ cache. A window that reaches past the last sample is cut there. One that lies wh
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.robustness.pieces import pieces
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
+from s2r_spec.trace.arrays import FloatArray, IntArray
 
 PIECE = 1 << 16
 """Budget: samples in one pass, half a megabyte, the size of a processor's second-level cache."""
@@ -34,16 +31,7 @@ def shift(x: FloatArray, steps: int, fill: float) -> FloatArray:
 
 
 def window_min(x: FloatArray, low: int, high: int | None) -> FloatArray:
-    """Return y with y[t] = min of x[t + low … t + high].
-
-    Args:
-        x: (…, n) samples.
-        low: first sample of the window, 0 ≤ low.
-        high: last one, low ≤ high; None for the end of the trace.
-
-    Returns:
-        (…, n).
-    """
+    """Return (…, n) y with y[t] = min of x[t + low … t + high], 0 ≤ low ≤ high; None is the end of the trace."""
     return _window(np.minimum, np.inf, x, low, high)
 
 
@@ -89,8 +77,6 @@ def until(left: FloatArray, right: FloatArray, low: int, high: int | None) -> Fl
         low: first sample at which the witness may be, 0 ≤ low.
         high: last one; None for the end of the trace.
 
-    Returns:
-        (…, n).
     """
     if left.shape != right.shape:
         left, right = np.broadcast_arrays(left, right)
@@ -143,15 +129,8 @@ def _clamp(p: FloatArray, q: FloatArray, spare: FloatArray, width: int) -> None:
 def range_min(x: FloatArray, first: IntArray, last: IntArray) -> FloatArray:
     """Return y with y[k] = min of x[first[k] … last[k]], for windows of any position and length.
 
-    A sparse table: two blocks whose length is a power of two cover a window.
-
-    Args:
-        x: (…, n) samples.
-        first: (m,) first sample of each window, 0 ≤ first.
-        last: (m,) last one, < n; a window with last < first is empty, its least value +inf.
-
-    Returns:
-        (…, m).
+    A sparse table: two blocks whose length is a power of two cover a window. Of (…, n) samples and (m,) windows within
+    0 … n − 1 it returns (…, m). A window with last < first is empty, its least value +inf.
     """
     lengths = np.maximum(last - first + 1, 0)
     y = np.full((*x.shape[:-1], first.size), np.inf)
@@ -173,14 +152,7 @@ def range_until(left: FloatArray, right: FloatArray, first: IntArray, last: IntA
     reason: if a witness after the window is good, left holds up to it, so any witness in the window is as good as
     its right.
 
-    Args:
-        left: (…, n) robustness of the condition that holds before the witness.
-        right: (…, n) robustness of the witness.
-        first: (n,) first sample of each window, t ≤ first[t].
-        last: (n,) last one, < n; −inf where last < first.
-
-    Returns:
-        (…, n).
+    ``left`` and ``right`` are (…, n). A window lies within t … n − 1; the result is −inf where last < first.
     """
     left, right = np.broadcast_arrays(left, right)
     n = left.shape[-1]

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 from s2r_spec.base.errors import SamplingError
 from s2r_spec.lang import formula as f
-from s2r_spec.lang.source import Span
 from s2r_spec.robustness.grid import SNAP
 
 SMALLER_UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -20,14 +19,12 @@ class BoundedWindow:
     """A bounded time window, relative to an instant.
 
     Args:
-        interval: distances of its nearer and farther end from the instant [s].
+        interval: distances of its nearer and farther end from the instant [s], and its place in the text.
         past: whether it lies before the instant.
-        span: the place of the formula in the text.
     """
 
     interval: f.Interval
     past: bool
-    span: Span
 
     @property
     def length(self) -> float:
@@ -40,10 +37,9 @@ def windows(formula: f.Formula) -> Iterator[BoundedWindow]:
     for node in f.walk(formula):
         match node:
             case f.Temporal() | f.Until():
-                past = node.operator in ("historically", "once", "since")
-                window = BoundedWindow(node.interval, past, node.interval.span)
+                window = BoundedWindow(node.interval, node.operator in ("historically", "once", "since"))
             case f.Count() | f.Accumulated() | f.Delayed():
-                window = BoundedWindow(f.Interval(0.0, node.seconds, True, True, node.span), True, node.span)
+                window = BoundedWindow(f.Interval(0.0, node.seconds, True, True, node.span), True)
             case _:
                 continue
         if 0.0 < window.length < math.inf:
@@ -72,7 +68,8 @@ def refuse_short(window: BoundedWindow | None, period: float | None, name: str =
         return
     unit = next((unit for unit, size in SMALLER_UNITS.items() if period * size <= window.length), None)
     remedy = f"if the times are in {unit}, give --time-unit {unit}; " if unit else ""
+    span = window.interval.span
     raise SamplingError(
-        f"`{' '.join(window.span.text.split())}` ({window.span.place}) is {window.length:g} s long, shorter than "
+        f"`{' '.join(span.text.split())}` ({span.place}) is {window.length:g} s long, shorter than "
         f"{name}, {period:.6g} s; {remedy}interpolation='hold' or 'linear' evaluates between samples"
     )

@@ -3,63 +3,52 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Mapping
-from typing import Protocol
+from dataclasses import dataclass
+from functools import reduce
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness import history
+from s2r_spec.robustness.evaluate import Witness
+from s2r_spec.robustness.ticks import Clock
 from s2r_spec.robustness.ties import break_ties
+from s2r_spec.trace.arrays import BoolArray, FloatArray
 
-FloatArray = NDArray[np.float64]
 
+@dataclass(frozen=True)
+class SampledSignals:
+    """Sample times, signals and parameters on which formulas are evaluated.
 
-class SampleTimes(Protocol):
-    """Sample times."""
+    Args:
+        clock: the sample times.
+        signals: name → (…, width, n), in the declared unit, free of NaN.
+        params: name → (…, 1, 1) numbers, in the declared unit.
+        until: see :class:`s2r_spec.robustness.evaluate.Walk`.
+    """
 
-    @property
-    def count(self) -> int:
-        """Number of samples."""
-        ...
-
-    @property
-    def times(self) -> FloatArray:
-        """(n,) times after the first sample [s]."""
-        ...
-
-    @property
-    def snap(self) -> float:
-        """Times closer than this are the same [s]."""
-        ...
-
-    def seconds(self, sample: int) -> float:
-        """Return the time of a sample after the first [s]."""
-        ...
+    clock: Clock
+    signals: Mapping[str, FloatArray]
+    params: Mapping[str, FloatArray]
+    until: Witness = "open"
 
 
 class Numbers:
     """Evaluates values to (…, width, n); a value that is constant over time has n = 1.
 
     Args:
-        signals: name → (…, width, n), in the declared unit.
-        params: name → (…, 1, 1), in the declared unit.
-        clock: the sample times.
+        samples: the signals and parameters.
         conditions: a function that makes the evaluator of conditions in ``if``, ``duration`` and ``count``, to (…, n).
     """
 
     def __init__(
-        self,
-        signals: Mapping[str, FloatArray],
-        params: Mapping[str, FloatArray],
-        clock: SampleTimes,
-        conditions: Callable[[], Callable[[f.Formula], FloatArray]],
+        self, samples: SampledSignals, conditions: Callable[[], Callable[[f.Formula], FloatArray]]
     ) -> None:
-        self.signals = signals
-        self.params = params
-        self.clock = clock
+        self.signals, self.params, self.clock = samples.signals, samples.params, samples.clock
         # never the walk of these numbers: a reference cycle would keep the samples in memory
         # until the garbage collector runs
         self.conditions = conditions
@@ -95,15 +84,12 @@ class Numbers:
             case f.Convert():
                 return node.conversion.each(self(node.operand))
             case f.Arithmetic():
-                return _ARITHMETIC[node.operator](self(node.left), self(node.right))
+                result: FloatArray = ARITHMETIC[node.operator](self(node.left), self(node.right))
+                return result
             case f.Elementary():
                 return _ELEMENTARY[node.function](self(node.operand))
             case f.Extremum():
-                fold = np.minimum if node.function == "min" else np.maximum
-                result = self(node.operands[0])
-                for operand in node.operands[1:]:
-                    result = fold(result, self(operand))
-                return result
+                return reduce(np.minimum if node.function == "min" else np.maximum, map(self, node.operands))
             case f.Choice():
                 return np.where(self.holds(node.condition), self(node.left), self(node.right))
             case f.Delayed() | f.Derivative() | f.Accumulated() | f.Duration() | f.Count():
@@ -114,7 +100,7 @@ class Numbers:
             case _:
                 raise AssertionError(node)
 
-    def holds(self, node: f.Formula) -> NDArray[np.bool_]:
+    def holds(self, node: f.Formula) -> BoolArray:
         """Return (…, 1, n): where a condition holds."""
         if self.formula is None:
             self.formula = self.conditions()
@@ -148,23 +134,16 @@ class Numbers:
         return np.where(self(node.reference)[..., :1] >= origin, 1.0, -1.0)
 
 
-def margin(node: f.Comparison, numbers: Numbers, clock: SampleTimes) -> FloatArray:
+def margin(node: f.Comparison, numbers: Numbers) -> FloatArray:
     """Return (…, n): the margin of a comparison, never 0; see :mod:`s2r_spec.robustness.ties`.
 
     Raises:
         TraceError: it is undefined at some sample.
     """
     left, right = numbers(node.left)[..., 0, :], numbers(node.right)[..., 0, :]
+    clock = numbers.clock
     with np.errstate(invalid="ignore", over="ignore"):
-        match node.operator:
-            case "<" | "<=":
-                result = right - left
-            case ">" | ">=":
-                result = left - right
-            case "==":
-                result = -np.abs(left - right)
-            case "!=":
-                result = np.abs(left - right)
+        result: FloatArray = MARGIN[node.operator](left, right)
         least = np.minimum.reduce(result, axis=None, initial=np.inf)  # NaN if there is any
     result = break_ties(result, node.operator)
     if result.shape[-1] != clock.count:
@@ -183,5 +162,13 @@ def no_value(node: f.Comparison, where: str) -> TraceError:
     )
 
 
-_ARITHMETIC = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "^": np.power}
+MARGIN: Mapping[str, Callable[[Any, Any], Any]] = {
+    "<": lambda x, y: y - x, "<=": lambda x, y: y - x, ">": lambda x, y: x - y, ">=": lambda x, y: x - y,
+    "==": lambda x, y: -abs(x - y), "!=": lambda x, y: abs(x - y),
+}  # fmt: skip
+"""Comparison → the margin of two numbers, arrays or tensors."""
+ARITHMETIC: Mapping[str, Callable[[Any, Any], Any]] = {
+    "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv, "^": operator.pow,
+}  # fmt: skip
+"""Operator → the result of two numbers, arrays or tensors."""
 _ELEMENTARY = {"minus": np.negative, "abs": np.abs, "sign": np.sign, "sqrt": np.sqrt}

@@ -9,7 +9,6 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError, UsageError, one_of, suggest
 from s2r_spec.lang.amounts import NUMBER_AND_UNIT, Amount, convert, read_amount
@@ -18,9 +17,9 @@ from s2r_spec.lang.declarations import Param, Signal
 from s2r_spec.lang.units import UnknownUnitError, unit_in_log
 from s2r_spec.robustness.stream import SignalMessages, on_circle
 from s2r_spec.trace import Trace
+from s2r_spec.trace.arrays import FloatArray
 from s2r_spec.trace.instants import instant
 
-FloatArray = NDArray[np.float64]
 HOLD = 'nan="hold" (--nan hold) repeats the sample before it; --join hold joins columns of different rates'
 LEADING = "there is no sample before it to repeat; --start begins after it"
 Missing = Literal["error", "hold"]
@@ -29,12 +28,7 @@ Missing = Literal["error", "hold"]
 def read_signals(
     signals: Iterable[Signal], trace: Trace, missing: Missing = "error"
 ) -> dict[str, FloatArray]:
-    """Return name → (dim, n) in the declared unit.
-
-    Args:
-        signals: the signals to read.
-        trace: the trace.
-        missing: the treatment of a NaN sample: "error", or "hold" to repeat the last sample.
+    """Return name → (dim, n) in the declared unit; ``missing`` is the treatment of a NaN sample.
 
     Raises:
         TraceError: a channel is missing, has another width, NaN, or a unit that does not fit.

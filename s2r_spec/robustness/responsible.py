@@ -5,18 +5,15 @@ from __future__ import annotations
 from functools import reduce
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.deciding import best_witness
 from s2r_spec.robustness.evaluate import Walk, up_to
-from s2r_spec.robustness.sampled import SampleClock
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+from s2r_spec.robustness.ticks import Clock
+from s2r_spec.trace.arrays import BoolArray, FloatArray
 
 
-def responsible_samples(root: f.Formula, walk: Walk[FloatArray], clock: SampleClock) -> dict[int, BoolArray]:
+def responsible_samples(root: f.Formula, walk: Walk[FloatArray], clock: Clock) -> dict[int, BoolArray]:
     """Return id of predicate → (n,): the samples at which the verdict of ``root`` at sample 0 depends on it.
 
     A violated ``always`` depends on the samples that violate it, and a satisfied one on its whole window;
@@ -30,7 +27,7 @@ def responsible_samples(root: f.Formula, walk: Walk[FloatArray], clock: SampleCl
 
 
 class _Causes:
-    def __init__(self, walk: Walk[FloatArray], clock: SampleClock) -> None:
+    def __init__(self, walk: Walk[FloatArray], clock: Clock) -> None:
         self.walk, self.clock = walk, clock
         self.found: dict[int, BoolArray] = {}
 

@@ -10,22 +10,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
-from s2r_spec.robustness.bounds import BoundedAlgebra, RhoBounds
+from s2r_spec.robustness.bounds import RhoBounds, bounded_algebra
 from s2r_spec.robustness.curve import Curve
-from s2r_spec.robustness.evaluate import Walk
-from s2r_spec.robustness.held import HeldAlgebra, signals_of
-from s2r_spec.robustness.sampled import SampledAlgebra, SampledSignals
+from s2r_spec.robustness.evaluate import Algebra, Walk
+from s2r_spec.robustness.held import Courses, held_algebra, signals_of
+from s2r_spec.robustness.numbers import SampledSignals
+from s2r_spec.robustness.sampled import numbers_at, sampled_algebra
 from s2r_spec.robustness.ticks import Ticks
+from s2r_spec.trace.arrays import FloatArray
 from s2r_spec.trace.messages import SILENT, period_of_messages
 
-FloatArray = NDArray[np.float64]
 Span = tuple[float, float]
+S = TypeVar("S")
 
 MOST_INSTANTS = 2**20
 """Budget: instants that stand for the silences of sampled signals, 1 million."""
@@ -77,48 +79,49 @@ class HeldBounds:
     """The bounds of predicates as curves.
 
     Args:
-        variants: one algebra, or several that read the several values with one stamp.
+        variants: the signals once, or several times with each of the several values with one stamp.
         silences: signal → spans without a valid value, after the start [s].
         unseen: signals without a message before the start, in a log that began before.
         open_steps: whether what is known at samples alone may have any value, instead of an error.
     """
 
-    variants: Sequence[HeldAlgebra]
+    variants: Sequence[Courses]
     silences: Mapping[str, Sequence[Span]]
     unseen: frozenset[str] = frozenset()
     open_steps: bool = False
 
+    @property
+    def courses(self) -> Courses:
+        """The signals; of several values with one stamp the first one."""
+        return self.variants[0]
+
     def walk(self) -> Walk[RhoBounds[Curve]]:
         """Return the walk that gives bounds on the robustness of a formula."""
-        first = self.variants[0]
-        algebra = _OpenSteps if self.open_steps else BoundedAlgebra
-        return Walk(algebra(first, self._leaf), first.courses.until)
+        algebras = [held_algebra(one) for one in self.variants]
+        first, snap = algebras[0], self.courses.snap
+        anything = RhoBounds(first.truth(False), first.truth(True))
 
-    def _leaf(self, node: f.Comparison | f.Flag) -> RhoBounds[Curve]:
-        first = self.variants[0]
-        if self.open_steps and first.courses.needs_samples(node):
-            return RhoBounds(first.truth(False), first.truth(True))
-        lower = upper = self._margin(first, node)
-        for other in self.variants[1:]:
-            margin = self._margin(other, node)
-            lower, upper = first.least(lower, margin), first.greatest(upper, margin)
-        unseen = not self.unseen.isdisjoint(signals_of(node))
-        if spans := read_spans(node, self.silences):
-            lower = _replace(lower, spans, -math.inf, first.snap)
-            upper = _replace(upper, spans, math.inf, first.snap)
-        return RhoBounds(lower, upper, unseen)
+        def leaf(node: f.Comparison | f.Flag) -> RhoBounds[Curve]:
+            if self.open_steps and self.courses.needs_samples(node):
+                return anything
+            lower = upper = margin_of(first, node)
+            for other in algebras[1:]:
+                margin = margin_of(other, node)
+                lower, upper = first.least(lower, margin), first.greatest(upper, margin)
+            if spans := read_spans(node, self.silences):
+                lower = _replace(lower, spans, -math.inf, snap)
+                upper = _replace(upper, spans, math.inf, snap)
+            return RhoBounds(lower, upper, not self.unseen.isdisjoint(signals_of(node)))
 
-    @staticmethod
-    def _margin(algebra: HeldAlgebra, node: f.Comparison | f.Flag) -> Curve:
-        return algebra.flag(node) if isinstance(node, f.Flag) else algebra.margin(node)
+        algebra = bounded_algebra(first, leaf)
+        if self.open_steps:
+            algebra = replace(algebra, step=lambda x, node: anything)
+        return Walk(algebra, self.courses.until)
 
 
-class _OpenSteps(BoundedAlgebra[Curve]):
-    """Bounds where the next and the previous sample may have any value."""
-
-    def step(self, x: RhoBounds[Curve], node: f.AdjacentSample) -> RhoBounds[Curve]:
-        """Return any value."""
-        return RhoBounds(self.inner.truth(False), self.inner.truth(True))
+def margin_of(algebra: Algebra[S], node: f.Comparison | f.Flag) -> S:
+    """Return the robustness of a predicate or of a boolean signal."""
+    return algebra.flag(node) if isinstance(node, f.Flag) else algebra.margin(node)
 
 
 def _replace(x: Curve, spans: Iterable[Span], value: float, snap: float) -> Curve:
@@ -137,18 +140,12 @@ def _replace(x: Curve, spans: Iterable[Span], value: float, snap: float) -> Curv
     return fine
 
 
-def silences_of(times: FloatArray, longest: float = math.nan) -> list[Span]:
-    """Return the spans without a sample in (n,) increasing times of a periodic signal [s].
-
-    Args:
-        times: the samples.
-        longest: time for which a value is valid, as the user states it [s]; NaN if not stated.
-    """
-    period = period_of_messages(times) if math.isnan(longest) else longest
-    bridged = SILENT * period if math.isnan(longest) else longest
+def silences_of(times: FloatArray) -> list[Span]:
+    """Return the spans without a sample in (n,) increasing times of a periodic signal [s]."""
+    period = period_of_messages(times)
     if math.isnan(period):
         return []
-    before = np.flatnonzero(np.diff(times) > bridged)
+    before = np.flatnonzero(np.diff(times) > SILENT * period)
     return [(float(times[i]), float(times[i + 1])) for i in before]
 
 
@@ -157,25 +154,19 @@ def bounding_walk(
 ) -> Walk[RhoBounds[FloatArray]]:
     """Return the walk over samples that bounds ρ where all signals have no sample.
 
-    Instants one period apart stand for each silence, and every margin there is any number.
-
-    Args:
-        samples: the samples; their clock has times, not a grid.
-        spans: silences between two samples, after the first sample [s].
-        period: median time from one sample to the next [s].
+    Instants one ``period`` [s] apart stand for each of the silences ``spans`` [s] between two samples, and every
+    margin there is any number.
     """
     own = samples.clock.times
     apart = max(period, sum(end - start for start, end in spans) / MOST_INSTANTS)
     silent = np.concatenate([np.arange(start + apart, end - apart / 2, apart) for start, end in spans])
     times = np.union1d(own, silent)
     place = np.searchsorted(times, own)
-    inner = SampledAlgebra(
-        SampledSignals(Ticks(times, samples.clock.snap), {}, samples.params, samples.until)
-    )
-    base = SampledAlgebra(samples)
+    inner = SampledSignals(Ticks(times, samples.clock.snap), {}, samples.params, samples.until)
+    base = sampled_algebra(numbers_at(samples))
 
     def leaf(node: f.Comparison | f.Flag) -> RhoBounds[FloatArray]:
-        margin = base.flag(node) if isinstance(node, f.Flag) else base.margin(node)
+        margin = margin_of(base, node)
         lower, upper = np.full(times.size, -np.inf), np.full(times.size, np.inf)
         known = np.ones(own.size, dtype=bool)
         back, ahead = reach(node)
@@ -188,4 +179,4 @@ def bounding_walk(
             lower[:] = upper[:] = margin[0]
         return RhoBounds(lower, upper)
 
-    return Walk(BoundedAlgebra(inner, leaf), samples.until)
+    return Walk(bounded_algebra(sampled_algebra(numbers_at(inner)), leaf), samples.until)

@@ -11,13 +11,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.robustness.held import Course
 from s2r_spec.robustness.silence import Span
+from s2r_spec.trace.arrays import FloatArray
 from s2r_spec.trace.messages import Messages
 
-FloatArray = NDArray[np.float64]
 _SLACK = 1e-3
 """Tolerance: by which a rounded angle may exceed the ends of its range [turns]."""
 
@@ -37,26 +36,6 @@ class SignalMessages:
     values: FloatArray
     without: int = 0
     turn: float = math.inf
-
-    @property
-    def first(self) -> float:
-        """The first stamp [s]."""
-        return float(self.messages.times[0])
-
-    @property
-    def last(self) -> float:
-        """The last stamp [s]."""
-        return float(self.messages.times[-1])
-
-    def stamp_up_to(self, time: float) -> float:
-        """Return the last stamp up to a time [s]; −inf if there is none."""
-        times = self.messages.times
-        number = int(np.searchsorted(times, time, side="right"))
-        return float(times[number - 1]) if number else -math.inf
-
-    def end(self, until: float) -> float:
-        """Return the time until which the last value is valid, at most ``until`` [s]."""
-        return min(self.messages.end, until)
 
     def silences(self, start: float, end: float) -> list[Span]:
         """Return the spans from ``start`` to ``end`` without a valid value, after the start [s]."""
@@ -79,10 +58,7 @@ class SignalMessages:
 
     def _course(self, times: FloatArray, values: FloatArray) -> Course:
         """Return the messages as a course; an angle that jumps by over half a turn is linear on the circle."""
-        linear = self.messages.linear
-        if not linear or not (np.abs(np.diff(values)) > self.turn / 2).any():
-            return Course(times, values, linear)
-        return on_circle(times, values, self.turn)
+        return on_circle(times, values, self.turn) if self.messages.linear else Course(times, values)
 
     @property
     def topic(self) -> int:
@@ -112,12 +88,12 @@ def on_circle(times: FloatArray, values: FloatArray, turn: float) -> Course:
     Where it passes the end of its range, 0 to a turn or half a turn around 0, it jumps to the other end. An angle of
     several turns, as of a wheel, has no such end: it is linear between its values.
     """
-    if not in_one_turn(values, turn):
+    jumps = np.abs(np.diff(values)) > turn / 2
+    if not jumps.any() or not in_one_turn(values, turn):
         return Course(times, values, True)
     high = np.where(values.min(axis=1) >= 0.0, turn, turn / 2)[:, np.newaxis]
     step = np.diff(values)
     short = step - turn * np.rint(step / turn)
-    jumps = np.abs(step) > turn / 2
     border = np.where(short > 0, high, high - turn)
     with np.errstate(divide="ignore", invalid="ignore"):
         part = np.clip((border - values[:, :-1]) / short, 0.0, 1.0)

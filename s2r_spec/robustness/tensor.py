@@ -8,9 +8,10 @@ is the gradient of the smooth minimum (:mod:`s2r_spec.robustness.smooth`).
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Iterable, Mapping
 from fractions import Fraction
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,9 +19,10 @@ from s2r_spec.base.errors import UsageError, one_of
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.declarations import Param, Signal
 from s2r_spec.robustness.binding import names
-from s2r_spec.robustness.evaluate import Walk, Witness
+from s2r_spec.robustness.evaluate import Algebra, Walk, Witness
 from s2r_spec.robustness.grid import Grid
 from s2r_spec.robustness.narrow import narrowest, refuse_short
+from s2r_spec.robustness.numbers import MARGIN
 from s2r_spec.robustness.smooth import Smooth, shift
 from s2r_spec.robustness.tensor_values import TensorValues
 
@@ -29,25 +31,6 @@ if TYPE_CHECKING:
 
 _INF = float("inf")
 Window = Callable[["Tensor", int, "int | None"], "Tensor"]
-
-
-def walk_tensors(
-    grid: Grid,
-    signals: Mapping[str, Tensor],
-    params: Mapping[str, Tensor],
-    until: Witness = "open",
-    temperature: float = 0.0,
-) -> Walk[Tensor]:
-    """Return the walk that evaluates a formula to (…, n), its robustness at every sample.
-
-    Args:
-        grid: the sample times.
-        signals: name → (…, width, n), in the declared unit.
-        params: name → (…, 1, 1), in the declared unit.
-        until: see :class:`s2r_spec.robustness.evaluate.Walk`.
-        temperature: the temperature of the smooth minimum, in the unit of ρ; 0 for the exact one.
-    """
-    return Walk(TensorAlgebra(grid, signals, params, temperature), until)
 
 
 def read_tensors(channels: Iterable[Signal], signals: Mapping[str, Tensor]) -> dict[str, Tensor]:
@@ -98,13 +81,7 @@ def evaluate_tensors(
 ) -> Tensor:
     """Return (…, n): ρ of a formula; see :meth:`s2r_spec.spec.Spec.robustness_tensor`.
 
-    Args:
-        formula: without parameters in its time bounds.
-        signals: result of :func:`read_tensors`, not empty.
-        params: result of :func:`read_numbers`.
-        period: sample period [s].
-        until: see :class:`s2r_spec.robustness.evaluate.Walk`.
-        temperature: see :func:`walk_tensors`.
+    ``signals`` and ``params`` come from :func:`read_tensors` and :func:`read_numbers`.
 
     Raises:
         UsageError: a window is shorter than the period.
@@ -112,123 +89,71 @@ def evaluate_tensors(
     samples = next(iter(signals.values())).shape[-1]
     grid = Grid(samples, Fraction(period).limit_denominator(10**9))
     refuse_short(narrowest(formula), grid.step)
-    return walk_tensors(grid, signals, params, until, temperature)(formula)
+    return Walk(tensor_algebra(grid, signals, params, temperature), until)(formula)
 
 
-class Windows(Protocol):
-    """Minimum, windows and until, exact or smooth."""
+def tensor_algebra(
+    grid: Grid, signals: Mapping[str, Tensor], params: Mapping[str, Tensor], temperature: float
+) -> Algebra[Tensor]:
+    """Return the operations on robustness signals as tensors (…, n)."""
+    import torch
 
-    def least(self, x: Tensor, y: Tensor, /) -> Tensor:
-        """Return the smaller of both."""
-        ...
+    from s2r_spec.robustness import tensor_windows
 
-    def window_min(self, x: Tensor, low: int, high: int | None) -> Tensor:
-        """Return (…, n); see :func:`s2r_spec.robustness.kernels.window_min`."""
-        ...
+    # both have least, window_min, window_max and until
+    windows: Any = Smooth(temperature) if temperature else tensor_windows
+    value, count = TensorValues(signals, params), grid.count
 
-    def window_max(self, x: Tensor, low: int, high: int | None) -> Tensor:
-        """Return (…, n); see :func:`s2r_spec.robustness.kernels.window_max`."""
-        ...
+    def truth(holds: bool) -> Tensor:
+        return value.like.new_full((count,), _INF if holds else -_INF)
 
-    def until(self, left: Tensor, right: Tensor, high: int | None) -> Tensor:
-        """Return (…, n): :func:`s2r_spec.robustness.kernels.until` with the first witness now."""
-        ...
-
-
-class TensorAlgebra:
-    """Robustness signals as tensors (…, n)."""
-
-    def __init__(
-        self,
-        grid: Grid,
-        signals: Mapping[str, Tensor],
-        params: Mapping[str, Tensor],
-        temperature: float,
-    ) -> None:
-        import torch
-
-        from s2r_spec.robustness import tensor_windows
-
-        self.torch = torch
-        self.grid = grid
-        self.windows: Windows = Smooth(temperature) if temperature else tensor_windows
-        self.value = TensorValues(signals, params)
-
-    def truth(self, value: bool) -> Tensor:
-        """Return (n,) infinities."""
-        return self.value.like.new_full((self.grid.count,), _INF if value else -_INF)
-
-    def flag(self, node: f.Flag) -> Tensor:
-        """Return (…, n) infinities."""
-        state = self.value.signals[node.name][..., 0, :] > 0
-        return self.torch.where(state, self.truth(True), self.truth(False))
-
-    def margin(self, node: f.Comparison) -> Tensor:
+    def margin(node: f.Comparison) -> Tensor:
         """Return (…, n): the margin of the comparison; NaN where it is undefined."""
-        left, right = self.value(node.left)[..., 0, :], self.value(node.right)[..., 0, :]
-        match node.operator:
-            case "<" | "<=":
-                result = right - left
-            case ">" | ">=":
-                result = left - right
-            case "==":
-                result = -(left - right).abs()
-            case "!=":
-                result = (left - right).abs()
-        return result.expand(*result.shape[:-1], self.grid.count)
+        result: Tensor = MARGIN[node.operator](value(node.left)[..., 0, :], value(node.right)[..., 0, :])
+        return result.expand(*result.shape[:-1], count)
 
-    def negative(self, x: Tensor) -> Tensor:
-        """Return −x."""
-        return -x
+    def over(window: Window) -> Callable[[Tensor, f.Interval, bool], Tensor]:
+        def windowed(x: Tensor, interval: f.Interval, past: bool) -> Tensor:
+            low, high = grid.window(interval)
+            x = x.expand(*x.shape[:-1], count)
+            return window(x.flip(-1), low, high).flip(-1) if past else window(x, low, high)
 
-    def scale(self, x: Tensor, factor: float) -> Tensor:
-        """Return factor · x."""
-        return factor * x
+        return windowed
 
-    def least(self, x: Tensor, y: Tensor) -> Tensor:
-        """Return the smaller of both; the smooth minimum with a temperature."""
-        return self.windows.least(x, y)
-
-    def greatest(self, x: Tensor, y: Tensor) -> Tensor:
-        """Return the greater of both."""
-        return -self.least(-x, -y)
-
-    def always(self, x: Tensor, interval: f.Interval, past: bool) -> Tensor:
-        """Return the least over the window."""
-        return self._over(self.windows.window_min, x, interval, past)
-
-    def eventually(self, x: Tensor, interval: f.Interval, past: bool) -> Tensor:
-        """Return the greatest over the window."""
-        return self._over(self.windows.window_max, x, interval, past)
-
-    def _over(self, window: Window, x: Tensor, interval: f.Interval, past: bool) -> Tensor:
-        low, high = self.grid.window(interval)
-        x = x.expand(*x.shape[:-1], self.grid.count)
-        return window(x.flip(-1), low, high).flip(-1) if past else window(x, low, high)
-
-    def until(self, left: Tensor, right: Tensor, interval: f.Interval, past: bool) -> Tensor:
-        """Return the robustness of the best witness."""
-        low, high = self.grid.window(interval)
-        shape = np.broadcast_shapes(left.shape, right.shape, (self.grid.count,))
+    def until(left: Tensor, right: Tensor, interval: f.Interval, past: bool) -> Tensor:
+        low, high = grid.window(interval)
+        shape = np.broadcast_shapes(left.shape, right.shape, (count,))
         left, right = left.expand(shape), right.expand(shape)
         if past:
-            return self._until(left.flip(-1), right.flip(-1), low, high).flip(-1)
-        return self._until(left, right, low, high)
+            return witnessed(left.flip(-1), right.flip(-1), low, high).flip(-1)
+        return witnessed(left, right, low, high)
 
-    def step(self, x: Tensor, node: f.AdjacentSample) -> Tensor:
-        """Return the neighbouring sample's x."""
-        x = x.expand(*x.shape[:-1], self.grid.count)
-        if node.operator == "next":
-            return shift(x, 1, -_INF)
-        return shift(x.flip(-1), 1, -_INF).flip(-1)
+    def witnessed(left: Tensor, right: Tensor, low: int, high: int | None) -> Tensor:
+        rest: Tensor = windows.until(left, right, None if high is None else high - low)
+        if low:
+            rest = windows.least(windows.window_min(left, 0, low - 1), shift(rest, low, -_INF))
+        return rest
 
-    def rise(self, x: Tensor) -> Tensor:
-        """Return min(x, −x one sample before)."""
-        x = x.expand(*x.shape[:-1], self.grid.count)
-        return self.least(x, -shift(x.flip(-1), 1, _INF).flip(-1))
+    def step(x: Tensor, node: f.AdjacentSample) -> Tensor:
+        x = x.expand(*x.shape[:-1], count)
+        return shift(x, 1, -_INF) if node.operator == "next" else shift(x.flip(-1), 1, -_INF).flip(-1)
 
-    def _until(self, left: Tensor, right: Tensor, low: int, high: int | None) -> Tensor:
-        if low == 0:
-            return self.windows.until(left, right, high)
-        rest = self.windows.until(left, right, None if high is None else high - low)
-        return self.least(self.windows.window_min(left, 0, low - 1), shift(rest, low, -_INF))
+    def edge(now: Tensor, before: Tensor, earlier: float) -> Tensor:
+        now, before = (x.expand(*x.shape[:-1], count) for x in (now, before))
+        result: Tensor = windows.least(now, -shift(before.flip(-1), 1, earlier).flip(-1))
+        return result
+
+    return Algebra(
+        truth=truth,
+        flag=lambda node: torch.where(value.signals[node.name][..., 0, :] > 0, truth(True), truth(False)),
+        margin=margin,
+        negative=operator.neg,
+        scale=lambda x, factor: factor * x,
+        least=windows.least,
+        greatest=lambda x, y: -windows.least(-x, -y),
+        always=over(windows.window_min),
+        eventually=over(windows.window_max),
+        until=until,
+        step=step,
+        edge=edge,
+    )

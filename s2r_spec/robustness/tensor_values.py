@@ -10,6 +10,7 @@ import numpy as np
 
 from s2r_spec.base.errors import UsageError
 from s2r_spec.lang import formula as f
+from s2r_spec.robustness.numbers import ARITHMETIC
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -54,7 +55,8 @@ class TensorValues:
                 converted: Tensor = node.conversion.plain(value(node.operand))
                 return converted
             case f.Arithmetic():
-                return self._arithmetic(node.operator, value(node.left), value(node.right))
+                combined: Tensor = ARITHMETIC[node.operator](value(node.left), value(node.right))
+                return combined
             case f.Elementary():
                 function = getattr(torch, "neg" if node.function == "minus" else node.function)
                 result: Tensor = function(value(node.operand))
@@ -76,17 +78,3 @@ class TensorValues:
         # not the root of a sum, which has no gradient at 0
         length: Tensor = self.torch.linalg.vector_norm(self.torch.cat(rows, -2), dim=-2, keepdim=True)
         return length
-
-    def _arithmetic(self, operator: f.ArithmeticOp, left: Tensor, right: Tensor) -> Tensor:
-        match operator:
-            case "+":
-                return left + right
-            case "-":
-                return left - right
-            case "*":
-                return left * right
-            case "/":
-                return left / right
-            case "^":
-                power: Tensor = left**right
-                return power

@@ -91,7 +91,7 @@ class _Taken(torch.autograd.Function):
 def _select(
     work: Work, sources: Sequence[Tensor], fills: Sequence[float], low: int, high: int | None, places: bool
 ) -> Selected:
-    """Return (…, n) values, and their indices in the concatenated sources, computed piece by piece.
+    """Return (…, n) values, and with ``places`` their indices in the concatenated sources, computed piece by piece.
 
     Args:
         work: computes the result of a piece from its samples, in place.

@@ -5,20 +5,73 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError
 from s2r_spec.lang.formula import Interval
 from s2r_spec.robustness.grid import Grid
 from s2r_spec.robustness.kernels import range_min, range_until
 from s2r_spec.robustness.once import once
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
-BoolArray = NDArray[np.bool_]
+from s2r_spec.trace.arrays import BoolArray, FloatArray, IntArray
 
 SNAP = 1e-6
 """Tolerance: distance of an interval's end from a sample, in shortest steps, up to which it is on the sample."""
+
+
+@dataclass(frozen=True)
+class Reach:
+    """A window relative to an instant, in positions; negative in the past.
+
+    Args:
+        low: the start of the window.
+        high: the end of the window; inf for the rest of the trace.
+        low_closed: whether a sample at its start lies in it.
+        high_closed: whether a sample at its end lies in it.
+        interval: the interval in the specification.
+    """
+
+    low: float
+    high: float
+    low_closed: bool
+    high_closed: bool
+    interval: Interval
+
+    @classmethod
+    def of(cls, interval: Interval, past: bool) -> Reach:
+        """Return t + interval; t − interval if ``past``."""
+        reach = cls(interval.low, interval.high, interval.low_closed, interval.high_closed, interval)
+        return reach.mirrored() if past else reach
+
+    def mirrored(self) -> Reach:
+        """Return the same window on the other side of the instant."""
+        return Reach(-self.high, -self.low, self.high_closed, self.low_closed, self.interval)
+
+    def before(self, position: float, at: float, snap: float) -> bool:
+        """Return whether a position lies before the window of the instant ``at``."""
+        start = at + self.low
+        return position < start - snap if self.low_closed else position <= start + snap
+
+    def after(self, position: float, at: float, snap: float) -> bool:
+        """Return whether a position lies after the window of the instant ``at``."""
+        stop = at + self.high
+        return position > stop + snap if self.high_closed else position >= stop - snap
+
+    def samples(self, positions: FloatArray, at: FloatArray, snap: float) -> tuple[IntArray, IntArray]:
+        """Return (first, last), each (m,): the indices of (n,) positions in the window of each of (m,) instants.
+
+        The window is empty where last < first.
+        """
+        start, stop = at + self.low, at + self.high
+        first = (
+            np.searchsorted(positions, start - snap, "left")
+            if self.low_closed
+            else np.searchsorted(positions, start + snap, "right")
+        )
+        last = (
+            np.searchsorted(positions, stop + snap, "right")
+            if self.high_closed
+            else np.searchsorted(positions, stop - snap, "left")
+        )
+        return first, last - 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,22 +128,9 @@ class Ticks:
 
     def _samples(self, interval: Interval, past: bool) -> tuple[IntArray, IntArray, BoolArray]:
         """Return (first, last, whether the window lies within the trace), each (n,)."""
-        ends = (-interval.high, -interval.low) if past else (interval.low, interval.high)
-        closed = (interval.low_closed, interval.high_closed)
-        low_closed, high_closed = closed[::-1] if past else closed
-        start, end = self.times + ends[0], self.times + ends[1]
-        first = np.searchsorted(
-            self.times,
-            start - self.snap if low_closed else start + self.snap,
-            "left" if low_closed else "right",
-        )
-        last = np.searchsorted(
-            self.times,
-            end + self.snap if high_closed else end - self.snap,
-            "right" if high_closed else "left",
-        )
-        last -= 1
-        return first, last, (start >= -self.snap) & (end <= self.times[-1] + self.snap)
+        times, snap, reach = self.times, self.snap, Reach.of(interval, past)
+        within = (times + reach.low >= -snap) & (times + reach.high <= times[-1] + snap)
+        return *reach.samples(times, times, snap), within
 
     def always(self, x: FloatArray, interval: Interval, past: bool) -> FloatArray:
         """Return (…, n): the least of x in the window of each sample."""
@@ -110,8 +150,12 @@ class Ticks:
         return mirrored[..., ::-1]
 
 
+Clock = Grid | Ticks
+"""The sample times of a trace, and windows on them."""
+
+
 @once
-def clock_of(times: FloatArray) -> Grid | Ticks:
+def clock_of(times: FloatArray) -> Clock:
     """Return the grid that (n,) increasing times [s] lie on, or the times as they are.
 
     The array must not change, since its clock is computed once.

@@ -15,11 +15,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.lang.formula import CompareOp
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
 
 TIE = 2.0**-1000
 """Definition: the size of a robustness of 0, in any unit (9.3e-302).

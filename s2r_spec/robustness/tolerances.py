@@ -3,30 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.evaluation import Reading
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.robustness.ticks import clock_of
+from s2r_spec.trace.arrays import FloatArray
 
 _POINTWISE = (
-    f.Comparison,
-    f.Number,
-    f.SignalValue,
-    f.ParamValue,
-    f.Convert,
-    f.Arithmetic,
-    f.Elementary,
-    f.Extremum,
-    f.Norm,
-    f.Initial,
-    f.Overshoot,
-)
+    f.Comparison, f.Number, f.SignalValue, f.ParamValue, f.Convert, f.Arithmetic, f.Elementary, f.Extremum, f.Norm,
+    f.Initial, f.Overshoot,
+)  # fmt: skip
 """Nodes that depend only on the present sample and on the trace's first one."""
 _CANDIDATES = 2001
 
@@ -98,16 +88,8 @@ def tolerances(formula: f.Formula, reading: Reading) -> Tolerances:
         first, last = float(reading.times[0]), float(reading.times[-1])
         if first + start > last:
             continue  # the rollout ended before
-        text = " ".join(predicate.span.text.split())
-        tubes.append(
-            Tube(
-                label,
-                text,
-                first + start,
-                min(first + end, last),
-                _bands(predicate, signal, reading, levels[label].values()),
-            )
-        )
+        text, bands = " ".join(predicate.span.text.split()), _bands(predicate, signal, reading, levels[label])
+        tubes.append(Tube(label, text, first + start, min(first + end, last), bands))
     return Tolerances(reading.times, signals, units, levels, tuple(tubes))
 
 
@@ -133,7 +115,7 @@ def _required_predicates(
 
 
 def _bands(
-    predicate: f.Comparison, signal: f.SignalValue, reading: Reading, levels: Iterable[float]
+    predicate: f.Comparison, signal: f.SignalValue, reading: Reading, levels: Mapping[str, float]
 ) -> tuple[tuple[float, float], ...]:
     """Return the values of a signal at which a predicate holds, by evaluation at many trial values.
 
@@ -141,21 +123,18 @@ def _bands(
     """
     row = signal.index or 0
     recorded = reading.signals[signal.name]
-    centre, reach = _reach([*recorded[row].tolist(), *levels])
+    centre, reach = _reach([*recorded[row].tolist(), *levels.values()])
     values = np.linspace(centre - reach, centre + reach, _CANDIDATES)
     trial = np.repeat(recorded[:, :1], _CANDIDATES + 1, axis=1)
     trial[row, 1:] = values
     times = np.arange(_CANDIDATES + 1.0)
-    margins = Reading.of(times, {signal.name: trial}, reading.params, "samples", "open").signed(predicate)
+    margins = Reading(times, {signal.name: trial}, reading.params, "samples", "open", clock_of(times)).signed(
+        predicate
+    )
     holds = np.concatenate(([False], margins[1:] > 0.0, [False]))
     edges = np.flatnonzero(np.diff(holds))
-    return tuple(
-        (
-            -math.inf if start == 0 else float(values[start]),
-            math.inf if stop == _CANDIDATES else float(values[stop - 1]),
-        )
-        for start, stop in zip(edges[::2], edges[1::2], strict=True)
-    )
+    begins, ends = [-math.inf, *values[1:].tolist()], [*values[:-1].tolist(), math.inf]
+    return tuple((begins[start], ends[stop - 1]) for start, stop in zip(edges[::2], edges[1::2], strict=True))
 
 
 def _reach(values: list[float]) -> tuple[float, float]:

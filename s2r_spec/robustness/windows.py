@@ -11,24 +11,18 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.lang.formula import Interval
 from s2r_spec.robustness.curve import Curve, insert_crossings, maximum, merge, minimum, nearest
 from s2r_spec.robustness.kernels import range_min
 from s2r_spec.robustness.kernels import until as until_samples
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
+from s2r_spec.trace.arrays import BoolArray, FloatArray, IntArray
 
 
 def infimum(x: Curve, interval: Interval, snap: float) -> Curve:
     """Return y with y(t) = inf of x on t + interval, cut at the end of the curve; +inf on an empty window.
 
-    Args:
-        x: a curve.
-        interval: relative to t [s].
-        snap: times closer than this are the same [s].
+    Times closer than ``snap`` [s] are the same.
     """
     low, high = interval.low, interval.high
     first, last = x.times[0], x.times[-1]
@@ -61,7 +55,7 @@ def infimum(x: Curve, interval: Interval, snap: float) -> Curve:
 
 
 def _line(
-    x: Curve, piece: IntArray, times: FloatArray, at: FloatArray, shift: float, absent: NDArray[np.bool_]
+    x: Curve, piece: IntArray, times: FloatArray, at: FloatArray, shift: float, absent: BoolArray
 ) -> Curve:
     """Return x(t + shift) between ``times``, +inf where it is absent; ``at`` on them."""
     if absent.all():  # also where shift is inf
@@ -100,8 +94,8 @@ class _Ends:
 
     times: FloatArray
     near: IntArray
-    on: NDArray[np.bool_]
-    inside: NDArray[np.bool_]
+    on: BoolArray
+    inside: BoolArray
     piece: IntArray
 
     @classmethod

@@ -5,10 +5,11 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from s2r_spec.base.errors import TraceError, UsageError, one_of, shortened, suggest
+from s2r_spec.base.printable import one_line
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.declarations import CertifySettings, Param, Signal
 from s2r_spec.robustness.binding import names
@@ -22,8 +23,8 @@ class Declared:
     """A checked specification, before any trace.
 
     Args:
-        name: the name of the specification in messages; the path if it was loaded.
-        text: the text of the specification, with line feeds as line endings.
+        name: its name in messages; the path if it was loaded.
+        text: its text, with line feeds as line endings.
         imported: name → text of every file that it imports, directly or not.
         signals: name → declaration of a channel that a trace must have.
         params: name → declaration of a test parameter.
@@ -32,12 +33,20 @@ class Declared:
     """
 
     name: str
-    text: str = field(repr=False)
-    imported: Mapping[str, str] = field(repr=False)
+    text: str
+    imported: Mapping[str, str]
     signals: Mapping[str, Signal]
     params: Mapping[str, Param]
-    formulas: Mapping[str, f.Formula] = field(repr=False)
+    formulas: Mapping[str, f.Formula]
     certify: Mapping[str, CertifySettings]
+
+    def __repr__(self) -> str:
+        """Return one line: requirements, signals and parameters with their units."""
+        signals, params = (", ".join(map(_with_unit, of.values())) for of in (self.signals, self.params))
+        with_params = f"; params {params}" if params else ""
+        return one_line(
+            f"Spec({self.name!r}: {', '.join(self.requirements)}; signals {signals or 'none'}{with_params})"
+        )
 
     @property
     def hash(self) -> str:
@@ -112,3 +121,8 @@ class Declared:
 def hash_of(text: str, imported: Iterable[str]) -> str:
     """Return the SHA-256 of a specification's text and of its imports' texts, as hex digits."""
     return hashlib.sha256("\0".join((text, *imported)).encode()).hexdigest()
+
+
+def _with_unit(one: Signal | Param) -> str:
+    """Return a declaration as ``vd [m/s]``."""
+    return f"{one.name} [{one.unit}]" if one.unit else one.name

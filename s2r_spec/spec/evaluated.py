@@ -2,75 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from os import PathLike
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
-from s2r_spec.base.errors import TraceError, UndecidedError, UsageError
-from s2r_spec.base.printable import one_line
+from s2r_spec.base.errors import UndecidedError
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.amounts import Amount
-from s2r_spec.lang.declarations import Param, Signal
-from s2r_spec.robustness.binding import bind, names
 from s2r_spec.robustness.evaluate import Witness
-from s2r_spec.robustness.evaluation import End, Evaluation, Interpolation, Reading, evaluate
+from s2r_spec.robustness.evaluation import End, Evaluation, Interpolation
 from s2r_spec.robustness.explain import Explanation, explain
-from s2r_spec.robustness.grid import sent_on_change
-from s2r_spec.robustness.held import needs_samples
 from s2r_spec.robustness.judge import Judge, Judgement
-from s2r_spec.robustness.online.monitor import Followed, Monitor, RobustnessStream
-from s2r_spec.robustness.reading import Missing, read_params, read_signals, read_streams
-from s2r_spec.robustness.shortfall import shortfall
+from s2r_spec.robustness.online.monitor import Monitor, RobustnessStream
+from s2r_spec.robustness.reading import Missing
 from s2r_spec.robustness.ties import restore_zero
 from s2r_spec.robustness.tolerances import Tolerances, tolerances
-from s2r_spec.spec.declared import Declared
+from s2r_spec.spec.on_traces import How, OnTraces, as_trace, refuse_short_trace
 from s2r_spec.spec.plot import Plot, draw
 from s2r_spec.trace import Trace
+from s2r_spec.trace.arrays import FloatArray
 
 if TYPE_CHECKING:
     from torch import Tensor
 
-FloatArray = NDArray[np.float64]
 
-
-@dataclass(frozen=True)
-class _How:
-    """How a trace is evaluated; for the fields see :meth:`Spec.evaluate`.
-
-    Raises:
-        UsageError: a choice is none of those that there are.
-    """
-
-    params: Mapping[str, Amount] | None
-    interpolation: Interpolation | None = None
-    until: Witness = "open"
-    nan: Missing = "error"
-    partial: bool = False
-
-    def __post_init__(self) -> None:
-        """Check the choices."""
-        if self.interpolation is not None:
-            _choice("interpolation", self.interpolation, ("samples", "hold", "linear"))
-        _choice("until", self.until, ("open", "closed"))
-        _choice("nan", self.nan, ("error", "hold"))
-
-
-class Spec(Declared):
+class Spec(OnTraces):
     """A checked specification. Made by :func:`parse_spec` and :func:`load_spec`; can be pickled."""
-
-    def __repr__(self) -> str:
-        """Return one line: requirements, signals and parameters with their units."""
-        signals, params = (
-            ", ".join(map(_declaration_text, of.values())) for of in (self.signals, self.params)
-        )
-        with_params = f"; params {params}" if params else ""
-        return one_line(
-            f"Spec({self.name!r}: {', '.join(self.requirements)}; signals {signals or 'none'}{with_params})"
-        )
 
     def robustness(
         self,
@@ -109,17 +65,13 @@ class Spec(Declared):
                 failure.
         """
         names = tuple(self.formulas) if only is None else (only,)
-        trace = _as_trace(trace)
+        trace = as_trace(trace)
         if trace.failure is not None:
             return {name: self._fallen(name, trace.failure) for name in names}
         if end is not None:
-            return {
-                name: self.evaluate(
-                    trace, name, params, nan=nan, interpolation=interpolation, until=until, end=end
-                ).value
-                for name in names
-            }
-        signed = self._at_start(trace, names, _How(params, interpolation, until, nan, partial))
+            how = How(params, interpolation, until, nan, end=end)
+            return {name: self._evaluate(trace, name, how).value for name in names}
+        signed = self._at_start(trace, names, How(params, interpolation, until, nan, partial))
         return {name: restore_zero(rho) for name, rho in signed.items()}
 
     def satisfied(
@@ -141,119 +93,11 @@ class Spec(Declared):
         For args and errors see :meth:`robustness`.
         """
         names = tuple(self.formulas) if only is None else (only,)
-        trace = _as_trace(trace)
+        trace = as_trace(trace)
         if trace.failure is not None:
             return {name: self._fallen(name, trace.failure) > 0 for name in names}
-        signed = self._at_start(trace, names, _How(params, interpolation, until, nan, partial))
+        signed = self._at_start(trace, names, How(params, interpolation, until, nan, partial))
         return {name: rho > 0 for name, rho in signed.items()}
-
-    def _at_start(self, trace: Trace, requirements: Sequence[str], how: _How) -> dict[str, float]:
-        """Return requirement → ρ at the first time, never 0: its sign is the verdict."""
-        if trace.messages or trace.origin is not None:
-            return {name: self._of_own(self.own_trace(trace, name), name, how) for name in requirements}
-        reading = self._reading(trace, requirements[0] if len(requirements) == 1 else None, how)
-        return {name: self._of_samples(reading, name, how) for name in requirements}
-
-    def _of_own(self, own: Trace, requirement: str, how: _How) -> float:
-        """Return ρ of one requirement at the begin of the trace that it reads, never 0."""
-        if own.messages:
-            return self._at_instants(own, requirement, how)
-        rho = self._of_samples(self._reading(own, requirement, how), requirement, how)
-        if own.origin is not None:
-            self._refuse_other_verdict(own.origin, requirement, rho, how)
-        return rho
-
-    def _of_samples(self, reading: Reading, requirement: str, how: _How) -> float:
-        """Return ρ of one requirement at the first sample, never 0."""
-        formula = reading.bound(self.formulas[requirement])
-        reading.refuse_short(formula)
-        if not how.partial:
-            self._check_length(requirement, formula, reading)
-        bounds = None if how.partial else reading.bounds(formula)
-        return decided_value(requirement, bounds or float(reading.signed(formula)[0]))
-
-    def _at_instants(self, own: Trace, requirement: str, how: _How) -> float:
-        """Return ρ of one requirement at the begin of a trace of messages that it reads, at every instant, never 0."""
-        judge, formula = self._judge(own, requirement, how)
-        judge.refuse_short(formula)
-        judgement = judge.judge(formula, how.partial)
-        if not (judgement.complete or how.partial):
-            raise TraceError(
-                f"{requirement!r} {judge.shortfall(formula)}; "
-                f"give a longer trace, or set partial=True to cut windows at the end of this one"
-            )
-        if judgement.satisfied is None or (judgement.lower != judgement.upper and not judgement.several):
-            why = judgement.open or "is not known exactly: a signal was silent, or began after the log"
-            raise UndecidedError(f"{requirement!r} {why}")
-        return judgement.signed
-
-    def _refuse_other_verdict(self, messages: Trace, requirement: str, rho: float, how: _How) -> None:
-        """Refuse ρ at the stamps of one topic where every instant decides otherwise.
-
-        Raises:
-            UndecidedError: they do.
-        """
-        own = messages.only(self.channels(requirement))
-        if self.needs_samples(requirement, own):
-            if self.contradicts(own, requirement, rho > 0, how.params, how.nan):
-                raise UndecidedError(
-                    f"{requirement!r} has ρ = {rho:.6g} at the samples; all messages contradict it"
-                )
-            return
-        every = self._at_instants(own, requirement, replace(how, interpolation=None, partial=True))
-        if (every > 0) != (rho > 0):
-            raise UndecidedError(
-                f"{requirement!r} has ρ = {rho:.6g} at the samples, and {every:.6g} at every instant"
-            )
-
-    def own_trace(self, trace: Trace, requirement: str) -> Trace:
-        """Return the trace that a requirement reads: of messages, without the stamps of signals that it does not read.
-
-        Raises:
-            TraceError: a channel is missing.
-        """
-        trace = _as_trace(trace)
-        if trace.messages:
-            messages = trace.only(self.channels(requirement))
-            own = messages.common()
-            return own if own.messages or not sent_on_change(own.times) else replace(own, origin=messages)
-        return trace if trace.origin is None else trace.only(self.channels(requirement)).known()
-
-    def needs_samples(self, requirement: str, messages: Trace) -> bool:
-        """Return whether some part of a requirement has no value between common samples of its messages."""
-        times = {name: one.times for name, one in messages.messages.items()}
-        return needs_samples(self.formulas[requirement], times)
-
-    def contradicts(
-        self,
-        messages: Trace,
-        requirement: str,
-        satisfied: bool,
-        params: Mapping[str, Amount] | None = None,
-        nan: Missing = "error",
-    ) -> bool:
-        """Return whether all messages contradict a verdict at samples, whatever is known at samples alone."""
-        judge, formula = self._judge(
-            messages.only(self.channels(requirement)), requirement, _How(params, nan=nan)
-        )
-        return judge.contradicts(formula, satisfied)
-
-    def _judge(self, trace: Trace, requirement: str, how: _How) -> tuple[Judge, f.Formula]:
-        """Return the judge of a trace of messages, and the formula with numbers for time bounds."""
-        if how.interpolation == "samples":
-            raise UsageError(
-                f"{requirement!r} reads signals with stamps of their own, which have no common samples: resample the "
-                f"trace, or give --clock with a topic"
-            )
-        numbers = self._numbers(self._given(trace, how), requirement)
-        signals = [self.signals[name] for name in self.channels(requirement)]
-        linear = {signal.name for signal in signals if how.interpolation == "linear" and not signal.boolean}
-        judge = Judge(
-            read_streams(signals, trace, how.nan, linear), numbers, trace.since, trace.ends, how.until
-        )
-        return judge, bind(
-            self._formula(requirement), {name: value.item() for name, value in numbers.items()}
-        )
 
     def judge(
         self,
@@ -273,10 +117,15 @@ class Spec(Declared):
 
         For args and errors see :meth:`evaluate` and :meth:`explain`.
         """
-        own = _as_trace(trace).only(self.channels(requirement))
-        judge, formula = self._judge(own, requirement, _How(params, None, until, nan))
+        own = as_trace(trace).only(self.channels(requirement))
+        judge, formula = self._judge(own, requirement, How(params, None, until, nan))
         if not sparse:
             judge.refuse_short(formula)
+        return self._explain_judgement(judge, formula, requirement, partial)
+
+    def _explain_judgement(
+        self, judge: Judge, formula: f.Formula, requirement: str, partial: bool
+    ) -> tuple[Judgement, Explanation | None]:
         judgement = judge.judge(formula, partial)
         if judgement.satisfied is None:
             return judgement, None
@@ -293,10 +142,8 @@ class Spec(Declared):
         end: End = "clip",
     ) -> FloatArray:
         """Return (n,): ρ of one requirement at every sample, as :meth:`evaluate` computes it."""
-        evaluation = self.evaluate(
-            trace, requirement, params, interpolation=interpolation, until=until, end=end
-        )
-        return evaluation.values
+        how = How(params, interpolation, until, end=end)
+        return self._evaluate(trace, requirement, how).values
 
     def evaluate(
         self,
@@ -330,23 +177,10 @@ class Spec(Declared):
             nan: the treatment of a NaN sample: "error", or "hold" to repeat the sample before.
             sparse: also evaluate windows shorter than the time between two samples, on the one sample in them.
 
-        Raises:
-            TraceError: see :meth:`robustness`.
-            UsageError: see :meth:`robustness`.
+        For errors see :meth:`robustness`.
         """
-        _choice("end", end, ("clip", "hold", "nan", "error"))
-        how = _How(params, interpolation, until, nan)
-        trace = self.own_trace(trace, requirement)
-        if trace.messages:
-            judge, formula = self._judge(trace, requirement, how)
-            if not sparse:
-                judge.refuse_short(formula)
-            return judge.evaluate(formula, requirement, self.unit(requirement), end)
-        reading = self._reading(trace, requirement, how)
-        formula = reading.bound(self._formula(requirement))
-        if not sparse:
-            reading.refuse_short(formula)
-        return evaluate(formula, reading, requirement, self.unit(requirement), end)
+        how = How(params, interpolation, until, nan, sparse=sparse, end=end)
+        return self._evaluate(trace, requirement, how)
 
     def bounds(
         self,
@@ -362,7 +196,7 @@ class Spec(Declared):
 
         For args and errors see :meth:`evaluate`.
         """
-        reading = self._reading(trace, requirement, _How(params, "samples", until, nan))
+        reading = self._reading(trace, requirement, How(params, "samples", until, nan))
         formula = reading.bound(self._formula(requirement))
         if not sparse:
             reading.refuse_short(formula)
@@ -426,8 +260,7 @@ class Spec(Declared):
             UsageError: an operator over the whole rest of the trace is needed at more than the first instant, or a
                 window is shorter than the period; also see :meth:`robustness`.
         """
-        followed = self._follow(params, requirement, period, until, nan)
-        return Monitor(replace(followed, ranges=ranges, sparse=sparse))
+        return Monitor(self._follow(params, requirement, period, until, nan, sparse, ranges))
 
     def robustness_stream(
         self,
@@ -446,7 +279,8 @@ class Spec(Declared):
 
         For args and errors see :meth:`monitor`. No operator may depend on the whole rest of the trace.
         """
-        return RobustnessStream(replace(self._follow(params, requirement, period, until, nan), sparse=sparse))
+        followed = self._follow(params, requirement, period, until, nan, sparse, ranges=False)
+        return RobustnessStream(followed)
 
     def explain(
         self,
@@ -463,40 +297,24 @@ class Spec(Declared):
 
         ``print`` shows it in words. Conditions are evaluated at the samples.
 
-        Args:
-            trace: see :meth:`robustness`.
-            requirement: one of :attr:`requirements`.
-            params: see :meth:`robustness`.
-            until: see :meth:`evaluate`.
-            nan: see :meth:`evaluate`.
-            partial: see :meth:`robustness`.
-            sparse: see :meth:`evaluate`.
-
-        Raises:
-            TraceError: see :meth:`robustness`.
-            UsageError: see :meth:`robustness`.
+        For args and errors see :meth:`evaluate`, and :meth:`robustness` for ``partial``.
         """
         unit = self.unit(requirement)
-        trace = _as_trace(trace)
+        trace = as_trace(trace)
         if trace.failure is not None:
             reason = f"the trace ended with {trace.failure!r}, for which the certify line declares this ρ"
             rho = self._fallen(requirement, trace.failure)
             return Explanation(requirement, rho, unit, satisfied=rho > 0, reason=reason)
-        trace = self.own_trace(trace, requirement)
-        if trace.messages:
-            judged, why = self.judge(
-                trace, requirement, params, until=until, nan=nan, partial=partial, sparse=sparse
-            )
+        how = How(params, None, until, nan, sparse=sparse)
+        reader, formula = self._read(self.own_trace(trace, requirement), requirement, how)
+        if isinstance(reader, Judge):
+            judged, why = self._explain_judgement(reader, formula, requirement, partial)
             if why is None:
                 raise UndecidedError(f"{requirement!r} {judged.open or 'looks past the end of the trace'}")
             return why
-        reading = self._reading(trace, requirement, _How(params, "samples", until, nan))
-        formula = reading.bound(self._formula(requirement))
-        if not sparse:
-            reading.refuse_short(formula)
         if not partial:
-            self._check_length(requirement, formula, reading)
-        return explain(formula, reading, requirement, unit)
+            refuse_short_trace(reader, formula, requirement)
+        return explain(formula, reader, requirement, unit)
 
     def plot(
         self,
@@ -518,8 +336,7 @@ class Spec(Declared):
             title: a line above the plot.
 
         Raises:
-            TraceError: see :meth:`robustness`.
-            UsageError: see :meth:`robustness`; or matplotlib is not installed.
+            UsageError: matplotlib is not installed; or see :meth:`robustness`, also for other errors.
         """
         reason = self.explain(trace, requirement, params, partial=True)
         return draw(self.tolerances(trace, requirement, params), reason, title)
@@ -529,57 +346,14 @@ class Spec(Declared):
     ) -> Tolerances:
         """Return the signals that a requirement reads, with their allowed values over time.
 
-        A failure of the trace does not change the result.
-
-        Raises:
-            TraceError: see :meth:`robustness`.
-            UsageError: see :meth:`robustness`.
+        A failure of the trace does not change the result. For errors see :meth:`robustness`.
         """
         formula = self._formula(requirement)
         trace = self.own_trace(trace, requirement)
         if trace.messages:
             known = max(float(one.times[0]) for one in trace.messages.values())
             trace = trace.sampled_at(trace.times[trace.times >= known])
-        return tolerances(formula, self._reading(trace, requirement, _How(params, nan="hold")))
-
-    def _reading(self, trace: Trace, requirement: str | None, how: _How) -> Reading:
-        trace = _as_trace(trace)
-        numbers = self._numbers(self._given(trace, how), requirement)
-        signals = read_signals([self.signals[name] for name in self.channels(requirement)], trace, how.nan)
-        return Reading.of(trace.times, signals, numbers, how.interpolation or "samples", how.until)
-
-    def _given(self, trace: Trace, how: _How) -> Mapping[str, Amount]:
-        """Return parameter → value: as given, or else as the trace was recorded with."""
-        return {**self.recorded_params(trace.meta), **(how.params or {})}
-
-    def _numbers(self, params: Mapping[str, Amount] | None, requirement: str | None) -> dict[str, FloatArray]:
-        """Return name → (1, 1) of the parameters that a requirement (or any) uses."""
-        used = {name for formula in self._chosen(requirement) for name in names(formula).params}
-        return read_params(self.params, used, params or {})
-
-    def _follow(
-        self,
-        params: Mapping[str, Amount] | None,
-        requirement: str | None,
-        period: float | None,
-        until: Witness,
-        nan: Missing,
-    ) -> Followed:
-        _choice("until", until, ("open", "closed"))
-        _choice("nan", nan, ("error", "hold"))
-        numbers = {name: value.item() for name, value in self._numbers(params, requirement).items()}
-        requirements = self.requirements if requirement is None else (requirement,)
-        formulas = {name: bind(self._formula(name), numbers) for name in requirements}
-        signals = [self.signals[name] for name in self.channels(requirement)]
-        return Followed(formulas, signals, numbers, period, until, nan, ranges=False)
-
-    def _check_length(self, requirement: str, formula: f.Formula, reading: Reading) -> None:
-        if reading.complete(formula)[0]:
-            return
-        raise TraceError(
-            f"{requirement!r} {shortfall(formula, reading)}; "
-            f"give a longer trace, or set partial=True to cut windows at the end of this one"
-        )
+        return tolerances(formula, self._reading(trace, requirement, How(params, nan="hold")))
 
     def shortfall(
         self,
@@ -592,59 +366,6 @@ class Spec(Declared):
 
         For args and errors see :meth:`evaluate`.
         """
-        trace = self.own_trace(trace, requirement)
-        if trace.messages:
-            judge, formula = self._judge(trace, requirement, _How(params, nan=nan))
-            return judge.shortfall(formula)
-        reading = self._reading(trace, requirement, _How(params, nan=nan))
-        return shortfall(reading.bound(self._formula(requirement)), reading)
-
-    def _fallen(self, requirement: str, failure: str) -> float:
-        settings = self.certify.get(requirement)
-        if settings is None or settings.fall is None:
-            raise UsageError(
-                f"the trace ended with {failure!r}, but {self.name} declares no ρ for a failure; "
-                f"add a line such as `certify {requirement}: fall = -1`"
-            )
-        return settings.fall
-
-
-def decided_value(requirement: str, rho: float | tuple[float, float]) -> float:
-    """Return ρ, or ρ within bounds that are equal.
-
-    Raises:
-        UndecidedError: the bounds differ.
-    """
-    if isinstance(rho, float):
-        return rho
-    if rho[0] != rho[1]:
-        raise UndecidedError(
-            f"{requirement!r} depends on a gap without samples; ρ lies in [{rho[0]:.6g}, {rho[1]:.6g}]"
-        )
-    return rho[0]
-
-
-def _declaration_text(one: Signal | Param) -> str:
-    """Return a declaration as ``vd [m/s]``."""
-    return f"{one.name} [{one.unit}]" if one.unit else one.name
-
-
-def _as_trace(trace: Any) -> Trace:
-    """Return a trace, also of a data frame.
-
-    Raises:
-        TraceError: it is another value.
-    """
-    if isinstance(trace, Trace):
-        return trace
-    if hasattr(trace, "columns"):
-        return Trace.from_dataframe(trace)
-    remedy = "s2r.Trace makes one"
-    if isinstance(trace, str | PathLike):
-        remedy = "s2r.read_trace(path) reads one"
-    raise TraceError(f"a trace is needed, not a value of type {type(trace).__name__}; {remedy}")
-
-
-def _choice(name: str, value: str, choices: tuple[str, ...]) -> None:
-    if value not in choices:
-        raise UsageError(f"{name}={value!r} is not one of {', '.join(map(repr, choices))}")
+        how = How(params, nan=nan, sparse=True)
+        reader, formula = self._read(self.own_trace(trace, requirement), requirement, how)
+        return reader.shortfall(formula)

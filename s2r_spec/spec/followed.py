@@ -41,14 +41,11 @@ class SampleStream:
 
 @dataclass(frozen=True, kw_only=True)
 class OnlineConventions:
-    """How requirements are evaluated on a stream.
+    """How requirements are evaluated on a stream: see :meth:`s2r_spec.spec.Spec.monitor`.
 
     Args:
         period: sample period [s]; None to take it from the stream, if it has one.
-        ranges: whether signals stay in their declared ranges.
         partial: whether a trace that ends too early is evaluated on its samples.
-        nan: the treatment of a missing sample.
-        sparse: whether windows may be shorter than the time between two samples.
     """
 
     period: float | None = None
@@ -62,10 +59,7 @@ class OnlineConventions:
 class VerdictChange:
     """A requirement's interval or verdict has changed.
 
-    Args:
-        requirement: its name.
-        interval: the range of ρ that is still possible.
-        times: the first time, the last but one and the last [s]; fewer at the begin.
+    ``times``: the first time, the last but one and the last [s]; fewer at the begin.
     """
 
     requirement: str
@@ -77,10 +71,7 @@ class VerdictChange:
 class Ended:
     """The result of a requirement at the end of the stream.
 
-    Args:
-        requirement: its name.
-        interval: the range of ρ.
-        shortfall: what the stream lacks, where the verdict is unknown; else "".
+    ``shortfall``: what the stream lacks, where the verdict is unknown; else "".
     """
 
     requirement: str

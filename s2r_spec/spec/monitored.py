@@ -8,7 +8,7 @@ depends on a silence, and where samples at one topic's stamps decide otherwise t
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -22,11 +22,12 @@ from s2r_spec.robustness.account import Instants
 from s2r_spec.robustness.evaluation import Evaluation
 from s2r_spec.robustness.explain import Explanation
 from s2r_spec.robustness.grid import sent_on_change
-from s2r_spec.robustness.judge import Judgement
 from s2r_spec.robustness.profiles import Profile, profile
 from s2r_spec.robustness.reading import Missing
 from s2r_spec.robustness.silence import silences_of
+from s2r_spec.spec.on_traces import How
 from s2r_spec.trace import Trace
+from s2r_spec.trace.arrays import BoolArray
 from s2r_spec.trace.instants import instant
 from s2r_spec.trace.samples import FAST, SLOW
 
@@ -78,6 +79,23 @@ class Monitored:
         """Whether the trace decides the requirement."""
         return self.satisfied is not None
 
+    @property
+    def lines(self) -> list[str]:
+        """The lines of the text below the first one."""
+        return self.text.split("\n")[1:]
+
+    @property
+    def one_line(self) -> str:
+        """The verdict and ρ in words."""
+        assert self.reason is not None
+        word = "it holds" if self.satisfied else "it is violated"
+        return f"{word}, ρ = {self.reason.rho:+.6g} {self.reason.unit}".rstrip()
+
+    def unknown(self, why: str, lines: Iterable[str]) -> Monitored:
+        """Return this result without a verdict: why, and lines below."""
+        text = "\n".join((f"{self.requirement} unknown: {why}", *lines))
+        return replace(self, satisfied=None, text=text, reason=None)
+
 
 @dataclass(frozen=True)
 class Conventions:
@@ -96,11 +114,6 @@ class Conventions:
     sparse: bool = False
     stated: bool = False
     like: str = "s2r"
-
-    @property
-    def profile(self) -> Profile:
-        """The conventions of the tool."""
-        return profile(self.like)
 
 
 def monitor_trace(
@@ -129,184 +142,182 @@ def monitor_requirement(
         TraceError: a channel is missing, has NaN or an unfit unit, or a window is shorter than the sample period.
         UsageError: a parameter is missing, or the conventions do not fit the trace.
     """
-    if trace.failure is not None:
-        reason = spec.explain(trace, requirement, params)
-        return Monitored(requirement, reason.satisfied, str(reason), reason)
-    own = spec.own_trace(trace, requirement)
-    if own.messages:
-        return _of_own_messages(spec, own, requirement, params, conventions)
-    result = _of_samples(spec, own, requirement, params, conventions)
-    messages = own.as_messages() if own.origin is None and result.on_change else own.origin
-    if messages is None or not result.decided:
-        return result
-    if conventions.like != "s2r" or spec.needs_samples(requirement, messages):
-        assert result.satisfied is not None
-        if spec.contradicts(messages, requirement, result.satisfied, params, conventions.nan):
-            head = (
-                f"{requirement} unknown: at its samples {_one_line(result)}, but all messages contradict it"
+    return _Monitoring(spec, requirement, params, conventions).monitor(trace)
+
+
+@dataclass(frozen=True)
+class _Monitoring:
+    """One requirement, and how it is evaluated."""
+
+    spec: Spec
+    requirement: str
+    params: Mapping[str, Amount]
+    conventions: Conventions
+
+    def monitor(self, trace: Trace) -> Monitored:
+        spec, conventions, requirement = self.spec, self.conventions, self.requirement
+        if trace.failure is not None:
+            reason = spec.explain(trace, requirement, self.params)
+            return Monitored(requirement, reason.satisfied, str(reason), reason)
+        own = spec.own_trace(trace, requirement)
+        if own.messages:
+            return self._of_own_messages(own)
+        result = self._of_samples(own)
+        messages = own.as_messages() if own.origin is None and result.on_change else own.origin
+        if messages is None or result.satisfied is None:
+            return result
+        if conventions.like != "s2r" or spec.needs_samples(requirement, messages):
+            if spec.contradicts(
+                messages, requirement, result.satisfied, How(self.params, nan=conventions.nan)
+            ):
+                return result.unknown(
+                    f"at its samples {result.one_line}, but all messages contradict it", result.lines
+                )
+            return _without_the_rest(result, own, messages)
+        where = "at its samples" if result.on_change else "at the stamps of the clock"
+        return _reconcile(result, self._of_messages(messages), where)
+
+    def _of_own_messages(self, trace: Trace) -> Monitored:
+        """Return the result at every instant; by another tool's conventions, unknown where a silence decides it."""
+        every = self._of_messages(trace)
+        if self.conventions.like == "s2r":
+            return every
+        sampled = self._of_samples(trace)
+        return sampled if every.decided else _reconcile(sampled, every, f"by {self.conventions.like}")
+
+    def _of_messages(self, trace: Trace) -> Monitored:
+        how = self.conventions
+        judged, reason = self.spec.judge(
+            trace,
+            self.requirement,
+            self.params,
+            nan=how.nan,
+            partial=how.partial,
+            sparse=how.sparse or how.stated,
+        )
+        sampled = Sampled(judged.period, judged.end - judged.start, None, judged.instants, judged.unevaluated)
+        own = " and ".join(f"{one.own} of {name}" for name, one in judged.instants.items())
+        lines = [
+            f"  at every instant of {sampled.duration:.6g} s, held between the messages: {own}",
+            *(f"  note: {note}" for note in judged.notes),
+        ]
+        if reason is None:
+            why = f"it {judged.open}" if judged.open else self._too_short(trace)
+            return Monitored(self.requirement, None, "", None, sampled).unknown(why, lines)
+        if judged.lower != judged.upper:
+            unit = self.spec.unit(self.requirement)
+            lines.insert(0, f"  ρ lies in [{judged.lower:+.6g}, {judged.upper:+.6g}] {unit}".rstrip())
+        text = "\n".join((str(reason), *lines))
+        return Monitored(self.requirement, judged.satisfied, text, reason, sampled)
+
+    def _too_short(self, trace: Trace) -> str:
+        short = self.spec.shortfall(trace, self.requirement, self.params, nan=self.conventions.nan)
+        return f"it {short} (--partial evaluates the recorded part)"
+
+    def _of_samples(self, trace: Trace) -> Monitored:
+        spec, requirement = self.spec, self.requirement
+        how, partial, nan = profile(self.conventions.like), self.conventions.partial, self.conventions.nan
+        held = how["end"] == "hold" and len(trace) > 1
+        if partial and not held:
+            how = {**how, "end": "clip"}
+        irregular = _irregular(trace, how)
+        # Values that are sent on change may be further apart than a window is long.
+        sparse = self.conventions.sparse or (irregular and self.conventions.stated)
+        found = spec.evaluate(trace, requirement, self.params, nan=nan, sparse=sparse, **how)
+        instants = {name: _own_instants(trace, name) for name in spec.channels(requirement)}
+        outside = dict.fromkeys(instants, (0, 0))
+        sampled = Sampled(found.period, found.duration, found.narrowest, instants, outside)
+        notes = [*found.notes, *self._held_notes(trace), *_rhythm(trace, irregular)]
+        lines = [_sampling_line(found), *(f"  note: {note}" for note in notes)]
+        unknown = ""
+        if partial and not found.complete[0] and math.isinf(found.value):
+            unknown = "no recorded sample decides it"
+        elif not (found.complete[0] or partial or held):
+            unknown = self._too_short(trace)
+        elif not partial:
+            unknown = self._in_gap(trace, sparse)
+        result = Monitored(requirement, None, "", None, sampled, irregular)
+        if unknown:
+            return result.unknown(unknown, lines)
+        why = ""
+        if how["interpolation"] not in (None, "samples"):
+            why = f"{self.conventions.like} evaluates it at every instant, so no single sample decides it"
+        elif not found.complete[0] and held:
+            why = f"it looks past the last sample, whose value is held as in {self.conventions.like}"
+        if why:
+            reason = Explanation(requirement, found.value, found.unit, found.satisfied, reason=why)
+        else:
+            reason = spec.explain(
+                trace, requirement, self.params, until=how["until"], partial=True, nan=nan, sparse=sparse
             )
-            text = "\n".join((head, *result.text.split("\n")[1:]))
-            return replace(result, satisfied=None, text=text, reason=None)
-        return _without_the_rest(result, own, messages)
-    where = "at its samples" if result.on_change else "at the stamps of the clock"
-    return _reconcile(result, _of_messages(spec, messages, requirement, params, conventions), where)
+        return replace(
+            result, satisfied=reason.satisfied, text="\n".join((str(reason), *lines)), reason=reason
+        )
 
+    def _in_gap(self, trace: Trace, sparse: bool) -> str:
+        """Return why the verdict depends on a gap without samples; "" if it does not."""
+        bounds = self.spec.bounds(
+            trace, self.requirement, self.params, nan=self.conventions.nan, sparse=sparse
+        )
+        if bounds is None or (bounds[0] > 0) == (bounds[1] > 0):
+            return ""
+        start, end = max(silences_of(trace.times), key=lambda span: span[1] - span[0])
+        return (
+            f"it depends on the gap of {end - start:.3g} s after t = {instant(trace.times, start)}, which has no "
+            f"sample (--partial evaluates the samples)"
+        )
 
-def _of_own_messages(
-    spec: Spec, trace: Trace, requirement: str, params: Mapping[str, Amount], conventions: Conventions
-) -> Monitored:
-    """Return the result at every instant; by the conventions of another tool, unknown where a silence decides it."""
-    every = _of_messages(spec, trace, requirement, params, conventions)
-    if conventions.like == "s2r":
-        return every
-    sampled = _of_samples(spec, trace, requirement, params, conventions)
-    return sampled if every.decided else _reconcile(sampled, every, f"by {conventions.like}")
+    def _held_notes(self, trace: Trace) -> Iterator[str]:
+        """Yield a note on each signal whose missing samples are held."""
+        if self.conventions.nan != "hold" or trace.messages:
+            return
+        for name in self.spec.channels(self.requirement):
+            missing = _missing(trace, name)
+            if missing.any():
+                known = trace.times[~missing]
+                longest = np.diff(np.append(known, trace.times[-1])).max() if known.size else math.inf
+                yield (
+                    f"{int(missing.sum())} of {len(trace)} samples of {name} are missing, and the value before is held "
+                    f"for up to {longest:.3g} s"
+                )
 
 
 def _without_the_rest(result: Monitored, sampled: Trace, messages: Trace) -> Monitored:
     """Return a result at samples, with a note on the messages between these; unknown where a signal was silent."""
-    for name, (start, end) in messages.silences().items():
-        head = (
-            f"{result.requirement} unknown: {name} has no message from t = {instant(sampled.times, start)} to "
-            f"{instant(sampled.times, end)}"
-        )
-        text = "\n".join((head, *result.text.split("\n")[1:]))
-        return replace(result, satisfied=None, text=text, reason=None)
+    for name, span in messages.silences().items():
+        start, end = (instant(sampled.times, time) for time in span)
+        return result.unknown(f"{name} has no message from t = {start} to {end}", result.lines)
     rest = {
         name: int(np.count_nonzero(~np.isin(one.times, sampled.times)))
         for name, one in messages.messages.items()
     }
     lines = [
-        f"\n  note: {count_messages(count, name, 'lie')} unevaluated between the samples"
+        f"  note: {count_messages(count, name, 'lie')} unevaluated between the samples"
         for name, count in rest.items()
         if count
     ]
-    return replace(result, text="".join((result.text, *lines))) if lines else result
+    return replace(result, text="\n".join((result.text, *lines)))
 
 
-def _of_messages(
-    spec: Spec, trace: Trace, requirement: str, params: Mapping[str, Amount], conventions: Conventions
-) -> Monitored:
-    judged, reason = spec.judge(
-        trace,
-        requirement,
-        params,
-        nan=conventions.nan,
-        partial=conventions.partial,
-        sparse=conventions.sparse or conventions.stated,
-    )
-    sampled = Sampled(judged.period, judged.end - judged.start, None, judged.instants, judged.unevaluated)
-    lines = [_instants(judged), *(f"  note: {note}" for note in judged.notes)]
-    if reason is not None:
-        bounds = (
-            [] if judged.lower == judged.upper else [f"  ρ lies in {_range(judged, spec.unit(requirement))}"]
-        )
-        head = str(reason)
-        return Monitored(requirement, judged.satisfied, "\n".join((head, *bounds, *lines)), reason, sampled)
-    why = judged.open
-    if not why:
-        short = spec.shortfall(trace, requirement, params, nan=conventions.nan)
-        why = f"it {short} (--partial evaluates the recorded part)"
-    else:
-        why = f"it {why}"
-    return Monitored(requirement, None, "\n".join((f"{requirement} unknown: {why}", *lines)), None, sampled)
-
-
-def _range(judged: Judgement, unit: str) -> str:
-    return f"[{judged.lower:+.6g}, {judged.upper:+.6g}] {unit}".rstrip()
-
-
-def _instants(judged: Judgement) -> str:
-    """Return a line on the instants at which messages are evaluated."""
-    own = " and ".join(f"{one.own} of {name}" for name, one in judged.instants.items())
-    return f"  at every instant of {judged.end - judged.start:.6g} s, held between the messages: {own}"
-
-
-def _of_samples(
-    spec: Spec, trace: Trace, requirement: str, params: Mapping[str, Amount], conventions: Conventions
-) -> Monitored:
-    how, partial = conventions.profile, conventions.partial
-    held = how["end"] == "hold" and len(trace) > 1
-    if partial and not held:
-        how = {**how, "end": "clip"}
-    irregular = _irregular(trace, how)
-    if irregular and conventions.stated:
-        # Values that are sent on change may be further apart than a window is long.
-        conventions = replace(conventions, sparse=True)
-    evaluation = spec.evaluate(
-        trace, requirement, params, nan=conventions.nan, sparse=conventions.sparse, **how
-    )
-    instants = {name: _own_instants(trace, name) for name in spec.channels(requirement)}
-    outside = dict.fromkeys(instants, (0, 0))
-    sampled = Sampled(evaluation.period, evaluation.duration, evaluation.narrowest, instants, outside)
-    notes = [
-        *evaluation.notes,
-        *_held_notes(spec, trace, requirement, conventions),
-        *_rhythm(trace, how, irregular),
-    ]
-    lines = [_sampling_line(evaluation), *(f"  note: {note}" for note in notes)]
-    unknown = ""
-    if partial and not evaluation.complete[0] and math.isinf(evaluation.value):
-        unknown = "no recorded sample decides it"
-    elif not (evaluation.complete[0] or partial or held):
-        short = spec.shortfall(trace, requirement, params, nan=conventions.nan)
-        unknown = f"it {short} (--partial evaluates the recorded part)"
-    elif not partial:
-        unknown = _in_gap(spec, trace, requirement, params, conventions)
-    if unknown:
-        text = "\n".join((f"{requirement} unknown: {unknown}", *lines))
-        return Monitored(requirement, None, text, None, sampled, irregular)
-    why = ""
-    if how["interpolation"] not in (None, "samples"):
-        why = f"{conventions.like} evaluates it at every instant, so no single sample decides it"
-    elif not evaluation.complete[0] and held:
-        why = f"it looks past the last sample, whose value is held as in {conventions.like}"
-    if why:
-        reason = Explanation(requirement, evaluation.value, evaluation.unit, evaluation.satisfied, reason=why)
-    else:
-        reason = spec.explain(
-            trace,
-            requirement,
-            params,
-            until=how["until"],
-            partial=True,
-            nan=conventions.nan,
-            sparse=conventions.sparse,
-        )
-    text = "\n".join((str(reason), *lines))
-    return Monitored(requirement, reason.satisfied, text, reason, sampled, irregular)
-
-
-def _in_gap(
-    spec: Spec, trace: Trace, requirement: str, params: Mapping[str, Amount], conventions: Conventions
-) -> str:
-    """Return why the verdict depends on a gap without samples; "" if it does not."""
-    bounds = spec.bounds(trace, requirement, params, nan=conventions.nan, sparse=conventions.sparse)
-    if bounds is None or (bounds[0] > 0) == (bounds[1] > 0):
-        return ""
-    start, end = max(silences_of(trace.times), key=lambda span: span[1] - span[0])
-    return (
-        f"it depends on the gap of {end - start:.3g} s after t = {instant(trace.times, start)}, which has no sample "
-        f"(--partial evaluates the samples)"
-    )
+def _missing(trace: Trace, name: str) -> BoolArray:
+    """Return (n,) whether a sample of a channel is missing."""
+    return np.asarray(np.isnan(trace[name].reshape(len(trace), -1)).any(axis=1))
 
 
 def _own_instants(trace: Trace, name: str) -> Instants:
     """Return the account of a signal with common samples."""
-    values = trace[name].reshape(len(trace), -1)
-    missing = int(np.isnan(values).any(axis=1).sum())
-    own = int((trace.own(name) & ~np.isnan(values).any(axis=1)).sum())
-    return Instants(own, len(trace) - own - missing, 0, missing)
+    missing = _missing(trace, name)
+    own, gone = int((trace.own(name) & ~missing).sum()), int(missing.sum())
+    return Instants(own, len(trace) - own - gone, 0, gone)
 
 
 def _irregular(trace: Trace, how: Profile) -> bool:
     """Return whether samples come irregularly, as values that are sent on change, and are evaluated alone."""
-    if how["interpolation"] not in (None, "samples") or trace.messages:
-        return False
-    return sent_on_change(trace.times)
+    alone = how["interpolation"] in (None, "samples") and not trace.messages
+    return alone and sent_on_change(trace.times)
 
 
-def _rhythm(trace: Trace, how: Profile, irregular: bool) -> list[str]:
+def _rhythm(trace: Trace, irregular: bool) -> list[str]:
     """Return notes on gaps, and on samples that come irregularly."""
     if trace.messages or len(trace) < 2:
         return []
@@ -326,30 +337,12 @@ def _rhythm(trace: Trace, how: Profile, irregular: bool) -> list[str]:
     return []
 
 
-def _held_notes(spec: Spec, trace: Trace, requirement: str, conventions: Conventions) -> list[str]:
-    """Return a note on each signal whose missing samples are held."""
-    if conventions.nan != "hold" or trace.messages:
-        return []
-    notes = []
-    for name in spec.channels(requirement):
-        missing = np.isnan(trace[name].reshape(len(trace), -1)).any(axis=1)
-        if missing.any():
-            known = trace.times[~missing]
-            longest = np.diff(np.append(known, trace.times[-1])).max() if known.size else math.inf
-            notes.append(
-                f"{int(missing.sum())} of {len(trace)} samples of {name} are missing, and the value before is held for "
-                f"up to {longest:.3g} s"
-            )
-    return notes
-
-
 def _sampling_line(evaluation: Evaluation) -> str:
     """Return a line on the sampling of a trace, which shows times in a wrong unit."""
     if evaluation.period is None:
         return "  one sample"
-    windows = (
-        "" if evaluation.narrowest is None else f", {evaluation.narrowest} samples in the narrowest window"
-    )
+    narrowest = evaluation.narrowest
+    windows = "" if narrowest is None else f", {narrowest} samples in the narrowest window"
     return f"  sampled every {evaluation.period:.6g} s for {evaluation.duration:.6g} s{windows}"
 
 
@@ -357,21 +350,11 @@ def _reconcile(sampled: Monitored, every: Monitored, where: str) -> Monitored:
     """Return a result at some samples; unknown where all messages, or every instant, decide otherwise."""
     if not sampled.decided or (every.decided and sampled.satisfied == every.satisfied):
         return sampled
-    head = (
-        f"{sampled.requirement} unknown: {where} {_one_line(sampled)}, but not for certain at every instant"
-    )
-    lines = sampled.text.split("\n")[1:]
+    here = f"{where} {sampled.one_line}, but"
     if every.decided:
-        head = f"{sampled.requirement} unknown: {where} {_one_line(sampled)}, but at every instant {_one_line(every)}"
-    else:
-        lines += every.text.split("\n")
-    return replace(sampled, satisfied=None, text="\n".join((head, *lines)), reason=None)
-
-
-def _one_line(result: Monitored) -> str:
-    assert result.reason is not None
-    word = "it holds" if result.satisfied else "it is violated"
-    return f"{word}, ρ = {result.reason.rho:+.6g} {result.reason.unit}".rstrip()
+        return sampled.unknown(f"{here} at every instant {every.one_line}", sampled.lines)
+    lines = [*sampled.lines, *every.text.split("\n")]
+    return sampled.unknown(f"{here} not for certain at every instant", lines)
 
 
 def depends_on_unit_of_time(spec: Spec, requirement: str) -> str:

@@ -35,9 +35,7 @@ class Plot:
         Raises:
             UsageError: the file name has another ending, or the file cannot be written.
         """
-        file = Path(path)
-        if file.suffix.lower() not in ENDINGS:
-            raise UsageError(f"{file.name!r}: the file name of a plot ends in one of {one_of(ENDINGS)}")
+        file = _checked(path)
         with saving(file) as temporary:
             self.figure.savefig(temporary, dpi=150)
         return file
@@ -62,9 +60,15 @@ def plot(tolerances: Tolerances, explanation: Explanation, title: str, path: Pat
     Raises:
         UsageError: the file name has another ending, or matplotlib is not installed.
     """
-    if path.suffix.lower() not in ENDINGS:
-        raise UsageError(f"{path.name!r}: the file name of a plot ends in one of {one_of(ENDINGS)}")
+    _checked(path)
     draw(tolerances, explanation, title).save(path)
+
+
+def _checked(path: str | PathLike[str]) -> Path:
+    file = Path(path)
+    if file.suffix.lower() not in ENDINGS:
+        raise UsageError(f"{file.name!r}: the file name of a plot ends in one of {one_of(ENDINGS)}")
+    return file
 
 
 def draw(tolerances: Tolerances, explanation: Explanation, title: str = "") -> Plot:

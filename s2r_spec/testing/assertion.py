@@ -44,7 +44,9 @@ def assert_robust(
     names = spec.requirements if requirement is None else (requirement,)
     if not isinstance(trace, Trace):
         trace = logs.read(_path(trace, "trace"))
-    values = {**_recorded_test(spec, trace), **(params or {})}
+    recorded = trace.meta.get("params", {})
+    known = recorded if isinstance(recorded, Mapping) else {}
+    values = {name: known[name] for name in spec.params if name in known} | dict(params or {})
     robustness: dict[str, float] = {}
     failures: list[str] = []
     for name in names:
@@ -72,10 +74,3 @@ def _path(value: Any, what: str) -> str:
     raise UsageError(
         f"{what} must be {kind} or the path of its file, not a value of type {type(value).__name__}"
     )
-
-
-def _recorded_test(spec: Spec, trace: Trace) -> dict[str, Amount]:
-    """Return the test that the trace records, as far as the specification declares it."""
-    recorded = trace.meta.get("params", {})
-    known = recorded if isinstance(recorded, Mapping) else {}
-    return {name: known[name] for name in spec.params if name in known}

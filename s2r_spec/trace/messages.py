@@ -12,16 +12,16 @@ valid for one period, and through a gap of at most :data:`SILENT` periods.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
-BoolArray = NDArray[np.bool_]
+from s2r_spec.trace.arrays import BoolArray, FloatArray, IntArray
 
 SILENT = 5.0
 """Tolerance: longest gap of a periodic channel that its last value bridges [periods], so that single losses of a
@@ -90,17 +90,23 @@ class Messages:
         return replace(made, end=made.valid_until)
 
     @property
+    def first(self) -> float:
+        """The first stamp [s]."""
+        return float(self.times[0])
+
+    @property
+    def last(self) -> float:
+        """The last stamp [s]."""
+        return float(self.times[-1])
+
+    @property
     def valid_until(self) -> float:
         """Time until which the last value is valid, if it is the last one of the log [s]."""
-        last = float(self.times[-1])
-        if self.linear:
-            return last
-        return last + self.valid if math.isfinite(self.valid) else self._log_end(last)
+        return self.last if self.linear else self._valid_after(self.last)
 
     def held_between(self) -> Messages:
         """Return the messages of a channel that holds its values although its log is interpolated."""
-        end = self.end + self.valid if math.isfinite(self.valid) else self._log_end(self.end)
-        return replace(self, linear=False, end=end)
+        return replace(self, linear=False, end=self._valid_after(self.end))
 
     def in_log_until(self, end: float) -> Messages:
         """Return the messages of a log recorded until a time [s]: values sent on change are valid until then."""
@@ -108,8 +114,10 @@ class Messages:
             return self
         return replace(self, end=max(self.end, end))
 
-    def _log_end(self, last: float) -> float:
-        """Return the end of the log if it is known and not before ``last``, else this [s]."""
+    def _valid_after(self, last: float) -> float:
+        """Return until when a last value is valid: for its time, or else until the end of the log, if known [s]."""
+        if math.isfinite(self.valid):
+            return last + self.valid
         return last if math.isnan(self.log_end) else max(self.log_end, last)
 
     @property
@@ -129,8 +137,7 @@ class Messages:
     @property
     def recorded_until(self) -> float:
         """Time up to which the messages were recorded, one period after the last of a periodic channel [s]."""
-        last = float(self.times[-1])
-        return last if math.isnan(self.period) or self.linear else last + self.period
+        return self.last if math.isnan(self.period) or self.linear else self.last + self.period
 
     @property
     def rhythm(self) -> str:
@@ -188,15 +195,13 @@ class Messages:
     def shifted(self, by: float) -> Messages:
         """Return the messages, later by so many seconds."""
         invalid = tuple((start + by, end + by) for start, end in self.invalid)
-        return replace(
-            self, times=self.times + by, end=self.end + by, log_end=self.log_end + by, invalid=invalid
-        )
+        moved = replace(self, times=self.times + by, invalid=invalid)
+        return replace(moved, end=self.end + by, log_end=self.log_end + by)
 
     def silences(self, start: float, end: float) -> list[tuple[float, float]]:
         """Return the spans without a valid value that overlap ``start`` to ``end`` [s], in order."""
-        times, bridged, valid = self.times, self.bridged, self.valid
-        first, last = float(times[0]), float(times[-1])
-        spans = [(-math.inf, first)] if first > start else []
+        times, bridged, valid, last = self.times, self.bridged, self.valid, self.last
+        spans = [(-math.inf, self.first)] if self.first > start else []
         if math.isfinite(bridged):
             for i in np.flatnonzero(np.diff(times) > bridged):
                 before, after = float(times[i]) + valid, float(times[i + 1])
@@ -228,6 +233,46 @@ def union(channels: Iterable[Messages]) -> FloatArray:
     return result
 
 
+class HeldChannels(Mapping[str, FloatArray]):
+    """Channels with messages, as their values at all stamps of the trace; each is made when it is read."""
+
+    def __init__(self, messages: Mapping[str, Messages], since: float | None, until: float | None) -> None:
+        self.messages = MappingProxyType(dict(messages))
+        self._since, self._until = since, until
+
+    def __getitem__(self, name: str) -> FloatArray:
+        values = self.messages[name].read(self.times)
+        values.setflags(write=False)
+        return values
+
+    @cached_property
+    def times(self) -> FloatArray:
+        """(n,) the begin of the trace, and all stamps of all channels in it [s]."""
+        times = union(self.messages.values())
+        if self._since is not None:
+            times = np.union1d(times[times > self._since], self._since)
+        if self._until is not None:
+            times = times[times <= self._until]
+        times.setflags(write=False)
+        return times
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.messages)
+
+    def __len__(self) -> int:
+        return len(self.messages)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.messages
+
+
+def messages_of(channels: Mapping[str, Any]) -> Mapping[str, Messages]:
+    """Return the channels that are messages."""
+    if isinstance(channels, HeldChannels):
+        return channels.messages
+    return {name: one for name, one in channels.items() if isinstance(one, Messages)}
+
+
 def join(parts: list[Messages]) -> Messages:
     """Return the vector of several scalar channels: a message for each stamp of any, from the first one of all on.
 
@@ -237,27 +282,21 @@ def join(parts: list[Messages]) -> Messages:
     first = parts[0]
     if all(one.times is first.times or np.array_equal(one.times, first.times) for one in parts):
         return replace(first, values=np.stack([one.values for one in parts], axis=1))
-    begin = max(float(one.times[0]) for one in parts)
+    begin = max(one.first for one in parts)
     known = [one.log_end for one in parts if not math.isnan(one.log_end)]
-    reach = max([*known, *(float(one.times[-1]) for one in parts)])
-    whole = [one for one in parts if reach - float(one.times[-1]) <= one.bridged]
+    reach = max([*known, *(one.last for one in parts)])
+    whole = [one for one in parts if reach - one.last <= one.bridged]
     times, values = _combine(parts, begin)
     periods = [one.period for one in parts if not math.isnan(one.period)]
-    return Messages(
-        times,
-        values,
-        min(periods, default=math.nan),
-        first.longest,
-        max(known, default=math.nan),
-        min(one.end for one in whole or parts),
-        first.linear,
-        tuple(
-            span
-            for one in parts
-            for span in one.silences(begin, reach)
-            if math.isfinite(span[1]) or all(one is not other for other in whole)
-        ),
+    invalid = tuple(
+        span
+        for one in parts
+        for span in one.silences(begin, reach)
+        if math.isfinite(span[1]) or all(one is not other for other in whole)
     )
+    period, log_end = min(periods, default=math.nan), max(known, default=math.nan)
+    end = min(one.end for one in whole or parts)
+    return Messages(times, values, period, first.longest, log_end, end, first.linear, invalid)
 
 
 def _combine(parts: list[Messages], begin: float) -> tuple[FloatArray, FloatArray]:
@@ -280,9 +319,6 @@ def _combine(parts: list[Messages], begin: float) -> tuple[FloatArray, FloatArra
         times += [at] * len(combinations)
         rows += combinations
     kept = ~np.isin(stamps, [*repeated])
-    all_times, all_rows = (
-        np.concatenate((stamps[kept], times)),
-        np.concatenate((values[kept], np.array(rows))),
-    )
-    order = np.argsort(all_times, kind="stable")
-    return all_times[order], all_rows[order]
+    every = np.concatenate((stamps[kept], times))
+    order = np.argsort(every, kind="stable")
+    return every[order], np.concatenate((values[kept], np.array(rows)))[order]

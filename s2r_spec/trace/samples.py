@@ -6,13 +6,12 @@ import math
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError
 from s2r_spec.trace import stamps
+from s2r_spec.trace.arrays import FloatArray, IntArray
 from s2r_spec.trace.instants import DATES, instant
 
-FloatArray = NDArray[np.float64]
 Rule = Literal["hold", "linear"]
 """How a signal has a value between two samples: that of the last sample, or one on the line between both."""
 
@@ -25,14 +24,10 @@ MOST_SAMPLES = 2**25
 
 
 def seconds_of(value: Any, what: str) -> float:
-    """Return a time or a duration in seconds.
-
-    Args:
-        value: a number of seconds, or a ``timedelta`` of Python, numpy or pandas.
-        what: its name for a message.
+    """Return a number of seconds, or a ``timedelta`` of Python, numpy or pandas, in seconds.
 
     Raises:
-        TraceError: it is neither.
+        TraceError: it is neither; ``what`` is its name.
     """
     number = math.nan
     try:
@@ -77,7 +72,7 @@ def inside(times: FloatArray, low: float, high: float) -> slice:
     return slice(int(first), int(stop))
 
 
-def regular(times: FloatArray, step: float) -> tuple[FloatArray, NDArray[np.intp]]:
+def regular(times: FloatArray, step: float) -> tuple[FloatArray, IntArray]:
     """Return (m,) times every ``step`` [s] from the first one on, and (m,) the last sample up to each.
 
     A time that misses a sample by rounding alone is the sample's own.

@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError
+from s2r_spec.trace.arrays import FloatArray
 from s2r_spec.trace.instants import DATES
-
-FloatArray = NDArray[np.float64]
 
 _UNITS = {
     "W": Fraction(604800), "D": Fraction(86400), "h": Fraction(3600), "m": Fraction(60), "s": Fraction(1),
@@ -49,12 +48,8 @@ def _nanoseconds(one: Any) -> int:
     if isinstance(one, datetime):
         below = int(getattr(one, "nanosecond", 0))
         naive = one if one.tzinfo is None else one.astimezone(UTC).replace(tzinfo=None)
-        return (
-            _nanoseconds(
-                naive.to_pydatetime() - _EPOCH if hasattr(naive, "to_pydatetime") else naive - _EPOCH
-            )
-            + below
-        )
+        naive = naive.to_pydatetime() if hasattr(naive, "to_pydatetime") else naive
+        return _nanoseconds(naive - _EPOCH) + below
     whole = (one.days * 86400 + one.seconds) * 10**6 + one.microseconds
     return int(whole) * 1000 + int(getattr(one, "nanoseconds", 0))
 
@@ -106,13 +101,9 @@ def dates(values: NDArray[Any], size: Fraction) -> bool:
 def to_seconds(
     values: NDArray[Any], size: Fraction, *, from_first: bool = False, first: int | float | None = None
 ) -> FloatArray:
-    """Return (n,) counts in seconds.
+    """Return (n,) counts, whole or not, in seconds; ``size`` is their unit [s].
 
-    Args:
-        values: (n,) counts, whole or not.
-        size: unit of the counts [s].
-        from_first: whether to subtract the first count, exactly if the counts are whole.
-        first: the count to subtract; None for the first value.
+    With ``from_first`` a count is subtracted, exactly if the counts are whole: ``first``, or else the first value.
     """
     if from_first and values.size:
         values = values - values.dtype.type(values[0] if first is None else first)

@@ -18,9 +18,10 @@ from s2r_a1.wire import Orders
 from s2r_sim.controller.gains import Gains
 from s2r_sim.robot.constants import A1, LEGS
 from s2r_sim.robot.leg_kinematics import foot_motion
-from s2r_sim.robot.rotation import matrix, quaternion
+from s2r_sim.robot.rotation import quaternion
 from tests.a1.guarding import ZERO, at, leaning, reading, walking
 from tests.examples import examples
+from tests.sim.rotations import matrix
 
 STANDING = moves.STANDING
 NONE = np.zeros(12, dtype=int)

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from s2r_spec.attribution.gradient import margin_gradient
 from s2r_spec.robustness.evaluate import Walk
-from s2r_spec.robustness.sampled import SampledAlgebra, SampledSignals
+from s2r_spec.robustness.numbers import SampledSignals
+from s2r_spec.robustness.sampled import numbers_at, sampled_algebra
 from s2r_spec.robustness.ticks import clock_of
 from s2r_spec.spec import parse_spec
 from tests.examples import examples
@@ -35,11 +36,11 @@ def gradient(spec, signals, times, sample, p):
     node = spec.formulas["it"]
 
     def margin(given):
-        algebra = SampledAlgebra(SampledSignals(clock, given, {"p": np.full((1, 1), p)}))
-        return float(np.broadcast_to(Walk(algebra)(node), times.size)[sample]), algebra
+        numbers = numbers_at(SampledSignals(clock, given, {"p": np.full((1, 1), p)}))
+        return float(np.broadcast_to(Walk(sampled_algebra(numbers))(node), times.size)[sample]), numbers
 
-    _, algebra = margin(signals)
-    return margin_gradient(node, algebra.numbers, sample), lambda given: margin(given)[0]
+    _, numbers = margin(signals)
+    return margin_gradient(node, numbers, sample), lambda given: margin(given)[0]
 
 
 def random_signals(n, generator):

@@ -8,7 +8,7 @@ import pytest
 from s2r_spec.lang.diagnostics import CODES as ERRORS
 from s2r_spec.lang.functions import FUNCTIONS
 from s2r_spec.lang.highlight import STATEMENTS, TEMPORAL
-from s2r_spec.lang.lints.finding import CODES as LINTS
+from s2r_spec.lang.lints import CODES as LINTS
 from s2r_spec.spec import parse_spec
 
 TEXT = (Path(__file__).parents[2] / "docs/reference/language.md").read_text(encoding="utf-8")

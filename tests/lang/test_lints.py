@@ -5,8 +5,7 @@ from pathlib import Path
 import pytest
 
 from s2r_spec.lang.latex import to_latex
-from s2r_spec.lang.lints import apply_fixes, lint
-from s2r_spec.lang.lints.finding import CODES
+from s2r_spec.lang.lints import CODES, apply_fixes, lint
 from tests.lang.test_printing import meaning
 
 SHIPPED = sorted((Path(__file__).parents[2] / "specs").glob("*.stl"))

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from s2r_spec.errors import TraceError
 from s2r_spec.robustness.evaluate import Walk
+from s2r_spec.robustness.numbers import SampledSignals
 from s2r_spec.robustness.responsible import responsible_samples
-from s2r_spec.robustness.sampled import SampledSignals, walk_samples
+from s2r_spec.robustness.sampled import walk_samples
 from s2r_spec.robustness.ticks import clock_of
 from s2r_spec.spec import load_spec, parse_spec
 from s2r_spec.trace import Trace

@@ -51,8 +51,8 @@ def test_every_foot_sits_where_the_urdf_has_it(leg, urdf, ours):
 def test_limits_are_the_urdf_s(urdf):
     for k, name in enumerate(JOINTS):
         joint = urdf.joints[urdf.getJointId(name)]
-        limit = A1.limits[k % 3]
-        assert urdf.lowerPositionLimit[joint.idx_q] == pytest.approx(limit.low, abs=1e-12)
-        assert urdf.upperPositionLimit[joint.idx_q] == pytest.approx(limit.high, abs=1e-12)
+        low, high = A1.limits[k % 3]
+        assert urdf.lowerPositionLimit[joint.idx_q] == pytest.approx(low, abs=1e-12)
+        assert urdf.upperPositionLimit[joint.idx_q] == pytest.approx(high, abs=1e-12)
         assert urdf.upperVelocityLimit[joint.idx_v] == A1.speed_limit
         assert urdf.upperEffortLimit[joint.idx_v] == A1.torque_limit

@@ -11,6 +11,7 @@ from s2r_sim.plant.physics import Physics
 from s2r_sim.robot import pinocchio_model, rotation
 from s2r_sim.robot.constants import A1, LEGS
 from s2r_sim.robot.signals import RobotState
+from tests.sim.rotations import matrix
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +35,7 @@ def both(models, seed):
     data.qvel[:] = v
     mujoco.mj_forward(plant, data)
     S = np.eye(18)
-    S[:3, :3] = rotation.matrix(*rpy).T
+    S[:3, :3] = matrix(*rpy).T
     return data, np.array([*position, x, y, z, w, *joints]), S
 
 
@@ -77,7 +78,7 @@ def test_feet_are_at_the_same_place(models):
 def test_rotations_agree_with_each_other():
     for rpy in ((0.3, -0.4, 2.0), (-0.1, 1.2, -3.0), (0.0, 0.0, 0.0)):
         x, y, z, w = rotation.quaternion(*rpy)
-        np.testing.assert_allclose(pin.Quaternion(w, x, y, z).matrix(), rotation.matrix(*rpy), atol=1e-15)
+        np.testing.assert_allclose(pin.Quaternion(w, x, y, z).matrix(), matrix(*rpy), atol=1e-15)
         np.testing.assert_allclose(rotation.rpy_from_wxyz(w, x, y, z), rpy, atol=1e-14)
 
 
@@ -90,7 +91,7 @@ def random_body(seed):
     model = pinocchio_model.build(A1, 0.005)
     data = model.createData()
     q = np.array([*position, x, y, z, w, *joints])
-    twist = np.concatenate([rotation.matrix(*rpy).T @ v[:3], v[3:]])
+    twist = np.concatenate([matrix(*rpy).T @ v[:3], v[3:]])
     pin.computeAllTerms(model, data, q, twist)
     pin.forwardKinematics(model, data, q, twist, np.zeros(18))
     pin.updateFramePlacements(model, data)

@@ -12,6 +12,7 @@ from s2r_sim.robot import pinocchio_model, rotation
 from s2r_sim.robot.constants import A1, LEGS
 from s2r_sim.robot.leg_kinematics import foot_motion
 from s2r_sim.robot.signals import RobotState
+from tests.sim.rotations import matrix
 
 MODEL = pinocchio_model.build(A1)
 
@@ -26,7 +27,7 @@ def random_state(seed):
 def in_pinocchio(state):
     x, y, z, w = rotation.quaternion(*state.rpy)
     q = np.concatenate([state.position, [x, y, z, w], state.q])
-    v = np.concatenate([state.velocity @ rotation.matrix(*state.rpy), state.omega, state.dq])
+    v = np.concatenate([state.velocity @ matrix(*state.rpy), state.omega, state.dq])
     data = MODEL.createData()
     pin.forwardKinematics(MODEL, data, q, v)
     pin.updateFramePlacements(MODEL, data)
@@ -40,7 +41,7 @@ def test_leg_kinematics_are_pinocchio_s(leg):
     frame = MODEL.getFrameId(f"{leg.name}_foot")
     k = 3 * LEGS.index(leg)
     motion = foot_motion(A1, leg, state.q[k : k + 3], state.dq[k : k + 3], sin, cos)
-    R = rotation.matrix(*state.rpy)
+    R = matrix(*state.rpy)
     spatial = pin.getFrameVelocity(MODEL, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
     moved = np.cross(state.omega, motion.position) + motion.velocity
     np.testing.assert_allclose(state.position + R @ motion.position, data.oMf[frame].translation, atol=1e-12)
@@ -50,7 +51,7 @@ def test_leg_kinematics_are_pinocchio_s(leg):
 
 def test_a_vector_is_turned_by_the_rotation_matrix_and_back():
     turned = rotation.rotate(0.3, -0.4, 2.0, (1.0, 2.0, 3.0), sin, cos)
-    np.testing.assert_allclose(turned, rotation.matrix(0.3, -0.4, 2.0) @ [1.0, 2.0, 3.0], atol=1e-15)
+    np.testing.assert_allclose(turned, matrix(0.3, -0.4, 2.0) @ [1.0, 2.0, 3.0], atol=1e-15)
     np.testing.assert_allclose(
         rotation.turned_back(0.3, -0.4, 2.0, turned, sin, cos), [1.0, 2.0, 3.0], atol=1e-14
     )

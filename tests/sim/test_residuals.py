@@ -18,8 +18,7 @@ from s2r_sim.parameters import read_test
 from s2r_sim.plant import mujoco_model
 from s2r_sim.plant.physics import Physics
 from s2r_sim.residuals import RESIDUALS, WINDOW, residuals
-from s2r_sim.residuals.compliance import ground_compliance
-from s2r_sim.residuals.footing import footing
+from s2r_sim.residuals.ground import footing, ground_compliance
 from s2r_sim.residuals.motion import hann, recorded_motion
 from s2r_sim.residuals.world import ModelledMotion
 from s2r_sim.robot.constants import LEGS

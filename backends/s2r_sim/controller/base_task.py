@@ -6,14 +6,11 @@ from math import cos, pi, remainder, sin
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_sim.controller.gains import RATE
+from s2r_sim.robot.constants import FloatArray, Vector3
 from s2r_sim.robot.signals import RobotState, VelocityCommand
 from s2r_spec.compiled import compiled
-
-FloatArray = NDArray[np.float64]
-Vector3 = tuple[float, float, float]
 
 
 class BaseReference(NamedTuple):

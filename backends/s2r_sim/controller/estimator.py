@@ -14,33 +14,17 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_sim.controller.gains import RATE
-from s2r_sim.robot.constants import GRAVITY, LEGS, Robot
+from s2r_sim.robot.constants import GRAVITY, LEGS, FloatArray, Robot
 from s2r_sim.robot.leg_kinematics import foot_motion
 from s2r_sim.robot.rotation import rotate, turned_back
 from s2r_sim.robot.signals import RobotState
 
-FloatArray = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 BLEND = 0.02
 """[s] time constant: inertial above its frequency, leg odometry below."""
-
-
-class BaseMotion(NamedTuple):
-    """Motion of the base, from joints and IMU, at one tick or at n of them.
-
-    Attributes:
-        height: height of the base above the standing feet's contact points [m].
-        velocity: velocity of the base from leg odometry [m/s], world axes.
-        acceleration: mean acceleration of the base since the last tick, from the IMU [m/s²], world axes.
-    """
-
-    height: Any
-    velocity: tuple[Any, Any, Any]
-    acceleration: tuple[Any, Any, Any]
 
 
 class Estimate(NamedTuple):
@@ -93,8 +77,11 @@ def leg_odometry(
 
 def motion(
     robot: Robot, measured: RobotState, force: Sequence[Any], stance: Any, sin: Any, cos: Any
-) -> BaseMotion:
-    """Return the motion of the base, from joints and IMU.
+) -> tuple[Any, tuple[Any, Any, Any], tuple[Any, Any, Any]]:
+    """Return the motion of the base in world axes, at one tick or at n of them.
+
+    That is its height above the standing feet's contact points [m], its velocity by leg odometry [m/s], and its mean
+    acceleration since the last tick by the IMU [m/s²].
 
     Args:
         robot: the robot, for its kinematics.
@@ -107,7 +94,7 @@ def motion(
     height, velocity = leg_odometry(robot, measured, stance, sin, cos)
     roll, pitch, yaw = measured.rpy
     ax, ay, az = rotate(roll, pitch, yaw, force, sin, cos)
-    return BaseMotion(height, velocity, (ax, ay, az - GRAVITY))
+    return height, velocity, (ax, ay, az - GRAVITY)
 
 
 def blend(

@@ -6,11 +6,10 @@ from math import cos, sin
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from s2r_sim.robot.constants import FloatArray
 from s2r_spec.compiled import compiled
 
-FloatArray = NDArray[np.float64]
 Pair = tuple[float, float]
 Point = tuple[float, float, float]
 

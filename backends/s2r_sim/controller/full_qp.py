@@ -8,14 +8,11 @@ This QP is the reference for the condensed form in :mod:`s2r_sim.controller.stan
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_sim.controller.dynamics import RigidBody
 from s2r_sim.controller.gains import Gains
 from s2r_sim.controller.qp import ControlTask, Solution, Solver, pyramid
-from s2r_sim.robot.constants import GRAVITY, Robot
-
-FloatArray = NDArray[np.float64]
+from s2r_sim.robot.constants import GRAVITY, FloatArray, Robot
 
 
 class FullQP:
@@ -38,7 +35,9 @@ class FullQP:
         A, b = self._laws_of_motion(body, task)
         P, c = self._cost(body, task)
         lower, upper = self._row_bounds(body, task)
-        x_l, x_u = self._force_bounds(task)
+        x_l, x_u = np.full(30, -np.inf), np.full(30, np.inf)
+        up = 20 + 3 * np.flatnonzero(task.stance)
+        x_l[up], x_u[up] = self._gains.min_force, self._gains.max_force
         optimum = self._solver.solve(
             {}, P=P, c=c, A=A, b=b, G=self._G, h_l=lower, h_u=upper, x_l=x_l, x_u=x_u
         )
@@ -94,10 +93,3 @@ class FullQP:
         lower = np.concatenate([np.full(16, -np.inf), -self._torque_limit - body.bias[6:]])
         upper = np.concatenate([slack, self._torque_limit - body.bias[6:]])
         return lower, upper
-
-    def _force_bounds(self, task: ControlTask) -> tuple[FloatArray, FloatArray]:
-        x_l, x_u = np.full(30, -np.inf), np.full(30, np.inf)
-        for leg, stands in enumerate(task.stance):
-            if stands:
-                x_l[20 + 3 * leg], x_u[20 + 3 * leg] = self._gains.min_force, self._gains.max_force
-        return x_l, x_u

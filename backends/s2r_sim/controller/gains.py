@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-Vector3 = tuple[float, float, float]
+from s2r_sim.robot.constants import Vector3
 
 RATE = 500
 """Control ticks per second; one tick is 2 ms."""

@@ -7,7 +7,7 @@ from functools import cached_property
 
 from s2r_sim.controller.gains import RATE, Gains
 
-Progress = tuple[float | None, float | None, float | None, float | None]
+Progress = tuple[float | None, ...]
 """Swing phase of each leg, in [0, 1), or None in stance."""
 
 OFFSETS = (0.0, 0.5, 0.5, 0.0)
@@ -39,9 +39,5 @@ class Gait:
 
     def progress(self, tick: int) -> Progress:
         """Return each leg's swing phase in [0, 1) at this tick; None in stance."""
-        a, b, c, d = (self._of_leg(tick, offset) for offset in OFFSETS)
-        return (a, b, c, d)
-
-    def _of_leg(self, tick: int, offset: float) -> float | None:
-        phase = (tick + round(offset * self.period)) % self.period
-        return None if phase < self.stance else (phase - self.stance) / (self.period - self.stance)
+        phases = [(tick + round(offset * self.period)) % self.period - self.stance for offset in OFFSETS]
+        return tuple(None if phase < 0 else phase / (self.period - self.stance) for phase in phases)

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import piqp
-from numpy.typing import NDArray
 
-from s2r_sim.controller.dynamics import RigidBody
 from s2r_sim.controller.gains import Gains
+from s2r_sim.robot.constants import FloatArray
 
-FloatArray = NDArray[np.float64]
-Stance = tuple[bool, bool, bool, bool]
+Stance = tuple[bool, ...]
 
 _SOLVED = piqp.PIQP_SOLVED
 
@@ -48,18 +46,6 @@ class Solution(NamedTuple):
     torque: FloatArray
     base: FloatArray
     iterations: int
-
-
-class InverseDynamics(Protocol):
-    """A form of the QP: a task in, forces and torques out; None when the solver fails."""
-
-    def reset(self) -> None:
-        """Drop the state of earlier problems, so that a rollout does not depend on earlier rollouts."""
-        ...
-
-    def solve(self, body: RigidBody, task: ControlTask) -> Solution | None:
-        """Solve for one tick."""
-        ...
 
 
 def pyramid(gains: Gains) -> FloatArray:

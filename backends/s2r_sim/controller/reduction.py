@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_sim.robot.constants import FloatArray
 from s2r_spec.compiled import compiled
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 

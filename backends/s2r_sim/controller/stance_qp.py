@@ -17,15 +17,12 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_sim.controller.dynamics import RigidBody
 from s2r_sim.controller.gains import Gains
 from s2r_sim.controller.qp import ControlTask, Solution, Solver, Stance, pyramid
 from s2r_sim.controller.reduction import base_acceleration, distribute, force_cost, laws_of_motion
-from s2r_sim.robot.constants import GRAVITY, Robot
-
-FloatArray = NDArray[np.float64]
+from s2r_sim.robot.constants import GRAVITY, FloatArray, Robot
 
 
 class StanceQP:
@@ -38,11 +35,8 @@ class StanceQP:
 
     def __init__(self, gains: Gains, robot: Robot) -> None:
         self._torque_limit = robot.torque_limit
-        self._problems = {
-            (a, b, c, d): _Problem(gains, robot, (a, b, c, d))
-            for a, b, c, d in product((True, False), repeat=4)
-            if a or b or c or d
-        }
+        stances = filter(any, product((True, False), repeat=4))
+        self._problems = {stance: _Problem(gains, robot, stance) for stance in stances}
         self._solvers = {feet: (Solver(), Solver()) for feet in (1, 2, 3, 4)}
 
     def reset(self) -> None:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_sim.controller.base_task import BaseReference, base_task
 from s2r_sim.controller.dynamics import RigidBody
@@ -16,15 +14,11 @@ from s2r_sim.controller.foot_task import STANDS, foot_task, note_stance
 from s2r_sim.controller.full_qp import FullQP
 from s2r_sim.controller.gains import Form, Gains
 from s2r_sim.controller.gait import Gait, Progress
-from s2r_sim.controller.qp import ControlTask, InverseDynamics, Solution, Stance
+from s2r_sim.controller.qp import ControlTask, Solution, Stance
 from s2r_sim.controller.reduction import in_joint_space
 from s2r_sim.controller.stance_qp import StanceQP
-from s2r_sim.robot.constants import Robot
+from s2r_sim.robot.constants import FloatArray, Robot
 from s2r_sim.robot.signals import MotorCommand, RobotState, VelocityCommand
-
-FloatArray = NDArray[np.float64]
-
-FORMS: dict[Form, Callable[[Gains, Robot], InverseDynamics]] = {"condensed": StanceQP, "full": FullQP}
 
 
 @dataclass
@@ -55,7 +49,7 @@ class Controller:
         self._schedule = tuple(_Phase(gains, self._gait.progress(tick)) for tick in range(self._gait.period))
         self._foot_radius = robot.foot_radius
         self._body = RigidBody(robot, gains.rotor_inertia)
-        self._qp = FORMS[form](gains, robot)
+        self._qp = StanceQP(gains, robot) if form == "condensed" else FullQP(gains, robot)
         self._base_gains = gains.base
         self._swing = (*gains.swing, self._gait.swing_time, self._gait.stance_time)
         self.memory = Memory()
@@ -75,13 +69,7 @@ class Controller:
         return self._schedule[self.memory.tick % len(self._schedule)].stance
 
     def skip(self, ticks: int, measured: RobotState, command: VelocityCommand) -> None:
-        """Advance the gait's clock and the reference over ticks that were missed.
-
-        Args:
-            ticks: number of missed ticks.
-            measured: the last state before them.
-            command: the command during them.
-        """
+        """Advance the gait's clock and the reference over missed ticks; ``measured`` is the last state before them."""
         memory = self.memory
         memory.tick += ticks
         for _ in range(ticks):
@@ -120,7 +108,9 @@ class Controller:
         solution = self._qp.solve(body, ControlTask(base, feet[0], legs, phase.stance))
         torque = self._feedforward(solution, phase.stance)
         if torque is None:
-            return Tick(_damping(gains), phase.stance, solution)
+            none = np.zeros(12)  # the last resort: every joint brakes
+            brake = MotorCommand(q=none, dq=none, kp=none, kd=np.full(12, gains.kd_damping), tau=none)
+            return Tick(brake, phase.stance, solution)
         bound = gains.max_joint_step
         step = np.minimum(np.maximum(legs[:, 7], -bound), bound)
         motors = MotorCommand(q=measured.q + step, dq=legs[:, 8], kp=phase.kp, kd=phase.kd, tau=torque)
@@ -137,22 +127,14 @@ class Controller:
         if memory.failed_in_a_row > self._gains.hold_ticks:
             return None
         held = memory.forces * np.repeat(stance, 3)
-        static: FloatArray = body.bias[6:] - body.leg_jacobian.T @ held
-        return static
+        return body.bias[6:] - body.leg_jacobian.T @ held
 
 
 class _Phase:
     """Quantities that one tick of the gait period fixes."""
 
     def __init__(self, gains: Gains, progress: Progress) -> None:
-        a, b, c, d = (s is None for s in progress)
-        self.stance: Stance = (a, b, c, d)
+        self.stance: Stance = tuple(s is None for s in progress)
         self.progress = np.array([STANDS if s is None else s for s in progress])
         self.kp = np.repeat([0.0 if stands else gains.kp_joint_swing for stands in self.stance], 3)
         self.kd = np.full(12, gains.kd_joint)
-
-
-def _damping(gains: Gains) -> MotorCommand:
-    """Return the command of last resort: every joint brakes."""
-    none = np.zeros(12)
-    return MotorCommand(q=none, dq=none, kp=none, kd=np.full(12, gains.kd_damping), tau=none)

@@ -33,51 +33,28 @@ CHANNELS = (
     Channel("pitch", "rad", "base attitude from the IMU"),
     Channel("yaw", "rad", "base attitude from the IMU"),
     Channel("omega", "rad/s", "angular velocity measured by the IMU, base axes", 3, AXES),
-    Channel(
-        "acc_pred",
-        "m/s^2",
-        "base acceleration predicted by the QP; forward, left, up in the heading frame from the IMU",
-        3,
-        HEADING,
-    ),
+    Channel("acc_pred", "m/s^2",
+            "base acceleration predicted by the QP; forward, left, up in the heading frame from the IMU", 3, HEADING),
     Channel("qp_iterations", "", "interior-point iterations of the force QP"),
     Channel("qp_solved", "", "1 where the QP was solved, 0 where the controller fell back"),
     Channel("fallen", "", "1 at the sample at which the robot has fallen"),
     Channel("stance", "", "1 where the gait has the foot on the ground; FR, FL, RR, RL", 4, FEET),
     Channel("q", "rad", "joint angles from the encoders; FR, FL, RR, RL, each hip, thigh, calf", 12, JOINTS),
     Channel("dq", "rad/s", "joint velocities from the encoders", 12, JOINTS),
-    Channel(
-        "tau_cmd",
-        "N*m",
-        "torque command of the motor law at the sample, from encoder readings, before saturation",
-        12,
-        JOINTS,
-    ),
-    Channel(
-        "tau",
-        "N*m",
-        "torque that the motors report within the 2 ms after the sample, from their currents",
-        12,
-        JOINTS,
-    ),
+    Channel("tau_cmd", "N*m",
+            "torque command of the motor law at the sample, from encoder readings, before saturation", 12, JOINTS),
+    Channel("tau", "N*m",
+            "torque that the motors report within the 2 ms after the sample, from their currents", 12, JOINTS),
     Channel("foot_position", "m", "centre of the ball foot in the world; x, y, z of each foot", 12, AT_FEET),
     Channel("foot_velocity", "m/s", "velocity of that centre, world axes", 12, AT_FEET),
-    Channel(
-        "foot_force",
-        "N",
-        "force of the ground on the feet within the 2 ms after the sample; x, y, z of each foot",
-        12,
-        AT_FEET,
-    ),
+    Channel("foot_force", "N",
+            "force of the ground on the feet within the 2 ms after the sample; x, y, z of each foot", 12, AT_FEET),
     Channel("contact", "", "1 where the ground pushes on the foot", 4, FEET),
-)
+)  # fmt: skip
 
-FROM_OUTSIDE = frozenset(
-    (
-        *("vx", "vy", "vz", "x", "y", "z", "height", "fallen"),
-        *("foot_position", "foot_velocity", "foot_force", "contact"),
-    )
-)
+FROM_OUTSIDE = frozenset((
+    "vx", "vy", "vz", "x", "y", "z", "height", "fallen", "foot_position", "foot_velocity", "foot_force", "contact",
+))  # fmt: skip
 """Names of the channels that motion capture and force plates measure, free of the robot's own sensor errors."""
 
 TRUE_CHANNELS = (

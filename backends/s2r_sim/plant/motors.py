@@ -5,15 +5,11 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_sim.plant.physics import USUAL_LOAD, Physics
-from s2r_sim.robot.constants import Robot
+from s2r_sim.robot.constants import FloatArray, Robot
 from s2r_sim.robot.signals import MotorCommand
 from s2r_spec.compiled import compiled
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 
 class Law(NamedTuple):
@@ -106,7 +102,7 @@ class Motors:
         np.negative(kp, out=self._minus_kp)
         np.negative(kd, out=self._minus_kd)
         if physics.voltage < 1.0:
-            self._limit_at_speed(strength)
+            _limit(self._dq, self._range, physics.voltage, self._top_speed, strength * self._limit)
         if physics.backlash:
             self._cross_the_gap(law, strength)
 
@@ -128,10 +124,6 @@ class Motors:
         self.state = self.state._replace(pending=pending[-self._delay :])
         return pending[0]
 
-    def _limit_at_speed(self, strength: float) -> None:
-        """Limit the driving torque by a line over speed, which is 0 at ``voltage`` times the top speed."""
-        _limit(self._dq, self._range, self._physics.voltage, self._top_speed, strength * self._limit)
-
     def _cross_the_gap(self, law: Law, strength: float) -> None:
         """Let rotors turn freely between the flanks of their gears, and push only against a flank."""
         physics, gap = self._physics, self._physics.backlash
@@ -147,7 +139,10 @@ class Motors:
 
 @compiled
 def _limit(dq: FloatArray, within: FloatArray, voltage: float, top_speed: float, full: float) -> None:
-    """Write (12, 2) the least and the largest torque [N m] at (12,) speeds [rad/s]."""
+    """Write (12, 2) the least and the largest torque [N m] at (12,) speeds [rad/s].
+
+    A line over speed, 0 at ``voltage`` times the top speed, limits the driving torque.
+    """
     for j in range(dq.shape[0]):
         driving = full * min(max(2.0 * (voltage - abs(dq[j]) / top_speed), 0.0), 1.0)
         within[j, 0] = -(driving if dq[j] < 0.0 else full)
@@ -168,9 +163,10 @@ def _cross_gap(
 
     Args:
         motion: (12,) joint angles [rad] and speeds [rad/s].
-        actuators: control, gain, bias and range; see :func:`_actuator_torque`. On return the actuators of joints
-            whose rotor pushes against no flank give no torque.
-        rotors: (12,) angle [rad] and speed [rad/s] of each rotor relative to its joint.
+        actuators: (12,) ``ctrl``, (12,) the first column of ``actuator_gainprm``, (12, 10) ``actuator_biasprm``, and
+            (12, 2) the least and the largest torque [N m]. On return the actuators of joints whose rotor pushes
+            against no flank give no torque.
+        rotors: (12,) angle [rad], within ±gap, and speed [rad/s] of each rotor relative to its joint.
         strength: torque that the motors deliver, as a fraction of their command.
         gap: half of the play of a gear [rad].
         armature: inertia of a rotor, seen at the joint [kg m²].
@@ -179,66 +175,16 @@ def _cross_gap(
     q, dq = motion
     control, gain, bias, within = actuators
     play, speed = rotors
+    torque, angles, speeds = np.empty_like(control), np.empty_like(play), np.empty_like(speed)
     gain[:] = strength
-    torque = _actuator_torque(q, dq, control, gain, bias, within)
-    angles, speeds, pushes = _rotor_step(torque, play, speed, gap, armature, dt)
-    _disengage(pushes, gain, bias)
-    return angles, speeds, torque
-
-
-@compiled
-def _actuator_torque(
-    q: FloatArray,
-    dq: FloatArray,
-    control: FloatArray,
-    gain: FloatArray,
-    bias: FloatArray,
-    within: FloatArray,
-) -> FloatArray:
-    """Return (12,) the torque of MuJoCo's affine actuators [N m]: gain · control + bias · (1, q, q̇), clipped.
-
-    Args:
-        q: (12,) joint angles [rad].
-        dq: (12,) joint speeds [rad/s].
-        control: (12,) ``ctrl``.
-        gain: (12,) ``actuator_gainprm``, its first column.
-        bias: (12, 10) ``actuator_biasprm``; only columns 1 and 2 count.
-        within: (12, 2) the least and the largest torque [N m].
-    """
-    torque = np.empty_like(control)
     for j in range(torque.shape[0]):
         whole = gain[j] * control[j] + bias[j, 1] * q[j] + bias[j, 2] * dq[j]
         torque[j] = min(max(whole, within[j, 0]), within[j, 1])
-    return torque
-
-
-@compiled
-def _rotor_step(
-    torque: FloatArray, play: FloatArray, speed: FloatArray, gap: float, armature: float, dt: float
-) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Return (12,) angle and speed of the rotors a step later, and whether each pushes against a flank.
-
-    Args:
-        torque: (12,) torque on the rotors [N m].
-        play: (12,) angle of each rotor relative to its joint [rad], within ±gap.
-        speed: (12,) speed of each rotor relative to its joint [rad/s].
-        gap: half of the play of a gear [rad].
-        armature: inertia of a rotor, seen at the joint [kg m²].
-        dt: duration of the step [s].
-    """
-    angles, speeds, pushes = np.empty_like(play), np.empty_like(speed), np.empty(play.shape[0], np.bool_)
-    for j in range(play.shape[0]):
-        pushes[j] = (play[j] >= gap and torque[j] > 0.0) or (play[j] <= -gap and torque[j] < 0.0)
-        speeds[j] = 0.0 if pushes[j] else speed[j] + torque[j] / armature * dt
+        pushes = (play[j] >= gap and torque[j] > 0.0) or (play[j] <= -gap and torque[j] < 0.0)
+        speeds[j] = 0.0 if pushes else speed[j] + torque[j] / armature * dt
         angles[j] = min(max(play[j] + speeds[j] * dt, -gap), gap)
         if abs(angles[j]) >= gap:
             speeds[j] = 0.0
-    return angles, speeds, pushes
-
-
-@compiled
-def _disengage(pushes: BoolArray, gain: FloatArray, bias: FloatArray) -> None:
-    """Set the actuator of each joint to zero torque whose rotor pushes against no flank."""
-    for j in range(pushes.shape[0]):
-        if not pushes[j]:
+        if not pushes:
             gain[j] = bias[j, 1] = bias[j, 2] = 0.0
+    return angles, speeds, torque

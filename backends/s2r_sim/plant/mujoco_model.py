@@ -123,7 +123,16 @@ def _add_leg(spec: Any, base: Any, leg: Leg, bit: int, robot: Robot, physics: Ph
             armature=physics.armature,
             frictionloss=physics.dry_friction,
         )
-        _add_motor(spec, joint, robot.torque_limit)
+        # its force is ctrl − kp q − kd q̇, with kp and kd written at every control tick
+        spec.add_actuator(
+            name=joint.removesuffix("_joint"),
+            target=joint,
+            trntype=mujoco.mjtTrn.mjTRN_JOINT,
+            gaintype=mujoco.mjtGain.mjGAIN_FIXED,
+            biastype=mujoco.mjtBias.mjBIAS_AFFINE,
+            forcelimited=True,
+            forcerange=[-robot.torque_limit, robot.torque_limit],
+        )
     foot = f"{leg.name}_foot"
     body.add_geom(
         name=foot,
@@ -157,16 +166,3 @@ def _add_knees(spec: Any, robot: Robot, physics: Physics) -> None:
             conaffinity=0,
             **_surface(physics),
         )
-
-
-def _add_motor(spec: Any, joint: str, torque_limit: float) -> None:
-    """Add a motor whose force is ctrl − kp q − kd q̇, with kp and kd written at every control tick."""
-    spec.add_actuator(
-        name=joint.removesuffix("_joint"),
-        target=joint,
-        trntype=mujoco.mjtTrn.mjTRN_JOINT,
-        gaintype=mujoco.mjtGain.mjGAIN_FIXED,
-        biastype=mujoco.mjtBias.mjBIAS_AFFINE,
-        forcelimited=True,
-        forcerange=[-torque_limit, torque_limit],
-    )

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from s2r_sim.robot.constants import FloatArray
 
 _DRAWN = (12, 12, 3, 3, 3)
 """Numbers drawn per tick: errors of q, q̇, gyro, attitude, velocity."""

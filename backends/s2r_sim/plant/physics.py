@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-Vector3 = tuple[float, float, float]
+from s2r_sim.robot.constants import Vector3
 
 PAYLOAD_HEIGHT = 0.08
 """[m] height of a payload above the base origin."""

@@ -7,17 +7,14 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_sim.controller.gains import RATE
 from s2r_sim.plant import mujoco_model, terrain
 from s2r_sim.plant.motors import Motors, MotorState
 from s2r_sim.plant.physics import FallLimits, Physics
 from s2r_sim.robot import rotation
-from s2r_sim.robot.constants import LEGS, Robot
+from s2r_sim.robot.constants import LEGS, FloatArray, Robot
 from s2r_sim.robot.signals import MotorCommand, RobotState
-
-FloatArray = NDArray[np.float64]
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _TERRAIN_GROWS = 0.2
@@ -109,7 +106,6 @@ class Plant:
             mujoco.mj_step(self.model, self.data)
 
     def _follow_terrain(self, elapsed: float) -> None:
-        """Lay the plane under every foot along the terrain at that foot."""
         amplitude = min(1.0, max(0.0, 1.0 + elapsed / _TERRAIN_GROWS))
         for plane, foot in zip(self._planes, self._feet, strict=True):
             x, y, _ = self.data.geom_xpos[foot].tolist()
@@ -118,7 +114,6 @@ class Plant:
             self.model.geom_quat[plane] = terrain.plane_attitude(slope_x, slope_y)
 
     def _drag_feet(self) -> None:
-        """Apply drag to low feet, at the ball's centre."""
         model, data, physics = self.model, self.data, self._physics
         data.qfrc_applied[:] = 0.0
         velocity = np.empty(6)

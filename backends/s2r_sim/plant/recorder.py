@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_sim.controller.trot import Tick
 from s2r_sim.plant import terrain
 from s2r_sim.plant.channels import TRUE_CHANNELS
 from s2r_sim.plant.physics import Physics
-from s2r_sim.robot.constants import LEGS, Robot
+from s2r_sim.robot.constants import LEGS, FloatArray, Robot
 from s2r_sim.robot.leg_kinematics import foot_motion
 from s2r_sim.robot.rotation import rotate
 from s2r_sim.robot.signals import RobotState, VelocityCommand
-
-FloatArray = NDArray[np.float64]
 
 
 class Recorder:
@@ -26,24 +23,15 @@ class Recorder:
         self._physics = physics
         self._command = command
         self._with_truth = truth
-        self._truth: list[FloatArray] = []
-        self._own: list[FloatArray] = []
+        self._rows: list[tuple[FloatArray, FloatArray, FloatArray, FloatArray]] = []
         self._done: list[Tick] = []
-        self._torque: list[FloatArray] = []
-        self._foot_forces: list[FloatArray] = []
-
-    def __len__(self) -> int:
-        return len(self._done)
 
     def write(
         self, truth: RobotState, own: RobotState, done: Tick, torque: FloatArray, foot_forces: FloatArray
     ) -> None:
         """Append a tick; ``own`` is the state from the robot's own sensors. The arrays must not change afterwards."""
-        self._truth.append(truth.flat)
-        self._own.append(own.flat)
+        self._rows.append((truth.flat, own.flat, torque, foot_forces))
         self._done.append(done)
-        self._torque.append(torque)
-        self._foot_forces.append(foot_forces)
 
     @property
     def qp_failures(self) -> int:
@@ -60,18 +48,19 @@ class Recorder:
             estimate: (n, 3) the robot's own estimate of its velocity, world axes [m/s].
             fallen: whether the robot has fallen at the last sample.
         """
-        n = len(self)
-        truth = RobotState(np.array(self._truth).T)
+        n = len(self._done)
+        true_states, own_states, torque, foot_forces = zip(*self._rows, strict=True)
+        truth = RobotState(np.array(true_states).T)
         # Without sensor errors they are the same arrays.
-        own = truth if self._own[0] is self._truth[0] else RobotState(np.array(self._own).T)
+        own = truth if own_states[0] is true_states[0] else RobotState(np.array(own_states).T)
         roll, pitch, yaw = own.rpy
         vx, vy, vz = truth.velocity
         own_x, own_y, _ = estimate.T
         foot_position, foot_velocity = self._feet(truth)
-        foot_force = np.array(self._foot_forces)
+        foot_force = np.array(foot_forces)
         iterations = [0 if done.solution is None else done.solution.iterations for done in self._done]
         solved = [done.solution is not None for done in self._done]
-        return {
+        channels = {
             "vx": np.cos(yaw) * vx + np.sin(yaw) * vy,
             "vy": np.cos(yaw) * vy - np.sin(yaw) * vx,
             "vz": vz,
@@ -97,18 +86,16 @@ class Recorder:
             "q": own.q.T,
             "dq": own.dq.T,
             "tau_cmd": self._commanded(own),
-            "tau": np.array(self._torque),
+            "tau": np.array(torque),
             "foot_position": foot_position,
             "foot_velocity": foot_velocity,
             "foot_force": foot_force,
             "contact": (foot_force[:, 2::3] > 0.0).astype(float),
-        } | (self._true(truth) if self._with_truth else {})
-
-    def _true(self, truth: RobotState) -> dict[str, FloatArray]:
-        """Return the true values of the quantities that the robot's own sensors measure, as in ``TRUE_CHANNELS``."""
-        roll, pitch, _ = truth.rpy
-        values = (truth.q.T, truth.dq.T, roll, pitch, yaw_rate(truth))
-        return dict(zip((channel.name for channel in TRUE_CHANNELS), values, strict=True))
+        }
+        if self._with_truth:
+            values = (truth.q.T, truth.dq.T, truth.rpy[0], truth.rpy[1], yaw_rate(truth))
+            channels |= {channel.name: one for channel, one in zip(TRUE_CHANNELS, values, strict=True)}
+        return channels
 
     def _feet(self, truth: RobotState) -> tuple[FloatArray, FloatArray]:
         """Return (n, 12) true positions [m] and (n, 12) velocities [m/s] of the ball centres, world axes."""
@@ -140,13 +127,11 @@ class Recorder:
     def _commanded(self, own: RobotState) -> FloatArray:
         """Return (n, 12) torque commands of the motors' own loops, from encoder readings, before saturation [N m]."""
         q, dq, kp, kd, tau = (np.array(rows) for rows in zip(*(d.motors for d in self._done), strict=True))
-        torque: FloatArray = tau + kp * (q - own.q.T) + kd * (dq - own.dq.T)
-        return torque
+        return tau + kp * (q - own.q.T) + kd * (dq - own.dq.T)
 
 
 def yaw_rate(state: RobotState) -> FloatArray:
     """Return (n,) the rate of the heading [rad/s] of n states."""
     roll, pitch, _ = state.rpy
     wx, wy, wz = state.omega
-    rate: FloatArray = np.cos(pitch) * (np.sin(roll) * wy + np.cos(roll) * wz) - np.sin(pitch) * wx
-    return rate
+    return np.cos(pitch) * (np.sin(roll) * wy + np.cos(roll) * wz) - np.sin(pitch) * wx

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_sim.controller import estimator
 from s2r_sim.controller.estimator import Estimate
@@ -15,10 +14,8 @@ from s2r_sim.controller.gains import Feedback
 from s2r_sim.controller.qp import Stance
 from s2r_sim.plant.noise import Draws
 from s2r_sim.plant.physics import Physics
-from s2r_sim.robot.constants import Robot
+from s2r_sim.robot.constants import FloatArray, Robot
 from s2r_sim.robot.signals import RobotState
-
-FloatArray = NDArray[np.float64]
 
 
 class SensorMemory(NamedTuple):
@@ -94,7 +91,6 @@ class Sensors:
         return measured
 
     def _feed_back(self, truth: RobotState, measured: RobotState, tick: int) -> None:
-        """Replace position and velocity by the robot's own estimate."""
         memory = self.memory
         noise = (0.0, 0.0, 0.0) if self._random is None else self._random.accelerometer[tick].tolist()
         change = (truth.velocity - (truth.velocity if memory is None else memory.velocity)).tolist()

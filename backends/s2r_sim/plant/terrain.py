@@ -5,12 +5,10 @@ from __future__ import annotations
 from math import atan, cos, hypot, pi, radians, sin, sqrt, tan
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_sim.plant.physics import Physics
+from s2r_sim.robot.constants import FloatArray
 from s2r_spec.compiled import compiled
-
-FloatArray = NDArray[np.float64]
 
 _WAVES = 24
 _LENGTHS = (0.2, 0.6)
@@ -56,15 +54,13 @@ def covariance(dx: FloatArray, dy: FloatArray) -> FloatArray:
     """Return the covariance of the heights of two places, (dx, dy) [m] apart, on ground of unit roughness."""
     kx, ky, _ = _UNEVEN.T
     apart = np.multiply.outer(dx, kx) + np.multiply.outer(dy, ky)
-    likeness: FloatArray = np.cos(apart).mean(axis=-1)
-    return likeness
+    return np.cos(apart).mean(axis=-1)
 
 
 @compiled
 def _add_waves(
     waves: FloatArray, scale: float, x: float, y: float, height: float, slope_x: float
 ) -> tuple[float, float, float]:
-    """Return height and slopes plus those of (waves, 3) plane waves."""
     slope_y = 0.0
     for k in range(waves.shape[0]):
         kx, ky = waves[k, 0], waves[k, 1]

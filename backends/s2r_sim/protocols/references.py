@@ -1,4 +1,4 @@
-"""Joint references of the protocols: a pure function of name, amplitude and gain.
+"""The A1's protocols and their joint references: a pure function of name, amplitude and gain.
 
 Every joint runs τ = Kp (q_des − q) + Kd (q̇_des − q̇). The references begin at rest: the first pose is held while the
 robot settles, and amplitudes grow over the first 0.2 to 0.4 s.
@@ -11,12 +11,11 @@ from dataclasses import dataclass
 from math import pi
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_sim.controller.gains import RATE
-from s2r_sim.robot.constants import A1, LEGS
-
-FloatArray = NDArray[np.float64]
+from s2r_sim.robot.constants import A1, LEGS, FloatArray
+from s2r_spec.backend import Parameter
+from s2r_spec.protocols import Protocol
 
 SIDES = np.array([float(leg.sy) for leg in LEGS])
 """(4,) −1 for a right leg, 1 for a left one."""
@@ -45,7 +44,7 @@ class Reference:
 
 @dataclass(frozen=True)
 class _Motion:
-    """A motion: its pose over times [s] for an amplitude, gains, duration, and where the base is."""
+    """A motion: its pose over times [s] for an amplitude, gains, duration, where the base is, words and risk."""
 
     pose: Callable[[FloatArray, float], FloatArray]
     kp: float
@@ -53,6 +52,8 @@ class _Motion:
     duration: float
     height: float
     held: bool
+    words: str
+    risk: str = ""
     off: float = np.inf
     """[s] when the motors are switched off."""
 
@@ -84,7 +85,6 @@ def leg(x: FloatArray | float, z: FloatArray | float) -> tuple[FloatArray, Float
 def _same_on_all_legs(
     hip: FloatArray | float, thigh: FloatArray | float, calf: FloatArray | float, n: int
 ) -> FloatArray:
-    """Return (n, 12) joint angles that are the same on all legs."""
     joints = np.stack([np.broadcast_to(angle, n) for angle in (hip, thigh, calf)], axis=1)
     return np.tile(joints, (1, len(LEGS)))
 
@@ -139,13 +139,41 @@ def _hold(times: FloatArray, amplitude: float) -> FloatArray:
 STAND = 0.285
 """[m] height of the base from which it settles onto straight-down legs of 0.26 m, with the foot's radius."""
 
+_HELD = "The base is held above the ground, so that no foot touches it."
+_SLIPS = "feet slip and may wear; the gears take sudden loads"
 MOTIONS = {
-    "air_sine": _Motion(_air_sine, 25.0, 0.6, 2.0, 0.6, True),
-    "air_coast": _Motion(_air_coast, 40.0, 1.0, 0.9, 0.6, True, off=0.6),
-    "air_low": _Motion(_air_low, 40.0, 0.8, 1.6, 0.3, True),
-    "squat": _Motion(_squat, 120.0, 3.0, 2.0, STAND, False),
-    "sway": _Motion(_sway, 120.0, 3.0, 2.0, STAND, False),
-    "squeeze": _Motion(_squeeze, 60.0, 3.0, 1.9, STAND, False),
-    "hold": _Motion(_hold, 120.0, 3.0, 10.0, STAND, False),
-}
-"""Protocol → its motion. Amplitudes and rates are those of the first experiment (docs/explanation)."""
+    "air_sine": _Motion(_air_sine, 25.0, 0.6, 2.0, 0.6, True, f"{_HELD} Every joint follows two sines of 1.3 to 8 Hz."),
+    "air_coast": _Motion(_air_coast, 40.0, 1.0, 0.9, 0.6, True,
+                         f"{_HELD} The legs move out; after 0.6 s the motors are off.", "the legs drop", off=0.6),
+    "air_low": _Motion(_air_low, 40.0, 0.8, 1.6, 0.3, True,
+                       "The base is held so low that the feet swing 3 cm above the ground, each at its own rate.",
+                       "a foot may touch an uneven ground"),
+    "squat": _Motion(_squat, 120.0, 3.0, 2.0, STAND, False,
+                     "The robot stands and moves its base up and down by 35 mm."),
+    "sway": _Motion(_sway, 120.0, 3.0, 2.0, STAND, False,
+                    "The robot stands and moves its base forward by 45 mm and its hips to the side."),
+    "squeeze": _Motion(_squeeze, 60.0, 3.0, 1.9, STAND, False,
+                       "The robot stands and pushes its hips outward until the feet slip.", _SLIPS),
+    "hold": _Motion(_hold, 120.0, 3.0, 10.0, STAND, False,
+                    "The robot stands low for ten seconds, so that its motors carry load.", "the motors get warm"),
+}  # fmt: skip
+"""Protocol → its motion, in the order of a campaign: those in the air first. Amplitudes and rates are those of the
+first experiment (docs/explanation)."""
+AMPLITUDE = Parameter("amplitude", "", 0.25, 1.0, 1.0, "amplitude, as a share of the full one")
+GAIN = Parameter(
+    "gain", "", 0.5, 2.0, 1.0, "factor on the stiffness of the joints; damping follows its square root"
+)
+_COST = 0.08
+"""[s] time of one core per simulated second, measured on a 2-core cloud machine."""
+PROTOCOLS = tuple(
+    Protocol(
+        name=name,
+        words=motion.words,
+        place="air" if motion.held else "ground",
+        duration=motion.duration,
+        cost=_COST * motion.duration,
+        risk=motion.risk,
+        parameters=(AMPLITUDE, GAIN),
+    )
+    for name, motion in MOTIONS.items()
+)

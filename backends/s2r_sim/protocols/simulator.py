@@ -8,7 +8,6 @@ from threading import Lock
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_sim.controller.gains import RATE
 from s2r_sim.controller.trot import Tick
@@ -19,11 +18,9 @@ from s2r_sim.plant.plant import Plant
 from s2r_sim.plant.recorder import Recorder
 from s2r_sim.plant.sensors import Sensors
 from s2r_sim.protocols.references import Reference
-from s2r_sim.robot.constants import GRAVITY, LEGS
+from s2r_sim.robot.constants import GRAVITY, LEGS, FloatArray
 from s2r_sim.robot.signals import MotorCommand, VelocityCommand
 from s2r_sim.settings import Settings
-
-FloatArray = NDArray[np.float64]
 
 SETTLING = 0.4
 """[s] for which the robot holds the first pose before the protocol begins."""
@@ -48,43 +45,43 @@ class ProtocolSimulator:
     def run(self, reference: Reference, noise: Noise, seed: int) -> tuple[dict[str, FloatArray], bool]:
         """Return name → samples of every channel, and whether the robot has fallen."""
         with self._lock:
-            return self._run(reference, noise, seed)
-
-    def _run(self, reference: Reference, noise: Noise, seed: int) -> tuple[dict[str, FloatArray], bool]:
-        settings = self._settings
-        plant, physics = self._plant(reference.held)
-        settling, ticks = round(SETTLING * RATE), len(reference.q)
-        random = draw(noise, seed, settling + ticks, 1)
-        plant.place(np.array([0.0, 0.0, reference.height]), np.zeros(3), reference.q[0])
-        plant.origin = random.ground
-        rise, tilt = (0.0, np.zeros(3)) if reference.held else (random.rise, random.tilt)
-        plant.displace(rise, tilt, random.joints)
-        weight = np.array([0.0, 0.0, _weight(settings)]) if reference.held else None
-        sensors = Sensors(settings.robot, physics, settings.feedback)
-        recorder = Recorder(settings.robot, physics, _STILL, truth=settings.record == "truth")
-        zero, one = np.zeros(12), np.ones(12)
-        stance = (True,) * 4  # no gait: the velocity estimate, which needs one, is not logged
-        fallen = False
-        for tick in range(-settling, ticks):
-            now = max(tick, 0)
-            speed = reference.dq[now] if tick >= 0 else zero
-            motors = MotorCommand(
-                reference.q[now], speed, reference.kp[now] * one, reference.kd[now] * one, zero
-            )
-            truth = plant.truth()
-            sensors.read(truth, plant.play, stance)
-            own = sensors.reported(truth, plant.play)
-            plant.step(motors, tick / RATE, weight)
-            if tick < 0:
-                continue
-            recorder.write(truth, own, Tick(motors, stance, None), plant.torque, plant.foot_forces)
-            fallen = not reference.held and plant.has_fallen(truth, settings.fall)
-            if fallen:
-                break
-        channels = recorder.channels(sensors.estimates()[settling:], fallen)
-        channels = with_instruments(channels, noise, seed)
-        kept = (*LOGGED, *(channel.name for channel in TRUE_CHANNELS if settings.record == "truth"))
-        return {name: channels[name] for name in kept}, fallen
+            settings = self._settings
+            plant, physics = self._plant(reference.held)
+            settling, ticks = round(SETTLING * RATE), len(reference.q)
+            random = draw(noise, seed, settling + ticks, 1)
+            plant.place(np.array([0.0, 0.0, reference.height]), np.zeros(3), reference.q[0])
+            plant.origin = random.ground
+            rise, tilt = (0.0, np.zeros(3)) if reference.held else (random.rise, random.tilt)
+            plant.displace(rise, tilt, random.joints)
+            robot = settings.robot
+            legs = len(LEGS) * (robot.hip.mass + robot.thigh.mass + robot.shank.mass)
+            carried = np.array([0.0, 0.0, (RIG + legs) * GRAVITY])  # by the rig
+            weight = carried if reference.held else None
+            sensors = Sensors(settings.robot, physics, settings.feedback)
+            recorder = Recorder(settings.robot, physics, _STILL, truth=settings.record == "truth")
+            zero, one = np.zeros(12), np.ones(12)
+            stance = (True,) * 4  # no gait: the velocity estimate, which needs one, is not logged
+            fallen = False
+            for tick in range(-settling, ticks):
+                now = max(tick, 0)
+                speed = reference.dq[now] if tick >= 0 else zero
+                motors = MotorCommand(
+                    reference.q[now], speed, reference.kp[now] * one, reference.kd[now] * one, zero
+                )
+                truth = plant.truth()
+                sensors.read(truth, plant.play, stance)
+                own = sensors.reported(truth, plant.play)
+                plant.step(motors, tick / RATE, weight)
+                if tick < 0:
+                    continue
+                recorder.write(truth, own, Tick(motors, stance, None), plant.torque, plant.foot_forces)
+                fallen = not reference.held and plant.has_fallen(truth, settings.fall)
+                if fallen:
+                    break
+            channels = recorder.channels(sensors.estimates()[settling:], fallen)
+            channels = with_instruments(channels, noise, seed)
+            kept = (*LOGGED, *(channel.name for channel in TRUE_CHANNELS if settings.record == "truth"))
+            return {name: channels[name] for name in kept}, fallen
 
     def _plant(self, held: bool) -> tuple[Plant, Physics]:
         """Return the plant, with its physics; a rig holds the base level, whatever the ground."""
@@ -102,14 +99,5 @@ class ProtocolSimulator:
         return self._plants[held]
 
 
-def _weight(settings: Settings) -> float:
-    """Return the weight of rig and legs [N], which the rig carries."""
-    robot = settings.robot
-    legs = len(LEGS) * (robot.hip.mass + robot.thigh.mass + robot.shank.mass)
-    return (RIG + legs) * GRAVITY
-
-
-@lru_cache(maxsize=32)
-def protocol_simulator(settings: Settings) -> ProtocolSimulator:
-    """Return this process's simulator of protocols for these settings."""
-    return ProtocolSimulator(settings)
+protocol_simulator = lru_cache(maxsize=32)(ProtocolSimulator)
+"""This process's simulator of protocols for some settings."""

@@ -12,10 +12,6 @@ A weak motor, friction in a gear, a payload, a push: each appears in the rows on
 which it acts, under any reaction of the controller. It disappears when the model of
 the world contains it.
 
-``motion.py`` has the quantities that depend on no world, computed once for a trace.
-``world.py`` has the quantities of a world. ``compliance.py`` gives the compliance of its
-ground, ``footing.py`` the unevenness, and ``play.py`` the rotors in the play of their gears.
-
 Recorded joints and attitude come from the robot's own sensors. The true motion is the
 one that sensors with the world's errors would report as recorded. Accelerations are
 differences of recorded velocities. All residuals are averaged over :data:`WINDOW` with
@@ -30,7 +26,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import convolve1d
 
 from s2r_sim.controller.gains import Gains
@@ -41,13 +36,12 @@ from s2r_sim.plant.physics import Physics
 from s2r_sim.protocols import PROTOCOLS
 from s2r_sim.residuals.motion import RecordedMotion, hann, recorded_motion
 from s2r_sim.residuals.world import ModelledMotion, Protocol
+from s2r_sim.robot.constants import FloatArray
 from s2r_sim.settings import Settings
 from s2r_spec.effects import Choice
 from s2r_spec.errors import TraceError, one_of
 from s2r_spec.protocols import PROTOCOL, named
 from s2r_spec.trace import Trace
-
-FloatArray = NDArray[np.float64]
 
 WINDOW = 0.03
 """[s] width of the Hann weights over differences."""
@@ -112,30 +106,23 @@ def residuals(
         )
     log = recorded_motion(trace, settings.robot)
     bare, here = test.world(settings.physics), test.world(with_effects(settings.physics, effects))
-    return Trace(
-        _inner(trace.times[:-1] + log.dt / 2, window),
-        {
-            one.name: _averages(
-                one,
-                log,
-                settings.gains,
-                _with_fields(bare, one.knows),
-                _with_fields(here, one.knows),
-                (test, protocol),
-            )
-            for one in possible
-        },
-        units={one.name: one.unit for one in possible},
-        meta={"parts": {one.name: one.parts for one in possible}},
-    )
+    channels = {}
+    for one in possible:
+        worlds = _with_fields(bare, one.knows), _with_fields(here, one.knows)
+        channels[one.name] = _averages(one, log, settings.gains, *worlds, (test, protocol))
+    units = {one.name: one.unit for one in possible}
+    parts = {one.name: one.parts for one in possible}
+    return Trace(_inner(trace.times[:-1] + log.dt / 2, window), channels, units, {"parts": parts})
 
 
 def _protocol(trace: Trace, params: Mapping[str, float]) -> Protocol | None:
-    """Return the protocol of a trace and its parameters; None for a test."""
     if PROTOCOL not in trace.meta:
         return None
     one = named(PROTOCOLS, str(trace.meta[PROTOCOL]), "sim")
     return one.name, tuple(one.values(params).items())
+
+
+_modelled_motion = lru_cache(maxsize=4)(ModelledMotion)
 
 
 @lru_cache(maxsize=128)
@@ -149,20 +136,13 @@ def _averages(
 ) -> FloatArray:
     """Return the (m, columns) averages of a residual; cached, for most worlds change only one or two residuals."""
     window = hann(log.trace.times, WINDOW)
-    return _inner(convolve1d(one.of(_modelled_motion(log, gains, bare, here, way)), window, axis=0), window)
+    return _inner(convolve1d(one.of(_modelled_motion(log, gains, bare, here, *way)), window, axis=0), window)
 
 
 def _inner(values: FloatArray, window: FloatArray) -> FloatArray:
     """Return the rows with a whole window around them."""
     half = len(window) // 2
     return values[half : len(values) - half]
-
-
-@lru_cache(maxsize=4)
-def _modelled_motion(
-    log: RecordedMotion, gains: Gains, bare: Physics, here: Physics, way: tuple[Test, Protocol | None]
-) -> ModelledMotion:
-    return ModelledMotion(log, gains, bare, here, *way)
 
 
 def _with_fields(world: Physics, fields: tuple[str, ...]) -> Physics:
@@ -177,35 +157,21 @@ def _base_wrench(motion: ModelledMotion) -> FloatArray:
     return left
 
 
-def _motor(motion: ModelledMotion) -> FloatArray:
-    """Reported torque of the motors minus that of the law, with the joints at the end of the tick."""
-    left: FloatArray = motion.recorded.at("tau") - motion.delivered
-    return left
-
-
 def _acceleration(motion: ModelledMotion) -> FloatArray:
     """Acceleration expected from the QP's prediction minus the recorded one; forward, left, up."""
     log = motion.recorded
-    left: FloatArray = motion.follows - _ahead(log, log.rate(log.velocity))
-    return left
+    return motion.follows - _ahead(log, log.rate(log.velocity))
 
 
 def _estimate(motion: ModelledMotion) -> FloatArray:
     own = np.column_stack([motion.recorded.at(f"{name}_est") for name in ("vx", "vy")])
-    left: FloatArray = own - motion.estimated
-    return left
+    return own - motion.estimated
 
 
 def _slip(motion: ModelledMotion) -> FloatArray:
     x, y, _ = np.moveaxis(_ahead(motion.recorded, motion.slides), -1, 0)
     touches = motion.recorded.touches
     return np.hstack((touches * x, touches * y))
-
-
-def _sinking(motion: ModelledMotion) -> FloatArray:
-    """Depth of ball feet below the world's ground where they touch it; negative above."""
-    below: FloatArray = motion.recorded.touches * motion.below
-    return below
 
 
 def _unevenness(motion: ModelledMotion) -> FloatArray:
@@ -215,24 +181,12 @@ def _unevenness(motion: ModelledMotion) -> FloatArray:
     return footing.spread(away - motion.world.roughness * footing.expected)
 
 
-def _timing(motion: ModelledMotion) -> FloatArray:
-    left: FloatArray = motion.recorded.at("contact") - motion.recorded.at("stance")
-    return left
-
-
-def _joint_speed(motion: ModelledMotion) -> FloatArray:
-    log = motion.recorded
-    left: FloatArray = log.rate(log.trace["q"]) - log.mid("dq")
-    return left
-
-
 def _foot_place(motion: ModelledMotion) -> FloatArray:
     log = motion.moved
     place, _, _ = log.feet
     base = np.column_stack([log.mid(name) for name in ("x", "y", "z")])
     turned = np.einsum("nij,nkj->nki", log.attitude, place) + base[:, None]
-    left: FloatArray = log.mid("foot_position") - turned.reshape(-1, 12)
-    return left
+    return log.mid("foot_position") - turned.reshape(-1, 12)
 
 
 def _ahead(log: RecordedMotion, vector: FloatArray) -> FloatArray:
@@ -248,76 +202,38 @@ _ON_GROUND = (*_MOTION, "contact")
 _EACH_AXIS = tuple(f"{foot} foot" for foot in FEET for _ in range(3))
 _EACH_FOOT = tuple(f"{foot} foot" for foot in FEET)
 
-_SENSES = (
-    *("encoder_offset", "attitude_bias"),
-    *("backlash", "armature", "torque_constant", "timestep"),
-)
+_SENSES = ("encoder_offset", "attitude_bias", "backlash", "armature", "torque_constant", "timestep")
 _JOINTS_KNOW = ("damping", "dry_friction", "drag", "drag_height", "slope", *_SENSES)
 _BASE_KNOWS = ("payloads", "com_shift", "drag", "drag_height", "slope", *_SENSES)
-_MOTOR_KNOWS = ("strength", "fade", "fade_by_load", "voltage", "latency", "timestep")
-_PREDICTION_KNOWS = (
-    "strength",
-    "fade",
-    "fade_by_load",
-    "torque_constant",
-    "payloads",
-    "com_shift",
-    "attitude_bias",
-)
+_MOTORS_KNOW = ("strength", "fade", "fade_by_load", "voltage", "latency", "timestep")
+_QP_KNOWS = ("strength", "fade", "fade_by_load", "torque_constant", "payloads", "com_shift", "attitude_bias")
 _ESTIMATE_KNOWS = ("velocity_bias", "velocity_scale", "attitude_bias")
 _SLIP_KNOWS = ("impratio", "sink", "slope", *_SENSES)
+_GROUND_KNOWS = ("sink", "impratio", "slope")
+_IMU_AND_LEGS = ("IMU and legs",) * 2
+_ENCODERS = tuple(f"{name} encoder" for name in JOINTS)
 
 RESIDUALS = (
-    _Residual(
-        "joint_torque", "N*m", (*_WITH_FORCE, "tau"), _JOINTS_KNOW, JOINTS, lambda motion: motion.joints
-    ),
+    _Residual("joint_torque", "N*m", (*_WITH_FORCE, "tau"), _JOINTS_KNOW, JOINTS, lambda motion: motion.joints),
     _Residual("base_force", "N", _WITH_FORCE, _BASE_KNOWS, _BASE, lambda motion: _base_wrench(motion)[:, :3]),
-    _Residual(
-        "base_torque", "N*m", _WITH_FORCE, _BASE_KNOWS, _BASE, lambda motion: _base_wrench(motion)[:, 3:]
-    ),
-    _Residual("motor", "N*m", ("q", "dq", "tau", "tau_cmd", "stance"), _MOTOR_KNOWS, JOINTS, _motor, True),
-    _Residual(
-        "acceleration",
-        "m/s^2",
-        ("acc_pred", "vx", "vy", "vz", "yaw"),
-        _PREDICTION_KNOWS,
-        _BASE,
-        _acceleration,
-    ),
-    _Residual(
-        "velocity_estimate",
-        "m/s",
-        ("vx_est", "vy_est", "vx", "vy"),
-        _ESTIMATE_KNOWS,
-        ("IMU and legs",) * 2,
-        _estimate,
-    ),
+    _Residual("base_torque", "N*m", _WITH_FORCE, _BASE_KNOWS, _BASE, lambda motion: _base_wrench(motion)[:, 3:]),
+    _Residual("motor", "N*m", ("q", "dq", "tau", "tau_cmd", "stance"), _MOTORS_KNOW, JOINTS,
+              lambda motion: motion.recorded.at("tau") - motion.delivered, True),
+    _Residual("acceleration", "m/s^2", ("acc_pred", "vx", "vy", "vz", "yaw"), _QP_KNOWS, _BASE, _acceleration),
+    _Residual("velocity_estimate", "m/s", ("vx_est", "vy_est", "vx", "vy"), _ESTIMATE_KNOWS, _IMU_AND_LEGS, _estimate),
     _Residual("slip", "m/s", _ON_GROUND, _SLIP_KNOWS, _EACH_FOOT * 2, _slip),
-    _Residual(
-        "grip",
-        "N",
-        (*_ON_GROUND, "foot_force"),
-        (*_SLIP_KNOWS, "friction"),
-        _EACH_FOOT,
-        lambda motion: motion.grips,
-    ),
-    _Residual(
-        "sinking", "m", ("foot_position", "contact"), ("sink", "impratio", "slope"), _EACH_FOOT, _sinking
-    ),
-    _Residual(
-        "unevenness",
-        "m",
-        ("foot_position", "contact"),
-        ("roughness", "sink", "impratio", "slope"),
-        _EACH_FOOT,
-        _unevenness,
-    ),
-    _Residual("contact_timing", "", ("contact", "stance"), (), _EACH_FOOT, _timing),
-    _Residual(
-        "joint_speed", "rad/s", ("q", "dq"), (), tuple(f"{name} encoder" for name in JOINTS), _joint_speed
-    ),
+    _Residual("grip", "N", (*_ON_GROUND, "foot_force"), (*_SLIP_KNOWS, "friction"), _EACH_FOOT,
+              lambda motion: motion.grips),
+    _Residual("sinking", "m", ("foot_position", "contact"), _GROUND_KNOWS, _EACH_FOOT,
+              lambda motion: motion.recorded.touches * motion.below),
+    _Residual("unevenness", "m", ("foot_position", "contact"), ("roughness", *_GROUND_KNOWS), _EACH_FOOT, _unevenness),
+    _Residual("contact_timing", "", ("contact", "stance"), (), _EACH_FOOT,
+              lambda motion: motion.recorded.at("contact") - motion.recorded.at("stance")),
+    _Residual("joint_speed", "rad/s", ("q", "dq"), (), _ENCODERS,
+              lambda motion: motion.recorded.rate(motion.recorded.trace["q"]) - motion.recorded.mid("dq")),
     _Residual("foot_place", "m", (*_POSE, "q", "foot_position"), _SENSES, _EACH_AXIS, _foot_place),
-)
-"""``slip`` has the forward, then the left velocities of the feet that touch. ``contact_timing`` is +1 where a foot
+)  # fmt: skip
+"""``motor`` has the joints at the end of the tick; ``sinking`` is the depth of ball feet below the world's ground.
+``slip`` has the forward, then the left velocities of the feet that touch. ``contact_timing`` is +1 where a foot
 touches in its swing, −1 where it does not touch in its stance."""
 _FEWEST = min(RESIDUALS, key=lambda one: len(one.needs))

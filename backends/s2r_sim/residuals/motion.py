@@ -13,16 +13,13 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from s2r_sim.residuals.footing import Footing, footing
+from s2r_sim.residuals.ground import Footing, footing
 from s2r_sim.robot import pinocchio_model
-from s2r_sim.robot.constants import GRAVITY, LEGS, Inertia, Robot
+from s2r_sim.robot.constants import GRAVITY, LEGS, FloatArray, Inertia, Robot
 from s2r_sim.robot.leg_kinematics import foot_motion
 from s2r_spec.trace import Trace
-
-FloatArray = NDArray[np.float64]
 
 
 class RecordedMotion:
@@ -46,8 +43,7 @@ class RecordedMotion:
 
     def rate(self, values: FloatArray) -> FloatArray:
         """Return (n − 1, …): the change over every tick, per second."""
-        change: FloatArray = np.diff(values, axis=0) / self.dt.reshape(-1, *[1] * (values.ndim - 1))
-        return change
+        return np.diff(values, axis=0) / self.dt.reshape(-1, *[1] * (values.ndim - 1))
 
     @cached_property
     def velocity(self) -> FloatArray:
@@ -59,8 +55,7 @@ class RecordedMotion:
     @cached_property
     def attitude(self) -> FloatArray:
         """(n − 1, 3, 3) rotation from base axes to world axes, at the midpoint of every tick."""
-        turn: FloatArray = _attitude(*(self.mid(name) for name in ("roll", "pitch", "yaw"))).as_matrix()
-        return turn
+        return _attitude(*(self.mid(name) for name in ("roll", "pitch", "yaw"))).as_matrix()
 
     @cached_property
     def feet(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -84,12 +79,9 @@ class RecordedMotion:
         if "foot_velocity" not in self.trace.channels:
             return self._foot_speed_by_joints
         measured = self.mid("foot_velocity").reshape(-1, 4, 3)
-        speed: FloatArray = np.einsum("nji,nkj->nki", self.attitude, measured)
-        return (
-            speed
-            if np.isfinite(speed).all()
-            else np.where(np.isfinite(speed), speed, self._foot_speed_by_joints)
-        )
+        speed = np.einsum("nji,nkj->nki", self.attitude, measured)
+        known = np.isfinite(speed)
+        return speed if known.all() else np.where(known, speed, self._foot_speed_by_joints)
 
     @cached_property
     def _foot_speed_by_joints(self) -> FloatArray:
@@ -99,22 +91,19 @@ class RecordedMotion:
             self.mid("omega")[:, None], place
         )
         base = np.einsum("nji,nj->ni", self.attitude, _midpoints(self.velocity))
-        speed: FloatArray = own + base[:, None]
-        return speed
+        return own + base[:, None]
 
     @cached_property
     def shank_spin(self) -> FloatArray:
         """(n − 1, 4, 3) angular velocity of the shanks, base axes [rad/s]."""
         _, _, spin = self.feet
-        turns: FloatArray = (spin @ self.mid("dq").reshape(-1, 4, 3, 1))[..., 0] + self.mid("omega")[:, None]
-        return turns
+        return (spin @ self.mid("dq").reshape(-1, 4, 3, 1))[..., 0] + self.mid("omega")[:, None]
 
     @cached_property
     def touches(self) -> FloatArray:
         """(n − 1, 4) 1 where a foot is on the ground at both ends of the tick."""
         contact = self.trace["contact"]
-        both: FloatArray = np.minimum(contact[1:], contact[:-1])
-        return both
+        return np.minimum(contact[1:], contact[:-1])
 
     @cached_property
     def footing(self) -> Footing:
@@ -130,8 +119,7 @@ class RecordedMotion:
     def foot_force(self) -> FloatArray:
         """(n − 1, 4, 3) ground on feet, base axes [N]."""
         world = self.at("foot_force").reshape(-1, 4, 3)
-        turned: FloatArray = np.einsum("nji,nkj->nki", self.attitude, world)
-        return turned
+        return np.einsum("nji,nkj->nki", self.attitude, world)
 
     def pushed(self, force: FloatArray, arm: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
         """Return (n − 1, 6) wrench on the base and (n − 1, 12) torque on the joints of (n − 1, 4, 3) forces on feet.
@@ -169,10 +157,7 @@ class RecordedMotion:
         q = np.hstack((place, turn, self.mid("q")))
         model = _model(self.robot)
         data = model.createData()
-        torque: FloatArray = np.array(
-            [pin.rnea(model, data, *row) for row in zip(q, *self.twist, strict=True)]
-        )
-        return torque
+        return np.array([pin.rnea(model, data, *row) for row in zip(q, *self.twist, strict=True)])
 
     def base_needs(self, inertia: Inertia) -> FloatArray:
         """Return (n − 1, 6) the wrench that moves a body fixed to the base, base axes [N], [N m].
@@ -207,21 +192,18 @@ class Ground:
     @cached_property
     def normal(self) -> FloatArray:
         """(3,) the ground's normal, world axes."""
-        across: FloatArray = np.array([-self.rise, 0.0, 1.0]) / np.hypot(1.0, self.rise)
-        return across
+        return np.array([-self.rise, 0.0, 1.0]) / np.hypot(1.0, self.rise)
 
     @cached_property
     def arm(self) -> FloatArray:
         """(n − 1, 3) vector from a ball's centre to its contact point with the ground, base axes [m]."""
-        arm: FloatArray = -self.motion.robot.foot_radius * (self.normal @ self.motion.attitude)
-        return arm
+        return -self.motion.robot.foot_radius * (self.normal @ self.motion.attitude)
 
     @cached_property
     def contact_speed(self) -> FloatArray:
         """(n − 1, 4, 3) velocity of each ball's material point at ``arm``, world axes [m/s]."""
         own = self.motion.foot_speed + np.cross(self.motion.shank_spin, self.arm[:, None])
-        speed: FloatArray = np.einsum("nij,nkj->nki", self.motion.attitude, own)
-        return speed
+        return np.einsum("nij,nkj->nki", self.motion.attitude, own)
 
     @cached_property
     def forces(self) -> tuple[FloatArray, FloatArray]:
@@ -237,10 +219,11 @@ def hann(times: FloatArray, width: float) -> FloatArray:
     return weights
 
 
-@lru_cache(maxsize=2)
-def recorded_motion(trace: Trace, robot: Robot) -> RecordedMotion:
-    """Return the motion of a trace; the cache returns the same object for the last traces."""
-    return RecordedMotion(trace, robot)
+recorded_motion = lru_cache(maxsize=2)(RecordedMotion)
+"""The motion of a trace and a robot; the cache returns the same object for the last traces."""
+ground = lru_cache(maxsize=4)(Ground)
+"""A motion on a slope [deg]."""
+_model = lru_cache(maxsize=8)(pinocchio_model.build)
 
 
 @lru_cache(maxsize=4)
@@ -257,20 +240,8 @@ def corrected_motion(
     return motion.less(**errors) if errors else motion
 
 
-@lru_cache(maxsize=4)
-def ground(motion: RecordedMotion, slope: float) -> Ground:
-    """Return the motion on a slope [deg]; cached."""
-    return Ground(motion, slope)
-
-
-@lru_cache(maxsize=8)
-def _model(robot: Robot) -> Any:
-    return pinocchio_model.build(robot)
-
-
 def _midpoints(values: FloatArray) -> FloatArray:
-    middle: FloatArray = (values[1:] + values[:-1]) / 2
-    return middle
+    return (values[1:] + values[:-1]) / 2
 
 
 def _attitude(roll: FloatArray, pitch: FloatArray, yaw: FloatArray) -> Any:
@@ -278,5 +249,4 @@ def _attitude(roll: FloatArray, pitch: FloatArray, yaw: FloatArray) -> Any:
 
 
 def _stack(vector: tuple[Any, Any, Any], n: int) -> FloatArray:
-    """Return three arrays or numbers as the columns of one (n, 3) array."""
     return np.stack([np.broadcast_to(part, n) for part in vector], -1)

@@ -7,11 +7,9 @@ the gap, the reported torque accelerates the rotor alone.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from s2r_sim.robot.constants import FloatArray
 from s2r_spec.compiled import compiled
-
-FloatArray = NDArray[np.float64]
 
 
 @compiled

@@ -14,13 +14,12 @@ from s2r_sim.controller.gains import RATE, Gains
 from s2r_sim.parameters import Test
 from s2r_sim.plant.physics import USUAL_LOAD, Physics
 from s2r_sim.protocols.references import reference
-from s2r_sim.residuals.compliance import Compliance, ground_compliance
+from s2r_sim.residuals.ground import Compliance, ground_compliance
 from s2r_sim.residuals.motion import Ground, RecordedMotion, corrected_motion, ground, hann
 from s2r_sim.residuals.play import cross_play
-from s2r_sim.robot.constants import GRAVITY, Robot
+from s2r_sim.robot.constants import GRAVITY, FloatArray, Robot
 from s2r_sim.robot.rotation import rotate, turned_back
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Protocol = tuple[str, tuple[tuple[str, float], ...]]
 """Name of a protocol, and (name, value) of its parameters."""
@@ -106,8 +105,7 @@ class ModelledMotion:
         driven = world.torque_constant * log.at("tau") if self._gears is None else self._gears[2]
         lacks = self.needed[:, 6:] + world.damping * speed - ground - driven
         held = np.sign(lacks) * np.maximum(0.0, np.abs(lacks) - world.dry_friction)
-        left: FloatArray = np.where(np.abs(speed) > _STILL, lacks + world.dry_friction * np.sign(speed), held)
-        return left
+        return np.where(np.abs(speed) > _STILL, lacks + world.dry_friction * np.sign(speed), held)
 
     @cached_property
     def forces(self) -> tuple[FloatArray, FloatArray]:
@@ -127,8 +125,7 @@ class ModelledMotion:
         base = np.column_stack([log.mid(name) for name in ("x", "y", "z")]) @ rise
         height = base[:, None] + np.einsum("i,nij,nkj->nk", rise, log.attitude, place)
         low = (height < self.world.drag_height)[:, :, None]
-        force: FloatArray = -self.world.drag * log.foot_speed * low
-        return force
+        return -self.world.drag * log.foot_speed * low
 
     @cached_property
     def push(self) -> FloatArray:
@@ -139,8 +136,7 @@ class ModelledMotion:
         force = np.array([self.test.push_force(time) for time in log.trace.times[:-1].tolist()])
         heading = log.at("yaw") + np.radians(self.test.push_towards)
         world = np.column_stack((force * np.cos(heading), force * np.sin(heading), np.zeros_like(force)))
-        turned: FloatArray = np.einsum("nji,nj->ni", log.attitude, world)
-        return turned
+        return np.einsum("nji,nj->ni", log.attitude, world)
 
     @cached_property
     def strength(self) -> FloatArray:
@@ -151,8 +147,7 @@ class ModelledMotion:
             load = (self.recorded.at("tau") ** 2).sum(axis=1) / USUAL_LOAD
             worked = np.concatenate([[0.0], np.cumsum(load[:-1] * np.diff(elapsed))])
             elapsed = (1.0 - share) * elapsed + share * worked
-        left: FloatArray = self.world.strength * np.maximum(0.0, 1.0 - self.world.fade * elapsed)
-        return left
+        return self.world.strength * np.maximum(0.0, 1.0 - self.world.fade * elapsed)
 
     @cached_property
     def delivered(self) -> FloatArray:
@@ -166,10 +161,9 @@ class ModelledMotion:
         moved, turned = (
             log.at(name) + last * np.diff(log.trace[name], axis=0) - log.at(name)[law] for name in ("q", "dq")
         )
-        torque: FloatArray = self.strength[:, None] * np.clip(
+        return self.strength[:, None] * np.clip(
             commanded[law] - kp[law] * moved - kd[law] * turned, low, high
         )
-        return torque
 
     @property
     def _joint_gains(self) -> tuple[FloatArray, FloatArray]:
@@ -193,7 +187,6 @@ class ModelledMotion:
 
     @property
     def _steps(self) -> int:
-        """Steps of physics in a tick."""
         return max(1, round(float(np.median(self.recorded.dt)) / self.world.timestep))
 
     @cached_property
@@ -221,10 +214,10 @@ class ModelledMotion:
                 log.mid(name) if name in log.trace.channels else level for name in ("roll", "pitch")
             )
             by_roll, by_pitch = np.radians(self.world.attitude_bias)
-            felt = _level(roll - by_roll, pitch - by_pitch, _in_base(roll, pitch, felt))
+            in_base = turned_back(roll, pitch, 0.0, felt.T, np.sin, np.cos)
+            felt = np.column_stack(rotate(roll - by_roll, pitch - by_pitch, 0.0, in_base, np.sin, np.cos))
         part = self.strength * self.world.torque_constant * self.robot.mass / self.loaded.mass
-        follows: FloatArray = part[:, None] * felt - gravity
-        return follows
+        return part[:, None] * felt - gravity
 
     @cached_property
     def estimated(self) -> FloatArray:
@@ -234,8 +227,7 @@ class ModelledMotion:
         # A misaligned IMU counts a part of gravity as acceleration, until leg odometry corrects the estimate.
         leak = GRAVITY * BLEND * np.array([np.sin(pitch), -np.sin(roll)])
         true = np.column_stack([log.at(name) for name in ("vx", "vy")])
-        estimate: FloatArray = world.velocity_scale * (true + leak) + np.array(world.velocity_bias)
-        return estimate
+        return world.velocity_scale * (true + leak) + np.array(world.velocity_bias)
 
     @cached_property
     def grips(self) -> FloatArray:
@@ -249,8 +241,7 @@ class ModelledMotion:
         steadily /= np.maximum(convolve1d(touches, weights, axis=0), 1e-9)
         speed = np.linalg.norm(steadily, axis=-1)
         used_up = np.clip((speed - _STICKS) / (_SLIDES - _STICKS), 0.0, 1.0)
-        lacks: FloatArray = log.touches * np.where(over < 0.0, used_up * over, over)
-        return lacks
+        return log.touches * np.where(over < 0.0, used_up * over, over)
 
     @cached_property
     def slides(self) -> FloatArray:
@@ -275,8 +266,7 @@ class ModelledMotion:
         """(n − 1, 4) expected sinkage of the feet minus that on nominal ground [m]."""
         _, normal = self._pressed
         here, bare = self._grounds
-        further: FloatArray = here.depth_under(normal) - bare.depth_under(normal)
-        return further
+        return here.depth_under(normal) - bare.depth_under(normal)
 
     @cached_property
     def creeps(self) -> FloatArray:
@@ -285,8 +275,7 @@ class ModelledMotion:
         here, bare = self._grounds
         more = here.creep_under(normal) - bare.creep_under(normal)
         # The creep of a foot is opposite to the ground's tangential force on it.
-        gives: FloatArray = -more[..., None] * (force - normal[..., None] * self.ground.normal)
-        return gives
+        return -more[..., None] * (force - normal[..., None] * self.ground.normal)
 
     @cached_property
     def _pressed(self) -> tuple[FloatArray, FloatArray]:
@@ -296,18 +285,7 @@ class ModelledMotion:
 
     @property
     def _grounds(self) -> tuple[Compliance, Compliance]:
-        here, bare = self.world, self.bare
-        return ground_compliance(self.robot, here.impratio, here.sink), ground_compliance(
-            self.robot, bare.impratio, bare.sink
+        here, bare = (
+            ground_compliance(self.robot, one.impratio, one.sink) for one in (self.world, self.bare)
         )
-
-
-def _in_base(roll: FloatArray, pitch: FloatArray, vector: FloatArray) -> FloatArray:
-    """Return (n, 3) vectors, given as forward, left and up, in base axes."""
-    return np.column_stack(turned_back(roll, pitch, 0.0, vector.T, np.sin, np.cos))
-
-
-def _level(roll: FloatArray, pitch: FloatArray, vector: FloatArray) -> FloatArray:
-    """Return (n, 3) vectors, given in base axes, as forward, left and up."""
-    x, y, z = rotate(roll, pitch, 0.0, vector.T, np.sin, np.cos)
-    return np.column_stack((x, y, z))
+        return here, bare

@@ -13,7 +13,7 @@ Axes: x forward, y left, z up. SI units.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -49,16 +49,8 @@ class Inertia:
     def mirrored(self, sx: int, sy: int) -> Inertia:
         """Return the inertia of the link mirrored in x (``sx = -1``) and in y (``sy = -1``)."""
         x, y, z = self.com
-        return Inertia(
-            self.mass,
-            (sx * x, sy * y, z),
-            self.xx,
-            self.yy,
-            self.zz,
-            sx * sy * self.xy,
-            sx * self.xz,
-            sy * self.yz,
-        )
+        products = {"xy": sx * sy * self.xy, "xz": sx * self.xz, "yz": sy * self.yz}
+        return replace(self, com=(sx * x, sy * y, z), **products)
 
 
 def fuse(parts: Sequence[tuple[Inertia, Vector3]]) -> Inertia:
@@ -84,13 +76,6 @@ class Leg(NamedTuple):
     sy: int
 
 
-class JointLimit(NamedTuple):
-    """Range of a joint [rad]."""
-
-    low: float
-    high: float
-
-
 LEGS = (Leg("FR", 1, -1), Leg("FL", 1, 1), Leg("RR", -1, -1), Leg("RL", -1, 1))
 JOINTS = tuple(f"{leg.name}_{part}_joint" for leg in LEGS for part in ("hip", "thigh", "calf"))
 
@@ -104,25 +89,12 @@ class Robot:
     )
     imu: Inertia = Inertia(0.001, (0.0, 0.0, 0.0), 1e-4, 1e-4, 1e-4)
     hip: Inertia = Inertia(
-        0.696,
-        (-0.003311, 0.000635, 3.1e-05),
-        0.000469246,
-        0.00080749,
-        0.000552929,
-        -9.409e-06,
-        -3.42e-07,
-        -4.66e-07,
-    )
+        0.696, (-0.003311, 0.000635, 3.1e-05), 0.000469246, 0.00080749, 0.000552929, -9.409e-06, -3.42e-07, -4.66e-07,
+    )  # fmt: skip
     thigh: Inertia = Inertia(
-        1.013,
-        (-0.003237, -0.022327, -0.027326),
-        0.005529065,
-        0.005139339,
-        0.001367788,
-        4.825e-06,
-        0.000343869,
-        2.2448e-05,
-    )
+        1.013, (-0.003237, -0.022327, -0.027326),
+        0.005529065, 0.005139339, 0.001367788, 4.825e-06, 0.000343869, 2.2448e-05,
+    )  # fmt: skip
     calf: Inertia = Inertia(
         0.166, (0.006435, 0.0, -0.107388), 0.002997972, 0.003014022, 3.2426e-05, 0.0, -0.000141163, 0.0
     )
@@ -136,13 +108,12 @@ class Robot:
     foot_radius: float = 0.02
     trunk_box: Vector3 = (0.267, 0.194, 0.114)
 
-    limits: tuple[JointLimit, JointLimit, JointLimit] = field(
-        default=(
-            JointLimit(-0.8028514559173915, 0.8028514559173915),
-            JointLimit(-1.0471975511965976, 4.1887902047863905),
-            JointLimit(-2.6965336943312392, -0.9162978572970231),
-        )
+    limits: tuple[tuple[float, float], ...] = (
+        (-0.8028514559173915, 0.8028514559173915),
+        (-1.0471975511965976, 4.1887902047863905),
+        (-2.6965336943312392, -0.9162978572970231),
     )
+    """[rad] lowest and highest angle of hip, thigh and calf."""
     torque_limit: float = 33.5
     speed_limit: float = 21.0
 

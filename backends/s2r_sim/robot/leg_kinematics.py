@@ -49,5 +49,4 @@ def foot_motion(robot: Robot, leg: Leg, q: Any, dq: Any, sin: Any, cos: Any) -> 
 def stand_angles(robot: Robot, height: float) -> NDArray[np.float64]:
     """Return (12,) joint angles of a stand of this base height [m], feet below the hips."""
     knee = acos((height - robot.foot_radius) / (robot.thigh_length + robot.calf_length))
-    angles: NDArray[np.float64] = np.tile([0.0, knee, -2.0 * knee], len(LEGS))
-    return angles
+    return np.tile([0.0, knee, -2.0 * knee], len(LEGS))

@@ -7,28 +7,14 @@ from math import asin, atan2, cos, sin
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from s2r_sim.robot.constants import FloatArray
 from s2r_spec.compiled import compiled
-
-FloatArray = NDArray[np.float64]
-
-
-def matrix(roll: float, pitch: float, yaw: float) -> FloatArray:
-    """Return (3, 3) R = Rz(yaw) Ry(pitch) Rx(roll): base axes to world axes."""
-    cr, sr, cp, sp, cy, sy = cos(roll), sin(roll), cos(pitch), sin(pitch), cos(yaw), sin(yaw)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
 
 
 @compiled
 def quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
-    """Return (x, y, z, w) of the same rotation."""
+    """Return (x, y, z, w) of Rz(yaw) Ry(pitch) Rx(roll), which turns base axes into world axes."""
     cr, sr = cos(roll / 2), sin(roll / 2)
     cp, sp = cos(pitch / 2), sin(pitch / 2)
     cy, sy = cos(yaw / 2), sin(yaw / 2)

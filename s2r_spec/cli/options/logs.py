@@ -122,17 +122,15 @@ class LogForm:
 
     def episode_settings(self, sources: Mapping[str, ParamColumn]) -> EpisodeSettings:
         """Return how a log becomes traces, with the sources of its test parameters."""
-        from s2r_spec.logs.mapping import read_map
+        from s2r_spec.logs.options import read_map
         from s2r_spec.logs.topics.join import Joining
         from s2r_spec.recordings.log_episodes import EpisodeSettings, read_longest
 
-        chooses = any(option is not None for option in (self.clock, self.join, self.stamps))
-        joining = Joining(self.clock, self.join or "hold", self.stamps) if chooses else None
         valid = read_longest(self.longest or [])
         return EpisodeSettings(
             read_map(self.columns or []),
             self.time_unit,
-            joining,
+            Joining.of_options(self.clock, self.join, self.stamps),
             self.when,
             self.start,
             self.duration,

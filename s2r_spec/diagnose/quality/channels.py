@@ -17,8 +17,7 @@ from s2r_spec.diagnose.quality.finding import Finding, join_words, rollout_name
 from s2r_spec.diagnose.quality.recordings import Recordings, as_columns, rms
 from s2r_spec.space import key_of
 from s2r_spec.trace import Trace
-from s2r_spec.trace.samples import period_of
-from s2r_spec.trace.trace import between
+from s2r_spec.trace.samples import between, period_of
 
 FloatArray = NDArray[np.float64]
 

@@ -27,11 +27,7 @@ _FOREIGN = (b'"', b"0x", b"0X", b"\0")
 def numbers(path: Path, skip: int, width: int, needed: Sequence[int]) -> dict[int, NDArray[Any]] | None:
     """Return number of a column → (n,) int64 or float64, NaN for empty cells; None if the file is not so simple.
 
-    Args:
-        path: the file.
-        skip: lines before the first row.
-        width: number of columns.
-        needed: numbers of the columns to read.
+    The file has ``width`` columns, and ``skip`` lines before the first row.
     """
     if path.stat().st_size < FROM or not needed:
         return None

@@ -11,7 +11,6 @@ import json
 import sys
 from array import array
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 from typing import Any, TypeVar
@@ -21,22 +20,11 @@ from numpy.typing import NDArray
 
 from s2r_spec.base.errors import NoTimesError, TraceError
 from s2r_spec.logs import cells
+from s2r_spec.logs import table as parsed
 from s2r_spec.logs.formats import csv_bulk, csv_head
 from s2r_spec.logs.formats.csv_head import CsvRow, is_number
 from s2r_spec.logs.own import rows
-from s2r_spec.logs.table import (
-    INDEX,
-    TEXT_SIZE,
-    Chooser,
-    Column,
-    Head,
-    Table,
-    check_size,
-    few,
-    quote,
-    read_description,
-    regular,
-)
+from s2r_spec.logs.table import Chooser, Column, Head, Table, quote
 from s2r_spec.trace import Trace
 
 T = TypeVar("T")
@@ -55,29 +43,24 @@ def load(path: Path, choose: Chooser) -> Table:
         TraceError: the file is not comma-separated text with a header, or a row has another length.
         OSError: the file cannot be read.
     """
-    regular(path)
+    parsed.check_file(path)
     # "utf-8-sig": spreadsheets write a byte-order mark. "replace": a column that is not read may hold any bytes.
     with path.open(newline="", encoding="utf-8-sig", errors="replace") as stream:
-        text = Text.of(lambda: stream.readline(LONGEST))
-        needed = sorted(set(text.chosen(choose)))
+        text = Text(lambda: stream.readline(LONGEST))
+        needed = sorted(set(text.choose(choose)))
         first = text.first_line
         bulk = None if first is None else csv_bulk.numbers(path, first - 1, len(text.heads), needed)
-        if first is None or bulk is None:
-            return _table(text, needed)
-    columns = {number: Column(values) for number, values in bulk.items()}
-    return Table(
-        text.heads,
-        columns,
-        text.meta,
-        _sample_places(text.heads, range(first, sys.maxsize)),
-        tuple(text.notes),
-        own=text.own,
-    )
+        columns, lines = _read_rows(text, needed) if bulk is None else ({}, range(first or 0, sys.maxsize))
+    columns |= {number: Column(values) for number, values in (bulk or {}).items()}
+    place = line_places(text.heads, lines)
+    return Table(text.heads, columns, text.meta, place, tuple(text.notes), own=text.own)
 
 
-@dataclass
 class Text:
-    """A table that is read row by row.
+    """A table that is read row by row: comments, names of columns, their units if these are a row of their own, rows.
+
+    Args:
+        readline: returns the next line with its line break, at most :data:`LONGEST` characters; "" at the end.
 
     Attributes:
         heads: heads of the columns.
@@ -85,68 +68,69 @@ class Text:
         own: record of own samples, from the first line.
         first_line: number of the line of the first row, from 1; None if the names are a comment.
         notes: notes on rows left out so far.
+
+    Raises:
+        TraceError: there is no header, or the names are in a later line.
     """
 
-    heads: tuple[Head, ...]
-    meta: dict[str, Any]
-    own: dict[str, Any]
-    first_line: int | None
-    notes: list[str] = field(default_factory=list)
-    _lines: _Lines = field(repr=False, kw_only=True)
-    _names: CsvRow = field(repr=False, kw_only=True)
-    _rows: Iterator[CsvRow] = field(repr=False, kw_only=True)
-
-    @classmethod
-    def of(cls, readline: Callable[[], str]) -> Text:
-        """Read comments, the names of the columns, and their units if these are a row of their own.
-
-        Args:
-            readline: returns the next line with its line break, at most :data:`LONGEST` characters; "" at the end.
-
-        Raises:
-            TraceError: there is no header, or the names are in a later line.
-        """
-        lines = _Lines(readline)
-        meta: dict[str, Any] = {}
-        own: dict[str, Any] = {}
-        comment = ""
-        first = ""
+    def __init__(self, readline: Callable[[], str]) -> None:
+        self.meta: dict[str, Any] = {}
+        self.own: dict[str, Any] = {}
+        self.notes: list[str] = []
+        self._number, self._cut = 0, False  # of the last line; whether it has no line break
+        lines = self._lines(readline)
+        comment = first = ""
         for first in lines:
             if first.startswith(_NOTES):
-                meta, own = _meta(first, lines.number)
+                self.meta, self.own = _meta(first, self._number)
             elif first.startswith("#"):
                 comment = first
             elif first.strip():
                 break
             first = ""
-        reader = csv.reader(chain([first], lines) if first else lines, strict=True)
-        names = _next(reader, lines)
+        self._reader = csv.reader(chain([first], lines) if first else lines, strict=True)
+        names = self._next()
         if names is None or not names.cells:
             raise TraceError("the file is empty; its first line must name the columns")
         if "\0" in "".join(names.cells):
             raise TraceError(
                 "this is not UTF-8 text: it has zero bytes between its letters; save it as UTF-8"
             )
-        rows: Iterator[CsvRow] = iter(lambda: _next(reader, lines), None)
-        first_line: int | None = names.line + 1
+        self._rows: Iterator[CsvRow] = iter(self._next, None)
+        self.first_line: int | None = names.line + 1
         above = next(csv.reader([comment.lstrip("# ")]), [])
         if len(above) == len(names.cells) and any(map(is_number, names.cells)):
             # numpy.savetxt and others write the names as a comment
-            names, rows, first_line = names._replace(cells=above), chain([names], rows), None
-        few(len(names.cells))
-        text = cls(
-            tuple(map(head_of, [names.cells[0] or INDEX, *names.cells[1:]])),
-            meta,
-            own,
-            first_line,
-            _lines=lines,
-            _names=names,
-            _rows=rows,
-        )
-        text._read_units()
-        return text
+            self._rows, self.first_line = chain([names], self._rows), None
+            names = names._replace(cells=above)
+        parsed.check_columns(len(names.cells))
+        self._names = names
+        self.heads = tuple(map(head_of, [names.cells[0] or parsed.INDEX, *names.cells[1:]]))
+        self._read_units()
 
-    def chosen(self, choose: Callable[[tuple[Head, ...]], T]) -> T:
+    def _lines(self, readline: Callable[[], str]) -> Iterator[str]:
+        while line := readline():
+            if self._number == 0:
+                line = line.removeprefix("\ufeff")
+            self._number += 1
+            self._cut = not line.endswith(("\r", "\n"))
+            if len(line) >= LONGEST:
+                raise TraceError(
+                    f"line {self._number} has {LONGEST:,} characters or more; the file is not a table of samples"
+                )
+            yield line
+
+    def _next(self) -> CsvRow | None:
+        before = self._number
+        try:
+            row = next(self._reader, None)
+        except csv.Error as error:
+            if self._cut and self._number == before + 1 and before > 0:
+                return CsvRow([], self._number, cut=True, torn=True)
+            raise TraceError(f"this is not comma-separated text: {error}") from None
+        return None if row is None else CsvRow(row, self._number, self._cut)
+
+    def choose(self, choose: Callable[[tuple[Head, ...]], T]) -> T:
         """Return what is chosen by the names.
 
         Raises:
@@ -159,11 +143,6 @@ class Text:
             raise
 
     def _read_units(self) -> None:
-        """Take the units from the row below the names, if it is one of units.
-
-        Raises:
-            TraceError: the row shows that these are not the names, or not separated by commas.
-        """
         below = next((row for row in self._ahead(1) if not row.torn), None)
         if self._names.width < 2:
             csv_head.refuse_above(self._names, self._ahead())
@@ -196,10 +175,7 @@ class Text:
         return rows
 
     def rows(self, needed: Sequence[int]) -> Iterator[tuple[int, list[str]]]:
-        """Yield (line, cells) of every complete row; an incomplete last row becomes a note.
-
-        Args:
-            needed: columns to read; a row is complete if it has these.
+        """Yield (line, cells) of every row that has the needed columns; an incomplete last row becomes a note.
 
         Raises:
             TraceError: a row before the last has a different length from the header.
@@ -229,55 +205,12 @@ class Text:
                 continue
             yield line, row
         if bad is not None:
-            fault = "has no line break at its end" if self._lines.cut else "has fewer values than columns"
-            if not self._lines.cut and count > width:
+            fault = "has no line break at its end" if self._cut else "has fewer values than columns"
+            if not self._cut and count > width:
                 raise TraceError(f"line {bad[0]} {bad[1]}")
             self.notes.append(
                 f"the last row, line {bad[0]}, {fault}: it may be incomplete and is left out; complete it to use it"
             )
-
-
-class _Lines:
-    """The lines of a stream, with line numbers.
-
-    Attributes:
-        number: number of the last line read, from 1.
-        cut: whether that line has no line break.
-    """
-
-    def __init__(self, readline: Callable[[], str]) -> None:
-        self._readline = readline
-        self.number = 0
-        self.cut = False
-
-    def __iter__(self) -> _Lines:
-        return self
-
-    def __next__(self) -> str:
-        line: str = self._readline()
-        if not line:
-            raise StopIteration
-        if self.number == 0:
-            line = line.removeprefix("\ufeff")
-        self.number += 1
-        self.cut = not line.endswith(("\r", "\n"))
-        if len(line) >= LONGEST:
-            raise TraceError(
-                f"line {self.number} has {LONGEST:,} characters or more; the file is not a table of samples"
-            )
-        return line
-
-
-def _next(reader: Any, lines: _Lines) -> CsvRow | None:
-    """Return the next row, or None at the end."""
-    before = lines.number
-    try:
-        row: list[str] | None = next(reader, None)
-    except csv.Error as error:
-        if lines.cut and lines.number == before + 1 and before > 0:
-            return CsvRow([], lines.number, cut=True, torn=True)
-        raise TraceError(f"this is not comma-separated text: {error}") from None
-    return None if row is None else CsvRow(row, lines.number, lines.cut)
 
 
 def _meta(line: str, number: int) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -285,7 +218,7 @@ def _meta(line: str, number: int) -> tuple[dict[str, Any], dict[str, Any]]:
         record = json.loads(line.removeprefix(_NOTES))
         if not isinstance(record, dict) or "meta" not in record:
             raise ValueError("'meta'")
-        return read_description(record, f"line {number}")[1:]
+        return parsed.read_description(record, f"line {number}")[1:]
     except (ValueError, RecursionError) as error:
         raise TraceError(f'line {number}: expected {_NOTES}{{"meta": {{…}}}}: {error}') from None
 
@@ -303,7 +236,7 @@ def head_of(text: str) -> Head:
     return Head(name, index, unit)
 
 
-def _table(text: Text, needed: Sequence[int]) -> Table:
+def _read_rows(text: Text, needed: Sequence[int]) -> tuple[dict[int, Column], Sequence[int]]:
     pieces: dict[int, list[NDArray[Any]]] = {number: [] for number in needed}
     waiting: dict[int, list[str]] = {number: [] for number in needed}
     lines = array("q")
@@ -315,9 +248,9 @@ def _table(text: Text, needed: Sequence[int]) -> Table:
         for number, texts in waiting.items():
             piece = cells.parse(texts)
             pieces[number].append(piece)
-            taken += piece.size * (TEXT_SIZE if piece.dtype == object else 1)
+            taken += piece.size * (parsed.TEXT_SIZE if piece.dtype == object else 1)
             texts.clear()
-        check_size(taken)
+        parsed.check_size(taken)
 
     for line, row in text.rows(needed):
         lines.append(line)
@@ -326,19 +259,12 @@ def _table(text: Text, needed: Sequence[int]) -> Table:
         if len(lines) % most == 0:
             to_arrays()
     to_arrays()
-    columns = {number: _join(parts) for number, parts in pieces.items()}
-
-    place = _sample_places(text.heads, lines)
-    return Table(text.heads, columns, text.meta, place, tuple(text.notes), own=text.own)
+    return {number: _join(parts) for number, parts in pieces.items()}, lines
 
 
-def _sample_places(heads: Sequence[Head], lines: Sequence[int]) -> Callable[[int, int], str]:
-    """Return what names the place of a sample, from the number of its line."""
-
-    def place(sample: int, number: int) -> str:
-        return f"line {lines[sample]}, column {number + 1} ({heads[number].name})"
-
-    return place
+def line_places(heads: Sequence[Head], lines: Sequence[int]) -> Callable[[int, int], str]:
+    """Return (sample number, head number) → place, from the number of each sample's line."""
+    return lambda sample, number: f"line {lines[sample]}, column {number + 1} ({heads[number].name})"
 
 
 def _join(pieces: Sequence[NDArray[Any]]) -> Column:

@@ -26,13 +26,9 @@ _SEPARATORS = (";", "\t", "|", " ")
 
 
 class CsvRow(NamedTuple):
-    """A row of the file.
+    """A row of the file: its cells, and the number of its last line, from 1.
 
-    Args:
-        cells: its cells.
-        line: number of its last line, from 1.
-        cut: whether this line has no line break.
-        torn: whether it ends inside quotes.
+    A row is cut if this line has no line break, and torn if it ends inside quotes.
     """
 
     cells: list[str]
@@ -79,21 +75,17 @@ def with_units(heads: Sequence[Head], row: CsvRow) -> tuple[Head, ...] | None:
     units = [_unit(cell) for cell in row.cells]
     if row.width > len(heads) or not any(units) or None in units:
         return None
-    return tuple(_with_unit(head, unit, row) for head, unit in zip_longest(heads, units[: len(heads)]))
-
-
-def _with_unit(head: Head, unit: str | None, row: CsvRow) -> Head:
-    """Return a head with the unit of a cell."""
-    if not unit:
-        return head
-    split = time_units.split_brackets(head.name)
-    named = head.unit if head.unit is not None or split is None else split[1]
-    if named is not None and named != unit and _unit(named):
-        raise TraceError(
-            f"line {row.line} states {quote(unit)} for {quote(head.text)}, whose name states {quote(named)}; "
-            f"keep one of the two units"
-        )
-    return replace(head, unit=unit)
+    named = []
+    for head, unit in zip_longest(heads, units[: len(heads)]):
+        split = time_units.split_brackets(head.name)
+        written = head.unit if head.unit is not None or split is None else split[1]
+        if unit and written is not None and written != unit and _unit(written):
+            raise TraceError(
+                f"line {row.line} states {quote(unit)} for {quote(head.text)}, whose name states {quote(written)}; "
+                f"keep one of the two units"
+            )
+        named.append(replace(head, unit=unit or head.unit))
+    return tuple(named)
 
 
 def _unit(cell: str) -> str | None:
@@ -138,11 +130,8 @@ def refuse_above(names: CsvRow, rows: Sequence[CsvRow]) -> None:
     """Refuse a file whose names are missing, or seem to stand below other lines.
 
     The line of the names is the one above the first row that begins as a sample, or above its row of units. It has no
-    number itself, and as many cells as the row.
-
-    Args:
-        names: the row that was taken for the names.
-        rows: the rows with text below it, up to the first that begins as a sample.
+    number itself, and as many cells as the row. ``rows`` are those with text below the names, up to the first that
+    begins as a sample.
 
     Raises:
         TraceError: the names are in a later line, or there are none.

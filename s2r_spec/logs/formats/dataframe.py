@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import re
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Literal, get_args
 
@@ -20,14 +20,15 @@ import numpy as np
 
 from s2r_spec.base.errors import NoTimesError, TraceError, UsageError, one_of, suggest
 from s2r_spec.logs.formats.csv_format import head_of
-from s2r_spec.logs.formats.parquet_format import NOTES, as_column
+from s2r_spec.logs.formats.parquet_format import NOTES, as_column, in_one_piece
 from s2r_spec.logs.interpret import Loaded, build_trace, request
 from s2r_spec.logs.library import library
-from s2r_spec.logs.mapping import ColumnRequest, plan_columns, time_candidates
-from s2r_spec.logs.own import rows
-from s2r_spec.logs.table import Column, Head, Table, quote, read_description
+from s2r_spec.logs.mapping import ColumnRequest, plan_columns
+from s2r_spec.logs.options import TIME
+from s2r_spec.logs.own import description, rows
+from s2r_spec.logs.table import Column, Head, Table, places_in, read_description
+from s2r_spec.logs.time_columns import time_candidates
 from s2r_spec.logs.times.candidates import of_table
-from s2r_spec.logs.times.times import TIME
 from s2r_spec.trace import Trace
 
 Library = Literal["pandas", "polars", "pyarrow"]
@@ -50,7 +51,9 @@ def read(
         TraceError: the frame has no valid times, or a unit is for no channel.
         UsageError: it is not a frame, or ``time_unit`` is not a unit of time.
     """
-    heads, columns, notes = _pandas(frame, time) if _is_pandas(frame) else _arrow(frame)
+    pandas = sys.modules.get("pandas")  # a frame of pandas has loaded it
+    of_pandas = pandas is not None and isinstance(frame, pandas.DataFrame)
+    heads, columns, notes = _pandas(frame, time) if of_pandas else _arrow(frame)
     noted, meta, own = read_description(notes, "attrs of the frame")
     names = {head.name for head in heads}
     user_units = dict(units or {})
@@ -61,10 +64,7 @@ def read(
         )
     stated = noted | user_units
     heads = tuple(replace(head, unit=stated.get(head.name, head.unit)) for head in heads)
-
-    def place(sample: int, number: int) -> str:
-        return f"row {sample} of the column {quote(heads[number].text)}"
-
+    place = places_in(heads, "row {} of the column {}")
     table = Table(heads, dict(enumerate(columns)), meta, place, own=own)
     plan_request = request({TIME: _times(heads, time)}, None, time_unit)
     try:
@@ -78,11 +78,6 @@ def read(
 
 
 def _times(heads: tuple[Head, ...], time: str | None) -> str:
-    """Return the name of the column of times, or of several that may have them.
-
-    Raises:
-        TraceError: there is no such column.
-    """
     names = [head.text for head in heads]
     likely = time_candidates(heads)
     stem, _, _ = (time or TIME).partition("+")
@@ -100,14 +95,6 @@ def _in_python(text: str) -> str:
     text = re.sub(r"--map '?t=([^']+?)'?$", r"time='\1'", text)
     text = text.replace("the file has", "the frame has")
     return text.replace("map t to a column of times", "name a column of times, as time=…")
-
-
-# -- columns of a frame ----------------------------------------------------------------------------------------------
-
-
-def _is_pandas(frame: Any) -> bool:
-    pandas = sys.modules.get("pandas")  # a frame of pandas has loaded it
-    return pandas is not None and isinstance(frame, pandas.DataFrame)
 
 
 def _pandas(frame: Any, time: str | None) -> tuple[tuple[Head, ...], list[Column], dict[str, Any]]:
@@ -129,7 +116,6 @@ def _pandas(frame: Any, time: str | None) -> tuple[tuple[Head, ...], list[Column
 
 
 def _of_series(arrow: Any, values: Any) -> Column:
-    """Return a column of a pandas frame, or its index."""
     try:
         array = arrow.array(values, from_pandas=True)
     except (arrow.ArrowException, TypeError, ValueError, OverflowError):
@@ -138,7 +124,6 @@ def _of_series(arrow: Any, values: Any) -> Column:
 
 
 def _arrow(frame: Any) -> tuple[tuple[Head, ...], list[Column], dict[str, Any]]:
-    """Return the columns of any other frame."""
     if hasattr(frame, "collect") and not hasattr(frame, "__arrow_c_stream__"):
         raise UsageError(f"a {type(frame).__name__} holds no data yet; give frame.collect()")
     if not hasattr(frame, "__arrow_c_stream__") or type(frame).__name__ == "Series":
@@ -151,8 +136,7 @@ def _arrow(frame: Any) -> tuple[tuple[Head, ...], list[Column], dict[str, Any]]:
         table = arrow.table(frame)
     except (arrow.ArrowException, TypeError, ValueError) as error:
         raise TraceError(f"the frame does not become an Arrow table: {error}") from None
-    columns = [_column(arrow, arrow.concat_arrays(one.chunks) if one.num_chunks else arrow.array([], one.type))
-               for one in table.columns]  # fmt: skip
+    columns = [_column(arrow, in_one_piece(arrow, one)) for one in table.columns]
     try:
         notes = json.loads((table.schema.metadata or {}).get(NOTES, b"{}"))
     except ValueError as error:
@@ -171,9 +155,6 @@ def _pyarrow() -> Any:
     return library("pyarrow", "data frames")
 
 
-# -- frames from a trace ---------------------------------------------------------------------------------------------
-
-
 def frame_of(trace: Trace, package: Library = "pandas") -> Any:
     """Return a frame with a column for each channel, and for each component of a vector.
 
@@ -190,49 +171,26 @@ def frame_of(trace: Trace, package: Library = "pandas") -> Any:
             f"no data frame is called {package!r}; the libraries are {one_of(get_args(Library))}"
         )
     times, channels, record = rows(trace)
-    columns = dict(_columns(channels))
-    notes = {"units": dict(trace.units), "meta": dict(trace.meta)} | ({"own": record} if record else {})
-    return _FRAMES[package](times, columns, notes)
-
-
-def _columns(channels: Mapping[str, Any]) -> list[tuple[str, Any]]:
-    """Return (name, samples) of every column.
-
-    Raises:
-        TraceError: two columns would have one name.
-    """
-    columns: list[tuple[str, Any]] = []
+    parts: list[tuple[str, Any]] = []
     for name, values in channels.items():
         if values.ndim == 1:
-            columns.append((name, values))
+            parts.append((name, values))
         else:
-            columns += [(f"{name}[{k}]", values[:, k]) for k in range(values.shape[1])]
-    names = [TIME, *(name for name, _ in columns)]
+            parts += [(f"{name}[{k}]", values[:, k]) for k in range(values.shape[1])]
+    names = [TIME, *(name for name, _ in parts)]
     if twice := [name for name in names if names.count(name) > 1]:
         raise TraceError(f"two columns of the frame would be called {twice[0]!r}; rename a channel first")
-    return columns
-
-
-def _to_pandas(times: Any, columns: dict[str, Any], notes: dict[str, Any]) -> Any:
-    pandas = library("pandas", "frames of pandas")
-    frame = pandas.DataFrame(columns, index=pandas.Index(times, name=TIME))
-    frame.attrs.update({key: value for key, value in notes.items() if value})
-    return frame
-
-
-def _to_polars(times: Any, columns: dict[str, Any], notes: dict[str, Any]) -> Any:
-    return library("polars", "frames of polars").DataFrame({TIME: times, **columns})
-
-
-def _to_arrow(times: Any, columns: dict[str, Any], notes: dict[str, Any]) -> Any:
-    arrow = _pyarrow()
+    columns, notes = dict(parts), description(trace, record)
+    if package == "polars":
+        return library("polars", "frames of polars").DataFrame({TIME: times, **columns})
+    if package == "pandas":
+        pandas = library("pandas", "frames of pandas")
+        frame = pandas.DataFrame(columns, index=pandas.Index(times, name=TIME))
+        frame.attrs.update({key: value for key, value in notes.items() if value})
+        return frame
     plain = {name: np.ascontiguousarray(values) for name, values in columns.items()}
-    return arrow.table({TIME: times, **plain}).replace_schema_metadata({NOTES: json.dumps(notes).encode()})
-
-
-_FRAMES: dict[str, Callable[[Any, dict[str, Any], dict[str, Any]], Any]] = {
-    "pandas": _to_pandas, "polars": _to_polars, "pyarrow": _to_arrow,
-}  # fmt: skip
+    table = _pyarrow().table({TIME: times, **plain})
+    return table.replace_schema_metadata({NOTES: json.dumps(notes).encode()})
 
 
 def dataset_of(trace: Trace) -> Any:

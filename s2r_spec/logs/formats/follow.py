@@ -8,7 +8,7 @@ from typing import Any
 
 from s2r_spec.base.errors import TraceError
 from s2r_spec.logs import cells, interpret
-from s2r_spec.logs.formats.csv_format import LONGEST, Text
+from s2r_spec.logs.formats.csv_format import LONGEST, Text, line_places
 from s2r_spec.logs.mapping import ColumnRequest, plan_columns
 from s2r_spec.logs.table import Column, Table
 from s2r_spec.logs.times import times
@@ -34,15 +34,13 @@ class Rows:
 def follow(readline: Callable[[int], str], request: ColumnRequest) -> Rows:
     """Read the header of a table now, and each row on request.
 
-    Args:
-        readline: method of a text stream; returns the next line with at most the given number of characters.
-        request: the channels to read.
+    ``readline`` returns the next line of a text stream, with at most the given number of characters.
 
     Raises:
         TraceError: as for a file, also during the reading of rows.
     """
-    text = Text.of(lambda: readline(LONGEST))
-    plan = text.chosen(lambda heads: plan_columns(heads, request))
+    text = Text(lambda: readline(LONGEST))
+    plan = text.choose(lambda heads: plan_columns(heads, request))
     if plan.faults and request.wanted is not None and not text.meta.get("failure"):
         raise TraceError(next(iter(plan.faults.values())))
     needed = sorted(plan.needed)
@@ -57,17 +55,13 @@ def follow(readline: Callable[[int], str], request: ColumnRequest) -> Rows:
     def samples() -> Iterator[tuple[float, dict[str, Any]]]:
         first: Any = None
         for line, row in text.rows(needed):
-
-            def place(_: int, number: int, line: int = line) -> str:
-                return f"line {line}, column {number + 1} ({text.heads[number].name})"
-
             columns = {number: _column(row[number]) for number in needed}
-            table = Table(text.heads, columns, text.meta, place)
+            table = Table(text.heads, columns, text.meta, line_places(text.heads, [line]))
             stamps = times.read(
                 [columns[number] for number in plan.times],
                 heads,
                 request.time_unit,
-                lambda k, place=place: place(k, plan.times[0]),  # type: ignore[misc]
+                table.places(plan.times[0]),
                 first,
             )
             if first is None:

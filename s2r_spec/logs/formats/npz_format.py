@@ -14,26 +14,15 @@ import zlib
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError, shortened
-from s2r_spec.logs import cells
-from s2r_spec.logs.own import rows
-from s2r_spec.logs.table import (
-    TEXT_SIZE,
-    Chooser,
-    Column,
-    Head,
-    Table,
-    check_size,
-    few,
-    quote,
-    read_description,
-    regular,
-)
+from s2r_spec.logs import cells, own
+from s2r_spec.logs import table as parsed
+from s2r_spec.logs.table import Chooser, Column, Head, Table, check_size, quote
 from s2r_spec.trace import Trace
 
 _NOTES = "s2r.json"
@@ -41,20 +30,9 @@ _NOTE_LENGTH = 2**24
 """Budget: bytes of ``s2r.json``, 16 million."""
 _HEADER_LENGTH = 10_000
 """Budget: bytes of an array's header, numpy's own limit; a longer header is slow to parse."""
-_BROKEN = (
-    ValueError,
-    EOFError,
-    KeyError,
-    NotImplementedError,
-    RuntimeError,
-    MemoryError,
-    RecursionError,
-    SyntaxError,
-    TypeError,
-    zipfile.BadZipFile,
-    zlib.error,
-    lzma.LZMAError,
-)
+_DAMAGED = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, MemoryError, RuntimeError)
+_BROKEN = (*_DAMAGED, ValueError, KeyError, SyntaxError, TypeError)
+"""Definition: what :mod:`zipfile` and numpy raise for a damaged archive."""
 
 
 def load(path: Path, choose: Chooser) -> Table:
@@ -64,7 +42,7 @@ def load(path: Path, choose: Chooser) -> Table:
         TraceError: the file is not an archive, or an array in it is damaged.
         OSError: the file cannot be read.
     """
-    regular(path)
+    parsed.check_file(path)
     try:
         if not zipfile.is_zipfile(path):
             raise TraceError("this is not an .npz archive")
@@ -77,22 +55,18 @@ def load(path: Path, choose: Chooser) -> Table:
 
 def _table(archive: zipfile.ZipFile, choose: Chooser) -> Table:
     members = {name.removesuffix(".npy"): name for name in archive.namelist()}
-    few(len(members))
-    units, meta, own = _notes(archive, members.pop(_NOTES, None))
+    parsed.check_columns(len(members))
+    units, meta, record = _notes(archive, members.pop(_NOTES, None))
     names = list(members)
     heads = tuple(Head(name, None, units.get(name)) for name in names)
     needed = sorted(set(choose(heads)))
     arrays = {number: _Member.of(archive, members[names[number]]) for number in needed}
     check_size(sum(one.numbers for one in arrays.values()))
     columns = {number: _column(archive, one) for number, one in arrays.items()}
-
-    def place(sample: int, number: int) -> str:
-        return f"sample {sample} of the array {quote(heads[number].name)}"
-
-    unknown = set(units) - set(names)
-    if unknown:
+    if unknown := set(units) - set(names):
         raise TraceError(f"{_NOTES} has a unit for {quote(min(unknown))}, which is not an array of the file")
-    return Table(heads, columns, meta, place, own=own)
+    place = parsed.places_in(heads, "sample {} of the array {}")
+    return Table(heads, columns, meta, place, own=record)
 
 
 @dataclass(frozen=True)
@@ -100,7 +74,7 @@ class _Member:
     """The header of an array in the archive."""
 
     name: str
-    dtype: np.dtype[Any] | None
+    dtype: np.dtype[Any]
     shape: tuple[int, ...]
     fortran: bool
     start: int
@@ -108,11 +82,7 @@ class _Member:
 
     @classmethod
     def of(cls, archive: zipfile.ZipFile, name: str) -> _Member:
-        """Read the header of an array, and check that the archive holds enough bytes for it.
-
-        Raises:
-            ValueError: the header is not valid.
-        """
+        """Read the header of an array, and check that the archive holds enough bytes for it."""
         size = archive.getinfo(name).file_size
         with archive.open(name) as stream:
             version = np.lib.format.read_magic(stream)
@@ -125,44 +95,40 @@ class _Member:
         shape, start = header["shape"], 8 + wide + length
         if not isinstance(shape, tuple) or not all(isinstance(n, int) and n >= 0 for n in shape):
             raise ValueError(f"the shape of {name} is {str(shape)[:40]}")
-        fortran = bool(header["fortran_order"])
+        fortran, fault = bool(header["fortran_order"]), ""
         if dtype.hasobject:
-            return cls(name, None, shape, fortran, start, "holds Python objects, which s2r does not read")
-        if dtype.names is not None or not dtype.itemsize:
-            return cls(name, None, shape, fortran, start, "holds records, not numbers")
-        if math.prod(shape) * dtype.itemsize > size - start:
+            fault = "holds Python objects, which s2r does not read"
+        elif dtype.names is not None or not dtype.itemsize:
+            fault = "holds records, not numbers"
+        elif math.prod(shape) * dtype.itemsize > size - start:
             raise ValueError(
                 f"the header of {name} states the shape {str(shape)[:60]}, but its data are shorter"
             )
-        return cls(name, dtype, shape, fortran, start)
+        return cls(name, dtype, shape, fortran, start, fault)
 
     @property
     def numbers(self) -> int:
         """Memory for the array, in numbers of 8 bytes."""
-        if self.dtype is None:
+        if self.fault:
             return 0
-        size = TEXT_SIZE if self.dtype.kind in "US" else 1
+        size = parsed.TEXT_SIZE if self.dtype.kind in "US" else 1
         return math.prod(self.shape) * max(size, self.dtype.itemsize // 8)
 
 
-def _array(archive: zipfile.ZipFile, member: _Member, dtype: np.dtype[Any]) -> NDArray[Any]:
+def _array(archive: zipfile.ZipFile, member: _Member) -> NDArray[Any]:
     with archive.open(member.name) as stream:
-        _skip(stream, member.start)
-        data = stream.read(math.prod(member.shape) * dtype.itemsize)
+        if len(stream.read(member.start)) != member.start:
+            raise EOFError("it ends inside a header")
+        data = stream.read(math.prod(member.shape) * member.dtype.itemsize)
         stream.read(1)  # the archive compares the checksum at the end
-    flat = np.frombuffer(data, dtype=dtype)
+    flat = np.frombuffer(data, dtype=member.dtype)
     return flat.reshape(member.shape, order="F" if member.fortran else "C")
 
 
-def _skip(stream: IO[bytes], count: int) -> None:
-    if len(stream.read(count)) != count:
-        raise EOFError("it ends inside a header")
-
-
 def _column(archive: zipfile.ZipFile, member: _Member) -> Column:
-    if member.dtype is None:
+    if member.fault:
         return Column.without(member.fault)
-    values = _array(archive, member, member.dtype)
+    values = _array(archive, member)
     if values.ndim == 0:
         return Column.without("is one value for the whole file, not one per sample")
     if values.ndim > 2:
@@ -173,31 +139,23 @@ def _column(archive: zipfile.ZipFile, member: _Member) -> Column:
         words = np.empty(values.shape, dtype=object)
         words[...] = np.char.strip(values)
         return Column(words, cells.is_missing(words) if values.ndim == 1 else None)
-    if values.dtype.kind in "Mm":
-        return Column(values)
-    if values.dtype.kind not in "biuf":
+    if values.dtype.kind not in "biufMm":
         return Column.without(f"holds values of the type {values.dtype}, not numbers")
     return Column(values)
 
 
-def _notes(
-    archive: zipfile.ZipFile, name: str | None
-) -> tuple[dict[str, str], dict[str, Any], dict[str, Any]]:
+def _notes(archive: zipfile.ZipFile, name: str | None) -> parsed.Description:
     if name is None:
         return {}, {}, {}
     member = _Member.of(archive, name)
-    if (
-        member.dtype is None
-        or member.dtype.kind != "U"
-        or member.shape
-        or member.dtype.itemsize > _NOTE_LENGTH
-    ):
+    dtype = member.dtype
+    if member.fault or dtype.kind != "U" or member.shape or dtype.itemsize > _NOTE_LENGTH:
         raise TraceError(f"the array {_NOTES!r} is not a string")
     try:
-        record = json.loads(str(_array(archive, member, member.dtype)[()]))
-    except (ValueError, RecursionError) as error:
+        text = str(_array(archive, member)[()])
+    except ValueError as error:
         raise TraceError(f"the array {_NOTES!r} is not JSON: {error}") from None
-    return read_description(record, f"the array {_NOTES!r}")
+    return parsed.parse_description(text, f"the array {_NOTES!r}")
 
 
 def write(trace: Trace, path: Path) -> None:
@@ -205,10 +163,8 @@ def write(trace: Trace, path: Path) -> None:
     for name in ("t", _NOTES):
         if name in trace.channels:
             raise TraceError(f"a channel cannot be called {name!r} in an .npz file")
-    times, channels, record = rows(trace)
-    own = {"own": record} if record else {}
-    notes = json.dumps({"units": dict(trace.units), "meta": dict(trace.meta), **own})
-    arrays = {"t": times, **channels, _NOTES: np.array(notes)}
+    times, channels, record = own.rows(trace)
+    arrays = {"t": times, **channels, _NOTES: np.array(json.dumps(own.description(trace, record)))}
     # numpy.savez takes names as keywords, so a channel called "file" would break it. And one write of the whole file
     # takes half the time of many small writes and seeks.
     whole = BytesIO()

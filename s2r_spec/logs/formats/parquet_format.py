@@ -14,21 +14,10 @@ from typing import Any
 import numpy as np
 
 from s2r_spec.base.errors import TraceError, shortened
-from s2r_spec.logs import cells
+from s2r_spec.logs import cells, own
+from s2r_spec.logs import table as parsed
 from s2r_spec.logs.library import library
-from s2r_spec.logs.own import rows
-from s2r_spec.logs.table import (
-    TEXT_SIZE,
-    Chooser,
-    Column,
-    Head,
-    Table,
-    check_size,
-    few,
-    quote,
-    read_description,
-    regular,
-)
+from s2r_spec.logs.table import Chooser, Column, Head, Table, check_size, quote
 from s2r_spec.trace import Trace
 
 NOTES = b"s2r"
@@ -45,30 +34,25 @@ def load(path: Path, choose: Chooser) -> Table:
         OSError: the file cannot be read.
     """
     arrow, parquet = _libraries()
-    regular(path)
+    parsed.check_file(path)
     try:
         with parquet.ParquetFile(path) as file:
             return _table(arrow, file, choose)
-    except (arrow.ArrowException, MemoryError, UnicodeDecodeError) as error:
+    except (arrow.ArrowException, OSError, MemoryError, UnicodeDecodeError) as error:
+        if getattr(error, "strerror", None) is not None:
+            raise
+        # pyarrow raises an OSError of its own for a damaged page
         raise TraceError(f"this is not a valid Parquet file: {shortened(str(error))}") from None
-    except OSError as error:
-        if error.strerror is None:  # pyarrow's own error, for a damaged page
-            raise TraceError(f"this is not a valid Parquet file: {shortened(str(error))}") from None
-        raise
 
 
 def _table(arrow: Any, file: Any, choose: Chooser) -> Table:
-    few(file.metadata.num_columns)
+    parsed.check_columns(file.metadata.num_columns)
     notes = (file.metadata.metadata or {}).get(NOTES, b"{}")
-    try:
-        units, meta, own = read_description(json.loads(notes), "the metadata 's2r'")
-    except (ValueError, RecursionError) as error:
-        raise TraceError(f"the metadata 's2r' is not JSON: {error}") from None
+    units, meta, record = parsed.parse_description(notes, "the metadata 's2r'")
     leaves = _leaves(arrow, file.schema_arrow)
     written = _units(file)
     heads = tuple(Head(name, None, units.get(name, written.get(name))) for name, _ in leaves)
-    unknown = set(units) - {head.name for head in heads}
-    if unknown:
+    if unknown := set(units) - {head.name for head in heads}:
         raise TraceError(
             f"the metadata 's2r' has a unit for {quote(min(unknown))}, which is not a column of the file"
         )
@@ -76,11 +60,8 @@ def _table(arrow: Any, file: Any, choose: Chooser) -> Table:
     roots = {leaves[number][1][0] for number in needed}
     table = _read(arrow, file, sorted(roots))
     columns = {number: as_column(arrow, _leaf(arrow, table, leaves[number][1])) for number in needed}
-
-    def place(sample: int, number: int) -> str:
-        return f"row {sample} of the column {quote(heads[number].name)}"
-
-    return Table(heads, columns, meta, place, own=own)
+    place = parsed.places_in(heads, "row {} of the column {}")
+    return Table(heads, columns, meta, place, own=record)
 
 
 def _units(file: Any) -> dict[str, str]:
@@ -97,7 +78,6 @@ def _units(file: Any) -> dict[str, str]:
 
 
 def _leaves(arrow: Any, schema: Any) -> list[tuple[str, tuple[str, ...]]]:
-    """Return (name, path) of every column, and of every field of a structure."""
     leaves: list[tuple[str, tuple[str, ...]]] = []
 
     def visit(field: Any, path: tuple[str, ...]) -> None:
@@ -114,12 +94,15 @@ def _leaves(arrow: Any, schema: Any) -> list[tuple[str, tuple[str, ...]]]:
 
 
 def _leaf(arrow: Any, table: Any, path: tuple[str, ...]) -> Any:
-    column = table.column(path[0]).combine_chunks()
-    if isinstance(column, arrow.ChunkedArray):
-        column = arrow.concat_arrays(column.chunks) if column.num_chunks else arrow.array([], column.type)
+    column = in_one_piece(arrow, table.column(path[0]))
     for name in path[1:]:
         column = arrow.compute.struct_field(column, name)
     return column
+
+
+def in_one_piece(arrow: Any, column: Any) -> Any:
+    """Return a column of a table as one array."""
+    return arrow.concat_arrays(column.chunks) if column.num_chunks else arrow.array([], column.type)
 
 
 def _read(arrow: Any, file: Any, roots: list[str]) -> Any:
@@ -130,18 +113,14 @@ def _read(arrow: Any, file: Any, roots: list[str]) -> Any:
     check_size(file.metadata.num_rows * len(roots))
     batches, taken = [], 0
     for batch in file.iter_batches(batch_size=_ROWS, columns=roots, use_threads=False):
-        taken += sum(map(_numbers, batch.columns))
+        for column in batch.columns:  # its memory in numbers of 8 bytes
+            size = parsed.TEXT_SIZE if "string" in str(column.type) else 1
+            taken += max(len(column) * size, int(column.nbytes) // 8)
         check_size(taken)
         batches.append(batch)
     if batches:
         return arrow.Table.from_batches(batches)
     return arrow.schema([file.schema_arrow.field(name) for name in roots]).empty_table()
-
-
-def _numbers(column: Any) -> int:
-    """Return the memory for a column, in numbers of 8 bytes; a text counts as several."""
-    texts = "string" in str(column.type)
-    return max(len(column) * (TEXT_SIZE if texts else 1), int(column.nbytes) // 8)
 
 
 def as_column(arrow: Any, column: Any) -> Column:
@@ -197,15 +176,14 @@ def write(trace: Trace, path: Path) -> None:
     arrow, parquet = _libraries()
     if "t" in trace.channels:
         raise TraceError("a channel cannot be called 't' in a .parquet file")
-    times, channels, record = rows(trace)
+    times, channels, record = own.rows(trace)
     columns = {"t": arrow.array(times)}
     for name, values in channels.items():
         flat = arrow.array(values.reshape(-1))
         columns[name] = (
             flat if values.ndim == 1 else arrow.FixedSizeListArray.from_arrays(flat, values.shape[1])
         )
-    own = {"own": record} if record else {}
-    notes = json.dumps({"units": dict(trace.units), "meta": dict(trace.meta), **own}).encode()
+    notes = json.dumps(own.description(trace, record)).encode()
     table = arrow.table(columns).replace_schema_metadata({NOTES: notes})
     parquet.write_table(table, path)
 

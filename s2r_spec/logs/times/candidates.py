@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from s2r_spec.base.errors import NoTimesError, TraceError
+from s2r_spec.logs.options import TIME, map_argument
 from s2r_spec.logs.table import Column, Head, Table, quote
 from s2r_spec.logs.times import time_units, times
 
@@ -15,22 +16,20 @@ Readable = tuple[Sequence[Column], Sequence[Head]]
 
 
 def question(candidates: Mapping[str, Readable], unit: str | None) -> NoTimesError:
-    """Return the error that asks which candidate has the times.
+    """Return the error that asks which of two or more candidates, by their names in ``--map t=``, has the times.
 
-    Args:
-        candidates: name as ``--map t=`` takes it → its columns, two or more.
-        unit: unit of plain numbers that the user states; None if not stated.
+    ``unit`` is that of plain numbers, if the user states one.
     """
     ranges = {name: text for name, one in candidates.items() if (text := _describe(*one, unit)) is not None}
     names = tuple(ranges) or tuple(candidates)
     if len(ranges) < 2:
         return NoTimesError(
-            f"there is no column {times.TIME!r} with the times: add --map {times.map_argument(names[0])}",
+            f"there is no column {TIME!r} with the times: add --map {map_argument(names[0])}",
             names[0],
         )
     shown = ", or ".join(f"{quote(name)} ({text})" for name, text in ranges.items())
     return NoTimesError(
-        f"the times may be {shown}. Choose one, as in --map {times.map_argument(names[0])}", names[0], names
+        f"the times may be {shown}. Choose one, as in --map {map_argument(names[0])}", names[0], names
     )
 
 
@@ -59,18 +58,11 @@ def _read(
 ) -> times.Times | None:
     """Return the times of a candidate, with the likely unit where numbers need one; None if they are no times."""
     first = columns[0].values.flat[0] if columns[0].values.size else 0.0
-    likely = (
-        None
-        if isinstance(first, str | np.generic) and not _plain(first)
-        else time_units.looks_like(float(first))
-    )
+    plain = isinstance(first, int | float | np.integer | np.floating)
+    likely = time_units.looks_like(float(first)) if plain else None
     for one in dict.fromkeys((unit, None, likely)):
         try:
             return times.read(columns, heads, one, place)
         except TraceError:
             continue
     return None
-
-
-def _plain(value: object) -> bool:
-    return isinstance(value, int | float | np.integer | np.floating)

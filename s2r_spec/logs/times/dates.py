@@ -28,11 +28,7 @@ def is_date(text: str) -> bool:
 
 
 def nanoseconds(texts: NDArray[Any], place: Callable[[int], str]) -> NDArray[np.datetime64]:
-    """Return (n,) dates in nanoseconds, in UTC if they state a time zone.
-
-    Args:
-        texts: (n,) dates with or without time, fraction and zone.
-        place: sample number → its place in the file.
+    """Return (n,) dates with or without time, fraction and zone, in nanoseconds, in UTC if they state a zone.
 
     Raises:
         TraceError: a text is not a date, or only some of the dates state a time zone.
@@ -61,7 +57,6 @@ def nanoseconds(texts: NDArray[Any], place: Callable[[int], str]) -> NDArray[np.
 
 
 def _offset(zone: str | None) -> int:
-    """Return the offset of a time zone from UTC [ns]."""
     if zone is None or zone in ("Z", "z", "UTC"):
         return 0
     digits = zone[1:].replace(":", "").ljust(4, "0")

@@ -49,11 +49,7 @@ def of_clock(text: str) -> bool:
 
 
 def nanoseconds(texts: NDArray[Any], place: Callable[[int], str]) -> NDArray[np.timedelta64]:
-    """Return (n,) durations in nanoseconds.
-
-    Args:
-        texts: (n,) durations, or times of day.
-        place: sample number → its place in the file.
+    """Return (n,) durations, or times of day, in nanoseconds.
 
     Raises:
         TraceError: a text is not a duration, or only some of the texts state days.
@@ -70,7 +66,6 @@ def nanoseconds(texts: NDArray[Any], place: Callable[[int], str]) -> NDArray[np.
 
 
 def _parse(text: str) -> int | None:
-    """Return a duration [ns]; None if the text is none."""
     if match := _OF_DAY.fullmatch(text):
         return _count(*match.groups())
     if match := _DAYS.fullmatch(text):

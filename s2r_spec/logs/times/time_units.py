@@ -56,22 +56,14 @@ def split_brackets(name: str) -> tuple[str, str] | None:
     return None
 
 
-def in_brackets(name: str) -> str | None:
-    """Return the unit of time in brackets at the end of a name, ``time (ns)``; None if there is none."""
-    split = split_brackets(name)
-    return split[1] if split is not None and size(split[1]) is not None else None
+def words(name: str) -> list[str]:
+    """Return the words of a name in lower case: "stamp" and "us" for stamp_us, stampUS and stamp.us."""
+    return [word.lower() for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)]
 
 
 def last_word(name: str) -> str:
-    """Return the last word of a name in lower case: "us" for time_us, TimeUS and stamp.us."""
-    words = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name[-100:])
-    return words[-1].lower() if words else ""
-
-
-def unit_in_name(name: str) -> str | None:
-    """Return the unit that the name of a column states, or None."""
-    word = last_word(name)
-    return SUB.get(word, "s" if word in WHOLE else None)
+    """Return the last word of a name in lower case."""
+    return next(reversed(words(name[-100:])), "")
 
 
 def looks_like(stamp: float) -> str | None:

@@ -8,7 +8,6 @@ sample: whole numbers are subtracted before they are rounded. Numbers in seconds
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -17,8 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.base.errors import TraceError, UsageError
+from s2r_spec.base.errors import TraceError
 from s2r_spec.logs import cells
+from s2r_spec.logs.options import TIME
 from s2r_spec.logs.table import Column, Head, quote
 from s2r_spec.logs.times import dates, durations, time_units
 from s2r_spec.logs.times.durations import ClockTime
@@ -26,7 +26,6 @@ from s2r_spec.trace import stamps
 from s2r_spec.trace.instants import DATES
 from s2r_spec.trace.samples import FAST, SLOW
 
-TIME = "t"
 FloatArray = NDArray[np.float64]
 Place = Callable[[int], str]
 
@@ -52,22 +51,6 @@ class Times:
     stated: bool = True
 
 
-def map_argument(name: str) -> str:
-    """Return the argument of ``--map`` that takes the times from a column, in quotes where a shell needs them."""
-    return shlex.quote(f"{TIME}={name}")
-
-
-def unit_of_option(text: str | None) -> str | None:
-    """Return the unit after a check that it is a unit of time.
-
-    Raises:
-        UsageError: the text is not a unit of time.
-    """
-    if text is not None and time_units.size(text) is None:
-        raise UsageError(f"time-unit {text!r} is not a unit of time; write s, ms, us, ns or min")
-    return text
-
-
 def read(
     columns: Sequence[Column], heads: Sequence[Head], unit: str | None, place: Place, first: Any = None
 ) -> Times:
@@ -76,15 +59,17 @@ def read(
     Args:
         columns: one or two columns.
         heads: their heads.
-        unit: unit of plain numbers that the user states; None if not stated.
+        unit: unit of plain numbers that the user states, if any.
         place: sample number → its place in the file.
-        first: :attr:`Times.first` of a trace whose first samples were read before; else None.
+        first: :attr:`Times.first` of a trace whose first samples were read before.
 
     Raises:
         TraceError: a stamp is missing or no time, units contradict each other, or the numbers are too large for
             seconds.
     """
-    columns = [_flat(column) for column in columns]
+    columns = [  # MATLAB writes numbers as vectors of one component
+        replace(one, values=one.values[:, 0]) if one.values.shape[1:] == (1,) else one for one in columns
+    ]
     for column, head in zip(columns, heads, strict=True):
         _check_usable(column, head, place)
     if len(columns) == 2:
@@ -112,21 +97,10 @@ def read(
 
 
 def _refuse_odd_cell(texts: NDArray[Any], place: Place) -> None:
-    """Refuse a text among numbers.
-
-    Raises:
-        TraceError: most of the texts are numbers.
-    """
     number = np.array([cells.parse([text]).dtype != object for text in texts])
     if 2 * number.sum() > number.size:
         bad = int(np.argmin(number))
         raise TraceError(f"{place(bad)} is {quote(str(texts[bad]))}, and the other times are numbers")
-
-
-def _flat(column: Column) -> Column:
-    """Return a column of vectors with one component, the form of Matlab, as a column of numbers."""
-    one = column.values.ndim == 2 and column.values.shape[1] == 1
-    return replace(column, values=column.values[:, 0]) if one else column
 
 
 def _check_usable(column: Column, head: Head, place: Place) -> None:
@@ -139,7 +113,6 @@ def _check_usable(column: Column, head: Head, place: Place) -> None:
 
 
 def _read_typed(values: NDArray[Any], unit: str | None, first: Any) -> Times:
-    """Return the times of a column of dates or durations."""
     dated = values.dtype.kind == "M"
     if unit is not None:
         raise TraceError(
@@ -154,11 +127,7 @@ def _read_typed(values: NDArray[Any], unit: str | None, first: Any) -> Times:
 
 
 def _durations(texts: NDArray[Any], unit: str | None, place: Place, first: Any) -> Times:
-    """Return the times of durations as text; those of a clock without a date count from the first one.
-
-    Raises:
-        TraceError: a time of day is before the one above it, or the texts have several forms.
-    """
+    """Return the times of durations as text; those of a clock without a date count from the first one."""
     values = durations.nanoseconds(texts, place)
     clock = durations.of_clock(texts[0])
     _check_form(ClockTime(0) if clock else values, first, texts, place)
@@ -190,7 +159,6 @@ def _form(values: Any) -> str:
 
 
 def _pair(columns: Sequence[Column], heads: Sequence[Head], unit: str | None, first: Any) -> Times:
-    """Return the times of two columns with whole seconds and fractions."""
     if unit is not None:
         raise TraceError(
             f"the times are in {quote(heads[0].text)} and {quote(heads[1].text)}, which state their units; "
@@ -221,9 +189,11 @@ def _whole_numbers(column: Column, head: Head) -> NDArray[np.int64]:
 
 
 def _counts(values: NDArray[Any], head: Head, unit: str | None, first: Any) -> Times:
-    """Return the times of a column of plain numbers."""
     size, notes = _size(head, unit)
-    stated = size is not None or (head.name == TIME and _as_a_robot_samples(values))
+    stated = size is not None
+    if head.name == TIME:  # the times of a trace are in seconds unless they say so, if they look like seconds
+        steps = np.abs(np.diff(values.astype(np.float64)))
+        stated = stated or not steps.size or FAST < float(np.median(steps)) < SLOW
     if size is None:
         ends = [values[0], values[-1]] if values.size and first is None else []
         likely = next(filter(None, (time_units.looks_like(float(end)) for end in ends)), None)
@@ -241,11 +211,6 @@ def _counts(values: NDArray[Any], head: Head, unit: str | None, first: Any) -> T
     return replace(times, notes=notes, stated=stated)
 
 
-def _as_a_robot_samples(values: NDArray[Any]) -> bool:
-    """Return whether the times of a trace, which are in seconds unless they say so, look like seconds."""
-    return len(values) < 2 or FAST < float(np.median(np.abs(np.diff(values.astype(np.float64))))) < SLOW
-
-
 def _assumption_notes(values: NDArray[Any], head: Head) -> tuple[str, ...]:
     """Return a note if whole numbers without a unit are taken for seconds, as those of a column ``t`` are."""
     if head.name == TIME or values.size < 2 or not (values == np.round(values)).all():
@@ -258,7 +223,6 @@ def _assumption_notes(values: NDArray[Any], head: Head) -> tuple[str, ...]:
 
 
 def _since(values: NDArray[Any], size: Fraction, first: Any) -> Times:
-    """Return the times of counts, from the first one if they are dates."""
     start = values[0] if first is None and values.size else first
     dated = start is not None and stamps.dates(np.array([start]), size)
     seconds = stamps.to_seconds(values, size, from_first=dated, first=start)
@@ -273,7 +237,9 @@ def _since(values: NDArray[Any], size: Fraction, first: Any) -> Times:
 def _size(head: Head, unit: str | None) -> tuple[Fraction | None, tuple[str, ...]]:
     """Return the unit of a column's numbers [s], or None; and a note if only the column's name states it."""
     stated = None if unit is None else time_units.size(unit)
-    declared = head.unit if head.unit is not None else time_units.in_brackets(head.name)
+    declared = head.unit
+    if declared is None and (split := time_units.split_brackets(head.name)) is not None:
+        declared = split[1] if time_units.size(split[1]) is not None else None
     if declared is not None:
         size = time_units.size(declared)
         if size is None:
@@ -287,12 +253,11 @@ def _size(head: Head, unit: str | None) -> tuple[Fraction | None, tuple[str, ...
         return size, ()
     if stated is not None:
         return stated, ()
-    name = time_units.unit_in_name(head.name)
-    if name is None:
+    word = time_units.last_word(head.name)
+    if word in time_units.WHOLE:
+        return Fraction(1), ()
+    if (name := time_units.SUB.get(word)) is None:
         return None, ()
-    note = (
-        ()
-        if name == "s"
-        else (f"the times are read in {name}, the unit in the column name {quote(head.name)}",)
+    return time_units.size(name), (
+        f"the times are read in {name}, the unit in the column name {quote(head.name)}",
     )
-    return time_units.size(name), note

@@ -16,8 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError, one_of
-from s2r_spec.logs.mapping import TIME_WORDS, ColumnRequest, plan_columns
-from s2r_spec.logs.table import Column, Head, check_size, few, quote
+from s2r_spec.logs.mapping import ColumnRequest, plan_columns
+from s2r_spec.logs.options import TIME
+from s2r_spec.logs.table import Column, Head, check_columns, check_size, quote
+from s2r_spec.logs.time_columns import TIME_WORDS
 from s2r_spec.logs.times import candidates, times
 from s2r_spec.logs.times.dates import LAST
 from s2r_spec.logs.topics.topic import Stamps, Topic, TopicHead
@@ -28,13 +30,7 @@ _UNITS = ("unit", "units")
 
 @dataclass(frozen=True)
 class Array:
-    """An array of a file before it is read.
-
-    Args:
-        shape: its shape, with the samples first.
-        read: reads it.
-        unit: unit as written; None if there is none.
-    """
+    """An array of a file before it is read: its shape with the samples first, what reads it, its unit as written."""
 
     shape: tuple[int, ...]
     read: Callable[[], NDArray[Any]]
@@ -43,11 +39,11 @@ class Array:
 
 @dataclass(frozen=True)
 class TimeOptions:
-    """What the user says of the times.
+    """What the user says of the times, if anything.
 
     Args:
-        unit: unit of times that are plain numbers; None if not stated.
-        times: path of the array of times, its last part, or two joined by "+"; None if not stated.
+        unit: unit of times that are plain numbers.
+        times: path of the array of times, its last part, or two joined by "+".
     """
 
     unit: str | None = None
@@ -87,10 +83,10 @@ class ArrayLog:
         options: TimeOptions | None = None,
         objects: Mapping[str, str] | None = None,
     ) -> None:
-        few(len(arrays))
+        check_columns(len(arrays))
         self.sortable = False
         self._arrays, self._options = arrays, options or TimeOptions()
-        self.notes: tuple[str, ...] = ()
+        self.notes: list[str] = []
         self._mapped = _mapped_clocks(arrays, self._options.times)
         self._clocks: dict[str, list[str]] = defaultdict(list)
         for path in filter(is_word, arrays):
@@ -101,7 +97,9 @@ class ArrayLog:
                 f"no array of the file has times; {_advice(arrays, self._mapped, objects or {})}"
             )
         self._describe_others(objects or {})
-        self.heads = tuple(self._head(topic, fields) for topic, fields in self._topics.items())
+        self.heads: Sequence[TopicHead] = [
+            self._head(topic, fields) for topic, fields in self._topics.items()
+        ]
 
     def _group_fields(self) -> dict[str, _TopicArrays]:
         """Return topic → its clock and fields. A topic has one clock: the user's, ``t``, or the first."""
@@ -110,7 +108,11 @@ class ArrayLog:
         }
         clocks = {path: clock for path, clock in clocks.items() if path not in clock}
         first: dict[str, Clock] = {}
-        for path, clock in sorted(clocks.items(), key=lambda one: self._rank(one[1])):
+
+        def rank(one: tuple[str, Clock]) -> tuple[bool, bool]:
+            return one[1] not in self._mapped, _last(one[1][0]) != TIME
+
+        for path, clock in sorted(clocks.items(), key=rank):
             first.setdefault(_topic(path, clock), clock)
         topics: dict[str, _TopicArrays] = {}
         for path, clock in clocks.items():
@@ -120,17 +122,14 @@ class ArrayLog:
             if clock != own.clock:
                 own.other[name] = (
                     f"has the times {_clock_text(clock)}, and other arrays beside it have {_clock_text(own.clock)}; "
-                    f"choose by --map {times.TIME}={'+'.join(clock)}"
+                    f"choose by --map {TIME}={'+'.join(clock)}"
                 )
-            elif path == times.TIME:  # a trace has one t
+            elif path == TIME:  # a trace has one t
                 own.other[name] = f"is not the times, which are {_clock_text(clock)}"
             else:
                 own.fields.append(name)
                 own.rivals = own.rivals or self._rivals(clock)
         return {topic: own for topic, own in topics.items() if own.fields}
-
-    def _rank(self, clock: Clock) -> tuple[bool, bool]:
-        return clock not in self._mapped, _last(clock[0]) != times.TIME
 
     def _clock(self, path: str, shape: tuple[int, ...]) -> Clock:
         """Return the times of an array, those that have as many samples; () if there are none.
@@ -151,7 +150,7 @@ class ArrayLog:
 
     def _rivals(self, clock: Clock) -> tuple[str, ...]:
         """Return the arrays that may be the times as well as a clock that nobody chose, with the clock."""
-        if clock in self._mapped or _last(clock[0]) == times.TIME:
+        if clock in self._mapped or _last(clock[0]) == TIME:
             return ()
         rivals = self._words(_folder(clock[0]), self._arrays[clock[0]].shape)
         return rivals if len(rivals) > 1 else ()
@@ -159,13 +158,15 @@ class ArrayLog:
     def _words(self, folder: str, shape: tuple[int, ...]) -> tuple[str, ...]:
         """Return the arrays of a folder that are called ``t`` or by a word for times, and have a shape; t first."""
         paths = [path for path in self._clocks.get(folder, ()) if self._arrays[path].shape == shape]
-        return tuple(sorted(paths, key=lambda path: _last(path) != times.TIME))
+        return tuple(sorted(paths, key=lambda path: _last(path) != TIME))
 
     def _describe_others(self, objects: Mapping[str, str]) -> None:
-        """Say of each array below a topic that is not one of its fields why."""
-        known = {path for topic, fields in self._topics.items() for path in fields.clock}
-        known |= {_path(topic, name) for topic, fields in self._topics.items() for name in fields.fields}
-        known |= {_path(topic, name) for topic, fields in self._topics.items() for name in fields.other}
+        known = {path for fields in self._topics.values() for path in fields.clock}
+        known |= {
+            _path(topic, name)
+            for topic, fields in self._topics.items()
+            for name in (*fields.fields, *fields.other)
+        }
         others = {
             path: f"has {_shape(array)} numbers, and no array of times has as many samples"
             for path, array in self._arrays.items()
@@ -177,11 +178,8 @@ class ArrayLog:
                 self._topics[topic].other[_below(path, topic)] = text
 
     def _head(self, topic: str, fields: _TopicArrays) -> TopicHead:
-        units = {
-            name: unit
-            for name in fields.fields
-            if (unit := self._arrays[_path(topic, name)].unit) is not None
-        }
+        written = {name: self._arrays[_path(topic, name)].unit for name in fields.fields}
+        units = {name: unit for name, unit in written.items() if unit is not None}
         count = self._arrays[fields.clock[0]].shape[0]
         return TopicHead(
             topic, tuple(fields.fields), count, units=units, faults=fields.other, other=fields.other
@@ -232,9 +230,7 @@ class ArrayLog:
         clocks = {topic: self._topics[topic].clock for topic in wanted}
         for topic in wanted:
             if rivals := self._topics[topic].rivals:
-                readable = {
-                    _last(path): ([Column(self._arrays[path].read())], [self._time(path)]) for path in rivals
-                }
+                readable = {_last(path): self._readable([path]) for path in rivals}
                 raise candidates.question(readable, self._options.unit)
         own = {topic: clock for topic, clock in clocks.items() if self._mapped and clock not in self._mapped}
         if own and len(own) == len(clocks):
@@ -245,22 +241,22 @@ class ArrayLog:
                 f"{quote(topic)}, which has {_shape(self._arrays[clock[0]])} samples. Its own times are "
                 f"{_clock_text(clock)}"
             )
-        self.notes += tuple(
-            f"the times of {topic or 'the file'} are its own, {_clock_text(own[topic])}" for topic in own
-        )
+        self.notes += [
+            f"the times of {topic or 'the file'} are its own, {_clock_text(clock)}"
+            for topic, clock in own.items()
+        ]
 
-    def _time(self, path: str) -> Head:
-        return Head(_last(path), None, self._arrays[path].unit)
+    def _readable(self, paths: Sequence[str]) -> tuple[list[Column], list[Head]]:
+        heads = [Head(_last(path), None, self._arrays[path].unit) for path in paths]
+        return [Column(self._arrays[path].read()) for path in paths], heads
 
     def _stamps(self, topic: str) -> NDArray[Any]:
         """Return (n,) dates to the nanosecond, or seconds of a clock without a date."""
         clock = self._topics[topic].clock
         times_read = times.read(
-            [Column(self._arrays[path].read()) for path in clock],
-            [self._time(path) for path in clock],
+            *self._readable(clock),
             self._options.unit,
             lambda sample: f"sample {sample} of {_clock_text(clock)}",
-            None,
         )
         self.notes += times_read.notes
         if times_read.since is None:
@@ -270,9 +266,8 @@ class ArrayLog:
             raise TraceError(
                 f"the times of {_clock_text(clock)} begin at {times_read.begins}, which is no date"
             )
-        stamps: NDArray[Any] = round(times_read.since * 10**9) + np.rint(times_read.seconds * 1e9).astype(
-            np.int64
-        )
+        counts = np.rint(times_read.seconds * 1e9).astype(np.int64)
+        stamps: NDArray[Any] = round(times_read.since * 10**9) + counts
         return stamps.view("M8[ns]")
 
 
@@ -291,9 +286,7 @@ def is_unit_path(path: str) -> bool:
 def with_units(arrays: Mapping[str, Array], texts: Mapping[str, str]) -> dict[str, Array]:
     """Return arrays with the units that texts beside them state.
 
-    Args:
-        arrays: path → array.
-        texts: path → text: ``s.units`` is for all arrays of ``s`` but the times, and ``s.units.gap`` for ``s.gap``.
+    The text ``s.units`` is for all arrays of ``s`` but the times, and ``s.units.gap`` for ``s.gap``.
     """
     labelled = dict(arrays)
     for path, text in texts.items():
@@ -307,6 +300,11 @@ def with_units(arrays: Mapping[str, Array], texts: Mapping[str, str]) -> dict[st
     return labelled
 
 
+def as_text(value: Any) -> str:
+    """Return a text that may be bytes."""
+    return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
+
+
 def as_object(kind: str) -> str:
     """Return why an object of MATLAB cannot be read, as text after its name."""
     return (
@@ -316,35 +314,26 @@ def as_object(kind: str) -> str:
 
 
 def _mapped_clocks(arrays: Mapping[str, Array], name: str | None) -> tuple[Clock, ...]:
-    """Return the clocks that a user names by their path, or by its last part.
-
-    Raises:
-        NoTimesError: there is none.
-    """
+    """Return the clocks that a user names by their path, or by its last part."""
     if name is None:
         return ()
     clocks = tuple((path,) for path in arrays if path == name or path.endswith(f".{name}"))
     if clocks:
         return clocks
     heads = [Head(path, None, array.unit) for path, array in arrays.items()]
-    numbers = plan_columns(heads, ColumnRequest({times.TIME: name}, {})).times
+    numbers = plan_columns(heads, ColumnRequest({TIME: name}, {})).times
     return (tuple(heads[number].name for number in numbers),)
 
 
 def _advice(arrays: Mapping[str, Array], mapped: Sequence[Clock], objects: Mapping[str, str]) -> str:
-    """Return why a file has no topic, and what to save instead."""
-    if mapped:
-        why = f"no other array has as many samples as {mapped[0][0]}"
-        clock = mapped[0][0]
-    else:
-        why = "no array of the file has times"
-        clock = next(filter(is_word, arrays), "")
+    clock = mapped[0][0] if mapped else next(filter(is_word, arrays), "")
+    why = f"no other array has as many samples as {clock}" if mapped else "no array of the file has times"
     if objects and not clock:
         name, fault = next(iter(objects.items()))
         return f"{why}. {quote(name)} {fault}"
     if not clock:
         return (
-            f"{why}; there are {one_of(arrays)}. Map one, as in --map {times.TIME}=NAME, or save an array of times "
+            f"{why}; there are {one_of(arrays)}. Map one, as in --map {TIME}=NAME, or save an array of times "
             f"beside them, called t"
         )
     shapes = one_of(f"{path} of {_shape(array)}" for path, array in arrays.items())
@@ -358,7 +347,7 @@ def _shape(array: Array) -> str:
 def is_word(path: str) -> bool:
     """Return whether the name of an array says that it holds times."""
     name = _last(path)
-    return name == times.TIME or name.lower() in TIME_WORDS
+    return name == TIME or name.lower() in TIME_WORDS
 
 
 def _topic(path: str, clock: Clock) -> str:
@@ -376,7 +365,6 @@ def _path(topic: str, name: str) -> str:
 
 
 def _below(path: str, topic: str) -> str:
-    """Return the name of a field from its path and its topic."""
     return path[len(topic) + 1 :] if topic and path.startswith(f"{topic}.") else path
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import shutil
 import sqlite3
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -19,9 +19,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from rosbags.highlevel import AnyReader
-from rosbags.interfaces import Connection
 from rosbags.rosbag1 import Reader as Ros1Reader
-from rosbags.rosbag2.metadata import ReaderMetadata
 from rosbags.rosbag2.reader import DirectoryReader
 from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
@@ -30,7 +28,7 @@ from ruamel.yaml import YAML
 
 from s2r_spec.base.errors import TraceError, one_of, shortened
 from s2r_spec.base.printable import one_line
-from s2r_spec.logs.topics.bag_parts import Parts, mcap, remedy, ros1
+from s2r_spec.logs.topics.bag_parts import BY_PARTS, Parts, remedy
 from s2r_spec.logs.topics.rosbag import METADATA
 
 _JOURNALS = ("-wal", "-journal")
@@ -39,7 +37,7 @@ _JOURNALS = ("-wal", "-journal")
 
 @dataclass(frozen=True)
 class Bag:
-    """An open bag.
+    """An open bag, with notes on files that are not complete.
 
     Args:
         reader: gives connections, and the definitions of messages that the bag holds.
@@ -48,7 +46,6 @@ class Bag:
         listed: topic → number of its messages in ``metadata.yaml``, or in the file's index.
         source: where these numbers come from.
         distribution: of ROS, in lower case, as the recorder noted it; "" if it did not.
-        notes: notes on files that are not complete.
     """
 
     reader: AnyReader
@@ -61,12 +58,7 @@ class Bag:
 
 
 def open_bag(path: Path, stack: ExitStack, by_parts: bool = False) -> Bag:
-    """Open a bag, and close it with a stack.
-
-    Args:
-        path: a ROS 1 ``.bag``, the folder of a ROS 2 bag, or its ``.db3`` or ``.mcap`` file.
-        stack: closes the files.
-        by_parts: whether not to use indexes.
+    """Open a bag, and close it with a stack; ``by_parts`` uses no index.
 
     Raises:
         TraceError: the bag has no message that can be read.
@@ -143,7 +135,6 @@ class _Database(Sqlite3Reader):
             super().close()
 
     def _recover(self, journals: list[Path]) -> Path:
-        """Return a copy of the file with the messages of its journals."""
         folder = Path(self._stack.enter_context(TemporaryDirectory(prefix="s2r-")))
         names = one_of(file.name for file in journals)
         try:
@@ -162,7 +153,6 @@ class _Database(Sqlite3Reader):
 
 
 _INDEXED: dict[str, Callable[[Path], Any]] = {".mcap": McapReader, ".bag": Ros1Reader, ".db3": _Database}
-_BY_PARTS = {".mcap": mcap, ".bag": ros1}
 
 
 class _File:
@@ -182,7 +172,7 @@ class _File:
     def open(self) -> None:
         ending = self.path.suffix.lower()
         reason: Exception = ValueError("it has no whole message")
-        if not self._by_parts or ending not in _BY_PARTS:
+        if not self._by_parts or ending not in BY_PARTS:
             try:
                 self._storage = _INDEXED[ending](self.path)
                 self._storage.open()
@@ -190,13 +180,13 @@ class _File:
             except (TraceError, PermissionError):
                 raise
             except Exception as error:
-                if ending not in _BY_PARTS:
+                if ending not in BY_PARTS:
                     raise unreadable_error(self.path, error) from None
                 reason = error
         with suppress(ValueError):  # it is no such file at all
-            parts = Parts(self.path, _BY_PARTS[ending])
+            parts = Parts(self.path, *BY_PARTS[ending])
             parts.open()
-            if not parts.empty:
+            if parts.count:
                 self._storage, self.parts = parts, True
                 return
         raise unreadable_error(self.path, reason)
@@ -204,21 +194,16 @@ class _File:
     def close(self) -> None:
         self._storage.close()
 
+    def __getattr__(self, name: str) -> Any:
+        """Return ``connections``, ``metadata`` or ``messages`` of the storage, or what else rosbags asks for."""
+        return getattr(self._storage, name)
+
     def __enter__(self) -> _File:
         self.open()
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    @property
-    def connections(self) -> list[Connection]:
-        """The topics with their types; what it gives must not be changed."""
-        return self._storage.connections  # type: ignore[no-any-return]
-
-    @property
-    def metadata(self) -> ReaderMetadata:
-        return self._storage.metadata  # type: ignore[no-any-return]
 
     @property
     def end_time(self) -> int:
@@ -229,18 +214,11 @@ class _File:
 
     @property
     def notes(self) -> list[str]:
-        """Notes on a file that is not complete."""
         return getattr(self._storage, "notes", [])
 
     @property
     def distribution(self) -> str:
-        """Distribution of ROS as the recorder noted it; "" if it did not."""
         return getattr(self._storage, "distribution", "")
-
-    def messages(
-        self, connections: Collection[Connection], start: int | None = None, stop: int | None = None
-    ) -> Iterator[tuple[Connection, int, bytes]]:
-        return self._storage.messages(connections, start, stop)  # type: ignore[no-any-return]
 
 
 class _Folder(DirectoryReader):
@@ -261,7 +239,7 @@ class _Folder(DirectoryReader):
         try:
             self.open()
         except Exception:
-            if missing := self._missing_files():
+            if missing := [name for name in self._listed_files() if not (self.path / name).exists()]:
                 raise TraceError(
                     f"{METADATA} lists {one_of(missing)}, and the folder lacks it; copy it, or `ros2 bag reindex "
                     f"{self.path}` to read the rest"
@@ -281,17 +259,10 @@ class _Folder(DirectoryReader):
         self.close()
 
     @property
-    def files_read(self) -> list[_File]:
-        """The files of the bag."""
-        return [file for file in self.storages if isinstance(file, _File)]
-
-    @property
     def end_time(self) -> int:
-        """Receipt of the last message of any file [ns]."""
-        return max(file.end_time for file in self.files_read)
+        return max(file.end_time for file in self.storages if isinstance(file, _File))
 
     def _listed_files(self) -> list[str]:
-        """Return the names of the files that ``metadata.yaml`` lists."""
         with suppress(Exception):  # then the metadata have another fault
             metadata = YAML(typ="safe").load((self.path / METADATA).read_text())
             return [
@@ -299,12 +270,7 @@ class _Folder(DirectoryReader):
             ]
         return []
 
-    def _missing_files(self) -> list[str]:
-        """Return the files that ``metadata.yaml`` lists and the folder lacks."""
-        return [name for name in self._listed_files() if not (self.path / name).exists()]
-
     def _surplus(self) -> list[str]:
-        """Return the files of bags that the folder holds and ``metadata.yaml`` does not list."""
         listed = {name.removesuffix(".zstd") for name in self._listed_files()}
         files = sorted(one.name for one in Path(str(self.path)).iterdir() if one.suffix in (".db3", ".mcap"))
         return [name for name in files if name not in listed] if listed else []

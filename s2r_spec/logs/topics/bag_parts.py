@@ -29,7 +29,6 @@ from s2r_spec.logs.times.dates import text
 
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _FOOTER, _DATA_END = 0x03, 0x04, 0x05, 0x06, 0x02, 0x0F
 """Definition: opcodes of MCAP, https://mcap.dev/spec. There is no record 0, so that zeros are a lost end."""
-_MAGIC = b"\x89MCAP0\r\n"
 _REMEDIES = {".mcap": "mcap recover {}", ".bag": "rosbag reindex {}", ".db3": "sqlite3 {} .recover"}
 """Definition: command that saves what a damaged file holds, by its ending."""
 
@@ -70,16 +69,22 @@ class Parts:
 
     Args:
         path: the file.
+        magic: the bytes with which a file of its format begins.
         records: (stream, its end, what it lacks) → connections and messages.
+
+    Attributes:
+        count: number of its whole messages.
     """
 
-    def __init__(self, path: Path, records: Callable[[BinaryIO, int, _Losses], _Records]) -> None:
-        self.path = path
+    def __init__(
+        self, path: Path, magic: bytes, records: Callable[[BinaryIO, int, _Losses], _Records]
+    ) -> None:
+        self.path, self._magic = path, magic
         self.metadata = ReaderMetadata(0, 2**63 - 1, 0, 0, None, None, None, None)
         self.connections: list[Connection] = []
         self._parser = records
         self._losses = _Losses()
-        self._count = 0
+        self.count = 0
         self._first, self._last = 2**63 - 1, 0
 
     def open(self) -> None:
@@ -94,7 +99,7 @@ class Parts:
                 counts[record.connection] += 1
                 self._first, self._last = min(self._first, record.received), max(self._last, record.received)
         self.connections = [one._replace(msgcount=counts[one.id], owner=self) for one in connections.values()]
-        self._count = sum(one.msgcount for one in self.connections)
+        self.count = sum(one.msgcount for one in self.connections)
         # rosbags ends a file one nanosecond after its last message.
         self.metadata = self.metadata._replace(end_time=self._last + 1)
 
@@ -120,7 +125,7 @@ class Parts:
         fault = "is damaged" if losses.closed else "was not closed"
         span = (self._last - self._first) * 1e-9
         notes = [
-            f"{name} {fault}: {self._count:,} messages ({span:.6g} s) until {_date(self._last)} are read, "
+            f"{name} {fault}: {self.count:,} messages ({span:.6g} s) until {_date(self._last)} are read, "
             f"{losses.left_out:,} bytes are not; `{remedy(self.path)}` may save more"
         ]
         return notes + [
@@ -128,13 +133,10 @@ class Parts:
             for first, last in losses.damaged
         ]
 
-    @property
-    def empty(self) -> bool:
-        """Whether no message is whole."""
-        return self._count == 0
-
     def _records(self, losses: _Losses) -> _Records:
         with self.path.open("rb") as stream:
+            if stream.read(len(self._magic)) != self._magic:
+                raise ValueError(f"the file does not begin with {self._magic!r}")
             yield from self._parser(stream, self.path.stat().st_size, losses)
 
 
@@ -142,15 +144,8 @@ def _date(stamp: int) -> str:
     return text(np.datetime64(stamp, "ns"))
 
 
-def mcap(stream: BinaryIO, end: int, losses: _Losses) -> _Records:
-    """Yield the whole records of an MCAP file."""
-    if stream.read(len(_MAGIC)) != _MAGIC:
-        raise ValueError("the file does not begin as MCAP does")
-    yield from _mcap(stream, end, losses, {})
-
-
-def _mcap(stream: BinaryIO, end: int, losses: _Losses, schemas: dict[int, Schema]) -> _Records:
-    """Yield the whole records of MCAP from here to an end."""
+def _mcap(stream: BinaryIO, end: int, losses: _Losses, schemas: dict[int, Schema] | None = None) -> _Records:
+    schemas = {} if schemas is None else schemas
     held: list[Connection | _Message] = []  # a record before zeros is not whole: zeros may fill its end, too
     begin = stream.tell()
     while (at := stream.tell()) < end:
@@ -199,7 +194,6 @@ def _mcap_chunk(
 
 
 def _mcap_record(kind: int, body: BytesIO, schemas: dict[int, Schema]) -> list[Connection | _Message]:
-    """Return the connection or the message that a record holds."""
     number = int.from_bytes(body.read(2), "little")
     if kind == _SCHEMA:
         schemas[number] = Schema(number, read_string(body), read_string(body), read_string(body))
@@ -228,13 +222,6 @@ def _mcap_record(kind: int, body: BytesIO, schemas: dict[int, Schema]) -> list[C
     received = int.from_bytes(body.read(8), "little")
     body.seek(8, 1)
     return [_Message(number, received, body.read())]
-
-
-def ros1(stream: BinaryIO, end: int, losses: _Losses) -> _Records:
-    """Yield the whole records of a ROS 1 bag."""
-    if stream.readline(20) != b"#ROSBAG V2.0\n":
-        raise ValueError("the file does not begin as a ROS 1 bag does")
-    yield from _ros1(stream, end, losses)
 
 
 def _ros1(stream: BinaryIO, end: int, losses: _Losses) -> _Records:
@@ -278,7 +265,6 @@ def _ros1_chunk(body: bytes, size: int, compression: str, losses: _Losses) -> _R
 
 
 def _ros1_connection(header: Header, body: bytes) -> Connection:
-    """Return the connection that a record holds."""
     # A record's data has the form of a header.
     more = Header.read(BytesIO(len(body).to_bytes(4, "little") + body))
     return Connection(
@@ -291,3 +277,7 @@ def _ros1_connection(header: Header, body: bytes) -> Connection:
         ConnectionExtRosbag1(None, None),
         None,
     )
+
+
+BY_PARTS = {".mcap": (b"\x89MCAP0\r\n", _mcap), ".bag": (b"#ROSBAG V2.0\n", _ros1)}
+"""Definition: the formats whose whole records can be read, by the ending of a file."""

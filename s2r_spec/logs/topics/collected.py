@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.base.errors import TraceError, one_of, shortened
-from s2r_spec.base.printable import one_line
+from s2r_spec.base.errors import TraceError, one_of
+from s2r_spec.logs.library import reason_of
 from s2r_spec.logs.table import Column
 from s2r_spec.logs.topics.layout import Layout, layout
 from s2r_spec.logs.topics.topic import Topic, jump_of
@@ -77,7 +77,7 @@ class Codec:
     """How the raw messages of a topic are decoded.
 
     Args:
-        topic: name of the topic.
+        topic: its name.
         kind: type of the messages.
         store: rosbags' definitions of messages.
         cdr: whether they are in CDR, as in ROS 2.
@@ -100,23 +100,17 @@ class Codec:
             deserialize = self.store.deserialize_cdr if self.cdr else self.store.deserialize_ros1
             return deserialize(raw, self.kind)
         except Exception as error:  # of rosbags, or of what a wrong length leads to
-            reason = shortened(one_line(str(error)) or type(error).__name__)
             raise TraceError(
-                f"message {number:,} of {self.topic} does not fit the definition of {self.kind}: {reason}{self.advice}"
+                f"message {number:,} of {self.topic} does not fit the definition of {self.kind}: "
+                f"{reason_of(error)}{self.advice}"
             ) from None
 
 
 class _Values:
-    """Values of one field, (n,) or (n, k), in an array of at most 8 bytes a number.
+    """Values of one field, (n,) or (n, k), in arrays of at most 8 bytes a number."""
 
-    Args:
-        expected: number of the values; more may come.
-    """
-
-    def __init__(self, expected: int) -> None:
-        self._expected = expected
-        self._array: NDArray[Any] = np.zeros(0)
-        self._count = 0
+    def __init__(self) -> None:
+        self._parts: list[NDArray[Any]] = []
         self._lengths: set[int] = set()
 
     def extend(self, values: Any) -> int:
@@ -130,13 +124,13 @@ class _Values:
             values = np.stack(values)
         part = np.asarray(values)
         if len(self._lengths) <= 1 and len(part):
-            self._append(part)
+            self._parts.append(part)
         return part.size
 
     def array(self) -> NDArray[Any]:
         """Return all values, and forget them."""
-        values, self._array = self._array, np.zeros(0)
-        return values if len(values) == self._count else values[: self._count]
+        parts, self._parts = self._parts, []
+        return np.concatenate(parts) if parts else np.zeros(0)
 
     def column(self, fault: str, kept: NDArray[Any] | slice) -> Column:
         """Return the values of the kept messages, and forget all."""
@@ -145,41 +139,18 @@ class _Values:
             fault = fault or f"has vectors of {lengths} numbers, not of one length"
         return Column.without(fault) if fault else Column(self.array()[kept])
 
-    def _append(self, part: NDArray[Any]) -> None:
-        end = self._count + len(part)
-        dtype = np.result_type(self._array, part) if self._count else part.dtype
-        if end > len(self._array) or dtype != self._array.dtype:
-            room = max(end, 2 * self._count, self._expected if part.ndim == 1 else 0)
-            grown = np.empty((room, *part.shape[1:]), dtype)
-            if self._count:
-                grown[: self._count] = self._array[: self._count]
-            self._array = grown
-        self._array[self._count : end] = part
-        self._count = end
-
 
 class Collected:
-    """The messages of a topic that were added so far, of which only the chosen numbers remain.
+    """The messages of a topic that were added so far, of which only the numbers of chosen fields remain.
 
-    Args:
-        codec: decodes the messages.
-        fields: names of the chosen fields.
-        readers: what reads each of them from a message.
-        stamped: whether the stamps are those of the headers.
-        expected: number of the messages, as the bag says.
+    Each field has a reader; ``stamped`` says whether the stamps are those of the headers.
     """
 
     def __init__(
-        self,
-        codec: Codec,
-        fields: Sequence[str],
-        readers: Sequence[Callable[[Any], Any]],
-        stamped: bool,
-        expected: int,
+        self, codec: Codec, fields: Sequence[str], readers: Sequence[Callable[[Any], Any]], stamped: bool
     ) -> None:
         self.count = self.numbers = 0
-        self._codec, self._fields, self._readers = codec, fields, readers
-        self._name = codec.topic
+        self._codec, self._fields, self._readers, self._name = codec, fields, readers, codec.topic
         self._stamped = stamped
         self._elements = any(isinstance(reader, Element) for reader in readers)
         self._one_layout = not any(isinstance(reader, Element | NamedVector) for reader in readers)
@@ -187,9 +158,9 @@ class Collected:
         self._waiting: list[int] = []
         self._raw: list[bytes] = []
         self._bytes = 0
-        self._stamps, self._ages, self._which = (_Values(expected) for _ in range(3))
+        self._stamps, self._ages, self._which = (_Values() for _ in range(3))
         self._age, self._last, self._unordered = 0, 0, False
-        self._columns = [_Values(expected) for _ in fields]
+        self._columns = [_Values() for _ in fields]
         self._patterns: dict[tuple[bool, ...], int] = {}
 
     def add(self, received: int, raw: bytes) -> bool:
@@ -273,7 +244,6 @@ class Collected:
         return ""
 
     def _decode(self) -> None:
-        """Keep the chosen numbers of the messages that wait."""
         begin = self.count - len(self._waiting)
         waiting, raw = self._waiting, self._raw
         self._waiting, self._raw, self._bytes = [], [], 0

@@ -59,7 +59,6 @@ def versions(kind: str) -> list[list[str]]:
 
 
 def _expand(definitions: Any, kind: str) -> tuple[Any, ...]:
-    """Return the fields of a type with those of the types in it."""
     fields: list[tuple[Any, ...]] = []
     for name, (shape, content) in definitions[kind][1]:
         if shape in (Nodetype.ARRAY, Nodetype.SEQUENCE):
@@ -77,7 +76,6 @@ def _store(distribution: str) -> Typestore:
 
 
 def _fits(distribution: str, kind: str, message: bytes) -> bool:
-    """Return whether a message has exactly the bytes that a definition wants."""
     try:
         _store(distribution).deserialize_cdr(message, kind)
     except Exception:  # of rosbags, or of what a wrong length leads to

@@ -7,6 +7,7 @@ an array of one of these. Times in "seconds since 1970-01-01" are in seconds.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,21 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.base.errors import TraceError, shortened
-from s2r_spec.base.printable import one_line
+from s2r_spec.base.errors import TraceError
 from s2r_spec.lang.units import LONGEST
-from s2r_spec.logs.library import library
-from s2r_spec.logs.table import few, quote, regular
-from s2r_spec.logs.topics.arrays import (
-    Array,
-    ArrayLog,
-    TimeOptions,
-    as_object,
-    is_unit_path,
-    is_word,
-    squeeze,
-    with_units,
-)
+from s2r_spec.logs.library import library, reason_of
+from s2r_spec.logs.table import check_columns, check_file, quote
+from s2r_spec.logs.topics import arrays as named
+from s2r_spec.logs.topics.arrays import Array, ArrayLog, TimeOptions, is_unit_path, squeeze
 
 _MATLAB = "MATLAB_class"
 _PACKED = ("scale_factor", "add_offset", "_FillValue")
@@ -42,7 +34,7 @@ def open_hdf5(path: Path, options: TimeOptions | None = None) -> ArrayLog:
     Raises:
         TraceError: h5py is not installed, or the file is not HDF5.
     """
-    regular(path)
+    check_file(path)
     h5py = library("h5py", "HDF5 files")
     arrays: dict[str, Array] = {}
     texts: dict[str, str] = {}
@@ -56,7 +48,7 @@ def open_hdf5(path: Path, options: TimeOptions | None = None) -> ArrayLog:
             for path, element in _elements(item, name):
                 add(path, element)
         elif _OBJECT in item.attrs:
-            objects[name.replace("/", ".")] = as_object(_text(item.attrs.get(_MATLAB)))
+            objects[name.replace("/", ".")] = named.as_object(named.as_text(item.attrs.get(_MATLAB)))
         else:
             add(name, item)
 
@@ -69,34 +61,30 @@ def open_hdf5(path: Path, options: TimeOptions | None = None) -> ArrayLog:
                 texts[place] = "".join(map(chr, np.ravel(item[()])))
         elif h5py.check_string_dtype(item.dtype) is not None:
             if is_unit_path(place) and item.size == 1:
-                texts[place] = _text(np.ravel(item[()])[0])
+                texts[place] = named.as_text(np.ravel(item[()])[0])
         elif item.dtype.kind in "biufmM":
             turned = _MATLAB in item.attrs  # MATLAB has the samples of a column last
             shape = squeeze(item.shape[::-1] if turned else item.shape)
             unit, _, since = (_unit(item.attrs) or "").partition(" since ")
-            if since and is_word(place):
+            if since and named.is_word(place):
                 origins[since] = name
-            arrays[place] = Array(shape, partial(_read, h5py, path, item.name, turned), unit.strip() or None)
+            arrays[place] = Array(shape, partial(_read, path, item.name, turned), unit.strip() or None)
 
-    with _Errors(path), h5py.File(path) as file:
+    with _open(path) as file:
         file.visititems(visit)
     if len(origins) > 1:
         (one, first), (other, second), *_ = origins.items()
         raise TraceError(
             f"the times {quote(first)} count since {one}, and {quote(second)} since {other}; save both since the same"
         )
-    return ArrayLog(with_units(arrays, texts), options, objects)
+    return ArrayLog(named.with_units(arrays, texts), options, objects)
 
 
 def _unit(attributes: Any) -> str | None:
     """Return the unit that the attributes of a dataset state; bytes that are not UTF-8 and lists are no units."""
     values = [attributes[key] for key in attributes if key.lower() in ("unit", "units")]
-    raw = [
-        one
-        for value in values
-        if getattr(value, "shape", ()) is not None
-        for one in np.asarray(value).ravel().tolist()
-    ]
+    values = [value for value in values if getattr(value, "shape", ()) is not None]
+    raw = [one for value in values for one in np.asarray(value).ravel().tolist()]
     texts = (one.decode("utf-8", "surrogateescape") if isinstance(one, bytes) else str(one) for one in raw)
     # a program in C ends a text by a zero byte
     distinct = dict.fromkeys(one.partition("\0")[0].strip() for one in texts)
@@ -108,7 +96,7 @@ def _elements(references: Any, name: str) -> Iterator[tuple[str, Any]]:
 
     They are numbered from 1, ``list_1`` or ``structures_1.field``.
     """
-    few(references.size)
+    check_columns(references.size)
     folder, slash, field = ("", "", name) if _MATLAB in references.attrs else name.rpartition("/")
     for number, one in enumerate(references[()].ravel(), 1):
         if one:
@@ -116,12 +104,8 @@ def _elements(references: Any, name: str) -> Iterator[tuple[str, Any]]:
             yield numbered, references.file[one]
 
 
-def _text(attribute: Any) -> str:
-    return attribute.decode(errors="replace") if isinstance(attribute, bytes) else str(attribute)
-
-
-def _read(h5py: Any, path: Path, name: str, turned: bool) -> NDArray[Any]:
-    with _Errors(path), h5py.File(path) as file:
+def _read(path: Path, name: str, turned: bool) -> NDArray[Any]:
+    with _open(path) as file:
         values, stated = np.asarray(file[name][()]), file[name].attrs
         packed = {key: np.ravel(stated[key])[0] for key in _PACKED if key in stated}
     values = values.T if turned else values
@@ -132,21 +116,13 @@ def _read(h5py: Any, path: Path, name: str, turned: bool) -> NDArray[Any]:
     return values.reshape(squeeze(values.shape))
 
 
-class _Errors:
-    """Turns what h5py raises for a damaged file into a TraceError."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def __enter__(self) -> None:
-        """Do nothing."""
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
-        """Raise a TraceError for an error of h5py."""
-        if isinstance(error, OSError | RuntimeError | KeyError | ValueError) and not isinstance(
-            error, TraceError
-        ):
-            if isinstance(error, OSError) and error.errno is not None:
-                return
-            reason = shortened(one_line(str(error)) or type(error).__name__)
-            raise TraceError(f"this is not a complete HDF5 file: {reason}") from None
+@contextmanager
+def _open(path: Path) -> Iterator[Any]:
+    """Open a file; turn what h5py raises for a damaged one into a TraceError."""
+    try:
+        with library("h5py", "HDF5 files").File(path) as file:
+            yield file
+    except (OSError, RuntimeError, KeyError, ValueError) as error:
+        if isinstance(error, OSError) and error.errno is not None:
+            raise
+        raise TraceError(f"this is not a complete HDF5 file: {reason_of(error)}") from None

@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-_BASE, _NAME, _ARRAY, _SEQUENCE = 1, 2, 3, 4
+BASE, NAME, ARRAY, SEQUENCE = 1, 2, 3, 4
 """Definition: rosbags' numbers of the kinds of a field: a base type, a message, and vectors of either."""
 _TYPES = {"byte": "u1", "char": "u1", "bool": "?"}
 """Definition: numpy's names of the base types of ROS that it knows by another name."""
@@ -78,31 +78,25 @@ class _Walk:
         self.constant = [*range(self._start)]
 
     def message(self, kind: str, prefix: str = "") -> None:
-        """Walk over a message.
-
-        Raises:
-            LookupError: it has sequences of messages or of texts, or a type that numpy lacks.
-        """
         for name, (shape, content) in self._store.fielddefs[kind][1]:
             path = f"{prefix}{name}"
-            if shape == _NAME:
+            if shape == NAME:
                 self.message(content, f"{path}.")
-            elif shape == _BASE and content[0] == "string":
+            elif shape == BASE and content[0] == "string":
                 length = self._length()
                 self.place += length
-            elif shape == _BASE:
+            elif shape == BASE:
                 self._numbers(path, content[0], None)
-            elif content[0][0] != _BASE or content[0][1][0] == "string":
+            elif content[0][0] != BASE or content[0][1][0] == "string":
                 raise LookupError(path)
             else:
-                self._numbers(path, content[0][1][0], content[1] if shape == _ARRAY else self._length())
+                self._numbers(path, content[0][1][0], content[1] if shape == ARRAY else self._length())
 
     def _align(self, size: int) -> None:
         if self._cdr:
             self.place += -(self.place - self._start) % size
 
     def _length(self) -> int:
-        """Return the length before a text or a sequence."""
         self._align(4)
         self.constant += range(self.place, self.place + 4)
         self.place += 4
@@ -120,12 +114,12 @@ class _Walk:
 
 
 def layout(store: Any, kind: str, message: bytes, cdr: bool) -> Layout | None:
-    """Return the layout of a message; None if it has none that this module knows.
+    """Return the layout of a raw message; None if it has none that this module knows.
 
     Args:
         store: rosbags' definitions of messages.
         kind: type of the message.
-        message: the raw message.
+        message: its bytes.
         cdr: whether it is in CDR, as in ROS 2.
     """
     try:

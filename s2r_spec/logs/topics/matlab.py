@@ -13,18 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from s2r_spec.base.errors import TraceError, shortened
-from s2r_spec.base.printable import one_line
-from s2r_spec.logs.table import regular
-from s2r_spec.logs.topics.arrays import (
-    Array,
-    ArrayLog,
-    TimeOptions,
-    as_object,
-    is_unit_path,
-    squeeze,
-    with_units,
-)
+from s2r_spec.base.errors import TraceError
+from s2r_spec.logs.library import reason_of
+from s2r_spec.logs.table import check_file
+from s2r_spec.logs.topics import arrays as named
+from s2r_spec.logs.topics.arrays import Array, ArrayLog, TimeOptions, is_unit_path, squeeze
 from s2r_spec.logs.topics.hdf5 import open_hdf5
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -38,7 +31,7 @@ def open_matlab(path: Path, options: TimeOptions | None = None) -> ArrayLog:
     Raises:
         TraceError: the file is not a MATLAB file, or has no arrays with times.
     """
-    regular(path)
+    check_file(path)
     with path.open("rb") as stream:
         start = stream.read(_BLOCK + len(_HDF5))
     if start[_BLOCK:] == _HDF5 or start.startswith(_HDF5):
@@ -50,21 +43,16 @@ def open_matlab(path: Path, options: TimeOptions | None = None) -> ArrayLog:
     except OSError as error:
         if error.errno is not None:
             raise
-        raise TraceError(f"this is not a MATLAB file: {shortened(one_line(str(error)))}") from None
+        raise TraceError(f"this is not a MATLAB file: {reason_of(error)}") from None
     except Exception as error:  # SciPy lets errors of struct, zlib and numpy through
-        reason = shortened(one_line(str(error)) or type(error).__name__)
-        raise TraceError(f"this is not a complete MATLAB file: {reason}") from None
+        raise TraceError(f"this is not a complete MATLAB file: {reason_of(error)}") from None
     variables = {name: value for name, value in content.items() if not name.startswith("__")}
     leaves = dict(_leaves(variables, ""))
     texts = {path: leaf for path, leaf in leaves.items() if isinstance(leaf, str)}
-    arrays = {
-        path: Array(leaf.shape, partial(np.asarray, leaf))
-        for path, leaf in leaves.items()
-        if path not in texts
-    }
-    return ArrayLog(
-        with_units(arrays, texts), options, {name: as_object(kind) for name, kind in _objects(content)}
-    )
+    numbers = {path: leaf for path, leaf in leaves.items() if path not in texts}
+    arrays = {path: Array(leaf.shape, partial(np.asarray, leaf)) for path, leaf in numbers.items()}
+    objects = {name: named.as_object(kind) for name, kind in _objects(content)}
+    return ArrayLog(named.with_units(arrays, texts), options, objects)
 
 
 def _leaves(value: Any, path: str) -> Iterator[tuple[str, Any]]:
@@ -92,8 +80,4 @@ def _objects(content: dict[str, Any]) -> Iterator[tuple[str, str]]:
     for value in content.values():
         if isinstance(value, MatlabOpaque):
             for one in value.ravel():
-                yield _word(one["s0"]), _word(one["s2"])
-
-
-def _word(text: Any) -> str:
-    return text.decode(errors="replace") if isinstance(text, bytes) else str(text)
+                yield named.as_text(one["s0"]), named.as_text(one["s2"])

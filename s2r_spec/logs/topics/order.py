@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError
 from s2r_spec.base.printable import count_messages
-from s2r_spec.logs.table import Column
 from s2r_spec.logs.topics.topic import Topic, seconds, stamp_text
 from s2r_spec.trace.messages import SILENT, period_of_messages
 
@@ -50,19 +49,22 @@ class Ordered:
     resorted: int
     notes: tuple[str, ...]
 
+    @property
+    def messages(self) -> int:
+        """Number of the topic's messages in the file."""
+        return len(self.topic) + self.merged + sum(self.topic.dropped.values())
+
 
 def sort_messages(topic: Topic, sortable: bool, place: Callable[[int], str] | None = None) -> Ordered:
-    """Return a topic in order of its stamps.
+    """Return a topic in order of its stamps, which are its sender's, and may come late, if it is sortable.
 
-    Args:
-        topic: the topic, in the order of the file.
-        sortable: whether its stamps are from its sender, whose messages may come late.
-        place: number of a message → its place in the file; None to number the messages.
+    ``place`` is number of a message → its place in the file; None to number the messages.
 
     Raises:
         TraceError: the clock began anew, was set, or stood still.
     """
     name = topic.name or "the file"
+    remedy = "save each part in a file of its own" if topic.age is None else "use --stamps received"
     where = place or (lambda number: f"message {number + 1}")
     stamps = topic.stamps
     if len(topic) < 2:
@@ -83,14 +85,14 @@ def sort_messages(topic: Topic, sortable: bool, place: Callable[[int], str] | No
             raise TraceError(
                 f"{where(first)}: the times of {name} step back by {counts[first - 1] - counts[first]:.6g} s, from "
                 f"{stamp_text(stamps[first - 1])} to {stamp_text(stamps[first])}, so its clock began anew; "
-                f"{_remedy(topic)}"
+                f"{remedy}"
             )
         order = np.argsort(stamps, kind="stable")
         topic, counts = topic.only(order), counts[order]
     if sortable and (still := _stands_still(counts, topic)) is not None:
         raise TraceError(
             f"{where(still)}: the stamps of {name} stand still at {stamp_text(topic.stamps[still])}, though messages "
-            f"go on; {_remedy(topic)}"
+            f"go on; {remedy}"
         )
     same = np.flatnonzero(np.diff(counts) == 0) + 1
     notes = [f"{count_messages(late.size, name, 'come')} late, sorted by stamps"] * bool(late.size)
@@ -102,7 +104,7 @@ def sort_messages(topic: Topic, sortable: bool, place: Callable[[int], str] | No
         raise TraceError(
             f"{where(int(repeated[0]))}: {repeated.size} of {len(topic)} messages of {name} have the time of the one "
             f"before and another value, first at {stamp_text(topic.stamps[repeated[0]])}: times must increase; "
-            f"{_remedy(topic)}"
+            f"{remedy}"
         )
     kept = np.ones(len(topic), dtype=bool)
     kept[merged] = False
@@ -119,7 +121,6 @@ def sort_messages(topic: Topic, sortable: bool, place: Callable[[int], str] | No
 
 
 def _late_messages(counts: FloatArray) -> IntArray:
-    """Return the messages that come after one with a later stamp."""
     return np.flatnonzero(counts < np.maximum.accumulate(counts))
 
 
@@ -156,29 +157,18 @@ def _equal_to_previous(topic: Topic, at: IntArray) -> NDArray[np.bool_]:
     """Return whether all values of messages are those of the message before, bit for bit."""
     equal = np.ones(at.size, dtype=bool)
     for column in topic.columns.values():
-        if not column.fault:
-            equal &= _is_repeated(column, at)
+        if column.fault:
+            continue
+        now, before = column.values[at], column.values[at - 1]
+        same = now == before
+        if now.dtype.kind == "f":
+            same |= np.isnan(now) & np.isnan(before)
+        same = same.reshape(at.size, -1).all(axis=1)
+        if column.missing is not None:
+            lacks, lacked = column.missing[at], column.missing[at - 1]
+            same = np.where(lacks | lacked, lacks == lacked, same)
+        equal &= np.asarray(same, dtype=bool)
     return equal
-
-
-def _is_repeated(column: Column, at: IntArray) -> NDArray[np.bool_]:
-    now, before = column.values[at], column.values[at - 1]
-    same = now == before
-    if now.dtype.kind == "f":
-        same |= np.isnan(now) & np.isnan(before)
-    same = same.reshape(at.size, -1).all(axis=1)
-    if column.missing is not None:
-        same = np.where(
-            column.missing[at] | column.missing[at - 1], column.missing[at] == column.missing[at - 1], same
-        )
-    return np.asarray(same, dtype=bool)
-
-
-def _remedy(topic: Topic) -> str:
-    """Return what to do with stamps that are no times."""
-    if topic.age is not None:
-        return "use --stamps received"
-    return "save each part in a file of its own"
 
 
 def resets(stamps: NDArray[Any]) -> list[int]:

@@ -11,6 +11,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from importlib import import_module
 from itertools import islice
 from operator import attrgetter
@@ -22,34 +23,18 @@ import numpy as np
 
 from s2r_spec.base.errors import TraceError
 from s2r_spec.logs.library import library
-from s2r_spec.logs.table import check_size, few
+from s2r_spec.logs.table import check_columns, check_size
 from s2r_spec.logs.topics.collected import Codec, Collected, Element, NamedVector
+from s2r_spec.logs.topics.layout import ARRAY, BASE, NAME, SEQUENCE
 from s2r_spec.logs.topics.topic import Stamps, Topic, TopicHead
 
 if TYPE_CHECKING:
     from s2r_spec.logs.topics.bag_files import Bag
 
-_NUMBERS = frozenset(
-    (
-        "bool",
-        "byte",
-        "char",
-        "float32",
-        "float64",
-        "int8",
-        "int16",
-        "int32",
-        "int64",
-        "uint8",
-        "uint16",
-        "uint32",
-        "uint64",
-    )
-)
+_NUMBERS = {"bool", "byte", "char", "float32", "float64"}
+_NUMBERS |= {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
 """Definition: the base types of ROS that are numbers."""
 _TIMES = frozenset(("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"))
-_BASE, _NAME, _ARRAY, _SEQUENCE = 1, 2, 3, 4
-"""Definition: rosbags' numbers of the kinds of a field: a base type, a message, and vectors of either."""
 _DEEPEST = 20
 """Budget: levels of messages within messages."""
 _LOOKED_AT = 100
@@ -61,10 +46,7 @@ _NAMES = ("name", "names", "joint_names")
 
 
 class RosBag:
-    """A bag; see :class:`s2r_spec.logs.topics.topic.TopicLog`.
-
-    Args:
-        path: a ROS 1 ``.bag``, the folder of a ROS 2 bag, or its ``.db3`` or ``.mcap`` file.
+    """A ROS 1 ``.bag``, the folder of a ROS 2 bag, or its ``.db3`` or ``.mcap`` file, as a ``TopicLog``.
 
     Raises:
         TraceError: rosbags is not installed, or the file is not a bag.
@@ -77,16 +59,15 @@ class RosBag:
         self._advice = f"; the file is a part of a bag, so name the folder {path.parent}" if part else ""
         self._stack = ExitStack()
         finalize(self, self._stack.close)
-        self._elements: dict[tuple[str, str], Element] = {}
-        self._vectors: dict[tuple[str, str], str] = {}
+        self._readers: dict[tuple[str, str], Callable[[], Callable[[Any], Any]]] = {}
         self._codecs: dict[str, Codec] = {}
         self._bag = self._open_bag(by_parts=False)
         self._listed, self._source = dict(self._bag.listed), self._bag.source
         try:
-            self.heads = tuple(self._heads())
+            self.heads: Sequence[TopicHead] = list(self._heads())
         except _DamagedError:
             self._bag = self._open_bag(by_parts=True)
-            self.heads = tuple(self._heads())
+            self.heads = list(self._heads())
         self.notes: list[str] = []
 
     def read(self, wanted: Mapping[str, Sequence[str]], stamps: Stamps) -> dict[str, Topic]:
@@ -106,6 +87,8 @@ class RosBag:
             self._bag = self._open_bag(by_parts=True)
             collected = self._collect(wanted, stamps)
         self.notes += self._bag.notes
+        # Receipt of the bag's last message [ns]; a log ends then, on the clock of its stamps.
+        received = max(int(file.end_time) for file in self._bag.reader.readers)
         read: dict[str, Topic] = {}
         for name, one in collected.items():
             listed = self._listed.get(name, one.count)
@@ -115,37 +98,23 @@ class RosBag:
                     f"{fault}{one.count:,} messages of {name} are read, and {self._source} lists {listed:,}"
                 )
             streams, notes = one.topics()
-            read |= {key: self._with_end(stream) for key, stream in streams.items()}
             self.notes += notes
+            for key, stream in streams.items():
+                end = received - round((stream.age or 0.0) * 1e9)
+                read[key] = replace(stream, log_end=np.datetime64(end, "ns")) if received > 0 else stream
         return read
 
-    def _with_end(self, topic: Topic) -> Topic:
-        """Return a topic with the end of the bag, on the clock of its stamps."""
-        received = max(int(file.end_time) for file in self._bag.reader.readers)
-        if received <= 0:
-            return topic
-        age = round((topic.age or 0.0) * 1e9)
-        return replace(topic, log_end=np.datetime64(received - age, "ns"))
-
     def _collect(self, wanted: Mapping[str, Sequence[str]], stamps: Stamps) -> dict[str, Collected]:
-        """Read all messages of topics.
-
-        Raises:
-            TraceError: a message does not fit its type, or there are too many numbers.
-            _DamagedError: the files are damaged.
-        """
-        counts = {head.name: head.count for head in self.heads}
         collected = {}
         for name, fields in wanted.items():
-            readers = [self._reader(name, field) for field in fields]
-            collected[name] = Collected(self._codecs[name], fields, readers, stamps == "header", counts[name])
+            readers = [self._readers.get((name, field), partial(attrgetter, field))() for field in fields]
+            collected[name] = Collected(self._codecs[name], fields, readers, stamps == "header")
         for topic, received, raw in self._messages(set(wanted)):
             if collected[topic].add(received, raw):
                 check_size(sum(one.numbers for one in collected.values()))
         return collected
 
     def _heads(self) -> Iterator[TopicHead]:
-        """Yield what the bag says of its topics."""
         counts: dict[str, int] = defaultdict(int)
         kinds: dict[str, str] = {}
         others: dict[str, str] = {}
@@ -153,23 +122,23 @@ class RosBag:
             counts[connection.topic] += connection.msgcount
             if connection.msgtype != kinds.setdefault(connection.topic, connection.msgtype):
                 others[connection.topic] = connection.msgtype
-        few(len(kinds))
+        check_columns(len(kinds))
         for topic, kind in kinds.items():
             codec, fault = self._codec(topic, kind)
             if topic in others:
                 fault = f"has messages of the types {kind} and {others[topic]}"
             self._codecs[topic] = codec
             if fault:
-                yield TopicHead(topic, (), counts[topic], kind, False, faults={"": fault})
+                yield TopicHead(topic, (), counts[topic], kind, faults={"": fault})
                 continue
             head = _head(codec.store, topic, kind, counts[topic])
-            yield self._with_elements(head, *_named_vectors(codec.store, head))
+            yield self._with_elements(codec.store, head)
 
     def _codec(self, topic: str, kind: str) -> tuple[Codec, str]:
         """Return how the messages of a topic are decoded, and why they cannot be, as text after its name."""
         reader = self._bag.reader
         bag = Codec(topic, kind, reader.typestore, reader.is2, self._advice)
-        (one, *_) = (one for one in reader.connections if one.topic == topic)
+        one = next(one for one in reader.connections if one.topic == topic)
         encoding = getattr(one.ext, "serialization_format", "cdr")
         if encoding != "cdr":
             return bag, f"has messages in the encoding {encoding}, and s2r reads those of ROS"
@@ -179,10 +148,18 @@ class RosBag:
         store, fault = self._definitions.find_definitions(kind, raw, self._bag.distribution)
         return replace(bag, store=store), fault
 
-    def _with_elements(self, head: TopicHead, names: str, vectors: Sequence[str]) -> TopicHead:
+    def _with_elements(self, store: Any, head: TopicHead) -> TopicHead:
         """Return a topic with a field for each named element of its vectors, by the names in its first messages."""
-        if not (names and vectors and head.count):
+        defined = () if head.faults else store.get_msgdef(head.kind).fields
+        texts = [
+            name
+            for name, (shape, content) in defined
+            if name in _NAMES and shape == SEQUENCE and content[0] == (BASE, ("string", 0))
+        ]
+        vectors = [name for name, (shape, _) in defined if name in head.fields and shape == SEQUENCE]
+        if not (texts and vectors and head.count):
             return head
+        names = texts[0]
         elements: dict[str, None] = {}
         try:
             for number, (_, _, raw) in enumerate(islice(self._messages({head.name}), _LOOKED_AT), 1):
@@ -193,25 +170,14 @@ class RosBag:
             return replace(head, faults={"": f"cannot be read: {error}"})
         fields = list(head.fields)
         for vector in vectors:
-            self._vectors[head.name, vector] = names
+            self._readers[head.name, vector] = partial(NamedVector, names, vector)
             for name in elements:
                 fields.append(f"{vector}.{name}")
-                self._elements[head.name, fields[-1]] = Element(names, vector, name)
+                self._readers[head.name, fields[-1]] = partial(Element, names, vector, name)
         return replace(head, fields=tuple(fields))
 
-    def _reader(self, topic: str, field: str) -> Callable[[Any], Any]:
-        """Return what reads a field of a topic's messages."""
-        if (topic, field) in self._elements:
-            return self._elements[topic, field]
-        names = self._vectors.get((topic, field))
-        return attrgetter(field) if names is None else NamedVector(names, field)
-
     def _messages(self, topics: set[str]) -> Iterator[tuple[str, int, bytes]]:
-        """Yield (topic, time of receipt [ns], raw message) of some topics.
-
-        Raises:
-            _DamagedError: the files are damaged.
-        """
+        """Yield (topic, time of receipt [ns], raw message) of some topics."""
         connections = [one for one in self._bag.reader.connections if one.topic in topics]
         if not connections:
             return
@@ -223,7 +189,6 @@ class RosBag:
             raise _DamagedError(str(self._files.unreadable_error(self._path, error))) from None
 
     def _open_bag(self, by_parts: bool) -> Bag:
-        """Open the bag, in place of the one that is open."""
         self._path.stat()  # a missing file is no damaged bag
         library("rosbags.highlevel", "ROS bags")
         self._stack.pop_all().close()
@@ -237,47 +202,31 @@ class _DamagedError(TraceError):
 
 
 def _head(store: Any, topic: str, kind: str, count: int) -> TopicHead:
-    """Return the fields of a topic that are numbers, from the definition of its messages."""
     fields: list[str] = []
-    faults: dict[str, str] = {}
     other: dict[str, str] = {}
 
     def visit(name: str, prefix: str, depth: int) -> None:
         for field, (shape, content) in store.get_msgdef(name).fields:
             path = f"{prefix}{field}"
-            if shape == _NAME and content not in _TIMES and depth < _DEEPEST:
+            if shape == NAME and content not in _TIMES and depth < _DEEPEST:
                 visit(content, f"{path}.", depth + 1)
-            elif shape == _BASE:
+            elif shape == BASE:
                 if content[0] in _NUMBERS:
                     fields.append(path)
                 else:
                     other[path] = "holds text, and s2r reads numbers"
-            elif shape in (_ARRAY, _SEQUENCE) and content[0][0] == _BASE and content[0][1][0] in _NUMBERS:
+            elif shape in (ARRAY, SEQUENCE) and content[0][0] == BASE and content[0][1][0] in _NUMBERS:
                 fields.append(path)
-            elif shape in (_ARRAY, _SEQUENCE):
-                held = "texts" if content[0][0] == _BASE else "messages"
+            elif shape in (ARRAY, SEQUENCE):
+                held = "texts" if content[0][0] == BASE else "messages"
                 other[path] = f"is an array of {held}, and s2r reads numbers and arrays of numbers"
             elif content in _TIMES:
                 other[path] = "is a time, and s2r reads numbers"
 
     try:
         visit(kind, "", 0)
-        header = store.get_msgdef(kind).fields[0] == ("header", (_NAME, "std_msgs/msg/Header"))
+        header = store.get_msgdef(kind).fields[0] == ("header", (NAME, "std_msgs/msg/Header"))
     except KeyError:
-        faults[""] = f"has messages of the type {kind}, whose definition the bag lacks"
-        return TopicHead(topic, (), count, kind, False, faults=faults)
+        fault = f"has messages of the type {kind}, whose definition the bag lacks"
+        return TopicHead(topic, (), count, kind, faults={"": fault})
     return TopicHead(topic, tuple(fields), count, kind, header, other=other)
-
-
-def _named_vectors(store: Any, head: TopicHead) -> tuple[str, tuple[str, ...]]:
-    """Return the field with the names of a message's elements ("" if it has none), and its vectors of numbers."""
-    if head.faults:
-        return "", ()
-    fields = store.get_msgdef(head.kind).fields
-    names = [
-        name
-        for name, (shape, content) in fields
-        if name in _NAMES and shape == _SEQUENCE and content[0] == (_BASE, ("string", 0))
-    ]
-    vectors = [name for name, (shape, _) in fields if name in head.fields and shape == _SEQUENCE]
-    return (names[0] if names else ""), tuple(vectors)

@@ -29,12 +29,7 @@ def join_rows(
 ) -> Loaded:
     """Return the trace of a table whose channels have rows of their own.
 
-    Args:
-        table: the parsed columns.
-        plan: the columns of each channel.
-        request: what was asked for.
-        joining: the clock and the rule.
-        longest: channel → time for which a value is valid, as the user states it [s].
+    ``longest`` is channel → time for which a value is valid, as the user states it [s].
 
     Raises:
         TraceError: the times do not increase, a channel has no value, or the clock is not a channel.
@@ -43,10 +38,7 @@ def join_rows(
     if joining.stamps is not None:
         raise UsageError("--stamps is for messages with headers; a table has one column of times")
     columns, heads = [table.columns[n] for n in plan.times], [table.heads[n] for n in plan.times]
-
-    def place(row: int) -> str:
-        return table.place(row, plan.times[0])
-
+    place = table.places(plan.times[0])
     stamps = times.read(columns, heads, request.time_unit, place)
     read = channels(table, plan, stamps.seconds.size)
     lacking = omitted_columns(table, plan, request, read.faults)

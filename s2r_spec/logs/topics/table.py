@@ -9,22 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
-from s2r_spec.base.errors import TraceError, one_of
+from s2r_spec.base.errors import TraceError, one_of, suggest
 from s2r_spec.logs.account import Account
+from s2r_spec.logs.options import TIME
 from s2r_spec.logs.table import Chooser, Column, Head, Table
-from s2r_spec.logs.times.times import TIME
-from s2r_spec.logs.topics.join import Joining, join
+from s2r_spec.logs.topics.join import Joining
+from s2r_spec.logs.topics.order import Ordered, sort_messages
 from s2r_spec.logs.topics.topic import APART, Stamps, Topic, TopicHead, TopicLog, seconds
 
 
-def load(open_log: Callable[[Path], TopicLog], path: Path, choose: Chooser, joining: Joining) -> Table:
-    """Read the chosen fields of a log.
-
-    Args:
-        open_log: opens the log.
-        path: its file or folder.
-        choose: chooses the fields.
-        joining: how the topics come to common instants.
+def load(open_log: Callable[[Path], TopicLog], path: Path, choose: Chooser, *, joining: Joining) -> Table:
+    """Read the chosen fields of a log, from its file or folder.
 
     Raises:
         TraceError: the file is damaged, or its stamps are no times or come from several clocks.
@@ -34,10 +29,9 @@ def load(open_log: Callable[[Path], TopicLog], path: Path, choose: Chooser, join
         raise TraceError("the file has no topics")
     fields = [(topic, field) for topic in log.heads for field in topic.fields]
     heads = _heads(log.heads, fields)
-    chosen = sorted(number for number in choose(tuple(heads)) if number)
+    chosen = {number: fields[number - 1] for number in sorted(choose(tuple(heads))) if number}
     fields_by_topic: dict[str, list[str]] = defaultdict(list)
-    for number in chosen:
-        topic, field = fields[number - 1]
+    for topic, field in chosen.values():
         fields_by_topic[topic.name].append(field)
     topics = {topic.name: topic for topic in log.heads}
     named = _owner(joining.clock, topics)
@@ -48,36 +42,60 @@ def load(open_log: Callable[[Path], TopicLog], path: Path, choose: Chooser, join
     if not fields_by_topic:  # what is missing is said later; a trace has stamps
         fields_by_topic[max(log.heads, key=lambda topic: topic.count).name] = []
     which, notes = _stamps([topics[name] for name in fields_by_topic], joining.stamps)
-    read = {}
-    for name, one in log.read(fields_by_topic, which).items():
+    read = log.read(fields_by_topic, which)
+    for one in read.values():
         _refuse_unset(one)
-        read[name] = one
     _one_clock(read)
     # A topic whose elements come in different messages has several streams, each with a key of its own.
     streams = {(one.name, field): key for key, one in read.items() for field in one.columns}
     if named is not None and (named[0].name, named[1]) in streams:
         joining = replace(joining, clock=streams[named[0].name, named[1]])
     some = next(iter(read.values())).stamps
-    joined = join(read, joining, log.sortable)
+    ordered = _in_order(read, log.sortable)
+    if joining.clock is not None and joining.clock not in ordered:
+        raise TraceError(
+            f"the clock {joining.clock!r} is not one of the topics that are read{suggest(joining.clock, ordered)} "
+            f"they are {one_of(ordered)}"
+        )
+    clock = None if joining.clock is None else np.unique(ordered[joining.clock].topic.stamps)
+    accounts_of = {
+        key: Account(one.messages, len(one.topic), one.merged, one.topic.dropped, one.resorted)
+        for key, one in ordered.items()
+    }
     columns: dict[int, Column] = {}
     accounts: dict[int, Account] = {}
-    for number in chosen:
-        topic, field = fields[number - 1]
-        stream = streams[topic.name, field]
-        columns[number] = joined.columns[stream, field]
-        accounts[number] = joined.accounts[stream]
+    for number, (topic, field) in chosen.items():
+        key = streams[topic.name, field]
+        stream = ordered[key].topic
+        column = stream.columns[field]
+        linear = joining.interpolates(topic.name, field, column)
+        columns[number] = replace(column, stamps=stream.stamps, log_end=stream.log_end, linear=linear)
+        accounts[number] = accounts_of[key]
     if not columns:  # a trace has stamps, although no channel
         columns[0] = Column(some, stamps=some)
+    return Table(
+        tuple(heads),
+        columns,
+        {},
+        lambda sample, number: f"{heads[number].text} at message {sample + 1}",
+        [*log.notes, *notes, *(note for one in ordered.values() for note in one.notes)],
+        accounts,
+        clock,
+    )
 
-    def place(sample: int, number: int) -> str:
-        return f"{heads[number].text} at message {sample + 1}"
 
-    notes = [*log.notes, *notes, *joined.notes]
-    return Table(tuple(heads), columns, {}, place, notes, accounts, joined.clock)
+def _in_order(topics: dict[str, Topic], sortable: bool) -> dict[str, Ordered]:
+    """Return topics with their messages in order; they leave the table, because many fill the memory."""
+    ordered = {}
+    for name in list(topics):
+        topic = topics.pop(name)
+        if not len(topic):
+            raise TraceError(f"{name or 'the file'} has no messages")
+        ordered[name] = sort_messages(topic, sortable)
+    return ordered
 
 
 def _heads(topics: Sequence[TopicHead], fields: Sequence[tuple[TopicHead, str]]) -> list[Head]:
-    """Return the heads of the time, of the fields in their order, and of what cannot be read."""
     heads = [Head(TIME), *(_head(topic, field) for topic, field in fields)]
     for topic in topics:
         without = {**topic.other, **topic.faults}
@@ -106,11 +124,7 @@ def _head(topic: TopicHead, field: str) -> Head:
 
 
 def _stamps(topics: list[TopicHead], chosen: Stamps | None) -> tuple[Stamps, list[str]]:
-    """Return which stamps count, and a note where the log has both.
-
-    Raises:
-        TraceError: the stamps of the headers are wanted, and a topic has none.
-    """
+    """Return which stamps count, and a note where the log has both."""
     without = [topic.name for topic in topics if not topic.header]
     if chosen == "header" and without:
         raise TraceError(
@@ -132,9 +146,6 @@ def _refuse_unset(topic: Topic) -> None:
     """Refuse headers without a stamp: the time of such a message is known by its receipt alone.
 
     The stamp 0 means that the sender set none, unless its clock began there.
-
-    Raises:
-        TraceError: some header has no stamp.
     """
     if topic.age is None:
         return
@@ -151,11 +162,7 @@ def _refuse_unset(topic: Topic) -> None:
 
 
 def _one_clock(topics: Mapping[str, Topic]) -> None:
-    """Refuse stamps of several clocks, such as simulated time beside the date.
-
-    Raises:
-        TraceError: the ages of two topics' stamps differ by more than :data:`APART`.
-    """
+    """Refuse stamps of several clocks, such as simulated time beside the date."""
     ages = {name: topic.age for name, topic in topics.items() if topic.age is not None}
     if ages and max(ages.values()) - min(ages.values()) > APART:
         late, early = max(ages, key=ages.__getitem__), min(ages, key=ages.__getitem__)

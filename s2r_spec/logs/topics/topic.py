@@ -98,26 +98,20 @@ class Topic:
 
 
 class TopicLog(Protocol):
-    """A parsed log."""
+    """A parsed log.
 
-    @property
-    def heads(self) -> Sequence[TopicHead]:
-        """The topics in the order of the file."""
+    Attributes:
+        heads: the topics in the order of the file.
+        sortable: whether its stamps are of messages, which may come late; those of a table stand in its order.
+        notes: sentences on messages that were left out.
+    """
 
-    @property
-    def sortable(self) -> bool:
-        """Whether its stamps are of messages, which may come late; those of a table stand in its order."""
-
-    @property
-    def notes(self) -> Sequence[str]:
-        """Sentences on messages that were left out."""
+    heads: Sequence[TopicHead]
+    sortable: bool
+    notes: list[str]
 
     def read(self, wanted: Mapping[str, Sequence[str]], stamps: Stamps) -> dict[str, Topic]:
-        """Read fields of topics, and nothing else.
-
-        Args:
-            wanted: topic → names of its fields; a topic may have none, for its stamps alone.
-            stamps: which stamps count, where the format has both.
+        """Read fields of topics, by topic → their names; a topic may have none, for its stamps alone.
 
         Raises:
             TraceError: the file is damaged.

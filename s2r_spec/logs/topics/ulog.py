@@ -10,10 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from s2r_spec.base.errors import TraceError, shortened
-from s2r_spec.base.printable import one_line
-from s2r_spec.logs.library import library
-from s2r_spec.logs.table import Column, check_size, few, regular
+from s2r_spec.base.errors import TraceError
+from s2r_spec.logs.library import library, reason_of
+from s2r_spec.logs.table import Column, check_columns, check_file, check_size
 from s2r_spec.logs.topics.topic import Stamps, Topic, TopicHead
 
 _STAMP = "timestamp"
@@ -29,7 +28,7 @@ class ULog:
     """
 
     def __init__(self, path: Path) -> None:
-        regular(path)
+        check_file(path)
         self.sortable = True
         pyulog = library("pyulog", "ULog files")
         try:
@@ -38,14 +37,15 @@ class ULog:
         except OSError:
             raise
         except Exception as error:  # pyulog lets errors of numpy, struct and of its own through
-            reason = shortened(one_line(str(error)) or type(error).__name__)
-            raise TraceError(f"this is not a ULog file: {reason}") from None
-        self._data = {_name(one): one.data for one in log.data_list}
-        few(sum(len(data) for data in self._data.values()))
-        self.heads = tuple(
+            raise TraceError(f"this is not a ULog file: {reason_of(error)}") from None
+        self._data = {
+            f"{one.name}_{one.multi_id}" if one.multi_id else str(one.name): one.data for one in log.data_list
+        }
+        check_columns(sum(len(data) for data in self._data.values()))
+        self.heads: Sequence[TopicHead] = [
             TopicHead(name, tuple(field for field in data if field != _STAMP), len(data[_STAMP]))
             for name, data in self._data.items()
-        )
+        ]
         last = max((int(data[_STAMP].max()) for data in self._data.values() if len(data[_STAMP])), default=0)
         self._end = np.timedelta64(last * 1000, "ns")
         self.notes = (
@@ -87,8 +87,3 @@ def _whole_length(path: Path) -> int:
             break
         place = end
     return min(place, len(content)) if len(content) > _FILE_HEADER else len(content)
-
-
-def _name(data: object) -> str:
-    name, instance = data.name, data.multi_id  # type: ignore[attr-defined]
-    return f"{name}_{instance}" if instance else str(name)

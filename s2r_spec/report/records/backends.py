@@ -17,7 +17,7 @@ from s2r_spec.backend import (
 )
 from s2r_spec.backend.protocols import HasProtocols, Protocol
 from s2r_spec.base.json_values import OPTIONAL
-from s2r_spec.testing.conformance import Check
+from s2r_spec.testing.subject import Check
 
 
 @dataclass(frozen=True, kw_only=True)

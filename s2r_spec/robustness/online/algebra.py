@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
-from s2r_spec.base.errors import TraceError
 from s2r_spec.lang import formula as f
-from s2r_spec.robustness.evaluate import Walk, Witness
-from s2r_spec.robustness.numbers import no_value
-from s2r_spec.robustness.online.clock import OnlineClock
-from s2r_spec.robustness.online.spans import Span, Spans
-from s2r_spec.robustness.online.tape import Tape
+from s2r_spec.robustness.evaluate import Algebra, Walk, Witness
+from s2r_spec.robustness.numbers import MARGIN, no_value
+from s2r_spec.robustness.online.clock import Component, InstantNumber, OnlineClock
+from s2r_spec.robustness.online.spans import ANY, Span, Spans
+from s2r_spec.robustness.online.tape import InstantSource, Tape
 from s2r_spec.robustness.online.terms import AdjacentSample, Leaf, Least, Negative, Rise, Scaled, Term
 from s2r_spec.robustness.online.timed import Always, Until
-from s2r_spec.robustness.online.values import Component, InstantNumber, NumberBuilder
+from s2r_spec.robustness.online.values import NumberBuilder
 from s2r_spec.robustness.ties import break_tie
 
-INFINITE: Span = (-math.inf, math.inf)
 
-
+@dataclass(eq=False)
 class OnlineAlgebra:
     """Robustness signals that grow with the trace.
 
@@ -32,24 +31,21 @@ class OnlineAlgebra:
         until: see :class:`s2r_spec.robustness.evaluate.Walk`.
     """
 
-    def __init__(
-        self,
-        clock: OnlineClock,
-        signals: Mapping[str, Sequence[Tape]],
-        ranges: Mapping[str, Span],
-        params: Mapping[str, float],
-        roots: Sequence[f.Formula],
-        until: Witness,
-    ) -> None:
-        self.clock = clock
-        self.signals = signals
-        self.ranges = ranges
-        self.params = params
-        self.walk = Walk[Term](self, until)
-        self.values = NumberBuilder(clock, signals, params, roots, self._follow)
+    clock: OnlineClock
+    signals: Mapping[str, Sequence[Tape]]
+    ranges: Mapping[str, Span]
+    params: Mapping[str, float]
+    roots: Sequence[f.Formula]
+    until: Witness
+
+    def __post_init__(self) -> None:
+        self.walk = Walk(self._operations(), self.until)
+        self.values = NumberBuilder(self.clock, self.signals, self.params, self.roots, self._follow)
         self.terms: list[Term] = []  # the operands of a term come before it
         self.predicates: list[tuple[Leaf, f.Comparison]] = []
-        timed = (node for root in roots for node in f.walk(root) if isinstance(node, f.Temporal | f.Until))
+        timed = (
+            node for root in self.roots for node in f.walk(root) if isinstance(node, f.Temporal | f.Until)
+        )
         self.places = {id(node.interval.span): node.span for node in timed}
 
     def foresee(self) -> None:
@@ -66,83 +62,68 @@ class OnlineAlgebra:
         term.follow()
         return term
 
+    def _operations(self) -> Algebra[Term]:
+        clock, make = self.clock, self._make
+        return Algebra(
+            truth=self._truth,
+            flag=self._flag,
+            margin=self._margin,
+            negative=self._negative,
+            scale=lambda x, factor: make(Scaled(clock, x, factor)),
+            least=lambda x, y: make(Least(clock, x, y)),
+            greatest=self._greatest,
+            always=self._always,
+            eventually=lambda x, interval, past: self._negative(
+                self._always(self._negative(x), interval, past)
+            ),
+            until=self._until,
+            step=lambda x, node: make(AdjacentSample(clock, x, node.operator == "next")),
+            # of one signal, and never at the first sample
+            edge=lambda now, before, earlier: make(Rise(clock, now)),
+        )
+
     def _make(self, term: Term) -> Term:
         self.terms.append(term)
         return term
 
-    def _leaf(self, margin: Component, number: InstantNumber, ahead: Span) -> Leaf:
-        leaf = Leaf(self.clock, InstantNumber((margin,), number.sources))
+    def _leaf(self, margin: Component, sources: tuple[InstantSource, ...], ahead: Span) -> Leaf:
+        leaf = Leaf(self.clock, InstantNumber((margin,), sources))
         leaf.ahead = ahead
         return leaf
 
-    def truth(self, value: bool) -> Term:
-        """See :class:`s2r_spec.robustness.evaluate.Algebra`, also for the methods below."""
+    def _truth(self, value: bool) -> Term:
         rho = math.inf if value else -math.inf
-        return self._leaf(lambda k: rho, InstantNumber(()), (rho, rho))
+        return self._leaf(lambda k: rho, (), (rho, rho))
 
-    def flag(self, node: f.Flag) -> Term:
-        """Return an infinity at each instant."""
+    def _flag(self, node: f.Flag) -> Term:
         (tape,) = self.signals[node.name]
-        return self._leaf(
-            lambda k: math.inf if tape.value(k) > 0 else -math.inf, InstantNumber((), (tape,)), INFINITE
-        )
+        return self._leaf(lambda k: math.inf if tape.value(k) > 0 else -math.inf, (tape,), ANY)
 
-    def margin(self, node: f.Comparison) -> Term:
-        """Return the margin of the comparison."""
+    def _margin(self, node: f.Comparison) -> Term:
         left, right = self.values(node.left), self.values(node.right)
         (x,), (y,) = left.parts, right.parts
-        difference: Component = (
-            (lambda k: y(k) - x(k)) if node.operator[0] == "<" else (lambda k: x(k) - y(k))
-        )
-        sign = {"==": -1.0, "!=": 1.0}.get(node.operator)
+        difference, operator = MARGIN[node.operator], node.operator
 
         def margin(k: int) -> float:
-            rho = difference(k) if sign is None else sign * abs(difference(k))
+            rho: float = difference(x(k), y(k))
             if rho != rho:
-                raise self._no_value(node, k)
-            return break_tie(rho, node.operator)
+                raise no_value(node, f"sample {k}, {self.clock.seconds(k):.9g} s after the first")
+            return break_tie(rho, operator)
 
-        leaf = self._leaf(margin, InstantNumber((), (*left.sources, *right.sources)), INFINITE)
+        leaf = self._leaf(margin, (*left.sources, *right.sources), ANY)
         self.predicates.append((leaf, node))
         return leaf
 
-    def _no_value(self, node: f.Comparison, k: int) -> TraceError:
-        return no_value(node, f"sample {k}, {self.clock.seconds(k):.9g} s after the first")
-
-    def negative(self, x: Term) -> Term:
-        """Return −x."""
+    def _negative(self, x: Term) -> Term:
         return x.operand if type(x) is Negative else self._make(Negative(self.clock, x))
 
-    def scale(self, x: Term, factor: float) -> Term:
-        """Return factor · x."""
-        return self._make(Scaled(self.clock, x, factor))
+    def _greatest(self, x: Term, y: Term) -> Term:
+        return self._negative(self._make(Least(self.clock, self._negative(x), self._negative(y))))
 
-    def least(self, x: Term, y: Term) -> Term:
-        """Return the smaller of both."""
-        return self._make(Least(self.clock, x, y))
-
-    def greatest(self, x: Term, y: Term) -> Term:
-        """Return the greater of both."""
-        return self.negative(self.least(self.negative(x), self.negative(y)))
-
-    def always(self, x: Term, interval: f.Interval, past: bool) -> Term:
-        """Return the least over the window."""
+    def _always(self, x: Term, interval: f.Interval, past: bool) -> Term:
         reach, place = self.clock.reach(interval, past), self.places[id(interval.span)]
         return self._make(Always(self.clock, x, reach, past, place))
 
-    def eventually(self, x: Term, interval: f.Interval, past: bool) -> Term:
-        """Return the greatest over the window."""
-        return self.negative(self.always(self.negative(x), interval, past))
-
-    def until(self, left: Term, right: Term, interval: f.Interval, past: bool) -> Term:
-        """Return the robustness of the best witness."""
+    def _until(self, left: Term, right: Term, interval: f.Interval, past: bool) -> Term:
         reach, place = self.clock.reach(interval, past), self.places[id(interval.span)]
         return self._make(Until(self.clock, left, right, reach, past, place))
-
-    def step(self, x: Term, node: f.AdjacentSample) -> Term:
-        """Return x at the next sample, or at the previous one for ``prev``."""
-        return self._make(AdjacentSample(self.clock, x, node.operator == "next"))
-
-    def rise(self, x: Term) -> Term:
-        """Return min(x, −x one sample before)."""
-        return self._make(Rise(self.clock, x))

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError, UsageError
 from s2r_spec.lang.formula import Interval
 from s2r_spec.robustness import grid, ticks
 from s2r_spec.robustness.grid import Grid
-from s2r_spec.robustness.online.tape import Tape
+from s2r_spec.robustness.online.tape import InstantSource, Reader, Tape
+from s2r_spec.robustness.ticks import Reach
 from s2r_spec.trace.instants import instant
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
+Component = Callable[[int], float]
 
 
 class Advancing(Protocol):
@@ -26,54 +26,28 @@ class Advancing(Protocol):
 
     def advance(self) -> None:
         """Compute all values that the samples so far determine."""
-        ...
 
 
 @dataclass(frozen=True)
-class Reach:
-    """A window relative to an instant, in positions; negative in the past.
+class InstantNumber:
+    """A value, or its components, as functions of the instant.
 
     Args:
-        low: the start of the window.
-        high: the end of the window; inf for the rest of the trace.
-        low_closed: whether a sample at its start lies in it.
-        high_closed: whether a sample at its end lies in it.
-        interval: the interval in the specification.
+        parts: instant → value, one function for each component; NaN where it is undefined.
+        sources: the sequences that they read at that instant.
     """
 
-    low: float
-    high: float
-    low_closed: bool
-    high_closed: bool
-    interval: Interval
+    parts: tuple[Component, ...]
+    sources: tuple[InstantSource, ...] = ()
 
-    def before(self, position: float, at: float, snap: float) -> bool:
-        """Return whether a position lies before the window of the instant ``at``."""
-        start = at + self.low
-        return position < start - snap if self.low_closed else position <= start + snap
+    def end(self, clock: OnlineClock) -> int:
+        """Return the number of instants with a known value."""
+        return min((source.end for source in self.sources), default=clock.now + 1)
 
-    def after(self, position: float, at: float, snap: float) -> bool:
-        """Return whether a position lies after the window of the instant ``at``."""
-        stop = at + self.high
-        return position > stop + snap if self.high_closed else position >= stop - snap
-
-    def samples(self, positions: FloatArray, at: FloatArray, snap: float) -> tuple[IntArray, IntArray]:
-        """Return (first, last), each (m,): the indices of (n,) positions in the window of each of (m,) instants.
-
-        The window is empty where last < first.
-        """
-        start, stop = at + self.low, at + self.high
-        first = (
-            np.searchsorted(positions, start - snap, "left")
-            if self.low_closed
-            else np.searchsorted(positions, start + snap, "right")
-        )
-        last = (
-            np.searchsorted(positions, stop + snap, "right")
-            if self.high_closed
-            else np.searchsorted(positions, stop - snap, "left")
-        )
-        return first, last - 1
+    def keep(self, reader: Reader) -> None:
+        """See :class:`~s2r_spec.robustness.online.tape.InstantSource`."""
+        for source in self.sources:
+            source.keep(reader)
 
 
 class OnlineClock:
@@ -171,14 +145,11 @@ class OnlineClock:
         Raises:
             TraceError: see :meth:`s2r_spec.robustness.grid.Grid.window`.
         """
-        low, high = interval.low, interval.high
-        closed = (interval.low_closed, interval.high_closed)
-        if self.period is not None:
-            first, last = Grid(2, self.period).window(interval)
-            low, high, closed = float(first), math.inf if last is None else float(last), (True, True)
-        if past:
-            return Reach(-high, -low, closed[1], closed[0], interval)
-        return Reach(low, high, *closed, interval)
+        if self.period is None:
+            return Reach.of(interval, past)
+        first, last = Grid(2, self.period).window(interval)
+        counted = Reach(float(first), math.inf if last is None else float(last), True, True, interval)
+        return counted.mirrored() if past else counted
 
     def closed(self, reach: Reach, at: float) -> bool:
         """Return whether no later sample can lie in the window of the instant at this position."""

@@ -6,73 +6,58 @@ Each stream computes one number for each instant, in constant time on average, a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from abc import ABC, abstractmethod
 from operator import add
-from typing import Protocol
 
-from s2r_spec.robustness.online.clock import OnlineClock
-from s2r_spec.robustness.online.tape import InstantSource, Reader, Sliding, Tape
-
-
-class Operand(Protocol):
-    """The operand of a function."""
-
-    def end(self, clock: OnlineClock) -> int:
-        """Return the number of instants with a known value."""
-        ...
-
-    def keep(self, reader: Reader) -> None:
-        """See :class:`~s2r_spec.robustness.online.tape.InstantSource`."""
-        ...
+from s2r_spec.robustness.online.clock import Component, InstantNumber, OnlineClock
+from s2r_spec.robustness.online.tape import Sliding, Tape
 
 
-class ConditionSource(InstantSource, Protocol):
-    """The robustness of a condition."""
+class TapedNumber(ABC):
+    """A number at each instant, stored on a tape.
 
-    def value(self, k: int) -> float:
-        """Return ρ at an instant with a known value."""
-        ...
+    Args:
+        clock: the clock of the trace.
+        operand: the operand, or the robustness of the condition.
+        part: its component that is read.
+    """
 
-
-class TapedNumber:
-    """A number at each instant, stored on a tape."""
-
-    def __init__(self, clock: OnlineClock) -> None:
-        self.clock = clock
+    def __init__(self, clock: OnlineClock, operand: InstantNumber, part: Component) -> None:
+        self.clock, self.operand, self.part = clock, operand, part
         self.tape = Tape()
+        operand.keep(self._oldest)
+        clock.positions.keep(self._oldest)
 
     def advance(self) -> None:
         """Compute all values that the samples so far determine."""
-        for k in range(self.tape.end, self.ready()):
-            self.tape.append(self.compute(k))
+        for k in range(self.tape.end, self._ready()):
+            self.tape.append(self._compute(k))
 
-    def ready(self) -> int:
+    def _oldest(self) -> int:
+        """Return the first instant that is still needed."""
+        return self.tape.end
+
+    def _ready(self) -> int:
         """Return the number of instants that can be computed."""
-        raise AssertionError
+        return self.operand.end(self.clock)
 
-    def compute(self, k: int) -> float:
+    @abstractmethod
+    def _compute(self, k: int) -> float:
         """Return the number at the next instant."""
-        raise AssertionError
 
 
 class Delayed(TapedNumber):
     """x at the last sample at or before t − seconds, or else the first one."""
 
-    def __init__(
-        self, clock: OnlineClock, part: Callable[[int], float], operand: Operand, seconds: float
-    ) -> None:
-        super().__init__(clock)
-        self.part, self.operand, self.seconds = part, operand, seconds
+    def __init__(self, clock: OnlineClock, operand: InstantNumber, part: Component, seconds: float) -> None:
+        super().__init__(clock, operand, part)
+        self.seconds = seconds
         self.shown = 0
-        operand.keep(lambda: self.shown)
-        clock.positions.keep(lambda: self.shown)
 
-    def ready(self) -> int:
-        """Return as many instants as the operand has, so that both end together."""
-        return self.operand.end(self.clock)
+    def _oldest(self) -> int:
+        return self.shown
 
-    def compute(self, k: int) -> float:
-        """See :class:`TapedNumber`."""
+    def _compute(self, k: int) -> float:
         latest = self.clock.seconds(k) - self.seconds + self.clock.slack
         while self.shown < k and self.clock.seconds(self.shown + 1) <= latest:
             self.shown += 1
@@ -82,22 +67,14 @@ class Delayed(TapedNumber):
 class Derivative(TapedNumber):
     """Backward difference quotient [1/s]; the first sample has the value of the second."""
 
-    def __init__(self, clock: OnlineClock, part: Callable[[int], float], operand: Operand) -> None:
-        super().__init__(clock)
-        self.part, self.operand = part, operand
-        operand.keep(self._oldest)
-        clock.positions.keep(self._oldest)
-
     def _oldest(self) -> int:
         return self.tape.end - 1
 
-    def ready(self) -> int:
-        """Return the number of instants; the first one needs the second sample."""
+    def _ready(self) -> int:
         end = self.operand.end(self.clock)
         return end if end > 1 or self.clock.ended else 0
 
-    def compute(self, k: int) -> float:
-        """See :class:`TapedNumber`."""
+    def _compute(self, k: int) -> float:
         if k == 0 and self.operand.end(self.clock) == 1:
             return 0.0
         last = max(k, 1)
@@ -109,27 +86,21 @@ class Accumulated(TapedNumber):
     """The integral of straight lines over the last ``seconds``, or their mean."""
 
     def __init__(
-        self, clock: OnlineClock, part: Callable[[int], float], operand: Operand, seconds: float, mean: bool
+        self, clock: OnlineClock, operand: InstantNumber, part: Component, seconds: float, mean: bool
     ) -> None:
-        super().__init__(clock)
-        self.part, self.operand, self.seconds, self.mean = part, operand, seconds, mean
+        super().__init__(clock, operand, part)
+        self.seconds, self.mean = seconds, mean
         # a running total with subtraction would accumulate rounding
         self.areas = Sliding[float](add, 0.0, forgets=math.isfinite(seconds))
         self.samples = Tape()
         self.oldest = 0
-        operand.keep(lambda: self.tape.end)
         self.samples.keep(self._oldest_needed)
         clock.positions.keep(self._oldest_needed)
 
     def _oldest_needed(self) -> int:
         return min(self.oldest, self.tape.end - 1) if math.isfinite(self.seconds) else self.tape.end - 1
 
-    def ready(self) -> int:
-        """Return as many instants as the operand has."""
-        return self.operand.end(self.clock)
-
-    def compute(self, k: int) -> float:
-        """See :class:`TapedNumber`."""
+    def _compute(self, k: int) -> float:
         now = self.clock.seconds(k)
         self.samples.append(self.part(k))
         if k:
@@ -163,21 +134,11 @@ class Accumulated(TapedNumber):
 class Duration(TapedNumber):
     """Time for which a condition has held at every sample [s]."""
 
-    def __init__(self, clock: OnlineClock, condition: ConditionSource) -> None:
-        super().__init__(clock)
-        self.condition = condition
-        self.since: float | None = None
-        condition.keep(lambda: self.tape.end)
-        clock.positions.keep(lambda: self.tape.end)
+    since: float | None = None
 
-    def ready(self) -> int:
-        """Return as many instants as the condition has."""
-        return self.condition.end
-
-    def compute(self, k: int) -> float:
-        """See :class:`TapedNumber`."""
+    def _compute(self, k: int) -> float:
         now = self.clock.seconds(k)
-        if self.condition.value(k) < 0:
+        if self.part(k) < 0:
             self.since = None
             return 0.0
         if self.since is None:
@@ -188,26 +149,19 @@ class Duration(TapedNumber):
 class Count(TapedNumber):
     """Number of samples in the last ``seconds`` at which a condition held."""
 
-    def __init__(self, clock: OnlineClock, condition: ConditionSource, seconds: float) -> None:
-        super().__init__(clock)
-        self.condition, self.seconds = condition, seconds
+    def __init__(self, clock: OnlineClock, operand: InstantNumber, part: Component, seconds: float) -> None:
+        super().__init__(clock, operand, part)
+        self.seconds = seconds
         self.first, self.total = 0, 0
-        condition.keep(self._oldest_needed)
-        clock.positions.keep(self._oldest_needed)
 
-    def _oldest_needed(self) -> int:
+    def _oldest(self) -> int:
         return self.first if math.isfinite(self.seconds) else self.tape.end
 
-    def ready(self) -> int:
-        """Return as many instants as the condition has."""
-        return self.condition.end
-
-    def compute(self, k: int) -> float:
-        """See :class:`TapedNumber`."""
-        self.total += self.condition.value(k) > 0
+    def _compute(self, k: int) -> float:
+        self.total += self.part(k) > 0
         if math.isfinite(self.seconds):
             begin = self.clock.seconds(k) - self.seconds - self.clock.slack
             while self.clock.seconds(self.first) < begin:
-                self.total -= self.condition.value(self.first) > 0
+                self.total -= self.part(self.first) > 0
                 self.first += 1
         return float(self.total)

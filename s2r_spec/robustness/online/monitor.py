@@ -5,20 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
 from s2r_spec.base.errors import TraceError, UsageError, one_of, suggest
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.declarations import Signal
 from s2r_spec.robustness.evaluate import Witness
-from s2r_spec.robustness.grid import SNAP, Grid
+from s2r_spec.robustness.grid import SNAP
 from s2r_spec.robustness.horizon import horizon, samples_needed, seconds_needed
 from s2r_spec.robustness.narrow import narrowest, refuse_short
 from s2r_spec.robustness.online.algebra import OnlineAlgebra
 from s2r_spec.robustness.online.clock import OnlineClock
 from s2r_spec.robustness.online.points import Point, Points
 from s2r_spec.robustness.online.tape import Tape
-from s2r_spec.robustness.online.terms import Term
 from s2r_spec.robustness.reading import HOLD, LEADING, Missing
 from s2r_spec.robustness.ties import restore_zero
 
@@ -27,17 +27,12 @@ Verdict = Literal["holds", "violated", "unknown"]
 
 @dataclass(frozen=True)
 class Followed:
-    """The requirements to follow, and the settings of the samples.
+    """The requirements to follow, and the settings of :meth:`s2r_spec.spec.Spec.monitor`.
 
     Args:
         formulas: requirement → its formula, with numbers for the parameters in time bounds.
         signals: the signals that they read.
         params: parameter → value, for the parameters that they use.
-        period: sample period [s]; None if samples come at any time.
-        until: see :class:`s2r_spec.robustness.evaluate.Walk`.
-        nan: the treatment of a NaN sample: "error", or "hold" to repeat the sample before.
-        ranges: whether samples lie in the declared ranges.
-        sparse: whether windows may be shorter than the time between two samples.
     """
 
     formulas: Mapping[str, f.Formula]
@@ -100,21 +95,14 @@ class _Recorder:
         self.algebra = OnlineAlgebra(
             self.clock, self.tapes, ranges, followed.params, tuple(followed.formulas.values()), followed.until
         )
-        windows = [narrowest(formula) for formula in followed.formulas.values()]
-        self.narrowest = min(
-            (window for window in windows if window is not None), key=lambda w: w.length, default=None
-        )
+        windows = filter(None, map(narrowest, followed.formulas.values()))
+        self.narrowest = min(windows, key=lambda window: window.length, default=None)
         self._refuse_short()
         self.terms = {name: self.algebra.walk(formula) for name, formula in followed.formulas.items()}
         self.broken: TraceError | None = None
 
     def take(self, time: float, sample: Mapping[str, Any]) -> None:
-        """Take the next sample.
-
-        Raises:
-            TraceError: the sample is invalid and was not taken; or the trace so far has no robustness, and no
-                further sample can be taken.
-        """
+        """Take the next sample; for errors see :meth:`Monitor.update`."""
         self._check_open()
         numbers = [self._read(signal, sample) for signal in self.followed.signals]
         self.clock.tick(float(time))
@@ -161,9 +149,8 @@ class _Recorder:
     def _read(self, signal: Signal, sample: Mapping[str, Any]) -> list[float]:
         name = signal.name
         if name not in sample:
-            raise TraceError(
-                f"the sample has no channel {name!r}{suggest(name, sample)} it has {one_of(sample)}"
-            )
+            lacks = f"the sample has no channel {name!r}{suggest(name, sample)} it has {one_of(sample)}"
+            raise TraceError(lacks)
         try:
             numbers = [float(x) for x in sample[name]] if signal.vector else [float(sample[name])]
         except (TypeError, ValueError):
@@ -201,7 +188,7 @@ class _Recorder:
         """
         clock = self.clock
         if clock.now < 1:
-            return horizon(formula) == 0 and samples_needed(formula, Grid(1, None)) == 0
+            return horizon(formula) == 0 and samples_needed(formula, None) == 0
         step = clock.step if clock.period is not None else clock.shortest
         snap = max(clock.slack, SNAP * step)
         reached = clock.now * step if clock.period is not None else clock.latest
@@ -296,11 +283,8 @@ class RobustnessStream:
         self._times = Tape()
         self._times.keep(lambda: min(self._sent.values()))
         for name, term in self._recorder.terms.items():
-            self._follow(name, term)
-
-    def _follow(self, name: str, term: Term) -> None:
-        term.follow()
-        term.keep(lambda: self._sent[name])
+            term.follow()
+            term.keep(partial(self._sent.__getitem__, name))
 
     def update(self, time: float, sample: Mapping[str, Any]) -> dict[str, list[tuple[float, float]]]:
         """Take one more sample, and return requirement → [(time [s], ρ), …] of the instants that it decides.

@@ -17,7 +17,6 @@ from s2r_spec.robustness.online.spans import Span
 from s2r_spec.robustness.online.tape import lesser
 from s2r_spec.robustness.online.terms import LOWER, UPPER, AdjacentSample, Least, Negative, Rise, Scaled, Term
 from s2r_spec.robustness.online.timed import Always, Clamp, Timed, Until, followed_by
-from s2r_spec.robustness.ties import rescale_number
 
 OFTEN = 1024
 """Budget: undecided instants that are updated at each sample; h of them are updated at every (h / OFTEN)-th one."""
@@ -38,24 +37,15 @@ class Points:
 
     def _point(self, term: Term, k: int) -> Point:
         match term:
-            case Scaled():
-                return ScaledAt(term.clock, self(term.operand, k), term.factor)
-            case Negative():
-                return NegativeAt(term.clock, self(term.operand, k))
-            case Least():
-                return LeastAt(term.clock, self(term.left, k), self(term.right, k))
+            case Scaled() | Negative() | Least():
+                return MappedAt(term, *(self(operand, k) for operand in term.operands))
             case AdjacentSample():
                 near = k + term.shift
-                return (
-                    MinusInfinity(term.clock)
-                    if near < 0
-                    else StepAt(term.clock, self(term.operand, near), near)
-                )
+                return MinusInfinity(term.clock) if near < 0 else StepAt(self(term.operand, near), near)
+            case Rise() if k == 0:
+                return MinusInfinity(term.clock)
             case Rise():
-                if k == 0:
-                    return MinusInfinity(term.clock)
-                before = NegativeAt(term.clock, self(term.operand, k - 1))
-                return LeastAt(term.clock, self(term.operand, k), before)
+                return MappedAt(term, self(term.operand, k), self(term.operand, k - 1))
             case Always(past=False):
                 return AlwaysAt(term, k)
             case Until(past=False):
@@ -78,34 +68,46 @@ class Point(ABC):
         if self.settled or self._round == self.clock.round:
             return
         self._round = self.clock.round
-        (low, high), self.settled = self.evaluate()
+        (low, high), self.settled = self._evaluate()
         if not self.settled:
             # earlier bounds stay valid, also if not every instant was updated
             low, high = max(self.lower, low), min(self.upper, high)
         self.lower, self.upper = low, high
 
     @abstractmethod
-    def evaluate(self) -> tuple[Span, bool]:
+    def _evaluate(self) -> tuple[Span, bool]:
         """Return bounds, and whether they are final."""
 
 
 class MinusInfinity(Point):
     """−inf."""
 
-    def evaluate(self) -> tuple[Span, bool]:
-        """See :class:`Point`."""
+    def _evaluate(self) -> tuple[Span, bool]:
         return (-math.inf, -math.inf), True
+
+
+class MappedAt(Point):
+    """The value of a term without a window, from points of its operands."""
+
+    def __init__(self, term: Term, *operands: Point) -> None:
+        super().__init__(term.clock)
+        self.term, self.operands = term, operands
+
+    def _evaluate(self) -> tuple[Span, bool]:
+        for operand in self.operands:
+            operand.refresh()
+        span = self.term.span(*((operand.lower, operand.upper) for operand in self.operands))
+        return span, all(operand.settled for operand in self.operands)
 
 
 class StepAt(Point):
     """The operand at the neighbouring sample; −inf if the trace has none."""
 
-    def __init__(self, clock: OnlineClock, operand: Point, k: int) -> None:
-        super().__init__(clock)
+    def __init__(self, operand: Point, k: int) -> None:
+        super().__init__(operand.clock)
         self.operand, self.k = operand, k
 
-    def evaluate(self) -> tuple[Span, bool]:
-        """See :class:`Point`."""
+    def _evaluate(self) -> tuple[Span, bool]:
         exists = self.k <= self.clock.now
         if self.clock.ended and not exists:
             return (-math.inf, -math.inf), True
@@ -122,8 +124,7 @@ class FollowedAt(Point):
         term.follow()
         term.keep(lambda: term.end if self.settled else k)
 
-    def evaluate(self) -> tuple[Span, bool]:
-        """See :class:`Point`."""
+    def _evaluate(self) -> tuple[Span, bool]:
         term, k = self.term, self.k
         if k < term.end:
             value = term.value(k)
@@ -133,67 +134,23 @@ class FollowedAt(Point):
         return (float(term.bound(k, k, LOWER)[0]), float(term.bound(k, k, UPPER)[0])), False
 
 
-class NegativeAt(Point):
-    """−x."""
-
-    def __init__(self, clock: OnlineClock, operand: Point) -> None:
-        super().__init__(clock)
-        self.operand = operand
-
-    def evaluate(self) -> tuple[Span, bool]:
-        """See :class:`Point`."""
-        self.operand.refresh()
-        return (-self.operand.upper, -self.operand.lower), self.operand.settled
-
-
-class ScaledAt(Point):
-    """factor · x, factor > 0."""
-
-    def __init__(self, clock: OnlineClock, operand: Point, factor: float) -> None:
-        super().__init__(clock)
-        self.operand, self.factor = operand, factor
-
-    def evaluate(self) -> tuple[Span, bool]:
-        """See :class:`Point`."""
-        self.operand.refresh()
-        low, high = self.operand.lower, self.operand.upper
-        return (rescale_number(low, self.factor), rescale_number(high, self.factor)), self.operand.settled
-
-
-class LeastAt(Point):
-    """The smaller of x and y."""
-
-    def __init__(self, clock: OnlineClock, left: Point, right: Point) -> None:
-        super().__init__(clock)
-        self.left, self.right = left, right
-
-    def evaluate(self) -> tuple[Span, bool]:
-        """See :class:`Point`."""
-        left, right = self.left, self.right
-        left.refresh()
-        right.refresh()
-        span = min(left.lower, right.lower), min(left.upper, right.upper)
-        return span, left.settled and right.settled
-
-
 class WindowPoint(Point):
-    """An operator with a window, at one instant.
+    """An operator with a window, at one instant; the monitor follows its operands.
 
     Args:
         term: the operator.
         k: the instant.
-        operands: the operands of the formula; the monitor follows them.
     """
 
-    def __init__(self, term: Timed, k: int, *operands: Term) -> None:
+    def __init__(self, term: Timed, k: int) -> None:
         super().__init__(term.clock)
-        self.term, self.k, self.operands = term, k, operands
+        self.term, self.k, self.operands = term, k, term.operands
         self.at = 0.0  # position of the instant
         self.new = k  # the first instant that was not added
         self.taken = 0  # how many of them lie in the window
         self.waiting = False  # whether some instants of the window are not decided yet
         self.looked = -1  # the instant of the last update of undecided instants
-        for operand in operands:
+        for operand in self.operands:
             operand.follow()
             operand.keep(self._oldest)
         self.clock.positions.keep(self._oldest)
@@ -201,8 +158,7 @@ class WindowPoint(Point):
     def _oldest(self) -> int:
         return max(operand.end for operand in self.operands) if self.settled else self.new
 
-    def evaluate(self) -> tuple[Span, bool]:
-        """See :class:`Point`."""
+    def _evaluate(self) -> tuple[Span, bool]:
         clock, reach = self.clock, self.term.reach
         if self.k > clock.now:
             return self.term.ahead, False
@@ -211,19 +167,19 @@ class WindowPoint(Point):
             self.at = position(self.k)
         end = min(operand.end for operand in self.operands)
         while self.new < end and not reach.after(position(self.new), self.at, snap):
-            self.take(self.new, not reach.before(position(self.new), self.at, snap))
+            self._take(self.new, not reach.before(position(self.new), self.at, snap))
             self.new += 1
         self.waiting = self.new <= clock.now and not reach.after(position(self.new), self.at, snap)
         closed = clock.closed(reach, self.at)
         if closed and not self.waiting:
             if not self.taken:
                 clock.check_empty(reach, self.k, self.at)
-            value = self.value()
+            value = self._value()
             return (value, value), True
         if not self.waiting or self._looks_away():
-            return self.bounds(None, not closed or self.waiting), False
+            return self._bounds(None, not closed or self.waiting), False
         self.looked = clock.now
-        return self.bounds(self._undecided_range(), not closed), False
+        return self._bounds(self._undecided_range(), not closed), False
 
     def _looks_away(self) -> bool:
         """Return whether to treat undecided instants as unknown this time, to keep the cost of a sample constant."""
@@ -237,15 +193,15 @@ class WindowPoint(Point):
         return new, new + int(begin[0]), new + int(end[0])
 
     @abstractmethod
-    def take(self, k: int, inside: bool) -> None:
+    def _take(self, k: int, inside: bool) -> None:
         """Add the decided values of an instant, which lies before the window or ``inside`` it."""
 
     @abstractmethod
-    def value(self) -> float:
+    def _value(self) -> float:
         """Return ρ of the instants that were added."""
 
     @abstractmethod
-    def bounds(self, unsettled: tuple[int, int, int] | None, more: bool) -> Span:
+    def _bounds(self, unsettled: tuple[int, int, int] | None, more: bool) -> Span:
         """Return bounds of ρ, with the undecided instants and, if ``more``, with later unknown ones."""
 
 
@@ -253,22 +209,19 @@ class AlwaysAt(WindowPoint):
     """The least of x in the window."""
 
     def __init__(self, term: Always, k: int) -> None:
-        super().__init__(term, k, term.operand)
+        super().__init__(term, k)
         self.operand = term.operand
         self.least = math.inf
 
-    def take(self, k: int, inside: bool) -> None:
-        """See :class:`WindowPoint`."""
+    def _take(self, k: int, inside: bool) -> None:
         if inside:
             self.taken += 1
             self.least = lesser(self.least, self.operand.value(k))
 
-    def value(self) -> float:
-        """See :class:`WindowPoint`."""
+    def _value(self) -> float:
         return self.least
 
-    def bounds(self, unsettled: tuple[int, int, int] | None, more: bool) -> Span:
-        """See :class:`WindowPoint`."""
+    def _bounds(self, unsettled: tuple[int, int, int] | None, more: bool) -> Span:
         ends = [self.least, self.least]
         for side in (LOWER, UPPER):
             # no undecided instant is below the least possible value of later ones
@@ -285,22 +238,19 @@ class UntilAt(WindowPoint):
     """The best witness in the window."""
 
     def __init__(self, term: Until, k: int) -> None:
-        super().__init__(term, k, term.left, term.right)
+        super().__init__(term, k)
         self.until = term
         self.clamp: Clamp = (math.inf, -math.inf)
 
-    def take(self, k: int, inside: bool) -> None:
-        """See :class:`WindowPoint`."""
+    def _take(self, k: int, inside: bool) -> None:
         self.taken += inside
         right = self.until.right.value(k) if inside else -math.inf
         self.clamp = followed_by(self.clamp, (self.until.left.value(k), right))
 
-    def value(self) -> float:
-        """See :class:`WindowPoint`."""
+    def _value(self) -> float:
         return self.clamp[1]
 
-    def bounds(self, unsettled: tuple[int, int, int] | None, more: bool) -> Span:
-        """See :class:`WindowPoint`."""
+    def _bounds(self, unsettled: tuple[int, int, int] | None, more: bool) -> Span:
         return self._bound(unsettled, more, LOWER), self._bound(unsettled, more, UPPER)
 
     def _bound(self, unsettled: tuple[int, int, int] | None, more: bool, side: int) -> float:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 from s2r_spec.lang import formula as f
 
@@ -15,6 +16,7 @@ Span = tuple[float, float]
 ANY: Span = (-math.inf, math.inf)
 
 
+@dataclass(eq=False)
 class Spans:
     """Spans of the numbers of a formula.
 
@@ -25,15 +27,11 @@ class Spans:
             after the first sample), or None.
     """
 
-    def __init__(
-        self,
-        ranges: Mapping[str, Span],
-        params: Mapping[str, float],
-        settled: Callable[[f.Value], Sequence[float] | None],
-    ) -> None:
-        self.ranges = ranges
-        self.params = params
-        self.settled = settled
+    ranges: Mapping[str, Span]
+    params: Mapping[str, float]
+    settled: Callable[[f.Value], Sequence[float] | None]
+
+    def __post_init__(self) -> None:
         self.done: dict[int, tuple[Span, ...]] = {}
 
     def __call__(self, node: f.Value) -> tuple[Span, ...]:
@@ -45,15 +43,12 @@ class Spans:
     def margin(self, node: f.Comparison) -> Span:
         """Return the span of a predicate's robustness."""
         (left,), (right,) = self(node.left), self(node.right)
-        match node.operator:
-            case "<" | "<=":
-                return subtract(right, left)
-            case ">" | ">=":
-                return subtract(left, right)
-            case "==":
-                return negate(absolute(subtract(left, right)))
-            case "!=":
-                return absolute(subtract(left, right))
+        if node.operator in ("<", "<="):
+            return _subtract(right, left)
+        if node.operator in (">", ">="):
+            return _subtract(left, right)
+        size = _absolute(_subtract(left, right))
+        return size if node.operator == "!=" else negate(size)
 
     def _spans(self, node: f.Value) -> tuple[Span, ...]:
         match node:
@@ -67,28 +62,31 @@ class Spans:
                 known = self.settled(node)
                 return self(node.operand) if known is None else tuple((value, value) for value in known)
             case f.Overshoot():
-                beyond = subtract(self(node.signal)[0], self(node.reference)[0])
+                beyond = _subtract(self(node.signal)[0], self(node.reference)[0])
                 known = self.settled(node)
-                return (hull(beyond, negate(beyond)) if known is None else multiply(beyond, (known[0],) * 2),)
+                return (
+                    _hull(beyond, negate(beyond)) if known is None else _multiply(beyond, (known[0],) * 2),
+                )
             case f.Convert():
                 return tuple(
                     (node.conversion(low), node.conversion(high)) for low, high in self(node.operand)
                 )
             case f.Arithmetic():
-                pairs = spread(self(node.left), self(node.right))
+                pairs = _spread(self(node.left), self(node.right))
                 return tuple(_ARITHMETIC[node.operator](*pair) for pair in pairs)
             case f.Elementary():
                 return tuple(_ELEMENTARY[node.function](span) for span in self(node.operand))
             case f.Extremum():
                 fold = min if node.function == "min" else max
-                parts = [self(operand)[0] for operand in node.operands]
-                return ((fold(low for low, _ in parts), fold(high for _, high in parts)),)
+                lows, highs = zip(*(self(operand)[0] for operand in node.operands), strict=True)
+                return ((fold(lows), fold(highs)),)
             case f.Norm():
-                sizes = [absolute(span) for operand in node.operands for span in self(operand)]
+                sizes = [_absolute(span) for operand in node.operands for span in self(operand)]
                 # computed as the value itself, so that rounding keeps the value in its span
-                return ((_length(low for low, _ in sizes), _length(high for _, high in sizes)),)
+                lows, highs = zip(*sizes, strict=True)
+                return ((_length(lows), _length(highs)),)
             case f.Choice():
-                return tuple(hull(*pair) for pair in spread(self(node.left), self(node.right)))
+                return tuple(_hull(*pair) for pair in _spread(self(node.left), self(node.right)))
             case f.Delayed():
                 return self(node.operand)
             case f.Accumulated():
@@ -100,63 +98,57 @@ class Spans:
                 return (ANY,) * node.width
 
 
-def spread(left: tuple[Span, ...], right: tuple[Span, ...]) -> list[tuple[Span, Span]]:
-    """Pair the components of two values; one of them may be a single number."""
-    width = max(len(left), len(right))
-    return [(left[k % len(left)], right[k % len(right)]) for k in range(width)]
-
-
-def hull(*spans: Span) -> Span:
-    """Return the least span that contains all."""
-    return min(low for low, _ in spans), max(high for _, high in spans)
-
-
 def negate(x: Span) -> Span:
     """Return the span of −x."""
     return -x[1], -x[0]
 
 
-def absolute(x: Span) -> Span:
-    """Return the span of |x|."""
+def _spread(left: tuple[Span, ...], right: tuple[Span, ...]) -> list[tuple[Span, Span]]:
+    """Pair the components of two values; one of them may be a single number."""
+    width = max(len(left), len(right))
+    return [(left[k % len(left)], right[k % len(right)]) for k in range(width)]
+
+
+def _hull(x: Span, y: Span) -> Span:
+    return min(x[0], y[0]), max(x[1], y[1])
+
+
+def _absolute(x: Span) -> Span:
     low, high = abs(x[0]), abs(x[1])
     return (0.0 if x[0] <= 0 <= x[1] else min(low, high)), max(low, high)
 
 
-def add(x: Span, y: Span) -> Span:
-    """Return the span of x + y."""
+def _add(x: Span, y: Span) -> Span:
     return x[0] + y[0], x[1] + y[1]
 
 
-def subtract(x: Span, y: Span) -> Span:
-    """Return the span of x − y."""
-    return add(x, negate(y))
+def _subtract(x: Span, y: Span) -> Span:
+    return _add(x, negate(y))
 
 
-def multiply(x: Span, y: Span) -> Span:
-    """Return the span of x · y."""
-    corners = [a * b for a in x for b in y]
+def _multiply(x: Span, y: Span) -> Span:
+    return _between([a * b for a in x for b in y])
+
+
+def _divide(x: Span, y: Span) -> Span:
+    return ANY if y[0] <= 0 <= y[1] else _between([a / b for a in x for b in y])
+
+
+def _between(corners: list[float]) -> Span:
     return ANY if any(map(math.isnan, corners)) else (min(corners), max(corners))
 
 
-def divide(x: Span, y: Span) -> Span:
-    """Return the span of x / y."""
-    if y[0] <= 0 <= y[1]:
-        return ANY
-    corners = [a / b for a in x for b in y]
-    return ANY if any(map(math.isnan, corners)) else (min(corners), max(corners))
-
-
-def power(x: Span, exponent: Span) -> Span:
+def _raise(x: Span, exponent: Span) -> Span:
     """Return the span of x^e; e is a constant from −9 to 9."""
     e = exponent[0]
     if e == 0:
         return 1.0, 1.0
     if e < 0:
-        return divide((1.0, 1.0), power(x, (-e, -e)))
+        return _divide((1.0, 1.0), _raise(x, (-e, -e)))
     if not e.is_integer():
         return _power(max(x[0], 0.0), e), _power(max(x[1], 0.0), e)
     if e % 2 == 0:
-        x = absolute(x)
+        x = _absolute(x)
     return _power(x[0], e), _power(x[1], e)
 
 
@@ -190,8 +182,8 @@ def _area(x: Span, seconds: float) -> Span:
 
 
 _ARITHMETIC: dict[str, Callable[[Span, Span], Span]] = {
-    "+": add, "-": subtract, "*": multiply, "/": divide, "^": power,
+    "+": _add, "-": _subtract, "*": _multiply, "/": _divide, "^": _raise,
 }  # fmt: skip
 _ELEMENTARY: dict[str, Callable[[Span], Span]] = {
-    "minus": negate, "abs": absolute, "sign": _sign, "sqrt": _root,
+    "minus": negate, "abs": _absolute, "sign": _sign, "sqrt": _root,
 }  # fmt: skip

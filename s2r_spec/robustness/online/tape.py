@@ -6,9 +6,9 @@ from collections.abc import Callable
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
+
 Reader = Callable[[], int]
 T = TypeVar("T")
 
@@ -19,11 +19,12 @@ class InstantSource(Protocol):
     @property
     def end(self) -> int:
         """Number of instants with a known value."""
-        ...
 
     def keep(self, reader: Reader) -> None:
         """Keep the values from the instant on that ``reader`` returns at any time."""
-        ...
+
+    def value(self, k: int) -> float:
+        """Return the value of an instant with a known one."""
 
 
 class Tape:

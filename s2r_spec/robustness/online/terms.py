@@ -11,24 +11,22 @@ import math
 from abc import ABC, abstractmethod
 
 import numpy as np
-from numpy.typing import NDArray
 
-from s2r_spec.robustness.online.clock import OnlineClock
-from s2r_spec.robustness.online.spans import ANY, Span
+from s2r_spec.robustness.online.clock import Component, InstantNumber, OnlineClock
+from s2r_spec.robustness.online.spans import ANY, Span, negate
 from s2r_spec.robustness.online.tape import Reader, Tape, lesser
-from s2r_spec.robustness.online.values import Component, InstantNumber
 from s2r_spec.robustness.ties import rescale, rescale_number
+from s2r_spec.trace.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 LOWER, UPPER = 0, 1
 """Index of the lower and of the upper end of a span."""
 
 
 class Term(ABC):
-    """The robustness of a formula at every instant."""
+    """The robustness of a formula at every instant, from that of its operands."""
 
-    def __init__(self, clock: OnlineClock) -> None:
-        self.clock = clock
+    def __init__(self, clock: OnlineClock, *operands: Term) -> None:
+        self.clock, self.operands = clock, operands
         self.ahead: Span = ANY  # contains ρ at every instant
         self._bounds: dict[tuple[int, int, int], FloatArray] = {}
         self._bounds_at = -1
@@ -38,9 +36,10 @@ class Term(ABC):
     def end(self) -> int:
         """Number of instants with a decided value."""
 
-    @abstractmethod
     def follow(self) -> None:
         """Begin to compute values; call it before the first sample."""
+        for operand in self.operands:
+            operand.follow()
 
     @abstractmethod
     def keep(self, reader: Reader) -> None:
@@ -51,8 +50,12 @@ class Term(ABC):
         """Return ρ at a decided instant."""
 
     @abstractmethod
+    def span(self, *operands: Span) -> Span:
+        """Return a span of ρ from spans of the operands, at the instants that they are read."""
+
     def foresee(self) -> None:
         """Compute :attr:`ahead` from the operands' ``ahead``."""
+        self.ahead = self.span(*(operand.ahead for operand in self.operands))
 
     @abstractmethod
     def _bound(self, first: int, last: int, side: int) -> FloatArray:
@@ -72,8 +75,8 @@ class Term(ABC):
 class Stored(Term):
     """A term that stores its values."""
 
-    def __init__(self, clock: OnlineClock) -> None:
-        super().__init__(clock)
+    def __init__(self, clock: OnlineClock, *operands: Term) -> None:
+        super().__init__(clock, *operands)
         self.tape = Tape()
         self.followed = False
 
@@ -87,6 +90,7 @@ class Stored(Term):
         if not self.followed:
             self.followed = True
             self._prepare()
+            super().follow()
             self.clock.streams.append(self)
 
     def keep(self, reader: Reader) -> None:
@@ -116,7 +120,7 @@ class Stored(Term):
 
     @abstractmethod
     def _prepare(self) -> None:
-        """Follow the operands, and keep the values that are needed."""
+        """Keep the values of the operands that are needed."""
 
     @abstractmethod
     def _pending(self, first: int, last: int, side: int) -> FloatArray:
@@ -124,7 +128,7 @@ class Stored(Term):
 
 
 class Leaf(Stored):
-    """A predicate, a boolean signal or a constant, without a window of its own."""
+    """A predicate, a boolean signal or a constant, without a window of its own; the algebra sets its ``ahead``."""
 
     def __init__(self, clock: OnlineClock, number: InstantNumber) -> None:
         super().__init__(clock)
@@ -140,18 +144,22 @@ class Leaf(Stored):
         for k in range(self.tape.end, self.number.end(self.clock)):
             self.tape.append(self.margin(k))
 
-    def foresee(self) -> None:
-        """Do nothing: the algebra sets :attr:`ahead`."""
+    def span(self, *operands: Span) -> Span:
+        """See :class:`Term`."""
+        return self.ahead
 
     def _pending(self, first: int, last: int, side: int) -> FloatArray:
         return np.full(last - first + 1, self.ahead[side])
 
 
-class Negative(Term):
-    """−x."""
+class Mapped(Term):
+    """A term that computes its values from those of one operand, also of a neighbouring sample."""
+
+    shift = 0
+    """Definition: samples from an instant to the farthest one that is read."""
 
     def __init__(self, clock: OnlineClock, operand: Term) -> None:
-        super().__init__(clock)
+        super().__init__(clock, operand)
         self.operand = operand
 
     @property
@@ -159,28 +167,27 @@ class Negative(Term):
         """See :class:`Term`."""
         return self.operand.end
 
-    def follow(self) -> None:
-        """See :class:`Term`."""
-        self.operand.follow()
-
     def keep(self, reader: Reader) -> None:
         """See :class:`Term`."""
-        self.operand.keep(reader)
+        self.operand.keep((lambda: reader() + self.shift) if self.shift else reader)
+
+
+class Negative(Mapped):
+    """−x."""
 
     def value(self, k: int) -> float:
         """See :class:`Term`."""
         return -self.operand.value(k)
 
-    def foresee(self) -> None:
+    def span(self, *operands: Span) -> Span:
         """See :class:`Term`."""
-        low, high = self.operand.ahead
-        self.ahead = -high, -low
+        return negate(*operands)
 
     def _bound(self, first: int, last: int, side: int) -> FloatArray:
         return -self.operand.bound(first, last, 1 - side)
 
 
-class Scaled(Negative):
+class Scaled(Mapped):
     """factor · x, factor > 0."""
 
     def __init__(self, clock: OnlineClock, operand: Term, factor: float) -> None:
@@ -191,10 +198,10 @@ class Scaled(Negative):
         """See :class:`Term`."""
         return rescale_number(self.operand.value(k), self.factor)
 
-    def foresee(self) -> None:
+    def span(self, *operands: Span) -> Span:
         """See :class:`Term`."""
-        low, high = self.operand.ahead
-        self.ahead = rescale_number(low, self.factor), rescale_number(high, self.factor)
+        ((low, high),) = operands
+        return rescale_number(low, self.factor), rescale_number(high, self.factor)
 
     def _bound(self, first: int, last: int, side: int) -> FloatArray:
         return rescale(self.operand.bound(first, last, side), self.factor)
@@ -204,12 +211,11 @@ class Least(Stored):
     """The smaller of x and y."""
 
     def __init__(self, clock: OnlineClock, left: Term, right: Term) -> None:
-        super().__init__(clock)
+        super().__init__(clock, left, right)
         self.left, self.right = left, right
 
     def _prepare(self) -> None:
-        for operand in (self.left, self.right):
-            operand.follow()
+        for operand in self.operands:
             operand.keep(self.next)
 
     def advance(self) -> None:
@@ -217,21 +223,20 @@ class Least(Stored):
         for k in range(self.tape.end, min(self.left.end, self.right.end)):
             self.tape.append(lesser(self.left.value(k), self.right.value(k)))
 
-    def foresee(self) -> None:
+    def span(self, *operands: Span) -> Span:
         """See :class:`Term`."""
-        (a, b), (c, d) = self.left.ahead, self.right.ahead
-        self.ahead = min(a, c), min(b, d)
+        (a, b), (c, d) = operands
+        return min(a, c), min(b, d)
 
     def _pending(self, first: int, last: int, side: int) -> FloatArray:
         return np.minimum(self.left.bound(first, last, side), self.right.bound(first, last, side))
 
 
-class AdjacentSample(Term):
+class AdjacentSample(Mapped):
     """The operand at the next (or previous) sample, −inf where there is none."""
 
     def __init__(self, clock: OnlineClock, operand: Term, later: bool) -> None:
-        super().__init__(clock)
-        self.operand = operand
+        super().__init__(clock, operand)
         self.shift = 1 if later else -1
 
     @property
@@ -240,28 +245,18 @@ class AdjacentSample(Term):
         clock = self.clock
         if self.shift < 0:
             return min(self.operand.end, clock.now) + 1
-        return (
-            clock.now + 1
-            if clock.ended and self.operand.end == clock.now + 1
-            else max(self.operand.end - 1, 0)
-        )
-
-    def follow(self) -> None:
-        """See :class:`Term`."""
-        self.operand.follow()
-
-    def keep(self, reader: Reader) -> None:
-        """See :class:`Term`."""
-        self.operand.keep(lambda: reader() + self.shift)
+        if clock.ended and self.operand.end == clock.now + 1:
+            return clock.now + 1
+        return max(self.operand.end - 1, 0)
 
     def value(self, k: int) -> float:
         """See :class:`Term`."""
         return self.operand.value(k + self.shift) if 0 <= k + self.shift <= self.clock.now else -math.inf
 
-    def foresee(self) -> None:
+    def span(self, *operands: Span) -> Span:
         """See :class:`Term`."""
-        low, high = self.operand.ahead
-        self.ahead = (-math.inf if self.shift < 0 else low), high
+        ((low, high),) = operands
+        return (-math.inf if self.shift < 0 else low), high
 
     def _bound(self, first: int, last: int, side: int) -> FloatArray:
         begin, stop = max(first + self.shift, 0), min(last + self.shift, self.clock.now)
@@ -270,34 +265,33 @@ class AdjacentSample(Term):
         return np.concatenate((before, inner, [self.operand.ahead[side]] * (last + self.shift - stop)))
 
 
-class Rise(Term):
+class Rise(Mapped):
     """min(x now, −x one sample before); −inf at the first sample."""
 
+    shift = -1
+
     def __init__(self, clock: OnlineClock, operand: Term) -> None:
-        super().__init__(clock)
-        self.operand = operand
+        super().__init__(clock, operand)
+        self.operands = operand, operand
 
     @property
     def end(self) -> int:
         """See :class:`Term`."""
         return min(max(self.operand.end, 1), self.clock.now + 1)
 
-    def follow(self) -> None:
-        """See :class:`Term`."""
-        self.operand.follow()
-
-    def keep(self, reader: Reader) -> None:
-        """See :class:`Term`."""
-        self.operand.keep(lambda: reader() - 1)
-
     def value(self, k: int) -> float:
         """See :class:`Term`."""
         return lesser(self.operand.value(k), -self.operand.value(k - 1)) if k else -math.inf
 
+    def span(self, *operands: Span) -> Span:
+        """See :class:`Term`."""
+        now, before = operands
+        return min(now[0], -before[1]), min(now[1], -before[0])
+
     def foresee(self) -> None:
         """See :class:`Term`."""
-        low, high = self.operand.ahead
-        self.ahead = -math.inf, min(high, -low)
+        super().foresee()
+        self.ahead = -math.inf, self.ahead[1]
 
     def _bound(self, first: int, last: int, side: int) -> FloatArray:
         begin = max(first, 1)

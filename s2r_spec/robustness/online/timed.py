@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.base.errors import UsageError
 from s2r_spec.lang.source import Span as Place
 from s2r_spec.robustness.kernels import range_min, range_until, until
-from s2r_spec.robustness.online.clock import OnlineClock, Reach
+from s2r_spec.robustness.online.clock import OnlineClock
+from s2r_spec.robustness.online.spans import Span
 from s2r_spec.robustness.online.tape import Sliding, lesser
 from s2r_spec.robustness.online.terms import LOWER, UPPER, Stored, Term
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.robustness.ticks import Reach
+from s2r_spec.trace.arrays import BoolArray, FloatArray, IntArray
 
 
 class Timed(Stored):
@@ -25,10 +25,11 @@ class Timed(Stored):
         reach: the window of the operator.
         past: whether it looks back.
         place: the place of the operator in the text.
+        operands: its operands.
     """
 
-    def __init__(self, clock: OnlineClock, reach: Reach, past: bool, place: Place) -> None:
-        super().__init__(clock)
+    def __init__(self, clock: OnlineClock, reach: Reach, past: bool, place: Place, *operands: Term) -> None:
+        super().__init__(clock, *operands)
         self.reach, self.past, self.place = reach, past, place
         self.first = 0  # the oldest instant in the window of the last decided one
         self.new = 0  # the first instant that was in no window yet
@@ -41,12 +42,22 @@ class Timed(Stored):
                 f"at every instant, which takes unbounded memory; give it a time bound"
             )
         self.clock.positions.keep(self.oldest)
+        for operand in self.operands:
+            operand.keep(self.oldest)
+
+    @property
+    def _now(self) -> bool:
+        """Whether the window has the instant itself, at its nearer end."""
+        reach = self.reach
+        if self.past:
+            return reach.high == 0 and reach.high_closed
+        return reach.low == 0 and reach.low_closed
 
     def oldest(self) -> int:
         """Return the first instant of the operands that is still needed."""
         return min(self.new if self.reach.low == -math.inf else self.first, self.tape.end)
 
-    def _windows(self, first: int, last: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def _windows(self, first: int, last: int) -> tuple[IntArray, IntArray]:
         """Return the first and the last instant in the windows of the instants ``first`` … ``last``.
 
         A window that later samples can enter ends with the instant after the newest one.
@@ -67,14 +78,9 @@ class Always(Timed):
     """The least of x in the window; +inf where it is empty."""
 
     def __init__(self, clock: OnlineClock, operand: Term, reach: Reach, past: bool, place: Place) -> None:
-        super().__init__(clock, reach, past, place)
+        super().__init__(clock, reach, past, place, operand)
         self.operand = operand
         self.least = Sliding(lesser, math.inf, forgets=reach.low > -math.inf)
-
-    def _prepare(self) -> None:
-        super()._prepare()
-        self.operand.follow()
-        self.operand.keep(self.oldest)
 
     def advance(self) -> None:
         """See :class:`Stored`."""
@@ -98,12 +104,11 @@ class Always(Timed):
                     clock.check_empty(reach, k, at)
             self.tape.append(self.least.total)
 
-    def foresee(self) -> None:
+    def span(self, *operands: Span) -> Span:
         """See :class:`Term`."""
-        low, high = self.operand.ahead
+        ((low, high),) = operands
         # a window of the past may lie before the first sample, and be empty
-        empty = self.past and not (self.reach.high == 0 and self.reach.high_closed)
-        self.ahead = low, (math.inf if empty else high)
+        return low, (math.inf if self.past and not self._now else high)
 
     def _pending(self, first: int, last: int, side: int) -> FloatArray:
         if self.reach.low == -math.inf:
@@ -134,7 +139,7 @@ class Until(Timed):
     def __init__(
         self, clock: OnlineClock, left: Term, right: Term, reach: Reach, past: bool, place: Place
     ) -> None:
-        super().__init__(clock, reach, past, place)
+        super().__init__(clock, reach, past, place, left, right)
         self.left, self.right = left, right
         self.witnesses = Sliding[Clamp](
             (lambda older, newer: followed_by(newer, older)) if past else followed_by,
@@ -143,12 +148,6 @@ class Until(Timed):
         )
         self.guard = Sliding(lesser, math.inf)  # left between an instant and its window
         self.guarded = 0  # the first instant that was not in the guard yet
-
-    def _prepare(self) -> None:
-        super()._prepare()
-        for operand in (self.left, self.right):
-            operand.follow()
-            operand.keep(self.oldest)
 
     def advance(self) -> None:
         """See :class:`Stored`."""
@@ -190,16 +189,16 @@ class Until(Timed):
             self.guarded += 1
         return True
 
-    def foresee(self) -> None:
+    def span(self, *operands: Span) -> Span:
         """See :class:`Term`."""
-        left, right, reach = self.left.ahead, self.right.ahead, self.reach
-        now = (reach.high == 0 and reach.high_closed) if self.past else (reach.low == 0 and reach.low_closed)
-        low, high = right if now else (min(left[LOWER], right[LOWER]), min(left[UPPER], right[UPPER]))
+        left, right = operands
+        if self._now:
+            return right
         # a window of the past may lie before the first sample, and be empty
-        empty = self.past and not (reach.high == 0 and reach.high_closed)
-        self.ahead = (-math.inf if empty else low), high
+        low = -math.inf if self.past else min(left[LOWER], right[LOWER])
+        return low, min(left[UPPER], right[UPPER])
 
-    def waits(self, at: FloatArray, side: int) -> NDArray[np.bool_]:
+    def waits(self, at: FloatArray, side: int) -> BoolArray:
         """Return (m,): whether ``left`` matters at later instants before the windows of (m,) instants begin.
 
         Without a period there may be no such instant, so no upper bound uses it.
@@ -220,9 +219,8 @@ class Until(Timed):
         left = np.append(self.left.bound(first, now, side), math.inf)
         right = np.append(self.right.bound(first, now, side), self.right.ahead[side])
         at = self.clock.positions.values(first, now + 1)
-        if (
-            self.reach.low == 0 and begin[0] == 0 and end[0] == end[-1]
-        ):  # any later instant may be the witness
+        # any later instant may be the witness
+        if self.reach.low == 0 and begin[0] == 0 and end[0] == end[-1]:
             return until(left, right, 0, None)[: last - first + 1]
         bounds = range_until(left, right, begin, end)[:-1]
         bounds = np.where(self.waits(at, side), np.minimum(bounds, self.left.ahead[side]), bounds)
@@ -231,9 +229,8 @@ class Until(Timed):
     def _pending_since(self, first: int, last: int, side: int) -> FloatArray:
         base = min(int(self._windows(first, last)[0][0]), first)
         begin, end = (ends - base for ends in self._windows(base, last))
-        begin = np.maximum(
-            begin, 0
-        )  # instants before the first one are not needed, so their windows may begin anywhere
+        # instants before the first one are not needed, so their windows may begin anywhere
+        begin = np.maximum(begin, 0)
         left, right = (operand.bound(base, last, side)[::-1] for operand in (self.left, self.right))
         newest = last - base
         bounds = range_until(left, right, newest - end[::-1], newest - begin[::-1])

@@ -7,51 +7,21 @@ as fast as arrays.
 from __future__ import annotations
 
 import math
+import operator
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from functools import partial
 
 import numpy as np
 
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.online import history
-from s2r_spec.robustness.online.clock import OnlineClock
-from s2r_spec.robustness.online.tape import InstantSource, Reader, Tape, greater, lesser
-
-Component = Callable[[int], float]
+from s2r_spec.robustness.online.clock import Component, InstantNumber, OnlineClock
+from s2r_spec.robustness.online.tape import InstantSource, Tape, greater, lesser
 
 
-class Condition(InstantSource, Protocol):
-    """The robustness of a condition at each instant."""
-
-    def value(self, k: int) -> float:
-        """Return ρ at an instant with a known value."""
-        ...
-
-
-@dataclass(frozen=True)
-class InstantNumber:
-    """A value, or its components, as functions of the instant.
-
-    Args:
-        parts: instant → value, one function for each component; NaN where it is undefined.
-        sources: the sequences that they read at that instant.
-    """
-
-    parts: tuple[Component, ...]
-    sources: tuple[InstantSource, ...] = ()
-
-    def end(self, clock: OnlineClock) -> int:
-        """Return the number of instants with a known value."""
-        return min((source.end for source in self.sources), default=clock.now + 1)
-
-    def keep(self, reader: Reader) -> None:
-        """See :class:`~s2r_spec.robustness.online.tape.InstantSource`."""
-        for source in self.sources:
-            source.keep(reader)
-
-
+@dataclass(eq=False)
 class NumberBuilder:
     """Makes the numbers of formulas.
 
@@ -63,21 +33,16 @@ class NumberBuilder:
         condition: a function that makes the evaluator of the conditions in ``if``, ``duration`` and ``count``.
     """
 
-    def __init__(
-        self,
-        clock: OnlineClock,
-        signals: Mapping[str, Sequence[Tape]],
-        params: Mapping[str, float],
-        roots: Iterable[f.Formula],
-        condition: Callable[[f.Formula], Condition],
-    ) -> None:
-        self.clock = clock
-        self.signals = signals
-        self.params = params
-        self.condition = condition
+    clock: OnlineClock
+    signals: Mapping[str, Sequence[Tape]]
+    params: Mapping[str, float]
+    roots: Iterable[f.Formula]
+    condition: Callable[[f.Formula], InstantSource]
+
+    def __post_init__(self) -> None:
         self.done: dict[int, InstantNumber] = {}
         self.firsts: dict[int, tuple[_First, ...]] = {}
-        nodes = {id(node): node for root in roots for node in f.walk(root)}
+        nodes = {id(node): node for root in self.roots for node in f.walk(root)}
         self.uses = Counter(id(child) for node in nodes.values() for child in f.children(node))
 
     def __call__(self, node: f.Value) -> InstantNumber:
@@ -174,27 +139,27 @@ class NumberBuilder:
         return InstantNumber(parts, (*self._sources(node.left, node.right), condition))
 
     def _history(self, node: f.Value) -> InstantNumber:
-        clock = self.clock
-        made: list[history.TapedNumber]
+        make: Callable[[OnlineClock, InstantNumber, Component], history.TapedNumber]
         match node:
             case f.Duration():
-                made = [history.Duration(clock, self.condition(node.operand))]
+                make = history.Duration
             case f.Count():
-                made = [history.Count(clock, self.condition(node.operand), node.seconds)]
+                make = partial(history.Count, seconds=node.seconds)
             case f.Delayed():
-                operand = self(node.operand)
-                made = [history.Delayed(clock, part, operand, node.seconds) for part in operand.parts]
+                make = partial(history.Delayed, seconds=node.seconds)
             case f.Derivative():
-                operand = self(node.operand)
-                made = [history.Derivative(clock, part, operand) for part in operand.parts]
+                make = history.Derivative
             case f.Accumulated():
-                operand, mean = self(node.operand), node.function == "mean"
-                made = [
-                    history.Accumulated(clock, part, operand, node.seconds, mean) for part in operand.parts
-                ]
+                make = partial(history.Accumulated, seconds=node.seconds, mean=node.function == "mean")
             case _:
                 raise AssertionError(node)
-        clock.streams.extend(made)
+        if isinstance(node, f.Duration | f.Count):
+            condition = self.condition(node.operand)
+            operand = InstantNumber((condition.value,), (condition,))
+        else:
+            operand = self(node.operand)
+        made = [make(self.clock, operand, part) for part in operand.parts]
+        self.clock.streams.extend(made)
         return InstantNumber(tuple(one.tape.value for one in made), tuple(one.tape for one in made))
 
 
@@ -269,9 +234,8 @@ def _root(x: float) -> float:
 
 
 _ARITHMETIC: dict[str, Callable[[float, float], float]] = {
-    "+": lambda x, y: x + y, "-": lambda x, y: x - y, "*": lambda x, y: x * y,
-    "/": _quotient, "^": _power,
+    "+": operator.add, "-": operator.sub, "*": operator.mul, "/": _quotient, "^": _power,
 }  # fmt: skip
 _ELEMENTARY: dict[str, Callable[[float], float]] = {
-    "minus": lambda x: -x, "abs": abs, "sign": _sign, "sqrt": _root,
+    "minus": operator.neg, "abs": abs, "sign": _sign, "sqrt": _root,
 }  # fmt: skip
