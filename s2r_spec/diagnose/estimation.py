@@ -18,7 +18,6 @@ from concurrent.futures import BrokenExecutor, Executor
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend
 from s2r_spec.base.errors import BackendError, UsageError, one_of
@@ -28,11 +27,11 @@ from s2r_spec.diagnose.inference.model_search import ModelPosterior, Set, combin
 from s2r_spec.diagnose.inference.prior import SizePrior
 from s2r_spec.diagnose.simulator.axes import Values
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.diagnose.simulator.library import ResponseLibrary, simulated_mean
+from s2r_spec.diagnose.simulator.library import simulated_mean
+from s2r_spec.diagnose.simulator.response import ResponseLibrary
 from s2r_spec.trace import Trace
+from s2r_spec.trace.trace import FloatArray
 from s2r_spec.workers.pools import in_this_process
-
-FloatArray = NDArray[np.float64]
 
 CORRECTIONS = 3
 """Budget: most runs of the simulator at the posterior mean. The most probable sets share :data:`SIMULATED` times as

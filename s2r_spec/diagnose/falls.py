@@ -7,8 +7,7 @@ less of it ends is taken for granted.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -17,9 +16,10 @@ from numpy.typing import NDArray
 
 from s2r_spec.diagnose.gap import SHOTS
 from s2r_spec.diagnose.gap.nominal import Nominal
-from s2r_spec.diagnose.simulator.axes import EffectAxis, Values
+from s2r_spec.diagnose.simulator.axes import EffectAxis
 from s2r_spec.diagnose.simulator.bench import Bench, Test, evenly, places_of, table
 from s2r_spec.trace import Trace
+from s2r_spec.trace.trace import FloatArray
 
 HALVINGS = 6
 """Budget: halvings of the way from nominal to the end of a range."""
@@ -75,24 +75,12 @@ class Falls:
         )
 
 
-def falls(
-    bench: Bench,
-    axes: Sequence[EffectAxis],
-    rollouts: Rollouts,
-    nominal: Nominal,
-    executor: Callable[[], Executor] | None = None,
-) -> Falls | None:
+def falls(bench: Bench, axes: Sequence[EffectAxis], rollouts: Rollouts, nominal: Nominal) -> Falls | None:
     """Ask every effect of the catalogue; None where no real rollout ended early, or all did.
 
     At most :data:`~.gap.SHOTS` tests at which real rollouts ended early are asked about, and twice as many others. An
-    effect is suspected if it ends the simulator early at a third of the others at most.
-
-    Args:
-        bench: the simulator.
-        axes: parameters of its effects.
-        rollouts: (test, trace) of each real one.
-        nominal: the simulator at their tests.
-        executor: makes a pool; None runs all here.
+    effect is suspected if it ends the simulator early at a third of the others at most. ``nominal`` is the simulator at
+    the tests of the real rollouts.
     """
     early, stood = (
         [of[n] for n in evenly(len(of), most)]
@@ -103,8 +91,10 @@ def falls(
 
     def ended(tried: Sequence[tuple[EffectAxis, float]], tests: Sequence[Test]) -> NDArray[np.int_]:
         """Return at how many of the tests the simulator ends early, with each of these alone."""
+        if not tried:
+            return np.zeros(0, dtype=int)
         machines = [axis.at(axis.value(x)) for axis, x in tried]
-        return np.asarray(_early_ends(bench, machines, nominal.first(tests), executor).sum(axis=1))
+        return np.asarray((table(bench, machines, nominal.first(tests), _end)[0] > 0.0).sum(axis=1))
 
     if all(map(nominal.ends, early)):
         return Falls(True)
@@ -132,25 +122,12 @@ def falls_alone(rollouts: Rollouts, nominal: Nominal) -> list[Test]:
 
 
 def _by_end(rollouts: Rollouts) -> tuple[list[Test], list[Test]]:
-    """Return the different tests at which some rollout ended early, and those at which none did."""
     ends: tuple[list[Test], list[Test]] = [], []
     for key, own in places_of([test for test, _ in rollouts]).items():
         ends[all(rollouts[n][1].failure is None for n in own)].append(dict(key))
     return ends
 
 
-def _early_ends(
-    bench: Bench,
-    machines: Sequence[Values],
-    runs: Sequence[tuple[Test, int]],
-    executor: Callable[[], Executor] | None,
-) -> NDArray[np.bool_]:
-    """Return (machines, runs) whether the simulator with these effects ends early."""
-    if not machines or not runs:
-        return np.zeros((len(machines), len(runs)), dtype=bool)
-    return np.asarray(table(bench, machines, runs, executor, _end)[0] > 0.0)
-
-
-def _end(bench: Bench, trace: Trace, test: Test) -> NDArray[np.float64]:
+def _end(bench: Bench, trace: Trace, test: Test) -> FloatArray:
     """Return (1,) whether a rollout ended early; the specification may declare no ρ for that."""
     return np.array([float(trace.failure is not None)])

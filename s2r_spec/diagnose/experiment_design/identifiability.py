@@ -28,7 +28,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.base.json_values import Shown
 from s2r_spec.diagnose.estimation import Estimate
@@ -46,8 +45,7 @@ from s2r_spec.diagnose.inference.hierarchical import (
 from s2r_spec.diagnose.inference.prior import NAMED, UNNAMED
 from s2r_spec.diagnose.simulator.axes import EffectAxis
 from s2r_spec.diagnose.simulator.experiments import Experiment
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.trace import FloatArray
 
 APART = 3.0
 """Level: standard deviations from which on two sets are told apart. Higher, more pairs are called inseparable."""
@@ -243,7 +241,7 @@ def separations(
     if not names:
         return ()
     forecast = InformationForecast.of(estimate)
-    known = {each.experiment for each in estimate.library.responses}
+    known = estimate.library.experiments
     gains = [(one, forecast.gained(one)) for one in candidates if one.experiment in known]
     distances = [forecast.apart(gained) for _, gained in gains]
     return tuple(_separation(forecast, name, gains, distances) for name in names)

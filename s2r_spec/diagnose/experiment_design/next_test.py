@@ -18,13 +18,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.base.json_values import DIGITS, Shown
 from s2r_spec.diagnose.estimation import Estimate
 from s2r_spec.diagnose.experiment_design.identifiability import Candidate, InformationForecast
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.trace import FloatArray
 
 ENOUGH = 25.0
 """Level: D² beyond which two sets are separated. Higher, pairs that any run separates count more."""
@@ -66,7 +64,7 @@ def next_test(estimate: Estimate, candidates: Sequence[Candidate]) -> NextTest |
     p = estimate.posterior.probability[: len(forecast.names)]
     different = np.array([[a != b for a in forecast.names] for b in forecast.names])
     weight = np.where(different, np.outer(p, p), 0.0)
-    known = {each.experiment for each in estimate.library.responses}
+    known = estimate.library.experiments
     best, chosen = 0.0, None
     for one in candidates:
         if not one.allowed or one.experiment not in known:

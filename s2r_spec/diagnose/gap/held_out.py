@@ -17,8 +17,7 @@ Units: those of ρ. Source: Efron & Tibshirani, *An Introduction to the Bootstra
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
 
@@ -36,8 +35,8 @@ from s2r_spec.diagnose.simulator.bench import Bench, Test, places_of, table
 from s2r_spec.runs.seeds import SeedStream
 from s2r_spec.space import key_of
 from s2r_spec.trace import Trace
+from s2r_spec.trace.trace import FloatArray
 
-FloatArray = NDArray[np.float64]
 Runs = Sequence[tuple[Test, Trace]]
 
 GONE = 0.8
@@ -209,13 +208,7 @@ class HeldOutGap(Shown):
 
 
 def held_out_gap(
-    bench: Bench,
-    held: Runs,
-    seen: Runs,
-    patch: Values,
-    tuned: Values,
-    nominal: Nominal,
-    executor: Callable[[], Executor] | None = None,
+    bench: Bench, held: Runs, seen: Runs, patch: Values, tuned: Values, nominal: Nominal
 ) -> HeldOutGap | None:
     """Measure the gap at the held-out tests before and after; None where none was held out.
 
@@ -226,14 +219,13 @@ def held_out_gap(
         patch: effect → parameter → value of the named effects; empty where nothing is named.
         tuned: the posterior mean of every effect.
         nominal: the simulator at the tests of both.
-        executor: makes a pool for the simulations; None runs them here.
     """
     if not held:
         return None
     real, others = (np.array([bench.rho(trace, test) for test, trace in runs]) for runs in (held, seen))
     tests, at = _distinct_tests([test for test, _ in held])
     machines = [tuned, *([patch] if patch else [])]
-    own = table(bench, machines, nominal.first(tests, SHOTS), executor)[0].reshape(-1, len(tests), SHOTS)
+    own = table(bench, machines, nominal.first(tests, SHOTS))[0].reshape(-1, len(tests), SHOTS)
     first = np.array([nominal.rho[key_of(test)][:SHOTS] for test in tests])
     rho = np.concatenate([first[None], own])
     fell = np.array([nominal.ended[key_of(test)][:SHOTS] for test in tests])
@@ -241,7 +233,7 @@ def held_out_gap(
     steady = ~fell.any(axis=1) | fell.any(axis=1).all()
     # What a cause makes unsteady scatters more than the nominal simulator does.
     simulated = float(np.sqrt(np.maximum(*rho[[0, -1]].var(axis=2, ddof=1)))[steady].mean())
-    random, ended = table(bench, background_machines(bench, nominal.seed), nominal.first(tests), executor)
+    random, ended = table(bench, background_machines(bench, nominal.seed), nominal.first(tests))
     early = {key_of(test) for test, trace in held if trace.failure is not None}
     # A fall of a random machine where the real one stands is no part of the real one's gap.
     ended = (ended > 0.0) & [key_of(test) not in early for test in tests]

@@ -40,7 +40,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.base.errors import UsageError
 from s2r_spec.base.json_values import Count, Probability, Shown
@@ -50,8 +49,7 @@ from s2r_spec.diagnose.simulator.bench import Bench, Test, places_of, rho_and_en
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.constants import constant
 from s2r_spec.trace import Trace
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.trace import FloatArray
 
 HALF = 0.5
 """Definition: part of the simulated margin that a gap may take without mattering."""

@@ -28,8 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.inference.hierarchical import DEGREES, LAW_SHARE
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.trace import FloatArray
 
 MEDIAN = 0.6745
 """Definition: median of |x| of a standard normal x."""

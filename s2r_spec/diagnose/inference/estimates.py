@@ -30,8 +30,7 @@ from s2r_spec.diagnose.inference.hierarchical import Likelihood
 from s2r_spec.diagnose.inference.model_search import ModelPosterior
 from s2r_spec.diagnose.inference.prior import LIKELY, NAMED, POSSIBLE, SLAB, SURE, UNNAMED
 from s2r_spec.diagnose.simulator.axes import EffectAxis
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.trace import FloatArray
 
 INTERVAL = (0.05, 0.5, 0.95)
 """Definition: quantiles of an estimate: lower end, value and upper end of a 90 % interval."""

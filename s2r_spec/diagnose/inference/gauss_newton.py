@@ -61,9 +61,8 @@ from s2r_spec.diagnose.inference.hierarchical import (
 )
 from s2r_spec.diagnose.inference.prior import BACKGROUND, SLAB, SizePrior
 from s2r_spec.diagnose.simulator.curve import ResponseCurve
-from s2r_spec.diagnose.simulator.library import Dependence, Response
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.diagnose.simulator.response import Dependence, Response, replicates
+from s2r_spec.trace.trace import FloatArray
 
 GAIN = 2.0
 """Tolerance: least gain of a step of the search, in log-likelihood; the odds of one step change by a factor of 7."""
@@ -169,7 +168,7 @@ class Observation:
         """Return the observation with the scatter of the mean of so many real runs."""
         response, used = self.response, self.kept
         noise = response.scatter[used] ** 2 / runs + (self.variants**2).sum(axis=0)
-        spread = response.spread[:, used] * (1.0 / runs + 1.0 / response.replicates)
+        spread = response.spread[:, used] * (1.0 / runs + 1.0 / replicates(response.experiment))
         return replace(self, noise=noise, spread=spread)
 
     def corrected(self, correction: FloatArray, theta: FloatArray) -> Observation:
@@ -296,7 +295,7 @@ def _repeats(response: Response, moved: NDArray[np.bool_]) -> set[str]:
 
     Such a channel is a reference that is the same in every run of the experiment.
     """
-    moving = {g.quantity for g in response.groups if moved[g.start : g.stop].any()}
+    moving = {g.quantity for g in response.observables.groups if moved[g.start : g.stop].any()}
     return {
         one.name
         for one in response.observables.quantities

@@ -50,8 +50,7 @@ from s2r_spec.diagnose.inference.hierarchical import (
 )
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.observables import BINS, WINDOWS
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.trace import FloatArray
 
 LEVEL = 0.05
 """Level: probability of an alarm at a machine of the catalogue, over all looks."""
@@ -224,7 +223,7 @@ def _standard(values: FloatArray) -> FloatArray:
 def _cells(one: Observation) -> Iterator[_Cell]:
     """Yield the cells of an experiment, in the order of its groups."""
     widths = {quantity.name: quantity.scale.size for quantity in one.response.observables.quantities}
-    starts = {(group.quantity, group.statistic): group.start for group in one.response.groups}
+    starts = {(group.quantity, group.statistic): group.start for group in one.response.observables.groups}
     for group, places in one.parts:
         width = widths[group[0]]
         row, column = np.divmod(one.kept[places] - starts[group], width)

@@ -30,8 +30,8 @@ from numpy.typing import NDArray
 
 from s2r_spec.diagnose.inference.hierarchical import Likelihood
 from s2r_spec.diagnose.inference.prior import BACKGROUND, NAMED, SLAB, SizePrior
+from s2r_spec.trace.trace import FloatArray
 
-FloatArray = NDArray[np.float64]
 Set = tuple[int, ...]
 
 ALL = 3

@@ -18,9 +18,7 @@ from s2r_spec.diagnose.quality.recordings import Recordings, as_columns, rms
 from s2r_spec.space import key_of
 from s2r_spec.trace import Trace
 from s2r_spec.trace.samples import period_of
-from s2r_spec.trace.trace import between
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.trace import FloatArray, between
 
 UNITS = {
     **{"1000 times": 1e3, "100 times": 1e2, "57 times": 180.0 / np.pi},

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.diagnose.data.space_filling import TESTS
 from s2r_spec.diagnose.quality.recordings import Rollout, as_columns
@@ -16,8 +14,7 @@ from s2r_spec.diagnose.simulator.axes import EffectAxis, Values
 from s2r_spec.diagnose.simulator.bench import Bench, Job, Test, evenly, places_of, run_jobs
 from s2r_spec.trace import Trace
 from s2r_spec.trace.samples import period_of
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.trace import FloatArray
 
 BUDGET = 20.0
 """Budget: CPU time [s] for the rollouts of a comparison. A simulator that cannot run three tests in it runs these all
@@ -71,12 +68,10 @@ class View:
         bench: Bench,
         machines: Sequence[tuple[Values, int]],
         tests: Sequence[Test],
-        executor: Callable[[], Executor] | None = None,
-        progress: Callable[[int, int], None] | None = None,
     ) -> FloatArray:
         """Return (machines, tests, T, c) of rollouts of machines, each with its seed."""
         jobs = [Job(values, tuple((test, seed) for test in tests)) for values, seed in machines]
-        rows = run_jobs(bench, jobs, executor, progress, self.read)
+        rows = run_jobs(bench, jobs, self.read)
         return np.array(rows).reshape(len(jobs), len(tests), len(self.times), len(self.columns))
 
 
@@ -209,19 +204,11 @@ def compare(
     bench: Bench,
     rollouts: Sequence[Rollout],
     axes: Sequence[EffectAxis] = (),
-    executor: Callable[[], Executor] | None = None,
-    progress: Callable[[int, int], None] | None = None,
     without: Sequence[str] = (),
 ) -> Comparison | None:
-    """Simulate at tests of the recordings, and return both; None where nothing can be compared.
+    """Simulate at tests of the recordings, and return both, ``without`` some channels.
 
-    Args:
-        bench: the simulator.
-        rollouts: the machine's.
-        axes: of the catalogue.
-        executor: makes a pool.
-        progress: called with (done, of).
-        without: channels that are not compared.
+    None where nothing can be compared.
     """
     ran = [(test, trace) for test, trace in rollouts if trace.failure is None and len(trace) > 1]
     ran = [ran[places[0]] for places in places_of([test for test, _ in ran]).values()]
@@ -240,7 +227,7 @@ def compare(
     times = np.linspace(0.0, min(trace.duration for _, trace in chosen), TIMES)
     machines: list[tuple[Values, int]] = [({}, seed) for seed in range(seeds)]
     machines += [(axis.at(value), 0) for axis, value in sizes]
-    ran_there = View(columns, times).simulate(bench, machines, tests, executor, progress)
+    ran_there = View(columns, times).simulate(bench, machines, tests)
     whole = np.asarray(np.isfinite(ran_there[:seeds]).all(axis=(0, 1, 2)))
     if not whole.any():
         return None

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-
-import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.diagnose.quality.channels import by_channel, hold
 from s2r_spec.diagnose.quality.comparison import CLEAR, Comparison, compare
@@ -19,8 +15,7 @@ from s2r_spec.diagnose.quality.recordings import Recordings, Rollout
 from s2r_spec.diagnose.simulator.axes import EffectAxis
 from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.diagnose.simulator.library import CAUSES
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.trace import FloatArray
 
 MOST = 0.75
 """Level: part of what the best machine leaves beyond the usual that undoing a mistake must remove; the rest is what a
@@ -60,40 +55,22 @@ class _Judged:
 
 
 def findings(
-    bench: Bench,
-    rollouts: Sequence[Rollout],
-    axes: Sequence[EffectAxis] = (),
-    executor: Callable[[], Executor] | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    bench: Bench, rollouts: Sequence[Rollout], axes: Sequence[EffectAxis] = ()
 ) -> tuple[Finding, ...]:
-    """Return the mistakes that the recordings seem to have.
-
-    Args:
-        bench: the simulator.
-        rollouts: the machine's, in the order of their table.
-        axes: of the catalogue.
-        executor: makes a pool for the simulations.
-        progress: called with (done, of).
-    """
+    """Return the mistakes that the recordings, in the order of their table, seem to have."""
     of = Recordings(bench, rollouts)
     first = by_channel(of)
     held, straight = hold(of)
-    c = compare(bench, straight.rollouts, axes, executor, progress, [each.channel for each in first])
-    suspects = [] if c is None else find_suspects(bench, c, straight.rollouts, executor, progress)
+    c = compare(bench, straight.rollouts, axes, [each.channel for each in first])
+    suspects = [] if c is None else find_suspects(bench, c, straight.rollouts)
     return (*held, *suspects, *first)
 
 
-def find_suspects(
-    bench: Bench,
-    c: Comparison,
-    rollouts: Sequence[Rollout],
-    executor: Callable[[], Executor] | None = None,
-    progress: Callable[[int, int], None] | None = None,
-) -> list[Finding]:
+def find_suspects(bench: Bench, c: Comparison, rollouts: Sequence[Rollout]) -> list[Finding]:
     """Return the mistakes that explain what no machine does, or as much as the best machine; one of each code."""
     if c.misfit(c.recorded, effects=False) < c.usual:
         return []  # as the nominal simulator's: there is nothing to explain
-    candidates = [*faults(c), *labels(bench, c, rollouts, executor, progress)]
+    candidates = [*faults(c), *labels(bench, c, rollouts)]
     judged = sorted((_Judged.of(c, fault) for fault in candidates), key=lambda one: one.after)
     judged = [one for one in judged if one.removes(1.0 - MOST, one.before) or one.alike]
     if not judged:
@@ -102,12 +79,13 @@ def find_suspects(
     def left(machine: Comparison, values: FloatArray, undone: Undone) -> float:
         return machine.misfit(values, there=undone.there) + machine.volume - c.volume
 
-    machine = nearest_machine(bench, c, c.recorded, executor)
+    bench = replace(bench, progress=None)  # nobody knows how many machines are tried
+    machine = nearest_machine(bench, c, c.recorded)
     if not any(one.removes(MOST, one.before) for one in judged):
         # A mistake may stand beside an effect that is far from nominal.
         for k, one in enumerate(judged[:CAUSES]):
             values = one.undone.values
-            after = left(nearest_machine(bench, c, values, executor), values, one.undone) + one.undone.price
+            after = left(nearest_machine(bench, c, values), values, one.undone) + one.undone.price
             judged[k] = replace(one, after=min(one.after, after))
     out: dict[str, tuple[float, Finding]] = {}
     for one in sorted(judged, key=lambda one: one.after):

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from s2r_spec.diagnose.quality.comparison import Comparison
 from s2r_spec.diagnose.quality.finding import Finding, join_words
 from s2r_spec.trace.samples import period_of
+from s2r_spec.trace.trace import FloatArray
 
-FloatArray = NDArray[np.float64]
 ChannelGroup = frozenset[str]
 """Channels, or recordings, that share a mistake."""
 Parts = tuple[FloatArray, FloatArray | float]

@@ -6,8 +6,7 @@ parameters of one unit exchanged. Where the comparison has the mean at such a te
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import Executor
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -18,11 +17,10 @@ from s2r_spec.diagnose.quality.comparison import SEEDS, Comparison, affordable
 from s2r_spec.diagnose.quality.faults import ChannelGroup, Fault, Undone, search
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.quality.recordings import Rollout
-from s2r_spec.diagnose.simulator.axes import Values
 from s2r_spec.diagnose.simulator.bench import Bench, Test
 from s2r_spec.space import key_of
+from s2r_spec.trace.trace import FloatArray
 
-FloatArray = NDArray[np.float64]
 Which = NDArray[np.bool_]
 
 
@@ -37,13 +35,7 @@ class _Other:
     """(n,) whether there is such a test; the row after the last one is in no table."""
 
 
-def labels(
-    bench: Bench,
-    c: Comparison,
-    rollouts: Sequence[Rollout],
-    executor: Callable[[], Executor] | None = None,
-    progress: Callable[[int, int], None] | None = None,
-) -> list[Fault]:
+def labels(bench: Bench, c: Comparison, rollouts: Sequence[Rollout]) -> list[Fault]:
     """Run the simulator at other tests, and return what explains most of each kind of wrong label."""
     others = [one for one in _other_tests(bench, c, rollouts) if _able(bench, one.tests)]
     means = {key_of(test): mean for test, mean in zip(c.tests, c.nominal, strict=True)}
@@ -51,8 +43,7 @@ def labels(
     faults = list(_assignment(c))
     if tests:
         seeds = affordable(bench, len(tests), SEEDS // 6, SEEDS)
-        machines: list[tuple[Values, int]] = [({}, seed) for seed in range(seeds)]
-        runs = c.view.simulate(bench, machines, list(tests.values()), executor, progress)
+        runs = c.view.simulate(bench, [({}, seed) for seed in range(seeds)], list(tests.values()))
         means |= dict(zip(tests, runs.mean(axis=0), strict=True))
     for one in others:
         moved = c.nominal - np.array([means[key_of(test)] for test in one.tests])

@@ -7,14 +7,13 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.diagnose.data.space_filling import TESTS
 from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.space import Key, key_of
 from s2r_spec.trace import Trace
+from s2r_spec.trace.trace import FloatArray
 
-FloatArray = NDArray[np.float64]
 Rollout = tuple[dict[str, float], Trace]
 Pair = tuple[Trace, Trace]
 """A simulated rollout, and the real one of the same test."""

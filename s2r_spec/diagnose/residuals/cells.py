@@ -18,8 +18,7 @@ from s2r_spec.diagnose.simulator.bench import Bench, Test
 from s2r_spec.diagnose.simulator.experiments import RESIDUAL
 from s2r_spec.space import Key, key_of
 from s2r_spec.trace import Trace
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.trace import FloatArray
 
 CELLS = 32
 """Definition: shortest windows of time in a rollout, a power of two; cells along a channel are half as many."""

@@ -21,9 +21,8 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 
@@ -42,8 +41,7 @@ from s2r_spec.diagnose.simulator.experiments import RESIDUAL
 from s2r_spec.runs.seeds import SeedStream
 from s2r_spec.space import key_of
 from s2r_spec.trace import Trace, thin
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.trace import FloatArray
 
 LAWS = 0.3
 """Prior: laws are off by this part of what the named effects do in a cell, and next to it."""
@@ -132,8 +130,6 @@ def remainders(
     rollouts: Sequence[tuple[Test, Trace]],
     improved: Values,
     seed: int = 0,
-    executor: Callable[[], Executor] | None = None,
-    progress: Callable[[int, int], None] | None = None,
     named: Values | None = None,
 ) -> tuple[Remainder, ...]:
     """Return where most is left beyond what is allowed for, one cell a quantity's column, the cause's place first.
@@ -146,8 +142,6 @@ def remainders(
         rollouts: (test, trace) of the machine.
         improved: effects with which the simulator should be nearest to it: the likeliest, and a little of all others.
         seed: of the simulated rollouts.
-        executor: makes a pool for these; None runs them here.
-        progress: called with (done, of).
         named: the likeliest alone, with which it may be nearer: what is left of channels is what both leave.
     """
     whole = [(test, trace) for test, trace in rollouts if trace.failure is None]
@@ -168,17 +162,16 @@ def remainders(
     jobs += [Job(axis.at(axis.at_typical()), (first[few[once]],)) for axis in axes]
     jobs += [Job(values, (run,)) for values in machines for run in first]
 
-    def tell(before: int, done: int, of: int) -> None:
-        if progress is not None:
-            progress(before + done, len(tests) + len(jobs))
+    def counted(before: int) -> Bench:
+        tell, of = bench.progress, len(tests) + len(jobs)
+        return replace(bench, progress=lambda done, _: tell(before + done, of)) if tell else bench
 
-    beside = [Job(improved, (run,)) for run in again]
-    paths = run_jobs(bench, beside, executor, partial(tell, 0), partial(path, widths))
+    paths = run_jobs(counted(0), [Job(improved, (run,)) for run in again], partial(path, widths))
     at = {key_of(test): rows[0] for test, rows in zip(tests, paths, strict=True)}
     cells = Cells.of(bench.backend.duration, widths, at)
     step = float(np.median([np.median(np.diff(trace.times)) for _, trace in whole]))
     read = partial(_means, cells, step)
-    rows = iter(run_jobs(bench, jobs, executor, partial(tell, len(tests)), read))
+    rows = iter(run_jobs(counted(len(tests)), jobs, read))
     usual = next(rows)
     other = [changed - usual for changed in islice(rows, len(variants))]
     typical = [changed - usual[[once]] for changed in islice(rows, len(axes))]

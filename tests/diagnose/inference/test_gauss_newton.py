@@ -9,8 +9,8 @@ from s2r_spec.diagnose.inference.hierarchical import LAW_SHARE
 from s2r_spec.diagnose.inference.prior import SizePrior
 from s2r_spec.diagnose.simulator.curve import ResponseCurve, Turn
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.diagnose.simulator.library import Dependence, Practice, Response
 from s2r_spec.diagnose.simulator.observables import Observables, ObservedQuantity
+from s2r_spec.diagnose.simulator.response import Dependence, Practice, Response
 
 POSITION = np.linspace(0.0, 6.0 * np.pi, 50)
 SCATTER = 0.05

@@ -11,8 +11,8 @@ from s2r_spec.diagnose.inference.hierarchical import DEGREES, LAW_ERROR
 from s2r_spec.diagnose.inference.prior import SizePrior
 from s2r_spec.diagnose.simulator.curve import ResponseCurve
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.diagnose.simulator.library import Dependence, Practice, Response
 from s2r_spec.diagnose.simulator.observables import Observables, ObservedQuantity
+from s2r_spec.diagnose.simulator.response import Dependence, Practice, Response
 
 EFFECTS, SCATTER, DURATION = 3, 0.05, 5.0
 QUANTITIES = ("torque", 2), ("speed", 1)
