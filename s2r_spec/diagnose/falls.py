@@ -30,10 +30,7 @@ Rollouts = Sequence[tuple[Test, Trace]]
 
 
 class Culprit(NamedTuple):
-    """An effect that may be why: a parameter, and the least of it that ends the simulator early at all of the tests.
-
-    ``others`` is the number of other tests at which it does, too.
-    """
+    """A parameter, the least of it that ends the simulator early at all tests, and at how many others it does."""
 
     axis: EffectAxis
     coordinate: float
@@ -90,7 +87,6 @@ def falls(bench: Bench, axes: Sequence[EffectAxis], rollouts: Rollouts, nominal:
         return None
 
     def ended(tried: Sequence[tuple[EffectAxis, float]], tests: Sequence[Test]) -> NDArray[np.int_]:
-        """Return at how many of the tests the simulator ends early, with each of these alone."""
         if not tried:
             return np.zeros(0, dtype=int)
         machines = [axis.at(axis.value(x)) for axis, x in tried]

@@ -30,7 +30,7 @@ from s2r_spec.diagnose.data.journal import CampaignJournal
 from s2r_spec.diagnose.data.protocols import allowed_experiments
 from s2r_spec.diagnose.data.rollouts import RealRollouts, Rollouts, as_experiment, recorded_rollouts
 from s2r_spec.diagnose.data.space_filling import representative, star
-from s2r_spec.diagnose.data.split import ENOUGH, TrainHeldOut, split
+from s2r_spec.diagnose.data.split import TrainHeldOut, split
 from s2r_spec.diagnose.decision import Evidence
 from s2r_spec.diagnose.diagnosis import Diagnosis, Which
 from s2r_spec.diagnose.estimation import Estimate, estimate
@@ -40,8 +40,7 @@ from s2r_spec.diagnose.falls import falls, falls_alone
 from s2r_spec.diagnose.gap.held_out import held_out_gap
 from s2r_spec.diagnose.gap.materiality import compared_at_all_tests
 from s2r_spec.diagnose.gap.nominal import Nominal
-from s2r_spec.diagnose.gap.where import Pairs, Where
-from s2r_spec.diagnose.gap.where import locate as find_where
+from s2r_spec.diagnose.gap.where import Pairs, Where, locate
 from s2r_spec.diagnose.inference.estimates import (
     EffectEstimate,
     Status,
@@ -52,7 +51,7 @@ from s2r_spec.diagnose.inference.estimates import (
     with_status,
 )
 from s2r_spec.diagnose.inference.goodness_of_fit import goodness_of_fit
-from s2r_spec.diagnose.notes import Used, notes
+from s2r_spec.diagnose.notes import notes
 from s2r_spec.diagnose.quality import findings
 from s2r_spec.diagnose.residuals.left import remainders
 from s2r_spec.diagnose.simulator.axes import Values
@@ -171,7 +170,6 @@ class _Work:
         return library(self.bench.backend, experiments, self.bench.pool, progress, self.cache)
 
     def simulated(self, experiments: Sequence[Experiment]) -> Expected:
-        """Return the rollouts that :meth:`library` will run."""
         return of_library(self.bench.backend, most_rollouts(self.bench.backend, experiments, self.cache))
 
     def counted(self, stage: str) -> Bench:
@@ -189,7 +187,6 @@ class _Data:
     allowed: frozenset[Experiment]
 
     def train(self, bench: Bench) -> dict[Experiment, list[Trace]]:
-        """Return the train runs of each experiment that the library has."""
         runs = self.parts.train.by_experiment(bench)
         return {
             experiment: own for experiment, own in runs.items() if experiment in self.responses.experiments
@@ -265,7 +262,6 @@ def _campaign(
 def _recordings(
     work: _Work, real: Rollouts | Backend, budget: int | None, protocols: Sequence[str] | None, passive: bool
 ) -> _Data:
-    """Read recorded rollouts; the library has all protocols beside their tests."""
     rollouts = recorded_rollouts(work.bench, real, budget, passive)
     run = list(dict.fromkeys(experiment for experiment, _ in rollouts.protocols))
     runnable, _ = allowed_experiments(work.bench.backend, work.bench.backend, () if passive else protocols)
@@ -342,8 +338,7 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
         findings=odd,
     )
     upcoming = next_test(fitted, candidates) if with_status(sizes, Status.POSSIBLE) else None
-    in_use = Used(tests, len(parts.train.tests), len(parts.held_out), ENOUGH)
-    lacking = notes(bench, in_use, _idle(data.responses), why, odd, alone)
+    lacking = notes(bench, tests, parts, _idle(data.responses), why, odd, alone)
     return Diagnosis(
         Which(evidence, by_effects(fitted.posterior, axes), upcoming),
         _locate(work, used, tuned) if want_where and used else None,
@@ -365,7 +360,6 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
 
 
 def _idle(responses: ResponseLibrary) -> list[str]:
-    """Return the effects that change nothing in any experiment."""
     acting = {
         axis.effect
         for response in responses.responses
@@ -386,4 +380,4 @@ def _locate(work: _Work, rollouts: Sequence[tuple[Test, Trace]], improved: Value
         work.tell("where", number + 1, len(rollouts))
     work.tell("where in the machine and between the tests", 0, 0)
     pairs = Pairs([test for test, _ in rollouts], real, simulated)
-    return find_where(bench.spec, bench.requirement, pairs, work.seed, bench, improved)
+    return locate(bench.spec, bench.requirement, pairs, work.seed, bench, improved)

@@ -7,6 +7,7 @@ of the costs that backends and protocols declare [s].
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -56,22 +57,12 @@ class TellsCost(Protocol):
 
 
 def on_machine(machine: Backend, plan: CampaignPlan, folder: Path | None) -> Expected:
-    """Return the rollouts of a campaign that are not on disk yet.
-
-    Args:
-        machine: the real machine.
-        plan: the campaign's plan.
-        folder: the folder of its traces.
-    """
+    """Return the rollouts of a campaign that are not yet in the folder of its traces."""
     done = 0 if folder is None else len(list(folder.glob(TRACES)))
     ahead = plan.steps[done:]
     chosen = plan.chosen - max(0, done - len(plan.steps))
-    counts = dict.fromkeys(ahead, 0)
-    for step in ahead:
-        counts[step] += 1
-    return Expected(
-        machine.name, len(ahead) + chosen, _seconds(machine, counts) + chosen * float(machine.cost)
-    )
+    seconds = _seconds(machine, Counter(ahead)) + chosen * float(machine.cost)
+    return Expected(machine.name, len(ahead) + chosen, seconds)
 
 
 def of_library(backend: Backend, rollouts: Mapping[Experiment, int]) -> Expected:
@@ -81,13 +72,10 @@ def of_library(backend: Backend, rollouts: Mapping[Experiment, int]) -> Expected
 
 def planned_held_out(plan: CampaignPlan) -> int:
     """Return the number of tests that a campaign will hold out."""
-    if plan.held_out:
-        return plan.held_out
-    return number_held_out(len(set(plan.steps)), len(plan.steps))
+    return plan.held_out or number_held_out(len(set(plan.steps)), len(plan.steps))
 
 
 def _seconds(backend: Backend, rollouts: Mapping[Experiment, int]) -> float:
-    """Return the time of experiment → number of rollouts on one core [s]."""
     protocols = backend.protocols() if isinstance(backend, HasProtocols) else ()
     costs = {protocol.name: float(protocol.cost) for protocol in protocols}
     usual = float(backend.cost)

@@ -18,7 +18,6 @@ from s2r_spec.backend import Backend, HasRecordings, Recording
 from s2r_spec.backend.protocols import PROTOCOL, protocol_of
 from s2r_spec.base.errors import SamplingError, TraceError, UsageError
 from s2r_spec.diagnose.data.protocols import canonical
-from s2r_spec.diagnose.notes import CUT, READ_AT
 from s2r_spec.diagnose.simulator.bench import Bench, name_rollout
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.lang.conversion import Conversion
@@ -31,6 +30,10 @@ from s2r_spec.trace.samples import Rule, period_of
 Rollouts = Iterable[tuple[Mapping[str, float], Trace]]
 TestRun = tuple[dict[str, float], Trace]
 
+CUT = "cut at"
+"""In the metadata of a recording of which only the begin is used: until when [s]."""
+READ_AT = "read at samples apart"
+"""In the metadata of a recording between whose samples the spec's times fall: how far apart they are now [s]."""
 TIMES = {1.0: "s", 1e3: "ms", 1e6: "us", 1e9: "ns"}
 """Definition: units of time, by their number in a second."""
 FEWEST = 6
@@ -146,7 +149,6 @@ def recorded_rollouts(
 
 
 def _of_backend(bench: Bench, real: Backend) -> list[Recording]:
-    """Return the recordings of the spec's tests, in its units, and those of protocols."""
     assert isinstance(real, HasRecordings)
     matched = check_compatibility(bench.spec, bench.requirement, real)
     pairs = [(run, run.params if run.protocol else matched.to_spec(run.params)) for run in real.recordings]
@@ -169,11 +171,7 @@ def _of_pairs(real: Rollouts) -> list[Recording]:
 
 
 def _clip_to_ranges(bench: Bench, run: Recording) -> Recording:
-    """Return a recording with its test within the spec's ranges.
-
-    Raises:
-        UsageError: a parameter is missing, or outside its range.
-    """
+    """Return a recording with its test within the spec's ranges."""
     space = bench.spec.space
     if missing := [name for name in space.names if name not in run.params]:
         raise UsageError(
@@ -222,12 +220,10 @@ def comparable_trace(bench: Bench, run: Recording) -> Trace:
 
 
 def _unit(times: float) -> str:
-    """Return the unit of time in which a number of so many times the seconds is nearest to these."""
     return TIMES[min(TIMES, key=lambda known: abs(math.log(max(times, 1e-9) / known)))]
 
 
 def _period(bench: Bench, run: Recording) -> float:
-    """Return the time between two samples of the simulator [s]."""
     experiment = experiment_of(bench, run)
     with name_rollout(bench, {}, dict(experiment.params), 0):
         return period_of(experiment.run(bench.backend, 0).times)

@@ -32,9 +32,8 @@ import numpy as np
 from s2r_spec.base.json_values import Shown
 from s2r_spec.diagnose.estimation import Estimate
 from s2r_spec.diagnose.inference.estimates import COVER
-from s2r_spec.diagnose.inference.gauss_newton import Fit, Observation
+from s2r_spec.diagnose.inference.gauss_newton import Fit
 from s2r_spec.diagnose.inference.hierarchical import (
-    Groups,
     Variances,
     form_error,
     information_by_group,
@@ -42,6 +41,7 @@ from s2r_spec.diagnose.inference.hierarchical import (
     with_form_error,
     without_variants,
 )
+from s2r_spec.diagnose.inference.observation import Observation
 from s2r_spec.diagnose.inference.prior import NAMED, UNNAMED
 from s2r_spec.diagnose.simulator.axes import EffectAxis
 from s2r_spec.diagnose.simulator.experiments import Experiment
@@ -58,7 +58,6 @@ class Candidate:
     """An experiment that could be run.
 
     Attributes:
-        experiment: see there.
         cost: of one run [s].
         allowed: whether the user allows it.
         runs: number of real runs so far.
@@ -211,15 +210,7 @@ def information(one: Observation, fit: Fit, sizes: FloatArray) -> FloatArray:
         for curve, size in zip(one.curves, sizes.tolist(), strict=True)
     ]
     columns = np.vstack([*slopes, one.variants])
-    places = [each for _, each in one.parts]
-    groups = Groups.of(
-        np.zeros(columns.shape[1]),
-        columns,
-        one.unit(one.errors(fit.theta)),
-        places,
-        one.coherent,
-        one.effective,
-    )
+    groups = one.reduced(np.zeros(columns.shape[1]), columns, one.errors(fit.theta))
     before, at = Variances.prior(len(one.parts)), fit.errors.sizes
     marginal = without_variants(likelihood(groups, at, before), sizes.size)
     kinds = len(one.parts) * [one.response.experiment.protocol]
@@ -232,10 +223,7 @@ def separations(
 ) -> tuple[Separation, ...]:
     """Return what one more run of each candidate says about each possible effect.
 
-    Args:
-        estimate: the estimate.
-        possible: names of effects.
-        candidates: allowed or not; an experiment that the library does not have is left out.
+    A candidate that the library does not have is left out.
     """
     names = list(possible)
     if not names:
@@ -257,7 +245,11 @@ def _separation(
     included = next((n for n, own in enumerate(names) if effect in own), None)
     excluded = next((n for n, own in enumerate(names) if effect not in own), None)
     row = included or 0
-    size = np.where([axis.effect == effect for axis in forecast.axes], np.abs(forecast.mean[row]), 0.0)
+    size = np.where(
+        [axis.effect == effect for axis in forecast.axes],
+        np.abs(forecast.mean[row]),
+        0.0,
+    )
     powers = []
     for (one, gained), distance in zip(gains, distances, strict=True):
         largest = int(size.argmax())

@@ -56,9 +56,7 @@ class NextTest(Shown):
 def next_test(estimate: Estimate, candidates: Sequence[Candidate]) -> NextTest | None:
     """Return the allowed experiment that separates the sets best for its cost; None where none separates them.
 
-    Args:
-        estimate: the estimate.
-        candidates: experiments; those that the library does not have are left out.
+    Candidates that the library does not have are left out.
     """
     forecast = InformationForecast.of(estimate)
     p = estimate.posterior.probability[: len(forecast.names)]

@@ -215,7 +215,7 @@ def held_out_gap(
     Args:
         bench: the simulator and the spec.
         held: real rollouts from which nothing was estimated.
-        seen: the real rollouts of tests from which the effects were estimated.
+        seen: those of the other tests.
         patch: effect → parameter → value of the named effects; empty where nothing is named.
         tuned: the posterior mean of every effect.
         nominal: the simulator at the tests of both.
@@ -256,7 +256,6 @@ def held_out_gap(
 
 
 def _distinct_tests(tests: Sequence[Test]) -> tuple[list[Test], NDArray[np.intp]]:
-    """Return the different tests, and the number of each test among them."""
     places = places_of(tests)
     number = np.empty(len(tests), dtype=np.intp)
     for n, own in enumerate(places.values()):
@@ -265,10 +264,7 @@ def _distinct_tests(tests: Sequence[Test]) -> tuple[list[Test], NDArray[np.intp]
 
 
 def background_machines(bench: Bench, seed: int) -> list[Values]:
-    """Return random machines with θ_k ~ N(0, σ_bg²), half-normal where the range has one side.
-
-    They are so many that on average one exceeds the quantile.
-    """
+    """Return random machines with θ_k ~ N(0, σ_bg²): so many that on average one exceeds the quantile."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(int(SeedStream.GAP_SIM),)))
     machines: list[Values] = []
     parameters = effect_axes(catalogue_of(bench.backend))

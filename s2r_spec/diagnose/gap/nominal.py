@@ -17,11 +17,11 @@ from s2r_spec.trace.trace import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Nominal:
-    """What the simulator does without effects.
+    """What the simulator does without effects in 2 SHOTS rollouts of every test.
 
     Attributes:
         seed: of the simulations.
-        runs: test → test and seed of each of its 2 SHOTS rollouts. A simulator with effects has the same seeds.
+        runs: test → test and seed of each rollout. A simulator with effects has the same seeds.
         rho: test → (2 SHOTS,) ρ of each.
         ended: test → (2 SHOTS,) whether each ended early.
     """

@@ -206,10 +206,10 @@ def gap_surface(
     seed: int = 0,
     predicted: Predicted | None = None,
 ) -> GapSurface:
-    """Return the gap over the test space.
+    """Return the gap over the test space, of one to four parameters.
 
     Args:
-        space: the test space, of one to four parameters.
+        space: the test space.
         tests: ρ at the tests that were run, one entry for each test.
         unit: the unit of ρ.
         seed: of the sampled functions.
@@ -255,10 +255,7 @@ def gap_surface(
 
 
 def _sample(
-    space: Space,
-    tests: Sequence[RolloutsAtTest],
-    predicted: Predicted | None,
-    generator: np.random.Generator,
+    space: Space, tests: Sequence[RolloutsAtTest], predicted: Predicted | None, generator: np.random.Generator
 ) -> tuple[FloatArray, float]:
     """Return (DRAWS, m) samples of the signed gap, of both models by their evidence, and the scatter of Δρ of a pair.
 
@@ -302,7 +299,7 @@ def _functions(
         values: (n,).
         errors: (n,) standard errors.
         grid: (m, dim) places of the functions.
-        count: number of functions.
+        count: of functions.
         generator: of random numbers.
     """
     from scipy.stats import norm, qmc
@@ -373,7 +370,6 @@ def floor(tests: Sequence[RolloutsAtTest]) -> float | None:
 
 
 def _band(sampled: FloatArray) -> Band:
-    """Return the band around the mean that contains 95 % of the functions at all places."""
     mean, deviation = sampled.mean(axis=0), sampled.std(axis=0)
     width = np.quantile((np.abs(sampled - mean) / np.maximum(deviation, 1e-300)).max(axis=1), 1.0 - LEVEL)
     return Band(mean, mean - width * deviation, mean + width * deviation)

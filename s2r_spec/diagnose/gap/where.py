@@ -119,10 +119,7 @@ def predict(bench: Bench, values: Values, tests: Sequence[Test], seed: int) -> P
 
 
 def body_of(bench: Bench, pairs: Pairs, seed: int) -> tuple[Body | None, str | None]:
-    """Return the parts of the machine with motion that their model does not explain, or None and the reason in words.
-
-    Each test is simulated once more, with a seed that follows from ``seed``.
-    """
+    """Return the parts of the machine with motion that their model does not explain, or None and the reason."""
     backend, space = bench.backend, bench.spec.space
     if not isinstance(backend, HasResiduals):
         return None, (

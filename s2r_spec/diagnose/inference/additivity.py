@@ -1,7 +1,7 @@
 """How well a sum of responses predicts a machine: its relative errors, and how many of them are independent.
 
 Data: runs y_j (m,) of practice machines j = 1 … M. Their sizes θ_j and variants φ_j are known
-(:mod:`..simulator.library`). Unknown, for every group g: the relative error ρ_g of a sum of responses in its own
+(:mod:`..simulator.response`). Unknown, for every group g: the relative error ρ_g of a sum of responses in its own
 direction, κ_g in all others, and the effective number N_g of independent errors. Model, with the sum of responses S_j
 at θ_j and the scatter of a run ε:
 
@@ -81,5 +81,4 @@ def _median(values: FloatArray) -> float:
 
 
 def _shrunk(variance: float, number: int) -> float:
-    """Return a variance found from so many machines, shrunk towards the prior's."""
     return (DEGREES * LAW_SHARE**2 + number * variance) / (DEGREES + number)

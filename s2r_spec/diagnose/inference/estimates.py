@@ -134,14 +134,7 @@ def effect_estimates(
     parameters: Sequence[EffectAxis],
     families: Mapping[str, str],
 ) -> tuple[EffectEstimate, ...]:
-    """Return the estimate of every effect, in the order of the catalogue.
-
-    Args:
-        posterior: the posterior.
-        likelihood: the likelihood behind it.
-        parameters: of the catalogue, as in both.
-        families: effect → family.
-    """
+    """Return the estimate of every effect, in the order of the catalogue; ``families`` is effect → family."""
     low, middle, high = (posterior.quantile(level) for level in INTERVAL)
     width = COVER * np.sqrt(np.diag(np.linalg.inv(likelihood.information + np.eye(len(middle)) / SLAB**2)))
     # The posterior is truncated to the range. Its mean before that says whether the data ask for more.

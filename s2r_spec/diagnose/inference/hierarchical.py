@@ -10,10 +10,9 @@ variants. Model:
     ε_g ~ N(0, s_g² diag(u_g²) n_g/N_g)           scatter and form error, of N_g independent numbers
     φ ~ N(0, I_V),   τ_g² ~ Inv-χ²(ν, τ0²),   s_g² ~ Inv-χ²(ν, 1),   ρ: ρ0 or ρ0/2, equally probable
 
-u_g (n_g,) is the known shape of the error (:mod:`.gauss_newton`). ρ_g is the relative error of a sum of responses, and
-N_g the effective number of independent errors (:mod:`.additivity`). Errors of a law stay in the groups that the law
-moves: a group that the model cannot follow gets a large τ_g or s_g, and counts little. So no channel needs a tolerance
-of its own. Groups are combined as studies are in a random-effects meta-analysis.
+u_g (n_g,) is the known shape of the error (:mod:`.observation`), ρ_g the relative error of a sum of responses, and N_g
+the effective number of independent errors (:mod:`.additivity`). A group that the model cannot follow gets a large τ_g
+or s_g, and counts little, so no channel needs a tolerance of its own: a random-effects meta-analysis.
 
 Estimator: s_g² and τ_g² are at the mode of their marginal posterior (MacKay's fixed point), given θ. Then group g
 says about (θ, φ), with its information I_g = N_g/(n_g s_g²) M_gᵀ M_g and score h_g,
@@ -30,14 +29,12 @@ are common to several groups, so they do not average out:
     size    an effect's size in the laws of another author is not defined any better: the covariance grows by
             σ_c² + ρ0² θ_k² + τ0² (λ_k − 1)
 
-ρ is one number of the machine: how far the shapes of its author's laws are from the simulator's. Its square is at its
-posterior mean (:func:`..estimation.with_likely_law`). An error of size leaves no residual, so it stays ρ0.
-
-A law that differs by the part ρ changes the signal of effect k in group g by ρ θ_k J_g,kk^½, in units of the error.
-Along effect j this is a score of up to ρ θ_k (J_g,jj J_g,kk)^½. All groups of one kind of motion c share the shape, so
-these add up to ρ θ_k O_c,jk. Kinds are the tests of the specification, and each protocol. The scores of two effects
-correlate as their signals do. So a fine detail of shape does not separate two effects, and an effect that others do not
-touch is measured as before. The second term is the error of the size that one kind of motion sees.
+ρ is one number of the machine: how far the shapes of its author's laws are from the simulator's
+(:func:`..estimation.with_likely_law`). An error of size leaves no residual, so it stays ρ0. A law that differs by the
+part ρ changes the signal of effect k in group g by ρ θ_k J_g,kk^½, in units of the error: along effect j a score of up
+to ρ θ_k (J_g,jj J_g,kk)^½. Groups of one kind of motion, the tests or a protocol, share the shape, so these add up to
+ρ θ_k O_c,jk. The scores of two effects correlate as their signals do. So a fine detail of shape does not separate two
+effects. The second term is the error of the size that one kind of motion sees.
 
 Two modes differ in log likelihood by h_D − ½ J_D, with the score h_D along D, the difference of their predictions. J_D
 sums J_D,g = N_g/(n_g s_g²) |D_g/u_g|² over the groups. Errors of form grow the variance of h_D from J_D to J_D + Q_D,
@@ -45,8 +42,8 @@ with Q_D = Σ_c Σ_k ρ² θ_k² (Σ_{g in c} (J_D,g J_g,kk)^½)². So the part 
 and J_g are those of the more probable mode.
 
 λ_k ≥ 1 says how much more than by T_g the groups disagree about parameter k: the mode of λ_k ~ Inv-χ²(ν, 1), if T_g is
-multiplied by diag(λ). It does not change the weights of groups. If it did, groups that all ask for the same θ_k could
-count as large law errors of θ_k = 0.
+multiplied by diag(λ). It does not change the weights of groups: groups that all ask for the same θ_k could else count
+as large law errors of θ_k = 0.
 
 Units: θ, τ in typical sizes; s dimensionless. Shapes: G groups, D = K + V columns.
 Source: Gelman et al., *Bayesian Data Analysis*, 3rd ed., §5.4 and §5.5; MacKay, *Neural Computation* 4 (1992), §4;
@@ -137,15 +134,14 @@ class Groups:
         rows = [(g.gram, g.moment, g.energy, g.volume, g.size, g.coherent) for g in groups if g.size.size]
         return cls(*(np.concatenate(each) for each in zip(*rows, strict=True)))
 
+    def law_prior(self, variances: Variances, theta: FloatArray) -> FloatArray:
+        """Return (G, D) the diagonal of T_g at (K,) θ."""
+        return law_prior(variances, self.coherent, theta, self.gram.shape[1])
+
 
 @dataclass(frozen=True)
 class Variances:
-    """Variances of every group.
-
-    Attributes:
-        noise: (G,) s_g².
-        law: (G,) τ_g².
-    """
+    """Variances (G,) of every group: s_g² of the noise, and τ_g² of the law."""
 
     noise: FloatArray
     law: FloatArray
@@ -158,12 +154,9 @@ class Variances:
 
 @dataclass(frozen=True)
 class Likelihood:
-    """A Gaussian likelihood of (θ, φ) around a point.
+    """A Gaussian likelihood of (θ, φ) around a point: information (D, D), score (D,), and its logarithm there.
 
-    Attributes:
-        information: (D, D).
-        score: (D,).
-        value: its logarithm at the point, up to a constant of the data.
+    The logarithm is known up to a constant of the data.
     """
 
     information: FloatArray
@@ -195,10 +188,9 @@ def _law_errors(groups: Groups, prior: FloatArray, noise: FloatArray) -> tuple[F
 
 def variances(groups: Groups, theta: FloatArray, start: Variances, rounds: int = 3) -> Variances:
     """Return s_g² and τ_g² at the mode of their marginal posterior, after so many rounds of the fixed point."""
-    current, columns = start, groups.gram.shape[1]
-    amounts = _amounts(columns, theta.size)
+    current, amounts = start, _amounts(groups.gram.shape[1], theta.size)
     for _ in range(rounds):
-        prior = law_prior(current, groups.coherent, theta, columns)
+        prior = groups.law_prior(current, theta)
         mean, covariance = _law_errors(groups, prior, current.noise)
         determined = 1.0 - np.einsum("gii->gi", covariance) / prior
         left = (
@@ -208,9 +200,7 @@ def variances(groups: Groups, theta: FloatArray, start: Variances, rounds: int =
             + np.einsum("gij,gji->g", covariance, groups.gram)
         )
         noise = (DEGREES + groups.size * left) / (DEGREES + groups.size)
-        own = (
-            current.law[:, None] * amounts / prior
-        )  # the part of a law error that does not grow with the size
+        own = current.law[:, None] * amounts / prior  # the part that does not grow with the size
         energy = ((own * mean) ** 2 / amounts).sum(axis=1)
         law = (DEGREES * LAW_ERROR**2 + energy) / (DEGREES + (own * determined).sum(axis=1))
         last, current = current, Variances(noise, law)
@@ -220,15 +210,13 @@ def variances(groups: Groups, theta: FloatArray, start: Variances, rounds: int =
 
 
 def _constant(before: FloatArray, after: FloatArray) -> bool:
-    """Return whether no variance changed by more than :data:`CONSTANT` of it."""
     return bool((np.abs(after - before) <= CONSTANT * before).all())
 
 
 def disagreement(groups: Groups, theta: FloatArray, variances: Variances) -> FloatArray:
     """Return (K,) λ, by which groups disagree more about each parameter than by their own law errors; at least 1."""
-    columns = groups.gram.shape[1]
-    shape = law_prior(variances, groups.coherent, theta, columns)
-    scale = np.ones(columns)
+    shape = groups.law_prior(variances, theta)
+    scale = np.ones(shape.shape[1])
     for _ in range(ROUNDS):
         prior = shape * scale
         mean, covariance = _law_errors(groups, prior, variances.noise)
@@ -242,12 +230,8 @@ def disagreement(groups: Groups, theta: FloatArray, variances: Variances) -> Flo
 
 def likelihood(groups: Groups, theta: FloatArray, variances: Variances) -> Likelihood:
     """Return the likelihood of (θ, φ) around θ from all groups, without the shared error."""
-    columns = groups.gram.shape[1]
-    weight = groups.size / variances.noise
-    information = weight[:, None, None] * groups.gram
-    score = weight[:, None] * groups.moment
-    prior = law_prior(variances, groups.coherent, theta, columns)
-    damping = np.eye(columns) + information * prior[:, None, :]
+    score = (groups.size / variances.noise)[:, None] * groups.moment
+    information, prior, damping = _damped(groups, theta, variances)
     solved = np.linalg.solve(damping, np.concatenate([information, score[..., None]], axis=2))
     total = solved[..., :-1].sum(axis=0)
     # log N(r_g; 0, S_g + M_g T_g M_gᵀ), of N_g numbers; then the priors of both variances.
@@ -260,6 +244,15 @@ def likelihood(groups: Groups, theta: FloatArray, variances: Variances) -> Likel
     return Likelihood((total + total.T) / 2.0, np.asarray(solved[..., -1].sum(axis=0)), value)
 
 
+def _damped(
+    groups: Groups, theta: FloatArray, variances: Variances
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return (G, D, D) I_g, (G, D) the diagonal of T_g, and (G, D, D) 1 + I_g T_g."""
+    information = (groups.size / variances.noise)[:, None, None] * groups.gram
+    prior = groups.law_prior(variances, theta)
+    return information, prior, np.eye(prior.shape[1]) + information * prior[:, None, :]
+
+
 def shared_error(theta: FloatArray, scale: FloatArray) -> FloatArray:
     """Return (K,) the variance of the error of size that all groups share, with (K,) λ."""
     return np.asarray(SHARED**2 + (LAW_SHARE * theta) ** 2 + LAW_ERROR**2 * (scale - 1.0))
@@ -267,13 +260,8 @@ def shared_error(theta: FloatArray, scale: FloatArray) -> FloatArray:
 
 def information_by_group(groups: Groups, theta: FloatArray, variances: Variances) -> FloatArray:
     """Return (G, K, K) every group's information about θ."""
-    columns = groups.gram.shape[1]
-    information = (groups.size / variances.noise)[:, None, None] * groups.gram
-    damping = (
-        np.eye(columns) + information * law_prior(variances, groups.coherent, theta, columns)[:, None, :]
-    )
-    effects = theta.size
-    own = np.linalg.solve(damping, information)[:, :effects, :effects]
+    information, _, damping = _damped(groups, theta, variances)
+    own = np.linalg.solve(damping, information)[:, : theta.size, : theta.size]
     return np.asarray((own + own.transpose(0, 2, 1)) / 2.0)
 
 
@@ -282,11 +270,8 @@ def form_error(
 ) -> FloatArray:
     """Return (K, K) Q, the covariance of the score by errors of form.
 
-    The size that one kind of motion sees has an error, too. No residual shows it, so it grows the error along the
-    effect itself to ρ0 in every machine.
-
     Args:
-        law: ρ, along other effects.
+        law: ρ, along other effects. Along the effect itself it is ρ0 in every machine, for no residual shows it.
         theta: (K,) sizes of the effects whose laws differ.
         by_group: (G, K, K) information of every group.
         kinds: of motion, of every group.
@@ -311,11 +296,8 @@ def information_left(
 ) -> float:
     """Return J_D/(J_D + Q_D), the part of the difference of two log likelihoods that errors of form leave.
 
-    The difference is h_D − ½ J_D, with the score h_D along D, from one prediction to the other one. With errors of
-    form, h_D has the variance J_D + Q_D.
-
     Args:
-        apart: (G,) J_D,g of every group, the squared difference of two predictions in units of the error.
+        apart: (G,) J_D,g of every group.
         errors: (K,) ρ θ, by which the laws of the effects differ.
         by_group: (G, K, K) information of every group.
         kinds: of motion, of every group.
@@ -352,11 +334,9 @@ def with_form_error(likelihood: Likelihood, form: FloatArray) -> Likelihood:
 
 def without_variants(likelihood: Likelihood, effects: int) -> Likelihood:
     """Return the likelihood of θ alone: φ is integrated out."""
-    information, score, value = likelihood.information, likelihood.score, likelihood.value
-    a, b, c = (
-        information[:effects, :effects],
-        information[:effects, effects:],
-        information[effects:, effects:],
+    score, value = likelihood.score, likelihood.value
+    (a, b), (_, c) = (
+        np.split(rows, [effects], axis=1) for rows in np.split(likelihood.information, [effects])
     )
     if c.size:
         precision = c + np.eye(len(c))

@@ -94,13 +94,7 @@ class ModelPosterior:
 
 
 def posterior(likelihood: Likelihood, theta: FloatArray, prior: SizePrior) -> ModelPosterior:
-    """Return the posterior over sets of parameters and over sizes.
-
-    Args:
-        likelihood: likelihood around ``theta``, without the prior.
-        theta: (K,) the point around which it was made.
-        prior: of sizes and sets.
-    """
+    """Return the posterior over sets of parameters and over sizes; the likelihood around (K,) θ has no prior."""
     precision, moment = likelihood.information, likelihood.score + likelihood.information @ theta
     base = _Base(precision, moment, prior)
     scored: dict[Set, float] = {(): 0.0}
@@ -145,7 +139,6 @@ def nearest_mode(modes: Iterable[Set], members: Set) -> Set:
 
 
 def _distance(active: Set, members: Set) -> int:
-    """Return the number of causes that only one of two sets has."""
     return len({*active} ^ {*members})
 
 

@@ -122,7 +122,6 @@ def unit_of_one(channel: Channel, of: Recordings) -> Finding | None:
 
 
 def _times(much: float) -> str:
-    """Return which of the factors of a forgotten unit this is; "" for none."""
     words, factor = min(UNITS.items(), key=lambda item: abs(np.log(much / item[1])))
     return words if 1.0 / NEAR < much / factor < NEAR else ""
 

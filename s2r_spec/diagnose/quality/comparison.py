@@ -64,10 +64,7 @@ class View:
         return self.of(trace, self.times).ravel()
 
     def simulate(
-        self,
-        bench: Bench,
-        machines: Sequence[tuple[Values, int]],
-        tests: Sequence[Test],
+        self, bench: Bench, machines: Sequence[tuple[Values, int]], tests: Sequence[Test]
     ) -> FloatArray:
         """Return (machines, tests, T, c) of rollouts of machines, each with its seed."""
         jobs = [Job(values, tuple((test, seed) for test in tests)) for values, seed in machines]
@@ -201,10 +198,7 @@ def columns_of(
 
 
 def compare(
-    bench: Bench,
-    rollouts: Sequence[Rollout],
-    axes: Sequence[EffectAxis] = (),
-    without: Sequence[str] = (),
+    bench: Bench, rollouts: Sequence[Rollout], axes: Sequence[EffectAxis] = (), without: Sequence[str] = ()
 ) -> Comparison | None:
     """Simulate at tests of the recordings, and return both, ``without`` some channels.
 

@@ -37,7 +37,6 @@ class _Judged:
 
     @classmethod
     def of(cls, c: Comparison, fault: Fault) -> _Judged:
-        """Undo a mistake."""
         finding, one = fault
         before, bare = (c.misfit(c.recorded, effects, one.there) for effects in (True, False))
         after, alone = (c.misfit(one.values, effects, one.there) + one.price for effects in (True, False))

@@ -133,7 +133,6 @@ def exchanges(c: Comparison) -> Iterable[Fault]:
 
 
 def _cycles(order: NDArray[np.int64]) -> list[list[int]]:
-    """Return the cycles of a permutation that move anything."""
     cycles, left = list[list[int]](), {k for k, other in enumerate(order.tolist()) if other != k}
     while left:
         cycle = [left.pop()]
@@ -244,7 +243,6 @@ def channel_names(c: Comparison, group: ChannelGroup) -> str:
 
 
 def _units(c: Comparison) -> list[ChannelGroup]:
-    """Return the channels of each unit."""
     units = dict.fromkeys(column.unit for column in c.columns)
     return [ChannelGroup(column.channel for column in c.columns if column.unit == unit) for unit in units]
 
@@ -264,8 +262,6 @@ def _split(c: Comparison, names: Sequence[str] | None, change: FloatArray) -> Fl
 def _read(
     c: Comparison, names: Sequence[str] | None, read: Callable[[float], tuple[FloatArray, FloatArray]]
 ) -> Callable[[float], Parts]:
-    """Return the parts of channels that are read at other times."""
-
     def parts(size: float) -> Parts:
         values, there = read(size)
         return _split(c, names, (values - c.recorded) / c.floor), there

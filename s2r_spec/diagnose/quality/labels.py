@@ -19,7 +19,6 @@ from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.quality.recordings import Rollout
 from s2r_spec.diagnose.simulator.bench import Bench, Test
 from s2r_spec.space import key_of
-from s2r_spec.trace.trace import FloatArray
 
 Which = NDArray[np.bool_]
 
@@ -47,24 +46,20 @@ def labels(bench: Bench, c: Comparison, rollouts: Sequence[Rollout]) -> list[Fau
         means |= dict(zip(tests, runs.mean(axis=0), strict=True))
     for one in others:
         moved = c.nominal - np.array([means[key_of(test)] for test in one.tests])
-        if np.isfinite(moved).all():
-            faults += _relabelling(c, one, moved)
+        if not np.isfinite(moved).all():
+            continue
+        # Those recordings that leave least so are of other tests.
+        there, numbers = one.known.astype(float)[:, None, None], np.arange(len(moved))
+        names = [str(k) for k in np.flatnonzero(one.known)]
+        each = [moved / c.floor * (numbers == int(name))[:, None, None] for name in names]
+        for undone in search(c, names, [1.0], (np.array([c.rest(c.recorded), *each]), there)):
+            which = np.isin(numbers.astype(str), list(undone.group))
+            text = one.text.format(count=len(undone.group), first=_first(c, which))
+            faults.append((Finding("labels", "the tests", text, one.imitates), undone))
     return faults
 
 
-def _relabelling(c: Comparison, one: _Other, moved: FloatArray) -> Iterable[Fault]:
-    """Return the mistake that those recordings are of other tests that leave least so, with means (n, T, c) less."""
-    there = one.known.astype(float)[:, None, None]
-    names = [str(k) for k in np.flatnonzero(one.known)]
-    each = [moved / c.floor * (np.arange(len(moved)) == int(name))[:, None, None] for name in names]
-    for undone in search(c, names, [1.0], (np.array([c.rest(c.recorded), *each]), there)):
-        which = np.isin(np.arange(len(moved)).astype(str), list(undone.group))
-        text = one.text.format(count=len(undone.group), first=_first(c, which))
-        yield Finding("labels", "the tests", text, one.imitates), undone
-
-
 def _other_tests(bench: Bench, c: Comparison, rollouts: Sequence[Rollout]) -> Iterable[_Other]:
-    """Return the tests that the recordings may have been run at."""
     rows, n = [test for test, _ in rollouts], len(c.traces)
     places = [next(k for k, (_, trace) in enumerate(rollouts) if trace is mine) for mine in c.traces]
     for step, words, end in ((1, "the next one", len(rows) - 1), (-1, "the one before", 0)):
@@ -96,7 +91,6 @@ def _other_tests(bench: Bench, c: Comparison, rollouts: Sequence[Rollout]) -> It
 
 
 def _able(bench: Bench, tests: Sequence[Mapping[str, float]]) -> bool:
-    """Return whether the backend can run all of these tests."""
     ranges = {parameter.name: parameter for parameter in bench.backend.parameters}
     return all(
         name not in ranges or ranges[name].low <= value <= ranges[name].high

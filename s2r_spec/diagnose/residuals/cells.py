@@ -92,7 +92,6 @@ class Cells:
         return cls(duration, widths, edges, at)
 
     def _axes(self, name: str, column: int) -> dict[tuple[str, int], FloatArray]:
-        """Return the ends of a column's cells in time, for ("", 0), and along each channel of as many columns."""
         ends = {("", 0): np.linspace(0.0, self.duration, CELLS + 1)}
         for key, edges in self.edges.items():
             if key[1] == column and self.widths[key[0]] == self.widths[name]:

@@ -206,7 +206,6 @@ def remainders(
 
 
 def _quantities(traces: Sequence[Trace]) -> dict[str, int]:
-    """Return quantity → columns of the channels and residuals that are finite and no flag of 0 and 1."""
     columns = {}
     for name, width in widths_of(traces).items():
         values = np.concatenate([trace[name] for trace in traces])
@@ -313,8 +312,8 @@ def label(bench: Bench, nominal: tuple[Test, Trace], column: CellColumn, width: 
 def sort_remainders(remainders: Sequence[Remainder]) -> tuple[Remainder, ...]:
     """Return remainders with the cause's place first.
 
-    A residual of the equations of motion shows where a cause acts. A recorded channel also shows the controller's
-    reaction. So beside a material residual the time of a recorded channel does not count.
+    Beside a material residual the time of a recorded channel, which also shows the controller's reaction, does not
+    count.
     """
     acts = any(each.material and not each.recorded for each in remainders)
     return tuple(

@@ -135,10 +135,7 @@ _Column = tuple[str, int, str, str]
 
 
 def shifts(
-    tests: FloatArray,
-    real: Sequence[Residuals],
-    simulated: Sequence[Sequence[Residuals]],
-    duration: float,
+    tests: FloatArray, real: Sequence[Residuals], simulated: Sequence[Sequence[Residuals]], duration: float
 ) -> Body:
     """Return the shifts of all parts.
 
@@ -199,7 +196,6 @@ def windows() -> list[tuple[int, int]]:
 
 
 def _columns(traces: Sequence[Trace]) -> list[_Column]:
-    """Return the columns that all of the traces have."""
     first, columns = traces[0], []
     for name, width in widths_of(traces).items():
         names = part_names(first, name, width) or (name,) * width

@@ -20,14 +20,11 @@ class EffectAxis:
     """One parameter of one effect, varied while the effect's others stay put.
 
     Attributes:
-        effect: its name.
-        parameter: its name.
-        unit: of the parameter.
+        effect, parameter, unit: names, and the unit of the parameter.
         nominal: the value that does nothing.
         typical: a distance from nominal that is large, but not rare, in the coordinate that is stepped; half a turn of
             an angle that may be any.
-        low: end of the parameter's range.
-        high: the other end.
+        low, high: ends of the parameter's range.
         logarithmic: whether that coordinate is the parameter's logarithm.
         base: other parameters of the effect that are held off nominal, so that this one acts at all.
     """
@@ -141,10 +138,8 @@ def effect_axes(
 ) -> tuple[EffectAxis, ...]:
     """Return every axis of a catalogue.
 
-    Args:
-        effects: the catalogue.
-        acts: effect → parameters that change something while the effect's others are nominal, when
-            that was tried; the rest of its parameters are varied with the first of these off nominal.
+    ``acts`` is effect → parameters that change something while the effect's others are nominal, when that was tried;
+    the rest of its parameters are varied with the first of these off nominal.
     """
     out = []
     for effect in effects:

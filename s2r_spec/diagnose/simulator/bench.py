@@ -225,10 +225,7 @@ def with_seeds(
 
 
 def table(
-    bench: Bench,
-    machines: Sequence[Values],
-    runs: Sequence[tuple[Test, int]],
-    read: Read = rho_and_end,
+    bench: Bench, machines: Sequence[Values], runs: Sequence[tuple[Test, int]], read: Read = rho_and_end
 ) -> FloatArray:
     """Return (n, machines, runs) the n numbers that are read of every machine in every run, a job each."""
     rows = run_jobs(bench, [Job(values, (run,)) for values in machines for run in runs], read)

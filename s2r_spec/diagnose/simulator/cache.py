@@ -39,13 +39,10 @@ class Cache:
     def kept(
         self, place: str, load: Callable[[Path], T], make: Callable[[], T], save: Callable[[T, Path], None]
     ) -> T:
-        """Return what a file holds, or make it and write it there.
+        """Return what a file below the folder holds, or make it and write it there.
 
-        Args:
-            place: of the file below the folder, ending in ".npz".
-            load: reads it as data, and raises whatever it likes if it is not what ``save`` writes.
-            make: what should be in it.
-            save: writes it.
+        ``load`` reads it as data, and raises whatever it likes if it is not what ``save`` writes. The place ends in
+        ".npz".
         """
         path = self.folder / place
         if path.is_file():

@@ -24,13 +24,7 @@ from s2r_spec.diagnose.simulator.cache import Cache, source_of
 from s2r_spec.diagnose.simulator.curve import ResponseCurve, Turn
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.observables import ObservableGroup, Observables
-from s2r_spec.diagnose.simulator.response import (
-    Practice,
-    Response,
-    ResponseLibrary,
-    replicates,
-    values_at,
-)
+from s2r_spec.diagnose.simulator.response import Practice, Response, ResponseLibrary, replicates, values_at
 from s2r_spec.trace import Trace
 from s2r_spec.trace.trace import FloatArray
 from s2r_spec.workers.pools import ExecutorFactory, in_this_process
