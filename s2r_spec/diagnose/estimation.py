@@ -13,14 +13,14 @@ Units: θ in typical sizes. Shapes: K parameters, G groups, n_p observables of e
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, Executor
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from s2r_spec.backend import Backend
-from s2r_spec.base.errors import BackendError, UsageError, one_of
+from s2r_spec.base.errors import UsageError, one_of
 from s2r_spec.diagnose.inference.gauss_newton import CLOSE, Errors, Fit, fit
 from s2r_spec.diagnose.inference.hierarchical import LAW_SHARE, Likelihood
 from s2r_spec.diagnose.inference.model_search import ModelPosterior, Set, combine, nearest_mode, posterior
@@ -28,11 +28,11 @@ from s2r_spec.diagnose.inference.observation import Observation, Problem
 from s2r_spec.diagnose.inference.prior import SizePrior
 from s2r_spec.diagnose.inference.search import search
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.diagnose.simulator.library import simulated_mean
+from s2r_spec.diagnose.simulator.library import simulated_means
 from s2r_spec.diagnose.simulator.response import ResponseLibrary
 from s2r_spec.trace import Trace
 from s2r_spec.trace.trace import FloatArray
-from s2r_spec.workers.pools import in_this_process
+from s2r_spec.workers.pools import ExecutorFactory
 
 CORRECTIONS = 3
 """Budget: most runs of the simulator at the posterior mean. The most probable sets share :data:`SIMULATED` times as
@@ -58,8 +58,7 @@ class Estimate:
 def size_prior(library: ResponseLibrary) -> SizePrior:
     """Return the prior of the catalogue's parameters."""
     axes = library.parameters
-    low = np.array([min(axis.coordinate(axis.low), axis.coordinate(axis.high)) for axis in axes])
-    high = np.array([max(axis.coordinate(axis.low), axis.coordinate(axis.high)) for axis in axes])
+    low, high = np.array([axis.ends for axis in axes]).reshape(-1, 2).T
     turns = np.array([axis.is_phase for axis in axes])
     low, high = np.where(turns, -np.inf, low), np.where(turns, np.inf, high)
     return SizePrior.of([axis.effect for axis in axes], low, high, library.dependence.base >= 0)
@@ -70,16 +69,11 @@ def estimate(
     library: ResponseLibrary,
     traces: Mapping[Experiment, Sequence[Trace]],
     corrections: int = CORRECTIONS,
-    executor: Callable[[], Executor] | None = None,
+    executor: ExecutorFactory | None = None,
 ) -> Estimate:
-    """Return the estimate of a machine.
+    """Return the estimate of a machine, from experiment → real runs.
 
-    Args:
-        backend: the nominal simulator.
-        library: its responses to every experiment of the traces.
-        traces: experiment → real runs.
-        corrections: largest number of times that the simulator runs at the posterior mean; 0 for no run at all.
-        executor: makes a pool for these runs; None runs them here.
+    The simulator runs at most ``corrections`` times at the posterior mean, in a pool or here; 0 means no run at all.
 
     Raises:
         UsageError: there is no run, an experiment is not in the library, or no run has a channel of the simulator.
@@ -98,14 +92,14 @@ def estimate(
         raise UsageError(
             "no run has a channel that the simulator has, too, so no size can be estimated; add such runs"
         )
-    simulator = _Simulator(backend, library, executor)
+    corrected = partial(_corrected, backend, library, executor)
     prior = size_prior(library)
     problem = Problem(tuple(observations), prior)
     joint = _joint_fit(library, problem)
     first = posterior(joint.likelihood, joint.theta, prior)
     for _ in range(corrections):
         before, deviation = moments(first)
-        problem = simulator.corrected(problem, before)
+        problem = corrected(problem, before)
         joint = fit(problem, joint.theta, errors=Errors.at(problem, joint.theta, deviation))
         first = posterior(joint.likelihood, joint.theta, prior)
         if np.abs(first.probability @ first.mean - before)[prior.causes].max(initial=0.0) < SETTLED:
@@ -116,7 +110,7 @@ def estimate(
     starts = {first.sets[0]: (problem, first.mean[0])}
     for theta, members in rivals(joint.likelihood, first):
         # Beside a large effect a sum of responses may be wrong, so each rival has runs of its own.
-        starts[members] = simulator.corrected(problem, theta) if corrections else problem, theta
+        starts[members] = corrected(problem, theta) if corrections else problem, theta
     errors = _expected_variances(fit_modes(library, starts, problem.errors(joint.theta, moments(first)[1])))
     modes = fit_modes(library, starts, errors)
     total = over_modes(modes)
@@ -126,7 +120,7 @@ def estimate(
             break
         members = total.sets[row]
         theta = modes[members].fit.theta if members in modes else total.mean[row]
-        modes |= fit_modes(library, {members: (simulator.corrected(problem, theta), theta)}, errors)
+        modes |= fit_modes(library, {members: (corrected(problem, theta), theta)}, errors)
         total = over_modes(modes)
     return replace(modes[nearest_mode(modes, total.sets[0])], posterior=total)
 
@@ -139,36 +133,23 @@ def _is_settled(modes: Mapping[Set, Estimate], members: Set) -> bool:
     return bool(away[problem.prior.causes].max(initial=0.0) < SETTLED)
 
 
-@dataclass(frozen=True)
-class _Simulator:
-    """Runs the simulator at an estimate."""
-
-    backend: Backend
-    library: ResponseLibrary
-    executor: Callable[[], Executor] | None
-
-    def corrected(self, problem: Problem, theta: FloatArray) -> Problem:
-        """Return the problem with runs at (K,) θ in place of sums of responses there, as far as the runs reach."""
-        theta = np.clip(theta, problem.prior.low, problem.prior.high)
-        values = self.library.values(theta)
-        responses = [one.response for one in problem.observations]
-        try:
-            with (self.executor or in_this_process)() as pool:
-                runs = [
-                    pool.submit(simulated_mean, self.backend, own.observables, own.experiment, values)
-                    for own in responses
-                ]
-                beyond = [run.result() - own.reference for run, own in zip(runs, responses, strict=True)]
-        except BrokenExecutor:
-            raise BackendError(
-                f"a worker died while it ran backend {self.backend.name!r} with {values}; "
-                f"run it again with --workers 1 to see the experiment that kills it"
-            ) from None
-        observations = []
-        for one, correction in zip(problem.observations, beyond, strict=True):
-            correction[one.kept] -= one.moved(theta)
-            observations.append(one.corrected(correction, theta))
-        return replace(problem, observations=tuple(observations))
+def _corrected(
+    backend: Backend,
+    library: ResponseLibrary,
+    executor: ExecutorFactory | None,
+    problem: Problem,
+    theta: FloatArray,
+) -> Problem:
+    """Return the problem with runs at (K,) θ in place of sums of responses there, as far as the runs reach."""
+    theta = np.clip(theta, problem.prior.low, problem.prior.high)
+    responses = [one.response for one in problem.observations]
+    means = simulated_means(backend, responses, library.values(theta), executor)
+    observations = []
+    for one, mean in zip(problem.observations, means, strict=True):
+        correction = mean - one.response.reference
+        correction[one.kept] -= one.moved(theta)
+        observations.append(one.corrected(correction, theta))
+    return replace(problem, observations=tuple(observations))
 
 
 def _joint_fit(library: ResponseLibrary, problem: Problem) -> Fit:
@@ -218,9 +199,7 @@ def _expected_variances(modes: Mapping[Set, Estimate]) -> list[FloatArray]:
 
 
 def fit_modes(
-    library: ResponseLibrary,
-    modes: Mapping[Set, tuple[Problem, FloatArray]],
-    variances: Sequence[FloatArray],
+    library: ResponseLibrary, modes: Mapping[Set, tuple[Problem, FloatArray]], variances: Sequence[FloatArray]
 ) -> dict[Set, Estimate]:
     """Return the estimate around each mode: causes → problem and (K,) a point.
 

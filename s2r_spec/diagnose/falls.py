@@ -43,13 +43,7 @@ class Culprit(NamedTuple):
 
 @dataclass(frozen=True)
 class Falls:
-    """What the simulator does at tests at which real rollouts ended early.
-
-    Attributes:
-        nominal: whether it ends early there without any effect.
-        culprits: effects, the least unusual first.
-        others: at how many other tests these were tried.
-    """
+    """Whether the simulator ends early at these tests; else effects that end it, tried at so many ``others``."""
 
     nominal: bool
     culprits: tuple[Culprit, ...] = ()
@@ -125,5 +119,4 @@ def _by_end(rollouts: Rollouts) -> tuple[list[Test], list[Test]]:
 
 
 def _end(bench: Bench, trace: Trace, test: Test) -> FloatArray:
-    """Return (1,) whether a rollout ended early; the specification may declare no ρ for that."""
     return np.array([float(trace.failure is not None)])

@@ -27,14 +27,8 @@ def notes(
 ) -> tuple[str, ...]:
     """Return what these rollouts lack for a diagnosis, a sentence each.
 
-    Args:
-        bench: the simulator with the channels that they should have.
-        rollouts: at all tests of the specification.
-        parts: those that are used.
-        idle: effects that change nothing in any experiment.
-        why: what may have ended some of them early.
-        odd: suspected mistakes of the recordings.
-        alone: tests at which the simulator ends early, and the machine does not.
+    ``idle`` effects change nothing in any experiment. ``odd`` are suspected mistakes of the recordings. The simulator
+    ends early at the tests of ``alone``, and the machine does not.
     """
     sentences = [each.text for each in odd]
     if idle:
@@ -139,7 +133,6 @@ def _some(names: Sequence[str]) -> str:
 
 
 def _without_residuals(bench: Bench, rollouts: Sequence[tuple[Test, Trace]]) -> list[str]:
-    """Return why no residual of the simulator's model can be computed, if none can of any rollout."""
     if not isinstance(bench.backend, HasResiduals):
         return []
     why = ""

@@ -11,9 +11,11 @@ The pipeline, in this order:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -60,7 +62,6 @@ from s2r_spec.diagnose.simulator.cache import Cache
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import library, most_rollouts
 from s2r_spec.diagnose.simulator.response import ResponseLibrary
-from s2r_spec.diagnose.threads import one_thread
 from s2r_spec.diagnose.watched import Progress, Watched
 from s2r_spec.runs.repeatability import check_here, is_repeated
 from s2r_spec.runs.seeds import NEW_SEED, SeedStream, inherited_seed, rollout_seed
@@ -74,6 +75,23 @@ ASSUMPTIONS = (
     "the real machine's laws differ from the simulator's by at most about a tenth of each effect, in size and shape",
     "if an effect outside the catalogue looks like one in it, the diagnosis names the one in the catalogue",
 )
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Keep linear algebra to one thread; without threadpoolctl, do nothing.
+
+    The number of threads changes the last bits of a sum, and then the answer depends on the number of cores. Arrays are
+    small here, so threads wait for each other for longer than they work.
+    """
+    if find_spec("threadpoolctl") is None:
+        yield
+        return
+    import scipy.linalg  # noqa: F401  # only libraries that are loaded by then are limited
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1):
+        yield
 
 
 @one_thread()
@@ -154,8 +172,6 @@ def _refuse_memory(bench: Bench, seed: int) -> None:
 
 @dataclass(frozen=True)
 class _Work:
-    """What every stage needs."""
-
     bench: Bench
     seed: int
     tell: Watched
@@ -276,7 +292,6 @@ def _data_of_tests(
     allowed: frozenset[Experiment],
     where: str = "",
 ) -> _Data:
-    """Return rollouts, and the library of train tests that fill the space and of other experiments."""
     bench = work.bench
     parts = split(rollouts, work.seed)
     run = [test for test, _ in parts.train.tests]
@@ -296,7 +311,6 @@ def _data_of_tests(
 
 
 def _protocols(bench: Bench, runnable: Sequence[Experiment]) -> list[Experiment]:
-    """Return these protocols, and the simulator's others, which say what an answer lacks."""
     have = {experiment.protocol for experiment in runnable}
     own = bench.backend.protocols() if isinstance(bench.backend, HasProtocols) else ()
     return [*runnable, *(Experiment(protocol.name) for protocol in own if protocol.name not in have)]
@@ -371,7 +385,6 @@ def _idle(responses: ResponseLibrary) -> list[str]:
 
 
 def _locate(work: _Work, rollouts: Sequence[tuple[Test, Trace]], improved: Values) -> Where:
-    """Compare every real rollout with one of the nominal simulator at its test."""
     bench, real, simulated = work.bench, [], []
     for number, (test, trace) in enumerate(rollouts):
         other = bench.run({}, test, rollout_seed(work.seed, number, 0, SeedStream.CHECK))

@@ -6,9 +6,9 @@ A plan with protocols has three parts, in this order:
     screen      the library's tests, then the allowed protocols, each twice, so that scatter is known everywhere.
     chosen      what the budget leaves. A rule chooses one experiment at a time from the train rollouts so far.
 
-A smaller budget first leaves out second runs, the protocols' before the tests': the controller of a test has a clock
-of its own, so that its runs differ more. Then it holds out fewer tests, down to 3. A plan without protocols has tests
-that fill the space. The first of them run again, and `split` draws those that are held out.
+A smaller budget first leaves out second runs, the protocols' before the tests', which differ more. Then it holds out
+fewer tests, down to 3. A plan without protocols has tests that fill the space. The first of them run again, and `split`
+draws those that are held out.
 
 A resumed campaign takes what its journal has, and chooses only what comes after. So it ends with the same rollouts, bit
 for bit, if the machine is deterministic. An experiment that the machine refused counts in the budget.

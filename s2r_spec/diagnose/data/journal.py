@@ -31,12 +31,9 @@ REAL, ANSWER = "real", "diagnosis.json"
 
 
 class CampaignJournal:
-    """The attempts of a campaign so far.
+    """The attempts of a campaign so far, in a folder, which is made if needed.
 
-    Args:
-        folder: folder of the files; it is made if needed.
-        units: the machine's units: parameter → unit.
-        seed: the seed of the campaign.
+    ``units`` are the machine's: parameter → unit.
 
     Raises:
         UsageError: the folder has recordings of no campaign or of another seed, or its journal is damaged.
@@ -174,11 +171,7 @@ def begun_in(folder: Path) -> Path:
 
 
 def seed_of(run: Path | None, seed: int | None) -> int:
-    """Return the seed of a diagnosis.
-
-    Args:
-        run: the folder of the diagnosis to continue; None for a new one.
-        seed: the seed that the user gave; None for that of the run, or of a new one.
+    """Return the seed of a diagnosis: the user's, else that of the run to continue, else that of a new one.
 
     Raises:
         UsageError: the run has another seed.

@@ -45,7 +45,7 @@ class RealRollouts:
     """Real rollouts in the simulator's channels, units and duration.
 
     Attributes:
-        tests: (test in the spec's units, trace) of each test.
+        tests: (test in the spec's units, trace) of each.
         protocols: (experiment, trace) of each run of a protocol.
         notes: a sentence for each kind of run that is not used, or that ended a protocol.
     """
@@ -96,17 +96,14 @@ def recorded_rollouts(
 ) -> RealRollouts:
     """Return recorded rollouts; a run of a protocol that the simulator does not have becomes a note.
 
-    Args:
-        bench: the simulator, with the spec set up on it.
-        real: a backend with recordings, or (params, trace) of each rollout. The params of a test are in the spec's
-            units; a trace with ``meta["protocol"]`` is a run of a protocol.
-        budget: largest number of rollouts, of which the first are used; None for all.
-        passive: whether runs of protocols are left out.
+    The params of a test are in the spec's units; a trace with ``meta["protocol"]`` is a run of a protocol. Of a larger
+    number than the budget the first are used.
 
     Raises:
-        UsageError: a rollout does not have its test, or that is outside the spec's ranges; there are fewer than six
-            rollouts; a channel is in a unit that does not convert; ρ cannot be evaluated; times are not in seconds; or
-            an undeclared parameter of the simulator varies.
+        UsageError: a test lacks a parameter, or is outside the spec's ranges; there are fewer than six rollouts; a
+        channel
+            is in a unit that does not convert; ρ cannot be evaluated; times are not in seconds; or an undeclared
+            parameter of the simulator varies.
     """
     others = 0
     if not isinstance(real, Backend):

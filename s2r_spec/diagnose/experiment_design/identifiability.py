@@ -121,12 +121,9 @@ class InformationForecast:
     """The posterior of ψ given each of the most probable sets.
 
     Attributes:
-        estimate: of the machine.
-        information: (K, K) of the data so far about ψ.
-        shared: (K,) diagonal of S.
+        information, shared: (K, K) of the data so far about ψ, and (K,) the diagonal of S.
         variance: (S, K) diagonal of P_A.
-        mean: (S, K) of ψ.
-        covariance: (S, K, K) of ψ.
+        mean, covariance: (S, K) and (S, K, K) of ψ.
     """
 
     estimate: Estimate
@@ -245,11 +242,7 @@ def _separation(
     included = next((n for n, own in enumerate(names) if effect in own), None)
     excluded = next((n for n, own in enumerate(names) if effect not in own), None)
     row = included or 0
-    size = np.where(
-        [axis.effect == effect for axis in forecast.axes],
-        np.abs(forecast.mean[row]),
-        0.0,
-    )
+    size = np.where([axis.effect == effect for axis in forecast.axes], np.abs(forecast.mean[row]), 0.0)
     powers = []
     for (one, gained), distance in zip(gains, distances, strict=True):
         largest = int(size.argmax())

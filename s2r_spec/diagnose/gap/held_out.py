@@ -32,6 +32,7 @@ from s2r_spec.diagnose.gap.nominal import Nominal
 from s2r_spec.diagnose.inference.prior import BACKGROUND
 from s2r_spec.diagnose.simulator.axes import Values, effect_axes
 from s2r_spec.diagnose.simulator.bench import Bench, Test, places_of, table
+from s2r_spec.diagnose.simulator.response import values_at
 from s2r_spec.runs.seeds import SeedStream
 from s2r_spec.space import key_of
 from s2r_spec.trace import Trace
@@ -212,13 +213,8 @@ def held_out_gap(
 ) -> HeldOutGap | None:
     """Measure the gap at the held-out tests before and after; None where none was held out.
 
-    Args:
-        bench: the simulator and the spec.
-        held: real rollouts from which nothing was estimated.
-        seen: those of the other tests.
-        patch: effect → parameter → value of the named effects; empty where nothing is named.
-        tuned: the posterior mean of every effect.
-        nominal: the simulator at the tests of both.
+    The other tests are ``seen``. ``patch`` has the values of the named effects, ``tuned`` the posterior mean of every
+    one. ``nominal`` is the simulator at all of these tests.
     """
     if not held:
         return None
@@ -269,12 +265,9 @@ def background_machines(bench: Bench, seed: int) -> list[Values]:
     machines: list[Values] = []
     parameters = effect_axes(catalogue_of(bench.backend))
     for draws in BACKGROUND * rng.normal(size=(round(1.0 / LEVEL), len(parameters))):
-        values: dict[str, dict[str, float]] = {}
-        for axis, size in zip(parameters, draws.tolist(), strict=True):
-            low, high = sorted((axis.coordinate(axis.low), axis.coordinate(axis.high)))
-            inside = size if low < 0.0 < high else abs(size) if high > 0.0 else -abs(size)
-            values.setdefault(axis.effect, {})[axis.parameter] = axis.value(inside)
-        machines.append(values)
+        low, high = np.array([axis.ends for axis in parameters]).reshape(-1, 2).T
+        one_side = np.where(high > 0.0, np.abs(draws), -np.abs(draws))
+        machines.append(values_at(parameters, np.where((low < 0.0) & (high > 0.0), draws, one_side)))
     return machines
 
 

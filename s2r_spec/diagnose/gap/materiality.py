@@ -62,15 +62,7 @@ NODES = 16
 
 @dataclass(frozen=True, eq=False)
 class RolloutsAtTest:
-    """All rollouts of one test.
-
-    Args:
-        params: the test.
-        real: (n,) ρ of the real rollouts that ran to their end.
-        simulated: (m,) ρ of the simulated ones.
-        real_failed: number of real rollouts that ended early.
-        simulated_failed: number of simulated ones.
-    """
+    """(n,) real and (m,) simulated ρ of rollouts of one test that ran to their end, and how many ended early."""
 
     params: Mapping[str, float]
     real: FloatArray

@@ -22,8 +22,7 @@ class Nominal:
     Attributes:
         seed: of the simulations.
         runs: test → test and seed of each rollout. A simulator with effects has the same seeds.
-        rho: test → (2 SHOTS,) ρ of each.
-        ended: test → (2 SHOTS,) whether each ended early.
+        rho, ended: test → (2 SHOTS,) ρ of each, and whether it ended early.
     """
 
     seed: int

@@ -206,14 +206,9 @@ def gap_surface(
     seed: int = 0,
     predicted: Predicted | None = None,
 ) -> GapSurface:
-    """Return the gap over the test space, of one to four parameters.
+    """Return the gap over the test space, from one entry for each test; see :class:`GapSurface`.
 
-    Args:
-        space: the test space.
-        tests: ρ at the tests that were run, one entry for each test.
-        unit: the unit of ρ.
-        seed: of the sampled functions.
-        predicted: the gap that an improved simulator predicts; None without one.
+    ``predicted`` is the gap that an improved simulator predicts.
 
     Raises:
         UsageError: there is no test, or the space has no or more than four parameters.
@@ -259,8 +254,8 @@ def _sample(
 ) -> tuple[FloatArray, float]:
     """Return (DRAWS, m) samples of the signed gap, of both models by their evidence, and the scatter of Δρ of a pair.
 
-    Errors follow from the variance within tests, pooled over all tests. The scatter of one pair follows from
-    the median over tests, which a few falls hardly change.
+    Errors follow from the variance within tests, pooled over all. The scatter of one pair follows from the median over
+    tests, which a few falls hardly change.
     """
     own, other = (
         _within_variance([test.real for test in tests]),
@@ -294,13 +289,7 @@ def _functions(
 ) -> tuple[FloatArray, float]:
     """Return (count, m) functions from the posterior, and the log evidence of the process.
 
-    Args:
-        at: (n, dim) places of the data.
-        values: (n,).
-        errors: (n,) standard errors.
-        grid: (m, dim) places of the functions.
-        count: of functions.
-        generator: of random numbers.
+    Data are (n,) values at (n, dim) places, with standard errors; functions are at (m, dim) places of a grid.
     """
     from scipy.stats import norm, qmc
 
@@ -340,7 +329,6 @@ def _covariance(size: float, lengths: FloatArray, left: FloatArray, right: Float
 
 
 def _within_variance(samples: Sequence[FloatArray]) -> FloatArray:
-    """Return (2,) the variance within tests, pooled and from the median over tests; NaN without replicates."""
     from scipy.stats import chi2
 
     repeated = [one for one in samples if one.size > 1]

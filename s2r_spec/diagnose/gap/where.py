@@ -80,13 +80,8 @@ def locate(
 ) -> Where:
     """Return where the gap lies.
 
-    Args:
-        spec: the specification.
-        requirement: one of its requirements.
-        pairs: the rollouts.
-        seed: of the random numbers.
-        bench: the simulator, for the parts of the machine; it simulates each test once more.
-        improved: effects of an improved simulator, which predicts the gap between the tests that were run.
+    The bench is for the parts of the machine, and simulates each test once more. An improved simulator predicts the gap
+    between the tests that were run.
     """
     places = places_of(pairs.tests)
     real, simulated = (np.array([rho for _, rho in side]) for side in (pairs.real, pairs.simulated))

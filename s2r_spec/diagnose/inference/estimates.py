@@ -9,9 +9,8 @@ Data: the likelihood of θ (K,) with information L, and the posterior over sets 
     tuned: E θ, the posterior mean of every parameter
 
 An effect of at least 0.25 is to be named, one below 0.125 must not be. So an effect is *named* if its presence is at
-least 0.95 and its probability at least 0.5. It is *possible* from a probability of 0.05 on, else *ruled out*. It is
-*hidden* instead of ruled out if each of its parameters that act alone has a half-width above a quarter of typical: then
-the prior alone speaks against it. Every effect gets an entry.
+least 0.95 and its probability at least 0.5. It is *possible* from a probability of 0.05 on, else *ruled out*, or
+*hidden* if each of its parameters that act alone has a half-width above a quarter: the prior alone speaks against it.
 
 Units: sizes in typical sizes, values in the parameter's unit. Shapes: K parameters, S sets.
 """

@@ -77,9 +77,8 @@ class Fit:
         theta: (K,) estimate of every parameter.
         errors: of the model.
         groupwise: likelihood of θ around the estimate, by secants, with the errors of each group alone.
-        groups: of all experiments, in their order, at the estimate.
+        groups, variances: of all experiments, in their order, at the estimate.
         kinds: of motion, of each of these groups: "" for a test of the specification, or the protocol.
-        variances: of these groups.
     """
 
     theta: FloatArray

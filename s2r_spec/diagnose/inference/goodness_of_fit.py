@@ -105,11 +105,8 @@ def goodness_of_fit(
 ) -> GoodnessOfFit:
     """Return whether a fit leaves more than machines of the catalogue do; nothing is simulated.
 
-    Args:
-        problem: what was fitted; at least one observation with data.
-        fit: the joint estimate.
-        looks: number of times that the campaign looks at the answer, fixed before the first.
-        columns: channel → name of each column; columns without a name are numbered from 1.
+    The number of looks of a campaign is fixed before the first. ``columns`` is channel → name of each column; those
+    without a name are numbered from 1.
     """
     pairs = zip(problem.observations, fit.errors.variances, strict=True)
     tests = [_Tested.of(one, fit, own) for one, own in pairs if one.parts]
@@ -150,7 +147,6 @@ class _Tested:
 
     @classmethod
     def of(cls, one: Observation, fit: Fit, variances: FloatArray) -> _Tested:
-        """Draw residuals of one experiment, a group at a time, with (n,) these variances of its responses."""
         unit = one.unit(variances)
         data, responses = one.residual(fit.theta) / unit, one.columns(fit.theta) / unit
         cells = list(_cells(one))
@@ -200,7 +196,6 @@ def _draw_residuals(
 
 
 def _loss(squares: FloatArray, share: float) -> FloatArray:
-    """Return (rows,) ℓ of (rows, n) squared residuals, of which this share are independent."""
     number = share * squares.shape[1]
     return np.asarray(0.5 * (DEGREES + number) * np.log1p(share * squares.sum(axis=1) / DEGREES))
 

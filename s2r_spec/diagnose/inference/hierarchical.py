@@ -89,15 +89,12 @@ source: a judgement."""
 
 @dataclass(frozen=True)
 class Groups:
-    """Groups of one experiment at one θ, reduced to what the likelihood needs.
+    """Groups of one experiment at one θ, reduced to what the likelihood needs; r_g and M_g are in units of u_g.
 
     Attributes:
-        gram: (G, D, D) M_gᵀ M_g / n_g, of columns in units of u_g.
-        moment: (G, D) M_gᵀ r_g / n_g, with the residual r_g in units of u_g.
-        energy: (G,) r_gᵀ r_g / n_g.
+        gram, moment, energy: (G, D, D) M_gᵀ M_g / n_g, (G, D) M_gᵀ r_g / n_g, and (G,) r_gᵀ r_g / n_g.
         volume: (G,) mean of log u_g².
-        size: (G,) N_g.
-        coherent: (G,) ρ_g.
+        size, coherent: (G,) N_g and ρ_g.
     """
 
     gram: FloatArray
@@ -172,12 +169,10 @@ def law_prior(variances: Variances, coherent: FloatArray, theta: FloatArray, col
 
 
 def _amounts(columns: int, effects: int) -> FloatArray:
-    """Return (D,) 1 for an effect, and the square of :data:`VARIANT` for a variant."""
     return np.where(np.arange(columns) < effects, 1.0, VARIANT**2)
 
 
 def _law_errors(groups: Groups, prior: FloatArray, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return posterior mean (G, D) and covariance (G, D, D) of the law errors, for (G, D) T_g and (G,) s_g²."""
     columns = prior.shape[1]
     weight = groups.size / noise
     precision = weight[:, None, None] * groups.gram

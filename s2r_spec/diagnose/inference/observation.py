@@ -39,8 +39,7 @@ class Observation:
     Of m observables n are used: those that the real runs, the nominal runs and all responses have.
 
     Attributes:
-        response: of the simulator to every effect.
-        dependence: which responses are in proportion to another parameter.
+        response, dependence: of the simulator to every effect, and which are in proportion to another parameter.
         kept: (n,) places of the observables that are used.
         parts: (quantity, statistic) and places among the n of every group.
         observed: (n,) difference of the real and the nominal mean.
@@ -48,8 +47,7 @@ class Observation:
         curves: the response to every parameter, at the points at which the simulator does not fall.
         spread: (K, n) variance of the difference by the scatter of the responses, for a coordinate of 1.
         variants: (V, n) responses to the variants.
-        coherent, effective: (G,) ρ_g and N_g.
-        form: (n,) κ_g of the group of every observable.
+        coherent, effective, form: (G,) ρ_g and N_g, and (n,) κ_g of the group of every observable.
         correction: (n,) what the simulator's mean is beyond the sum of responses, from runs at ``ran``.
         ran: (K,) coordinates at which the simulator ran; 0 before any correction.
         exact: (n,) whether that run has the observable; one that ended early lacks the rest.
@@ -224,7 +222,6 @@ class Observation:
 
     @cached_property
     def _background(self) -> FloatArray:
-        """(n,) variance of the responses to small amounts of every effect."""
         each = [
             np.mean([self.form**2 * c.at(s * BACKGROUND) ** 2 for s in (-1.0, 1.0)], axis=0)
             for c in self.curves

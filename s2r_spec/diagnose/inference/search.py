@@ -98,7 +98,6 @@ class _Table:
         now: int,
         then: int,
     ) -> float:
-        """Return how much a move from one point to another lowers loss and prior."""
         before, after = (float(np.sum(np.square(self.points[place]))) for place in (now, then))
         gain = 0.5 * (before - after) / SLAB**2
         for one, r, e, v, own in zip(observations, residuals, errors, self.values, self.errors, strict=True):

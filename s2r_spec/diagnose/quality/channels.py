@@ -190,17 +190,14 @@ def _longest_constant(trace: Trace, name: str) -> FloatArray:
 
 
 def _changes(values: FloatArray) -> NDArray[np.int64]:
-    """Return the samples at which (samples, columns) values are others than before, the first included."""
     return np.append(0, 1 + np.flatnonzero((np.diff(values, axis=0) != 0.0).any(axis=1)))
 
 
 def _odd_rollout(of: Recordings, name: str, part: Callable[[Trace], FloatArray]) -> tuple[int, int] | None:
     """Return number and column of the rollout that has most of something that others, and the simulator, have not.
 
-    Args:
-        of: the recordings.
-        name: of a channel of measured numbers, no flag or count.
-        part: from a trace to (columns,) how much of it there is, a part of a range or of a rollout.
+    The channel is of measured numbers, no flag or count. ``part`` gives (columns,) how much of it there is in a trace,
+    as a part of a range or of a rollout.
     """
     having = [
         (number, trace)
@@ -242,10 +239,7 @@ def hold(of: Recordings) -> tuple[list[Finding], Recordings]:
     """Find channels that keep each value for several samples, where the simulator's move at every one.
 
     A held channel is also late by half of what it is held, so that the other checks get straight lines between the
-    samples at which it changes.
-
-    Returns:
-        A finding for all channels that are held alike, and the recordings without it.
+    samples at which it changes: the recordings without the finding.
     """
     if not of.pairs:
         return [], of

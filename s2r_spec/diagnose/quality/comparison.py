@@ -78,13 +78,11 @@ class Comparison:
 
     Attributes:
         view: columns and times.
-        tests: of each recording.
-        traces: recordings.
+        tests, traces: of each recording.
         nominal: (n, T, c) mean of the nominal simulator.
         floor: (c,) what is no discrepancy, in the units of the columns: the unit of all that follows.
         scatter: (n, s, d) deviations of single nominal rollouts, whose squares sum to their covariance.
-        effects: (k, n, d) changes that the catalogue makes.
-        sizes: (k,) the axis and its value of each.
+        effects, sizes: (k, n, d) changes that the catalogue makes, and (k,) the axis and its value of each.
         usual: Q of a nominal rollout that had no part in mean and scatter; at least that of one floor throughout.
     """
 
@@ -164,12 +162,9 @@ class Comparison:
         return replace(self, nominal=nominal, floor=floor, scatter=scatter, effects=effects, usual=usual)
 
     def misfit(self, values: FloatArray, effects: bool = True, there: FloatArray | float = 1.0) -> float:
-        """Return Q of recordings (n, T, c).
+        """Return Q of recordings (n, T, c), with or without the effects of the catalogue.
 
-        Args:
-            values: recordings.
-            effects: whether the catalogue may explain anything.
-            there: of 1 and 0, (T, 1) which instants count, or (n, 1, 1) which recordings.
+        ``there`` has 1 and 0: (T, 1) which instants count, or (n, 1, 1) which recordings.
         """
         return max(float(self.products((self.rest(values) * there)[None], effects)[0, 0]), 0.0)
 
@@ -258,8 +253,7 @@ def noise(rollouts: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, flo
 def _beside_others(apart: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return (s, n, T, c) deviations r of each nominal rollout from the mean of the others, and their C⁻¹ r.
 
-    Args:
-        apart: (n, s, T, c) deviations from the mean of all, in floors.
+    They follow from (n, s, T, c) deviations from the mean of all, in floors.
     """
     s = apart.shape[1]
     own = apart * (s / (s - 1.0))
@@ -279,6 +273,5 @@ def _scatter(apart: FloatArray) -> FloatArray:
 
 
 def _inner(scatter: FloatArray) -> FloatArray:
-    """Return (n, s, s) 1 + DDᵀ."""
     inner: FloatArray = np.eye(scatter.shape[1]) + np.einsum("nsd,ntd->nst", scatter, scatter)
     return inner

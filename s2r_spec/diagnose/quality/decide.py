@@ -49,7 +49,6 @@ class _Judged:
 
     @property
     def alike(self) -> bool:
-        """Whether it alone explains clearly more than nothing does, and all that is to be explained."""
         return self.bare - self.alone >= self.clear and self.alone <= self.usual + self.clear
 
 

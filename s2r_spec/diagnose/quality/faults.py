@@ -38,14 +38,10 @@ high as it was lies well inside; a best at either end is no minimum."""
 
 @dataclass(frozen=True, eq=False)
 class Undone:
-    """The recordings without a mistake.
+    """The recordings (n, T, c) without a mistake of one size, which a group has.
 
-    Attributes:
-        size: of the mistake.
-        group: that has it.
-        values: (n, T, c) recordings.
-        there: of 1 and 0, (T, 1) which instants can be read, or (n, 1, 1) which recordings count.
-        price: 2 log |∂ recorded / ∂ undone|, a number of a recording: what shrinks everything must explain better.
+    ``there`` has 1 and 0: (T, 1) which instants can be read, or (n, 1, 1) which recordings count. ``price`` is
+    2 log |∂ recorded / ∂ undone|, a number of a recording: what shrinks everything must explain better.
     """
 
     size: float
@@ -248,7 +244,6 @@ def _units(c: Comparison) -> list[ChannelGroup]:
 
 
 def _neighbours(c: Comparison) -> list[tuple[int, int]]:
-    """Return the pairs of columns of one unit, not of an angle, that are next to each other or next but one."""
     units = [column.unit for column in c.columns]
     pairs = [(i, j) for i in range(len(units)) for j in (i + 1, i + 2) if j < len(units)]
     return [(i, j) for i, j in pairs if units[i] == units[j] and units[i] and units[i] not in PER_RADIAN]
@@ -317,7 +312,6 @@ def search(
         return np.asarray(quadratic if prices is None else quadratic + np.diag([0.0, *prices(size)]))
 
     def grown(products: FloatArray, on: FloatArray) -> tuple[float, FloatArray]:
-        """Add or drop the channel that lowers Q most while any does."""
         on = on.copy()
         while True:
             change = 2.0 * (1.0 - 2.0 * on) * (products @ on) + np.diag(products)

@@ -100,7 +100,6 @@ def _able(bench: Bench, tests: Sequence[Mapping[str, float]]) -> bool:
 
 
 def _assignment(c: Comparison) -> Iterable[Fault]:
-    """Return the assignment of recordings to the tests that were compared, if it is not the identity."""
     from scipy.optimize import linear_sum_assignment
 
     apart = (c.recorded[:, None] - c.nominal[None]) / c.floor

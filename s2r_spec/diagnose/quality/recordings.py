@@ -21,12 +21,7 @@ Pair = tuple[Trace, Trace]
 
 @dataclass(frozen=True, eq=False)
 class Recordings:
-    """What is checked.
-
-    Attributes:
-        bench: the simulator.
-        rollouts: the machine's, in the order of their table.
-    """
+    """What is checked: rollouts of the machine, in the order of their table, and the simulator."""
 
     bench: Bench
     rollouts: Sequence[Rollout]

@@ -56,8 +56,7 @@ class Cells:
     """All cells, and where they are at every test.
 
     Attributes:
-        duration: of a rollout [s].
-        widths: quantity → columns.
+        duration, widths: of a rollout [s], and quantity → columns.
         edges: (channel, column) → rising values between the cells along it.
         at: test → (len(edges), GRID) the cell along each of them at each time.
     """
@@ -69,13 +68,7 @@ class Cells:
 
     @classmethod
     def of(cls, duration: float, widths: Mapping[str, int], paths: Mapping[Key, FloatArray]) -> Cells:
-        """Choose the edges along recorded channels, with as many times of all paths between each two.
-
-        Args:
-            duration: of a rollout [s].
-            widths: quantity → columns.
-            paths: test → (GRID, columns) of :func:`path`.
-        """
+        """Choose the edges along recorded channels, with as many times of the (GRID, columns) paths between two."""
         every = np.concatenate(list(paths.values()))
         edges, numbers = {}, []
         for number, (name, column) in enumerate(_columns(widths)):

@@ -9,10 +9,8 @@ units of what needs no cause:
 s² is the variance of y − x from rollout to rollout, and t Student's quantile for LEVEL, shared by all cells. e² is the
 mean square of what the named effects do, in this cell and over the column. a² is the sum of that of all typical effects
 over the column, v² how much the column varies over time, and w² the sum of what the simulator's variants do. A cell is
-*material* above 1.
-
-A residual of the equations of motion shows where a cause acts. A channel of a closed loop also shows the reaction. It
-goes on after the cause, which may be smaller by the part EXPLAINS. So beside residuals a channel counts by this part.
+*material* above 1. A residual of the equations of motion shows where a cause acts. A channel of a closed loop also
+shows the reaction, which goes on after the cause. So beside residuals a channel counts by the part EXPLAINS.
 
 Units: those of each quantity; a surplus has none.
 """
@@ -134,15 +132,9 @@ def remainders(
 ) -> tuple[Remainder, ...]:
     """Return where most is left beyond what is allowed for, one cell a quantity's column, the cause's place first.
 
-    Nothing where too few rollouts reached their end: no equation here is of a fall.
-
-    Args:
-        bench: the simulator.
-        axes: of its catalogue.
-        rollouts: (test, trace) of the machine.
-        improved: effects with which the simulator should be nearest to it: the likeliest, and a little of all others.
-        seed: of the simulated rollouts.
-        named: the likeliest alone, with which it may be nearer: what is left of channels is what both leave.
+    Nothing where too few rollouts reached their end: no equation here is of a fall. With the ``improved`` effects, the
+    likeliest and a little of all others, the simulator should be nearest to the machine. It may be nearer with those
+    that are ``named``: what is left of channels is what both leave.
     """
     whole = [(test, trace) for test, trace in rollouts if trace.failure is None]
     if len(whole) < FEWEST:
@@ -215,11 +207,7 @@ def _quantities(traces: Sequence[Trace]) -> dict[str, int]:
 
 
 def _means(cells: Cells, step: float, bench: Bench, trace: Trace, test: Test) -> FloatArray:
-    """Return (cells,) means of a rollout; NaN for one that ended early.
-
-    Of one with more samples than the machine's, one for each ``step`` [s], only as many are read, so that a mean is of
-    the same times.
-    """
+    """Return (cells,) means of a rollout with at most a sample a ``step`` [s]; NaN for one that ended early."""
     row = cells.means(bench.seen(thin(trace, step), test), test)
     return row if trace.failure is None else np.full_like(row, np.nan)
 
@@ -286,8 +274,8 @@ def _largest_remainders(
 def begin(surplus: FloatArray, windows: int = CELLS) -> FloatArray:
     """Return the surplus of a column, with 0 in windows of time after the first that says (nearly) as much.
 
-    In a closed loop what acts for a time goes on after it, and the answer to it may be the larger. ``windows`` of the
-    (cells,) of a column are of time, and come first.
+    In a closed loop what acts for a time goes on after it. The first of the (cells,) of a column are ``windows`` of
+    time.
     """
     out = surplus.copy()
     begun = np.flatnonzero(out[:windows] > max(1.0, EXPLAINS * out.max()))

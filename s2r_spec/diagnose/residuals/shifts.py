@@ -204,7 +204,6 @@ def _columns(traces: Sequence[Trace]) -> list[_Column]:
 
 
 def _largest_values(every: Sequence[Residuals], columns: Sequence[_Column]) -> FloatArray:
-    """Return (c,) the largest value in the unit of each column, in recordings and residuals."""
     units: dict[str, float] = {}
     for trace in (trace for one in every for trace in one):
         for name, values in trace.channels.items():
@@ -237,11 +236,8 @@ def _window_statistics(
 ) -> FloatArray:
     """Return (5, 2c) mean, size, scatter of one rollout, F and p in a window; NaN with too few rollouts.
 
-    Args:
-        tests: (n, dim).
-        own: (n, 2c) of the real rollouts.
-        other: (n, m, 2c) of the simulated ones.
-        rough: (2c,) least standard deviation.
+    There are (n, dim) tests, (n, 2c) the real rollouts' own, (n, m, 2c) other ones of the simulator, and (2c,) a rough
+    least standard deviation.
     """
     from scipy.stats import f as fisher
 

@@ -38,8 +38,7 @@ class Bench:
 
     Attributes:
         backend: nominal.
-        spec: with the requirement.
-        requirement: its name.
+        spec, requirement: what is required of it.
         matched: how the spec's tests become the backend's.
         pool: of the rollouts; None runs them in this process.
         progress: of their jobs; without it, :data:`WATCH` counts rollouts.
@@ -72,11 +71,7 @@ class Bench:
         """Return the backend with these effects; the same one for none."""
         if not values:
             return self.backend
-        if not isinstance(self.backend, HasEffects):
-            raise UsageError(
-                f"the backend {self.backend.name!r} declares no effects, so no cause can be found; see "
-                f"{page('how-to/effects')}"
-            )
+        assert isinstance(self.backend, HasEffects)
         patched: Backend = self.backend.with_effects(values)
         return patched
 
@@ -113,11 +108,7 @@ def evenly(count: int, most: int) -> list[int]:
 
 
 def refuse_machine(backend: object) -> None:
-    """Refuse a machine whose rollouts need an operator.
-
-    Raises:
-        UsageError: it is one.
-    """
+    """Refuse a machine whose rollouts need an operator, by a UsageError."""
     if is_exclusive(backend):
         name = getattr(backend, "name", "this backend")
         raise UsageError(

@@ -19,12 +19,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Cache:
-    """A folder of files that can be made again.
-
-    Attributes:
-        folder: of all of them.
-        notes: a sentence for each file that was damaged or could not be kept, in order; grows.
-    """
+    """A folder of files that can be made again, and a sentence for each that was damaged or could not be kept."""
 
     folder: Path
     notes: list[str] = field(default_factory=list)
@@ -51,24 +46,19 @@ class Cache:
             except Exception:  # what a file of unknown content raises has no end: zip, JSON, memory, shapes
                 self.notes.append(f"the cache file {path} was damaged, and was made again")
         made = make()
+        part = path.with_suffix(f".{os.getpid()}.part.npz")
         try:
-            _write(lambda part: save(made, part), path)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            try:  # it is put there when it is whole
+                save(made, part)
+                part.replace(path)
+            finally:
+                part.unlink(missing_ok=True)
         except OSError as error:
             self.notes.append(
                 f"the cache file {path} could not be written ({error.strerror}), so the next diagnosis makes it again"
             )
         return made
-
-
-def _write(save: Callable[[Path], None], path: Path) -> None:
-    """Write a file beside its place, and put it there when it is whole."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(f".{os.getpid()}.part.npz")
-    try:
-        save(part)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def source_of(kind: type) -> str:

@@ -61,7 +61,6 @@ class _Job:
 
     @classmethod
     def of(cls, experiment: Experiment, values: Values, variant: str = "", runs: int = 0) -> _Job:
-        """Return so many runs; without a number, those of a response."""
         frozen = tuple((effect, tuple(sorted(own.items()))) for effect, own in sorted(values.items()))
         return cls(experiment, frozen, variant, tuple(range(SEED, SEED + (runs or replicates(experiment)))))
 
@@ -146,22 +145,36 @@ def _make(
     jobs = list(dict.fromkeys(job for e in experiments for job in design.jobs(e)))
     # The longest jobs first, so that no worker waits for the last one.
     jobs.sort(key=lambda job: -observables[job.experiment].duration * len(job.seeds))
-    runs: dict[_Job, NDArray[np.float32]] = {}
+    what, tell = (
+        f"simulated effects on backend {backend.name!r}",
+        partial(progress, "simulating every effect"),
+    )
+    runs = _run(backend, {job: observables[job.experiment] for job in jobs}, executor, what, tell)
+    return {e: design.response(e, observables[e], runs) for e in experiments}
+
+
+def _run(
+    backend: Backend,
+    jobs: Mapping[_Job, Observables],
+    executor: ExecutorFactory | None,
+    what: str,
+    progress: Callable[[int, int], None] = lambda done, of: None,
+) -> Runs:
+    runs = {}
     with (executor or in_this_process)() as pool:
-        pending = {pool.submit(vectors, backend, job, observables[job.experiment]): job for job in jobs}
+        pending = {pool.submit(vectors, backend, job, own): job for job, own in jobs.items()}
         try:
             for done, future in enumerate(as_completed(pending), 1):
                 runs[pending[future]] = future.result()
-                progress("simulating every effect", done, len(jobs))
+                progress(done, len(jobs))
         except BrokenExecutor:
             raise BackendError(
-                f"a worker died while it simulated effects on backend {backend.name!r}; run it again with --workers 1 "
-                f"to see the experiment that kills it"
+                f"a worker died while it {what}; run it again with --workers 1 to see the experiment that kills it"
             ) from None
         finally:
             for future in pending:
                 future.cancel()
-    return {e: design.response(e, observables[e], runs) for e in experiments}
+    return runs
 
 
 def _nominal(backend: Backend, experiment: Experiment) -> Iterator[Trace]:
@@ -203,7 +216,7 @@ class _Design:
         theta, sizes, turn = (np.zeros(len(self.parameters)) for _ in range(3))
         for k, axis in enumerate(self.parameters):
             random = stream(axis.name)
-            low, high = sorted((axis.coordinate(axis.low), axis.coordinate(axis.high)))
+            low, high = axis.ends
             # A dependent parameter may have any value: where a load lies is no sign of its mass.
             if axis.is_phase:
                 theta[k] = random.uniform(low, high)
@@ -284,10 +297,9 @@ def _points(axis: EffectAxis) -> list[float]:
     """Return the coordinates of a response, rising, without 0; of an angle that may be any, the quarters of a turn."""
     if axis.is_phase:
         return [-0.5, 0.5, 1.0]
-    ends = [axis.coordinate(axis.low), axis.coordinate(axis.high)]
     points = set()
     for sign in (-1.0, 1.0):
-        reach = max(sign * end for end in ends)
+        reach = max(sign * end for end in axis.ends)
         points |= {sign * min(point, reach) for point in POINTS if reach > 1e-9 and point < 1.5 * reach}
     return sorted(points)
 
@@ -326,12 +338,13 @@ def vectors(backend: Backend, job: _Job, observables: Observables) -> NDArray[np
     return np.array(rows, dtype=np.float32)
 
 
-def simulated_mean(
-    backend: Backend, observables: Observables, experiment: Experiment, values: Values
-) -> FloatArray:
-    """Return (m,) the mean of an experiment with these effects, in the observables and with the seeds of a response."""
-    runs = vectors(backend, _Job.of(experiment, values), observables)
-    return np.asarray(runs.astype(float).mean(axis=0))
+def simulated_means(
+    backend: Backend, responses: Sequence[Response], values: Values, executor: ExecutorFactory | None = None
+) -> list[FloatArray]:
+    """Return (m,) the mean of every experiment with these effects, with the observables and seeds of its response."""
+    jobs = {_Job.of(one.experiment, values): one.observables for one in responses}
+    runs = _run(backend, jobs, executor, f"ran backend {backend.name!r} with {values}")
+    return [np.asarray(runs[job].astype(float).mean(axis=0)) for job in jobs]
 
 
 def acting_parameters(backend: Backend, experiments: Sequence[Experiment]) -> dict[str, frozenset[str]]:

@@ -35,12 +35,7 @@ REPLICATES = {"test": 2, "protocol": 1}
 
 @dataclass(frozen=True)
 class Dependence:
-    """Which responses are in proportion to another parameter.
-
-    Attributes:
-        base: (K,) this parameter; −1 for a response that stands alone.
-        at: (K,) its coordinate at which the response was simulated.
-    """
+    """Which responses are in proportion to another parameter: (K,) that one, or −1, and its coordinate in the runs."""
 
     base: NDArray[np.int64]
     at: FloatArray
@@ -67,13 +62,7 @@ class Dependence:
 
 @dataclass(frozen=True)
 class Practice:
-    """Runs of random machines.
-
-    Attributes:
-        theta: (M, K) their coordinates.
-        variant: (M, V) 1 for the variant that each machine has.
-        values: (M, m) the observables of one run of each.
-    """
+    """Runs of random machines: (M, K) coordinates, (M, V) 1 for their variant, and (M, m) observables of a run."""
 
     theta: FloatArray
     variant: FloatArray
@@ -85,10 +74,8 @@ class Response:
     """What the simulator does in one experiment.
 
     Attributes:
-        experiment: see there.
         observables: of its traces.
-        nominal: (m,) mean of the nominal runs.
-        scatter: (m,) standard deviation of one run.
+        nominal, scatter: (m,) mean of the nominal runs, and standard deviation of one run.
         reference: (m,) mean of the nominal runs with the seeds of the responses.
         curves: the response to every parameter.
         spread: (K, m) variance of the response from run to run, for a coordinate of 1; it grows with its square.
@@ -205,12 +192,7 @@ def replicates(experiment: Experiment) -> int:
 
 @dataclass(frozen=True)
 class ResponseLibrary:
-    """Responses of every experiment to every parameter of the catalogue.
-
-    Attributes:
-        parameters: of the catalogue, in its order.
-        responses: one for each experiment.
-    """
+    """Responses of every experiment to every parameter of the catalogue, in its order."""
 
     parameters: tuple[EffectAxis, ...]
     responses: tuple[Response, ...]
@@ -226,11 +208,7 @@ class ResponseLibrary:
         return Dependence.of(self.parameters)
 
     def response(self, experiment: Experiment) -> Response:
-        """Return the response of an experiment.
-
-        Raises:
-            KeyError: the library does not have it.
-        """
+        """Return the response of an experiment that the library has."""
         return {each.experiment: each for each in self.responses}[experiment]
 
     def values(self, theta: FloatArray) -> dict[str, dict[str, float]]:
