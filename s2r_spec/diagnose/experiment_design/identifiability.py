@@ -33,14 +33,7 @@ from s2r_spec.base.json_values import Shown
 from s2r_spec.diagnose.estimation import Estimate
 from s2r_spec.diagnose.inference.estimates import COVER
 from s2r_spec.diagnose.inference.gauss_newton import Fit
-from s2r_spec.diagnose.inference.hierarchical import (
-    Variances,
-    form_error,
-    information_by_group,
-    likelihood,
-    with_form_error,
-    without_variants,
-)
+from s2r_spec.diagnose.inference.hierarchical import Variances, form_error
 from s2r_spec.diagnose.inference.observation import Observation
 from s2r_spec.diagnose.inference.prior import NAMED, UNNAMED
 from s2r_spec.diagnose.simulator.axes import EffectAxis
@@ -209,10 +202,10 @@ def information(one: Observation, fit: Fit, sizes: FloatArray) -> FloatArray:
     columns = np.vstack([*slopes, one.variants])
     groups = one.reduced(np.zeros(columns.shape[1]), columns, one.errors(fit.theta))
     before, at = Variances.prior(len(one.parts)), fit.errors.sizes
-    marginal = without_variants(likelihood(groups, at, before), sizes.size)
+    marginal = groups.likelihood(at, before).without_variants(sizes.size)
     kinds = len(one.parts) * [one.response.experiment.protocol]
-    form = form_error(one.law, at, information_by_group(groups, at, before), kinds, marginal.information)
-    return with_form_error(marginal, form).information
+    form = form_error(one.law, at, groups.information(at, before), kinds, marginal.information)
+    return marginal.with_form_error(form).information
 
 
 def separations(

@@ -23,16 +23,9 @@ from s2r_spec.diagnose.inference.hierarchical import (
     Groups,
     Likelihood,
     Variances,
-    disagreement,
     form_error,
-    information_by_group,
     information_left,
-    likelihood,
     shared_error,
-    variances,
-    with_form_error,
-    with_shared_error,
-    without_variants,
 )
 from s2r_spec.diagnose.inference.observation import Problem
 from s2r_spec.diagnose.inference.prior import SLAB
@@ -93,7 +86,7 @@ class Fit:
         """The likelihood of θ around the estimate, with all errors; the prior is not in it."""
         own, sizes = self.groupwise, self.errors.sizes
         form = form_error(self.errors.law, sizes, self._by_group, self.kinds, own.information)
-        return with_shared_error(with_form_error(own, form), self.shared)
+        return own.with_form_error(form).with_shared_error(self.shared)
 
     def information_left(self, difference: FloatArray) -> float:
         """Return the part of a difference of log evidence that errors of form leave.
@@ -106,12 +99,13 @@ class Fit:
     @cached_property
     def _by_group(self) -> FloatArray:
         """(G, K, K) information of every group, with its own law error."""
-        return information_by_group(self.groups, self.errors.sizes, self.variances)
+        return self.groups.information(self.errors.sizes, self.variances)
 
     @cached_property
     def shared(self) -> FloatArray:
         """(K,) variance of the error of size that all groups share."""
-        return shared_error(self.errors.sizes, disagreement(self.groups, self.errors.sizes, self.variances))
+        sizes = self.errors.sizes
+        return shared_error(sizes, self.groups.disagreement(sizes, self.variances))
 
 
 def fit(
@@ -138,8 +132,8 @@ def fit(
     components = Variances.prior(sum(len(one.parts) for one in observations))
     groups = _group(problem, theta, errors)
     for step in range(STEPS):
-        components = variances(groups, errors.sizes, components, 2 if step == 0 else 1)
-        total = likelihood(groups, errors.sizes, components)
+        components = groups.variances(errors.sizes, components, 2 if step == 0 else 1)
+        total = groups.likelihood(errors.sizes, components)
         moved = _step(total, theta, deviation) * (FIRST if step < 2 else 1.0)
         new = np.clip(theta + moved, prior.low, prior.high)
         if np.abs(new - theta).max(initial=0.0) < CLOSE:
@@ -147,10 +141,10 @@ def fit(
         theta = new
         groups = _group(problem, theta, errors)
     # The evidence of two fits can be compared only where their variances have settled.
-    components = variances(groups, errors.sizes, components, ROUNDS)
-    secant_likelihood = likelihood(_group(problem, theta, errors, secants=True), errors.sizes, components)
+    components = groups.variances(errors.sizes, components, ROUNDS)
+    secants = _group(problem, theta, errors, secants=True).likelihood(errors.sizes, components)
     kinds = tuple(one.response.experiment.protocol for one in observations for _ in one.parts)
-    return Fit(theta, errors, without_variants(secant_likelihood, effects), groups, kinds, components)
+    return Fit(theta, errors, secants.without_variants(effects), groups, kinds, components)
 
 
 def _group(problem: Problem, theta: FloatArray, errors: Errors, secants: bool = False) -> Groups:

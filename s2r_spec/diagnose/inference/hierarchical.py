@@ -135,6 +135,77 @@ class Groups:
         """Return (G, D) the diagonal of T_g at (K,) θ."""
         return law_prior(variances, self.coherent, theta, self.gram.shape[1])
 
+    def variances(self, theta: FloatArray, start: Variances, rounds: int = 3) -> Variances:
+        """Return s_g² and τ_g² at the mode of their marginal posterior, after so many rounds of the fixed point."""
+        current, amounts = start, _amounts(self.gram.shape[1], theta.size)
+        for _ in range(rounds):
+            prior = self.law_prior(current, theta)
+            mean, covariance = self._law_errors(prior, current.noise)
+            determined = 1.0 - np.einsum("gii->gi", covariance) / prior
+            left = (
+                self.energy
+                - 2.0 * np.einsum("gi,gi->g", mean, self.moment)
+                + np.einsum("gi,gij,gj->g", mean, self.gram, mean)
+                + np.einsum("gij,gji->g", covariance, self.gram)
+            )
+            noise = (DEGREES + self.size * left) / (DEGREES + self.size)
+            own = current.law[:, None] * amounts / prior  # the part that does not grow with the size
+            energy = ((own * mean) ** 2 / amounts).sum(axis=1)
+            law = (DEGREES * LAW_ERROR**2 + energy) / (DEGREES + (own * determined).sum(axis=1))
+            last, current = current, Variances(noise, law)
+            if _constant(last.noise, noise) and _constant(last.law, law):
+                break
+        return current
+
+    def _law_errors(self, prior: FloatArray, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
+        columns = prior.shape[1]
+        weight = self.size / noise
+        precision = weight[:, None, None] * self.gram
+        precision[:, range(columns), range(columns)] += 1.0 / prior
+        covariance = np.linalg.inv(precision)
+        return np.einsum("gij,gj->gi", covariance, weight[:, None] * self.moment), np.asarray(covariance)
+
+    def disagreement(self, theta: FloatArray, variances: Variances) -> FloatArray:
+        """Return (K,) λ, by which groups disagree more about each parameter than by their law errors; at least 1."""
+        shape = self.law_prior(variances, theta)
+        scale = np.ones(shape.shape[1])
+        for _ in range(ROUNDS):
+            prior = shape * scale
+            mean, covariance = self._law_errors(prior, variances.noise)
+            determined = 1.0 - np.einsum("gii->gi", covariance) / prior
+            last = scale
+            scale = (DEGREES + (mean**2 / shape).sum(axis=0)) / (DEGREES + determined.sum(axis=0))
+            if _constant(last, scale):
+                break
+        return np.maximum(scale[: theta.size], 1.0)
+
+    def likelihood(self, theta: FloatArray, variances: Variances) -> Likelihood:
+        """Return the likelihood of (θ, φ) around θ from all groups, without the shared error."""
+        score = (self.size / variances.noise)[:, None] * self.moment
+        information, prior, damping = self._damped(theta, variances)
+        solved = np.linalg.solve(damping, np.concatenate([information, score[..., None]], axis=2))
+        total = solved[..., :-1].sum(axis=0)
+        # log N(r_g; 0, S_g + M_g T_g M_gᵀ), of N_g numbers; then the priors of both variances.
+        explained = np.einsum("gi,gi->g", score, prior * solved[..., -1])
+        fitted = self.size * (self.volume + np.log(variances.noise)) + np.linalg.slogdet(damping)[1]
+        fitted += self.size * self.energy / variances.noise - explained
+        value = -0.5 * float(fitted.sum())
+        for variance, scale in ((variances.noise, 1.0), (variances.law, LAW_ERROR**2)):
+            value -= 0.5 * DEGREES * float((np.log(variance / scale) + scale / variance).sum())
+        return Likelihood((total + total.T) / 2.0, np.asarray(solved[..., -1].sum(axis=0)), value)
+
+    def _damped(self, theta: FloatArray, variances: Variances) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return (G, D, D) I_g, (G, D) the diagonal of T_g, and (G, D, D) 1 + I_g T_g."""
+        information = (self.size / variances.noise)[:, None, None] * self.gram
+        prior = self.law_prior(variances, theta)
+        return information, prior, np.eye(prior.shape[1]) + information * prior[:, None, :]
+
+    def information(self, theta: FloatArray, variances: Variances) -> FloatArray:
+        """Return (G, K, K) every group's information about θ."""
+        information, _, damping = self._damped(theta, variances)
+        own = np.linalg.solve(damping, information)[:, : theta.size, : theta.size]
+        return np.asarray((own + own.transpose(0, 2, 1)) / 2.0)
+
 
 @dataclass(frozen=True)
 class Variances:
@@ -160,6 +231,50 @@ class Likelihood:
     score: FloatArray
     value: float = 0.0
 
+    def with_form_error(self, form: FloatArray) -> Likelihood:
+        """Return the likelihood with (K, K) Q added to the covariance of its score.
+
+        Where two effects have the same response, J is singular: all is computed in the space that it spans.
+        """
+        values, vectors = np.linalg.eigh(self.information)
+        spanned = values > TINY * max(values.max(initial=0.0), TINY)
+        root, vectors = np.sqrt(values[spanned]), vectors[:, spanned]
+        inside = (vectors / root).T @ form @ (vectors / root)
+        total, score = np.eye(root.size) + inside, (vectors.T @ self.score) / root
+        solved = np.linalg.solve(total, np.column_stack([(vectors * root).T, score]))
+        # The last two terms are log N(h; 0, J + Q) − log N(h; 0, J).
+        value = (
+            self.value
+            + 0.5 * float(score @ inside @ solved[:, -1])
+            - 0.5 * float(np.linalg.slogdet(total)[1])
+        )
+        information = (vectors * root) @ solved[:, :-1]
+        return Likelihood((information + information.T) / 2.0, (vectors * root) @ solved[:, -1], value)
+
+    def without_variants(self, effects: int) -> Likelihood:
+        """Return the likelihood of θ alone: φ is integrated out."""
+        score, value = self.score, self.value
+        (a, b), (_, c) = (np.split(rows, [effects], axis=1) for rows in np.split(self.information, [effects]))
+        if c.size:
+            precision = c + np.eye(len(c))
+            solved = np.linalg.solve(precision, np.column_stack([b.T, score[effects:]]))
+            value += 0.5 * float(score[effects:] @ solved[:, -1]) - 0.5 * float(
+                np.linalg.slogdet(precision)[1]
+            )
+            a, score = a - b @ solved[:, :-1], score[:effects] - b @ solved[:, -1]
+        return Likelihood(a, score, value)
+
+    def with_shared_error(self, shared: FloatArray) -> Likelihood:
+        """Return the likelihood of θ with (K,) the shared error added to its covariance."""
+        # (A⁻¹ + diag(shared))⁻¹ without an inverse of A, which need not exist.
+        a, score, value = self.information, self.score, self.value
+        damping = np.eye(shared.size) + a * shared
+        solved = np.linalg.solve(damping, np.column_stack([a, score]))
+        value += 0.5 * float(score @ (shared * solved[:, -1])) - 0.5 * float(np.linalg.slogdet(damping)[1])
+        return Likelihood(
+            np.asarray((solved[:, :-1] + solved[:, :-1].T) / 2.0), np.asarray(solved[:, -1]), value
+        )
+
 
 def law_prior(variances: Variances, coherent: FloatArray, theta: FloatArray, columns: int) -> FloatArray:
     """Return (G, D) the diagonal of T_g for (G,) ρ_g and (K,) θ."""
@@ -172,92 +287,13 @@ def _amounts(columns: int, effects: int) -> FloatArray:
     return np.where(np.arange(columns) < effects, 1.0, VARIANT**2)
 
 
-def _law_errors(groups: Groups, prior: FloatArray, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
-    columns = prior.shape[1]
-    weight = groups.size / noise
-    precision = weight[:, None, None] * groups.gram
-    precision[:, range(columns), range(columns)] += 1.0 / prior
-    covariance = np.linalg.inv(precision)
-    return np.einsum("gij,gj->gi", covariance, weight[:, None] * groups.moment), np.asarray(covariance)
-
-
-def variances(groups: Groups, theta: FloatArray, start: Variances, rounds: int = 3) -> Variances:
-    """Return s_g² and τ_g² at the mode of their marginal posterior, after so many rounds of the fixed point."""
-    current, amounts = start, _amounts(groups.gram.shape[1], theta.size)
-    for _ in range(rounds):
-        prior = groups.law_prior(current, theta)
-        mean, covariance = _law_errors(groups, prior, current.noise)
-        determined = 1.0 - np.einsum("gii->gi", covariance) / prior
-        left = (
-            groups.energy
-            - 2.0 * np.einsum("gi,gi->g", mean, groups.moment)
-            + np.einsum("gi,gij,gj->g", mean, groups.gram, mean)
-            + np.einsum("gij,gji->g", covariance, groups.gram)
-        )
-        noise = (DEGREES + groups.size * left) / (DEGREES + groups.size)
-        own = current.law[:, None] * amounts / prior  # the part that does not grow with the size
-        energy = ((own * mean) ** 2 / amounts).sum(axis=1)
-        law = (DEGREES * LAW_ERROR**2 + energy) / (DEGREES + (own * determined).sum(axis=1))
-        last, current = current, Variances(noise, law)
-        if _constant(last.noise, noise) and _constant(last.law, law):
-            break
-    return current
-
-
 def _constant(before: FloatArray, after: FloatArray) -> bool:
     return bool((np.abs(after - before) <= CONSTANT * before).all())
-
-
-def disagreement(groups: Groups, theta: FloatArray, variances: Variances) -> FloatArray:
-    """Return (K,) λ, by which groups disagree more about each parameter than by their own law errors; at least 1."""
-    shape = groups.law_prior(variances, theta)
-    scale = np.ones(shape.shape[1])
-    for _ in range(ROUNDS):
-        prior = shape * scale
-        mean, covariance = _law_errors(groups, prior, variances.noise)
-        determined = 1.0 - np.einsum("gii->gi", covariance) / prior
-        last = scale
-        scale = (DEGREES + (mean**2 / shape).sum(axis=0)) / (DEGREES + determined.sum(axis=0))
-        if _constant(last, scale):
-            break
-    return np.maximum(scale[: theta.size], 1.0)
-
-
-def likelihood(groups: Groups, theta: FloatArray, variances: Variances) -> Likelihood:
-    """Return the likelihood of (θ, φ) around θ from all groups, without the shared error."""
-    score = (groups.size / variances.noise)[:, None] * groups.moment
-    information, prior, damping = _damped(groups, theta, variances)
-    solved = np.linalg.solve(damping, np.concatenate([information, score[..., None]], axis=2))
-    total = solved[..., :-1].sum(axis=0)
-    # log N(r_g; 0, S_g + M_g T_g M_gᵀ), of N_g numbers; then the priors of both variances.
-    explained = np.einsum("gi,gi->g", score, prior * solved[..., -1])
-    fitted = groups.size * (groups.volume + np.log(variances.noise)) + np.linalg.slogdet(damping)[1]
-    fitted += groups.size * groups.energy / variances.noise - explained
-    value = -0.5 * float(fitted.sum())
-    for variance, scale in ((variances.noise, 1.0), (variances.law, LAW_ERROR**2)):
-        value -= 0.5 * DEGREES * float((np.log(variance / scale) + scale / variance).sum())
-    return Likelihood((total + total.T) / 2.0, np.asarray(solved[..., -1].sum(axis=0)), value)
-
-
-def _damped(
-    groups: Groups, theta: FloatArray, variances: Variances
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return (G, D, D) I_g, (G, D) the diagonal of T_g, and (G, D, D) 1 + I_g T_g."""
-    information = (groups.size / variances.noise)[:, None, None] * groups.gram
-    prior = groups.law_prior(variances, theta)
-    return information, prior, np.eye(prior.shape[1]) + information * prior[:, None, :]
 
 
 def shared_error(theta: FloatArray, scale: FloatArray) -> FloatArray:
     """Return (K,) the variance of the error of size that all groups share, with (K,) λ."""
     return np.asarray(SHARED**2 + (LAW_SHARE * theta) ** 2 + LAW_ERROR**2 * (scale - 1.0))
-
-
-def information_by_group(groups: Groups, theta: FloatArray, variances: Variances) -> FloatArray:
-    """Return (G, K, K) every group's information about θ."""
-    information, _, damping = _damped(groups, theta, variances)
-    own = np.linalg.solve(damping, information)[:, : theta.size, : theta.size]
-    return np.asarray((own + own.transpose(0, 2, 1)) / 2.0)
 
 
 def form_error(
@@ -304,48 +340,3 @@ def information_left(
         form += float(((errors * overlap) ** 2).sum())
     total = float(apart.sum())
     return total / (total + form) if total > 0.0 else 1.0
-
-
-def with_form_error(likelihood: Likelihood, form: FloatArray) -> Likelihood:
-    """Return the likelihood with (K, K) Q added to the covariance of its score.
-
-    Where two effects have the same response, J is singular: all is computed in the space that it spans.
-    """
-    values, vectors = np.linalg.eigh(likelihood.information)
-    spanned = values > TINY * max(values.max(initial=0.0), TINY)
-    root, vectors = np.sqrt(values[spanned]), vectors[:, spanned]
-    inside = (vectors / root).T @ form @ (vectors / root)
-    total, score = np.eye(root.size) + inside, (vectors.T @ likelihood.score) / root
-    solved = np.linalg.solve(total, np.column_stack([(vectors * root).T, score]))
-    # The last two terms are log N(h; 0, J + Q) − log N(h; 0, J).
-    value = (
-        likelihood.value
-        + 0.5 * float(score @ inside @ solved[:, -1])
-        - 0.5 * float(np.linalg.slogdet(total)[1])
-    )
-    information = (vectors * root) @ solved[:, :-1]
-    return Likelihood((information + information.T) / 2.0, (vectors * root) @ solved[:, -1], value)
-
-
-def without_variants(likelihood: Likelihood, effects: int) -> Likelihood:
-    """Return the likelihood of θ alone: φ is integrated out."""
-    score, value = likelihood.score, likelihood.value
-    (a, b), (_, c) = (
-        np.split(rows, [effects], axis=1) for rows in np.split(likelihood.information, [effects])
-    )
-    if c.size:
-        precision = c + np.eye(len(c))
-        solved = np.linalg.solve(precision, np.column_stack([b.T, score[effects:]]))
-        value += 0.5 * float(score[effects:] @ solved[:, -1]) - 0.5 * float(np.linalg.slogdet(precision)[1])
-        a, score = a - b @ solved[:, :-1], score[:effects] - b @ solved[:, -1]
-    return Likelihood(a, score, value)
-
-
-def with_shared_error(likelihood: Likelihood, shared: FloatArray) -> Likelihood:
-    """Return the likelihood of θ with (K,) the shared error added to its covariance."""
-    # (A⁻¹ + diag(shared))⁻¹ without an inverse of A, which need not exist.
-    a, score, value = likelihood.information, likelihood.score, likelihood.value
-    damping = np.eye(shared.size) + a * shared
-    solved = np.linalg.solve(damping, np.column_stack([a, score]))
-    value += 0.5 * float(score @ (shared * solved[:, -1])) - 0.5 * float(np.linalg.slogdet(damping)[1])
-    return Likelihood(np.asarray((solved[:, :-1] + solved[:, :-1].T) / 2.0), np.asarray(solved[:, -1]), value)
