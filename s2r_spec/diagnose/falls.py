@@ -1,8 +1,7 @@
 """Why real rollouts ended early: which effects alone end the simulator early at these tests, and not at others.
 
-The least of an effect that ends the simulator early at all tests that are asked about is found by halving the way from
-nominal to the end of its range, because the least does so at the fewest other tests. That more of an effect ends what
-less of it ends is taken for granted.
+The least of an effect that ends it at all of these tests does so at the fewest others. It is found by halving the way
+from nominal to the end of its range, as if more of an effect ended what less of it ends.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from s2r_spec.diagnose.gap import SHOTS
 from s2r_spec.diagnose.gap.nominal import Nominal
 from s2r_spec.diagnose.simulator.axes import EffectAxis
-from s2r_spec.diagnose.simulator.bench import Bench, Test, evenly, places_of, table
+from s2r_spec.diagnose.simulator.bench import Bench, Test, TestRun, evenly, places_of, table
 from s2r_spec.trace import Trace
 from s2r_spec.trace.trace import FloatArray
 
@@ -25,8 +24,6 @@ HALVINGS = 6
 """Budget: halvings of the way from nominal to the end of a range."""
 SHOWN = 3
 """Definition: effects that a sentence names; it counts the others."""
-
-Rollouts = Sequence[tuple[Test, Trace]]
 
 
 class Culprit(NamedTuple):
@@ -66,7 +63,9 @@ class Falls:
         )
 
 
-def falls(bench: Bench, axes: Sequence[EffectAxis], rollouts: Rollouts, nominal: Nominal) -> Falls | None:
+def falls(
+    bench: Bench, axes: Sequence[EffectAxis], rollouts: Sequence[TestRun], nominal: Nominal
+) -> Falls | None:
     """Ask every effect of the catalogue; None where no real rollout ended early, or all did.
 
     At most :data:`~.gap.SHOTS` tests at which real rollouts ended early are asked about, and twice as many others. An
@@ -106,12 +105,12 @@ def falls(bench: Bench, axes: Sequence[EffectAxis], rollouts: Rollouts, nominal:
     return Falls(False, tuple(sorted(culprits, key=lambda each: abs(each.coordinate))), len(stood))
 
 
-def falls_alone(rollouts: Rollouts, nominal: Nominal) -> list[Test]:
+def falls_alone(rollouts: Sequence[TestRun], nominal: Nominal) -> list[Test]:
     """Return the tests at which the simulator, with nothing added, ends early, and no real rollout does."""
     return [test for test in _by_end(rollouts)[1] if nominal.ends(test)]
 
 
-def _by_end(rollouts: Rollouts) -> tuple[list[Test], list[Test]]:
+def _by_end(rollouts: Sequence[TestRun]) -> tuple[list[Test], list[Test]]:
     ends: tuple[list[Test], list[Test]] = [], []
     for key, own in places_of([test for test, _ in rollouts]).items():
         ends[all(rollouts[n][1].failure is None for n in own)].append(dict(key))

@@ -12,13 +12,13 @@ from s2r_spec.diagnose.data.rollouts import CUT, READ_AT
 from s2r_spec.diagnose.data.split import ENOUGH, TrainHeldOut
 from s2r_spec.diagnose.falls import Falls
 from s2r_spec.diagnose.quality.finding import Finding
-from s2r_spec.diagnose.simulator.bench import Bench, Test, places_of
+from s2r_spec.diagnose.simulator.bench import Bench, Test, TestRun, places_of
 from s2r_spec.trace import SHOWN, Trace
 
 
 def notes(
     bench: Bench,
-    rollouts: Sequence[tuple[Test, Trace]],
+    rollouts: Sequence[TestRun],
     parts: TrainHeldOut,
     idle: Sequence[str] = (),
     why: Falls | None = None,
@@ -78,7 +78,7 @@ def notes(
     return tuple(sentences)
 
 
-def _early_notes(rollouts: Sequence[tuple[Test, Trace]], left_out: bool, why: Falls | None) -> Iterator[str]:
+def _early_notes(rollouts: Sequence[TestRun], left_out: bool, why: Falls | None) -> Iterator[str]:
     fell = [trace.failure is not None for _, trace in rollouts]
     if not any(fell):
         return
@@ -132,7 +132,7 @@ def _some(names: Sequence[str]) -> str:
     return f"{', '.join(names[:SHOWN])}{more}"
 
 
-def _without_residuals(bench: Bench, rollouts: Sequence[tuple[Test, Trace]]) -> list[str]:
+def _without_residuals(bench: Bench, rollouts: Sequence[TestRun]) -> list[str]:
     if not isinstance(bench.backend, HasResiduals):
         return []
     why = ""

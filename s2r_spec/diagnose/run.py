@@ -57,7 +57,7 @@ from s2r_spec.diagnose.notes import notes
 from s2r_spec.diagnose.quality import findings
 from s2r_spec.diagnose.residuals.left import remainders
 from s2r_spec.diagnose.simulator.axes import Values
-from s2r_spec.diagnose.simulator.bench import Bench, Test, refuse_machine, travels
+from s2r_spec.diagnose.simulator.bench import Bench, TestRun, refuse_machine, travels
 from s2r_spec.diagnose.simulator.cache import Cache
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import library, most_rollouts
@@ -384,7 +384,7 @@ def _idle(responses: ResponseLibrary) -> list[str]:
     return [effect for effect in effects if effect not in acting]
 
 
-def _locate(work: _Work, rollouts: Sequence[tuple[Test, Trace]], improved: Values) -> Where:
+def _locate(work: _Work, rollouts: Sequence[TestRun], improved: Values) -> Where:
     bench, real, simulated = work.bench, [], []
     for number, (test, trace) in enumerate(rollouts):
         other = bench.run({}, test, rollout_seed(work.seed, number, 0, SeedStream.CHECK))

@@ -1,8 +1,7 @@
 """What a diagnosis will cost, known before its first rollout.
 
-The number of rollouts on the machine is a largest one: a campaign ends earlier when nothing is open. The simulator's is
-that of the library of responses, also a largest one; the fits after it run as many more as they need. Times are sums
-of the costs that backends and protocols declare [s].
+Numbers of rollouts are largest ones: a campaign ends earlier when nothing is open. The simulator's are those of the
+library; the fits after it run as many more as they need. Times are sums of declared costs [s].
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from s2r_spec.backend import Backend, HasRecordings, Recording
 from s2r_spec.backend.protocols import PROTOCOL, protocol_of
 from s2r_spec.base.errors import SamplingError, TraceError, UsageError
 from s2r_spec.diagnose.data.protocols import canonical
-from s2r_spec.diagnose.simulator.bench import Bench, name_rollout
+from s2r_spec.diagnose.simulator.bench import Bench, TestRun, name_rollout
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.lang.conversion import Conversion
 from s2r_spec.lang.units import UnknownUnitError, parse_unit, unit_in_log
@@ -28,7 +28,6 @@ from s2r_spec.trace import Trace
 from s2r_spec.trace.samples import Rule, period_of
 
 Rollouts = Iterable[tuple[Mapping[str, float], Trace]]
-TestRun = tuple[dict[str, float], Trace]
 
 CUT = "cut at"
 """In the metadata of a recording of which only the begin is used: until when [s]."""

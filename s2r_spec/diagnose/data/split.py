@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from s2r_spec.diagnose.data.rollouts import FEWEST, RealRollouts, TestRun
+from s2r_spec.diagnose.data.rollouts import FEWEST, RealRollouts
+from s2r_spec.diagnose.simulator.bench import TestRun
 from s2r_spec.space import key_of
 
 LEAST = 3

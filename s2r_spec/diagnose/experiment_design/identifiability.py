@@ -14,8 +14,7 @@ runs less that of n. Estimator:
     D²_ij = δᵀ B_p (1 + Σ B_p)⁻¹ δ,   δ = E(ψ | i) − E(ψ | j),   Σ = mean of both posterior covariances of ψ
 
 A run *settles* a possible effect if it separates the most probable sets with and without it by at least 3 σ, and the
-size is then surely below a quarter of typical, or surely above an eighth. A possible effect that no run settles cannot
-be told from what the other set has in its place.
+size is then surely below a quarter of typical, or surely above an eighth.
 
 Units: θ, ψ in typical sizes, D in standard deviations per run. Shapes: K parameters, S sets.
 Source: Atkinson, Donev & Tobias, *Optimum Experimental Designs* (2007), ch. 20.

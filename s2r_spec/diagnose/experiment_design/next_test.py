@@ -5,8 +5,7 @@ run says most about the set. Criterion, by the distances D_ij of :mod:`.identifi
 
     Σ_{i<j} p_i p_j min(D²_ij, 25) / cost          (Box & Hill, without their term for the sizes)
 
-A design that is chosen under a wrong model gets stuck, so a campaign runs a screen of all experiments before. Nothing
-is simulated: responses of several effects add up, as in the estimate.
+A design that is chosen under a wrong model gets stuck, so a campaign runs a screen of all experiments before.
 
 Units: D in standard deviations per run, cost in seconds, entropy in bits.
 Source: Box & Hill, *Technometrics* 9 (1967) 57.

@@ -31,14 +31,11 @@ from s2r_spec.diagnose.gap.materiality import mean_difference
 from s2r_spec.diagnose.gap.nominal import Nominal
 from s2r_spec.diagnose.inference.prior import BACKGROUND
 from s2r_spec.diagnose.simulator.axes import Values, effect_axes
-from s2r_spec.diagnose.simulator.bench import Bench, Test, places_of, table
+from s2r_spec.diagnose.simulator.bench import Bench, Test, TestRun, places_of, table
 from s2r_spec.diagnose.simulator.response import values_at
 from s2r_spec.runs.seeds import SeedStream
 from s2r_spec.space import key_of
-from s2r_spec.trace import Trace
 from s2r_spec.trace.trace import FloatArray
-
-Runs = Sequence[tuple[Test, Trace]]
 
 GONE = 0.8
 """Level: part of a material gap from which on it is closed. A gap has a share if it exceeds the floor by the rest, a
@@ -209,7 +206,12 @@ class HeldOutGap(Shown):
 
 
 def held_out_gap(
-    bench: Bench, held: Runs, seen: Runs, patch: Values, tuned: Values, nominal: Nominal
+    bench: Bench,
+    held: Sequence[TestRun],
+    seen: Sequence[TestRun],
+    patch: Values,
+    tuned: Values,
+    nominal: Nominal,
 ) -> HeldOutGap | None:
     """Measure the gap at the held-out tests before and after; None where none was held out.
 

@@ -44,10 +44,9 @@ from s2r_spec.base.errors import UsageError
 from s2r_spec.base.json_values import Count, Probability, Shown
 from s2r_spec.diagnose.gap import LEVEL, ROUNDING
 from s2r_spec.diagnose.gap.nominal import Nominal
-from s2r_spec.diagnose.simulator.bench import Bench, Test, places_of, rho_and_end
+from s2r_spec.diagnose.simulator.bench import Bench, TestRun, places_of, rho_and_end
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.constants import constant
-from s2r_spec.trace import Trace
 from s2r_spec.trace.trace import FloatArray
 
 HALF = 0.5
@@ -189,9 +188,7 @@ class Materiality(Shown):
         return max(self.places or self.tests, key=lambda at: abs(at.gap), default=None)
 
 
-def compared_at_all_tests(
-    bench: Bench, rollouts: Sequence[tuple[Test, Trace]], nominal: Nominal
-) -> Materiality:
+def compared_at_all_tests(bench: Bench, rollouts: Sequence[TestRun], nominal: Nominal) -> Materiality:
     """Return whether the gap matters at any test of the real rollouts, also of those that ended early.
 
     Raises:

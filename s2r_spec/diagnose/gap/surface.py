@@ -4,9 +4,8 @@ Data: Δρ (n,) at the tests that were run, with standard errors from replicates
 every test x. Model: g is a constant plus a process with a Matérn-5/2 covariance, whose size and length scales have
 log-normal priors; or the prediction of an improved simulator plus such a process. Both models have a weight in
 proportion to their evidence. Estimator: functions that are sampled from the posterior, for draws of size and length
-scales that are weighted with the marginal likelihood. With ten tests, one best length scale would give too narrow a
-band. The expected size E|Δρ| follows from g and the scatter, as the mean of a folded normal distribution. The worst
-test, the band and the tests above the tolerance are statistics of the sampled functions.
+scales that are weighted with the marginal likelihood: with ten tests, one best length scale would give too narrow a
+band. E|Δρ| follows from g and the scatter, as the mean of a folded normal distribution.
 
 Units: those of ρ; places in the unit cube. Shapes: n tests, m places of a grid over the space, DRAWS functions. Source:
 Rasmussen and Williams, *Gaussian Processes for Machine Learning*, 2006, eqs 2.25, 2.26, 2.30 and §5.2.

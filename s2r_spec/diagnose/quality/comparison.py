@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from s2r_spec.diagnose.data.space_filling import TESTS
-from s2r_spec.diagnose.quality.recordings import Rollout, as_columns
+from s2r_spec.diagnose.quality.recordings import as_columns
 from s2r_spec.diagnose.simulator.axes import EffectAxis, Values
-from s2r_spec.diagnose.simulator.bench import Bench, Job, Test, evenly, places_of, run_jobs
+from s2r_spec.diagnose.simulator.bench import Bench, Job, Test, TestRun, evenly, places_of, run_jobs
 from s2r_spec.trace import Trace
 from s2r_spec.trace.samples import period_of
 from s2r_spec.trace.trace import FloatArray
@@ -193,7 +193,7 @@ def columns_of(
 
 
 def compare(
-    bench: Bench, rollouts: Sequence[Rollout], axes: Sequence[EffectAxis] = (), without: Sequence[str] = ()
+    bench: Bench, rollouts: Sequence[TestRun], axes: Sequence[EffectAxis] = (), without: Sequence[str] = ()
 ) -> Comparison | None:
     """Simulate at tests of the recordings, and return both, ``without`` some channels.
 

@@ -11,9 +11,9 @@ from s2r_spec.diagnose.quality.faults import Fault, Undone, faults
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.quality.labels import labels
 from s2r_spec.diagnose.quality.machine import nearest_machine
-from s2r_spec.diagnose.quality.recordings import Recordings, Rollout
+from s2r_spec.diagnose.quality.recordings import Recordings
 from s2r_spec.diagnose.simulator.axes import EffectAxis
-from s2r_spec.diagnose.simulator.bench import Bench
+from s2r_spec.diagnose.simulator.bench import Bench, TestRun
 from s2r_spec.diagnose.simulator.library import CAUSES
 from s2r_spec.trace.trace import FloatArray
 
@@ -53,7 +53,7 @@ class _Judged:
 
 
 def findings(
-    bench: Bench, rollouts: Sequence[Rollout], axes: Sequence[EffectAxis] = ()
+    bench: Bench, rollouts: Sequence[TestRun], axes: Sequence[EffectAxis] = ()
 ) -> tuple[Finding, ...]:
     """Return the mistakes that the recordings, in the order of their table, seem to have."""
     of = Recordings(bench, rollouts)
@@ -64,7 +64,7 @@ def findings(
     return (*held, *suspects, *first)
 
 
-def find_suspects(bench: Bench, c: Comparison, rollouts: Sequence[Rollout]) -> list[Finding]:
+def find_suspects(bench: Bench, c: Comparison, rollouts: Sequence[TestRun]) -> list[Finding]:
     """Return the mistakes that explain what no machine does, or as much as the best machine; one of each code."""
     if c.misfit(c.recorded, effects=False) < c.usual:
         return []  # as the nominal simulator's: there is nothing to explain

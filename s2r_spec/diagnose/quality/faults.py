@@ -1,11 +1,9 @@
 """The family of mistakes that all channels together tell: transformations of the recordings, each undone.
 
 A mistake has a size x and a group G of m channels, or of recordings, that share it. Undone, the discrepancy is a sum of
-parts with weights W (1 + m, parts):
+parts with weights W (1 + m, parts), so that Q of every group follows from the products of the parts:
 
     r(x, G) = Σ_p (W_0p(x) + Σ_G W_jp(x)) r_p
-
-so that Q of every group, and of every size where the parts are fixed, follows from the products of the parts.
 """
 
 from __future__ import annotations

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from s2r_spec.diagnose.quality.comparison import SEEDS, Comparison, affordable
 from s2r_spec.diagnose.quality.faults import ChannelGroup, Fault, Undone, search
 from s2r_spec.diagnose.quality.finding import Finding
-from s2r_spec.diagnose.quality.recordings import Rollout
-from s2r_spec.diagnose.simulator.bench import Bench, Test
+from s2r_spec.diagnose.simulator.bench import Bench, Test, TestRun
 from s2r_spec.space import key_of
 
 Which = NDArray[np.bool_]
@@ -34,7 +33,7 @@ class _Other:
     """(n,) whether there is such a test; the row after the last one is in no table."""
 
 
-def labels(bench: Bench, c: Comparison, rollouts: Sequence[Rollout]) -> list[Fault]:
+def labels(bench: Bench, c: Comparison, rollouts: Sequence[TestRun]) -> list[Fault]:
     """Run the simulator at other tests, and return what explains most of each kind of wrong label."""
     others = [one for one in _other_tests(bench, c, rollouts) if _able(bench, one.tests)]
     means = {key_of(test): mean for test, mean in zip(c.tests, c.nominal, strict=True)}
@@ -59,7 +58,7 @@ def labels(bench: Bench, c: Comparison, rollouts: Sequence[Rollout]) -> list[Fau
     return faults
 
 
-def _other_tests(bench: Bench, c: Comparison, rollouts: Sequence[Rollout]) -> Iterable[_Other]:
+def _other_tests(bench: Bench, c: Comparison, rollouts: Sequence[TestRun]) -> Iterable[_Other]:
     rows, n = [test for test, _ in rollouts], len(c.traces)
     places = [next(k for k, (_, trace) in enumerate(rollouts) if trace is mine) for mine in c.traces]
     for step, words, end in ((1, "the next one", len(rows) - 1), (-1, "the one before", 0)):

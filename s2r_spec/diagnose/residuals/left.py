@@ -34,7 +34,16 @@ from s2r_spec.base.printable import spell_unit
 from s2r_spec.diagnose.gap import FEWEST, LEVEL, SHOTS
 from s2r_spec.diagnose.residuals.cells import CELLS, Cell, CellColumn, Cells, part_names, path, widths_of
 from s2r_spec.diagnose.simulator.axes import EffectAxis, Values
-from s2r_spec.diagnose.simulator.bench import Bench, Job, Test, evenly, places_of, run_jobs, with_seeds
+from s2r_spec.diagnose.simulator.bench import (
+    Bench,
+    Job,
+    Test,
+    TestRun,
+    evenly,
+    places_of,
+    run_jobs,
+    with_seeds,
+)
 from s2r_spec.diagnose.simulator.experiments import RESIDUAL
 from s2r_spec.runs.seeds import SeedStream
 from s2r_spec.space import key_of
@@ -125,7 +134,7 @@ class Remainder(Shown):
 def remainders(
     bench: Bench,
     axes: Sequence[EffectAxis],
-    rollouts: Sequence[tuple[Test, Trace]],
+    rollouts: Sequence[TestRun],
     improved: Values,
     seed: int = 0,
     named: Values | None = None,
@@ -284,7 +293,7 @@ def begin(surplus: FloatArray, windows: int = CELLS) -> FloatArray:
     return out
 
 
-def label(bench: Bench, nominal: tuple[Test, Trace], column: CellColumn, width: int) -> str:
+def label(bench: Bench, nominal: TestRun, column: CellColumn, width: int) -> str:
     """Return the name of a column of so many: "" of one, else what the backend calls it, or its number."""
     if column.residual and isinstance(bench.backend, HasResiduals):
         test, trace = nominal

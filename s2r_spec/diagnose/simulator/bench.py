@@ -28,6 +28,7 @@ from s2r_spec.trace.trace import FloatArray
 from s2r_spec.workers.pools import ExecutorFactory
 
 Test = Mapping[str, float]
+TestRun = tuple[Test, Trace]
 Progress = Callable[[int, int], None]
 """Called with how many jobs are done, and of how many."""
 

@@ -1,7 +1,7 @@
-"""What is computed once and kept on disk: arrays and JSON in an NPZ file, read as data and made again if damaged.
+"""What is computed once and kept on disk: arrays and JSON in an NPZ file.
 
-A cache file may be cut, of another version or somebody else's: whatever it holds, reading it runs nothing, and where
-it cannot be read it is made again, with a sentence that names it.
+A file may be cut, of another version or somebody else's: reading it runs nothing, and where it cannot be read it is
+made again, with a sentence that names it.
 """
 
 from __future__ import annotations

@@ -10,8 +10,7 @@ flag f (a channel of 0 and 1, such as stance) or another quantity s of the same 
     flag         means of x where f = 1, and where f = 0       phases of a gait
     product      means of x s, x sign(s) and x ds/dt, of a residual x: what its force law looks like
 
-Every observable of one quantity and one kind of statistic is in one *group*. A trace that ended early, or that lacks
-a channel, has NaN for what it cannot show.
+Those of one quantity and one kind of statistic are a *group*. What a trace cannot show is NaN.
 
 Units: quantities are in units of their scale, which is their rms over the nominal traces. Of a residual, and of a
 difference, which nearly vanish in a nominal trace, it is at least 5 % of the scatter of a channel of the same unit.

@@ -1,9 +1,8 @@
 """What the simulator does in every experiment: without effects, with each of them, and with several.
 
-Of an experiment there are the nominal mean (m,), the scatter (m,) of one run, and the response to every parameter at a
-few coordinates, with its scatter from run to run. A response is a difference of runs with equal seeds. There is also
-the response to every variant of the simulator. *Practice machines* are the simulator with random sizes of all effects
-and a random variant. Their runs show how well the sum of responses predicts a machine.
+A response is a difference of runs with equal seeds: to every parameter at a few coordinates, and to every variant of
+the simulator. *Practice machines* are the simulator with random sizes of all effects and a random variant. Their runs
+show how well the sum of responses predicts a machine.
 
 A parameter that does nothing while the rest of its effect is nominal, such as the place of a payload, is *dependent*:
 its response was simulated with the first parameter of the effect at its typical size, and grows in proportion to it.
