@@ -72,7 +72,11 @@ class Bench:
         """Return the backend with these effects; the same one for none."""
         if not values:
             return self.backend
-        assert isinstance(self.backend, HasEffects)
+        if not isinstance(self.backend, HasEffects):
+            raise UsageError(
+                f"the backend {self.backend.name!r} declares no effects, so no cause can be found; see "
+                f"{page('how-to/effects')}"
+            )
         patched: Backend = self.backend.with_effects(values)
         return patched
 
