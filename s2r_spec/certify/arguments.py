@@ -35,11 +35,7 @@ def as_spec(spec: Any) -> Spec:
 
 
 def options_from(kind: Callable[..., _Options], keywords: Mapping[str, Any]) -> _Options:
-    """Return the options of a run from keywords.
-
-    Args:
-        kind: a dataclass.
-        keywords: some of its fields.
+    """Return the options of a run, a dataclass, from keywords, some of its fields.
 
     Raises:
         UsageError: a keyword is not one of its fields, or one without a default is missing.
@@ -108,11 +104,6 @@ def as_rollouts(real: Any) -> Any:
 def run_folder(folder: Any, name: str, options: Execution) -> Iterator[Path]:
     """Give the folder of a run; for None a new one in ``s2r-runs``, which goes again if nothing was written into it.
 
-    Args:
-        folder: the folder, or None.
-        name: what is run, for the name of a new folder.
-        options: its options.
-
     Raises:
         UsageError: it is not a path, or a run is resumed whose folder is not given.
     """
@@ -141,14 +132,10 @@ def as_folder(folder: Any) -> Path:
 
 
 def require_begun(places: list[Path], run: Path) -> None:
-    """Refuse to resume a run that was never begun.
-
-    Args:
-        places: folders that could hold its journals.
-        run: the folder of the run.
+    """Refuse to resume a run that was never begun: none of the places has a journal.
 
     Raises:
-        UsageError: none of them holds one.
+        UsageError: it was never begun.
     """
     if not any(map(Journal.exists, places)):
         looked = ", ".join(map(str, places))

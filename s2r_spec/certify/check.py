@@ -15,7 +15,8 @@ from s2r_spec.base.errors import UsageError
 from s2r_spec.certify.arguments import as_backend, as_spec, name_of, options_from, require_begun, run_folder
 from s2r_spec.certify.from_spec import only_requirement, search_for
 from s2r_spec.certify.options import RunKeywords, RunOptions
-from s2r_spec.certify.result.check_result import CheckResult, conclude, of_recordings, rho_unit
+from s2r_spec.certify.result.check_result import CheckResult, conclude
+from s2r_spec.certify.result.search_result import rho_unit
 from s2r_spec.certify.result.voids import machine_fields
 from s2r_spec.certify.resumed_options import refuse_rule, with_rule, with_seed
 from s2r_spec.certify.search.experiments import Rollouts, run_search
@@ -108,8 +109,7 @@ def check_with(
             runner_for(pool, scorer.backend, journal, options.terms, search.budget) as runner,
         ):
             run_search(search, Rollouts(scorer, options.fixed_seed, journal, runner), options.watching)
-    result = conclude(spec, requirement, scorer.fall, search, journal, provenance)
-    return result if design is None else of_recordings(result, design.notes, search)
+    return conclude(spec, search, journal, provenance)
 
 
 def _design(search: Search, spec: Spec, requirement: str, scorer: Scorer) -> Design | None:

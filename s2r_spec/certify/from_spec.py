@@ -8,20 +8,14 @@ from s2r_spec.base.errors import UsageError, one_of
 from s2r_spec.certify.bound.kernels import Kernel
 from s2r_spec.certify.bound.settings import SearchSettings
 from s2r_spec.certify.options import RunOptions
-from s2r_spec.certify.result.check_result import rho_unit
+from s2r_spec.certify.result.search_result import rho_unit
 from s2r_spec.certify.search.search import Search
 from s2r_spec.runs.stop_rule import EPSILON
 from s2r_spec.spec import CertifySettings, Spec
 
 
 def search_for(spec: Spec, requirement: str, options: RunOptions, noise: float = 1.0) -> Search:
-    """Return the search that a requirement's certify line declares.
-
-    Args:
-        spec: a specification with a test space and a certify line.
-        requirement: the name of the requirement.
-        options: the seed, the budget, the stopping rule, the mode and the engine.
-        noise: factor on the declared R (dimensionless).
+    """Return the search that a requirement's certify line declares; ``noise`` is a factor on the declared R.
 
     Raises:
         UsageError: the requirement is unknown, or its certify line lacks a setting.

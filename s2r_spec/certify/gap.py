@@ -19,8 +19,8 @@ from s2r_spec.certify.arguments import as_backend, as_spec, name_of, options_fro
 from s2r_spec.certify.bound.settings import SearchSettings
 from s2r_spec.certify.from_spec import only_requirement, search_for
 from s2r_spec.certify.options import RunKeywords, RunOptions
-from s2r_spec.certify.result.check_result import rho_unit
 from s2r_spec.certify.result.gap_result import GapResult, conclude_gap
+from s2r_spec.certify.result.search_result import rho_unit
 from s2r_spec.certify.result.voids import machine_fields
 from s2r_spec.certify.resumed_options import refuse_rule, with_rule, with_seed
 from s2r_spec.certify.search.experiments import OutcomeSource, Pairs, Rollouts, run_search

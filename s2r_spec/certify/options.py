@@ -72,7 +72,6 @@ class Execution:
     observer: Observer | None = None
 
     def __post_init__(self) -> None:
-        """Refuse two pools, or one without workers."""
         if self.workers is not None and self.executor is not None:
             raise UsageError("give either workers or executor")
         if self.workers is not None and self.workers < 1:
@@ -126,7 +125,6 @@ class RunOptions(Execution):
     terms: Terms = field(init=False)
 
     def __post_init__(self) -> None:
-        """Settle how the rollouts of a machine are attended to."""
         super().__post_init__()
         object.__setattr__(self, "terms", terms_of(self.void, self.operator))
         if self.stop is not None:
@@ -149,7 +147,6 @@ class MeasureOptions(Execution):
     duration: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse a fall that is not a number."""
         super().__post_init__()
         if not isinstance(self.fall, int | float) or not math.isfinite(self.fall):
             raise UsageError(

@@ -114,14 +114,7 @@ def refused_in_simulation(checked: CheckResult, real: str) -> CertifyResult:
 def conclude_certify(
     first: Search, second: Search, checked: CheckResult, bounded: GapResult
 ) -> CertifyResult:
-    """Return the certificate of the real machine.
-
-    Args:
-        first: search 1, over simulated rollouts.
-        second: search 2, over the gap.
-        checked: result of search 1.
-        bounded: result of search 2.
-    """
+    """Return the certificate of the real machine from search 1, search 2 over the gap, and the results of both."""
     real = bounded.provenance["real"]["backend"]
     for name, certificate in (("simulation", checked.certificate), ("the gap", bounded.certificate)):
         if not certificate.label.bounds:

@@ -20,11 +20,7 @@ Options = TypeVar("Options", bound=Execution)
 
 
 def with_rule(options: RunOptions, *places: Path) -> RunOptions:
-    """Return options with a stopping rule.
-
-    Args:
-        options: the options of the run.
-        places: the folders of the search's journals; the rule of one that has begun is the default of a resumed run.
+    """Return options with a stopping rule: the given one, or that of the resumed journal in one of the places.
 
     Raises:
         UsageError: only a budget ends the search, and there is none; or the journal is damaged.
@@ -44,11 +40,7 @@ def with_seed(options: Options, *places: Path) -> Options:
 
 
 def seed_of(given: int | None, *places: Path) -> int:
-    """Return the seed of a run.
-
-    Args:
-        given: the seed that the user gave; None for that of the resumed run, or of a new one.
-        places: the folders of the journals of a resumed run.
+    """Return the seed of a run: the given one, that of the journals of a resumed run, or that of a new one.
 
     Raises:
         UsageError: the run has another seed, or the first line of a journal is damaged.
@@ -63,10 +55,7 @@ def seed_of(given: int | None, *places: Path) -> int:
 def places_of(folder: Path, requirements: Sequence[str], resume: bool) -> dict[str, Path]:
     """Return requirement → folder of its journal, for a run that checks several requirements.
 
-    Args:
-        folder: the folder of the run; of a resumed one also that of one of its journals.
-        requirements: the names of the requirements.
-        resume: whether the run is resumed.
+    The folder of a resumed run may also be that of one of its journals.
 
     Raises:
         UsageError: there is no run to resume, or the folder's journal is of something else.
@@ -91,11 +80,7 @@ def _direct_requirement(folder: Path, requirements: Sequence[str]) -> str | None
 
 
 def refuse_rule(stop: str, backend: str) -> None:
-    """Refuse a stopping rule for recordings.
-
-    Args:
-        stop: the rule.
-        backend: the name of the backend of recordings.
+    """Refuse any stopping rule but the usual one for recordings.
 
     Raises:
         UsageError: it is not the usual one.

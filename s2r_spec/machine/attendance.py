@@ -18,9 +18,7 @@ from s2r_spec.trace import Trace
 class Terms:
     """Operator and void policy of a machine; a simulator ignores both.
 
-    Attributes:
-        void: policy for void rollouts, ``AGAIN`` or ``FALL``; declared before the data.
-        operator: the person who answers questions.
+    The policy, ``AGAIN`` or ``FALL``, is declared before the data.
     """
 
     void: str = AGAIN

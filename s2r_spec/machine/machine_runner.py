@@ -61,15 +61,7 @@ MOST_VOID_IN_A_ROW = 3
 def runner_for(
     runner: Runner, backend: Backend, journal: Journal, terms: Terms, most: int | None
 ) -> Iterator[Runner | MachineRunner]:
-    """Give the runner for a backend: the given one for a simulator, a :class:`MachineRunner` for a machine.
-
-    Args:
-        runner: runs the rollouts of a simulator.
-        backend: the simulator or machine.
-        journal: the journal of the run.
-        terms: operator and void policy of a machine.
-        most: largest number of rollouts in the run, with those in the journal; None if unknown.
-    """
+    """Give the runner for a backend: the given one for a simulator, a :class:`MachineRunner` for a machine."""
     if not is_exclusive(backend):
         yield runner
         return
@@ -207,11 +199,6 @@ class MachineRunner:
         return pool
 
     def _ready(self, pool: ProcessPool, task: Task) -> None:
-        """Have the worker open the machine's backend, which may take long, before anything moves.
-
-        Raises:
-            NotBegunError: the worker cannot open it.
-        """
         try:
             pool.submit(prepare, task).result()
         except BrokenExecutor:
@@ -220,11 +207,6 @@ class MachineRunner:
             raise NotBegunError(f"the worker was not ready within {error.words}") from None
 
     def _before(self, task: Task) -> None:
-        """Wait until the attendance lets a test or a protocol begin.
-
-        Raises:
-            BackendError: the machine's attendance does not prepare protocols.
-        """
         if task.protocol is None:
             self._attended.before(task.params)
         elif isinstance(self._attended, AttendsProtocols):
@@ -236,12 +218,7 @@ class MachineRunner:
             )
 
     def _ask(self, message: str, unattended: S2RError | None) -> None:
-        """Ask whether the same test runs again.
-
-        Args:
-            message: the event, for the operator.
-            unattended: error to raise for an unattended machine; None to go on.
-        """
+        """Ask whether the same test runs again; of an unattended machine raise the error, if there is one."""
         if not self._unattended:
             self._operator.choose(message, {"a": "the same test again; you are asked before it begins"})
             return
@@ -285,7 +262,6 @@ class MachineRunner:
         return _Ended(trace, seconds, str(word), str(trace.meta.get("reason", "the backend gave no reason")))
 
     def _wait(self, future: Future[Any], interrupts: Interrupts) -> None:
-        """Wait for the end of the rollout; forward Ctrl-C to the machine."""
         future.add_done_callback(lambda _: interrupts.events.put(False))
         while interrupts.next():
             count = interrupts.count
@@ -319,15 +295,9 @@ class MachineRunner:
 
 @dataclass(frozen=True)
 class _Ended:
-    """How a rollout ended.
+    """How a rollout ended; ``word`` and ``reason`` are None and "" for an outcome.
 
-    Attributes:
-        trace: the trace of the rollout; None if there is none.
-        seconds: the duration of the rollout [s].
-        word: the cause of its end, if that was not the robot; None for an outcome.
-        reason: the same as a sentence.
-        not_begun: the reason why the rollout did not begin; None if it did.
-        error: error that ends the run; None if the run goes on.
+    ``not_begun`` is why it did not begin, and ``error`` ends the run.
     """
 
     trace: Trace | None = None

@@ -81,20 +81,10 @@ class Terminal:
         return self._line(question)
 
     def _shown(self, question: str) -> None:
-        """Show a question.
-
-        Raises:
-            UsageError: there is no terminal.
-        """
         require_terminal(self)
         self.say(question)
 
     def _line(self, prompt: str) -> str:
-        """Show a prompt, and return the next line.
-
-        Raises:
-            StoppedError: the line is ``q``, or the input has ended.
-        """
         streams = self._opened()
         assert streams is not None
         source, shown = streams

@@ -441,16 +441,10 @@ def _with_rule(path: Path, number: int, header: Mapping[str, Any], line: Mapping
 
 
 def _trace_file(query: int, replicate: int) -> str:
-    """Return the file for the trace of a rollout, relative to the run's folder."""
     return f"traces/{query:05d}.{replicate:04d}.npz"
 
 
 def _record(path: Path, number: int, line: Mapping[str, Any]) -> tuple[Record, str | None]:
-    """Return the rollout of a line, and the checksum of its trace file, if any.
-
-    Raises:
-        JournalError: a field is missing, unknown, or of a wrong type.
-    """
     values = {key: value for key, value in line.items() if key not in ("crc32", lines.TRACE_SUM)}
     wrong = lines.fault(values, lines.ROLLOUT)
     if not wrong and (unknown := sorted(values.keys() - lines.ROLLOUT.keys())):
@@ -466,7 +460,6 @@ def _record(path: Path, number: int, line: Mapping[str, Any]) -> tuple[Record, s
 
 
 def _sum(path: Path) -> str:
-    """Return the CRC-32 of a file, as hex digits."""
     checksum = 0
     with path.open("rb") as file:
         while part := file.read(1 << 20):

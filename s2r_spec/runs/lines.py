@@ -98,9 +98,7 @@ Test = Callable[[Any], bool]
 def fault(values: Mapping[str, Any], schema: Mapping[str, tuple[Test, str]]) -> str:
     """Return the fault in the first invalid field of an object; "" if all are valid.
 
-    Args:
-        values: fields of the object; fields outside the schema are ignored.
-        schema: field → (test, description of valid values).
+    The schema has field → (test, description of valid values); other fields are ignored.
     """
     for name, (is_valid, description) in schema.items():
         if name not in values:

@@ -36,16 +36,7 @@ LONGEST_REASON = 1000
 
 @dataclass(frozen=True)
 class Attempt:
-    """One attempt at a rollout on a machine.
-
-    Attributes:
-        query: number of the test in the run.
-        replicate: number of the rollout at this test.
-        attempt: number of the attempt at this rollout, from 1.
-        params: test parameters.
-        seed: seed of the rollout.
-        answers: the operator's answers before the attempt: question → answer.
-    """
+    """One attempt at a rollout on a machine, counted from 1; ``answers`` has question → the operator's answer."""
 
     query: int
     replicate: int
@@ -62,14 +53,9 @@ class Attempt:
 
 @dataclass(frozen=True)
 class Void:
-    """A rollout that something other than the robot ended.
+    """A rollout that something other than the robot ended: its cause as a word ("link", …) and as a sentence.
 
-    Attributes:
-        rollout: the attempt that was void.
-        word: the cause of its end: "link", "operator", "killed", …
-        reason: the same as a sentence.
-        trace: file with its trace, relative to the run's folder; None if there is none.
-        seconds: duration of the attempt [s].
+    ``trace`` is the file relative to the run's folder; ``seconds`` is the duration [s].
     """
 
     rollout: Attempt

@@ -43,11 +43,6 @@ class PassedBackend:
         return self._pickled[1]
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the object.
-
-        Raises:
-            BackendError: another process cannot have a copy.
-        """
         if self._fault:
             raise BackendError(
                 f"the backend {self.backend.name!r} cannot go to a worker process, because {self._fault}; move its "

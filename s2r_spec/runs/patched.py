@@ -19,12 +19,7 @@ SCHEMA = "s2r/patched/1"
 
 
 def write(path: Path, base: str, effects: Mapping[str, Mapping[str, float]]) -> None:
-    """Write the file of a simulator with effects.
-
-    Args:
-        path: the file.
-        base: name of the simulator.
-        effects: effect → parameter → value.
+    """Write the file of a simulator ``base`` with effect → parameter → value.
 
     Raises:
         UsageError: the file cannot be written.

@@ -72,9 +72,7 @@ class Difference:
 def difference(one: Trace, other: Trace) -> Difference | None:
     """Return the first difference of two traces in time; None if they are the same, bit for bit.
 
-    Args:
-        one: a trace.
-        other: another one, with at least the channels of the first.
+    The other one has at least the channels of the first.
     """
     if first := _of_samples(one, other):
         return first
@@ -83,7 +81,6 @@ def difference(one: Trace, other: Trace) -> Difference | None:
 
 
 def _of_rollouts(one: Done, other: Done) -> Difference | None:
-    """Return the :func:`difference` of two rollouts, one of which may have no trace."""
     if one.trace is not None and other.trace is not None:
         return difference(one.trace, other.trace)
     ends = [done.failure or "a trace" for done in (one, other)]
@@ -93,10 +90,8 @@ def _of_rollouts(one: Done, other: Done) -> Difference | None:
 def fault(first: Done, again: Done, afresh: Callable[[], Done] | None) -> str:
     """Return how repeats of a rollout differ and the likely cause, in sentences; "" if they do not differ.
 
-    Args:
-        first: the rollout.
-        again: its repeat in the same process or in a like one, after another test.
-        afresh: repeats it in a new process; None if no other process can load the backend.
+    ``again`` ran after another test, in the same process or in a like one. ``afresh`` repeats the rollout in a new
+    process; None if no other process can load the backend.
     """
     new = afresh() if afresh is not None else None
     at_first, after, in_new = (
@@ -142,11 +137,6 @@ def check_run(journal: Journal, runner: Runner, rollouts: Sequence[tuple[Task, R
     """Repeat one rollout of a batch, unless the journal's folder has a result; see the module.
 
     Does nothing as long as no rollout of the run has a trace.
-
-    Args:
-        journal: of the run.
-        runner: runs the repeats.
-        rollouts: those of the batch with their tasks.
 
     Raises:
         UsageError: the repeats differ, now or before a resume.
@@ -207,12 +197,7 @@ def check_here(
 ) -> str:
     """Run a test, another one, and the first again in this process and in a new one; return :func:`fault` of them.
 
-    Args:
-        backend: a deterministic simulator.
-        test: the test that is repeated, in the backend's units.
-        other: a test that runs in between.
-        seed: seed of the test.
-        elsewhere: whether to repeat the test in a new process, too.
+    The tests are in the backend's units. The test is repeated in a new process only if ``elsewhere``.
     """
     passed = PassedBackend(backend)
     task = Task(0, 0, backend.name, test, seed, passed=passed)
@@ -250,11 +235,6 @@ def _file(journal: Journal, record: Record) -> Path:
 
 
 def _save(journal: Journal, record: Record, repeats: Mapping[str, Done], refused: str) -> None:
-    """Write the traces of the repeats, and last their result.
-
-    Raises:
-        UsageError: a file cannot be written.
-    """
     folder = journal.folder / FOLDER
     rows: list[dict[str, Any]] = []
     try:

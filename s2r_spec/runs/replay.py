@@ -47,7 +47,6 @@ class Replay:
         return self.rho == self.recorded
 
     def __repr__(self) -> str:
-        """Return one line: the test, ρ, and whether it is the recorded one."""
         test = ", ".join(f"{name} = {value:.6g}" for name, value in self.params.items())
         same = "as recorded" if self.same else self.difference
         rho = f"ρ = {self.rho:+.6g} {self.unit}".rstrip()
@@ -131,11 +130,6 @@ def replay(rollout: str, backend: Backend | None = None) -> Replay:
 
 
 def _recorded_trace(journal: Journal, record: Record) -> Trace:
-    """Return the recorded trace of a machine's rollout.
-
-    Raises:
-        UsageError: there is no trace, or its file was changed.
-    """
     if record.trace is None:
         raise UsageError(f"{journal.place(record)}: this rollout left no trace ({record.failure})")
     journal.check_traces()

@@ -47,11 +47,7 @@ class Runner:
         self._close()
 
     def run(self, tasks: Sequence[Task], call: Call = run_task) -> Iterator[Done]:
-        """Yield the outcome of every task as it arrives, in any order.
-
-        Args:
-            tasks: the rollouts.
-            call: runs a task in a worker; it must pickle.
+        """Yield the outcome of every task as it arrives, in any order; ``call`` must pickle.
 
         Raises:
             S2RError: a rollout raised it. Earlier outcomes were yielded; running rollouts are abandoned.

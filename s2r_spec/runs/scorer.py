@@ -173,11 +173,6 @@ def needs_of(spec: Spec, requirement: str, measure: Measure) -> Needs:
 
 
 def _number(value: object) -> float:
-    """Return the value of a measure as a float.
-
-    Raises:
-        BackendError: it is not a finite number.
-    """
     scalar = hasattr(value, "__float__") and getattr(value, "ndim", 0) == 0
     if scalar and not isinstance(value, str | bytes | complex):
         try:

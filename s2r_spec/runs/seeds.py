@@ -31,15 +31,10 @@ def rollout_seed(seed: int, query: int, replicate: int, stream: SeedStream = See
 
 
 def inherited_seed(folder: Path, recorded: int, seed: int | None) -> int:
-    """Return the seed of a run that is resumed.
-
-    Args:
-        folder: the folder of the run.
-        recorded: the seed that it began with.
-        seed: the seed that the user gave; None if none.
+    """Return the recorded seed of a run that is resumed.
 
     Raises:
-        UsageError: they differ.
+        UsageError: the user gave another one.
     """
     if seed not in (None, recorded):
         raise UsageError(

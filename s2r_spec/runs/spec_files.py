@@ -128,11 +128,6 @@ def checked_header(journal: Journal) -> dict[str, Any]:
 
 
 def _check_test(spec: Spec, journal: Journal, record: Record) -> None:
-    """Check that a rollout's test belongs to the test space of the specification.
-
-    Raises:
-        JournalError: it has other parameters, or a value outside its range.
-    """
     axes, remedy = spec.space.axes, "restore the journal from a copy, or begin a new run"
     if record.params.keys() != set(spec.space.names):
         raise JournalError(
@@ -168,7 +163,6 @@ def _with_imports(path: Path, expected: str) -> Spec:
 
 
 def _read_imports(path: Path) -> tuple[str, dict[str, tuple[str, str]]]:
-    """Return the name of a specification, and import → (file, SHA-256)."""
     try:
         table = json.loads(read_text(path))
         files = {str(key): (str(one["file"]), str(one["sha256"])) for key, one in table["files"].items()}

@@ -193,7 +193,6 @@ def _where(task: Task) -> str:
 
 @contextmanager
 def _name_errors(task: Task, kind: type[BackendError] = BackendError) -> Iterator[None]:
-    """Turn an exception of a backend into an error that names the backend and the rollout."""
     try:
         yield
     except NotBegunError as error:  # the caller names the rollout

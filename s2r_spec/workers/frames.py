@@ -25,13 +25,9 @@ def _no_wait() -> None:
 
 
 def write(file: IO[bytes], number: int, data: bytes, ready: Callable[[], None] = _no_wait) -> None:
-    """Write one message.
+    """Write one message with the number of its call to a raw file.
 
-    Args:
-        file: raw file, opened for writing.
-        number: number of the call.
-        data: content of the message.
-        ready: returns when a non-blocking file accepts more data, or raises an error.
+    ``ready`` returns when a non-blocking file accepts more data, or raises an error.
 
     Raises:
         BrokenPipeError: the reader has closed the pipe.
@@ -50,12 +46,7 @@ def write(file: IO[bytes], number: int, data: bytes, ready: Callable[[], None] =
 
 
 class Reader:
-    """Reads messages from a file.
-
-    Args:
-        file: raw file, opened for reading.
-        ready: returns when a non-blocking file has data, or raises an error.
-    """
+    """Reads messages from a raw file; ``ready`` returns when a non-blocking file has data, or raises an error."""
 
     def __init__(self, file: IO[bytes], ready: Callable[[], None] = _no_wait) -> None:
         self._file, self._ready = file, ready

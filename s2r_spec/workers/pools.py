@@ -137,7 +137,6 @@ class DaskPool(Executor):
         return future
 
     def _explained(self, error: BaseException) -> BaseException:
-        """Return the error of s2r that explains an error of Dask."""
         if isinstance(error, self._dask.KilledWorker):
             return WorkerDiedError(str(error))
         if isinstance(error, CancelledError | self._dask.comm.CommClosedError):

@@ -133,12 +133,10 @@ def _end_group() -> None:
 
 
 def _leads_group() -> bool:
-    """Return whether this process is the worker and leads a process group."""
     return hasattr(os, "killpg") and os.getpid() == _own == os.getpgrp()
 
 
 def _answer(question: bytes) -> bytes:
-    """Run a call; return its result or its exception, pickled."""
     try:
         function, arguments = pickle.loads(question)
     except Exception as error:

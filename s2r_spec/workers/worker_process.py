@@ -130,12 +130,6 @@ class WorkerProcess:
             self._deadline = self._start + value[0].first
 
     def _wait(self, ready: Callable[[float], bool]) -> None:
-        """Wait until the pipe to or from the worker is ready.
-
-        Raises:
-            EOFError: the worker has ended, or did not begin in time.
-            TimeLimitError: the call exceeded its time limit.
-        """
         while True:
             left = self._deadline - monotonic()
             if ready(min(max(left, 0.0), _POLL)):
@@ -198,10 +192,8 @@ _reported: set[int] = set()
 def call_in_worker(run: str, function: Callable[..., Any], *arguments: Any) -> Any:
     """Call a function in the worker process of this thread; see :meth:`WorkerProcess.call`.
 
-    Args:
-        run: id of the run. A worker serves only one run, because the modules that it loaded may have changed since.
-        function: a function that can be imported by its name.
-        arguments: values that can be pickled.
+    A worker serves only one run, because the modules that it loaded may have changed since. The function can be
+    imported by its name, and the arguments can be pickled.
     """
     worker: WorkerProcess | None = getattr(_this_thread, "worker", None)
     if worker is None or worker.run != run or not worker.alive:

@@ -94,7 +94,6 @@ class SearchSettings:
     unit: str = ""
 
     def __post_init__(self) -> None:
-        """Convert the numbers, and refuse settings out of their range."""
         _check_space(self.space)
         if not isinstance(self.kernel, Kernel):
             raise UsageError(f"kernel = {self.kernel!r}; it must be a Kernel, like Kernel('matern52', 0.2)")

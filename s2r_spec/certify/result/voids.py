@@ -74,13 +74,7 @@ def void_words(counts: Mapping[str, int], outcomes: int) -> str:
 
 
 def machine_assumptions(backend: str, header: Mapping[str, Any], journal: Journal) -> tuple[str, ...]:
-    """Return the assumptions about a backend and its void rollouts, each in one sentence.
-
-    Args:
-        backend: the name of the backend.
-        header: a header with the fields of :func:`machine_fields`.
-        journal: the journal of its rollouts.
-    """
+    """Return the assumptions about a backend and its void rollouts, each in one sentence."""
     own = (*header.get("assumptions", ()), *reading_rule.note({"backend": backend} | dict(header)))
     if not is_machine(header):
         return own

@@ -26,7 +26,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.certify.bound.confidence import SampleEvidence
 from s2r_spec.certify.bound.confidence_set import LADDER, TOLERANCE
@@ -34,9 +33,7 @@ from s2r_spec.certify.bound.kernels import Kernel
 from s2r_spec.certify.bound.modes import MODES, Mode
 from s2r_spec.certify.bound.posterior import VARIANCE_ROUNDING
 from s2r_spec.certify.bound.settings import SearchSettings
-from s2r_spec.space import Space
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.space import FloatArray, Space
 
 GRID = 160
 """Budget: most grid points."""
@@ -97,13 +94,7 @@ class DesignRegion:
 
     @classmethod
     def of(cls, space: Space, kernel: Kernel, relative: float) -> DesignRegion:
-        """Return the largest part that a grid of at most ``GRID`` points resolves, at least one lengthscale.
-
-        Args:
-            space: the test space.
-            kernel: the kernel.
-            relative: ε/B (dimensionless).
-        """
+        """Return the part that a grid of ``GRID`` points resolves, at least a lengthscale; ``relative`` is ε/B."""
         lengthscales = kernel.lengthscales(space.dim)
         wide = (space.upper - space.lower) / lengthscales
         spacing = float((SPACING * kernel.sides_for(TOLERANCE * relative, space.dim) / lengthscales)[0])
@@ -196,12 +187,7 @@ class Effort:
         return cls(region, mode, norms, settings.delta, settings.epsilon / settings.R)
 
     def rollouts(self, objective: Objective, share: float) -> float:
-        """Return the fewest rollouts of a design that reaches ε.
-
-        Args:
-            objective: a possible J.
-            share: θ, the share of ε below J(z*).
-        """
+        """Return the fewest rollouts of a design that reaches ε; ``share`` is θ, the share of ε below J(z*)."""
         target = (1 - TOLERANCE) * self.epsilon
         allowed = (1 - share) * target + objective.below
         best = int(objective.below.argmin())

@@ -31,7 +31,6 @@ class TaskRunner(Protocol):
 
     def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
         """Yield the result of every task."""
-        ...
 
 
 class OutcomeSource(Protocol):
@@ -39,24 +38,16 @@ class OutcomeSource(Protocol):
 
     def outcomes(self, queries: Sequence[Query], observer: Observer) -> dict[int, list[float]]:
         """Return query index → (replicates,) outcomes."""
-        ...
 
     def on_disk(self, index: int, replicates: int) -> bool:
         """Return whether the first outcomes of a query need no further rollout."""
-        ...
 
 
 @dataclass(frozen=True)
 class Rollouts:
     """Rollouts on one backend. The outcome is −ρ, so its maximum is the worst case.
 
-    Attributes:
-        scorer: evaluates ρ of a rollout.
-        seed: the seed of the run.
-        journal: records every rollout.
-        runner: runs the rollouts.
-        stream: the stream of seeds.
-        each: rollouts per replicate; the outcome is their mean.
+    Each outcome is the mean of ``each`` rollouts.
     """
 
     scorer: Scorer
@@ -106,11 +97,6 @@ class Rollouts:
         return self.journal.has(index, replicates * self.each)
 
     def _recorded(self, task: Task, point: Mapping[str, float]) -> Record | None:
-        """Return the journal's record of a task, None if there is none.
-
-        Raises:
-            BackendError: the record has a different test or seed.
-        """
         before = self.journal.get(task.query, task.replicate)
         if before is not None and (before.params != point or before.seed != task.seed):
             raise BackendError(
@@ -120,11 +106,6 @@ class Rollouts:
         return before
 
     def _record(self, done: Done, point: dict[str, float]) -> Record:
-        """Evaluate a rollout and write it to the journal.
-
-        Raises:
-            BackendError: the requirement cannot be evaluated on its trace.
-        """
         try:
             rho, failure = self.scorer.score(point, done)
         except S2RError as error:
@@ -150,10 +131,7 @@ class Rollouts:
 class Pairs:
     """A simulated and a real rollout for each replicate. The outcome is −Δ = ρ_sim − ρ_real.
 
-    Attributes:
-        simulated: rollouts of the simulator.
-        real: rollouts of the real machine.
-        watched: the backend whose rollouts the observer receives; from the other one it receives only crashes.
+    The observer receives the rollouts of the ``watched`` backend, and only crashes of the other one.
     """
 
     simulated: OutcomeSource
@@ -174,15 +152,11 @@ class Pairs:
 
 
 def next_queries(search: Search, on_disk: Callable[[int, int], bool]) -> list[Query]:
-    """Return the queries to answer next; none once the search is over.
+    """Return the queries to answer next; none once the search is over. For ``on_disk`` see :class:`OutcomeSource`.
 
     A run may have more rollouts on disk than its stopping rule or its budget now needs. The bound holds at every time,
     so the search takes them all, and its result is about the whole run. A search that is done leaves out an incomplete
     last batch: which of its rollouts are on disk may depend on their outcomes.
-
-    Args:
-        search: the search.
-        on_disk: whether the first outcomes (number) of a query (index) need no further rollout.
     """
     if not search.done:
         return search.ask()

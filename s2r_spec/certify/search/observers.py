@@ -16,14 +16,8 @@ from s2r_spec.runs.journal import Record
 class Phase:
     """One search, as an observer shows it.
 
-    Attributes:
-        symbol: the symbol of the bounded quantity, "ρ" or "Δ".
-        unit: the unit of that quantity.
-        backend: the backend whose rollouts are counted.
-        units: unit of each test parameter.
-        budget: largest number of rollouts, if there is one.
-        settings: the settings of the search; None if nobody forecasts its end.
-        attended: whether the backend is a machine, whose operator answers at the terminal during the search.
+    ``symbol`` is that of the bounded quantity, "ρ" or "Δ". ``backend`` is the one whose rollouts are counted; the
+    operator of an ``attended`` one answers at the terminal. Without ``settings`` nobody forecasts the end.
     """
 
     symbol: str
@@ -40,19 +34,15 @@ class Observer(Protocol):
 
     def begin(self, phase: Phase) -> None:
         """Receive the search that begins."""
-        ...
 
     def batch(self, queries: list[Query], certificate: Certificate) -> None:
         """Receive the next batch, and the certificate from all batches before it."""
-        ...
 
     def rollout(self, record: Record, new: bool = True) -> None:
         """Receive a rollout that is on disk; ``new`` is false if an earlier process ran it."""
-        ...
 
     def crash(self, record: Record) -> None:
         """Receive a rollout without a trace: its worker died, or did not end in time."""
-        ...
 
 
 class Silent:

@@ -122,7 +122,6 @@ def _pair_designs(spec: Spec, real: Design, simulated: Design) -> tuple[Design, 
 
 
 def _first_tests(design: Design) -> str:
-    """Return the first three tests of a design in words."""
     shown = "; ".join(
         ", ".join(f"{name} = {value:.4g}" for name, value in point.items()) for point, _ in design.tests[:3]
     )

@@ -95,12 +95,6 @@ def settings_of(
 ) -> SearchSettings:
     """Return the declaration of a plan after its checks.
 
-    Args:
-        space: the test space.
-        budgets: numbers of rollouts.
-        most: the largest number of rollouts in a plan.
-        declared: the settings, see :class:`~s2r_spec.certify.bound.settings.SearchSettings`.
-
     Raises:
         UsageError: a setting is out of its range, or no rollouts could give a certificate.
     """
@@ -127,13 +121,9 @@ def plan_search(
     real: tuple[int, ...] = (),
     progress: Progress | None = None,
 ) -> Plan:
-    """Estimate the rollouts of a search, with noise of sub-Gaussian proxy R.
+    """Estimate the rollouts of a search, and the ε that numbers of rollouts reach.
 
-    Args:
-        settings: the settings of the search; their budget is the number beyond which an estimate is None.
-        budgets: numbers of rollouts; the plan gives the reachable ε of each.
-        real: numbers of real rollouts; the plan gives the reachable ε of a gap for each.
-        progress: receives the number of finished estimates.
+    An estimate beyond the budget of the settings is None. The numbers ``real`` are of real rollouts in a gap.
     """
     most = settings.budget or MOST
     count = 1 + len(budgets) + len(real)
@@ -178,7 +168,6 @@ def _fewest_rollouts(settings: SearchSettings) -> float:
 
 
 def _one(settings: SearchSettings, number: int) -> float:
-    """Return the rollouts for one objective that varies."""
     effort = Effort.of(settings)
     varied = _random_objective(effort, settings, np.random.default_rng([settings.seed, number]))
     return max(_least_rollouts(settings), effort.rollouts(varied, SHARE_VARIED))
@@ -237,5 +226,4 @@ def _random_objective(effort: Effort, settings: SearchSettings, rng: np.random.G
 
 
 def _whole_number(number: float, most: int) -> int | None:
-    """Return a number of rollouts; None if it is beyond the most."""
     return None if number > most else round(number)

@@ -166,7 +166,6 @@ def plan_request(of: Spec | Space, options: PlanOptions) -> PlanRequest | Pilot:
 
 
 def _with_proxy(options: PlanOptions) -> PlanOptions:
-    """Return options with the R of proven bounds."""
     if options.bounds is None:
         return options
     low, high = options.bounds
@@ -194,11 +193,7 @@ def _declared_options(of: Spec | Space, options: PlanOptions) -> PlanOptions:
 
 
 def rollouts_in(time: str | None, seconds: float | None) -> tuple[int, ...]:
-    """Return the number of rollouts that fit in a time; () if no time is given.
-
-    Args:
-        time: such as "30min"; a number alone is in seconds.
-        seconds: duration of a rollout [s]; None without a backend.
+    """Return the number of rollouts of ``seconds`` that fit in a time such as "30min"; () if no time is given.
 
     Raises:
         UsageError: the text is not a time, there is no backend, or the time is too short for a search.
@@ -223,11 +218,7 @@ def rollouts_in(time: str | None, seconds: float | None) -> tuple[int, ...]:
 
 
 def pilot_of(folder: Path, requirement: str | None) -> Pilot:
-    """Return what a pilot run says about R.
-
-    Args:
-        folder: the folder of a check.
-        requirement: the requirement of the journal, if the run has several.
+    """Return what the check in a folder says about R; of several requirements, that of the named one.
 
     Raises:
         UsageError: the folder has no journal, or those of several requirements, or too few outcomes.

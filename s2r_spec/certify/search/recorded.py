@@ -90,13 +90,9 @@ def fixed_design(spec: Spec, requirement: str, backend: Backend, recordings: Seq
 
 @dataclass(frozen=True)
 class RecordedExperiment:
-    """An experiment with recorded outcomes.
+    """An experiment with recorded outcomes: test *i* of the design answers query *i*.
 
-    Attributes:
-        design: test *i* answers query *i*.
-        scorer: evaluates ρ of a recording.
-        journal: records every ρ.
-        each: recordings per replicate; the outcome is their mean, and the last one may be of fewer.
+    Each outcome is the mean of ``each`` recordings; the last one may be of fewer.
     """
 
     design: Design
@@ -143,12 +139,7 @@ def observe(search: Search, design: Design, experiment: OutcomeSource, observer:
 
 
 def limitations(search: Search, what: str) -> list[str]:
-    """Return the limits of a certificate from recorded tests, each in one sentence.
-
-    Args:
-        search: the search, with all outcomes of the tests.
-        what: the bounded quantity, "E ρ" or "E Δ".
-    """
+    """Return the limits of a certificate from recorded tests, each in one sentence; ``what`` is "E ρ" or "E Δ"."""
     notes, space = [], search.space
     if not search.degrees:
         notes.append("no test was recorded twice, so these recordings could not have refuted R")

@@ -34,8 +34,6 @@ NO_LOG = "log"
 
 @dataclass(frozen=True)
 class _Checked:
-    """Result of a check of a log: its trace, or the reason for its refusal; and notes for the person."""
-
     trace: Trace | None
     refusal: str | None
     notes: tuple[str, ...] = ()
@@ -45,12 +43,7 @@ class _Checked:
 class Attendance:
     """Requests tests from a person; see :class:`s2r_spec.backend.Attended`.
 
-    Args:
-        tests: the folder of tests.
-        options: options for reading logs.
-        needs: channels and parameters of the specification.
-        seconds: horizon of the specification [s]; 0 if it reads a trace to its end.
-        operator: the person at the terminal.
+    ``seconds`` is the horizon of the specification [s]; 0 if it reads a trace to its end.
     """
 
     tests: TestFolder
@@ -176,7 +169,6 @@ class Attendance:
         return checked.refusal is not None
 
     def _waiting(self) -> Path | None:
-        """Return the one log in ``incoming``; tell the person if there is none, or more than one."""
         logs, where = self.tests.waiting(), self.tests.root / INCOMING
         if len(logs) == 1:
             return logs[0]
@@ -192,7 +184,6 @@ class Attendance:
         return None
 
     def _typed(self) -> Path | None:
-        """Return the path that the person types, if it can be a log."""
         path = Path(self.operator.line("Path of the log: ")).expanduser()
         if path.suffix.lower() in READABLE and path.is_file():
             return path
@@ -218,7 +209,6 @@ class Attendance:
         return False
 
     def _check(self, path: Path, test: PendingTest, failure: str | None) -> _Checked:
-        """Read a log, and check that it belongs to the test."""
         try:
             loaded = self.options.load(path)
         except TraceError as error:
@@ -242,7 +232,6 @@ class Attendance:
         return _Checked(trace, None, (*loaded.notes, *assumed))
 
     def _report(self, test: PendingTest, trace: Trace, notes: tuple[str, ...]) -> None:
-        """Tell the person that a log was accepted, and each note once."""
         ended = f", {trace.failure}" if trace.failure is not None else ""
         self.operator.say(f"Accepted as {test.id}: {trace.duration:.4g} s, {len(trace)} samples{ended}.")
         for note in notes:

@@ -55,7 +55,6 @@ class ManualBackend:
     reading = READING
 
     def __post_init__(self) -> None:
-        """Check the folder's name and the options; make nothing."""
         if not self.folder:
             raise UsageError("the manual backend needs a folder for the rollouts: write --real manual:FOLDER")
         root = self.tests.root
@@ -149,7 +148,6 @@ class ManualBackend:
         return trace
 
     def _trace(self, test: PendingTest) -> Trace:
-        """Return the trace of an accepted test, with channels in the units of the specification."""
         meta: dict[str, Any] = {"params": dict(test.params)}
         if test.log is None:
             trace = placeholder(test.failure or FALL, self.channels)

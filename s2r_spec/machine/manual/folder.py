@@ -265,7 +265,6 @@ class TestFolder:
                 (self.root / f"{test.id}{ending}").unlink(missing_ok=True)
 
     def _traces(self) -> list[Path]:
-        """Return the files of the recorded traces, in order."""
         ids = table.ids(self.root / TABLE)
         paths = (self.root / f"{one}{ending}" for one in ids for ending in logs.FORMATS)
         return [path for path in paths if path.exists()]
@@ -305,11 +304,6 @@ def as_recorded_test(test: PendingTest, seed: int) -> PendingTest:
 
 
 def _move(path: Path, kept: Path, *, move: bool) -> None:
-    """Move or copy a file, whole or not at all.
-
-    Raises:
-        UsageError: the file cannot be moved or copied.
-    """
     try:
         if move:
             os.replace(path, kept)
@@ -321,11 +315,6 @@ def _move(path: Path, kept: Path, *, move: bool) -> None:
 
 
 def _json(path: Path) -> dict[str, Any] | None:
-    """Return the object in a file of the manual backend; None if there is no file.
-
-    Raises:
-        UsageError: the file is damaged, or another program wrote it.
-    """
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
