@@ -33,11 +33,7 @@ _LONGEST_NAME = 150
 
 
 def new_run(name: str, seed: int) -> Path:
-    """Make a new folder below :data:`RUNS`, named by the time to the second; a number is added if the name is taken.
-
-    Raises:
-        UsageError: the folder cannot be made.
-    """
+    """Make a new folder below :data:`RUNS`, named by the time to the second; a number is added if the name is taken."""
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
     # The name of a backend may be a path, as in log:FOLDER.
     plain = re.sub(r"[^\w.,+=-]", "-", name, flags=re.ASCII)[:_LONGEST_NAME]
@@ -81,11 +77,7 @@ def places(folder: Path, requirements: Sequence[str], of: str | None) -> dict[st
 
 
 def runs_in(folder: Path) -> list[Path]:
-    """Return the folders of the checks of single requirements: this folder, or its subfolders.
-
-    Raises:
-        UsageError: there is none.
-    """
+    """Return the folders of the checks of single requirements: this folder or its subfolders; a UsageError if none."""
     if (folder / FILE).exists():
         return [folder]
     runs = sorted(path.parent for path in folder.glob(f"*/{FILE}"))

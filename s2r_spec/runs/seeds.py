@@ -31,11 +31,7 @@ def rollout_seed(seed: int, query: int, replicate: int, stream: SeedStream = See
 
 
 def inherited_seed(folder: Path, recorded: int, seed: int | None) -> int:
-    """Return the recorded seed of a run that is resumed.
-
-    Raises:
-        UsageError: the user gave another one.
-    """
+    """Return the recorded seed of a run that is resumed; a UsageError refuses another one of the user."""
     if seed not in (None, recorded):
         raise UsageError(
             f"the run in {folder} has the seed {recorded}, not {seed}; leave out the seed, or begin a new run"

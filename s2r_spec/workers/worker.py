@@ -35,10 +35,7 @@ _own = 0  # process id of the worker; 0 in any other process
 
 
 def limit(value: Limit) -> None:
-    """Set the time limit of the current call, from now on.
-
-    Does nothing outside a worker process, because a thread cannot be ended.
-    """
+    """Set the time limit of the current call, from now on; outside a worker process nothing can be ended."""
     if _answers is not None and os.getpid() == _own:
         frames.write(_answers, _number, pickle.dumps(("limit", (value, own_cpu_time()))))
 

@@ -157,11 +157,12 @@ def conclude(spec: Spec, search: Search, journal: Journal, provenance: dict[str,
         about = "the statement is about the machine as it was when it was recorded"
         recorded = [*provenance["recorded"], *limitations(search, "E ρ")]
         reason = _reason_of_recordings(verdict, reason, certificate, search)
+    texts = [
+        text.replace("the expected outcome", "the expected robustness E ρ")
+        for text in certificate.assumptions
+    ]
     assumptions = (
-        *(
-            voids.with_voids(text.replace("the expected outcome", "the expected robustness E ρ"), provenance)
-            for text in certificate.assumptions
-        ),
+        *(voids.with_voids(text, provenance) for text in texts),
         f"a rollout that falls or crashes counts as ρ = {spec.certify[requirement].fall:g} {unit}".rstrip()
         + ", as the spec declares",
         *left_out(sum(not search.counts(record.query) for record in every)),
@@ -204,16 +205,11 @@ def _reason_of_recordings(verdict: Verdict, reason: str, certificate: Certificat
 
 def group_by_test(records: Sequence[Record]) -> list[Tested]:
     """Group rollouts by test point."""
-    return [
-        Tested(
-            params=group[0].params,
-            rollouts=len(group),
-            mean=float(np.mean([record.rho for record in group])),
-            lowest=min(record.rho for record in group),
-            highest=max(record.rho for record in group),
-        )
-        for group in by_test(records)
-    ]
+    tests = []
+    for group in by_test(records):
+        rhos = [record.rho for record in group]
+        tests.append(Tested(group[0].params, len(group), float(np.mean(rhos)), min(rhos), max(rhos)))
+    return tests
 
 
 def when_decided(label: Label) -> str:
@@ -222,7 +218,6 @@ def when_decided(label: Label) -> str:
 
 
 def _judge(certificate: Certificate, lower: float, upper: float, stop: str) -> tuple[Verdict, str]:
-    """Return the verdict on certified bounds of the worst expected robustness, with its reason."""
     if certificate.label is Label.ONE_SIDED:
         return Verdict.VIOLATED, (
             f"the worst expected robustness is negative for every B and every kernel; the interval is refused: "

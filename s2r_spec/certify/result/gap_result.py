@@ -260,18 +260,13 @@ def pairs_of(journals: Mapping[str, Journal], per_real: int) -> list[Pair]:
     for record in sorted(journals["sim"].records(), key=lambda record: (record.query, record.replicate)):
         key = record.query, record.replicate // SIMULATED_PER_REAL
         simulated.setdefault(key, []).append(record.rho)
-    return [
-        Pair(
-            record.query,
-            record.replicate,
-            record.params,
-            record.rho,
-            float(np.mean(simulated[record.query, record.replicate])),
-            record.failure,
-        )
-        for record in journals["real"].records()
-        if len(simulated.get((record.query, record.replicate), ())) >= per_real
-    ]
+    pairs = []
+    for record in journals["real"].records():
+        own = simulated.get((record.query, record.replicate), [])
+        if len(own) >= per_real:
+            rhos = record.rho, float(np.mean(own))
+            pairs.append(Pair(record.query, record.replicate, record.params, *rhos, record.failure))
+    return pairs
 
 
 def _assumptions(
@@ -281,18 +276,15 @@ def _assumptions(
     journals: Mapping[str, Journal],
     provenance: Mapping[str, Any],
 ) -> tuple[str, ...]:
-    """Return the assumptions of the bounds on the gap, each in one sentence."""
     requirement, real = provenance["requirement"], provenance["real"]["backend"]
     unit, fall = rho_unit(spec, requirement), spec.certify[requirement].fall
+    texts = [
+        text.replace("the expected outcome", "the expected gap E Δ").replace("one rollout", "one Δ")
+        for text in certificate.assumptions
+    ]
     averaged = SIMULATED_PER_REAL if provenance["simulated_per_real"] > 1 else "one or two"
     assumptions = (
-        *(
-            voids.with_voids(
-                text.replace("the expected outcome", "the expected gap E Δ").replace("one rollout", "one Δ"),
-                provenance["real"],
-            )
-            for text in certificate.assumptions
-        ),
+        *(voids.with_voids(text, provenance["real"]) for text in texts),
         f"for simulator and real machine, ρ is R-sub-Gaussian with the spec's R; each Δ is one real rollout "
         f"minus the mean of {averaged} simulated ones",
         f"a rollout that falls or crashes counts as ρ = {fall:g} {unit}".rstrip() + ", simulated or real",

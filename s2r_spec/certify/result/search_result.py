@@ -113,9 +113,8 @@ def distance(spec: Spec, left: Mapping[str, float], right: Mapping[str, float]) 
 
 def left_out(rollouts: int) -> tuple[str, ...]:
     """Return a sentence on the real or simulated rollouts of an incomplete last batch; none if there are none."""
-    return (
-        (f"{rollouts} rollouts of an incomplete last batch are on disk and not counted",) if rollouts else ()
-    )
+    words = f"{rollouts} rollouts of an incomplete last batch are on disk and not counted"
+    return (words,) if rollouts else ()
 
 
 def replay_line(folder: Path, query: int, replicate: int) -> str:

@@ -102,7 +102,6 @@ def _assumptions(state: SearchState) -> tuple[str, ...]:
 
 
 def _about_rollouts(state: SearchState) -> tuple[str, ...]:
-    """Return the assumptions about noise and rollouts, without those about B and the kernel."""
     settings = state.settings
     fixed = (
         f"{state.fixed} outcomes come from tests that were fixed beforehand or chosen only from earlier outcomes, "

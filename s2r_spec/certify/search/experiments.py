@@ -5,15 +5,16 @@ Every rollout is written to its journal first. Only then does the search get its
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, NoReturn, Protocol
 
 import numpy as np
 
 from s2r_spec.base.errors import BackendError, S2RError
-from s2r_spec.certify.search.observers import Observer, OnlyCrashes, Silent
+from s2r_spec.certify.search.observers import Observer, OnlyCrashes
 from s2r_spec.certify.search.search import Query, Search
+from s2r_spec.machine.machine_runner import MachineRunner
 from s2r_spec.runs.journal import Journal, Record
 from s2r_spec.runs.machine_journal import Void
 from s2r_spec.runs.repeatability import check_run, is_repeated
@@ -24,13 +25,6 @@ from s2r_spec.runs.task import Done, Task
 
 UNSCORED = "unscored"
 """Definition: word for a machine's rollout whose trace the requirement cannot evaluate."""
-
-
-class TaskRunner(Protocol):
-    """Runs tasks: a :class:`s2r_spec.runs.runner.Runner`, or a machine with its operator."""
-
-    def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
-        """Yield the result of every task."""
 
 
 class OutcomeSource(Protocol):
@@ -53,7 +47,7 @@ class Rollouts:
     scorer: Scorer
     seed: int
     journal: Journal
-    runner: TaskRunner
+    runner: Runner | MachineRunner
     stream: SeedStream = SeedStream.CHECK
     each: int = 1
 
@@ -140,10 +134,9 @@ class Pairs:
 
     def outcomes(self, queries: Sequence[Query], observer: Observer) -> dict[int, list[float]]:
         """Run the real machine first: its rollouts are then on disk if the simulator raises."""
-        watched = {self.watched: observer}
         others = OnlyCrashes(observer)
-        real = self.real.outcomes(queries, watched.get("real", others))
-        simulated = self.simulated.outcomes(queries, watched.get("simulated", others))
+        real = self.real.outcomes(queries, observer if self.watched == "real" else others)
+        simulated = self.simulated.outcomes(queries, others if self.watched == "real" else observer)
         return {index: [r - s for r, s in zip(real[index], simulated[index], strict=True)] for index in real}
 
     def on_disk(self, index: int, replicates: int) -> bool:
@@ -170,12 +163,8 @@ def next_queries(search: Search, on_disk: Callable[[int, int], bool]) -> list[Qu
 
 
 def run_search(search: Search, experiment: OutcomeSource, observer: Observer | None = None) -> None:
-    """Run the search to its end, with every complete batch on disk.
-
-    Raises:
-        BackendError: a rollout raised; every rollout before it is on disk.
-    """
-    observer = observer or Silent()
+    """Run the search to its end, with every complete batch on disk; a BackendError if a rollout raised."""
+    observer = observer or Observer()
     while queries := next_queries(search, experiment.on_disk):
         observer.batch(queries, search.certificate())
         outcomes = experiment.outcomes(queries, observer)

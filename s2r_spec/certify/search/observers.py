@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 from s2r_spec.certify.bound.certificate import Certificate
 from s2r_spec.certify.bound.settings import SearchSettings
@@ -29,8 +28,8 @@ class Phase:
     settings: SearchSettings | None = None
 
 
-class Observer(Protocol):
-    """Receives each step of a search."""
+class Observer:
+    """Receives each step of a search, and shows nothing."""
 
     def begin(self, phase: Phase) -> None:
         """Receive the search that begins."""
@@ -45,24 +44,8 @@ class Observer(Protocol):
         """Receive a rollout without a trace: its worker died, or did not end in time."""
 
 
-class Silent:
-    """An observer that shows nothing."""
-
-    def begin(self, phase: Phase) -> None:
-        """Do nothing."""
-
-    def batch(self, queries: list[Query], certificate: Certificate) -> None:
-        """Do nothing."""
-
-    def rollout(self, record: Record, new: bool = True) -> None:
-        """Do nothing."""
-
-    def crash(self, record: Record) -> None:
-        """Do nothing."""
-
-
 @dataclass(frozen=True)
-class OnlyCrashes(Silent):
+class OnlyCrashes(Observer):
     """Passes crashes to another observer, and nothing else."""
 
     observer: Observer

@@ -19,19 +19,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Unpack
 
 import numpy as np
 
-from s2r_spec.base.errors import UsageError
-from s2r_spec.base.magnitude import whole
 from s2r_spec.certify.bound.coverage import PARTS, Coverage, long_axes
 from s2r_spec.certify.bound.sample_complexity import minimax, sequential_lower_bound
-from s2r_spec.certify.bound.settings import DeclaredSettings, SearchSettings
+from s2r_spec.certify.bound.settings import SearchSettings
 from s2r_spec.certify.search.effort import Effort, Objective
 from s2r_spec.certify.search.pairing import SIMULATED_PER_REAL
-from s2r_spec.certify.search.search import Search
-from s2r_spec.space import Space
 
 VARIATION = 4.0
 """Definition: change of J over the test space in the easier case, in ε. If ε is half of the worst mean, as the pages
@@ -90,23 +85,6 @@ class Plan(Floors):
     gaps: tuple[tuple[int, float], ...] = ()
 
 
-def settings_of(
-    space: Space, budgets: tuple[int, ...], most: int, **declared: Unpack[DeclaredSettings]
-) -> SearchSettings:
-    """Return the declaration of a plan after its checks.
-
-    Raises:
-        UsageError: a setting is out of its range, or no rollouts could give a certificate.
-    """
-    # With a budget, since too small an ε is an answer of a plan and no error.
-    settings = SearchSettings(space=space, budget=most, **declared)
-    Search.of(settings).refuse_hopeless()
-    for budget in budgets:
-        if whole("budget", budget, 2 * settings.spread) > most:
-            raise UsageError(f"budget = {budget:g}; a plan has at most {most:,} rollouts")
-    return settings
-
-
 def floors(settings: SearchSettings) -> Floors:
     """Return the floors of a declaration, in closed form."""
     return Floors(
@@ -127,20 +105,16 @@ def plan_search(
     """
     most = settings.budget or MOST
     count = 1 + len(budgets) + len(real)
-
-    def report(done: int) -> None:
-        if progress is not None:
-            progress("estimates", done, count)
-
-    report(0)
+    report = progress or (lambda *_: None)
+    report("estimates", 0, count)
     least = floors(settings)
     low, high = rollouts(settings)
-    report(1)
+    report("estimates", 1, count)
     widths: list[tuple[float, float]] = []
     noisier = replace(settings, R=settings.R * math.sqrt(1 + 1 / SIMULATED_PER_REAL))
     for budget, of in [(each, settings) for each in budgets] + [(each, noisier) for each in real]:
         widths.append(reachable(of, budget))
-        report(1 + len(widths))
+        report("estimates", 1 + len(widths), count)
     ends = list(zip((*budgets, *real), widths, strict=True))
     expected = [(budget, math.sqrt(narrow * wide)) for budget, (narrow, wide) in ends]
     return Plan(
@@ -158,13 +132,8 @@ def plan_search(
 
 def rollouts(settings: SearchSettings) -> tuple[float, float]:
     """Return the low and the high end of the range of rollouts until the interval is ε wide."""
-    low = _fewest_rollouts(settings)
+    low = min(_one(settings, number) for number in range(FUNCTIONS))
     return low, max(low, _most_rollouts(settings))
-
-
-def _fewest_rollouts(settings: SearchSettings) -> float:
-    """Return the low end: the fewest rollouts over a few objectives that vary."""
-    return min(_one(settings, number) for number in range(FUNCTIONS))
 
 
 def _one(settings: SearchSettings, number: int) -> float:

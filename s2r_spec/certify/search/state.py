@@ -23,14 +23,8 @@ class SearchState:
     """All that the next batch, the label and the certificate depend on.
 
     Attributes:
-        settings: the declaration.
-        obstacles: reasons why no certificate is possible.
-        coverage: the coverage of axes that are shorter than the kernel.
-        confidence: bounds of J from the outcomes.
         outcomes: all outcomes so far, in units of R.
         budget: most rollouts; None for as many as ε takes.
-        queries: number of queries so far.
-        batches: number of batches with outcomes.
         fixed: outcomes of tests that the search did not choose.
         final: whether no further test will be asked for.
         verdict_known: whether the bounds decide the verdict; None for the sign of the maximum.
@@ -83,6 +77,5 @@ class SearchState:
             self.decided = tested and (self.verdict_known or self._sign_known)()
 
     def _sign_known(self) -> bool:
-        """Return whether the interval of the maximum excludes 0, or ends there."""
         interval = self.confidence.ladder[0]
         return interval.upper <= 0 or interval.lower > 0
