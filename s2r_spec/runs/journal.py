@@ -312,11 +312,11 @@ class Journal:
         return record
 
     def begin(
-        self, key: lines.Key, params: Mapping[str, float], seed: int, answers: Mapping[str, str]
+        self, key: lines.Key, params: Mapping[str, float], seed: int, answers: Mapping[str, str] | None = None
     ) -> Attempt:
         """Write that a rollout is about to begin on a machine; see :mod:`s2r_spec.runs.machine_journal`."""
         number = self._attempts.counts.get(key, 0) + 1
-        attempt = Attempt(*key, number, dict(params), seed, dict(answers))
+        attempt = Attempt(*key, number, dict(params), seed, dict(answers or {}))
         self._write(f"rollout {attempt.name}", attempt.begun_line())
         self._attempts.begin(attempt)
         return attempt
