@@ -40,7 +40,6 @@ def fresh(backend: str = "sim", duration: float = 1.5, count: int = 5) -> dict[s
         return found
     finally:
         worker.close()
-        worker.release()
 
 
 @contextmanager

@@ -60,7 +60,7 @@ def test_its_options_are_read_and_a_class_without_any_refuses_them(cart, monkeyp
 
 def test_the_page_on_clusters_quotes_what_is_said():
     source = Path(__file__).parents[1] / "s2r_spec"
-    names = ("workers/pools.py", "runs/runner.py", "runs/task.py", "runs/crashes.py")
+    names = ("workers/pools.py", "runs/runner.py", "runs/task.py")
     code = "".join((source / name).read_text() for name in names)
     said = re.sub(r"\{[^{}]*\}", "…", re.sub(r'"\n\s*f?"', "", code))
     quotes = re.findall(r"\*([^*]+)\*", (PAGES / "cluster.md").read_text().split("## What can go wrong")[1])

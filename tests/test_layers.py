@@ -241,7 +241,6 @@ COMMANDS = {f"s2r_spec/cli/{name}.py": {name} for name in EXAMPLES} | {
 WIDE = {
     "s2r_spec/spec/evaluated.py": {"robustness", "evaluate"},
     "s2r_spec/diagnose/run.py": {"diagnose"},
-    "s2r_spec/diagnose/residuals/left.py": {"remainders"},
 }
 """File → functions that may have more parameters: users see each keyword of them with its default."""
 

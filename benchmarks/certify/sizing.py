@@ -29,7 +29,7 @@ import s2r_spec as s2r
 from benchmarks import worker
 from benchmarks.a1.gaps import step_of_the_a1
 from benchmarks.machine import describe
-from s2r_spec.certify.search.observers import Silent
+from s2r_spec.certify.search.observers import Observer
 from s2r_spec.runs.journal import FILE, Record
 from s2r_spec.runs.runner import Runner
 from s2r_spec.runs.scorer import Scorer
@@ -59,7 +59,7 @@ WORKERS = (2, 4, 8, 16, 32, 64)
 """Workers in that table."""
 
 
-class Clock(Silent):
+class Clock(Observer):
     """Notes when batches begin and when rollouts are on disk.
 
     Attributes:

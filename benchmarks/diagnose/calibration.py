@@ -40,7 +40,8 @@ from s2r_spec.diagnose.inference.hierarchical import LAW_SHARE, SHARED
 from s2r_spec.diagnose.inference.prior import SizePrior
 from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.diagnose.simulator.library import ResponseLibrary, library
+from s2r_spec.diagnose.simulator.library import library
+from s2r_spec.diagnose.simulator.response import ResponseLibrary
 from s2r_spec.protocols import HasProtocols
 from s2r_spec.spec import load_spec
 

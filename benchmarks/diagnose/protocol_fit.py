@@ -44,7 +44,8 @@ from s2r_spec.diagnose.inference.estimates import is_named
 from s2r_spec.diagnose.inference.prior import NAMED, UNNAMED
 from s2r_spec.diagnose.simulator.bench import Bench as SimulatorBench
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.diagnose.simulator.library import ResponseLibrary, library
+from s2r_spec.diagnose.simulator.library import library
+from s2r_spec.diagnose.simulator.response import ResponseLibrary
 from s2r_spec.spec import load_spec
 from s2r_spec.trace import Trace
 

@@ -3,28 +3,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
 from s2r_spec.backend import Backend, fault
 from s2r_spec.base.errors import UsageError, one_of, suggest
-from s2r_spec.certify.options import Execution
-from s2r_spec.runs.journal import Journal
-from s2r_spec.runs.layout import new_run
 from s2r_spec.spec import Spec, load_spec
 
 _Options = TypeVar("_Options")
 
 
 def as_spec(spec: Any) -> Spec:
-    """Return the specification, or that of a file.
-
-    Raises:
-        UsageError: it is a text or another value.
-    """
+    """Return the specification, or that of a file; refuse a text or another value with a UsageError."""
     if isinstance(spec, Spec):
         return spec
     if isinstance(spec, str) and "\n" in spec:
@@ -35,15 +27,7 @@ def as_spec(spec: Any) -> Spec:
 
 
 def options_from(kind: Callable[..., _Options], keywords: Mapping[str, Any]) -> _Options:
-    """Return the options of a run from keywords.
-
-    Args:
-        kind: a dataclass.
-        keywords: some of its fields.
-
-    Raises:
-        UsageError: a keyword is not one of its fields, or one without a default is missing.
-    """
+    """Return the options of a run, a dataclass, from some of its fields; a UsageError refuses a wrong set of them."""
     known = {one.name: one for one in fields(kind) if one.init}  # type: ignore[arg-type]
     for name in keywords:
         if name not in known:
@@ -57,11 +41,7 @@ def options_from(kind: Callable[..., _Options], keywords: Mapping[str, Any]) -> 
 
 
 def as_backend(backend: Any, what: str = "backend") -> Backend | str:
-    """Return a backend, or the name of one.
-
-    Raises:
-        UsageError: it is another value, or breaks the protocol of a backend.
-    """
+    """Return a backend or the name of one; refuse another value, or a broken protocol, with a UsageError."""
     if isinstance(backend, str):
         return backend
     if isinstance(backend, type):
@@ -80,22 +60,14 @@ def as_backend(backend: Any, what: str = "backend") -> Backend | str:
 
 
 def as_simulator(backend: Any) -> Backend | str:
-    """Return a simulator or its name.
-
-    Raises:
-        UsageError: it is neither.
-    """
+    """Return a simulator or its name; refuse another value with a UsageError."""
     if isinstance(backend, str | Backend):
         return backend
     raise UsageError(f"sim must be a backend or the name of one, such as 'sim', not {_kind(backend)}")
 
 
 def as_rollouts(real: Any) -> Any:
-    """Return the real machine of a diagnosis: a backend, the name of one, or rollouts.
-
-    Raises:
-        UsageError: it is another value.
-    """
+    """Return the real machine of a diagnosis: a backend, its name, or rollouts; refuse others with a UsageError."""
     if isinstance(real, str | Backend | Iterable):
         return real
     raise UsageError(
@@ -104,57 +76,11 @@ def as_rollouts(real: Any) -> Any:
     )
 
 
-@contextmanager
-def run_folder(folder: Any, name: str, options: Execution) -> Iterator[Path]:
-    """Give the folder of a run; for None a new one in ``s2r-runs``, which goes again if nothing was written into it.
-
-    Args:
-        folder: the folder, or None.
-        name: what is run, for the name of a new folder.
-        options: its options.
-
-    Raises:
-        UsageError: it is not a path, or a run is resumed whose folder is not given.
-    """
-    if folder is not None:
-        yield as_folder(folder)
-        return
-    if options.resume:
-        raise UsageError("to resume a run, give its folder")
-    new = new_run(name, options.fixed_seed)
-    try:
-        yield new
-    finally:
-        with suppress(OSError):  # it has files
-            new.rmdir()
-
-
 def as_folder(folder: Any) -> Path:
-    """Return the folder of a run as a path.
-
-    Raises:
-        UsageError: it is not a path.
-    """
+    """Return the folder of a run as a path; refuse another value with a UsageError."""
     if isinstance(folder, str | os.PathLike) and isinstance(os.fspath(folder), str):
         return Path(folder)
     raise UsageError(f"folder must be a path, such as 'runs/night', not {_kind(folder)}")
-
-
-def require_begun(places: list[Path], run: Path) -> None:
-    """Refuse to resume a run that was never begun.
-
-    Args:
-        places: folders that could hold its journals.
-        run: the folder of the run.
-
-    Raises:
-        UsageError: none of them holds one.
-    """
-    if not any(map(Journal.exists, places)):
-        looked = ", ".join(map(str, places))
-        raise UsageError(
-            f"no run to resume in {run}: there is no journal in {looked}; begin one without resume"
-        )
 
 
 def name_of(backend: Backend | str) -> str:

@@ -12,21 +12,28 @@ from typing import Any, Unpack
 from s2r_spec.backend import Backend, HasRecordings, is_exclusive
 from s2r_spec.base.distribution import version
 from s2r_spec.base.errors import UsageError
-from s2r_spec.certify.arguments import as_backend, as_spec, name_of, options_from, require_begun, run_folder
+from s2r_spec.certify.arguments import as_backend, as_spec, name_of, options_from
 from s2r_spec.certify.from_spec import only_requirement, search_for
-from s2r_spec.certify.options import RunKeywords, RunOptions
-from s2r_spec.certify.result.check_result import CheckResult, conclude, of_recordings, rho_unit
+from s2r_spec.certify.options import (
+    RunKeywords,
+    RunOptions,
+    refuse_rule,
+    require_begun,
+    run_folder,
+    with_rule,
+    with_seed,
+)
+from s2r_spec.certify.result.check_result import CheckResult, conclude
+from s2r_spec.certify.result.search_result import rho_unit
 from s2r_spec.certify.result.voids import machine_fields
-from s2r_spec.certify.resumed_options import refuse_rule, with_rule, with_seed
 from s2r_spec.certify.search.experiments import Rollouts, run_search
 from s2r_spec.certify.search.observers import Phase
 from s2r_spec.certify.search.recorded import Design, RecordedExperiment, fixed_design, observe
 from s2r_spec.certify.search.search import Search
 from s2r_spec.machine.attendance import refuse_terms
 from s2r_spec.machine.machine_runner import runner_for
-from s2r_spec.runs.journal import Journal
 from s2r_spec.runs.scorer import Scorer
-from s2r_spec.runs.spec_files import spec_texts
+from s2r_spec.runs.spec_files import open_journal
 from s2r_spec.runs.stop_rule import header_fields
 from s2r_spec.spec import Spec
 
@@ -84,10 +91,7 @@ def check_with(
     if design is not None:
         provenance["recorded"] = list(design.notes)
     provenance |= machine_fields(scorer, options.terms.void)
-    if options.resume and Journal.begun(folder):
-        journal = Journal.resume(folder, provenance)
-    else:
-        journal = Journal.create(folder, provenance, spec_texts(spec))
+    journal = open_journal(folder, provenance, spec, options.resume)
     attended = is_exclusive(scorer.backend)
     options.watching.begin(
         Phase(
@@ -108,17 +112,11 @@ def check_with(
             runner_for(pool, scorer.backend, journal, options.terms, search.budget) as runner,
         ):
             run_search(search, Rollouts(scorer, options.fixed_seed, journal, runner), options.watching)
-    result = conclude(spec, requirement, scorer.fall, search, journal, provenance)
-    return result if design is None else of_recordings(result, design.notes, search)
+    return conclude(spec, search, journal, provenance)
 
 
 def _design(search: Search, spec: Spec, requirement: str, scorer: Scorer) -> Design | None:
-    """Return the recorded tests of a backend of recordings, None for one that runs.
-
-    Raises:
-        UsageError: recordings have a budget or a stopping rule, or none is in the test space; or no rollout could give
-            a certificate.
-    """
+    """Return the recorded tests of a backend of recordings, None for one that runs; refuse options that do not fit."""
     if not isinstance(scorer.backend, HasRecordings):
         search.refuse_hopeless()
         return None

@@ -49,19 +49,15 @@ def choose(results: Sequence[CheckResult]) -> Choice:
                 f"{other.folder} checks {other.requirement!r} of a different spec from {first.folder}: "
                 f"worst cases of different requirements cannot be compared"
             )
-        if any(
-            one.provenance["backend"] == other.provenance["backend"] for one in results if one is not other
-        ):
-            raise UsageError(
-                f"{other.provenance['backend']!r} is among the candidates twice; name each backend once"
-            )
+        backend = other.provenance["backend"]
+        if any(one.provenance["backend"] == backend for one in results if one is not other):
+            raise UsageError(f"{backend!r} is among the candidates twice; name each backend once")
     refused = tuple(i for i, r in enumerate(results) if not r.certificate.label.bounds)
     able = [i for i in range(len(results)) if i not in refused]
     delta = min(1.0, sum(r.certificate.delta for r in results))
     if not able:
         return Choice(None, float("-inf"), float("inf"), delta, refused)
     best = max(able, key=lambda i: results[i].lower)
-    regret = (
-        max(0.0, max(results[i].upper for i in able if i != best) - results[best].lower) if able[1:] else 0.0
-    )
-    return Choice(best, results[best].lower, regret, delta, refused)
+    lower = results[best].lower
+    regret = max([0.0, *(results[i].upper - lower for i in able if i != best)])
+    return Choice(best, lower, regret, delta, refused)

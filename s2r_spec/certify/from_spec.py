@@ -3,28 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from s2r_spec.base.errors import UsageError, one_of
 from s2r_spec.certify.bound.kernels import Kernel
 from s2r_spec.certify.bound.settings import SearchSettings
 from s2r_spec.certify.options import RunOptions
-from s2r_spec.certify.result.check_result import rho_unit
+from s2r_spec.certify.result.search_result import rho_unit
 from s2r_spec.certify.search.search import Search
 from s2r_spec.runs.stop_rule import EPSILON
 from s2r_spec.spec import CertifySettings, Spec
 
 
 def search_for(spec: Spec, requirement: str, options: RunOptions, noise: float = 1.0) -> Search:
-    """Return the search that a requirement's certify line declares.
+    """Return the search that a requirement's certify line declares; ``noise`` is a factor on the declared R.
 
-    Args:
-        spec: a specification with a test space and a certify line.
-        requirement: the name of the requirement.
-        options: the seed, the budget, the stopping rule, the mode and the engine.
-        noise: factor on the declared R (dimensionless).
-
-    Raises:
-        UsageError: the requirement is unknown, or its certify line lacks a setting.
+    An unknown requirement, or a certify line that lacks a setting, is a UsageError.
     """
     if requirement not in spec.requirements:
         raise UsageError(
@@ -35,12 +29,9 @@ def search_for(spec: Spec, requirement: str, options: RunOptions, noise: float =
             f"{spec.name} has no test space: declare a parameter with a range, "
             f"for example  param vd {{m/s}} in [-0.2, 0.3]"
         )
-    settings = spec.certify.get(requirement, CertifySettings())
-    delta, epsilon, B, R = settings.delta, settings.epsilon, settings.B, settings.R
-    kernel = settings.kernel
-    if delta is None or epsilon is None or B is None or R is None or kernel is None or settings.fall is None:
-        names = ("delta", "epsilon", "B", "R", "kernel", "fall")
-        lacking = [name for name in names if getattr(settings, name) is None]
+    line: Any = spec.certify.get(requirement, CertifySettings())
+    names = ("delta", "epsilon", "B", "R", "kernel", "fall")
+    if lacking := [name for name in names if getattr(line, name) is None]:
         raise UsageError(
             f"the certificate of {requirement!r} needs {', '.join(lacking)}, declared before the data "
             f"in a line 'certify {requirement}: {lacking[0]} = …' of {spec.name}"
@@ -48,11 +39,11 @@ def search_for(spec: Spec, requirement: str, options: RunOptions, noise: float =
     return Search.of(
         SearchSettings(
             space=spec.space,
-            kernel=Kernel(kernel.name, kernel.lengthscales),
-            B=B,
-            R=R * noise,
-            delta=delta,
-            epsilon=epsilon,
+            kernel=Kernel(line.kernel.name, line.kernel.lengthscales),
+            B=line.B,
+            R=line.R * noise,
+            delta=line.delta,
+            epsilon=line.epsilon,
             seed=options.fixed_seed,
             budget=options.budget,
             stop=options.stop or EPSILON,
@@ -64,22 +55,14 @@ def search_for(spec: Spec, requirement: str, options: RunOptions, noise: float =
 
 
 def only_requirement(spec: Spec) -> str:
-    """Return the name of the spec's one requirement.
-
-    Raises:
-        UsageError: there are several, so a name is needed.
-    """
+    """Return the name of the spec's one requirement; a UsageError asks for a name if there are several."""
     if len(spec.requirements) != 1:
         raise UsageError(f"{spec.name} has several requirements ({one_of(spec.requirements)}): name one")
     return spec.requirements[0]
 
 
 def certified_requirements(spec: Spec, names: Sequence[str] | None, options: RunOptions) -> list[str]:
-    """Return the requirements that a run checks: the named ones, or all with a certify line.
-
-    Raises:
-        UsageError: there is none, or one cannot be checked with these options.
-    """
+    """Return the requirements that a run checks, the named ones or all with a certify line; a UsageError if none."""
     requirements = list(dict.fromkeys(names or [name for name in spec.requirements if name in spec.certify]))
     if not requirements:
         raise UsageError(f"{spec.name} has no certify line, so there is nothing to certify")

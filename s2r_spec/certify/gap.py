@@ -15,14 +15,20 @@ from typing import Any, Unpack
 from s2r_spec.backend import Backend, is_exclusive
 from s2r_spec.base.distribution import version
 from s2r_spec.base.errors import UsageError
-from s2r_spec.certify.arguments import as_backend, as_spec, name_of, options_from, require_begun, run_folder
-from s2r_spec.certify.bound.settings import SearchSettings
+from s2r_spec.certify.arguments import as_backend, as_spec, name_of, options_from
 from s2r_spec.certify.from_spec import only_requirement, search_for
-from s2r_spec.certify.options import RunKeywords, RunOptions
-from s2r_spec.certify.result.check_result import rho_unit
+from s2r_spec.certify.options import (
+    RunKeywords,
+    RunOptions,
+    refuse_rule,
+    require_begun,
+    run_folder,
+    with_rule,
+    with_seed,
+)
 from s2r_spec.certify.result.gap_result import GapResult, conclude_gap
+from s2r_spec.certify.result.search_result import rho_unit
 from s2r_spec.certify.result.voids import machine_fields
-from s2r_spec.certify.resumed_options import refuse_rule, with_rule, with_seed
 from s2r_spec.certify.search.experiments import OutcomeSource, Pairs, Rollouts, run_search
 from s2r_spec.certify.search.observers import Phase
 from s2r_spec.certify.search.pairing import SIMULATED_PER_REAL, Pairing
@@ -30,10 +36,9 @@ from s2r_spec.certify.search.recorded import RecordedExperiment, observe
 from s2r_spec.certify.search.search import Search
 from s2r_spec.machine.attendance import refuse_terms
 from s2r_spec.machine.machine_runner import runner_for
-from s2r_spec.runs.journal import Journal
 from s2r_spec.runs.layout import SYSTEMS
 from s2r_spec.runs.seeds import SeedStream
-from s2r_spec.runs.spec_files import spec_texts
+from s2r_spec.runs.spec_files import open_journal
 from s2r_spec.runs.stop_rule import DECIDED, EPSILON, header_fields
 from s2r_spec.spec import Spec
 
@@ -115,7 +120,12 @@ def gap_with(
         provenance[side] |= machine_fields(scorer, terms.void)
     if pairing.recorded is not None:
         provenance["recorded"] = list(pairing.notes)
-    journals = _journals(spec, pairing, folder, provenance, options.resume)
+    journals = {}
+    for side, scorer in pairing.scorers.items():
+        header = provenance | {"side": side, "backend": scorer.name, "duration": scorer.backend.duration}
+        journals[side] = open_journal(folder / side, header, spec, options.resume)
+    # From these settings an observer may forecast the end; the verdict of certify ends it earlier.
+    settings = replace(search.settings, stop=EPSILON) if search.settings.stop == DECIDED else search.settings
     options.watching.begin(
         Phase(
             "Δ",
@@ -124,7 +134,7 @@ def gap_with(
             spec.space.units,
             search.budget,
             is_exclusive(machine),
-            _forecast(search) if pairing.recorded is None else None,
+            settings if pairing.recorded is None else None,
         )
     )
     with (
@@ -138,33 +148,9 @@ def gap_with(
             real = Rollouts(pairing.real, options.fixed_seed, journals["real"], attended, SeedStream.GAP_REAL)
             run_search(search, Pairs(simulated, real), options.watching)
         else:
-            if pairing.simulated is not None:
-                simulated = RecordedExperiment(
-                    pairing.simulated, pairing.sim, journals["sim"], SIMULATED_PER_REAL
-                )
+            if (design := pairing.simulated) is not None:
+                simulated = RecordedExperiment(design, pairing.sim, journals["sim"], SIMULATED_PER_REAL)
             recorded = RecordedExperiment(pairing.recorded, pairing.real, journals["real"])
             pairs = Pairs(simulated, recorded, watched="simulated")
             observe(search, pairing.recorded, pairs, options.watching)
     return conclude_gap(spec, search, journals, provenance, folder)
-
-
-def _forecast(search: Search) -> SearchSettings:
-    """Return the settings from which an observer may forecast the end; the verdict of certify ends it earlier."""
-    settings = search.settings
-    return replace(settings, stop=EPSILON) if settings.stop == DECIDED else settings
-
-
-def _journals(
-    spec: Spec, pairing: Pairing, folder: Path, provenance: dict[str, Any], resume: bool
-) -> dict[str, Journal]:
-    """Create or resume a journal for each backend; the keys are the names in ``SYSTEMS``."""
-    journals = {}
-    for side, scorer in pairing.scorers.items():
-        header = provenance | {"side": side, "backend": scorer.name, "duration": scorer.backend.duration}
-        place = folder / side
-        journals[side] = (
-            Journal.resume(place, header)
-            if resume and Journal.begun(place)
-            else Journal.create(place, header, spec_texts(spec))
-        )
-    return journals

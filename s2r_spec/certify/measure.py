@@ -9,11 +9,10 @@ from typing import Any, Unpack
 from s2r_spec.backend import Backend
 from s2r_spec.base.distribution import version
 from s2r_spec.base.errors import UsageError
-from s2r_spec.certify.arguments import as_backend, as_folder, options_from, require_begun
+from s2r_spec.certify.arguments import as_backend, as_folder, options_from
 from s2r_spec.certify.bound.certificate import Certificate
-from s2r_spec.certify.options import MeasureKeywords, MeasureOptions
+from s2r_spec.certify.options import MeasureKeywords, MeasureOptions, require_begun, with_seed
 from s2r_spec.certify.result.voids import machine_assumptions, machine_fields, without_too_many
-from s2r_spec.certify.resumed_options import with_seed
 from s2r_spec.certify.search.experiments import Rollouts, run_search
 from s2r_spec.certify.search.search import Search
 from s2r_spec.machine.attendance import Terms, refuse_terms
@@ -52,7 +51,12 @@ def check_measure(
     """
     options = options_from(MeasureOptions, keywords)
     backend, folder = as_backend(backend), as_folder(folder)
-    _check_arguments(measure, name, search)
+    if not callable(measure):
+        raise UsageError(f"measure must be a function of a trace and its test, not {measure!r}")
+    if not isinstance(name, str):
+        raise UsageError(f"name must be a string, the name of the measure in the journal, not {name!r}")
+    if not isinstance(search, Search):
+        raise UsageError(f"search must be an s2r.Search, not a value of type {type(search).__name__}")
     if options.resume:
         require_begun([folder], folder)
     options = with_seed(options, folder)
@@ -73,21 +77,8 @@ def check_measure(
     }
     header |= machine_fields(scorer, terms.void)
     journal = Journal.resume(folder, header) if options.resume else Journal.create(folder, header, {})
-    with (
-        options.runner(passed) as pool,
-        runner_for(pool, machine, journal, terms, search.budget) as runner,
-    ):
+    with options.runner(passed) as pool, runner_for(pool, machine, journal, terms, search.budget) as runner:
         run_search(search, Rollouts(scorer, options.fixed_seed, journal, runner), options.watching)
     certificate = without_too_many(search.certificate(), called, journal)
-    return replace(
-        certificate, assumptions=(*certificate.assumptions, *machine_assumptions(called, header, journal))
-    )
-
-
-def _check_arguments(measure: object, name: object, search: object) -> None:
-    if not callable(measure):
-        raise UsageError(f"measure must be a function of a trace and its test, not {measure!r}")
-    if not isinstance(name, str):
-        raise UsageError(f"name must be a string, the name of the measure in the journal, not {name!r}")
-    if not isinstance(search, Search):
-        raise UsageError(f"search must be an s2r.Search, not a value of type {type(search).__name__}")
+    assumptions = (*certificate.assumptions, *machine_assumptions(called, header, journal))
+    return replace(certificate, assumptions=assumptions)

@@ -1,21 +1,34 @@
-"""Options of a run, as one value. :func:`check`, :func:`gap` and :func:`certify` take them as keywords."""
+"""Options of a run, as one value, which :func:`check`, :func:`gap` and :func:`certify` take as keywords.
+
+The seed and the stopping rule of a resumed run are those that it began with.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import Required, TypedDict
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Required, TypedDict, TypeVar
 
 from s2r_spec.backend import Operator
-from s2r_spec.base.errors import UsageError
-from s2r_spec.certify.search.observers import Observer, Silent
-from s2r_spec.machine.attendance import Terms, terms_of
+from s2r_spec.base.errors import UsageError, one_of
+from s2r_spec.certify.arguments import as_folder
+from s2r_spec.certify.search.observers import Observer
+from s2r_spec.machine.attendance import Terms
+from s2r_spec.machine.operator import Terminal
+from s2r_spec.runs import layout
+from s2r_spec.runs.journal import Journal
+from s2r_spec.runs.lines import is_count
 from s2r_spec.runs.machine_journal import AGAIN
 from s2r_spec.runs.passed import PassedBackend
 from s2r_spec.runs.runner import Runner
-from s2r_spec.runs.seeds import NEW_SEED
-from s2r_spec.runs.stop_rule import as_stop
+from s2r_spec.runs.seeds import NEW_SEED, inherited_seed
+from s2r_spec.runs.stop_rule import BUDGET, EPSILON, as_stop, stop_of
 from s2r_spec.workers.pools import ExecutorFactory, in_this_process, process_pool
+
+Options = TypeVar("Options", bound="Execution")
 
 
 class ExecutionKeywords(TypedDict, total=False):
@@ -72,7 +85,6 @@ class Execution:
     observer: Observer | None = None
 
     def __post_init__(self) -> None:
-        """Refuse two pools, or one without workers."""
         if self.workers is not None and self.executor is not None:
             raise UsageError("give either workers or executor")
         if self.workers is not None and self.workers < 1:
@@ -94,7 +106,7 @@ class Execution:
     @property
     def watching(self) -> Observer:
         """The observer, or one that shows nothing."""
-        return self.observer or Silent()
+        return self.observer or Observer()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,9 +138,8 @@ class RunOptions(Execution):
     terms: Terms = field(init=False)
 
     def __post_init__(self) -> None:
-        """Settle how the rollouts of a machine are attended to."""
         super().__post_init__()
-        object.__setattr__(self, "terms", terms_of(self.void, self.operator))
+        object.__setattr__(self, "terms", Terms(self.void, self.operator or Terminal()))
         if self.stop is not None:
             as_stop(self.stop)
 
@@ -149,9 +160,99 @@ class MeasureOptions(Execution):
     duration: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse a fall that is not a number."""
         super().__post_init__()
         if not isinstance(self.fall, int | float) or not math.isfinite(self.fall):
             raise UsageError(
                 f"fall, the value of a failed rollout, must be a finite number, not {self.fall!r}"
             )
+
+
+@contextmanager
+def run_folder(folder: Any, name: str, options: Execution) -> Iterator[Path]:
+    """Give the folder of a run; for None a new one in ``s2r-runs``, which goes again if nothing was written into it.
+
+    A resumed run whose folder is not given is a UsageError.
+    """
+    if folder is not None:
+        yield as_folder(folder)
+        return
+    if options.resume:
+        raise UsageError("to resume a run, give its folder")
+    new = layout.new_run(name, options.fixed_seed)
+    try:
+        yield new
+    finally:
+        with suppress(OSError):  # it has files
+            new.rmdir()
+
+
+def require_begun(places: list[Path], run: Path) -> None:
+    """Refuse to resume a run that has a journal in none of the places with a UsageError."""
+    if not any(map(Journal.exists, places)):
+        looked = ", ".join(map(str, places))
+        raise UsageError(
+            f"no run to resume in {run}: there is no journal in {looked}; begin one without resume"
+        )
+
+
+def with_rule(options: RunOptions, *places: Path) -> RunOptions:
+    """Return options with a stopping rule: the given one, or that of the resumed journal in one of the places.
+
+    The rule "budget" without a budget is a UsageError.
+    """
+    stop = options.stop
+    if stop is None:
+        begun = [place for place in places if options.resume and Journal.begun(place)]
+        stop = stop_of(Journal.read(begun[0]).header) if begun else EPSILON
+    if stop == BUDGET and options.budget is None:
+        raise UsageError("stop = 'budget' needs a budget: the largest number of rollouts")
+    return replace(options, stop=stop)
+
+
+def with_seed(options: Options, *places: Path) -> Options:
+    """Return options with a seed: the given one, or that of the resumed run; see :func:`seed_of`."""
+    return replace(options, seed=seed_of(options.seed, *(places if options.resume else ())))
+
+
+def seed_of(given: int | None, *places: Path) -> int:
+    """Return the seed of a run: the given one, that of the journals of a resumed run, or that of a new one.
+
+    A seed that differs from that of the resumed run is a UsageError.
+    """
+    for place in places:
+        seed = Journal.header_in(place).get("seed")
+        if seed is not None and is_count(seed):  # the check of the whole header names a fault
+            return inherited_seed(place, seed, given)
+    return NEW_SEED if given is None else given
+
+
+def places_of(folder: Path, requirements: Sequence[str], resume: bool) -> dict[str, Path]:
+    """Return requirement → folder of its journal, for a run that checks several requirements.
+
+    The folder of a resumed run may also be that of one of its journals. A folder without such a run is a UsageError.
+    """
+    if not resume:
+        return layout.places(folder, requirements, None)
+    places = layout.places(folder, requirements, _direct_requirement(folder, requirements))
+    require_begun([*places.values()], folder)
+    return places
+
+
+def _direct_requirement(folder: Path, requirements: Sequence[str]) -> str | None:
+    """Return the requirement whose journal lies directly in a folder; None if the folder holds a whole run."""
+    header = Journal.header_in(folder)
+    own = header.get("requirement")
+    if header and (own not in requirements or "side" in header):
+        of = f"of the requirement {own!r}" if own not in requirements else "a part of a gap"
+        raise UsageError(
+            f"the run in {folder} is {of}, but this command checks {one_of(requirements)}; begin a new run with --run"
+        )
+    return own
+
+
+def refuse_rule(stop: str, backend: str) -> None:
+    """Refuse any stopping rule but the usual one for recordings with a UsageError."""
+    if stop != EPSILON:
+        raise UsageError(
+            f"stop = {stop!r} does not apply to {backend}: its tests are fixed, and s2r uses all of its recordings"
+        )

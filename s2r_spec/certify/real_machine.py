@@ -10,16 +10,23 @@ from s2r_spec.backend import Backend
 from s2r_spec.base.json_values import Shown
 from s2r_spec.base.result import Result
 from s2r_spec.base.verdict import Verdict
-from s2r_spec.certify.arguments import as_backend, as_spec, name_of, options_from, require_begun, run_folder
+from s2r_spec.certify.arguments import as_backend, as_spec, name_of, options_from
 from s2r_spec.certify.bound.certificate import Label
 from s2r_spec.certify.check import check_with
 from s2r_spec.certify.from_spec import only_requirement, search_for
 from s2r_spec.certify.gap import gap_search, gap_with
-from s2r_spec.certify.options import RunKeywords, RunOptions
+from s2r_spec.certify.options import (
+    RunKeywords,
+    RunOptions,
+    refuse_rule,
+    require_begun,
+    run_folder,
+    with_rule,
+    with_seed,
+)
 from s2r_spec.certify.result.check_result import CheckResult, when_decided
 from s2r_spec.certify.result.compose import Composition, compose
 from s2r_spec.certify.result.gap_result import GapResult
-from s2r_spec.certify.resumed_options import refuse_rule, with_rule, with_seed
 from s2r_spec.certify.search.pairing import Pairing
 from s2r_spec.certify.search.search import Search
 from s2r_spec.machine.attendance import refuse_terms
@@ -114,14 +121,7 @@ def refused_in_simulation(checked: CheckResult, real: str) -> CertifyResult:
 def conclude_certify(
     first: Search, second: Search, checked: CheckResult, bounded: GapResult
 ) -> CertifyResult:
-    """Return the certificate of the real machine.
-
-    Args:
-        first: search 1, over simulated rollouts.
-        second: search 2, over the gap.
-        checked: result of search 1.
-        bounded: result of search 2.
-    """
+    """Return the certificate of the real machine from search 1, search 2 over the gap, and the results of both."""
     real = bounded.provenance["real"]["backend"]
     for name, certificate in (("simulation", checked.certificate), ("the gap", bounded.certificate)):
         if not certificate.label.bounds:

@@ -48,8 +48,7 @@ def check(
         # Imported here, so that the help does not wait for numerical libraries.
         from s2r_spec.certify import check as checking
         from s2r_spec.certify.from_spec import certified_requirements
-        from s2r_spec.certify.options import RunKeywords, RunOptions
-        from s2r_spec.certify.resumed_options import places_of, seed_of
+        from s2r_spec.certify.options import RunKeywords, RunOptions, places_of, seed_of
         from s2r_spec.cli.terminal.progress import Live
         from s2r_spec.report import check as check_report
         from s2r_spec.report import html

@@ -108,7 +108,7 @@ def diagnose(
     with sentences(writing.json):
         from s2r_spec.cli.terminal.stages import Stages
         from s2r_spec.diagnose import diagnose as find
-        from s2r_spec.diagnose.resumed import REAL, begun_in, seed_of
+        from s2r_spec.diagnose.data.journal import REAL, begun_in, seed_of
         from s2r_spec.spec import load_spec
 
         form = settle(writing.form, writing.as_json, writing.output, _forms())
@@ -161,7 +161,7 @@ def _forms() -> dict[str, Callable[[Diagnosis, Spec], str]]:
 
 def _keep(diagnosis: Diagnosis, spec: Spec, folder: Path) -> None:
     """Write the diagnosis into the folder of the run."""
-    from s2r_spec.diagnose.resumed import ANSWER
+    from s2r_spec.diagnose.data.journal import ANSWER
 
     folder.mkdir(parents=True, exist_ok=True)
     save(folder / ANSWER, document(diagnosis) + "\n")

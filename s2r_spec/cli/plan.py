@@ -165,7 +165,9 @@ def _print_json(request: PlanRequest, result: Plan) -> None:
 
 
 def _print_request(request: PlanRequest, cost: PlanWords) -> None:
-    of, least = request.settings, request.floors
+    from s2r_spec.certify.search.plan import floors
+
+    of, least = request.settings, floors(request.settings)
     where = f"{of.kernel.name} over {of.space.dim} parameter{'' if of.space.dim == 1 else 's'}"
     say(f"R = {of.R:g}, ε = {of.epsilon:g}, δ = {of.delta:g}, B = {of.B:g}, {where}")
     say(f"  impossible below      {cost.words(least.floor)}, on average, by any method")

@@ -18,9 +18,8 @@ that with the named effects, and that with the posterior mean of all. Rules, the
 | SPREAD | the gap shows | no single cause |
 | NONE | else | no material gap |
 
-An effect is *named* by its size alone (:mod:`.inference.estimates`), whether or not the gap shows: it is a fact about
-the machine, and may matter for another requirement. The reason then says first that the gap is not material. A named
-effect does not count if its patch makes a material gap where there is none.
+An effect is *named* by its size alone (:mod:`.inference.estimates`): it is a fact about the machine, and may matter for
+another requirement. It does not count if its patch makes a material gap where there is none.
 
 These rules keep two promises. *No material gap* is never said of a gap that shows. No cause is named that surely leaves
 the gap. A misfit or a rest of the motion is no verdict where no gap is left: every machine differs from its simulator
@@ -83,15 +82,12 @@ class Rule(Enum):
 
 @dataclass(frozen=True)
 class Evidence:
-    """What a verdict rests on.
+    """What a verdict rests on; None and () stand for what was not measured.
 
     Attributes:
         effects: estimate of every effect.
         any_cause: probability that some effect is at least a quarter of typical.
-        separations: one for each possible effect: what other experiments would say about it.
-        held_out: the held-out gap; None where nothing was held out.
-        materiality: whether the gap matters at any test; None where that was not tested.
-        goodness: of the fit; None where that was not tested.
+        separations: what other experiments would say about each possible effect.
         left: motion that no effect explains.
         findings: suspected mistakes of the recordings.
     """

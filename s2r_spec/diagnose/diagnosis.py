@@ -24,12 +24,11 @@ from s2r_spec.diagnose.inference.estimates import (
     with_status,
 )
 from s2r_spec.diagnose.residuals.left import Remainder
+from s2r_spec.diagnose.simulator.axes import Values
 from s2r_spec.spec import Spec
 
 SHOWN = 1e-3
 """Definition: probability from which on a set of several effects has an entry in the JSON object."""
-
-Values = Mapping[str, Mapping[str, float]]
 
 
 @dataclass(frozen=True)

@@ -13,26 +13,26 @@ Units: θ in typical sizes. Shapes: K parameters, G groups, n_p observables of e
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, Executor
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend
-from s2r_spec.base.errors import BackendError, UsageError, one_of
-from s2r_spec.diagnose.inference.gauss_newton import CLOSE, Errors, Fit, Observation, Problem, fit, search
+from s2r_spec.base.errors import UsageError, one_of
+from s2r_spec.diagnose.inference.gauss_newton import CLOSE, Errors, Fit, fit
 from s2r_spec.diagnose.inference.hierarchical import LAW_SHARE, Likelihood
 from s2r_spec.diagnose.inference.model_search import ModelPosterior, Set, combine, nearest_mode, posterior
+from s2r_spec.diagnose.inference.observation import Observation, Problem
 from s2r_spec.diagnose.inference.prior import SizePrior
-from s2r_spec.diagnose.simulator.axes import Values
+from s2r_spec.diagnose.inference.search import search
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.diagnose.simulator.library import ResponseLibrary, simulated_mean
+from s2r_spec.diagnose.simulator.library import simulated_means
+from s2r_spec.diagnose.simulator.response import ResponseLibrary
 from s2r_spec.trace import Trace
-from s2r_spec.workers.pools import in_this_process
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
+from s2r_spec.workers.pools import ExecutorFactory
 
 CORRECTIONS = 3
 """Budget: most runs of the simulator at the posterior mean. The most probable sets share :data:`SIMULATED` times as
@@ -58,8 +58,7 @@ class Estimate:
 def size_prior(library: ResponseLibrary) -> SizePrior:
     """Return the prior of the catalogue's parameters."""
     axes = library.parameters
-    low = np.array([min(axis.coordinate(axis.low), axis.coordinate(axis.high)) for axis in axes])
-    high = np.array([max(axis.coordinate(axis.low), axis.coordinate(axis.high)) for axis in axes])
+    low, high = np.array([axis.ends for axis in axes]).reshape(-1, 2).T
     turns = np.array([axis.is_phase for axis in axes])
     low, high = np.where(turns, -np.inf, low), np.where(turns, np.inf, high)
     return SizePrior.of([axis.effect for axis in axes], low, high, library.dependence.base >= 0)
@@ -70,16 +69,11 @@ def estimate(
     library: ResponseLibrary,
     traces: Mapping[Experiment, Sequence[Trace]],
     corrections: int = CORRECTIONS,
-    executor: Callable[[], Executor] | None = None,
+    executor: ExecutorFactory | None = None,
 ) -> Estimate:
-    """Return the estimate of a machine.
+    """Return the estimate of a machine, from experiment → real runs.
 
-    Args:
-        backend: the nominal simulator.
-        library: its responses to every experiment of the traces.
-        traces: experiment → real runs.
-        corrections: largest number of times that the simulator runs at the posterior mean; 0 for no run at all.
-        executor: makes a pool for these runs; None runs them here.
+    The simulator runs at most ``corrections`` times at the posterior mean, in a pool or here; 0 means no run at all.
 
     Raises:
         UsageError: there is no run, an experiment is not in the library, or no run has a channel of the simulator.
@@ -98,14 +92,14 @@ def estimate(
         raise UsageError(
             "no run has a channel that the simulator has, too, so no size can be estimated; add such runs"
         )
-    simulator = _Simulator(backend, library, executor)
+    corrected = partial(_corrected, backend, library, executor)
     prior = size_prior(library)
     problem = Problem(tuple(observations), prior)
     joint = _joint_fit(library, problem)
     first = posterior(joint.likelihood, joint.theta, prior)
     for _ in range(corrections):
         before, deviation = moments(first)
-        problem = simulator.corrected(problem, before)
+        problem = corrected(problem, before)
         joint = fit(problem, joint.theta, errors=Errors.at(problem, joint.theta, deviation))
         first = posterior(joint.likelihood, joint.theta, prior)
         if np.abs(first.probability @ first.mean - before)[prior.causes].max(initial=0.0) < SETTLED:
@@ -113,12 +107,10 @@ def estimate(
     problem = with_likely_law(problem, joint.theta, moments(first)[1])
     joint = fit(problem, joint.theta, errors=Errors.at(problem, joint.theta, moments(first)[1]))
     first = posterior(joint.likelihood, joint.theta, prior)
-    starts = [PosteriorMode(problem, first.mean[0], first.sets[0])]
+    starts = {first.sets[0]: (problem, first.mean[0])}
     for theta, members in rivals(joint.likelihood, first):
         # Beside a large effect a sum of responses may be wrong, so each rival has runs of its own.
-        starts.append(
-            PosteriorMode(simulator.corrected(problem, theta) if corrections else problem, theta, members)
-        )
+        starts[members] = corrected(problem, theta) if corrections else problem, theta
     errors = _expected_variances(fit_modes(library, starts, problem.errors(joint.theta, moments(first)[1])))
     modes = fit_modes(library, starts, errors)
     total = over_modes(modes)
@@ -128,70 +120,36 @@ def estimate(
             break
         members = total.sets[row]
         theta = modes[members].fit.theta if members in modes else total.mean[row]
-        modes |= fit_modes(
-            library, [PosteriorMode(simulator.corrected(problem, theta), theta, members)], errors
-        )
+        modes |= fit_modes(library, {members: (corrected(problem, theta), theta)}, errors)
         total = over_modes(modes)
     return replace(modes[nearest_mode(modes, total.sets[0])], posterior=total)
 
 
 def _is_settled(modes: Mapping[Set, Estimate], members: Set) -> bool:
-    """Return whether a set has a mode of its own, and the simulator ran at its estimate."""
     if members not in modes:
         return False
     problem, theta = modes[members].problem, modes[members].fit.theta
-    return bool(np.abs(theta - problem.ran)[problem.prior.causes].max(initial=0.0) < SETTLED)
+    away = np.abs(theta - problem.observations[0].ran)
+    return bool(away[problem.prior.causes].max(initial=0.0) < SETTLED)
 
 
-@dataclass(frozen=True)
-class _Simulator:
-    """Runs the simulator at an estimate.
-
-    Attributes:
-        backend: the nominal simulator.
-        library: its responses.
-        executor: makes a pool; None runs all here.
-    """
-
-    backend: Backend
-    library: ResponseLibrary
-    executor: Callable[[], Executor] | None
-
-    def corrected(self, problem: Problem, theta: FloatArray) -> Problem:
-        """Return the problem with runs at (K,) θ in place of sums of responses there, as far as the runs reach."""
-        theta = np.clip(theta, problem.prior.low, problem.prior.high)
-        values = self.library.values(theta)
-        try:
-            runs = self._runs(problem, values)
-        except BrokenExecutor:
-            raise BackendError(
-                f"a worker died while it ran backend {self.backend.name!r} with {values}; "
-                f"run it again with --workers 1 to see the experiment that kills it"
-            ) from None
-        corrections = []
-        for one, run in zip(problem.observations, runs, strict=True):
-            beyond = run - one.response.reference
-            beyond[one.kept] -= one.moved(theta)
-            corrections.append(beyond)
-        return problem.corrected(corrections, theta)
-
-    def _runs(self, problem: Problem, values: Values) -> list[FloatArray]:
-        """Return (m,) the mean of every experiment, simulated with these effects."""
-        with (self.executor or in_this_process)() as pool:
-            runs = [
-                pool.submit(simulated_mean, self.backend, own.observables, own.experiment, values)
-                for own in (one.response for one in problem.observations)
-            ]
-            return [run.result() for run in runs]
-
-
-@dataclass(frozen=True)
-class PosteriorMode:
-    """A mode of the likelihood: a problem, (K,) a point, and the parameters that are causes."""
-
-    problem: Problem
-    theta: FloatArray
-    active: Set
+def _corrected(
+    backend: Backend,
+    library: ResponseLibrary,
+    executor: ExecutorFactory | None,
+    problem: Problem,
+    theta: FloatArray,
+) -> Problem:
+    """Return the problem with runs at (K,) θ in place of sums of responses there, as far as the runs reach."""
+    theta = np.clip(theta, problem.prior.low, problem.prior.high)
+    responses = [one.response for one in problem.observations]
+    means = simulated_means(backend, responses, library.values(theta), executor)
+    observations = []
+    for one, mean in zip(problem.observations, means, strict=True):
+        correction = mean - one.response.reference
+        correction[one.kept] -= one.moved(theta)
+        observations.append(one.corrected(correction, theta))
+    return replace(problem, observations=tuple(observations))
 
 
 def _joint_fit(library: ResponseLibrary, problem: Problem) -> Fit:
@@ -204,8 +162,8 @@ def _joint_fit(library: ResponseLibrary, problem: Problem) -> Fit:
     sets = [posterior(one.likelihood, one.theta, problem.prior) for one in fits]
     each = [problem.errors(one.theta) for one in fits]
     errors = [np.max(same, axis=0) for same in zip(*each, strict=True)]
-    modes = [PosteriorMode(problem, one.mean[0], one.sets[0]) for one in sets]
-    evidence = [fit_modes(library, [mode], errors)[mode.active].posterior.log_evidence for mode in modes]
+    modes = [fit_modes(library, {one.sets[0]: (problem, one.mean[0])}, errors) for one in sets]
+    evidence = [estimate.posterior.log_evidence for own in modes for estimate in own.values()]
     return fits[int(np.argmax(evidence))]
 
 
@@ -241,27 +199,21 @@ def _expected_variances(modes: Mapping[Set, Estimate]) -> list[FloatArray]:
 
 
 def fit_modes(
-    library: ResponseLibrary, modes: Sequence[PosteriorMode], variances: Sequence[FloatArray]
+    library: ResponseLibrary, modes: Mapping[Set, tuple[Problem, FloatArray]], variances: Sequence[FloatArray]
 ) -> dict[Set, Estimate]:
-    """Return the estimate around each mode, by its causes.
+    """Return the estimate around each mode: causes → problem and (K,) a point.
 
     In the fit the causes of a mode have the prior of causes, and all other parameters that of the background. Its law
-    errors are those of its own sizes: an effect that is not there has none.
-
-    Args:
-        library: of the simulator.
-        modes: their starts.
-        variances: (n_p,) of the responses in u, for every experiment: the same for all modes, so that their evidence
-            can be compared.
+    errors are those of its own sizes: an effect that is not there has none. The (n_p,) ``variances`` of the responses
+    are the same for all modes, so that their evidence can be compared.
     """
     estimates = {}
-    for mode in modes:
-        prior = mode.problem.prior
-        start = np.clip(mode.theta, prior.low, prior.high)
-        own = Errors(variances, np.abs(start), mode.problem.law)
-        last = fit(mode.problem, start, prior.deviation(mode.active), own)
-        sets = posterior(last.likelihood, last.theta, prior)
-        estimates[mode.active] = Estimate(library, last, sets, mode.problem)
+    for active, (problem, theta) in modes.items():
+        prior = problem.prior
+        start = np.clip(theta, prior.low, prior.high)
+        own = Errors(variances, np.abs(start), problem.law)
+        last = fit(problem, start, prior.deviation(active), own)
+        estimates[active] = Estimate(library, last, posterior(last.likelihood, last.theta, prior), problem)
     return estimates
 
 

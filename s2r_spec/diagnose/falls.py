@@ -1,14 +1,12 @@
 """Why real rollouts ended early: which effects alone end the simulator early at these tests, and not at others.
 
-The least of an effect that ends the simulator early at all tests that are asked about is found by halving the way from
-nominal to the end of its range, because the least does so at the fewest other tests. That more of an effect ends what
-less of it ends is taken for granted.
+The least of an effect that ends it at all of these tests does so at the fewest others. It is found by halving the way
+from nominal to the end of its range, as if more of an effect ended what less of it ends.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -17,23 +15,19 @@ from numpy.typing import NDArray
 
 from s2r_spec.diagnose.gap import SHOTS
 from s2r_spec.diagnose.gap.nominal import Nominal
-from s2r_spec.diagnose.simulator.axes import EffectAxis, Values
-from s2r_spec.diagnose.simulator.bench import Bench, Test, evenly, places_of, table
+from s2r_spec.diagnose.simulator.axes import EffectAxis
+from s2r_spec.diagnose.simulator.bench import Bench, Test, TestRun, evenly, places_of, table
 from s2r_spec.trace import Trace
+from s2r_spec.trace.arrays import FloatArray
 
 HALVINGS = 6
 """Budget: halvings of the way from nominal to the end of a range."""
 SHOWN = 3
 """Definition: effects that a sentence names; it counts the others."""
 
-Rollouts = Sequence[tuple[Test, Trace]]
-
 
 class Culprit(NamedTuple):
-    """An effect that may be why: a parameter, and the least of it that ends the simulator early at all of the tests.
-
-    ``others`` is the number of other tests at which it does, too.
-    """
+    """A parameter, the least of it that ends the simulator early at all tests, and at how many others it does."""
 
     axis: EffectAxis
     coordinate: float
@@ -46,13 +40,7 @@ class Culprit(NamedTuple):
 
 @dataclass(frozen=True)
 class Falls:
-    """What the simulator does at tests at which real rollouts ended early.
-
-    Attributes:
-        nominal: whether it ends early there without any effect.
-        culprits: effects, the least unusual first.
-        others: at how many other tests these were tried.
-    """
+    """Whether the simulator ends early at these tests; else effects that end it, tried at so many ``others``."""
 
     nominal: bool
     culprits: tuple[Culprit, ...] = ()
@@ -76,23 +64,13 @@ class Falls:
 
 
 def falls(
-    bench: Bench,
-    axes: Sequence[EffectAxis],
-    rollouts: Rollouts,
-    nominal: Nominal,
-    executor: Callable[[], Executor] | None = None,
+    bench: Bench, axes: Sequence[EffectAxis], rollouts: Sequence[TestRun], nominal: Nominal
 ) -> Falls | None:
     """Ask every effect of the catalogue; None where no real rollout ended early, or all did.
 
     At most :data:`~.gap.SHOTS` tests at which real rollouts ended early are asked about, and twice as many others. An
-    effect is suspected if it ends the simulator early at a third of the others at most.
-
-    Args:
-        bench: the simulator.
-        axes: parameters of its effects.
-        rollouts: (test, trace) of each real one.
-        nominal: the simulator at their tests.
-        executor: makes a pool; None runs all here.
+    effect is suspected if it ends the simulator early at a third of the others at most. ``nominal`` is the simulator at
+    the tests of the real rollouts.
     """
     early, stood = (
         [of[n] for n in evenly(len(of), most)]
@@ -102,9 +80,10 @@ def falls(
         return None
 
     def ended(tried: Sequence[tuple[EffectAxis, float]], tests: Sequence[Test]) -> NDArray[np.int_]:
-        """Return at how many of the tests the simulator ends early, with each of these alone."""
+        if not tried:
+            return np.zeros(0, dtype=int)
         machines = [axis.at(axis.value(x)) for axis, x in tried]
-        return np.asarray(_early_ends(bench, machines, nominal.first(tests), executor).sum(axis=1))
+        return np.asarray((table(bench, machines, nominal.first(tests), _end)[0] > 0.0).sum(axis=1))
 
     if all(map(nominal.ends, early)):
         return Falls(True)
@@ -126,31 +105,17 @@ def falls(
     return Falls(False, tuple(sorted(culprits, key=lambda each: abs(each.coordinate))), len(stood))
 
 
-def falls_alone(rollouts: Rollouts, nominal: Nominal) -> list[Test]:
+def falls_alone(rollouts: Sequence[TestRun], nominal: Nominal) -> list[Test]:
     """Return the tests at which the simulator, with nothing added, ends early, and no real rollout does."""
     return [test for test in _by_end(rollouts)[1] if nominal.ends(test)]
 
 
-def _by_end(rollouts: Rollouts) -> tuple[list[Test], list[Test]]:
-    """Return the different tests at which some rollout ended early, and those at which none did."""
+def _by_end(rollouts: Sequence[TestRun]) -> tuple[list[Test], list[Test]]:
     ends: tuple[list[Test], list[Test]] = [], []
     for key, own in places_of([test for test, _ in rollouts]).items():
         ends[all(rollouts[n][1].failure is None for n in own)].append(dict(key))
     return ends
 
 
-def _early_ends(
-    bench: Bench,
-    machines: Sequence[Values],
-    runs: Sequence[tuple[Test, int]],
-    executor: Callable[[], Executor] | None,
-) -> NDArray[np.bool_]:
-    """Return (machines, runs) whether the simulator with these effects ends early."""
-    if not machines or not runs:
-        return np.zeros((len(machines), len(runs)), dtype=bool)
-    return np.asarray(table(bench, machines, runs, executor, _end)[0] > 0.0)
-
-
-def _end(bench: Bench, trace: Trace, test: Test) -> NDArray[np.float64]:
-    """Return (1,) whether a rollout ended early; the specification may declare no ρ for that."""
+def _end(bench: Bench, trace: Trace, test: Test) -> FloatArray:
     return np.array([float(trace.failure is not None)])

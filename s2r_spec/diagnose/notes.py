@@ -3,43 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from s2r_spec.backend import HasResiduals
 from s2r_spec.base.errors import TraceError
+from s2r_spec.diagnose.data.rollouts import CUT, READ_AT
+from s2r_spec.diagnose.data.split import ENOUGH, TrainHeldOut
 from s2r_spec.diagnose.falls import Falls
 from s2r_spec.diagnose.quality.finding import Finding
-from s2r_spec.diagnose.simulator.bench import Bench, Test, places_of
+from s2r_spec.diagnose.simulator.bench import Bench, Test, TestRun, places_of
 from s2r_spec.trace import SHOWN, Trace
-
-CUT = "cut at"
-"""In the metadata of a recording of which only the begin is used: until when [s]."""
-READ_AT = "read at samples apart"
-"""In the metadata of a recording between whose samples the spec's times fall: how far apart they are now [s]."""
-
-
-@dataclass(frozen=True)
-class Used:
-    """The real rollouts of a diagnosis.
-
-    Attributes:
-        rollouts: all tests of the specification.
-        train: number of those from which sizes are estimated.
-        held_out: number of those that are held out.
-        least: different tests, and rollouts, from which on some are held out.
-    """
-
-    rollouts: Sequence[tuple[Test, Trace]]
-    train: int
-    held_out: int
-    least: tuple[int, int]
 
 
 def notes(
     bench: Bench,
-    used: Used,
+    rollouts: Sequence[TestRun],
+    parts: TrainHeldOut,
     idle: Sequence[str] = (),
     why: Falls | None = None,
     odd: Sequence[Finding] = (),
@@ -47,13 +27,8 @@ def notes(
 ) -> tuple[str, ...]:
     """Return what these rollouts lack for a diagnosis, a sentence each.
 
-    Args:
-        bench: the simulator with the channels that they should have.
-        used: the rollouts.
-        idle: effects that change nothing in any experiment.
-        why: what may have ended some of them early.
-        odd: suspected mistakes of the recordings.
-        alone: tests at which the simulator ends early, and the machine does not.
+    ``idle`` effects change nothing in any experiment. ``odd`` are suspected mistakes of the recordings. The simulator
+    ends early at the tests of ``alone``, and the machine does not.
     """
     sentences = [each.text for each in odd]
     if idle:
@@ -62,10 +37,11 @@ def notes(
             f"in these experiments, {', '.join(idle)} {'changes' if one else 'change'} nothing in the "
             f"simulator, so no data can show {'it' if one else 'them'}"
         )
-    if not used.rollouts:
+    if not rollouts:
         return (*sentences, "no test of the specification was run, so the gap in ρ was not measured")
-    sentences += _early_notes(used, why)
-    tests = places_of([test for test, _ in used.rollouts])
+    used = len(parts.train.tests) + len(parts.held_out)
+    sentences += _early_notes(rollouts, used < len(rollouts), why)
+    tests = places_of([test for test, _ in rollouts])
     if alone:
         where = " and ".join(
             ", ".join(f"{k} = {v:.4g}" for k, v in test.items()) or "the only test" for test in alone[:SHOWN]
@@ -75,7 +51,7 @@ def notes(
             f"does ({where}). There the gap in ρ is the cost of a fall and shows few causes. Make the simulator stand "
             f"at these tests first, or use a smaller test space"
         )
-    traces = [trace for _, trace in used.rollouts]
+    traces = [trace for _, trace in rollouts]
     if longer := [trace.meta[CUT] for trace in traces if CUT in trace.meta]:
         sentences.append(
             f"{len(longer)} of {len(traces)} real rollouts are longer than the simulator's; only their first "
@@ -87,41 +63,35 @@ def notes(
             f"They are interpolated linearly at the simulator's period of {apart[0]:g} s, which may change ρ a little"
         )
     sentences += _channels(bench, traces)
-    sentences += _without_residuals(bench, used.rollouts)
+    sentences += _without_residuals(bench, rollouts)
     if len(tests) == 1 and bench.spec.space.dim:
         sentences.append("all real rollouts repeat one test, so nothing is known about other tests")
-    if not used.held_out:
-        sentences.append(_none_held_out(bench, used, len(tests)))
+    if not parts.held_out:
+        takes, here = f"{ENOUGH[1]} rollouts of {ENOUGH[0]} different tests", f" of {len(tests)}"
+        if not bench.spec.space.dim:
+            # There is one test, and rollouts of it are all there is to hold out.
+            takes, here = f"{ENOUGH[0]} rollouts", ""
+        sentences.append(
+            f"no rollouts were held out, so the reduction of the gap was not measured: it takes {takes}, and there are "
+            f"{len(rollouts)}{here}"
+        )
     return tuple(sentences)
 
 
-def _none_held_out(bench: Bench, used: Used, tests: int) -> str:
-    takes, here = f"{used.least[1]} rollouts of {used.least[0]} different tests", f" of {tests}"
-    if not bench.spec.space.dim:
-        # There is one test, and rollouts of it are all there is to hold out.
-        takes, here = f"{used.least[0]} rollouts", ""
-    return (
-        f"no rollouts were held out, so the reduction of the gap was not measured: it takes {takes}, and there are "
-        f"{len(used.rollouts)}{here}"
-    )
-
-
-def _early_notes(used: Used, why: Falls | None) -> Iterator[str]:
-    """Yield how many rollouts ended early, at which tests every time, and what may be why."""
-    fell = [trace.failure is not None for _, trace in used.rollouts]
+def _early_notes(rollouts: Sequence[TestRun], left_out: bool, why: Falls | None) -> Iterator[str]:
+    fell = [trace.failure is not None for _, trace in rollouts]
     if not any(fell):
         return
-    tests = [[fell[n] for n in own] for own in places_of([test for test, _ in used.rollouts]).values()]
+    tests = [[fell[n] for n in own] for own in places_of([test for test, _ in rollouts]).values()]
     always = sum(len(own) > 1 and all(own) for own in tests)
     again = ""
     if always and sum(map(any, tests)) == 1:
         again = ", every time at one test, so it is no accident"
     elif always:
         again = f", at {sum(map(any, tests))} tests, and in every repetition at {always} of them, so it is no accident"
-    kinds = ", ".join(sorted({str(trace.failure) for _, trace in used.rollouts if trace.failure is not None}))
-    count = len(used.rollouts)
-    early = f"{sum(fell)} of {count} real rollouts ended early ({kinds}{again})"
-    if used.train + used.held_out < count:
+    kinds = ", ".join(sorted({str(trace.failure) for _, trace in rollouts if trace.failure is not None}))
+    early = f"{sum(fell)} of {len(rollouts)} real rollouts ended early ({kinds}{again})"
+    if left_out:
         early += f", and {'is' if sum(fell) == 1 else 'are'} left out"
     else:
         early += ". The cause also rests on their samples before the end, which say little"
@@ -162,8 +132,7 @@ def _some(names: Sequence[str]) -> str:
     return f"{', '.join(names[:SHOWN])}{more}"
 
 
-def _without_residuals(bench: Bench, rollouts: Sequence[tuple[Test, Trace]]) -> list[str]:
-    """Return why no residual of the simulator's model can be computed, if none can of any rollout."""
+def _without_residuals(bench: Bench, rollouts: Sequence[TestRun]) -> list[str]:
     if not isinstance(bench.backend, HasResiduals):
         return []
     why = ""

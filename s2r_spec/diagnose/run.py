@@ -11,10 +11,11 @@ The pipeline, in this order:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -31,18 +32,17 @@ from s2r_spec.diagnose.data.journal import CampaignJournal
 from s2r_spec.diagnose.data.protocols import allowed_experiments
 from s2r_spec.diagnose.data.rollouts import RealRollouts, Rollouts, as_experiment, recorded_rollouts
 from s2r_spec.diagnose.data.space_filling import representative, star
-from s2r_spec.diagnose.data.split import ENOUGH, TrainHeldOut, split
+from s2r_spec.diagnose.data.split import TrainHeldOut, split
 from s2r_spec.diagnose.decision import Evidence
 from s2r_spec.diagnose.diagnosis import Diagnosis, Which
 from s2r_spec.diagnose.estimation import Estimate, estimate
 from s2r_spec.diagnose.experiment_design.identifiability import Candidate, separations
-from s2r_spec.diagnose.experiment_design.next_test import NextTest, next_test
+from s2r_spec.diagnose.experiment_design.next_test import next_test
 from s2r_spec.diagnose.falls import falls, falls_alone
 from s2r_spec.diagnose.gap.held_out import held_out_gap
 from s2r_spec.diagnose.gap.materiality import compared_at_all_tests
 from s2r_spec.diagnose.gap.nominal import Nominal
-from s2r_spec.diagnose.gap.where import Pairs, Where
-from s2r_spec.diagnose.gap.where import locate as find_where
+from s2r_spec.diagnose.gap.where import Pairs, Where, locate
 from s2r_spec.diagnose.inference.estimates import (
     EffectEstimate,
     Status,
@@ -53,28 +53,45 @@ from s2r_spec.diagnose.inference.estimates import (
     with_status,
 )
 from s2r_spec.diagnose.inference.goodness_of_fit import goodness_of_fit
-from s2r_spec.diagnose.notes import Used, notes
+from s2r_spec.diagnose.notes import notes
 from s2r_spec.diagnose.quality import findings
 from s2r_spec.diagnose.residuals.left import remainders
 from s2r_spec.diagnose.simulator.axes import Values
-from s2r_spec.diagnose.simulator.bench import Bench, Test, refuse_machine, travels
+from s2r_spec.diagnose.simulator.bench import Bench, TestRun, refuse_machine, travels
 from s2r_spec.diagnose.simulator.cache import Cache
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.diagnose.simulator.library import ResponseLibrary, library, most_rollouts
-from s2r_spec.diagnose.threads import one_thread
+from s2r_spec.diagnose.simulator.library import library, most_rollouts
+from s2r_spec.diagnose.simulator.response import ResponseLibrary
 from s2r_spec.diagnose.watched import Progress, Watched
 from s2r_spec.runs.repeatability import check_here, is_repeated
 from s2r_spec.runs.seeds import NEW_SEED, SeedStream, inherited_seed, rollout_seed
 from s2r_spec.space import key_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
-from s2r_spec.workers.pools import keep_open
+from s2r_spec.workers.pools import ExecutorFactory, keep_open
 
 ASSUMPTIONS = (
     "the real rollouts were run at the recorded tests, and only those named in a note were left out",
     "the real machine's laws differ from the simulator's by at most about a tenth of each effect, in size and shape",
     "if an effect outside the catalogue looks like one in it, the diagnosis names the one in the catalogue",
 )
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Keep linear algebra to one thread; without threadpoolctl, do nothing.
+
+    The number of threads changes the last bits of a sum, and then the answer depends on the number of cores. Arrays are
+    small here, so threads wait for each other for longer than they work.
+    """
+    if find_spec("threadpoolctl") is None:
+        yield
+        return
+    import scipy.linalg  # noqa: F401  # only libraries that are loaded by then are limited
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1):
+        yield
 
 
 @one_thread()
@@ -86,7 +103,7 @@ def diagnose(
     *,
     requirement: str | None = None,
     seed: int | None = None,
-    executor: Callable[[], Executor] | None = None,
+    executor: ExecutorFactory | None = None,
     progress: Progress | None = None,
     cache: Path | None = None,
     folder: Path | None = None,
@@ -117,7 +134,8 @@ def diagnose(
     """
     spec, sim, real = as_spec(spec), as_simulator(sim), as_rollouts(real)
     called = real if isinstance(real, str) else str(getattr(real, "name", ""))
-    cache, folder = (None if path is None else as_folder(path) for path in (cache, folder))
+    kept = Cache.usual() if cache is None else Cache(as_folder(cache))
+    folder = None if folder is None else as_folder(folder)
     bench = Bench.of(spec, spec.requirements[0] if requirement is None else requirement, sim)
     real = load_backend(real) if isinstance(real, str) else real
     refuse_machine(real)
@@ -125,25 +143,18 @@ def diagnose(
         seed = inherited_seed(folder, recorded_seed, seed)
     seed = NEW_SEED if seed is None else seed
     tell = Watched(progress or (lambda stage, done, of: None))
-    able = executor if travels(bench) else None
-    with keep_open(able) as pool, tell.watching():
-        work = _Work(bench, seed, pool, tell, Cache.usual() if cache is None else Cache(cache))
+    with keep_open(executor if travels(bench) else None) as pool, tell.watching():
+        work = _Work(replace(bench, pool=pool), seed, tell, kept)
         if isinstance(real, Backend) and not isinstance(real, HasRecordings):
             data = _campaign(work, real, budget, folder, protocols, passive)
         else:
             data = _recordings(work, real, budget, protocols, passive)
         diagnosis = _answer(work, data, where)
-    return replace(
-        diagnosis, notes=(*diagnosis.notes, *dict.fromkeys(work.cache.notes)), spec=spec, real=called
-    )
+    return replace(diagnosis, notes=(*diagnosis.notes, *dict.fromkeys(kept.notes)), spec=spec, real=called)
 
 
 def _refuse_memory(bench: Bench, seed: int) -> None:
-    """Refuse a simulator that is declared as deterministic, and gives other bits when a rollout is repeated.
-
-    Raises:
-        UsageError: it does; the sentences name channel, instant, both values and the likely cause.
-    """
+    """Refuse a simulator that is declared as deterministic, and gives other bits when a rollout is repeated."""
     if not is_repeated(bench.backend):
         return
     space = bench.spec.space
@@ -161,11 +172,8 @@ def _refuse_memory(bench: Bench, seed: int) -> None:
 
 @dataclass(frozen=True)
 class _Work:
-    """What every stage needs."""
-
     bench: Bench
     seed: int
-    pool: Callable[[], Executor] | None
     tell: Watched
     cache: Cache
 
@@ -175,26 +183,19 @@ class _Work:
         def progress(stage: str, done: int, of: int) -> None:
             self.tell(stage + where, done, of)
 
-        return library(self.bench.backend, experiments, self.pool, progress, self.cache)
+        return library(self.bench.backend, experiments, self.bench.pool, progress, self.cache)
 
     def simulated(self, experiments: Sequence[Experiment]) -> Expected:
-        """Return the rollouts that :meth:`library` will run."""
         return of_library(self.bench.backend, most_rollouts(self.bench.backend, experiments, self.cache))
 
-    def progress(self, stage: str) -> Callable[[int, int], None]:
-        return partial(self.tell, stage)
+    def counted(self, stage: str) -> Bench:
+        """Return the bench whose jobs are the count of a stage."""
+        return replace(self.bench, progress=partial(self.tell, stage))
 
 
 @dataclass(frozen=True)
 class _Data:
-    """Real rollouts, in two parts, and the library of their experiments.
-
-    Attributes:
-        rollouts: all of them.
-        parts: train and held-out rollouts.
-        responses: the library.
-        allowed: the experiments that may run next.
-    """
+    """Real rollouts, in two parts, the library of their experiments, and those that may run next."""
 
     rollouts: RealRollouts
     parts: TrainHeldOut
@@ -202,10 +203,10 @@ class _Data:
     allowed: frozenset[Experiment]
 
     def train(self, bench: Bench) -> dict[Experiment, list[Trace]]:
-        """Return the train runs of each experiment that the library has."""
-        have = {response.experiment for response in self.responses.responses}
         runs = self.parts.train.by_experiment(bench)
-        return {experiment: own for experiment, own in runs.items() if experiment in have}
+        return {
+            experiment: own for experiment, own in runs.items() if experiment in self.responses.experiments
+        }
 
     def candidates(
         self, bench: Bench, train: RealRollouts, dropped: frozenset[str] = frozenset()
@@ -213,7 +214,7 @@ class _Data:
         """Return every experiment of the library, with the number of its runs so far."""
         runs = train.by_experiment(bench)
         candidates = []
-        for one in (response.experiment for response in self.responses.responses):
+        for one in self.responses.experiments:
             able = one in self.allowed and one.protocol not in dropped
             duration = (
                 protocol_of(bench.backend, one.protocol).duration if one.protocol else bench.backend.duration
@@ -251,7 +252,7 @@ def _campaign(
     # The library comes first: a simulator that cannot be diagnosed costs no rollout of the machine.
     if not runnable:
         work.library([as_experiment(bench, test) for test in middle[:1]])
-        progress = work.progress("real rollouts")
+        progress = partial(work.tell, "real rollouts")
         rollouts = campaign(bench, machine, fixed, work.seed, folder=folder, progress=progress)
         rollouts = replace(rollouts, notes=(*refusals, *rollouts.notes))
         return _data_of_tests(work, rollouts, others, frozenset(), " at the other tests")
@@ -268,7 +269,8 @@ def _campaign(
         best = next_test(current, before.candidates(bench, train, dropped))
         return None if best is None else best.candidate.experiment
 
-    rollouts = campaign(bench, machine, fixed, work.seed, choose, folder, work.progress("real rollouts"))
+    progress = partial(work.tell, "real rollouts")
+    rollouts = campaign(bench, machine, fixed, work.seed, choose, folder, progress)
     rollouts = replace(rollouts, notes=(*refusals, *rollouts.notes))
     return replace(before, rollouts=rollouts, parts=split(rollouts, work.seed, fixed.held_out))
 
@@ -276,7 +278,6 @@ def _campaign(
 def _recordings(
     work: _Work, real: Rollouts | Backend, budget: int | None, protocols: Sequence[str] | None, passive: bool
 ) -> _Data:
-    """Read recorded rollouts; the library has all protocols beside their tests."""
     rollouts = recorded_rollouts(work.bench, real, budget, passive)
     run = list(dict.fromkeys(experiment for experiment, _ in rollouts.protocols))
     runnable, _ = allowed_experiments(work.bench.backend, work.bench.backend, () if passive else protocols)
@@ -291,7 +292,6 @@ def _data_of_tests(
     allowed: frozenset[Experiment],
     where: str = "",
 ) -> _Data:
-    """Return rollouts, and the library of train tests that fill the space and of other experiments."""
     bench = work.bench
     parts = split(rollouts, work.seed)
     run = [test for test, _ in parts.train.tests]
@@ -311,7 +311,6 @@ def _data_of_tests(
 
 
 def _protocols(bench: Bench, runnable: Sequence[Experiment]) -> list[Experiment]:
-    """Return these protocols, and the simulator's others, which say what an answer lacks."""
     have = {experiment.protocol for experiment in runnable}
     own = bench.backend.protocols() if isinstance(bench.backend, HasProtocols) else ()
     return [*runnable, *(Experiment(protocol.name) for protocol in own if protocol.name not in have)]
@@ -325,19 +324,17 @@ def _sizes(work: _Work, estimate: Estimate) -> tuple[EffectEstimate, ...]:
 
 
 def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
-    bench, seed, pool, tell = work.bench, work.seed, work.pool, work.tell
+    bench, seed, tell = work.bench, work.seed, work.tell
     tests, parts, axes = data.rollouts.tests, data.parts, data.responses.parameters
     used = [*parts.train.tests, *parts.held_out]
-    odd = findings(bench, tests, axes, pool, work.progress("checking the recordings"))
+    odd = findings(work.counted("checking the recordings"), tests, axes)
     # Tests at which a rollout ended early come last, so that an accident changes no seed of another test.
     ordered = sorted(tests, key=lambda run: run[1].failure is not None)
-    nominal = Nominal.of(
-        bench, [test for test, _ in ordered], seed, pool, work.progress("simulating all tests")
-    )
+    nominal = Nominal.of(work.counted("simulating all tests"), [test for test, _ in ordered], seed)
     tell("where the simulator falls", 0, 0)
-    why, alone = falls(bench, axes, tests, nominal, pool), falls_alone(tests, nominal)
+    why, alone = falls(bench, axes, tests, nominal), falls_alone(tests, nominal)
     tell("estimating sizes", 0, 0)
-    fitted = estimate(bench.backend, data.responses, data.train(bench), executor=pool)
+    fitted = estimate(bench.backend, data.responses, data.train(bench), executor=bench.pool)
     sizes = _sizes(work, fitted)
     tuned = data.responses.values(mean_sizes(fitted.posterior))
     patch = {one.effect: one.values for one in with_status(sizes, Status.NAMED)}
@@ -348,16 +345,14 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
         sizes,
         any_cause(fitted.posterior),
         separations(fitted, [one.effect for one in with_status(sizes, Status.POSSIBLE)], candidates),
-        held_out_gap(bench, parts.held_out, parts.train.tests, patch, tuned, nominal, pool),
+        held_out_gap(bench, parts.held_out, parts.train.tests, patch, tuned, nominal),
         compared_at_all_tests(bench, tests, nominal) if tests else None,
         goodness=goodness_of_fit(fitted.problem, fitted.fit, columns=columns),
-        left=remainders(bench, axes, used, tuned, seed, pool, work.progress("unexplained motion"), patch),
+        left=remainders(work.counted("unexplained motion"), axes, used, tuned, seed, patch),
         findings=odd,
     )
-    nothing = with_status(sizes, Status.POSSIBLE) == ()
-    upcoming: NextTest | None = None if nothing else next_test(fitted, candidates)
-    in_use = Used(tests, len(parts.train.tests), len(parts.held_out), ENOUGH)
-    lacking = notes(bench, in_use, _idle(data.responses), why, odd, alone)
+    upcoming = next_test(fitted, candidates) if with_status(sizes, Status.POSSIBLE) else None
+    lacking = notes(bench, tests, parts, _idle(data.responses), why, odd, alone)
     return Diagnosis(
         Which(evidence, by_effects(fitted.posterior, axes), upcoming),
         _locate(work, used, tuned) if want_where and used else None,
@@ -379,17 +374,17 @@ def _answer(work: _Work, data: _Data, want_where: bool) -> Diagnosis:
 
 
 def _idle(responses: ResponseLibrary) -> list[str]:
-    """Return the effects that change nothing in any experiment."""
-    moved = np.zeros(len(responses.parameters), dtype=bool)
-    for response in responses.responses:
-        moved |= [bool(np.any(np.nan_to_num(curve.values))) for curve in response.curves]
+    acting = {
+        axis.effect
+        for response in responses.responses
+        for axis, curve in zip(responses.parameters, response.curves, strict=True)
+        if np.any(np.nan_to_num(curve.values))
+    }
     effects = dict.fromkeys(axis.effect for axis in responses.parameters)
-    acting = {axis.effect for axis, any_move in zip(responses.parameters, moved, strict=True) if any_move}
     return [effect for effect in effects if effect not in acting]
 
 
-def _locate(work: _Work, rollouts: Sequence[tuple[Test, Trace]], improved: Values) -> Where:
-    """Compare every real rollout with one of the nominal simulator at its test."""
+def _locate(work: _Work, rollouts: Sequence[TestRun], improved: Values) -> Where:
     bench, real, simulated = work.bench, [], []
     for number, (test, trace) in enumerate(rollouts):
         other = bench.run({}, test, rollout_seed(work.seed, number, 0, SeedStream.CHECK))
@@ -398,4 +393,4 @@ def _locate(work: _Work, rollouts: Sequence[tuple[Test, Trace]], improved: Value
         work.tell("where", number + 1, len(rollouts))
     work.tell("where in the machine and between the tests", 0, 0)
     pairs = Pairs([test for test, _ in rollouts], real, simulated)
-    return find_where(bench.spec, bench.requirement, pairs, work.seed, bench, improved, work.pool)
+    return locate(bench.spec, bench.requirement, pairs, work.seed, bench, improved)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 from s2r_spec.backend import Attended, Backend, Coming, HasAttendance, Operator, is_exclusive
 from s2r_spec.backend.protocols import Protocol
@@ -18,9 +17,7 @@ from s2r_spec.trace import Trace
 class Terms:
     """Operator and void policy of a machine; a simulator ignores both.
 
-    Attributes:
-        void: policy for void rollouts, ``AGAIN`` or ``FALL``; declared before the data.
-        operator: the person who answers questions.
+    The policy, ``AGAIN`` or ``FALL``, is declared before the data.
     """
 
     void: str = AGAIN
@@ -31,17 +28,8 @@ class Terms:
             raise UsageError(f"void must be {AGAIN} or {FALL}, not {self.void!r}")
 
 
-def terms_of(void: Any, operator: Operator | None) -> Terms:
-    """Return the terms of a call; without an operator, the person at this process's terminal answers."""
-    return Terms(void) if operator is None else Terms(void, operator)
-
-
 def refuse_terms(backend: Backend, terms: Terms) -> None:
-    """Refuse terms that do not fit a backend, before anything is opened.
-
-    Raises:
-        UsageError: the backend is a machine and there is no terminal, or it is not a machine and ``void`` is set.
-    """
+    """Refuse terms that do not fit a backend, before anything is opened, with a UsageError."""
     if is_exclusive(backend):
         attendance_of(backend, terms.operator)
     elif terms.void != AGAIN:
@@ -51,11 +39,7 @@ def refuse_terms(backend: Backend, terms: Terms) -> None:
 
 
 def attendance_of(backend: Backend, operator: Operator) -> Attended:
-    """Return the attendance of a machine's rollouts.
-
-    Raises:
-        UsageError: the machine needs a person, and there is no terminal.
-    """
+    """Return the attendance of a machine's rollouts; a UsageError says that it needs a terminal, and there is none."""
     attended = (
         backend.attendance(operator) if isinstance(backend, HasAttendance) else _Plain(backend.name, operator)
     )
@@ -72,30 +56,24 @@ class _Plain:
     operator: Operator
 
     def begin(self, coming: Coming) -> None:
-        """Announce the rollouts."""
         many = "an unknown number of" if coming.rollouts is None else f"at most {coming.rollouts}"
         self.operator.say(f"{self.name} is a machine; {many} rollouts are coming, one at a time.")
 
     def before(self, params: Mapping[str, float]) -> None:
-        """Wait for Enter."""
-        test = ", ".join(f"{name} = {value:.6g}" for name, value in params.items())
-        self.operator.choose(f"The next test of {self.name} is {test}.", {"": "begin"})
+        self.operator.choose(f"The next test of {self.name} is {_words(params)}.", {"": "begin"})
 
     def before_protocol(self, protocol: Protocol, params: Mapping[str, float]) -> None:
-        """Wait for Enter, with the protocol's words and its risk in the question."""
-        values = ", ".join(f"{name} = {value:.6g}" for name, value in params.items())
+        values = f" with {_words(params)}" if params else ""
         risk = f" Risk: {protocol.risk}." if protocol.risk else ""
-        self.operator.choose(
-            f"The next protocol of {self.name} is {protocol.name}{f' with {values}' if values else ''}. "
-            f"{protocol.words}{risk}",
-            {"": "begin"},
-        )
+        question = f"The next protocol of {self.name} is {protocol.name}{values}. {protocol.words}{risk}"
+        self.operator.choose(question, {"": "begin"})
 
-    def after(self, trace: Trace | None) -> None:
-        """Do nothing."""
+    def after(self, trace: Trace | None) -> None: ...
 
-    def interrupt(self, urgent: bool) -> None:
-        """Do nothing: the rollout runs to its end."""
+    def interrupt(self, urgent: bool) -> None: ...  # the rollout runs to its end
 
-    def end(self) -> None:
-        """Do nothing."""
+    def end(self) -> None: ...
+
+
+def _words(params: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} = {value:.6g}" for name, value in params.items())

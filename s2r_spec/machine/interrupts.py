@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 from queue import Empty, SimpleQueue
 from threading import current_thread, main_thread
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Any, Self
 
 LOOK = 0.1
@@ -31,9 +31,7 @@ class Interrupts:
             self._before = signal.signal(signal.SIGINT, self._came)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         if current_thread() is main_thread():
             signal.signal(signal.SIGINT, self._before)
 

@@ -27,14 +27,7 @@ from time import perf_counter
 from types import TracebackType
 from typing import Any, Self
 
-from s2r_spec.backend import (
-    VOID,
-    Backend,
-    Coming,
-    KeepsRaw,
-    hands_over,
-    is_exclusive,
-)
+from s2r_spec.backend import VOID, Backend, Coming, KeepsRaw, hands_over, is_exclusive
 from s2r_spec.backend.protocols import AttendsProtocols, protocol_of
 from s2r_spec.base.errors import BackendError, NotBegunError, S2RError, StoppedError
 from s2r_spec.machine.attendance import Terms, attendance_of
@@ -61,15 +54,7 @@ MOST_VOID_IN_A_ROW = 3
 def runner_for(
     runner: Runner, backend: Backend, journal: Journal, terms: Terms, most: int | None
 ) -> Iterator[Runner | MachineRunner]:
-    """Give the runner for a backend: the given one for a simulator, a :class:`MachineRunner` for a machine.
-
-    Args:
-        runner: runs the rollouts of a simulator.
-        backend: the simulator or machine.
-        journal: the journal of the run.
-        terms: operator and void policy of a machine.
-        most: largest number of rollouts in the run, with those in the journal; None if unknown.
-    """
+    """Give the runner for a backend: the given one for a simulator, a :class:`MachineRunner` for a machine."""
     if not is_exclusive(backend):
         yield runner
         return
@@ -80,12 +65,8 @@ def runner_for(
 class MachineRunner:
     """Runs tasks on a machine, as the module describes. A context manager.
 
-    Args:
-        backend: the machine.
-        journal: receives a line before each rollout, and one for each void rollout.
-        timeout: time limit of a rollout [s]; None for the limit of each task.
-        terms: operator and void policy.
-        most: largest number of rollouts in the run, with those in the journal; None if unknown.
+    ``timeout`` is the limit of a rollout [s]; None for that of each task. ``most`` is the largest number of rollouts in
+    the run, with those in the journal; None if unknown.
     """
 
     def __init__(
@@ -185,11 +166,9 @@ class MachineRunner:
             if ended.not_begun is not None:
                 self._ask(f"Rollout {_name(task)} did not begin: {ended.not_begun}.", ended.not_begun)
             elif not outcome:
-                message = f"Rollout {_name(task)} is void ({ended.word}): {ended.reason}."
-                too_often = BackendError(
-                    f"{void + 1} attempts at rollout {_name(task)} were void, the last one because: {ended.reason}"
-                )
-                self._ask(message, too_often if void + 1 >= MOST_VOID_IN_A_ROW else None)
+                often = f"{void + 1} attempts at rollout {_name(task)} were void, the last one because: {ended.reason}"
+                too_often = BackendError(often) if void + 1 >= MOST_VOID_IN_A_ROW else None
+                self._ask(f"Rollout {_name(task)} is void ({ended.word}): {ended.reason}.", too_often)
         return outcome
 
     def _started(self) -> ProcessPool:
@@ -207,11 +186,6 @@ class MachineRunner:
         return pool
 
     def _ready(self, pool: ProcessPool, task: Task) -> None:
-        """Have the worker open the machine's backend, which may take long, before anything moves.
-
-        Raises:
-            NotBegunError: the worker cannot open it.
-        """
         try:
             pool.submit(prepare, task).result()
         except BrokenExecutor:
@@ -220,28 +194,16 @@ class MachineRunner:
             raise NotBegunError(f"the worker was not ready within {error.words}") from None
 
     def _before(self, task: Task) -> None:
-        """Wait until the attendance lets a test or a protocol begin.
-
-        Raises:
-            BackendError: the machine's attendance does not prepare protocols.
-        """
         if task.protocol is None:
             self._attended.before(task.params)
         elif isinstance(self._attended, AttendsProtocols):
             self._attended.before_protocol(protocol_of(self._backend, task.protocol), task.params)
         else:
-            raise BackendError(
-                f"the attendance of {self._backend.name!r} prepares tests only; it needs a method "
-                f"before_protocol(protocol, params)"
-            )
+            lacks = "prepares tests only; it needs a method before_protocol(protocol, params)"
+            raise BackendError(f"the attendance of {self._backend.name!r} {lacks}")
 
     def _ask(self, message: str, unattended: S2RError | None) -> None:
-        """Ask whether the same test runs again.
-
-        Args:
-            message: the event, for the operator.
-            unattended: error to raise for an unattended machine; None to go on.
-        """
+        """Ask whether the same test runs again; of an unattended machine raise the error, if there is one."""
         if not self._unattended:
             self._operator.choose(message, {"a": "the same test again; you are asked before it begins"})
             return
@@ -250,16 +212,6 @@ class MachineRunner:
             raise type(unattended)(f"{unattended}; {self._resume()}")
 
     def _run_rollout(self, task: Task, interrupts: Interrupts) -> _Ended:
-        """Run a rollout in the worker, and return how it ended.
-
-        A backend that hands over a finished test leaves no void rollout: if the worker dies, it hands over again.
-        """
-        ended = self._run_in_worker(task, interrupts)
-        if hands_over(self._backend) and ended.word in (KILLED, ERROR):
-            return replace(ended, word=None, not_begun=NotBegunError(ended.reason))
-        return ended
-
-    def _run_in_worker(self, task: Task, interrupts: Interrupts) -> _Ended:
         assert self._pool is not None
         start = perf_counter()
         future = self._pool.submit(run_task, task)
@@ -271,21 +223,31 @@ class MachineRunner:
         except WorkerDiedError as error:
             if not error.begun:
                 return _Ended(not_begun=NotBegunError("the worker process ended before the rollout began"))
-            return _Ended(None, perf_counter() - start, KILLED, "the process that ran the rollout died")
+            ended = _Ended(None, perf_counter() - start, KILLED, "the process that ran the rollout died")
         except TimeLimitError as error:
             if error.limit.opening:
                 message = f"backend {task.backend!r} did not open within {error.words}"
                 return _Ended(not_begun=NotBegunError(message))
-            return _Ended(None, error.elapsed, KILLED, f"the rollout took longer than {error.words}")
+            ended = _Ended(None, error.elapsed, KILLED, f"the rollout took longer than {error.words}")
         except S2RError as error:
-            return _Ended(None, perf_counter() - start, ERROR, str(error), error=error)
-        word = trace.meta.get(VOID)
-        if word is None or trace.failure is not None:  # an end by the robot counts, whatever came after it
-            return _Ended(trace, seconds)
-        return _Ended(trace, seconds, str(word), str(trace.meta.get("reason", "the backend gave no reason")))
+            ended = _Ended(None, perf_counter() - start, ERROR, str(error), error=error)
+        else:
+            word = trace.meta.get(VOID)
+            if (
+                word is None or trace.failure is not None
+            ):  # an end by the robot counts, whatever came after it
+                return _Ended(trace, seconds)
+            return _Ended(
+                trace, seconds, str(word), str(trace.meta.get("reason", "the backend gave no reason"))
+            )
+        # A backend that hands over a finished test leaves no void rollout: it hands over again.
+        return (
+            replace(ended, word=None, not_begun=NotBegunError(ended.reason))
+            if hands_over(self._backend)
+            else ended
+        )
 
     def _wait(self, future: Future[Any], interrupts: Interrupts) -> None:
-        """Wait for the end of the rollout; forward Ctrl-C to the machine."""
         future.add_done_callback(lambda _: interrupts.events.put(False))
         while interrupts.next():
             count = interrupts.count
@@ -294,11 +256,8 @@ class MachineRunner:
                 assert self._pool is not None
                 self._pool.shutdown(wait=True)
                 continue
-            self._operator.say(
-                "Second Ctrl-C: the machine comes to rest at once."
-                if count == 2
-                else "Ctrl-C: the machine comes to rest, then the run ends. Press it again to stop at once."
-            )
+            first = "Ctrl-C: the machine comes to rest, then the run ends. Press it again to stop at once."
+            self._operator.say(first if count == 1 else "Second Ctrl-C: the machine comes to rest at once.")
             try:
                 self._attended.interrupt(urgent=count == 2)
             except (S2RError, OSError) as error:
@@ -319,15 +278,9 @@ class MachineRunner:
 
 @dataclass(frozen=True)
 class _Ended:
-    """How a rollout ended.
+    """How a rollout ended; ``word`` and ``reason`` are None and "" for an outcome.
 
-    Attributes:
-        trace: the trace of the rollout; None if there is none.
-        seconds: the duration of the rollout [s].
-        word: the cause of its end, if that was not the robot; None for an outcome.
-        reason: the same as a sentence.
-        not_begun: the reason why the rollout did not begin; None if it did.
-        error: error that ends the run; None if the run goes on.
+    ``not_begun`` is why it did not begin, and ``error`` ends the run.
     """
 
     trace: Trace | None = None

@@ -26,7 +26,10 @@ _LONGEST = 4096
 
 
 class Terminal:
-    """The operator (:class:`s2r_spec.backend.Operator`) at this process's terminal, which is opened at first use."""
+    """The operator (:class:`s2r_spec.backend.Operator`) at this process's terminal, which is opened at first use.
+
+    Every question raises a StoppedError after ``q``, the end of input, or Ctrl-C; and a UsageError without a terminal.
+    """
 
     def __init__(self) -> None:
         self._streams: tuple[BinaryIO, BinaryIO] | None = None
@@ -45,24 +48,16 @@ class Terminal:
             self._show(streams[1], lines(text) + "\n")
 
     def type_word(self, question: str, word: str) -> None:
-        """Wait until the operator types exactly ``word``.
-
-        Raises:
-            StoppedError: ``q``, the end of input, or Ctrl-C.
-            UsageError: there is no terminal.
-        """
-        self._shown(question)
+        """Wait until the operator types exactly ``word``."""
+        require_terminal(self)
+        self.say(question)
         while (typed := self._line(f"Type {word} to go on, {STOP} to stop: ")) != word:
             self.say(f"You typed {one_line(typed)!r}, so s2r did nothing." if typed else "s2r did nothing.")
 
     def choose(self, question: str, answers: Mapping[str, str]) -> str:
-        """Return the key that the operator types, one of key → meaning; the key "" is Enter alone.
-
-        Raises:
-            StoppedError: ``q``, the end of input, or Ctrl-C.
-            UsageError: there is no terminal.
-        """
-        self._shown(question)
+        """Return the key that the operator types, one of key → meaning; the key "" is Enter alone."""
+        require_terminal(self)
+        self.say(question)
         offered = {**answers, STOP: answers.get(STOP, "stop; --resume goes on later")}
         for key, meaning in offered.items():
             self.say(f"  {key or 'Enter':6} {meaning}")
@@ -71,30 +66,11 @@ class Terminal:
         return typed
 
     def line(self, question: str) -> str:
-        """Return the line that the operator types, without spaces around it.
-
-        Raises:
-            StoppedError: ``q``, the end of input, or Ctrl-C.
-            UsageError: there is no terminal.
-        """
+        """Return the line that the operator types, without spaces around it."""
         require_terminal(self)
         return self._line(question)
 
-    def _shown(self, question: str) -> None:
-        """Show a question.
-
-        Raises:
-            UsageError: there is no terminal.
-        """
-        require_terminal(self)
-        self.say(question)
-
     def _line(self, prompt: str) -> str:
-        """Show a prompt, and return the next line.
-
-        Raises:
-            StoppedError: the line is ``q``, or the input has ended.
-        """
         streams = self._opened()
         assert streams is not None
         source, shown = streams
@@ -135,11 +111,7 @@ class Terminal:
 
 
 def require_terminal(operator: object) -> None:
-    """Refuse to ask a question without a terminal.
-
-    Raises:
-        UsageError: the operator is a :class:`Terminal`, and this process has no terminal.
-    """
+    """Refuse to ask a :class:`Terminal` of a process without a terminal, with a UsageError."""
     if not getattr(operator, "there", True):
         raise UsageError(
             "the operator of this machine must answer at a terminal, but this process has no terminal: run s2r in a "

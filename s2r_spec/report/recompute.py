@@ -15,7 +15,7 @@ from s2r_spec.certify.from_spec import search_for
 from s2r_spec.certify.gap import gap_search
 from s2r_spec.certify.options import RunOptions
 from s2r_spec.certify.real_machine import CertifyResult, conclude_certify, judge, refused_in_simulation
-from s2r_spec.certify.result.check_result import CheckResult, conclude, of_recordings
+from s2r_spec.certify.result.check_result import CheckResult, conclude
 from s2r_spec.certify.result.compose import compose
 from s2r_spec.certify.result.gap_result import GapResult, Pair, conclude_gap, pairs_of
 from s2r_spec.certify.search.experiments import next_queries
@@ -120,18 +120,7 @@ def recompute(folder: Path) -> Recomputed:
     # at this point.
     search.close()
     records = journal.records()
-    settings = spec.certify[header["requirement"]]
-    assert settings.fall is not None  # search_for has looked
-    result = conclude(
-        spec,
-        header["requirement"],
-        settings.fall,
-        search,
-        journal,
-        header,
-    )
-    if "recorded" in header:
-        result = of_recordings(result, header["recorded"], search)
+    result = conclude(spec, search, journal, header)
     return Recomputed(spec, result, search, tuple(history), tuple(records), len(records) - counted)
 
 

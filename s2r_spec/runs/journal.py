@@ -23,7 +23,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -33,27 +32,25 @@ from s2r_spec import logs
 from s2r_spec.base.errors import TraceError, one_of
 from s2r_spec.base.files import onto_disk
 from s2r_spec.recordings import reading_rule
-from s2r_spec.runs import lines, machine_journal, stop_rule
+from s2r_spec.runs import disk, lines, machine_journal, stop_rule
 from s2r_spec.runs.layout import FILE, SYSTEMS, run_of
 from s2r_spec.runs.lines import JournalError
+from s2r_spec.runs.lock import LOCK, lock
 from s2r_spec.runs.machine_journal import Attempt, Attempts, Void
 from s2r_spec.trace import Trace
 
 SCHEMA = "s2r.journal/2"
 UNCHECKED = "s2r.journal/1"
-LOCK = "lock"
 
 
 @dataclass(frozen=True)
-class Record:
+class Record(lines.Rollout):
     """One rollout in the journal.
 
     ``failure`` is a short word if the robot fell or the worker died, else None. With a failure, ``rho`` is the value
     that the spec declares.
     """
 
-    query: int
-    replicate: int
     params: dict[str, float]
     seed: int
     rho: float
@@ -64,38 +61,23 @@ class Record:
 
 @dataclass(frozen=True)
 class _Entry:
-    """A rollout, the number of its line, and the checksum of its trace file, if any."""
-
     record: Record
     line: int
     trace_sum: str | None
 
 
 class Journal:
-    """An open journal, made by :meth:`create`, :meth:`read` or :meth:`resume`."""
+    """An open journal, made by :meth:`create`, :meth:`read` or :meth:`resume`.
 
-    def __init__(
-        self,
-        folder: Path,
-        header: Mapping[str, Any],
-        entries: dict[tuple[int, int], _Entry],
-        note: str,
-        checksum: int | None,
-        attempts: Attempts | None = None,
-        count: int = 1,
-    ) -> None:
-        self.folder = folder
-        self.header = dict(header)
-        self.note = note
-        self._entries = entries
+    Each method that writes raises a JournalError if the disk is full or the folder cannot be written. Earlier records
+    stay as they are.
+    """
+
+    def __init__(self, folder: Path, header: Mapping[str, Any], checksum: int | None, note: str = "") -> None:
+        self.folder, self.path, self.header, self.note = folder, folder / FILE, dict(header), note
+        self._entries: dict[lines.Key, _Entry] = {}
+        self._attempts, self._lines = Attempts(), 1
         self._checksum = checksum  # of all lines so far; None in a journal of schema 1
-        self._attempts = attempts or Attempts()
-        self._lines = count
-
-    @property
-    def path(self) -> Path:
-        """File of the journal."""
-        return self.folder / FILE
 
     @classmethod
     def create(cls, folder: Path, header: Mapping[str, Any], texts: Mapping[str, str]) -> Journal:
@@ -111,7 +93,7 @@ class Journal:
         path = folder / FILE
         if path.exists() and not path.is_file():
             raise JournalError(f"cannot write the run to {folder}: {path} is not a file")
-        try:
+        with disk.naming_errors(f"write the run to {folder}"):
             (folder / "traces").mkdir(parents=True, exist_ok=True)
             _lock(folder)
             for name, text in texts.items():
@@ -122,12 +104,10 @@ class Journal:
             path.unlink(missing_ok=True)
             path.with_suffix(".new").unlink(missing_ok=True)
             line, checksum = lines.encode({"schema": SCHEMA} | dict(header), 0)
-            _append(path.with_suffix(".new"), line)
+            disk.append(path.with_suffix(".new"), line)
             path.with_suffix(".new").replace(path)
             onto_disk(folder)
-        except OSError as error:
-            raise JournalError(f"cannot write the run to {folder}: {error.strerror or error}") from error
-        return cls(folder, header, {}, "", checksum)
+        return cls(folder, header, checksum)
 
     @staticmethod
     def begun(folder: Path) -> bool:
@@ -152,8 +132,7 @@ class Journal:
     def header_in(folder: Path) -> dict[str, Any]:
         """Return the header of the journal in a folder without reading its other lines; empty if there is none.
 
-        Raises:
-            JournalError: the first line is damaged.
+        A JournalError says that the first line is damaged.
         """
         if not Journal.begun(folder):
             return {}
@@ -173,35 +152,44 @@ class Journal:
             texts, rest = lines.read(path)
         except OSError as error:
             raise JournalError(f"no run to resume at {folder}: {error.strerror or error} ({path})") from error
-        note = ""
-        if rest:
-            note = f"{path}: the last line is incomplete; s2r drops it and runs its rollout again"
+        note = f"{path}: the last line is incomplete; s2r drops it and runs its rollout again" if rest else ""
         parsed = [lines.parse(path, number, text) for number, text in enumerate(texts, 1)]
         if not parsed or parsed[0].get("schema") not in (SCHEMA, UNCHECKED):
             raise JournalError(
                 f"{path}:1: the schema is not {SCHEMA}, so this is not an s2r journal; begin a new run"
             )
+        header = {key: value for key, value in parsed[0].items() if key not in ("schema", lines.SUM)}
         checksum = None if parsed[0]["schema"] == UNCHECKED else lines.check(path, texts)
-        entries: dict[tuple[int, int], _Entry] = {}
-        attempts = Attempts()
-        header = {key: value for key, value in parsed[0].items() if key not in ("schema", "crc32")}
+        journal = cls(folder, header, checksum, note)
         for number, line in enumerate(parsed[1:], 2):
-            if line.get("kind") == stop_rule.KIND:
-                header = _with_rule(path, number, header, line)
-                continue
-            if "kind" in line:
-                attempts.read(path, number, line)
-                continue
-            record, trace_sum = _record(path, number, line)
-            key = record.query, record.replicate
-            if key in entries:
-                raise JournalError(
-                    f"{path}:{number}: line {entries[key].line} already holds rollout {key[0]}.{key[1]}, so two "
-                    f"processes wrote to this run; restore it from a copy, or begin a new run"
-                )
-            entries[key] = _Entry(record, number, trace_sum)
-            attempts.end(key)
-        return cls(folder, header, entries, note, checksum, attempts, len(parsed))
+            journal._read_line(number, line)
+        journal._lines = len(parsed)
+        return journal
+
+    def _read_line(self, number: int, line: Mapping[str, Any]) -> None:
+        if line.get("kind") == stop_rule.KIND:
+            stop = line.get(stop_rule.KIND)
+            if stop not in stop_rule.STOPS:
+                words = f"stop must be one of {one_of(stop_rule.STOPS)}, not {lines.excerpt(stop)}"
+                raise lines.damage(self.path, number, words)
+            self._change_rule(str(stop))
+            return
+        if "kind" in line:
+            self._attempts.read(self.path, number, line)
+            return
+        values = lines.read_fields(self.path, number, line, lines.ROLLOUT, "not the record of a rollout: ")
+        record = Record(**values)
+        if before := self._entries.get(record.key):
+            raise JournalError(
+                f"{self.path}:{number}: line {before.line} already holds rollout {record.name}, so two "
+                f"processes wrote to this run; restore it from a copy, or begin a new run"
+            )
+        self._entries[record.key] = _Entry(record, number, line.get(lines.TRACE_SUM))
+        self._attempts.end(record.key)
+
+    def _change_rule(self, stop: str) -> None:
+        self.header.pop(stop_rule.KIND, None)
+        self.header |= stop_rule.header_fields(stop)
 
     @classmethod
     def resume(cls, folder: Path, header: Mapping[str, Any]) -> Journal:
@@ -214,11 +202,9 @@ class Journal:
                 message gives both values.
         """
         journal = cls.read(folder)
-        try:
+        with disk.naming_errors(f"write to {folder}"):
             _lock(folder)
             (folder / "traces").mkdir(exist_ok=True)
-        except OSError as error:
-            raise JournalError(f"cannot write to {folder}: {error.strerror or error}") from error
         current = json.loads(json.dumps(dict(header)))
         for backend, before, now in reading_rule.changes(journal.header, current, SYSTEMS):
             raise JournalError(
@@ -233,16 +219,14 @@ class Journal:
                     f"a certificate cannot mix the two, so begin a new run"
                 )
         if journal.note:
-            try:
+            with disk.naming_errors(f"write to {journal.path}"):
                 data = journal.path.read_bytes()
                 with journal.path.open("r+b") as file:
                     file.truncate(data.rfind(b"\n") + 1)
                     os.fsync(file.fileno())
-            except OSError as error:
-                raise JournalError(f"cannot write to {journal.path}: {error.strerror or error}") from error
         if (rule := stop_rule.stop_of(current)) != stop_rule.stop_of(journal.header):
-            journal._write("the stopping rule", stop_rule.line_of(rule))
-            journal.header = stop_rule.with_line(journal.header, stop_rule.line_of(rule))
+            journal._write("the stopping rule", {"kind": stop_rule.KIND, stop_rule.KIND: rule})
+            journal._change_rule(rule)
         return journal
 
     def __len__(self) -> int:
@@ -273,7 +257,11 @@ class Journal:
 
     def place(self, record: Record) -> str:
         """Return the file and the line of a rollout, for a message."""
-        return f"{self.path}:{self._entries[record.query, record.replicate].line}"
+        return f"{self.path}:{self.line(record)}"
+
+    def line(self, record: Record) -> int:
+        """Return the number of a rollout's line."""
+        return self._entries[record.key].line
 
     def check_traces(self) -> None:
         """Check every trace file against its checksum in the journal.
@@ -283,19 +271,15 @@ class Journal:
         Raises:
             JournalError: a file differs from its checksum.
         """
-        traces = [
-            (entry.record.trace, entry.trace_sum, self.place(entry.record))
-            for entry in self._entries.values()
-        ]
+        entries = self._entries.values()
+        traces = [(entry.record.trace, entry.trace_sum, self.place(entry.record)) for entry in entries]
         traces += [(void.trace, trace_sum, str(self.path)) for void, trace_sum in self._attempts.voids]
         for trace, trace_sum, place in traces:
             if trace is None or trace_sum is None:
                 continue
             path = self.folder / trace
-            try:
-                changed = path.exists() and (not path.is_file() or _sum(path) != trace_sum)
-            except OSError as error:
-                raise JournalError(f"cannot read {path}: {error.strerror or error}") from error
+            with disk.naming_errors(f"read {path}"):
+                changed = path.exists() and (not path.is_file() or disk.checksum(path) != trace_sum)
             if changed:
                 raise JournalError(
                     f"{path} was changed: its checksum differs from the one in {place}; restore both files from a "
@@ -303,80 +287,55 @@ class Journal:
                 )
 
     def keep(self, key: tuple[int, int], trace: Trace | None) -> Path:
-        """Write a trace without a ρ beside the journal, and return its path.
-
-        Raises:
-            JournalError: the file cannot be written.
-        """
+        """Write a trace without a ρ beside the journal, and return its path."""
         path = self.folder / "unscored" / f"{key[0]:05d}.{key[1]:04d}.npz"
         if trace is not None:
-            try:
+            with disk.naming_errors(f"write {path}"):
                 path.parent.mkdir(exist_ok=True)
-                _write(trace, path)
-            except OSError as error:
-                raise JournalError(f"cannot write {path}: {error.strerror or error}") from error
+                disk.write_trace(trace, path)
         return path
 
     def append(self, record: Record, trace: Trace | None) -> Record:
         """Write the trace, then the line; both are on disk when this returns.
 
         Raises:
-            JournalError: the disk is full, or the folder cannot be written. Earlier records stay as they are.
+            JournalError: ρ is not finite.
         """
         if not math.isfinite(record.rho):
-            raise JournalError(
-                f"ρ of rollout {record.query}.{record.replicate} is {record.rho}; it must be a finite number"
-            )
-        name = _trace_file(record.query, record.replicate)
+            raise JournalError(f"ρ of rollout {record.name} is {record.rho}; it must be a finite number")
+        name = _trace_file(*record.key)
         if trace is not None:
             record = replace(record, trace=name)
-        rollout = f"rollout {record.query}.{record.replicate}"
-        trace_sum = self._write(rollout, vars(record), trace, name)
-        self._entries[record.query, record.replicate] = _Entry(record, self._lines, trace_sum)
-        self._attempts.end((record.query, record.replicate))
+        trace_sum = self._write(f"rollout {record.name}", vars(record), trace, name)
+        self._entries[record.key] = _Entry(record, self._lines, trace_sum)
+        self._attempts.end(record.key)
         return record
 
     def begin(
-        self,
-        key: tuple[int, int],
-        params: Mapping[str, float],
-        seed: int,
-        answers: Mapping[str, str] | None = None,
+        self, key: lines.Key, params: Mapping[str, float], seed: int, answers: Mapping[str, str] | None = None
     ) -> Attempt:
-        """Write that a rollout is about to begin on a machine; see :mod:`s2r_spec.runs.machine_journal`.
-
-        Raises:
-            JournalError: as :meth:`append`.
-        """
-        attempt = self._attempts.next(key, params, seed, answers or {})
-        self._write(f"rollout {key[0]}.{key[1]}", machine_journal.begun_line(attempt))
+        """Write that a rollout is about to begin on a machine; see :mod:`s2r_spec.runs.machine_journal`."""
+        number = self._attempts.counts.get(key, 0) + 1
+        attempt = Attempt(*key, number, dict(params), seed, dict(answers or {}))
+        self._write(f"rollout {attempt.name}", attempt.begun_line())
         self._attempts.begin(attempt)
         return attempt
 
     def void(self, void: Void, trace: Trace | None) -> Void:
-        """Write a void rollout, with its trace if there is one.
-
-        Raises:
-            JournalError: as :meth:`append`.
-        """
-        name = machine_journal.trace_file(void.rollout)
+        """Write a void rollout, with its trace if there is one."""
+        name = void.rollout.trace_file
         void = replace(
             void,
             trace=None if trace is None else name,
             reason=void.reason[: machine_journal.LONGEST_REASON],
             seconds=round(void.seconds, 4),
         )
-        rollout = f"rollout {void.rollout.query}.{void.rollout.replicate}"
-        trace_sum = self._write(rollout, machine_journal.void_line(void), trace, name)
+        trace_sum = self._write(f"rollout {void.rollout.name}", void.line(), trace, name)
         self._attempts.void(void, trace_sum)
         return void
 
     def killed(self, attempt: Attempt, reason: str) -> Void:
-        """Write that s2r was killed during an attempt; a trace without a line becomes the trace of the void rollout.
-
-        Raises:
-            JournalError: as :meth:`append`.
-        """
+        """Write that s2r was killed during an attempt; a trace without a line becomes the trace of the void rollout."""
         path = self.folder / _trace_file(*attempt.key)
         try:
             trace = logs.read(path) if path.is_file() else None
@@ -385,29 +344,21 @@ class Journal:
         return self.void(Void(attempt, machine_journal.KILLED, reason, None, 0.0), trace)
 
     def not_begun(self, attempt: Attempt, reason: str) -> None:
-        """Write that an announced rollout never began.
-
-        Raises:
-            JournalError: as :meth:`append`.
-        """
-        rollout = f"rollout {attempt.query}.{attempt.replicate}"
-        self._write(rollout, machine_journal.not_begun_line(attempt, reason))
+        """Write that an announced rollout never began."""
+        self._write(f"rollout {attempt.name}", attempt.not_begun_line(reason))
         self._attempts.end(attempt.key)
 
     def _write(
         self, rollout: str, values: Mapping[str, Any], trace: Trace | None = None, name: str = ""
     ) -> str | None:
-        """Write a trace to the file ``name`` of the folder, then a line; return the checksum of the file.
-
-        Raises:
-            JournalError: the disk is full, or the folder cannot be written. Earlier records stay as they are.
-        """
+        """Write a trace to the file ``name`` of the folder, then a line; return the checksum of the file."""
+        kept = f"; all earlier rollouts are kept, go on with --resume {run_of(self.folder, self.header)}"
         trace_sum = None
-        try:
+        with disk.naming_errors(f"write to {self.folder}", kept):
             if trace is not None:
                 (self.folder / name).parent.mkdir(exist_ok=True)
-                _write(trace, self.folder / name)
-                trace_sum = _sum(self.folder / name)
+                disk.write_trace(trace, self.folder / name)
+                trace_sum = disk.checksum(self.folder / name)
             more = {} if trace_sum is None else {lines.TRACE_SUM: trace_sum}
             line, checksum = lines.encode(dict(values) | more, self._checksum)
             if len(line) > lines.LONGEST:
@@ -415,112 +366,16 @@ class Journal:
                     f"the line of {rollout} has {len(line)} bytes, more than {lines.LONGEST}: shorten its failure "
                     f"or its parameters"
                 )
-            _append(self.path, line)
-        except OSError as error:
-            raise JournalError(
-                f"cannot write to {self.folder}: {error.strerror or error}; all earlier rollouts are kept, go on with "
-                f"--resume {run_of(self.folder, self.header)}"
-            ) from error
+            disk.append(self.path, line)
         self._checksum = checksum
         self._lines += 1
         return trace_sum
 
 
-def _with_rule(path: Path, number: int, header: Mapping[str, Any], line: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a header after a line that changes the stopping rule.
-
-    Raises:
-        JournalError: there is no such rule.
-    """
-    if line.get(stop_rule.KIND) not in stop_rule.STOPS:
-        raise JournalError(
-            f"{path}:{number}: stop must be one of {one_of(stop_rule.STOPS)}, not "
-            f"{lines.excerpt(line.get(stop_rule.KIND))}; restore the journal from a copy, or begin a new run"
-        )
-    return stop_rule.with_line(header, line)
-
-
 def _trace_file(query: int, replicate: int) -> str:
-    """Return the file for the trace of a rollout, relative to the run's folder."""
     return f"traces/{query:05d}.{replicate:04d}.npz"
 
 
-def _record(path: Path, number: int, line: Mapping[str, Any]) -> tuple[Record, str | None]:
-    """Return the rollout of a line, and the checksum of its trace file, if any.
-
-    Raises:
-        JournalError: a field is missing, unknown, or of a wrong type.
-    """
-    values = {key: value for key, value in line.items() if key not in ("crc32", lines.TRACE_SUM)}
-    wrong = lines.fault(values, lines.ROLLOUT)
-    if not wrong and (unknown := sorted(values.keys() - lines.ROLLOUT.keys())):
-        wrong = f"{unknown[0]!r} is an unknown field"
-    if not wrong and not lines.is_text_or_none(line.get(lines.TRACE_SUM)):
-        wrong = f"{lines.TRACE_SUM} must be a string"
-    if wrong:
-        raise JournalError(
-            f"{path}:{number}: not the record of a rollout: {wrong}; restore the journal from a copy, or begin a new "
-            f"run"
-        )
-    return Record(**values), line.get(lines.TRACE_SUM)
-
-
-def _sum(path: Path) -> str:
-    """Return the CRC-32 of a file, as hex digits."""
-    checksum = 0
-    with path.open("rb") as file:
-        while part := file.read(1 << 20):
-            checksum = zlib.crc32(part, checksum)
-    return f"{checksum:08x}"
-
-
-# Locked folder → file descriptor of its lock; the system releases the locks when this process ends.
-_locks: dict[Path, int] = {}
-
-
 def _lock(folder: Path) -> None:
-    """Lock a run's folder until this process ends: two writers would mix their rollouts.
-
-    Raises:
-        JournalError: another process holds the lock.
-    """
-    try:
-        import fcntl
-    except ImportError:  # not a POSIX system: there is no such lock
-        return
-    if folder.resolve() in _locks:
-        return
-    handle = os.open(folder / LOCK, os.O_CREAT | os.O_RDWR, 0o644)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        os.close(handle)
-        raise JournalError(
-            f"another process is writing to the run in {folder}; wait for it, or stop it"
-        ) from error
-    _locks[folder.resolve()] = handle
-
-
-def _append(path: Path, line: bytes) -> None:
-    start = path.stat().st_size if path.exists() else 0
-    with path.open("ab") as file:
-        try:
-            file.write(line + b"\n")
-            file.flush()
-            os.fsync(file.fileno())
-        except OSError:
-            os.truncate(path, start)  # half a line on a full disk would join the next one
-            raise
-
-
-def _write(trace: Trace, path: Path) -> None:
-    """Write a trace, and flush it to the disk.
-
-    Raises:
-        OSError: the file cannot be written.
-        TraceError: the format cannot hold the trace.
-    """
-    try:
-        logs.write(trace, path)
-    except TraceError as error:
-        raise error.__context__ if isinstance(error.__context__, OSError) else error from None
+    held = f"another process is writing to the run in {folder}; wait for it, or stop it"
+    lock(folder, JournalError(held))

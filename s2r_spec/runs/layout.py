@@ -33,11 +33,7 @@ _LONGEST_NAME = 150
 
 
 def new_run(name: str, seed: int) -> Path:
-    """Make a new folder below :data:`RUNS`, named by the time to the second; a number is added if the name is taken.
-
-    Raises:
-        UsageError: the folder cannot be made.
-    """
+    """Make a new folder below :data:`RUNS`, named by the time to the second; a number is added if the name is taken."""
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
     # The name of a backend may be a path, as in log:FOLDER.
     plain = re.sub(r"[^\w.,+=-]", "-", name, flags=re.ASCII)[:_LONGEST_NAME]
@@ -54,12 +50,7 @@ def new_run(name: str, seed: int) -> Path:
 
 
 def run_of(journal: Path, header: Mapping[str, Any]) -> Path:
-    """Return the folder of the run that contains a journal.
-
-    Args:
-        journal: folder of the journal.
-        header: header of the journal.
-    """
+    """Return the folder of the run that contains a journal with this header."""
     if "side" in header:
         run = journal.parent
         of_certify = run.name == GAP and (run.parent / SIMULATION).is_dir()
@@ -68,13 +59,7 @@ def run_of(journal: Path, header: Mapping[str, Any]) -> Path:
 
 
 def with_any(folder: Path, places: Sequence[str], is_run: Callable[[Path], bool]) -> Path:
-    """Return the folder of a run, from that folder or from the folder of one of its journals.
-
-    Args:
-        folder: either of the two.
-        places: folders of the journals, relative to the run's folder.
-        is_run: returns whether a folder contains a journal.
-    """
+    """Return the folder of a run, from that folder or that of one of its journals, at ``places`` in it."""
     up = (folder, *folder.absolute().parents[:2]) if is_run(folder) or folder.name == GAP else (folder,)
     return next((one for one in up if any(is_run(one / place) for place in places)), folder)
 
@@ -82,10 +67,7 @@ def with_any(folder: Path, places: Sequence[str], is_run: Callable[[Path], bool]
 def places(folder: Path, requirements: Sequence[str], of: str | None) -> dict[str, Path]:
     """Return requirement → folder of its journal, for a run of ``s2r check``.
 
-    Args:
-        folder: folder of the run, or of one of its requirements.
-        requirements: names of the checked requirements.
-        of: the requirement whose journal lies in ``folder`` itself; None if there is none.
+    ``folder`` is that of the run, or of the one requirement ``of`` whose journal lies in it.
     """
     if of is None:
         return {name: folder / name for name in requirements}
@@ -95,11 +77,7 @@ def places(folder: Path, requirements: Sequence[str], of: str | None) -> dict[st
 
 
 def runs_in(folder: Path) -> list[Path]:
-    """Return the folders of the checks of single requirements: this folder, or its subfolders.
-
-    Raises:
-        UsageError: there is none.
-    """
+    """Return the folders of the checks of single requirements: this folder or its subfolders; a UsageError if none."""
     if (folder / FILE).exists():
         return [folder]
     runs = sorted(path.parent for path in folder.glob(f"*/{FILE}"))

@@ -7,6 +7,7 @@ import math
 import re
 import zlib
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -17,19 +18,45 @@ LONGEST = 1 << 20
 TRACE_SUM = "trace_crc32"
 """Definition: field with the CRC-32 of the line's trace file, as hex digits."""
 _CHECKED = re.compile(rb'(?P<body>.*), "crc32": "(?P<sum>[0-9a-f]{8})"\}')
-_REMEDY = "restore the journal from a copy, or begin a new run"
+SUM = "crc32"
+"""Definition: field with the checksum of a line and all lines before it, as hex digits."""
 
 
 class JournalError(UsageError):
     """The journal of a run is missing or damaged, or belongs to another run."""
 
 
+def damage(path: Path, number: int, words: str) -> JournalError:
+    """Return the error of a damaged line."""
+    return JournalError(f"{path}:{number}: {words}; restore the journal from a copy, or begin a new run")
+
+
+Key = tuple[int, int]
+"""Query and replicate of a rollout."""
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """A rollout of a run: the number of its test, in the order of the search, and its own number at this test."""
+
+    query: int
+    replicate: int
+
+    @property
+    def key(self) -> Key:
+        """Query and replicate."""
+        return self.query, self.replicate
+
+    @property
+    def name(self) -> str:
+        """Query and replicate as text: "12.3"."""
+        return f"{self.query}.{self.replicate}"
+
+
 def read(path: Path) -> tuple[list[bytes], bytes]:
     """Return the complete lines of a file, and the text after the last line feed.
 
-    Raises:
-        OSError: the file cannot be read.
-        JournalError: the path is not a file, or a line is longer than ``LONGEST``.
+    No file, or a line longer than ``LONGEST``, is a JournalError.
     """
     if path.exists() and not path.is_file():
         raise JournalError(f"{path} is not a file, so there is no run to resume at {path.parent}")
@@ -37,9 +64,7 @@ def read(path: Path) -> tuple[list[bytes], bytes]:
     with path.open("rb") as file:
         while line := file.readline(LONGEST + 1):
             if len(line) > LONGEST:
-                raise JournalError(
-                    f"{path}:{len(whole) + 1}: the line is longer than {LONGEST} bytes; {_REMEDY}"
-                )
+                raise damage(path, len(whole) + 1, f"the line is longer than {LONGEST} bytes")
             if not line.endswith(b"\n"):
                 return whole, line
             whole.append(line[:-1])
@@ -47,19 +72,15 @@ def read(path: Path) -> tuple[list[bytes], bytes]:
 
 
 def parse(path: Path, number: int, line: bytes) -> dict[str, Any]:
-    """Return the JSON object of a line.
-
-    Raises:
-        JournalError: the line is not a JSON object.
-    """
+    """Return the JSON object of a line; a JournalError says that it is none."""
     try:
         value = json.loads(line, parse_constant=_no_number)
     except RecursionError:
-        raise JournalError(f"{path}:{number}: damaged line (nested too deeply); {_REMEDY}") from None
+        raise damage(path, number, "damaged line (nested too deeply)") from None
     except ValueError as error:
-        raise JournalError(f"{path}:{number}: damaged line ({error}); {_REMEDY}") from None
+        raise damage(path, number, f"damaged line ({error})") from None
     if not isinstance(value, dict):
-        raise JournalError(f"{path}:{number}: the line is not a JSON object; {_REMEDY}")
+        raise damage(path, number, "the line is not a JSON object")
     return value
 
 
@@ -73,21 +94,15 @@ def encode(value: Mapping[str, Any], before: int | None) -> tuple[bytes, int | N
 
 
 def check(path: Path, lines: Sequence[bytes]) -> int:
-    """Return the checksum of all lines.
-
-    Raises:
-        JournalError: a line was changed or removed.
-    """
+    """Return the checksum of all lines; a JournalError names the first line that was changed or removed."""
     checksum = 0
     for number, line in enumerate(lines, 1):
         match = _CHECKED.fullmatch(line)
         if match is not None:
             checksum = zlib.crc32(match["body"], checksum)
         if match is None or int(match["sum"], 16) != checksum:
-            raise JournalError(
-                f"{path}:{number}: the checksum crc32 is wrong: this line was changed, or a line before it was "
-                f"removed; {_REMEDY}"
-            )
+            words = "the checksum crc32 is wrong: this line was changed, or a line before it was removed"
+            raise damage(path, number, words)
     return checksum
 
 
@@ -98,9 +113,7 @@ Test = Callable[[Any], bool]
 def fault(values: Mapping[str, Any], schema: Mapping[str, tuple[Test, str]]) -> str:
     """Return the fault in the first invalid field of an object; "" if all are valid.
 
-    Args:
-        values: fields of the object; fields outside the schema are ignored.
-        schema: field → (test, description of valid values).
+    The schema has field → (test, description of valid values); other fields are ignored.
     """
     for name, (is_valid, description) in schema.items():
         if name not in values:
@@ -108,6 +121,21 @@ def fault(values: Mapping[str, Any], schema: Mapping[str, tuple[Test, str]]) -> 
         if not is_valid(values[name]):
             return f"{name} must be {description}, not {excerpt(values[name])}"
     return ""
+
+
+def read_fields(
+    path: Path, number: int, line: Mapping[str, Any], schema: Mapping[str, tuple[Test, str]], what: str
+) -> dict[str, Any]:
+    """Return the fields of a line without its checksums; a JournalError that begins with ``what`` names a wrong one."""
+    values = {name: value for name, value in line.items() if name not in (SUM, TRACE_SUM)}
+    wrong = fault(values, schema)
+    if not wrong and (unknown := sorted(values.keys() - schema.keys())):
+        wrong = f"{unknown[0]!r} is an unknown field"
+    if not wrong and not is_text_or_none(line.get(TRACE_SUM)):
+        wrong = f"{TRACE_SUM} must be a string"
+    if wrong:
+        raise damage(path, number, what + wrong)
+    return values
 
 
 def is_number(value: Any) -> bool:
@@ -140,11 +168,9 @@ def is_text_or_none(value: Any) -> bool:
     return value is None or isinstance(value, str)
 
 
-def is_trace_name(value: Any) -> bool:
-    """Return whether a value is null or the name of a file in the run's folder ``traces``."""
-    return value is None or (
-        isinstance(value, str) and bool(re.fullmatch(r"traces/[0-9]{5,}\.[0-9]{4,}\.npz", value))
-    )
+def is_file(form: str) -> Test:
+    """Return a test whether a value is null or a name of this form, a regular expression."""
+    return lambda value: value is None or (isinstance(value, str) and bool(re.fullmatch(form, value)))
 
 
 def is_point(value: Any) -> bool:
@@ -152,15 +178,22 @@ def is_point(value: Any) -> bool:
     return isinstance(value, dict) and all(map(is_number, value.values()))
 
 
-ROLLOUT: Mapping[str, tuple[Test, str]] = {
-    "query": (is_count, "a whole number"),
-    "replicate": (is_count, "a whole number"),
+COUNT = (is_count, "a whole number")
+TEST: Mapping[str, tuple[Test, str]] = {
     "params": (is_point, "an object with a number for each parameter"),
-    "seed": (is_count, "a whole number"),
+    "seed": COUNT,
+}
+"""Fields of a rollout's test."""
+TEXT = (is_text, "a text")
+SECONDS = (is_length, "a number that is not negative")
+ROLLOUT: Mapping[str, tuple[Test, str]] = {
+    "query": COUNT,
+    "replicate": COUNT,
+    **TEST,
     "rho": (is_number, "a finite number"),
     "failure": (is_text_or_none, "a text or null"),
-    "trace": (is_trace_name, "the name of a file in traces/, or null"),
-    "seconds": (is_length, "a number that is not negative"),
+    "trace": (is_file(r"traces/[0-9]{5,}\.[0-9]{4,}\.npz"), "the name of a file in traces/, or null"),
+    "seconds": SECONDS,
 }
 """Fields of a rollout's line."""
 

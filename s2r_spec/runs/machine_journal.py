@@ -13,17 +13,13 @@ The attempts at one rollout (query and replicate) are counted from 1. Journals o
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from s2r_spec.runs import lines
-from s2r_spec.runs.lines import JournalError, is_count, is_length, is_point, is_text
-
-Key = tuple[int, int]
-"""Query and replicate of a rollout."""
+from s2r_spec.runs.lines import is_count, is_text
 
 BEGUN, VOID, NOT_BEGUN = "begun", "void", "not begun"
 AGAIN, FALL = "again", "fall"
@@ -34,42 +30,41 @@ LONGEST_REASON = 1000
 """Budget: characters of a reason that a line keeps."""
 
 
+ANSWERS = "answers"
+"""Field with the operator's answers before a rollout; absent if the operator was not asked."""
+
+
 @dataclass(frozen=True)
-class Attempt:
-    """One attempt at a rollout on a machine.
+class Attempt(lines.Rollout):
+    """One attempt at a rollout on a machine, counted from 1; ``answers`` has question → the operator's answer."""
 
-    Attributes:
-        query: number of the test in the run.
-        replicate: number of the rollout at this test.
-        attempt: number of the attempt at this rollout, from 1.
-        params: test parameters.
-        seed: seed of the rollout.
-        answers: the operator's answers before the attempt: question → answer.
-    """
-
-    query: int
-    replicate: int
     attempt: int
     params: dict[str, float]
     seed: int
     answers: dict[str, str] = field(default_factory=dict)
 
     @property
-    def key(self) -> Key:
-        """Query and replicate of the rollout."""
-        return self.query, self.replicate
+    def trace_file(self) -> str:
+        """File for the trace if the attempt is void, relative to the run's folder."""
+        return f"void/{self.query:05d}.{self.replicate:04d}.{self.attempt}.npz"
+
+    def begun_line(self) -> dict[str, Any]:
+        """Return the journal's line before the attempt begins."""
+        return {"kind": BEGUN} | {
+            name: value for name, value in vars(self).items() if name != ANSWERS or value
+        }
+
+    def not_begun_line(self, reason: str) -> dict[str, Any]:
+        """Return the journal's line if the rollout never began."""
+        number = {"query": self.query, "replicate": self.replicate, "attempt": self.attempt}
+        return {"kind": NOT_BEGUN, **number, "reason": reason[:LONGEST_REASON]}
 
 
 @dataclass(frozen=True)
 class Void:
-    """A rollout that something other than the robot ended.
+    """A rollout that something other than the robot ended: its cause as a word ("link", …) and as a sentence.
 
-    Attributes:
-        rollout: the attempt that was void.
-        word: the cause of its end: "link", "operator", "killed", …
-        reason: the same as a sentence.
-        trace: file with its trace, relative to the run's folder; None if there is none.
-        seconds: duration of the attempt [s].
+    ``trace`` is the file relative to the run's folder; ``seconds`` is the duration [s].
     """
 
     rollout: Attempt
@@ -78,98 +73,54 @@ class Void:
     trace: str | None
     seconds: float
 
-
-def _is_void_trace(value: Any) -> bool:
-    form = r"void/[0-9]{5,}\.[0-9]{4,}\.[0-9]+\.npz"
-    return value is None or (isinstance(value, str) and bool(re.fullmatch(form, value)))
+    def line(self) -> dict[str, Any]:
+        """Return the journal's line."""
+        own = {name: value for name, value in vars(self).items() if name != "rollout"}
+        return replace(self.rollout, answers={}).begun_line() | {"kind": VOID} | own
 
 
 _IDENTITY: Mapping[str, tuple[lines.Test, str]] = {
-    "kind": (is_text, "a text"),
-    "query": (is_count, "a whole number"),
-    "replicate": (is_count, "a whole number"),
+    "kind": lines.TEXT,
+    "query": lines.COUNT,
+    "replicate": lines.COUNT,
     "attempt": (lambda value: is_count(value) and value > 0, "a whole number above 0"),
 }
-_TEST: Mapping[str, tuple[lines.Test, str]] = {
-    "params": (is_point, "an object with a number for each parameter"),
-    "seed": (is_count, "a whole number"),
+_OUTCOME: Mapping[str, tuple[lines.Test, str]] = {
+    "word": lines.TEXT,
+    "trace": (
+        lines.is_file(r"void/[0-9]{5,}\.[0-9]{4,}\.[0-9]+\.npz"),
+        "the name of a file in void/, or null",
+    ),
+    "seconds": lines.SECONDS,
 }
-ANSWERS = "answers"
-"""Field with the operator's answers before a rollout; absent if the operator was not asked."""
+_FIELDS = {
+    BEGUN: {**_IDENTITY, **lines.TEST},
+    VOID: {**_IDENTITY, **lines.TEST, "reason": lines.TEXT, **_OUTCOME},
+    NOT_BEGUN: {**_IDENTITY, "reason": lines.TEXT},
+}
 
 
 def _are_answers(value: Any) -> bool:
     return isinstance(value, dict) and all(map(is_text, value.values()))
 
 
-_REASON: Mapping[str, tuple[lines.Test, str]] = {"reason": (is_text, "a text")}
-_OUTCOME: Mapping[str, tuple[lines.Test, str]] = {
-    "word": (is_text, "a text"),
-    "trace": (_is_void_trace, "the name of a file in void/, or null"),
-    "seconds": (is_length, "a number that is not negative"),
-}
-_FIELDS = {
-    BEGUN: {**_IDENTITY, **_TEST},
-    VOID: {**_IDENTITY, **_TEST, **_REASON, **_OUTCOME},
-    NOT_BEGUN: {**_IDENTITY, **_REASON},
-}
-
-
-def trace_file(attempt: Attempt) -> str:
-    """Return the file for the trace of a void attempt, relative to the run's folder."""
-    return f"void/{attempt.query:05d}.{attempt.replicate:04d}.{attempt.attempt}.npz"
-
-
-def begun_line(attempt: Attempt) -> dict[str, Any]:
-    """Return the journal's line for an attempt that is about to begin."""
-    return {
-        "kind": BEGUN,
-        **_identity(attempt),
-        **({ANSWERS: attempt.answers} if attempt.answers else {}),
-    }
-
-
-def void_line(void: Void) -> dict[str, Any]:
-    """Return the journal's line for a void rollout."""
-    outcome = {"word": void.word, "reason": void.reason, "trace": void.trace, "seconds": void.seconds}
-    return {"kind": VOID, **_identity(void.rollout), **outcome}
-
-
-def not_begun_line(attempt: Attempt, reason: str) -> dict[str, Any]:
-    """Return the journal's line for a rollout that never began."""
-    identity = {name: value for name, value in _identity(attempt).items() if name in _IDENTITY}
-    return {"kind": NOT_BEGUN, **identity, "reason": reason[:LONGEST_REASON]}
-
-
-def _identity(attempt: Attempt) -> dict[str, Any]:
-    """Return the fields that identify an attempt: all but the answers."""
-    return {name: value for name, value in vars(attempt).items() if name != ANSWERS}
-
-
 @dataclass
 class Attempts:
-    """The attempts that a journal records.
+    """The attempts that a journal records: their number per rollout, those that no line ends, and the void ones.
 
-    Attributes:
-        counts: number of attempts per rollout.
-        open: attempts that began and that no line ends.
-        voids: void rollouts in the order of the journal, each with the checksum of its trace file.
+    The void ones are in the order of the journal, each with the checksum of its trace file.
     """
 
-    counts: dict[Key, int] = field(default_factory=dict)
-    open: dict[Key, Attempt] = field(default_factory=dict)
+    counts: dict[lines.Key, int] = field(default_factory=dict)
+    open: dict[lines.Key, Attempt] = field(default_factory=dict)
     voids: list[tuple[Void, str | None]] = field(default_factory=list)
-
-    def next(self, key: Key, params: Mapping[str, float], seed: int, answers: Mapping[str, str]) -> Attempt:
-        """Return the next attempt at a rollout."""
-        return Attempt(*key, self.counts.get(key, 0) + 1, dict(params), seed, dict(answers))
 
     def begin(self, attempt: Attempt) -> None:
         """Add an attempt that is about to begin."""
         self.counts[attempt.key] = attempt.attempt
         self.open[attempt.key] = attempt
 
-    def end(self, key: Key) -> None:
+    def end(self, key: lines.Key) -> None:
         """Close the attempt at a rollout that has an outcome, or that did not begin."""
         self.open.pop(key, None)
 
@@ -179,42 +130,25 @@ class Attempts:
         self.voids.append((void, trace_sum))
 
     def read(self, path: Path, number: int, line: Mapping[str, Any]) -> None:
-        """Add a line with a field ``kind``.
-
-        Raises:
-            JournalError: the kind is unknown, a field is missing or wrong, or the line ends an attempt that the
-                journal does not announce.
-        """
-        values = {name: value for name, value in line.items() if name not in ("crc32", lines.TRACE_SUM)}
-        kind = values.get("kind")
+        """Add a line with a field ``kind``; raise a JournalError if it is damaged, or ends no attempt that began."""
+        what, kind = "not a line of a machine's journal: ", line.get("kind")
         fields = _FIELDS.get(kind) if isinstance(kind, str) else None
         if fields is None:
             wrong = f"kind must be {BEGUN}, {VOID} or {NOT_BEGUN}, not {lines.excerpt(kind)}"
-        else:
-            if kind == BEGUN and ANSWERS in values:
-                fields = {**fields, ANSWERS: (_are_answers, "an object with a text for each question")}
-            wrong = lines.fault(values, fields)
-            if not wrong and (unknown := sorted(values.keys() - fields.keys())):
-                wrong = f"{unknown[0]!r} is an unknown field"
-            if not wrong and not lines.is_text_or_none(line.get(lines.TRACE_SUM)):
-                wrong = f"{lines.TRACE_SUM} must be a string"
-        key = (values.get("query"), values.get("replicate"))
-        if not wrong and kind != BEGUN:
-            attempt = self.open.get(key)  # type: ignore[arg-type]
-            if attempt is None or attempt.attempt != values["attempt"]:
-                wrong = "it ends an attempt that no earlier line began"
-        if wrong:
-            raise JournalError(
-                f"{path}:{number}: not a line of a machine's journal: {wrong}; restore the journal from a copy, or "
-                f"begin a new run"
-            )
+            raise lines.damage(path, number, what + wrong)
+        if kind == BEGUN and ANSWERS in line:
+            fields = {**fields, ANSWERS: (_are_answers, "an object with a text for each question")}
+        values = lines.read_fields(path, number, line, fields, what)
+        del values["kind"]
         if kind == BEGUN:
-            self.begin(Attempt(**{name: value for name, value in values.items() if name != "kind"}))
-        elif kind == VOID:
-            attempt = replace(
-                self.open[values["query"], values["replicate"]], params=values["params"], seed=values["seed"]
-            )
-            outcome = {name: values[name] for name in ("word", "reason", "trace", "seconds")}
-            self.void(Void(attempt, **outcome), line.get(lines.TRACE_SUM))
-        else:
-            self.end((values["query"], values["replicate"]))
+            self.begin(Attempt(**values))
+            return
+        attempt = self.open.get((values["query"], values["replicate"]))
+        if attempt is None or attempt.attempt != values["attempt"]:
+            raise lines.damage(path, number, f"{what}it ends an attempt that no earlier line began")
+        if kind == NOT_BEGUN:
+            self.end(attempt.key)
+            return
+        attempt = replace(attempt, params=values["params"], seed=values["seed"])
+        outcome = {name: values[name] for name in ("word", "reason", "trace", "seconds")}
+        self.void(Void(attempt, **outcome), line.get(lines.TRACE_SUM))

@@ -14,11 +14,7 @@ _MAIN = b"__main__"
 
 
 class PassedBackend:
-    """A backend object on its way to the rollouts: the object itself in this process, a copy in another.
-
-    Args:
-        backend: the object.
-    """
+    """A backend object on its way to the rollouts: the object itself in this process, a copy in another."""
 
     def __init__(self, backend: Backend) -> None:
         self.backend = backend
@@ -27,7 +23,7 @@ class PassedBackend:
     @property
     def portable(self) -> bool:
         """Whether another process on this computer can have a copy."""
-        return not self._fault
+        return not self._pickled[1]
 
     @cached_property
     def _pickled(self) -> tuple[bytes, str]:
@@ -38,22 +34,14 @@ class PassedBackend:
             return b"", f"{type(error).__name__}: {error}"
         return data, "its code is in the notebook or script that runs now" if _MAIN in data else ""
 
-    @property
-    def _fault(self) -> str:
-        return self._pickled[1]
-
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the object.
-
-        Raises:
-            BackendError: another process cannot have a copy.
-        """
-        if self._fault:
+        data, fault = self._pickled
+        if fault:
             raise BackendError(
-                f"the backend {self.backend.name!r} cannot go to a worker process, because {self._fault}; move its "
+                f"the backend {self.backend.name!r} cannot go to a worker process, because {fault}; move its "
                 f"code to a module, or run it here, without executor"
             )
-        return _copy, (self._pickled[0],)
+        return _copy, (data,)
 
 
 @lru_cache(maxsize=8)

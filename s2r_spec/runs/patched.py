@@ -19,26 +19,12 @@ SCHEMA = "s2r/patched/1"
 
 
 def write(path: Path, base: str, effects: Mapping[str, Mapping[str, float]]) -> None:
-    """Write the file of a simulator with effects.
-
-    Args:
-        path: the file.
-        base: name of the simulator.
-        effects: effect → parameter → value.
-
-    Raises:
-        UsageError: the file cannot be written.
-    """
-    text = json.dumps({"schema": SCHEMA, "base": base, "effects": effects}, indent=2)
-    save(path, text + "\n")
+    """Write the file of a simulator ``base`` with effect → parameter → value, or raise a UsageError."""
+    save(path, json.dumps({"schema": SCHEMA, "base": base, "effects": effects}, indent=2) + "\n")
 
 
 def open_patched(path: str = "") -> Backend:
-    """Return the simulator that a file describes.
-
-    Raises:
-        UsageError: the file is missing or has another form, or the simulator lacks an effect.
-    """
+    """Return the simulator that a file describes; a UsageError says what is wrong with the file."""
     if not path:
         raise UsageError(
             "the patched backend needs a file: write --sim patched:FILE with a file of s2r diagnose --apply"
@@ -49,11 +35,8 @@ def open_patched(path: str = "") -> Backend:
         raise UsageError(f"cannot read {path}: {error.strerror or error}") from None
     except ValueError as error:
         raise UsageError(f"{path} is not JSON: {error}; write it with s2r diagnose --apply") from None
-    if not (
-        isinstance(record, dict)
-        and record.get("schema") == SCHEMA
-        and isinstance(record.get("effects"), dict)
-    ):
+    known = isinstance(record, dict) and record.get("schema") == SCHEMA
+    if not known or not isinstance(record.get("effects"), dict):
         raise UsageError(
             f'{path} is not a patched simulator: the file needs "schema": "{SCHEMA}", "base" and "effects"'
         )

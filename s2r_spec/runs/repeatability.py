@@ -24,6 +24,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -72,9 +73,7 @@ class Difference:
 def difference(one: Trace, other: Trace) -> Difference | None:
     """Return the first difference of two traces in time; None if they are the same, bit for bit.
 
-    Args:
-        one: a trace.
-        other: another one, with at least the channels of the first.
+    The other one has at least the channels of the first.
     """
     if first := _of_samples(one, other):
         return first
@@ -83,7 +82,6 @@ def difference(one: Trace, other: Trace) -> Difference | None:
 
 
 def _of_rollouts(one: Done, other: Done) -> Difference | None:
-    """Return the :func:`difference` of two rollouts, one of which may have no trace."""
     if one.trace is not None and other.trace is not None:
         return difference(one.trace, other.trace)
     ends = [done.failure or "a trace" for done in (one, other)]
@@ -93,26 +91,18 @@ def _of_rollouts(one: Done, other: Done) -> Difference | None:
 def fault(first: Done, again: Done, afresh: Callable[[], Done] | None) -> str:
     """Return how repeats of a rollout differ and the likely cause, in sentences; "" if they do not differ.
 
-    Args:
-        first: the rollout.
-        again: its repeat in the same process or in a like one, after another test.
-        afresh: repeats it in a new process; None if no other process can load the backend.
+    ``again`` ran after another test, in the same process or in a like one. ``afresh`` repeats the rollout in a new
+    process; None if no other process can load the backend.
     """
-    new = afresh() if afresh is not None else None
-    at_first, after, in_new = (
-        (first, ""),
-        (again, " after another test in the same process"),
-        (new, " in a new process"),
-    )
-    for (one, where), (other, elsewhere) in ((at_first, after), (at_first, in_new), (after, in_new)):
-        if one is None or other is None or (unequal := _of_rollouts(one, other)) is None:
-            continue
-        cause = _EITHER
-        if afresh is not None and new is not None:
-            cause = _MEMORY if _of_rollouts(new, afresh()) is None else _PROCESS
-        return (
-            f"{unequal.what} was {unequal.one}{where or ' at first'}, and {unequal.other}{elsewhere}. {cause}"
-        )
+    ran = [(first, " at first"), (again, " after another test in the same process")]
+    if afresh is not None:
+        ran.append((afresh(), " in a new process"))
+    for (one, where), (other, elsewhere) in combinations(ran, 2):
+        if unequal := _of_rollouts(one, other):
+            cause = _EITHER
+            if afresh is not None:
+                cause = _MEMORY if _of_rollouts(ran[2][0], afresh()) is None else _PROCESS
+            return f"{unequal.what} was {unequal.one}{where}, and {unequal.other}{elsewhere}. {cause}"
     return ""
 
 
@@ -143,11 +133,6 @@ def check_run(journal: Journal, runner: Runner, rollouts: Sequence[tuple[Task, R
 
     Does nothing as long as no rollout of the run has a trace.
 
-    Args:
-        journal: of the run.
-        runner: runs the repeats.
-        rollouts: those of the batch with their tasks.
-
     Raises:
         UsageError: the repeats differ, now or before a resume.
     """
@@ -164,12 +149,12 @@ def check_run(journal: Journal, runner: Runner, rollouts: Sequence[tuple[Task, R
     others = sorted((one for one, _ in able if one != task), key=lambda one: one.params == task.params)
     whole = replace(task, channels=None)
     first = Done(task, logs.read(_file(journal, record)), record.seconds)
-    again = _run(runner, whole, partial(run_after, others[0]) if others else run_task)
+    (again,) = runner.run([whole], partial(run_after, others[0]) if others else run_task)
     portable = task.passed is None or task.passed.portable
     new: list[Done] = []
 
     def afresh() -> Done:
-        new.append(_run(runner, whole, run_afresh))
+        new.extend(runner.run([whole], run_afresh))
         return new[-1]
 
     sentence = fault(first, again, afresh if portable else None)
@@ -184,11 +169,7 @@ def check_run(journal: Journal, runner: Runner, rollouts: Sequence[tuple[Task, R
 
 
 def refuse_unrepeatable(folder: Path) -> bool:
-    """Return whether the folder of a journal has the result of repeats.
-
-    Raises:
-        UsageError: the repeats differed, or the file of the result is damaged.
-    """
+    """Return whether the folder of a journal has the result of repeats; a UsageError if the repeats differed."""
     path = folder / FOLDER / FILE
     if not path.exists():
         return False
@@ -207,12 +188,7 @@ def check_here(
 ) -> str:
     """Run a test, another one, and the first again in this process and in a new one; return :func:`fault` of them.
 
-    Args:
-        backend: a deterministic simulator.
-        test: the test that is repeated, in the backend's units.
-        other: a test that runs in between.
-        seed: seed of the test.
-        elsewhere: whether to repeat the test in a new process, too.
+    The tests are in the backend's units. The test is repeated in a new process only if ``elsewhere``.
     """
     passed = PassedBackend(backend)
     task = Task(0, 0, backend.name, test, seed, passed=passed)
@@ -236,13 +212,7 @@ def run_afresh(task: Task) -> tuple[Trace, float]:
         trace, seconds = worker.call(run_task, task)
     finally:
         worker.close()
-        worker.release()
     return trace, seconds
-
-
-def _run(runner: Runner, task: Task, call: Callable[[Task], tuple[Trace, float]]) -> Done:
-    (done,) = runner.run([task], call)
-    return done
 
 
 def _file(journal: Journal, record: Record) -> Path:
@@ -250,11 +220,6 @@ def _file(journal: Journal, record: Record) -> Path:
 
 
 def _save(journal: Journal, record: Record, repeats: Mapping[str, Done], refused: str) -> None:
-    """Write the traces of the repeats, and last their result.
-
-    Raises:
-        UsageError: a file cannot be written.
-    """
     folder = journal.folder / FOLDER
     rows: list[dict[str, Any]] = []
     try:
@@ -265,10 +230,8 @@ def _save(journal: Journal, record: Record, repeats: Mapping[str, Done], refused
         name = f"{record.query:05d}.{record.replicate:04d}.{place}.npz"
         if done.trace is not None:
             logs.write(done.trace, folder / name)
-        trace = None if done.trace is None else name
-        rows.append(
-            {"place": place, "trace": trace, "failure": done.failure, "seconds": round(done.seconds, 4)}
-        )
+        trace, seconds = None if done.trace is None else name, round(done.seconds, 4)
+        rows.append({"place": place, "trace": trace, "failure": done.failure, "seconds": seconds})
     result = {"schema": SCHEMA, "query": record.query, "replicate": record.replicate, "params": record.params}
     result |= {"seed": record.seed, "repeats": rows, "refused": refused or None}
     files.save(folder / FILE, json.dumps(result, indent=1) + "\n")
@@ -286,19 +249,15 @@ def _of_samples(one: Trace, other: Trace) -> Difference | None:
         if values.shape[1:] != others.shape[1:]:
             return Difference(f"the shape of {name}", str(values.shape[1:]), str(others.shape[1:]))
         flat, flat_others = (np.reshape(each[:size], (size, -1)) for each in (values, others))
-        unequal = (flat != flat_others) & ~(
-            (flat != flat) & (flat_others != flat_others)
-        )  # NaN is equal to NaN
+        both_nan = (flat != flat) & (flat_others != flat_others)
+        unequal = (flat != flat_others) & ~both_nan
         if unequal.any():
             row, column = (int(place) for place in np.argwhere(unequal)[0])
             label = name if flat.shape[1] == 1 else f"{name}[{column}]"
             rows.append((row, label, flat[row, column], flat_others[row, column], unit))
     if not rows:
-        return (
-            None
-            if len(one) == len(other)
-            else Difference("the number of samples", str(len(one)), str(len(other)))
-        )
+        lengths = str(len(one)), str(len(other))
+        return None if lengths[0] == lengths[1] else Difference("the number of samples", *lengths)
     row, label, value, changed, unit = min(rows, key=lambda each: each[0])
     digits, digits_other = _distinct_digits(value, changed)
     return Difference(f"{label} at t = {one.times[row]:.6g} s", f"{digits} {unit}".rstrip(), digits_other)

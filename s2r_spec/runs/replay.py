@@ -47,7 +47,6 @@ class Replay:
         return self.rho == self.recorded
 
     def __repr__(self) -> str:
-        """Return one line: the test, ρ, and whether it is the recorded one."""
         test = ", ".join(f"{name} = {value:.6g}" for name, value in self.params.items())
         same = "as recorded" if self.same else self.difference
         rho = f"ρ = {self.rho:+.6g} {self.unit}".rstrip()
@@ -99,13 +98,8 @@ def replay(rollout: str, backend: Backend | None = None) -> Replay:
     # All channels, because a replay is for looking at the rollout.
     task = replace(scorer.task(record.query, record.replicate, point, record.seed), channels=None)
     ran = not is_exclusive(scorer.backend)
-    if ran:
-        trace, seconds = run_task(task)
-        done = Done(task, trace, seconds)
-    else:
-        trace = _recorded_trace(journal, record)
-        done = Done(task, trace, record.seconds, record.failure)
-    rho, _ = scorer.score(point, done)
+    trace = run_task(task)[0] if ran else _recorded_trace(journal, record)
+    rho, _ = scorer.score(point, Done(task, trace, record.seconds, None if ran else record.failure))
     difference = ""
     if rho != record.rho:
         difference = f"the record says {record.rho:+.6g}"
@@ -114,28 +108,12 @@ def replay(rollout: str, backend: Backend | None = None) -> Replay:
         if scorer.backend.model_hash != recorded:
             before, now = short(recorded), short(scorer.backend.model_hash)
             difference += f"; the model has changed since ({before}, now {now})"
-    return Replay(
-        point,
-        record.seed,
-        rho,
-        record.rho,
-        spec.unit(requirement),
-        trace,
-        spec,
-        requirement,
-        scorer.backend,
-        dict(task.params),
-        difference,
-        ran,
-    )
+    unit, params = spec.unit(requirement), dict(task.params)
+    compared = point, record.seed, rho, record.rho, unit
+    return Replay(*compared, trace, spec, requirement, scorer.backend, params, difference, ran)
 
 
 def _recorded_trace(journal: Journal, record: Record) -> Trace:
-    """Return the recorded trace of a machine's rollout.
-
-    Raises:
-        UsageError: there is no trace, or its file was changed.
-    """
     if record.trace is None:
         raise UsageError(f"{journal.place(record)}: this rollout left no trace ({record.failure})")
     journal.check_traces()
@@ -148,11 +126,6 @@ def _recorded_trace(journal: Journal, record: Record) -> Trace:
 
 
 def _scorer(spec: Spec, header: Mapping[str, Any], journal: Journal, passed: Backend | None) -> Scorer:
-    """Open the backend of a run, with rollouts of the recorded duration.
-
-    Raises:
-        UsageError: the recorded duration exceeds the one that backend and requirement give now.
-    """
     requirement, name, duration = header["requirement"], header["backend"], header["duration"]
     backend = name if passed is None else passed
     try:

@@ -11,17 +11,17 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from dataclasses import replace
-from types import TracebackType
 from typing import Self
 
 from s2r_spec.base.errors import BackendError, S2RError
-from s2r_spec.runs import crashes
 from s2r_spec.runs.task import Done, Task, run_task
 from s2r_spec.trace import Trace
 from s2r_spec.workers.limits import TimeLimitError
 from s2r_spec.workers.pools import ExecutorFactory
 from s2r_spec.workers.worker_process import WorkerDiedError
 
+STRIKES = 3
+"""Budget: workers that a rollout may break before it counts as a crash."""
 Call = Callable[[Task], tuple[Trace, float]]
 """Runs a task in a worker, and returns its trace and the seconds it took, as :func:`run_task` does."""
 
@@ -29,9 +29,7 @@ Call = Callable[[Task], tuple[Trace, float]]
 class Runner:
     """Runs tasks on a pool, and makes a new pool when one breaks. A context manager.
 
-    Args:
-        factory: a function that makes a pool.
-        timeout: time limit of a rollout, as of a :class:`Task` [s], ``inf`` for none; None for the limit of each task.
+    ``timeout`` is the limit of a rollout, as of a :class:`Task` [s], ``inf`` for none; None for that of each task.
     """
 
     def __init__(self, factory: ExecutorFactory, timeout: float | None = None) -> None:
@@ -41,17 +39,11 @@ class Runner:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._close()
 
     def run(self, tasks: Sequence[Task], call: Call = run_task) -> Iterator[Done]:
-        """Yield the outcome of every task as it arrives, in any order.
-
-        Args:
-            tasks: the rollouts.
-            call: runs a task in a worker; it must pickle.
+        """Yield the outcome of every task as it arrives, in any order; ``call`` must pickle.
 
         Raises:
             S2RError: a rollout raised it. Earlier outcomes were yielded; running rollouts are abandoned.
@@ -69,11 +61,11 @@ class Runner:
             yield self._alone(task, call)
 
     def _alone(self, task: Task, call: Call) -> Done:
-        for _ in range(crashes.STRIKES):
+        for _ in range(STRIKES):
             for _, outcome in self._attempt([task], call):
                 if isinstance(outcome, Done):
                     return outcome
-        return crashes.workers_died(task)
+        return Done(task, None, 0.0, f"crash: the worker died {STRIKES} times")
 
     def _attempt(self, tasks: Iterable[Task], call: Call) -> Iterator[tuple[Task, Done | BrokenExecutor]]:
         if self._pool is None:
@@ -98,7 +90,11 @@ class Runner:
                         broken = broken or not isinstance(error, WorkerDiedError)
                         yield task, error
                     except TimeLimitError as error:
-                        yield task, crashes.no_answer(task, error)
+                        if error.limit.opening:  # the rollout never ran
+                            words = f"backend {task.backend!r} did not open within {error.words}"
+                            raise BackendError(words) from None
+                        failure = f"crash: no answer within {error.words}"
+                        yield task, Done(task, None, error.elapsed, failure)
                     except S2RError as error:
                         failed = error
                     else:

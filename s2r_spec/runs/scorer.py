@@ -29,16 +29,13 @@ def default_timeout(backend: Backend) -> float:
 
 @dataclass(frozen=True)
 class Scorer:
-    """A measure on the rollouts of one backend.
+    """A measure on the rollouts of one backend, which every worker opens by its name unless it was passed as an object.
 
     Attributes:
-        name: the name of the backend; every worker opens it by this name, unless it was passed as an object.
-        backend: the same backend in this process.
         measure: the function that scores a trace that did not fail.
         fall: value of a rollout that failed, declared before the data.
         to_backend: converts a test point to the backend's parameters and units.
         channels: those that the measure reads; None for all.
-        passed: the backend, if the caller passed it as an object.
     """
 
     name: str
@@ -53,11 +50,7 @@ class Scorer:
     def for_spec(
         cls, spec: Spec, requirement: str, backend: str | Backend, duration: float | None = None
     ) -> Self:
-        """Open the backend with rollouts as long as the requirement's horizon, and check that the two fit.
-
-        Raises:
-            UsageError: they do not fit together, or no ρ is declared for a fall.
-        """
+        """Open the backend with rollouts as long as the requirement's horizon; a UsageError if the two do not fit."""
         name, system = open_system(backend, _horizon(spec, requirement) if duration is None else duration)
         settings = spec.certify.get(requirement)
         if settings is None or settings.fall is None:
@@ -66,10 +59,7 @@ class Scorer:
                 f"write a line such as `certify {requirement}: fall = -1`"
             )
 
-        robustness = _robustness(spec, requirement)
-        if isinstance(system, NeedsSpec):
-            system = system.for_spec(needs_of(spec, requirement, robustness))
-            assert isinstance(system, Backend)
+        robustness, system = _robustness(spec, requirement), _for_spec(system, spec, requirement)
         matched = check_compatibility(spec, requirement, system)
         passed = None if isinstance(backend, str) else pass_backend(system)
         return cls(name, system, robustness, settings.fall, matched.to_backend, matched.channels, passed)
@@ -121,11 +111,15 @@ def open_system(backend: str | Backend, duration: float | None) -> tuple[str, Ba
 
 def open_for_requirement(spec: Spec, requirement: str, backend: Backend) -> Backend:
     """Return a backend with the duration, the channels and the parameters that a requirement needs of it."""
-    _, system = open_system(backend, _horizon(spec, requirement))
-    if isinstance(system, NeedsSpec):
-        system = system.for_spec(needs_of(spec, requirement, _robustness(spec, requirement)))
-        assert isinstance(system, Backend)
-    return system
+    return _for_spec(open_system(backend, _horizon(spec, requirement))[1], spec, requirement)
+
+
+def _for_spec(system: Backend, spec: Spec, requirement: str) -> Backend:
+    if not isinstance(system, NeedsSpec):
+        return system
+    adapted = system.for_spec(needs_of(spec, requirement, _robustness(spec, requirement)))
+    assert isinstance(adapted, Backend)
+    return adapted
 
 
 def _horizon(spec: Spec, requirement: str) -> float | None:
@@ -142,11 +136,7 @@ def _robustness(spec: Spec, requirement: str) -> Measure:
 
 
 def pass_backend(backend: Backend) -> PassedBackend:
-    """Return a backend object for its rollouts.
-
-    Raises:
-        UsageError: it is a machine, whose rollouts run in a process of their own, which cannot have a copy.
-    """
+    """Return a backend object for its rollouts; a UsageError refuses a machine whose process cannot have a copy."""
     passed = PassedBackend(backend)
     if is_exclusive(backend) and not passed.portable:
         raise UsageError(
@@ -165,19 +155,11 @@ def needs_of(spec: Spec, requirement: str, measure: Measure) -> Needs:
             ends = param.default, param.default
         if ends is not None:
             parameters.append(Parameter(name, param.unit, *ends, ends[0], "as the spec declares it"))
-    return Needs(
-        tuple(Channel(one.name, one.unit, "as the spec reads it", one.dim) for one in signals),
-        tuple(parameters),
-        measure,
-    )
+    channels = [Channel(one.name, one.unit, "as the spec reads it", one.dim) for one in signals]
+    return Needs(tuple(channels), tuple(parameters), measure)
 
 
 def _number(value: object) -> float:
-    """Return the value of a measure as a float.
-
-    Raises:
-        BackendError: it is not a finite number.
-    """
     scalar = hasattr(value, "__float__") and getattr(value, "ndim", 0) == 0
     if scalar and not isinstance(value, str | bytes | complex):
         try:

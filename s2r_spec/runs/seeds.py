@@ -31,16 +31,7 @@ def rollout_seed(seed: int, query: int, replicate: int, stream: SeedStream = See
 
 
 def inherited_seed(folder: Path, recorded: int, seed: int | None) -> int:
-    """Return the seed of a run that is resumed.
-
-    Args:
-        folder: the folder of the run.
-        recorded: the seed that it began with.
-        seed: the seed that the user gave; None if none.
-
-    Raises:
-        UsageError: they differ.
-    """
+    """Return the recorded seed of a run that is resumed; a UsageError refuses another one of the user."""
     if seed not in (None, recorded):
         raise UsageError(
             f"the run in {folder} has the seed {recorded}, not {seed}; leave out the seed, or begin a new run"

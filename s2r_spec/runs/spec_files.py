@@ -13,6 +13,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from s2r_spec.lang.files import read_text
 from s2r_spec.recordings.reading_rule import KEY, READING
 from s2r_spec.runs.journal import Journal, Record
 from s2r_spec.runs.layout import SYSTEMS
-from s2r_spec.runs.lines import JournalError, fault, is_count, is_length, is_text
+from s2r_spec.runs.lines import COUNT, TEXT, JournalError, damage, fault, is_count, is_length, is_text
 from s2r_spec.runs.machine_journal import AGAIN, FALL
 from s2r_spec.runs.stop_rule import STOPS, stop_of
 from s2r_spec.spec import Spec, load_spec, parse_spec
@@ -34,17 +35,12 @@ IMPORTS = "imports"
 SCHEMA = "s2r.imports/1"
 
 _HEADER = {
-    "s2r": (is_text, "a text"),
-    "spec": (is_text, "a text"),
-    "spec_hash": (is_text, "a text"),
-    "requirement": (is_text, "a text"),
-    "backend": (is_text, "a text"),
+    **dict.fromkeys(("s2r", "spec", "spec_hash", "requirement", "backend"), TEXT),
     "duration": (is_length, "a number of seconds"),
-    "seed": (is_count, "a whole number"),
+    "seed": COUNT,
     "settings": (lambda value: isinstance(value, dict), "an object"),
 }
-_SETTINGS = {"mode": (is_text, "a text"), "engine": (is_text, "a text")}
-_SYSTEM = {"backend": (is_text, "a text"), "model_hash": (is_text, "a text")}
+_SYSTEM = {"backend": TEXT, "model_hash": TEXT}
 
 
 def spec_texts(spec: Spec) -> dict[str, str]:
@@ -63,12 +59,17 @@ def spec_texts(spec: Spec) -> dict[str, str]:
     }
 
 
+def open_journal(folder: Path, header: Mapping[str, Any], spec: Spec, resume: bool) -> Journal:
+    """Resume the journal of a run that has begun, or create one with the specification beside it."""
+    if resume and Journal.begun(folder):
+        return Journal.resume(folder, header)
+    return Journal.create(folder, header, spec_texts(spec))
+
+
 def load_run_spec(journal: Journal) -> Spec:
     """Return the specification of a run, read only from the run's folder.
 
-    Raises:
-        JournalError: the run has no specification, or a file was changed after the run began.
-        UsageError: a file is missing, or is not a specification.
+    A file that is missing, or was changed after the run began, is a UsageError.
     """
     header, path = checked_header(journal), journal.folder / SPEC_FILE
     if (path.parent / IMPORTS_FILE).exists():
@@ -88,29 +89,24 @@ def load_run_spec(journal: Journal) -> Spec:
 
 
 def checked_header(journal: Journal) -> dict[str, Any]:
-    """Return the header of a journal after a check of its fields.
-
-    Raises:
-        JournalError: a field is missing or of a wrong type, or the run has a measure instead of a specification.
-    """
+    """Return the header of a journal after a check of its fields; a wrong one is a JournalError."""
     header = journal.header
     if "measure" in header:
         raise JournalError(
             f"{journal.folder} is a run of the measure {header['measure']!r}, which check_measure began in Python; "
             f"call check_measure again with resume=True for its certificate"
         )
-    wrong = fault(header, _HEADER) or fault(header["settings"], _SETTINGS)
+    wrong = fault(header, _HEADER) or fault(header["settings"], {"mode": TEXT, "engine": TEXT})
     if not wrong and "side" in header:
         wrong = "" if header["side"] in SYSTEMS else "side must be sim or real"
         if not wrong and header.get("simulated_per_real") not in (1, 2):
             wrong = "simulated_per_real must be 1 or 2"
         for side in SYSTEMS:
             about = header.get(side)
-            wrong = wrong or (
-                fault(about, _SYSTEM) if isinstance(about, dict) else f"{side} must be an object"
-            )
+            of_side = fault(about, _SYSTEM) if isinstance(about, dict) else f"{side} must be an object"
+            wrong = wrong or of_side
     elif not wrong:
-        wrong = fault(header, {"model_hash": (is_text, "a text")})
+        wrong = fault(header, {"model_hash": TEXT})
     systems = [about for side in SYSTEMS if isinstance(about := header.get(side), dict)]
     for name, objects in [("recorded", [header]), ("assumptions", [header, *systems])]:
         for notes in (one.get(name, []) for one in objects):
@@ -123,38 +119,24 @@ def checked_header(journal: Journal) -> dict[str, Any]:
     if not wrong and stop_of(header) not in STOPS:
         wrong = f"stop must be one of {one_of(STOPS)}"
     if wrong:
-        raise JournalError(f"{journal.path}:1: {wrong}; restore the journal from a copy, or begin a new run")
+        raise damage(journal.path, 1, wrong)
     return header
 
 
 def _check_test(spec: Spec, journal: Journal, record: Record) -> None:
-    """Check that a rollout's test belongs to the test space of the specification.
-
-    Raises:
-        JournalError: it has other parameters, or a value outside its range.
-    """
-    axes, remedy = spec.space.axes, "restore the journal from a copy, or begin a new run"
+    file, line = journal.path, journal.line(record)
     if record.params.keys() != set(spec.space.names):
-        raise JournalError(
-            f"{journal.place(record)}: params are {', '.join(record.params) or 'none'}, but the specification has "
-            f"{', '.join(spec.space.names) or 'none'}; {remedy}"
-        )
-    for axis in axes:
+        names, declared = (", ".join(each) or "none" for each in (record.params, spec.space.names))
+        raise damage(file, line, f"params are {names}, but the specification has {declared}")
+    for axis in spec.space.axes:
         value = record.params[axis.name]
         if not axis.low <= value <= axis.high:
-            raise JournalError(
-                f"{journal.place(record)}: {axis.name} = {value:g} {axis.unit}".rstrip()
-                + f" is outside the range [{axis.low:g}, {axis.high:g}] of the specification; {remedy}"
-            )
+            words = f"{axis.name} = {value:g} {axis.unit}".rstrip()
+            outside = f"is outside the range [{axis.low:g}, {axis.high:g}] of the specification"
+            raise damage(file, line, f"{words} {outside}")
 
 
 def _with_imports(path: Path, expected: str) -> Spec:
-    """Return a specification whose imports are stored beside it.
-
-    Raises:
-        JournalError: the list of imports is damaged, or a file does not have its recorded hash.
-        UsageError: an import cannot be read.
-    """
     name, imports = _read_imports(path.parent / IMPORTS_FILE)
     text = _with_line_feeds(read_text(path))
     stored = {}
@@ -168,7 +150,6 @@ def _with_imports(path: Path, expected: str) -> Spec:
 
 
 def _read_imports(path: Path) -> tuple[str, dict[str, tuple[str, str]]]:
-    """Return the name of a specification, and import → (file, SHA-256)."""
     try:
         table = json.loads(read_text(path))
         files = {str(key): (str(one["file"]), str(one["sha256"])) for key, one in table["files"].items()}

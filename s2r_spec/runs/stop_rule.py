@@ -21,11 +21,7 @@ KIND = "stop"
 
 
 def as_stop(stop: Any) -> str:
-    """Return the name of a stopping rule.
-
-    Raises:
-        UsageError: there is no such rule.
-    """
+    """Return the name of a stopping rule; a UsageError says that there is no such rule."""
     if stop not in STOPS:
         raise UsageError(f"stop = {stop!r}; it must be one of {one_of(STOPS)}")
     return str(stop)
@@ -39,13 +35,3 @@ def stop_of(header: Mapping[str, Any]) -> str:
 def header_fields(stop: str) -> dict[str, Any]:
     """Return the header's field for a rule; the usual rule has none."""
     return {} if stop == EPSILON else {KIND: stop}
-
-
-def line_of(stop: str) -> dict[str, Any]:
-    """Return the journal's line that changes the rule."""
-    return {"kind": KIND, KIND: stop}
-
-
-def with_line(header: Mapping[str, Any], line: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a header after a line that changes its rule."""
-    return {key: value for key, value in header.items() if key != KIND} | header_fields(line[KIND])

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import cache, partial
 from socket import gethostname
 from time import perf_counter
-from typing import Any
 
 from s2r_spec.backend import (
     Backend,
@@ -78,8 +77,7 @@ class Done:
 def open_backend(name: str, duration: float | None) -> Backend:
     """Load a backend once per process, with rollouts of ``duration`` seconds if that is given.
 
-    Raises:
-        BackendError: the backend's rollouts have a fixed length that is too short.
+    A BackendError says that its rollouts have a fixed length that is too short.
     """
     return with_rollout_duration(load_backend(name), name, duration)
 
@@ -109,10 +107,11 @@ def run_task(task: Task) -> tuple[Trace, float]:
     limit(_opening_limit(task))
     with _name_errors(task, NotBegunError):
         backend = _open(task)
-        if isinstance(backend, Prepares) and not is_exclusive(
-            backend
-        ):  # a machine is prepared before the operator
-            _prepare_once(backend)
+        # A machine is prepared before the operator is asked. A first rollout may compile for longer than it may take.
+        prepared = is_exclusive(backend) or any(backend is one for one in _prepared)
+        if isinstance(backend, Prepares) and not prepared:
+            backend.prepare()
+            _prepared.append(backend)
         declared = tuple(backend.parameters)
     if task.protocol is None:  # a protocol checks its own parameters
         refuse_unknown(task.backend, declared, task.params)
@@ -141,17 +140,16 @@ def run_task(task: Task) -> tuple[Trace, float]:
         raise BackendError(
             f"backend {task.backend!r}: the trace's meta cannot be written as JSON: {error} {_where(task)}"
         ) from None
-    if task.channels is None:
-        return trace, seconds
-    for name in task.channels:
+    for name in task.channels or ():
         if name not in trace.channels:
             raise BackendError(
                 f"backend {task.backend!r} recorded no channel {name!r} {_where(task)}"
                 f"{suggest(name, trace.channels)} it recorded {one_of(trace.channels)}"
             )
-    return trace.only(task.channels), seconds
+    return (trace if task.channels is None else trace.only(task.channels)), seconds
 
 
+_prepared: list[Backend] = []
 _last_test: Mapping[str, float] | None = None
 
 
@@ -160,22 +158,8 @@ def last_test() -> Mapping[str, float] | None:
     return _last_test
 
 
-_prepared: list[Backend] = []
-
-
-def _prepare_once(backend: Any) -> None:
-    """Prepare a simulator once in this process: its first rollout may compile for longer than a rollout may take."""
-    if not any(backend is one for one in _prepared):
-        backend.prepare()
-        _prepared.append(backend)
-
-
 def prepare(task: Task) -> None:
-    """Open a task's backend in this process, and prepare it.
-
-    Raises:
-        NotBegunError: the backend raised an error.
-    """
+    """Open a task's backend in this process, and prepare it; raise a NotBegunError if that fails."""
     limit(_opening_limit(task))
     with _name_errors(task, NotBegunError):
         backend = _open(task)
@@ -193,7 +177,6 @@ def _where(task: Task) -> str:
 
 @contextmanager
 def _name_errors(task: Task, kind: type[BackendError] = BackendError) -> Iterator[None]:
-    """Turn an exception of a backend into an error that names the backend and the rollout."""
     try:
         yield
     except NotBegunError as error:  # the caller names the rollout
@@ -202,9 +185,8 @@ def _name_errors(task: Task, kind: type[BackendError] = BackendError) -> Iterato
         raise kind(f"backend {task.backend!r}: {error} {_where(task)}") from None
     except BaseException as error:
         end_copy(error)
-        raise kind(
-            f"backend {task.backend!r} raised {type(error).__name__}: {error} {_where(task)}"
-        ) from None
+        words = f"{type(error).__name__}: {error} {_where(task)}"
+        raise kind(f"backend {task.backend!r} raised {words}") from None
 
 
 def _open(task: Task) -> Backend:

@@ -20,18 +20,10 @@ class ForeignBytesError(Exception):
     """The bytes read are not a message: something else wrote into the pipe."""
 
 
-def _no_wait() -> None:
-    """Do nothing: a blocking file waits by itself."""
+def write(file: IO[bytes], number: int, data: bytes, ready: Callable[[], None] = lambda: None) -> None:
+    """Write one message with the number of its call to a raw file.
 
-
-def write(file: IO[bytes], number: int, data: bytes, ready: Callable[[], None] = _no_wait) -> None:
-    """Write one message.
-
-    Args:
-        file: raw file, opened for writing.
-        number: number of the call.
-        data: content of the message.
-        ready: returns when a non-blocking file accepts more data, or raises an error.
+    ``ready`` returns when a non-blocking file accepts more data, or raises an error.
 
     Raises:
         BrokenPipeError: the reader has closed the pipe.
@@ -50,23 +42,16 @@ def write(file: IO[bytes], number: int, data: bytes, ready: Callable[[], None] =
 
 
 class Reader:
-    """Reads messages from a file.
+    """Reads messages from a raw file; ``ready`` returns when a non-blocking file has data, or raises an error."""
 
-    Args:
-        file: raw file, opened for reading.
-        ready: returns when a non-blocking file has data, or raises an error.
-    """
-
-    def __init__(self, file: IO[bytes], ready: Callable[[], None] = _no_wait) -> None:
+    def __init__(self, file: IO[bytes], ready: Callable[[], None] = lambda: None) -> None:
         self._file, self._ready = file, ready
         self._buffer = bytearray()
 
     def read(self) -> tuple[int, bytes]:
         """Return the number and the data of the next message.
 
-        Raises:
-            EOFError: the writer or this process has closed the pipe.
-            ForeignBytesError: the bytes are not a message.
+        A closed pipe is an EOFError, and other bytes are a ForeignBytesError.
         """
         mark, number, size = _HEAD.unpack(self._take(_HEAD.size))
         if mark != _MARK:

@@ -48,12 +48,9 @@ class Limit:
 
 
 class TimeLimitError(Exception):
-    """A call exceeded its time limit, and its process was ended.
+    """A call exceeded its time limit after ``elapsed`` on the wall clock [s], and its process was ended.
 
-    Args:
-        limit: the limit.
-        elapsed: duration of the call on the wall clock [s].
-        cpu: whether the limit in processor time was exceeded; else the one on the wall clock.
+    ``cpu`` says whether the limit in processor time was exceeded; else it was the one on the wall clock.
     """
 
     def __init__(self, limit: Limit, elapsed: float, cpu: bool = False) -> None:
@@ -91,5 +88,4 @@ def cpu_time(pid: int) -> float | None:
 
 
 def _counts_children() -> bool:
-    """Return whether the system tells the processor time of a process with that of its children."""
     return (_PROCESSES / "self" / "stat").exists()

@@ -37,11 +37,7 @@ def in_this_process() -> Executor:
 
 
 def dask_pool(address: str) -> ExecutorFactory:
-    """Return a factory of pools on a Dask scheduler, such as ``tcp://10.0.0.5:8786``.
-
-    Raises:
-        UsageError: Dask is not installed, or the text is not an address.
-    """
+    """Return a factory of pools on a Dask scheduler, such as ``tcp://10.0.0.5:8786``; a UsageError without Dask."""
     require("--scheduler needs", "distributed")
     if "://" not in address:
         raise UsageError(f"--scheduler {address} is not an address such as tcp://10.0.0.5:8786")
@@ -137,7 +133,6 @@ class DaskPool(Executor):
         return future
 
     def _explained(self, error: BaseException) -> BaseException:
-        """Return the error of s2r that explains an error of Dask."""
         if isinstance(error, self._dask.KilledWorker):
             return WorkerDiedError(str(error))
         if isinstance(error, CancelledError | self._dask.comm.CommClosedError):

@@ -45,9 +45,7 @@ class Process:
 class ProcessGroup:
     """A process with pipes to its standard input and output, and all its descendants.
 
-    Args:
-        command: command line of the process.
-        environment: environment of the process; the group adds its mark.
+    The group adds its mark to the environment.
     """
 
     def __init__(self, command: Sequence[str], environment: Mapping[str, str]) -> None:
@@ -90,7 +88,6 @@ class ProcessGroup:
                 return
 
     def _ends(self) -> bool:
-        """Return whether the group ends within GRACE."""
         end = monotonic() + GRACE
         while True:
             # poll() also reaps the worker, which would stay in the group as a zombie.

@@ -35,10 +35,7 @@ _own = 0  # process id of the worker; 0 in any other process
 
 
 def limit(value: Limit) -> None:
-    """Set the time limit of the current call, from now on.
-
-    Does nothing outside a worker process, because a thread cannot be ended.
-    """
+    """Set the time limit of the current call, from now on; outside a worker process nothing can be ended."""
     if _answers is not None and os.getpid() == _own:
         frames.write(_answers, _number, pickle.dumps(("limit", (value, own_cpu_time()))))
 
@@ -133,12 +130,10 @@ def _end_group() -> None:
 
 
 def _leads_group() -> bool:
-    """Return whether this process is the worker and leads a process group."""
     return hasattr(os, "killpg") and os.getpid() == _own == os.getpgrp()
 
 
 def _answer(question: bytes) -> bytes:
-    """Run a call; return its result or its exception, pickled."""
     try:
         function, arguments = pickle.loads(question)
     except Exception as error:

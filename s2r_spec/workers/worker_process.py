@@ -95,18 +95,16 @@ class WorkerProcess:
         with self._calling:
             try:
                 kind, value = self._exchange(question)
-            except (EOFError, BrokenPipeError):
+            except (EOFError, BrokenPipeError, TimeLimitError, frames.ForeignBytesError) as error:
                 self.end()
+                if isinstance(error, TimeLimitError):
+                    raise
+                if isinstance(error, frames.ForeignBytesError):
+                    raise BackendError(
+                        "a rollout wrote into the pipe of its worker's answers; "
+                        "a backend may write only to files that it opened itself"
+                    ) from None
                 raise WorkerDiedError("the worker died", begun=self._limit is not None) from None
-            except TimeLimitError:
-                self.end()
-                raise
-            except frames.ForeignBytesError:
-                self.end()
-                raise BackendError(
-                    "a rollout wrote into the pipe of its worker's answers; "
-                    "a backend may write only to files that it opened itself"
-                ) from None
         if kind == "raised":
             raise value
         return value
@@ -130,12 +128,6 @@ class WorkerProcess:
             self._deadline = self._start + value[0].first
 
     def _wait(self, ready: Callable[[float], bool]) -> None:
-        """Wait until the pipe to or from the worker is ready.
-
-        Raises:
-            EOFError: the worker has ended, or did not begin in time.
-            TimeLimitError: the call exceeded its time limit.
-        """
         while True:
             left = self._deadline - monotonic()
             if ready(min(max(left, 0.0), _POLL)):
@@ -147,12 +139,7 @@ class WorkerProcess:
                 raise EOFError
 
     def _next_look(self) -> float:
-        """Return when to look at the clocks of the call again; it cannot exceed its limit before [s].
-
-        Raises:
-            EOFError: the worker has not begun the call.
-            TimeLimitError: the call has exceeded its time limit.
-        """
+        """Return when to look at the clocks of the call again; it cannot exceed its limit before [s]."""
         if self._limit is None:
             raise EOFError
         elapsed = monotonic() - self._start
@@ -166,23 +153,20 @@ class WorkerProcess:
         return min(monotonic() + max(left, _LOOK), self._start + self._limit.wall)
 
     def close(self) -> None:
-        """Ask the worker to exit; if it does not, end it with all its descendants."""
+        """Ask the worker to exit; if it does not, end it with all its descendants. Close its pipes."""
         with suppress(OSError):
             self._questions.close()
         with suppress(subprocess.TimeoutExpired):
             self._group.process.wait(PATIENCE)
         self.end()
+        with self._calling:  # a thread that waits for its answer first sees that there is none
+            self._group.release()
 
     def end(self) -> None:
         """End the worker and its group; report the descendants that left the group and still run."""
         if self._group.end():
             for process in self._group.escaped():
                 _report(process)
-
-    def release(self) -> None:
-        """Close the pipes of a worker that has ended."""
-        with self._calling:  # a thread that waits for its answer first sees that there is none
-            self._group.release()
 
     def disown(self) -> None:
         """Close the pipes in a fork of the process that owns the worker."""
@@ -198,10 +182,8 @@ _reported: set[int] = set()
 def call_in_worker(run: str, function: Callable[..., Any], *arguments: Any) -> Any:
     """Call a function in the worker process of this thread; see :meth:`WorkerProcess.call`.
 
-    Args:
-        run: id of the run. A worker serves only one run, because the modules that it loaded may have changed since.
-        function: a function that can be imported by its name.
-        arguments: values that can be pickled.
+    A worker serves only one run, because the modules that it loaded may have changed since. The function can be
+    imported by its name, and the arguments can be pickled.
     """
     worker: WorkerProcess | None = getattr(_this_thread, "worker", None)
     if worker is None or worker.run != run or not worker.alive:
@@ -226,13 +208,11 @@ def end_workers(run: str | None = None) -> None:
 
 def _remove(worker: WorkerProcess) -> None:
     worker.close()
-    worker.release()
     with _lock:
         _workers.discard(worker)
 
 
 def _report(process: Process) -> None:
-    """Print once that a process has left the group of its rollout."""
     with _lock:
         known = process.pid in _reported
         _reported.add(process.pid)
@@ -245,7 +225,6 @@ def _report(process: Process) -> None:
 
 
 def _disown() -> None:
-    """Leave all workers to the parent of this fork."""
     global _lock
     _lock = Lock()
     for worker in _workers:

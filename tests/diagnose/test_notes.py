@@ -9,9 +9,9 @@ from s2r_cart import SPEC, Cart, Machine, real
 import s2r_spec as s2r
 from s2r_spec import logs
 from s2r_spec.backend import Channel
-from s2r_spec.diagnose.data.rollouts import convert_units, recorded_rollouts, truncate
-from s2r_spec.diagnose.data.split import ENOUGH
-from s2r_spec.diagnose.notes import Used, notes
+from s2r_spec.diagnose.data.rollouts import RealRollouts, convert_units, recorded_rollouts, truncate
+from s2r_spec.diagnose.data.split import ENOUGH, TrainHeldOut
+from s2r_spec.diagnose.notes import notes
 from s2r_spec.diagnose.quality import findings
 from s2r_spec.diagnose.quality.channels import find_wrapped as jumping
 from s2r_spec.diagnose.quality.recordings import Recordings
@@ -34,8 +34,9 @@ def misread(bench, runs, found=()):
 
 
 def used(runs, train=None, held_out=4):
-    """Return rollouts as all that a diagnosis has; so many of them are used."""
-    return Used(runs, (len(runs) if train is None else train) - held_out, held_out, ENOUGH)
+    """Return rollouts as all that a diagnosis has, and in two parts; so many of them are used."""
+    some = tuple(runs[: len(runs) if train is None else train])
+    return runs, TrainHeldOut(RealRollouts(some[held_out:]), some[:held_out])
 
 
 def changed(**changes):
@@ -56,7 +57,7 @@ def many(count, tests, spoil=lambda trace: trace):
 def test_that_recordings_are_longer_is_told():
     tests = many(8, 8)
     longer = [(test, truncate(trace, Cart().duration / 2)) for test, trace in tests]
-    [note] = notes(BENCH, used(longer))
+    [note] = notes(BENCH, *used(longer))
     assert note.startswith("8 of 8 real rollouts")
     assert f" {Cart().duration / 2:g} s " in note
 
@@ -92,7 +93,7 @@ def test_declared_units_do_not_change_the_diagnosis(cache):
 
 
 def test_nothing_is_said_of_rollouts_that_lack_nothing():
-    assert notes(BENCH, used(many(30, ENOUGH[0]))) == ()
+    assert notes(BENCH, *used(many(30, ENOUGH[0]))) == ()
 
 
 def fallen(trace):
@@ -105,21 +106,21 @@ def test_falls_missing_channels_and_few_tests_are_told():
         return Trace(trace.times, rest, {n: trace.units[n] for n in rest})
 
     some = [(test, fallen(trace) if i < 4 else trace) for i, (test, trace) in enumerate(many(10, 5, bare))]
-    texts = notes(BENCH, used(some, held_out=0))
+    texts = notes(BENCH, *used(some, held_out=0))
     assert texts[0].startswith("4 of 10 real rollouts ended early (fall)")
     assert texts[1].startswith("the real rollouts have no v_meas, u")
     assert states(texts[2], "12 rollouts of 9 different tests", "10 of 5")
     text = SPEC.replace("in [1, 4]", "= 2").replace("in [0.2, 1]", "= 0.5").partition("certify")[0]
     none = Bench.of(s2r.parse_spec(text), "tracking", Cart())
-    [few] = notes(none, used([({}, trace) for _, trace in many(8, 1)], held_out=0))
+    [few] = notes(none, *used([({}, trace) for _, trace in many(8, 1)], held_out=0))
     assert states(few, "9 rollouts", " 8")
     every = [(test, fallen(trace)) for test, trace in some]
-    assert notes(BENCH, used(every))[0].startswith("10 of 10 real rollouts ended early")
-    first = notes(BENCH, used(some[3:], 6))[0]
+    assert notes(BENCH, *used(every))[0].startswith("10 of 10 real rollouts ended early")
+    first = notes(BENCH, *used(some[3:], 6))[0]
     assert states(first, "1 of 7 real rollouts ended early (fall)", "left out")
-    [one] = notes(BENCH, used(many(12, 1)))
+    [one] = notes(BENCH, *used(many(12, 1)))
     assert one.startswith("all real rollouts repeat one test")
-    [alone] = notes(BENCH, used([], held_out=0))
+    [alone] = notes(BENCH, *used([], held_out=0))
     assert states(alone, "no test", "ρ")
 
 
@@ -132,7 +133,7 @@ def test_a_channel_in_a_unit_that_was_not_said_is_told(times, words):
         )
 
     odd = findings(BENCH, many(12, 9, spoilt))
-    [one] = notes(BENCH, used(many(12, 9, spoilt)), odd=odd)
+    [one] = notes(BENCH, *used(many(12, 9, spoilt)), odd=odd)
     assert one.startswith(f"v_meas of the real rollouts is {words} ")
     assert " m/s" in one
 
@@ -146,12 +147,12 @@ class Blind(Cart):
 
 def test_that_the_equations_could_not_be_asked_is_told():
     bench = Bench.of(s2r.parse_spec(SPEC), "tracking", Blind())
-    [one] = notes(bench, used(many(12, 9)))
+    [one] = notes(bench, *used(many(12, 9)))
     assert "(the channel 'nothing' is missing)" in one
 
 
 def test_what_changes_nothing_is_told():
-    [one] = notes(BENCH, used(many(12, 9)), ("paint", "name"))
+    [one] = notes(BENCH, *used(many(12, 9)), ("paint", "name"))
     assert "paint, name" in one
 
 
@@ -185,7 +186,7 @@ def test_recordings_whose_samples_miss_an_end_of_a_window_are_used_as_they_are()
     for (test, found), (_, before), (_, trace) in zip(read, slow, runs, strict=True):
         np.testing.assert_array_equal(np.diff(found.times), np.diff(before.times))
         assert BENCH.rho(found, test) == pytest.approx(BENCH.rho(trace, test), abs=0.02)
-    assert notes(BENCH, used(read)) == ()
+    assert notes(BENCH, *used(read)) == ()
 
 
 def test_where_a_window_is_shorter_than_the_time_between_samples_the_simulators_are_read():
@@ -195,7 +196,7 @@ def test_where_a_window_is_shorter_than_the_time_between_samples_the_simulators_
     for (test, found), (_, trace) in zip(read, runs, strict=True):
         np.testing.assert_allclose(found.times, trace.times[: len(found)] - trace.times[0], atol=1e-9)
         assert short.rho(found, test) == pytest.approx(short.rho(trace, test), abs=0.02)
-    (note,) = notes(short, used(read))
+    (note,) = notes(short, *used(read))
     assert "8 of 8 real rollouts" in note
     assert "0.01 s" in note
 
@@ -300,7 +301,7 @@ def test_a_channel_that_some_rollouts_lack_or_have_gaps_in_is_told(every, words)
             test,
             Trace(trace.times, channels, {n: u for n, u in trace.units.items() if n in channels}),
         )
-    [one] = notes(BENCH, used(runs))
+    [one] = notes(BENCH, *used(runs))
     assert one.startswith("u is missing")
     assert one.endswith(words)
 
@@ -402,7 +403,7 @@ def test_a_channel_of_another_name_is_told_beside_the_one_that_lacks():
         channels["V_meas"] = channels.pop("v_meas")
         return Trace(trace.times, channels, {n: u for n, u in trace.units.items() if n in channels})
 
-    [one] = notes(BENCH, used(many(12, 9, renamed)))
+    [one] = notes(BENCH, *used(many(12, 9, renamed)))
     assert one.startswith("the real rollouts have no v_meas.")
     assert " V_meas" in one
 
@@ -494,5 +495,5 @@ def test_a_test_that_ends_early_every_time_is_told_to_be_no_accident():
     runs = many(12, 4)
     first = runs[0][0]
     again = [(t, replace(r, meta=dict(r.meta) | {"failure": "fall"}) if t == first else r) for t, r in runs]
-    [falls] = [n for n in notes(BENCH, used(again)) if "ended early" in n]
+    [falls] = [n for n in notes(BENCH, *used(again)) if "ended early" in n]
     assert "(fall, every time at one test" in falls

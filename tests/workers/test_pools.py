@@ -14,7 +14,7 @@ import pytest
 from s2r_spec.backend import load_backend
 from s2r_spec.base import errors
 from s2r_spec.errors import BackendError, UsageError
-from s2r_spec.runs import crashes
+from s2r_spec.runs import runner
 from s2r_spec.runs.runner import Runner
 from s2r_spec.runs.scorer import default_timeout
 from s2r_spec.runs.seeds import rollout_seed
@@ -170,7 +170,7 @@ def test_a_backend_that_does_not_open_is_no_rollout():
 
 def test_a_pool_of_somebody_elses_works_too(monkeypatch):
     """It breaks as a whole, so that every rollout in flight is a suspect."""
-    monkeypatch.setattr(crashes, "STRIKES", 1)
+    monkeypatch.setattr(runner, "STRIKES", 1)
     jobs = tasks("toy:die", [0.1, 0.3])
     found = outcomes(lambda: ProcessPoolExecutor(1, mp_context=get_context("spawn")), jobs)
     assert states(found[1].failure, "crash", "1")

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from s2r_spec.certify.bound.modes import Bound
 from s2r_spec.certify.bound.posterior import Conditioned
 from s2r_spec.certify.bound.tiling import MOST_POINTS, Tiling
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.space import FloatArray
 
 
 class Bounds:
@@ -26,8 +25,7 @@ class Bounds:
     """
 
     def __init__(self, tiling: Tiling, norms: FloatArray) -> None:
-        """Begin with |J| ≤ ‖J‖ ≤ B, which needs no data."""
-        self._tiling, self._norms = tiling, norms
+        self._tiling, self._norms = tiling, norms  # |J| ≤ ‖J‖ ≤ B needs no data
         self.upper: FloatArray = np.repeat(norms[:, None], len(tiling.points), axis=1)
         self.lower: FloatArray = -self.upper
         self._cell_upper: FloatArray = np.repeat(norms[:, None], len(tiling), axis=1)
@@ -68,16 +66,12 @@ class Bounds:
         return place
 
     def tighten(self, data: Conditioned, bound: Bound, tolerance: float) -> None:
-        """Intersect with a new bound, and split cells until they hide at most a share of the interval.
+        """Intersect with the bound from all outcomes so far, and split cells while they hide too much.
 
-        Args:
-            data: conditioned on all outcomes so far.
-            bound: the bound from the same data.
-            tolerance: split while a cell may exceed every point's upper bound by more than this
-                share of the interval that is left.
+        A cell is split while it may exceed every point's upper bound by more than the share ``tolerance`` of the
+        interval that is left.
         """
         self._intersect(data, bound, 0)
-        self._bound_cells()
         while len(self._tiling.points) < MOST_POINTS and not self.empty:
             gap = self.maximum[0] - self.best[0]
             excess = self._cell_upper[0] - self.upper[0].max()
@@ -91,7 +85,6 @@ class Bounds:
             self.upper = np.concatenate([self.upper, inherited[0]], axis=1)
             self.lower = np.concatenate([self.lower, inherited[1]], axis=1)
             self._intersect(data, bound, known)
-            self._bound_cells()
 
     def at(self, points: FloatArray, data: Conditioned | None, bound: Bound) -> tuple[FloatArray, FloatArray]:
         """Return (rungs, n) lower and upper bounds at any (n, dim) points of the box."""
@@ -103,7 +96,6 @@ class Bounds:
         return lower, upper
 
     def _inherit(self, known: int, parents: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
-        """Return bounds of the points after ``known``, from the cells whose split made them."""
         fresh = len(self._tiling.points) - known
         upper = np.full((len(self._norms), fresh), np.inf)
         lower = -upper
@@ -115,13 +107,12 @@ class Bounds:
         return upper, lower
 
     def _intersect(self, data: Conditioned, bound: Bound, first: int) -> None:
+        """Intersect the bounds of the points from ``first`` on with new ones, and from them those of all cells."""
         points = self._tiling.points if first == 0 else self._tiling.points[first:]
         lower, upper = _evaluate(data, bound, points)
         # fmin and fmax: a norm bound that is refuted bounds nothing, and its row stays.
         self.upper[:, first:] = np.fmin(self.upper[:, first:], upper)
         self.lower[:, first:] = np.fmax(self.lower[:, first:], lower)
-
-    def _bound_cells(self) -> None:
         hidden = self._norms[:, None] * self._tiling.error
         corners = self._tiling.corners
         self._cell_upper = np.minimum(self._cell_upper, self.upper[:, corners].max(axis=2) + hidden)

@@ -95,5 +95,4 @@ class Certificate:
 
     def to_json(self) -> dict[str, Any]:
         """Return the certificate as plain JSON values."""
-        values: dict[str, Any] = to_json(self)
-        return values
+        return dict(to_json(self))

@@ -7,7 +7,7 @@ Everything inside is in units of R.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from s2r_spec.base.errors import UsageError
 from s2r_spec.certify.bound import confidence
@@ -18,8 +18,7 @@ from s2r_spec.certify.bound.posterior import ENGINES, Conditioned
 from s2r_spec.certify.bound.samples import Outcomes, OutcomeSamples
 from s2r_spec.certify.bound.settings import SearchSettings
 from s2r_spec.certify.bound.tiling import Tiling
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.space import FloatArray
 
 LADDER = (1.0, 2.0, 4.0, 8.0)
 """Definition: norm bounds as multiples of the declared B, which is the first."""
@@ -35,6 +34,7 @@ class ConfidenceSet:
     Attributes:
         norms: (rungs,) norm bounds of the ladder, in units of R.
         bounds: running bounds at points and in cells, in units of R.
+        norm_free_worst: (dim,) tested point with the largest lower bound that holds for every B and every kernel.
     """
 
     def __init__(self, settings: SearchSettings) -> None:
@@ -48,9 +48,8 @@ class ConfidenceSet:
         self._posterior: Conditioned | None = None
         self._least_norm = 0.0
         self._norm_free_best = -np.inf
-        self._norm_free_lower: FloatArray = np.zeros(0)
-        self._norm_free_upper: FloatArray = np.zeros(0)
-        self._norm_free_worst: FloatArray = self._tiling.points[0]
+        self._norm_free_lower, self._norm_free_upper = np.zeros(0), np.zeros(0)
+        self.norm_free_worst: FloatArray = self._tiling.points[0]
 
     @property
     def points(self) -> FloatArray:
@@ -62,10 +61,6 @@ class ConfidenceSet:
         """(J,) prior scales of the mixture, in units of R²."""
         return self._mode.mixture
 
-    def add(self, vector: FloatArray) -> int:
-        """Return the index of a (dim,) vector among the points; a new one is added."""
-        return self.bounds.add(vector)
-
     def update(self, outcomes: Outcomes) -> None:
         """Tighten all bounds with the outcomes so far, at u ≥ 1 points."""
         samples = outcomes.samples
@@ -74,14 +69,12 @@ class ConfidenceSet:
         self.bounds.tighten(self._posterior, self._bound, TOLERANCE)
         points = self.points[samples.at]
         gram = self._settings.kernel.gram(points, points)
-        norm = confidence.smallest_norm(gram, samples.counts, samples.means, self._bound.radius)
+        radius = self._bound.radius
+        norm = confidence.smallest_norm(gram, samples.counts, samples.means, radius)
         self._least_norm = max(self._least_norm, norm)
         if np.isnan(self._bound.widths[0]).any():  # no function of norm ≤ B fits, by however little
             self._least_norm = max(self._least_norm, float(np.nextafter(self.norms[0], np.inf)) * (1 + 1e-9))
-        self._update_norm_free(samples, self._bound.radius)
-
-    def _update_norm_free(self, samples: OutcomeSamples, radius: float) -> None:
-        """Intersect the bounds at the tested points that follow from the data-fit set alone."""
+        # The bounds at the tested points that follow from the data-fit set alone.
         best = confidence.norm_free_lower(samples.counts, samples.means, radius)
         self._norm_free_best = max(self._norm_free_best, best)
         margin = np.sqrt(radius / samples.counts)
@@ -90,7 +83,7 @@ class ConfidenceSet:
         upper = np.pad(self._norm_free_upper, new, constant_values=np.inf)
         self._norm_free_lower = np.maximum(lower, samples.means - margin)
         self._norm_free_upper = np.minimum(upper, samples.means + margin)
-        self._norm_free_worst = self.points[samples.at[int(self._norm_free_lower.argmax())]]
+        self.norm_free_worst = self.points[samples.at[int(self._norm_free_lower.argmax())]]
 
     def tightest(self, place: int) -> tuple[FloatArray, float, FloatArray]:
         """Return (P,) mean, width and (1,) prior scale of the bound that is lowest at a point."""
@@ -120,11 +113,6 @@ class ConfidenceSet:
         return self._norm_free_best * self._settings.R
 
     @property
-    def norm_free_worst(self) -> FloatArray:
-        """(dim,) tested point with the largest lower bound of this kind."""
-        return self._norm_free_worst
-
-    @property
     def norm_free_empty(self) -> bool:
         """Whether bounds of this kind contradict each other at a tested point: no B explains that, so R is wrong."""
         return bool((self._norm_free_lower > self._norm_free_upper).any())
@@ -132,13 +120,15 @@ class ConfidenceSet:
     @property
     def ladder(self) -> tuple[Rung, ...]:
         """The interval of the maximum under each norm bound, the declared one first."""
-        return tuple(self._rung(row) for row in range(len(LADDER)))
+        bounds, R = self.bounds, self._settings.R
+        rows = zip(self.norms, bounds.best, bounds.maximum, bounds.hidden, strict=True)
+        return tuple(Rung(*(float(value) * R for value in row)) for row in rows)
 
     @property
     def width(self) -> float:
         """Width of the interval under the declared norm bound."""
-        rung = self._rung(0)
-        return rung.upper - rung.lower
+        R = self._settings.R
+        return float(self.bounds.maximum[0]) * R - float(self.bounds.best[0]) * R
 
     @property
     def range(self) -> tuple[float, float]:
@@ -160,12 +150,3 @@ class ConfidenceSet:
             )
         lower, upper = self.bounds.at(where, self._posterior, self._bound)
         return lower[0] * self._settings.R, upper[0] * self._settings.R
-
-    def _rung(self, row: int) -> Rung:
-        R = self._settings.R
-        return Rung(
-            B=float(self.norms[row]) * R,
-            lower=float(self.bounds.best[row]) * R,
-            upper=float(self.bounds.maximum[row]) * R,
-            discretisation=float(self.bounds.hidden[row]) * R,
-        )

@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 
 from s2r_spec.certify.bound.kernels import Kernel
 from s2r_spec.certify.bound.sample_complexity import sequential_lower_bound
-from s2r_spec.space import ROUNDED, Space
+from s2r_spec.space import ROUNDED, FloatArray, Space
 
-FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
 PARTS = 8
@@ -99,9 +98,7 @@ class Coverage:
     def uncovered(self, points: FloatArray, counts: FloatArray) -> str:
         """Return a sentence on the first part with too few rollouts, "" if there is none.
 
-        Args:
-            points: (u, dim) tested points.
-            counts: (u,) their rollouts.
+        For ``points`` and ``counts`` see :meth:`design`.
         """
         lacking = np.maximum(0, self.least - self._done(points, counts))
         rows, parts = np.nonzero(lacking)
@@ -116,7 +113,7 @@ class Coverage:
         )
 
     def _done(self, points: FloatArray, counts: FloatArray) -> IndexArray:
-        """Return (L, PARTS) rollouts in each part."""
+        """Return the rollouts in each of the (L, PARTS) parts."""
         share = (points - self.space.lower) / (self.space.upper - self.space.lower)
         part = np.clip((share * PARTS).astype(np.intp), 0, PARTS - 1)
         done = [np.bincount(part[:, axis], counts, minlength=PARTS) for axis in self.axes]

@@ -9,19 +9,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.base.errors import UsageError, one_of, suggest
 from s2r_spec.base.magnitude import number, positive
+from s2r_spec.space import FloatArray
 
 if TYPE_CHECKING:
     from gpytorch.kernels import Kernel as TorchKernel
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -65,7 +63,6 @@ class Kernel:
     lengthscale: float | tuple[float, ...]
 
     def __post_init__(self) -> None:
-        """Refuse an unknown name or a lengthscale that is not positive."""
         if not isinstance(self.name, str) or self.name not in FAMILIES:
             valid = suggest(str(self.name), FAMILIES)
             raise UsageError(f"there is no kernel {self.name!r}{valid} the kernels are {one_of(FAMILIES)}")
@@ -78,11 +75,6 @@ class Kernel:
             raise UsageError(f"{what} is {self.lengthscale}; it must be positive")
         for value in values:
             positive(what, value)
-
-    @property
-    def words(self) -> str:
-        """The class of functions in the kernel's RKHS, in words."""
-        return FAMILIES[self.name].words
 
     def lengthscales(self, dim: int) -> FloatArray:
         """Return (dim,) lengthscales."""
@@ -99,13 +91,12 @@ class Kernel:
         import torch
         from gpytorch.kernels import MaternKernel, RBFKernel
 
-        smoothness = {"matern52": 2.5, "matern32": 1.5}
-        kernel: Any = (
-            RBFKernel(ard_num_dims=dim)
-            if self.name == "rbf"
-            else MaternKernel(nu=smoothness[self.name], ard_num_dims=dim)
-        )
-        kernel = kernel.double()
+        makers = {
+            "rbf": RBFKernel,
+            "matern52": partial(MaternKernel, 2.5),
+            "matern32": partial(MaternKernel, 1.5),
+        }
+        kernel: Any = makers[self.name](ard_num_dims=dim).double()
         kernel.lengthscale = torch.from_numpy(self.lengthscales(dim).copy())
         return kernel.requires_grad_(False)
 
@@ -114,8 +105,9 @@ class Kernel:
         import torch
 
         with torch.no_grad():
-            kernel = _torch(self, left.shape[1])
-            values = kernel(torch.from_numpy(np.array(left)), torch.from_numpy(np.array(right))).to_dense()
+            values = _torch(self, left.shape[1])(
+                torch.from_numpy(np.array(left)), torch.from_numpy(np.array(right))
+            ).to_dense()
         return values.numpy()  # type: ignore[no-any-return]
 
     def hidden(self, sides: FloatArray) -> FloatArray:

@@ -6,14 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.certify.bound import confidence
 from s2r_spec.certify.bound.kernels import FAMILIES, Kernel
 from s2r_spec.certify.bound.posterior import HasEvidence
-
-FloatArray = NDArray[np.float64]
-
+from s2r_spec.space import FloatArray
 
 PAPER = "paper"
 """Definition: the mode of the published algorithm. Its band rests on an event of its own, not on the data-fit set."""
@@ -87,18 +84,10 @@ def _one_scale(kernel: Kernel, norms: FloatArray) -> FloatArray:
     return np.array([float(norms[0]) ** 2 / FAMILIES[kernel.name].mixture])
 
 
-def _simple_mode(kernel: Kernel, norms: FloatArray) -> Mode:
-    """One scale for both: an ordinary fixed-noise Gaussian process."""
-    return Mode(_one_scale(kernel, norms), _one_scale(kernel, norms))
-
-
-def _paper(kernel: Kernel, norms: FloatArray) -> Mode:
-    return Paper(_one_scale(kernel, norms), np.ones(1))
-
-
 MODES: dict[str, Callable[[Kernel, FloatArray], Mode]] = {
     "rigorous": _rigorous_mode,
-    "rigorous-simple": _simple_mode,
-    PAPER: _paper,
+    # One scale for both: an ordinary fixed-noise Gaussian process.
+    "rigorous-simple": lambda kernel, norms: Mode(_one_scale(kernel, norms), _one_scale(kernel, norms)),
+    PAPER: lambda kernel, norms: Paper(_one_scale(kernel, norms), np.ones(1)),
 }
 """Name → maker from the kernel and (rungs,) norm bounds in units of R, the declared one first."""

@@ -10,13 +10,11 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.certify.bound.confidence import Moments, SampleEvidence
 from s2r_spec.certify.bound.kernels import Kernel
 from s2r_spec.certify.bound.samples import OutcomeSamples
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.space import FloatArray
 
 VARIANCE_ROUNDING = 1e-12
 """Tolerance: added to the posterior variance, relative to the prior's, so that rounding can only widen a bound."""
@@ -27,7 +25,6 @@ class HasEvidence(Protocol):
 
     def evidence(self, scales: FloatArray) -> SampleEvidence:
         """Return log-determinants and quadratic forms for (A,) scales."""
-        ...
 
 
 class Conditioned(HasEvidence, Protocol):
@@ -35,7 +32,6 @@ class Conditioned(HasEvidence, Protocol):
 
     def moments(self, scales: FloatArray, points: FloatArray) -> Moments:
         """Return posterior means and standard deviations at (G, dim) points for (A,) scales."""
-        ...
 
 
 class Engine(Protocol):
@@ -46,7 +42,6 @@ class Engine(Protocol):
 
         ``points`` may only ever grow from one call to the next.
         """
-        ...
 
 
 class Spectral:
@@ -54,20 +49,19 @@ class Spectral:
 
     def __init__(self, kernel: Kernel) -> None:
         self._kernel = kernel
-        self._rows: dict[int, FloatArray] = {}
+        self._rows: dict[
+            int, FloatArray
+        ] = {}  # of each point with data: (P,) covariances, each computed once
 
     def condition(self, points: FloatArray, samples: OutcomeSamples) -> Conditioned:
         """Condition on samples; see :class:`Engine`."""
-        return _Spectrum(self._kernel, samples, points, self._cross(points, samples))
-
-    def _cross(self, points: FloatArray, samples: OutcomeSamples) -> FloatArray:
-        """Return (u, P) covariances of data and points; each is computed once."""
         for place in samples.at.tolist():
             row = self._rows.get(place, np.zeros(0))
             if len(row) < len(points):
                 fresh = self._kernel.gram(points[place : place + 1], points[len(row) :])[0]
                 self._rows[place] = np.concatenate([row, fresh])
-        return np.stack([self._rows[place] for place in samples.at.tolist()])
+        cross = np.stack([self._rows[place] for place in samples.at.tolist()])
+        return _Spectrum(self._kernel, samples, points, cross)
 
 
 class _Spectrum:

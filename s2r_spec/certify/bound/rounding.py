@@ -10,12 +10,12 @@ _DIGITS = 330
 
 def down(value: float, places: int = 4) -> str:
     """Return a lower bound with its sign and ``places`` decimals, rounded down: 0.00417 → "+0.0041"."""
-    return _round(value, -places, ROUND_FLOOR)
+    return _round(value, places, ROUND_FLOOR)
 
 
 def up(value: float, places: int = 4) -> str:
     """Return an upper bound with its sign and ``places`` decimals, rounded up: −0.00417 → "-0.0041"."""
-    return _round(value, -places, ROUND_CEILING)
+    return _round(value, places, ROUND_CEILING)
 
 
 def interval_text(lower: float, upper: float) -> str:
@@ -38,11 +38,10 @@ def at_least(value: float, digits: int = 3) -> str:
     return _significant(value, digits, ROUND_FLOOR)
 
 
-def _round(value: float, exponent: int, rounding: str) -> str:
+def _round(value: float, places: int, rounding: str) -> str:
     # From the shortest text of the double, as JSON has it: 0.1 stays 0.1.
-    exact = Decimal(repr(float(value)))
-    rounded = exact.quantize(Decimal(1).scaleb(exponent), context=Context(prec=_DIGITS, rounding=rounding))
-    return f"{rounded:+f}"
+    exact, context = Decimal(repr(float(value))), Context(prec=_DIGITS, rounding=rounding)
+    return f"{exact.quantize(Decimal(1).scaleb(-places), context=context):+f}"
 
 
 def _significant(value: float, digits: int, rounding: str) -> str:

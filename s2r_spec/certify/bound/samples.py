@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from s2r_spec.base.errors import UsageError
 from s2r_spec.base.magnitude import LARGEST
 from s2r_spec.certify.bound import confidence
+from s2r_spec.space import FloatArray
 
-FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 
 
@@ -74,11 +74,7 @@ class Outcomes:
 
 
 def as_outcomes(outcomes: ArrayLike, what: str) -> FloatArray:
-    """Return (replicates,) outcomes as float64; a number is an array of one.
-
-    Args:
-        outcomes: the outcomes that the caller gave.
-        what: the query or test that they are of, for the sentence.
+    """Return (replicates,) outcomes of a query or test as float64; a number is an array of one.
 
     Raises:
         UsageError: they are not a list of finite numbers, or have less precision than float64.

@@ -20,8 +20,8 @@ MOST_PARAMETERS = 8
 """Budget: most test parameters. A cell has 2^dim corners, so one more parameter doubles the work."""
 
 
-class DeclaredSettings(TypedDict, total=False):
-    """Keywords that every search and plan takes; :class:`SearchSettings` describes them."""
+class SearchKeywords(TypedDict, total=False):
+    """Keywords of :class:`s2r_spec.Search`; :class:`SearchSettings` describes them and has their defaults."""
 
     kernel: Required[Kernel]
     B: Required[float]
@@ -30,11 +30,6 @@ class DeclaredSettings(TypedDict, total=False):
     epsilon: Required[float]
     mode: str
     seed: int
-
-
-class SearchKeywords(DeclaredSettings, total=False):
-    """Keywords of :class:`s2r_spec.Search`; :class:`SearchSettings` describes them and has their defaults."""
-
     batch: float
     spread: int
     budget: int | None
@@ -94,7 +89,6 @@ class SearchSettings:
     unit: str = ""
 
     def __post_init__(self) -> None:
-        """Convert the numbers, and refuse settings out of their range."""
         _check_space(self.space)
         if not isinstance(self.kernel, Kernel):
             raise UsageError(f"kernel = {self.kernel!r}; it must be a Kernel, like Kernel('matern52', 0.2)")
@@ -102,8 +96,24 @@ class SearchSettings:
         for name in ("B", "R", "epsilon", "batch"):
             self._set(name, positive(name, getattr(self, name)))
         self._set("delta", _probability(self.delta))
-        _check_sizes(self.B, self.R, self.epsilon)
-        _check_counts(self.spread, self.seed)
+        B, R, epsilon = self.B, self.R, self.epsilon
+        if epsilon >= 2 * B:
+            raise UsageError(
+                f"epsilon = {epsilon:g} is no narrower than the interval that B = {B:g} gives without rollouts; "
+                f"it must be below 2B"
+            )
+        if B / R > MOST_PRECISE:
+            raise UsageError(
+                f"R = {R:g} is too small for B = {B:g}: double precision allows B/R up to {MOST_PRECISE:g}; "
+                f"declare a larger R"
+            )
+        for name, least in (("spread", 1), ("seed", 0)):
+            count = number(name, getattr(self, name))
+            if not count.is_integer() or count < least:
+                words = (
+                    f"spread = {self.spread} and seed = {self.seed} must be whole numbers, at least 1 and 0"
+                )
+                raise UsageError(words)
         self._set("spread", int(self.spread))
         self._set("seed", int(self.seed))
         for name, value, valid in (("mode", self.mode, MODES), ("engine", self.engine, ENGINES)):
@@ -126,26 +136,6 @@ def _check_space(space: Space) -> None:
         raise UsageError(
             f"the test space has {space.dim} parameters; a certified search takes at most {MOST_PARAMETERS}"
         )
-
-
-def _check_sizes(B: float, R: float, epsilon: float) -> None:
-    if epsilon >= 2 * B:
-        raise UsageError(
-            f"epsilon = {epsilon:g} is no narrower than the interval that B = {B:g} gives without rollouts; "
-            f"it must be below 2B"
-        )
-    if B / R > MOST_PRECISE:
-        raise UsageError(
-            f"R = {R:g} is too small for B = {B:g}: double precision allows B/R up to {MOST_PRECISE:g}; "
-            f"declare a larger R"
-        )
-
-
-def _check_counts(spread: object, seed: object) -> None:
-    for name, value, least in (("spread", spread, 1), ("seed", seed, 0)):
-        count = number(name, value)
-        if not count.is_integer() or count < least:
-            raise UsageError(f"spread = {spread} and seed = {seed} must be whole numbers, at least 1 and 0")
 
 
 def _probability(delta: object) -> float:

@@ -12,9 +12,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.space import Space
+from s2r_spec.space import FloatArray, Space
 
-FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.intp]
 Lattice = NDArray[np.int64]
 
@@ -31,11 +30,9 @@ class Roughness(Protocol):
 
     def hidden(self, sides: FloatArray) -> FloatArray:
         """Return (…, dim) contributions for (…, dim) cell sides."""
-        ...
 
     def sides_for(self, error: float, dim: int) -> FloatArray:
         """Return (dim,) sides whose contributions sum to at most ``error``."""
-        ...
 
 
 class Tiling:
@@ -48,7 +45,7 @@ class Tiling:
     """
 
     def __init__(self, space: Space, roughness: Roughness, error: float) -> None:
-        """Divide the box so that no cell hides more than ``error``, or as finely as FIRST_POINTS corners allow."""
+        # No cell hides more than ``error``, or the cells are as fine as FIRST_POINTS corners allow.
         self._space, self._roughness = space, roughness
         widths = space.upper - space.lower
         cells = np.maximum(1.0, np.ceil(widths / roughness.sides_for(error, space.dim)))
@@ -57,7 +54,6 @@ class Tiling:
         self._counts = cells.astype(np.int64)
         self._offsets: Lattice = np.array(list(itertools.product((0, 1), repeat=space.dim)), dtype=np.int64)
         self._index: dict[bytes, int] = {}
-        self._lattice: list[Lattice] = []
         lines = [np.arange(n, dtype=np.int64) << DEPTH for n in self._counts]
         self._low: Lattice = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, space.dim)
         self._size: Lattice = np.full_like(self._low, 1 << DEPTH)
@@ -86,8 +82,7 @@ class Tiling:
         upper = self._low[cells].copy()
         upper[rows, axis] += size[rows, axis]
         kept = np.setdiff1d(np.arange(len(self)), cells)
-        low = np.concatenate([self._low[cells], upper])
-        both = np.concatenate([size, size])
+        low, both = np.concatenate([self._low[cells], upper]), np.concatenate([size, size])
         self.corners = np.concatenate([self.corners[kept], self._corners(low, both)])
         self.error = np.concatenate([self.error[kept], self._errors(both)])
         self._low = np.concatenate([self._low[kept], low])
@@ -116,20 +111,17 @@ class Tiling:
         indices = np.empty(len(lattice), dtype=np.intp)
         fresh: list[Lattice] = []
         for i, row in enumerate(lattice):
-            key = row.tobytes()
             following = len(self.points) + len(fresh)
-            place = self._index.setdefault(key, following)
-            if place == following:
+            indices[i] = self._index.setdefault(row.tobytes(), following)
+            if indices[i] == following:
                 fresh.append(row)
-            indices[i] = place
         if fresh:
             self.points = np.concatenate([self.points, self._real(np.array(fresh))])
         return indices.reshape(len(low), -1)
 
     def _real(self, lattice: Lattice) -> FloatArray:
-        top = self._counts << DEPTH
+        share = lattice / (self._counts << DEPTH)
         # Written so that both ends of an axis are hit exactly.
-        share = lattice / top
         return np.asarray(self._space.lower * (1 - share) + self._space.upper * share)
 
     def _hidden(self, size: Lattice) -> FloatArray:

@@ -14,17 +14,14 @@ it, too. The paper's probability (1−δ₀)(1−δ₁) needs independent search
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.base.errors import UsageError
 from s2r_spec.certify.bound.tiling import MOST_POINTS, Tiling
 from s2r_spec.certify.search.search import Search
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.space import FloatArray
 
 TOLERANCE = 0.02
 """Tolerance: a cell is split while it hides more than this share of the larger ε of both searches."""
@@ -65,19 +62,29 @@ def compose(simulated: Search, gap: Search) -> Composition:
     def upper(points: FloatArray) -> FloatArray:
         return np.asarray(simulated.band(points)[1] + gap.band(points)[1])
 
-    roughness = _Sum(simulated, gap)
+    # Branch and bound: cells are split while they may exceed every point by more than the tolerance.
     tolerance = TOLERANCE * max(simulated.epsilon, gap.epsilon)
-    value, worst, hidden, points = maximum(simulated, roughness, upper, tolerance)
+    tiling = Tiling(simulated.space, _Sum(simulated, gap), 10 * tolerance)
+    values = upper(tiling.points)
+    while True:
+        cells = values[tiling.corners].max(axis=1) + tiling.error
+        excess = cells - values.max()
+        split = np.flatnonzero((excess > tolerance) & tiling.splittable())
+        if not len(split) or len(tiling.points) >= MOST_POINTS:
+            break
+        known = len(tiling.points)
+        tiling.split(split)
+        values = np.concatenate([values, upper(tiling.points[known:])])
     low, high = gap.range
     # Maximising −Δ, so that Δ lies in [−high, −low].
     paper = -simulated.range[1] - max(high, -low)
     return Composition(
         # Both hold, and so does the larger one: cells may cost the sum more than its parts.
-        lower=max(-value, paper),
-        upper=float((-simulated.band(points)[0] - gap.band(points)[0]).min()),
+        lower=max(-float(cells.max()), paper),
+        upper=float((-simulated.band(tiling.points)[0] - gap.band(tiling.points)[0]).min()),
         delta=min(1.0, simulated.delta + gap.delta),
-        worst=simulated.space.point(worst),
-        discretisation=hidden,
+        worst=simulated.space.point(tiling.points[int(values.argmax())]),
+        discretisation=float(max(excess.max(), 0.0)),
         paper_lower=paper,
         gap=(-high, -low),
     )
@@ -96,24 +103,3 @@ class _Sum:
     def sides_for(self, error: float, dim: int) -> FloatArray:
         each = [s.kernel.sides_for(error / (2 * s.B), dim) for s in (self.first, self.second)]
         return np.minimum(*each)
-
-
-def maximum(
-    search: Search, roughness: _Sum, upper: Callable[[FloatArray], FloatArray], tolerance: float
-) -> tuple[float, FloatArray, float, FloatArray]:
-    """Return an upper bound over the box, the (dim,) point of the largest bound, the cells' excess, and all points.
-
-    Branch and bound: cells are split while they may exceed every point by more than ``tolerance``.
-    """
-    tiling = Tiling(search.space, roughness, 10 * tolerance)
-    values = upper(tiling.points)
-    while True:
-        cells = values[tiling.corners].max(axis=1) + tiling.error
-        excess = cells - values.max()
-        split = np.flatnonzero((excess > tolerance) & tiling.splittable())
-        if not len(split) or len(tiling.points) >= MOST_POINTS:
-            hidden = float(max(excess.max(), 0.0))
-            return float(cells.max()), tiling.points[int(values.argmax())], hidden, tiling.points
-        known = len(tiling.points)
-        tiling.split(split)
-        values = np.concatenate([values, upper(tiling.points[known:])])

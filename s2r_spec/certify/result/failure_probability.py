@@ -79,29 +79,22 @@ def bound_failure_probability(
     rollouts = [(point, np.asarray(values, dtype=np.float64)) for point, values in tests]
     if not levels or not rollouts:
         raise UsageError("a bound on a probability needs a level and at least one rollout")
-    return [_bound_one(space, rollouts, level, kernel, B, delta / len(levels)) for level in levels]
-
-
-def _bound_one(
-    space: Space,
-    rollouts: Sequence[tuple[Mapping[str, float], np.ndarray]],
-    level: float,
-    kernel: Kernel,
-    B: float,
-    delta: float,
-) -> FailureProbability:
-    search = Search(space, kernel=kernel, B=B, R=R, delta=delta, epsilon=min(FINEST, B))
-    failed = [(point, (values < level).astype(np.float64)) for point, values in rollouts]
-    search.observe(failed, final=True)
-    certificate = search.certificate()
-    return FailureProbability(
-        level=level,
-        lower=max(0.0, certificate.lower),
-        upper=min(1.0, certificate.upper),
-        seen=int(sum(values.sum() for _, values in failed)),
-        rollouts=certificate.rollouts,
-        B=B,
-        B_low=certificate.B_low,
-        worst=search.suggestion,
-        refused=certificate.reason if certificate.label is Label.REFUSED else "",
-    )
+    bounds = []
+    for level in levels:
+        search = Search(space, kernel=kernel, B=B, R=R, delta=delta / len(levels), epsilon=min(FINEST, B))
+        failed = [(point, (values < level).astype(np.float64)) for point, values in rollouts]
+        search.observe(failed, final=True)
+        certificate = search.certificate()
+        bound = FailureProbability(
+            level=level,
+            lower=max(0.0, certificate.lower),
+            upper=min(1.0, certificate.upper),
+            seen=int(sum(values.sum() for _, values in failed)),
+            rollouts=certificate.rollouts,
+            B=B,
+            B_low=certificate.B_low,
+            worst=search.suggestion,
+            refused=certificate.reason if certificate.label is Label.REFUSED else "",
+        )
+        bounds.append(bound)
+    return bounds

@@ -6,32 +6,24 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal, NotRequired, cast
+from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 from annotated_types import Ge, MinLen
 
 from s2r_spec.base.errors import UsageError
-from s2r_spec.base.json_values import (
-    DIGITS,
-    OPTIONAL,
-    Count,
-    Failures,
-    Level,
-    Magnitude,
-    Open,
-    Shown,
-    extend,
-)
-from s2r_spec.base.result import Result
+from s2r_spec.base.json_values import Level, Magnitude, extend
 from s2r_spec.certify.bound.certificate import Certificate
-from s2r_spec.certify.result.check_result import BackendProvenance, distance, left_out, replay_line, rho_unit
-from s2r_spec.certify.result.voids import (
-    is_machine,
-    machine_assumptions,
-    void_counts,
-    with_voids,
-    without_too_many,
+from s2r_spec.certify.result import voids
+from s2r_spec.certify.result.search_result import (
+    BackendProvenance,
+    RunProvenance,
+    SearchResult,
+    by_test,
+    distance,
+    left_out,
+    replay_line,
+    rho_unit,
 )
 from s2r_spec.certify.search.pairing import SIMULATED_PER_REAL
 from s2r_spec.certify.search.recorded import limitations
@@ -132,81 +124,42 @@ class GapSearch(Certificate, _Objective):
     """
 
 
-class GapProvenance(Open):
+class GapProvenance(RunProvenance):
     """The data that fix the run: the first lines of its journals.
 
     Attributes:
-        s2r: version.
-        spec: name of the specification's file.
-        spec_hash: the hash of the specification.
-        requirement: the name of the requirement.
-        seed: the seed of the run.
         simulated_per_real: number of simulated rollouts for each real rollout.
-        settings: the settings that were declared before the data.
         sim: the simulator.
         real: the real machine.
-        stop: the stopping rule; absent for ``epsilon``.
-        recorded: the parts of recordings that were left out, each in one sentence; only for recordings.
     """
 
-    s2r: str
-    spec: str
-    spec_hash: str
-    requirement: str
-    seed: Count
     simulated_per_real: Annotated[int, Ge(1)]
-    settings: dict[str, Any]
     sim: BackendProvenance
     real: BackendProvenance
-    stop: NotRequired[Literal["decided", "budget"]]
-    recorded: NotRequired[list[str]]
 
 
-@dataclass(frozen=True, repr=False)
-class GapResult(Result, Shown):
+@dataclass(frozen=True, kw_only=True, repr=False)
+class GapResult(SearchResult):
     """The result of the search of a gap.
 
-    With probability ≥ 1 − δ, E Δ lies in [low, high] at every test, and its minimum in [lower, upper].
+    With probability ≥ 1 − δ, E Δ lies in [low, high] at every test, and its minimum in [lower, upper]: how much worse
+    than simulated the real machine can be. The certificate is of the search that maximises −Δ.
 
     Attributes:
-        requirement: the name of the requirement.
-        lower: lower bound of min_d E Δ: how much worse than simulated the real machine can be.
-        upper: upper bound of the same minimum.
         low: lower bound of E Δ anywhere; equals ``lower``.
         high: upper bound of E Δ anywhere.
-        unit: the unit of ρ.
         worst: all pairs at the worst test.
         tested: every tested point.
         lowest: the pair of the most negative Δ; simulated is a mean.
         failures: word for a failure → number of real rollouts that ended with it.
-        assumptions: the assumptions, each in one sentence.
-        label: the label of the certificate.
         reason: the reason for a refusal, else empty.
-        certificate: the certificate of the search, which maximises −Δ.
-        provenance: the data that fix the run.
-        folder: the folder of the rollouts.
-        seconds: wall time of the rollouts [s], summed over all workers and all resumed processes.
-        spec: the specification.
-        voids: word → number of rollouts that something other than the robot ended; only for a machine.
     """
 
-    requirement: str
-    lower: float
-    upper: float
     low: float
     high: float
-    unit: str
     worst: GapTested
     tested: Annotated[tuple[GapTested, ...], MinLen(1)]
     lowest: Pair
-    failures: Failures
-    assumptions: Annotated[tuple[str, ...], MinLen(1)]
-    certificate: Certificate
-    provenance: dict[str, Any]
-    folder: Path
-    seconds: Magnitude = field(metadata={DIGITS: 3})
-    spec: Spec = field(compare=False)
-    voids: Failures | None = field(default=None, metadata=OPTIONAL)
 
     JSON = (
         "requirement worst_expected_gap band label=certificate.label reason=certificate.reason worst lowest "
@@ -248,20 +201,11 @@ class GapResult(Result, Shown):
 
 
 def conclude_gap(
-    spec: Spec,
-    search: Search,
-    journals: Mapping[str, Journal],
-    provenance: dict[str, Any],
-    folder: Path,
+    spec: Spec, search: Search, journals: Mapping[str, Journal], provenance: dict[str, Any], folder: Path
 ) -> GapResult:
     """Return the result of a search whose pairs are all in two journals, from those that it counts.
 
-    Args:
-        spec: the specification with the requirement.
-        search: the search, with an outcome for every pair.
-        journals: the journals of the simulator and the real machine; the keys are the names in ``SYSTEMS``.
-        provenance: the journals' common header.
-        folder: the folder of both journals.
+    The keys of the journals are the names in ``SYSTEMS``.
 
     Raises:
         UsageError: there is no pair.
@@ -270,8 +214,10 @@ def conclude_gap(
     pairs = [pair for pair in every if search.counts(pair.query)] or every
     if not pairs:
         raise UsageError("no pair of rollouts was run: the budget is smaller than the first batch")
-    tested = _group_by_test(pairs)
-    certificate = without_too_many(search.certificate(), provenance["real"]["backend"], journals["real"])
+    tested = [_at_test(group) for group in by_test(pairs)]
+    certificate = voids.without_too_many(
+        search.certificate(), provenance["real"]["backend"], journals["real"]
+    )
     lowest, highest = search.range
     return GapResult(
         requirement=provenance["requirement"],
@@ -298,34 +244,29 @@ def conclude_gap(
             if search.counts(record.query) or pairs is every
         ),
         spec=spec,
-        voids=void_counts(journals["real"]) if is_machine(provenance["real"]) else None,
+        voids=voids.void_counts(journals["real"]) if voids.is_machine(provenance["real"]) else None,
     )
 
 
-def pairs_of(journals: Mapping[str, Journal], per_real: int) -> list[Pair]:
-    """Return the pairs of two journals whose simulated rollouts are all there.
+def _at_test(pairs: Sequence[Pair]) -> GapTested:
+    gaps = [pair.gap for pair in pairs]
+    return GapTested(pairs[0].params, len(pairs), float(np.mean(gaps)), float(np.mean(np.abs(gaps))))
 
-    Args:
-        journals: the journals of the simulator and the real machine; the keys are the names in ``SYSTEMS``.
-        per_real: simulated rollouts for each real one.
-    """
+
+def pairs_of(journals: Mapping[str, Journal], per_real: int) -> list[Pair]:
+    """Return the pairs of two journals whose simulated rollouts, ``per_real`` for each real one, are all there."""
     simulated: dict[tuple[int, int], list[float]] = {}
     # Sorted: a mean of the same numbers in another order differs in its last bit.
     for record in sorted(journals["sim"].records(), key=lambda record: (record.query, record.replicate)):
         key = record.query, record.replicate // SIMULATED_PER_REAL
         simulated.setdefault(key, []).append(record.rho)
-    return [
-        Pair(
-            record.query,
-            record.replicate,
-            record.params,
-            record.rho,
-            float(np.mean(simulated[record.query, record.replicate])),
-            record.failure,
-        )
-        for record in journals["real"].records()
-        if len(simulated.get((record.query, record.replicate), ())) >= per_real
-    ]
+    pairs = []
+    for record in journals["real"].records():
+        own = simulated.get((record.query, record.replicate), [])
+        if len(own) >= per_real:
+            rhos = record.rho, float(np.mean(own))
+            pairs.append(Pair(record.query, record.replicate, record.params, *rhos, record.failure))
+    return pairs
 
 
 def _assumptions(
@@ -335,42 +276,25 @@ def _assumptions(
     journals: Mapping[str, Journal],
     provenance: Mapping[str, Any],
 ) -> tuple[str, ...]:
-    """Return the assumptions of the bounds on the gap, each in one sentence."""
     requirement, real = provenance["requirement"], provenance["real"]["backend"]
     unit, fall = rho_unit(spec, requirement), spec.certify[requirement].fall
+    texts = [
+        text.replace("the expected outcome", "the expected gap E Δ").replace("one rollout", "one Δ")
+        for text in certificate.assumptions
+    ]
     averaged = SIMULATED_PER_REAL if provenance["simulated_per_real"] > 1 else "one or two"
     assumptions = (
-        *(
-            with_voids(
-                text.replace("the expected outcome", "the expected gap E Δ").replace("one rollout", "one Δ"),
-                provenance["real"],
-            )
-            for text in certificate.assumptions
-        ),
+        *(voids.with_voids(text, provenance["real"]) for text in texts),
         f"for simulator and real machine, ρ is R-sub-Gaussian with the spec's R; each Δ is one real rollout "
         f"minus the mean of {averaged} simulated ones",
         f"a rollout that falls or crashes counts as ρ = {fall:g} {unit}".rstrip() + ", simulated or real",
     )
     for side in SYSTEMS:
-        assumptions += machine_assumptions(provenance[side]["backend"], provenance[side], journals[side])
+        assumptions += voids.machine_assumptions(
+            provenance[side]["backend"], provenance[side], journals[side]
+        )
     if "recorded" in provenance:
         assumptions += (*provenance["recorded"], *limitations(search, "E Δ"))
     if real.startswith("twin"):
         assumptions += (f"{real} is a twin: a simulator that stands in for hardware, not hardware",)
     return assumptions
-
-
-def _group_by_test(pairs: Sequence[Pair]) -> list[GapTested]:
-    """Group pairs by test point."""
-    groups: dict[tuple[float, ...], list[Pair]] = {}
-    for pair in pairs:
-        groups.setdefault(tuple(pair.params.values()), []).append(pair)
-    return [
-        GapTested(
-            group[0].params,
-            len(group),
-            float(np.mean([pair.gap for pair in group])),
-            float(np.mean([abs(pair.gap) for pair in group])),
-        )
-        for group in groups.values()
-    ]

@@ -30,11 +30,9 @@ UNFINISHED = "unfinished"
 def machine_fields(scorer: Scorer, void: str) -> dict[str, Any]:
     """Return the header fields of a backend beyond its name and hash: of logs and machines, and assumptions."""
     fields: dict[str, Any] = reading_rule.header_fields(scorer.backend)
-    if assumptions := (
-        *assumptions_of(scorer.backend),
-        *unchecked_assumptions(scorer.backend, scorer.passed),
-    ):
-        fields["assumptions"] = list(assumptions)
+    unchecked = unchecked_assumptions(scorer.backend, scorer.passed)
+    if assumptions := [*assumptions_of(scorer.backend), *unchecked]:
+        fields["assumptions"] = assumptions
     if is_exclusive(scorer.backend):
         fields["void"] = void
     return fields
@@ -58,29 +56,15 @@ def void_counts(journal: Journal) -> dict[str, int]:
     return dict(sorted(words.items()))
 
 
-def count_words(counts: Mapping[str, int]) -> str:
-    """Return counts in words: "1 × killed, 2 × link"."""
-    return ", ".join(f"{count} × {word}" for word, count in sorted(counts.items()))
-
-
 def void_words(counts: Mapping[str, int], outcomes: int) -> str:
     """Return the number of void rollouts and of outcomes, in words."""
     void = sum(counts.values())
-    return (
-        f"{void} of {outcomes + void} rollouts ({count_words(counts)})"
-        if void
-        else f"none of {outcomes} rollouts"
-    )
+    words = ", ".join(f"{count} × {word}" for word, count in sorted(counts.items()))
+    return f"{void} of {outcomes + void} rollouts ({words})" if void else f"none of {outcomes} rollouts"
 
 
 def machine_assumptions(backend: str, header: Mapping[str, Any], journal: Journal) -> tuple[str, ...]:
-    """Return the assumptions about a backend and its void rollouts, each in one sentence.
-
-    Args:
-        backend: the name of the backend.
-        header: a header with the fields of :func:`machine_fields`.
-        journal: the journal of its rollouts.
-    """
+    """Return the assumptions about a backend and its void rollouts, each in one sentence."""
     own = (*header.get("assumptions", ()), *reading_rule.note({"backend": backend} | dict(header)))
     if not is_machine(header):
         return own

@@ -9,17 +9,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.certify.search.state import SearchState
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.space import FloatArray
 
 
 def next_batch(state: SearchState) -> list[tuple[int, int]]:
     """Return (index of the point, replicates) of the next tests."""
     if tests := coverage_tests(state):
-        return [(state.confidence.add(vector), replicates) for vector, replicates in tests]
+        return [(state.confidence.bounds.add(vector), replicates) for vector, replicates in tests]
     spread, size = state.settings.spread, batch_size(state)
     shares = [size // spread + (i < size % spread) for i in range(spread)]
     # May be fewer tests than shares.

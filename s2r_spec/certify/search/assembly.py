@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from s2r_spec.certify.bound.certificate import ALL_COUNT, Certificate, Label
+from s2r_spec.certify.bound.kernels import FAMILIES
 from s2r_spec.certify.search.state import SearchState
 from s2r_spec.certify.search.stopping import label, needs_no_norm
 from s2r_spec.runs.stop_rule import BUDGET, DECIDED
@@ -63,7 +64,6 @@ def one_sided_certificate(state: SearchState) -> Certificate | None:
 
 
 def _record(state: SearchState) -> dict[str, Any]:
-    """Return the declaration as plain JSON values."""
     settings = state.settings
     return {
         "mode": settings.mode,
@@ -95,14 +95,13 @@ def _assumptions(state: SearchState) -> tuple[str, ...]:
     )
     return (
         f"the expected outcome, as a function of the test, has RKHS norm ≤ B = {_with_unit(state, settings.B)} for the "
-        f"{settings.kernel.words} kernel with lengthscale {scales}; no data can prove this",
+        f"{FAMILIES[settings.kernel.name].words} kernel with lengthscale {scales}; no data can prove this",
         *_about_rollouts(state),
         *(inside if state.coverage.axes else ()),
     )
 
 
 def _about_rollouts(state: SearchState) -> tuple[str, ...]:
-    """Return the assumptions about noise and rollouts, without those about B and the kernel."""
     settings = state.settings
     fixed = (
         f"{state.fixed} outcomes come from tests that were fixed beforehand or chosen only from earlier outcomes, "

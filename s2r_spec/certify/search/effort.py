@@ -26,7 +26,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.certify.bound.confidence import SampleEvidence
 from s2r_spec.certify.bound.confidence_set import LADDER, TOLERANCE
@@ -34,9 +33,7 @@ from s2r_spec.certify.bound.kernels import Kernel
 from s2r_spec.certify.bound.modes import MODES, Mode
 from s2r_spec.certify.bound.posterior import VARIANCE_ROUNDING
 from s2r_spec.certify.bound.settings import SearchSettings
-from s2r_spec.space import Space
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.space import FloatArray, Space
 
 GRID = 160
 """Budget: most grid points."""
@@ -56,12 +53,9 @@ LEAST = 1e-6
 
 @dataclass(frozen=True)
 class Objective:
-    """A possible J on the grid, in units of R.
+    """A possible J on the grid, in units of R: (u,) ``values`` and how far they are below J(z*), ≥ 0.
 
-    Attributes:
-        below: (u,) J(z*) − J(z) at the grid points, ≥ 0.
-        values: (u,) J at the grid points.
-        norm: S, for a J that is flat on the grid but has a norm; 0 if ``values`` say it all.
+    ``norm`` is S, for a J that is flat on the grid but has a norm; 0 if ``values`` say it all.
     """
 
     below: FloatArray
@@ -81,13 +75,9 @@ class Objective:
 
 @dataclass(frozen=True)
 class DesignRegion:
-    """A region of the test space, with the grid on which its design is computed.
+    """A box in the middle of the test space, with (u, dim) grid points and their (u, u) Gram matrix.
 
-    Attributes:
-        space: the region, a box in the middle of the test space.
-        points: (u, dim) grid points.
-        gram: (u, u) Gram matrix.
-        number: how many such regions the test space has (real number ≥ 1).
+    ``number`` says how many such boxes the test space has (real number ≥ 1).
     """
 
     space: Space
@@ -97,13 +87,7 @@ class DesignRegion:
 
     @classmethod
     def of(cls, space: Space, kernel: Kernel, relative: float) -> DesignRegion:
-        """Return the largest part that a grid of at most ``GRID`` points resolves, at least one lengthscale.
-
-        Args:
-            space: the test space.
-            kernel: the kernel.
-            relative: ε/B (dimensionless).
-        """
+        """Return the part that a grid of ``GRID`` points resolves, at least a lengthscale; ``relative`` is ε/B."""
         lengthscales = kernel.lengthscales(space.dim)
         wide = (space.upper - space.lower) / lengthscales
         spacing = float((SPACING * kernel.sides_for(TOLERANCE * relative, space.dim) / lengthscales)[0])
@@ -112,12 +96,8 @@ class DesignRegion:
         while counts.prod() > GRID and counts.max() > 2:
             counts[counts.argmax()] -= 1
         middle, half = (space.lower + space.upper) / 2, fits / wide * (space.upper - space.lower) / 2
-        part = Space.of(
-            {
-                name: (float(low), float(high))
-                for name, low, high in zip(space.names, middle - half, middle + half, strict=True)
-            }
-        )
+        ends = zip((middle - half).tolist(), (middle + half).tolist(), strict=True)
+        part = Space.of(dict(zip(space.names, ends, strict=True)))
         points = part.grid(tuple(int(count) for count in counts))
         log_number = float(np.log(wide / fits).sum())
         return cls(part, points, kernel.gram(points, points), float(np.exp(min(log_number, 600.0))))
@@ -136,8 +116,6 @@ def _longest_side(wide: FloatArray, spacing: float) -> float:
 
 @dataclass(frozen=True)
 class _Expected:
-    """Expected evidence and posterior deviation of a design."""
-
     eigenvalues: FloatArray
     loads: FloatArray
     cross: FloatArray
@@ -170,15 +148,7 @@ class _Expected:
 
 @dataclass(frozen=True)
 class Effort:
-    """The declaration as the design sees it, in units of R.
-
-    Attributes:
-        region: the region of the design.
-        mode: the mode of the confidence set.
-        norms: (rungs,) norm bounds.
-        delta: 1 − probability.
-        epsilon: ε.
-    """
+    """The declaration as the design sees it, in units of R; ``norms`` has shape (rungs,)."""
 
     region: DesignRegion
     mode: Mode
@@ -189,19 +159,13 @@ class Effort:
     @classmethod
     def of(cls, settings: SearchSettings) -> Effort:
         """Return the declaration of a search."""
-        norms = np.array(LADDER[:1]) * settings.B / settings.R
-        every = np.array(LADDER) * settings.B / settings.R
-        mode = MODES[settings.mode](settings.kernel, every)
+        norms = np.array(LADDER) * settings.B / settings.R
+        mode = MODES[settings.mode](settings.kernel, norms)
         region = DesignRegion.of(settings.space, settings.kernel, settings.epsilon / settings.B)
-        return cls(region, mode, norms, settings.delta, settings.epsilon / settings.R)
+        return cls(region, mode, norms[:1], settings.delta, settings.epsilon / settings.R)
 
     def rollouts(self, objective: Objective, share: float) -> float:
-        """Return the fewest rollouts of a design that reaches ε.
-
-        Args:
-            objective: a possible J.
-            share: θ, the share of ε below J(z*).
-        """
+        """Return the fewest rollouts of a design that reaches ε; ``share`` is θ, the share of ε below J(z*)."""
         target = (1 - TOLERANCE) * self.epsilon
         allowed = (1 - share) * target + objective.below
         best = int(objective.below.argmin())
@@ -214,12 +178,9 @@ class Effort:
             half = np.nanmin(bound.widths[0][:, None] * data.deviation(bound.scales), axis=0)
             half = np.minimum(half, self.norms[0])  # |J| ≤ B without any rollout
             excess = half / allowed
-            if excess.max() <= 1 + CONVERGED and _is_settled(excess, design):
+            # Settled: the rollouts lie where the half-width is at its allowance.
+            settled = design @ np.abs(excess - 1) <= CONVERGED * design.sum()
+            if excess.max() <= 1 + CONVERGED and settled:
                 break
             design = np.clip(design * excess**STEP, LEAST, MOST)
         return self.region.number * float(design.sum())
-
-
-def _is_settled(excess: FloatArray, design: FloatArray) -> bool:
-    """Return whether the rollouts lie where the half-width is at its allowance."""
-    return bool(design @ np.abs(excess - 1) <= CONVERGED * design.sum())

@@ -5,15 +5,16 @@ Every rollout is written to its journal first. Only then does the search get its
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, NoReturn, Protocol
 
 import numpy as np
 
 from s2r_spec.base.errors import BackendError, S2RError
-from s2r_spec.certify.search.observers import Observer, OnlyCrashes, Silent
+from s2r_spec.certify.search.observers import Observer, OnlyCrashes
 from s2r_spec.certify.search.search import Query, Search
+from s2r_spec.machine.machine_runner import MachineRunner
 from s2r_spec.runs.journal import Journal, Record
 from s2r_spec.runs.machine_journal import Void
 from s2r_spec.runs.repeatability import check_run, is_repeated
@@ -26,43 +27,27 @@ UNSCORED = "unscored"
 """Definition: word for a machine's rollout whose trace the requirement cannot evaluate."""
 
 
-class TaskRunner(Protocol):
-    """Runs tasks: a :class:`s2r_spec.runs.runner.Runner`, or a machine with its operator."""
-
-    def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
-        """Yield the result of every task."""
-        ...
-
-
 class OutcomeSource(Protocol):
     """Answers queries; every outcome is on disk before it is returned."""
 
     def outcomes(self, queries: Sequence[Query], observer: Observer) -> dict[int, list[float]]:
         """Return query index → (replicates,) outcomes."""
-        ...
 
     def on_disk(self, index: int, replicates: int) -> bool:
         """Return whether the first outcomes of a query need no further rollout."""
-        ...
 
 
 @dataclass(frozen=True)
 class Rollouts:
     """Rollouts on one backend. The outcome is −ρ, so its maximum is the worst case.
 
-    Attributes:
-        scorer: evaluates ρ of a rollout.
-        seed: the seed of the run.
-        journal: records every rollout.
-        runner: runs the rollouts.
-        stream: the stream of seeds.
-        each: rollouts per replicate; the outcome is their mean.
+    Each outcome is the mean of ``each`` rollouts.
     """
 
     scorer: Scorer
     seed: int
     journal: Journal
-    runner: TaskRunner
+    runner: Runner | MachineRunner
     stream: SeedStream = SeedStream.CHECK
     each: int = 1
 
@@ -106,11 +91,6 @@ class Rollouts:
         return self.journal.has(index, replicates * self.each)
 
     def _recorded(self, task: Task, point: Mapping[str, float]) -> Record | None:
-        """Return the journal's record of a task, None if there is none.
-
-        Raises:
-            BackendError: the record has a different test or seed.
-        """
         before = self.journal.get(task.query, task.replicate)
         if before is not None and (before.params != point or before.seed != task.seed):
             raise BackendError(
@@ -120,11 +100,6 @@ class Rollouts:
         return before
 
     def _record(self, done: Done, point: dict[str, float]) -> Record:
-        """Evaluate a rollout and write it to the journal.
-
-        Raises:
-            BackendError: the requirement cannot be evaluated on its trace.
-        """
         try:
             rho, failure = self.scorer.score(point, done)
         except S2RError as error:
@@ -150,10 +125,7 @@ class Rollouts:
 class Pairs:
     """A simulated and a real rollout for each replicate. The outcome is −Δ = ρ_sim − ρ_real.
 
-    Attributes:
-        simulated: rollouts of the simulator.
-        real: rollouts of the real machine.
-        watched: the backend whose rollouts the observer receives; from the other one it receives only crashes.
+    The observer receives the rollouts of the ``watched`` backend, and only crashes of the other one.
     """
 
     simulated: OutcomeSource
@@ -162,10 +134,9 @@ class Pairs:
 
     def outcomes(self, queries: Sequence[Query], observer: Observer) -> dict[int, list[float]]:
         """Run the real machine first: its rollouts are then on disk if the simulator raises."""
-        watched = {self.watched: observer}
         others = OnlyCrashes(observer)
-        real = self.real.outcomes(queries, watched.get("real", others))
-        simulated = self.simulated.outcomes(queries, watched.get("simulated", others))
+        real = self.real.outcomes(queries, observer if self.watched == "real" else others)
+        simulated = self.simulated.outcomes(queries, others if self.watched == "real" else observer)
         return {index: [r - s for r, s in zip(real[index], simulated[index], strict=True)] for index in real}
 
     def on_disk(self, index: int, replicates: int) -> bool:
@@ -174,15 +145,11 @@ class Pairs:
 
 
 def next_queries(search: Search, on_disk: Callable[[int, int], bool]) -> list[Query]:
-    """Return the queries to answer next; none once the search is over.
+    """Return the queries to answer next; none once the search is over. For ``on_disk`` see :class:`OutcomeSource`.
 
     A run may have more rollouts on disk than its stopping rule or its budget now needs. The bound holds at every time,
     so the search takes them all, and its result is about the whole run. A search that is done leaves out an incomplete
     last batch: which of its rollouts are on disk may depend on their outcomes.
-
-    Args:
-        search: the search.
-        on_disk: whether the first outcomes (number) of a query (index) need no further rollout.
     """
     if not search.done:
         return search.ask()
@@ -196,12 +163,8 @@ def next_queries(search: Search, on_disk: Callable[[int, int], bool]) -> list[Qu
 
 
 def run_search(search: Search, experiment: OutcomeSource, observer: Observer | None = None) -> None:
-    """Run the search to its end, with every complete batch on disk.
-
-    Raises:
-        BackendError: a rollout raised; every rollout before it is on disk.
-    """
-    observer = observer or Silent()
+    """Run the search to its end, with every complete batch on disk; a BackendError if a rollout raised."""
+    observer = observer or Observer()
     while queries := next_queries(search, experiment.on_disk):
         observer.batch(queries, search.certificate())
         outcomes = experiment.outcomes(queries, observer)

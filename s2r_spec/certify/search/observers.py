@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 from s2r_spec.certify.bound.certificate import Certificate
 from s2r_spec.certify.bound.settings import SearchSettings
@@ -16,14 +15,8 @@ from s2r_spec.runs.journal import Record
 class Phase:
     """One search, as an observer shows it.
 
-    Attributes:
-        symbol: the symbol of the bounded quantity, "ρ" or "Δ".
-        unit: the unit of that quantity.
-        backend: the backend whose rollouts are counted.
-        units: unit of each test parameter.
-        budget: largest number of rollouts, if there is one.
-        settings: the settings of the search; None if nobody forecasts its end.
-        attended: whether the backend is a machine, whose operator answers at the terminal during the search.
+    ``symbol`` is that of the bounded quantity, "ρ" or "Δ". ``backend`` is the one whose rollouts are counted; the
+    operator of an ``attended`` one answers at the terminal. Without ``settings`` nobody forecasts the end.
     """
 
     symbol: str
@@ -35,44 +28,24 @@ class Phase:
     settings: SearchSettings | None = None
 
 
-class Observer(Protocol):
-    """Receives each step of a search."""
+class Observer:
+    """Receives each step of a search, and shows nothing."""
 
     def begin(self, phase: Phase) -> None:
         """Receive the search that begins."""
-        ...
 
     def batch(self, queries: list[Query], certificate: Certificate) -> None:
         """Receive the next batch, and the certificate from all batches before it."""
-        ...
 
     def rollout(self, record: Record, new: bool = True) -> None:
         """Receive a rollout that is on disk; ``new`` is false if an earlier process ran it."""
-        ...
 
     def crash(self, record: Record) -> None:
         """Receive a rollout without a trace: its worker died, or did not end in time."""
-        ...
-
-
-class Silent:
-    """An observer that shows nothing."""
-
-    def begin(self, phase: Phase) -> None:
-        """Do nothing."""
-
-    def batch(self, queries: list[Query], certificate: Certificate) -> None:
-        """Do nothing."""
-
-    def rollout(self, record: Record, new: bool = True) -> None:
-        """Do nothing."""
-
-    def crash(self, record: Record) -> None:
-        """Do nothing."""
 
 
 @dataclass(frozen=True)
-class OnlyCrashes(Silent):
+class OnlyCrashes(Observer):
     """Passes crashes to another observer, and nothing else."""
 
     observer: Observer

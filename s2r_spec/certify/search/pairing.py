@@ -22,13 +22,8 @@ fewer real rollouts."""
 class Pairing:
     """Simulator and real machine, checked against the spec and against each other.
 
-    Attributes:
-        sim: evaluates the simulator's rollouts.
-        real: evaluates the real machine's rollouts.
-        recorded: the tests of a real machine that has recordings; else None, and the search chooses them.
-        simulated: recordings of the simulator at the same tests; None if it runs.
-        per_real: fewest simulated rollouts for a real one; their mean is compared with it.
-        notes: facts that a reader of the certificate must know, each in one sentence.
+    A system that has recordings has a design of its tests; without one the search chooses them. The mean ρ of at least
+    ``per_real`` simulated rollouts is compared with each real one. A reader of the certificate must know the notes.
     """
 
     sim: Scorer
@@ -47,11 +42,7 @@ class Pairing:
     def for_spec(
         cls, spec: Spec, requirement: str, simulated: Backend | str, real: Backend | str, budget: int | None
     ) -> Pairing:
-        """Open both backends, and pair their recordings; nothing runs.
-
-        Raises:
-            UsageError: spec and backends do not fit together, or the recordings do not make pairs.
-        """
+        """Open both backends, and pair their recordings; nothing runs. A UsageError says what does not fit together."""
         sim, machine = Scorer.for_spec(spec, requirement, simulated), Scorer.for_spec(spec, requirement, real)
         if is_exclusive(sim.backend):
             raise UsageError(
@@ -122,7 +113,6 @@ def _pair_designs(spec: Spec, real: Design, simulated: Design) -> tuple[Design, 
 
 
 def _first_tests(design: Design) -> str:
-    """Return the first three tests of a design in words."""
     shown = "; ".join(
         ", ".join(f"{name} = {value:.4g}" for name, value in point.items()) for point, _ in design.tests[:3]
     )

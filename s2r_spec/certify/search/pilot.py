@@ -36,11 +36,7 @@ class Pilot:
 
 
 def read_pilot(groups: list[ArrayLike]) -> Pilot:
-    """Estimate the noise from groups of replicated outcomes.
-
-    Raises:
-        UsageError: too few outcomes repeat a test, or all of them are equal.
-    """
+    """Estimate the noise from groups of replicated outcomes; a UsageError if they are too few, or all equal."""
     values = [np.asarray(group, dtype=np.float64) for group in groups]
     values = [group for group in values if len(group) > 1]
     degrees = sum(len(group) - 1 for group in values)

@@ -19,19 +19,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Unpack
 
 import numpy as np
 
-from s2r_spec.base.errors import UsageError
-from s2r_spec.base.magnitude import whole
 from s2r_spec.certify.bound.coverage import PARTS, Coverage, long_axes
 from s2r_spec.certify.bound.sample_complexity import minimax, sequential_lower_bound
-from s2r_spec.certify.bound.settings import DeclaredSettings, SearchSettings
+from s2r_spec.certify.bound.settings import SearchSettings
 from s2r_spec.certify.search.effort import Effort, Objective
 from s2r_spec.certify.search.pairing import SIMULATED_PER_REAL
-from s2r_spec.certify.search.search import Search
-from s2r_spec.space import Space
 
 VARIATION = 4.0
 """Definition: change of J over the test space in the easier case, in ε. If ε is half of the worst mean, as the pages
@@ -90,29 +85,6 @@ class Plan(Floors):
     gaps: tuple[tuple[int, float], ...] = ()
 
 
-def settings_of(
-    space: Space, budgets: tuple[int, ...], most: int, **declared: Unpack[DeclaredSettings]
-) -> SearchSettings:
-    """Return the declaration of a plan after its checks.
-
-    Args:
-        space: the test space.
-        budgets: numbers of rollouts.
-        most: the largest number of rollouts in a plan.
-        declared: the settings, see :class:`~s2r_spec.certify.bound.settings.SearchSettings`.
-
-    Raises:
-        UsageError: a setting is out of its range, or no rollouts could give a certificate.
-    """
-    # With a budget, since too small an ε is an answer of a plan and no error.
-    settings = SearchSettings(space=space, budget=most, **declared)
-    Search.of(settings).refuse_hopeless()
-    for budget in budgets:
-        if whole("budget", budget, 2 * settings.spread) > most:
-            raise UsageError(f"budget = {budget:g}; a plan has at most {most:,} rollouts")
-    return settings
-
-
 def floors(settings: SearchSettings) -> Floors:
     """Return the floors of a declaration, in closed form."""
     return Floors(
@@ -127,30 +99,22 @@ def plan_search(
     real: tuple[int, ...] = (),
     progress: Progress | None = None,
 ) -> Plan:
-    """Estimate the rollouts of a search, with noise of sub-Gaussian proxy R.
+    """Estimate the rollouts of a search, and the ε that numbers of rollouts reach.
 
-    Args:
-        settings: the settings of the search; their budget is the number beyond which an estimate is None.
-        budgets: numbers of rollouts; the plan gives the reachable ε of each.
-        real: numbers of real rollouts; the plan gives the reachable ε of a gap for each.
-        progress: receives the number of finished estimates.
+    An estimate beyond the budget of the settings is None. The numbers ``real`` are of real rollouts in a gap.
     """
     most = settings.budget or MOST
     count = 1 + len(budgets) + len(real)
-
-    def report(done: int) -> None:
-        if progress is not None:
-            progress("estimates", done, count)
-
-    report(0)
+    report = progress or (lambda *_: None)
+    report("estimates", 0, count)
     least = floors(settings)
     low, high = rollouts(settings)
-    report(1)
+    report("estimates", 1, count)
     widths: list[tuple[float, float]] = []
     noisier = replace(settings, R=settings.R * math.sqrt(1 + 1 / SIMULATED_PER_REAL))
     for budget, of in [(each, settings) for each in budgets] + [(each, noisier) for each in real]:
         widths.append(reachable(of, budget))
-        report(1 + len(widths))
+        report("estimates", 1 + len(widths), count)
     ends = list(zip((*budgets, *real), widths, strict=True))
     expected = [(budget, math.sqrt(narrow * wide)) for budget, (narrow, wide) in ends]
     return Plan(
@@ -168,17 +132,11 @@ def plan_search(
 
 def rollouts(settings: SearchSettings) -> tuple[float, float]:
     """Return the low and the high end of the range of rollouts until the interval is ε wide."""
-    low = _fewest_rollouts(settings)
+    low = min(_one(settings, number) for number in range(FUNCTIONS))
     return low, max(low, _most_rollouts(settings))
 
 
-def _fewest_rollouts(settings: SearchSettings) -> float:
-    """Return the low end: the fewest rollouts over a few objectives that vary."""
-    return min(_one(settings, number) for number in range(FUNCTIONS))
-
-
 def _one(settings: SearchSettings, number: int) -> float:
-    """Return the rollouts for one objective that varies."""
     effort = Effort.of(settings)
     varied = _random_objective(effort, settings, np.random.default_rng([settings.seed, number]))
     return max(_least_rollouts(settings), effort.rollouts(varied, SHARE_VARIED))
@@ -237,5 +195,4 @@ def _random_objective(effort: Effort, settings: SearchSettings, rng: np.random.G
 
 
 def _whole_number(number: float, most: int) -> int | None:
-    """Return a number of rollouts; None if it is beyond the most."""
     return None if number > most else round(number)

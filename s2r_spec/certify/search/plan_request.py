@@ -9,12 +9,14 @@ from typing import TypedDict, Unpack
 
 from s2r_spec.backend import Backend, is_exclusive, load_backend
 from s2r_spec.base.errors import UsageError, one_of
+from s2r_spec.base.magnitude import whole
 from s2r_spec.certify.arguments import as_backend
 from s2r_spec.certify.bound.kernels import Kernel
-from s2r_spec.certify.bound.settings import DeclaredSettings, SearchSettings
+from s2r_spec.certify.bound.settings import SearchSettings
 from s2r_spec.certify.from_spec import only_requirement
 from s2r_spec.certify.search.pilot import Pilot, read_pilot
-from s2r_spec.certify.search.plan import MOST, Floors, Plan, Progress, floors, plan_search, settings_of
+from s2r_spec.certify.search.plan import MOST, Plan, Progress, plan_search
+from s2r_spec.certify.search.search import Search
 from s2r_spec.lang.units import UnknownUnitError, parse_unit
 from s2r_spec.runs.journal import Journal
 from s2r_spec.runs.layout import runs_in
@@ -86,12 +88,9 @@ class PlanRequest:
     """A plan whose settings are complete.
 
     Attributes:
-        settings: the settings of the search.
-        budgets: numbers of rollouts.
         afforded: the number of rollouts that fit in the time, (); if none is given.
         seconds: time of a rollout, with as many at once as the backend allows [s]; None without a backend.
         at_once: rollouts that run at once.
-        pilot: what the pilot says about R; None without a pilot.
     """
 
     settings: SearchSettings
@@ -100,11 +99,6 @@ class PlanRequest:
     seconds: float | None
     at_once: int
     pilot: Pilot | None
-
-    @property
-    def floors(self) -> Floors:
-        """The rollouts below which no search can end, in closed form."""
-        return floors(self.settings)
 
     def plan(self, progress: Progress | None = None) -> Plan:
         """Estimate the rollouts."""
@@ -151,22 +145,24 @@ def plan_request(of: Spec | Space, options: PlanOptions) -> PlanRequest | Pilot:
     at_once = 1 if is_exclusive(machine) else cores()
     seconds = None if machine is None else machine.cost / at_once
     afforded = rollouts_in(options.time, seconds)
-    budgets = options.budgets
-    declared: DeclaredSettings = {
-        "kernel": options.kernel,
-        "B": B,
-        "R": R,
-        "delta": delta,
-        "epsilon": epsilon,
-    }
-    declared["mode"] = options.mode
-    space = of.space if isinstance(of, Spec) else of
-    settings = settings_of(space, (*budgets, *afforded), options.most, **declared)
-    return PlanRequest(settings, budgets, afforded, seconds, at_once, pilot)
+    settings = SearchSettings(
+        space=of.space if isinstance(of, Spec) else of,
+        kernel=options.kernel,
+        B=B,
+        R=R,
+        delta=delta,
+        epsilon=epsilon,
+        mode=options.mode,
+        budget=options.most,  # with a budget too small an ε is an answer of a plan and no error
+    )
+    Search.of(settings).refuse_hopeless()
+    for budget in (*options.budgets, *afforded):
+        if whole("budget", budget, 2 * settings.spread) > options.most:
+            raise UsageError(f"budget = {budget:g}; a plan has at most {options.most:,} rollouts")
+    return PlanRequest(settings, options.budgets, afforded, seconds, at_once, pilot)
 
 
 def _with_proxy(options: PlanOptions) -> PlanOptions:
-    """Return options with the R of proven bounds."""
     if options.bounds is None:
         return options
     low, high = options.bounds
@@ -176,7 +172,6 @@ def _with_proxy(options: PlanOptions) -> PlanOptions:
 
 
 def _declared_options(of: Spec | Space, options: PlanOptions) -> PlanOptions:
-    """Return options with the settings of the certify line in the place of those that are not given."""
     if not isinstance(of, Spec):
         return options
     line = of.certify.get(options.requirement or only_requirement(of))
@@ -194,14 +189,9 @@ def _declared_options(of: Spec | Space, options: PlanOptions) -> PlanOptions:
 
 
 def rollouts_in(time: str | None, seconds: float | None) -> tuple[int, ...]:
-    """Return the number of rollouts that fit in a time; () if no time is given.
+    """Return the number of rollouts of ``seconds`` that fit in a time such as "30min"; () if no time is given.
 
-    Args:
-        time: such as "30min"; a number alone is in seconds.
-        seconds: duration of a rollout [s]; None without a backend.
-
-    Raises:
-        UsageError: the text is not a time, there is no backend, or the time is too short for a search.
+    A text that is no time, no backend, or too short a time for a search is a UsageError.
     """
     if time is None:
         return ()
@@ -223,14 +213,9 @@ def rollouts_in(time: str | None, seconds: float | None) -> tuple[int, ...]:
 
 
 def pilot_of(folder: Path, requirement: str | None) -> Pilot:
-    """Return what a pilot run says about R.
+    """Return what the check in a folder says about R; of several requirements, that of the named one.
 
-    Args:
-        folder: the folder of a check.
-        requirement: the requirement of the journal, if the run has several.
-
-    Raises:
-        UsageError: the folder has no journal, or those of several requirements, or too few outcomes.
+    A UsageError says that there is no such journal, or that it has too few outcomes.
     """
     runs = {path.name: path for path in runs_in(folder)}
     if len(runs) > 1 and requirement not in runs:

@@ -28,11 +28,9 @@ FINE = {1: 501, 2: 41, 3: 15}
 
 @dataclass(frozen=True)
 class Design:
-    """Recordings as tests of a spec.
+    """Recordings as tests of a spec: (test point in the spec's units, its recordings), in recorded order.
 
-    Attributes:
-        tests: (test point in the spec's units, its recordings), in recorded order.
-        notes: facts that a reader of the certificate must know, each in one sentence.
+    The notes are facts that a reader of the certificate must know, each in one sentence.
     """
 
     tests: tuple[tuple[dict[str, float], tuple[Recording, ...]], ...]
@@ -90,13 +88,9 @@ def fixed_design(spec: Spec, requirement: str, backend: Backend, recordings: Seq
 
 @dataclass(frozen=True)
 class RecordedExperiment:
-    """An experiment with recorded outcomes.
+    """An experiment with recorded outcomes: test *i* of the design answers query *i*.
 
-    Attributes:
-        design: test *i* answers query *i*.
-        scorer: evaluates ρ of a recording.
-        journal: records every ρ.
-        each: recordings per replicate; the outcome is their mean, and the last one may be of fewer.
+    Each outcome is the mean of ``each`` recordings; the last one may be of fewer.
     """
 
     design: Design
@@ -105,11 +99,7 @@ class RecordedExperiment:
     each: int = 1
 
     def outcomes(self, queries: Sequence[Query], observer: Observer) -> dict[int, list[float]]:
-        """Evaluate the recordings; see :class:`s2r_spec.certify.search.experiments.OutcomeSource`.
-
-        Raises:
-            TraceError: a recording cannot be evaluated; the message names its file.
-        """
+        """Evaluate the recordings; a TraceError names the file of one that cannot be evaluated."""
         return {query.index: self._outcomes(query, observer) for query in queries}
 
     def on_disk(self, index: int, replicates: int) -> bool:
@@ -143,12 +133,7 @@ def observe(search: Search, design: Design, experiment: OutcomeSource, observer:
 
 
 def limitations(search: Search, what: str) -> list[str]:
-    """Return the limits of a certificate from recorded tests, each in one sentence.
-
-    Args:
-        search: the search, with all outcomes of the tests.
-        what: the bounded quantity, "E ρ" or "E Δ".
-    """
+    """Return the limits of a certificate from recorded tests, each in one sentence; ``what`` is "E ρ" or "E Δ"."""
     notes, space = [], search.space
     if not search.degrees:
         notes.append("no test was recorded twice, so these recordings could not have refuted R")
@@ -178,7 +163,6 @@ def limitations(search: Search, what: str) -> list[str]:
 
 
 def _point(spec: Spec, matched: Interface, recording: Recording) -> dict[str, float] | None:
-    """Return the test point of a recording, or None if it is outside the spec's test space."""
     values = matched.to_spec(recording.params)
     if values is None:
         return None

@@ -12,8 +12,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Self, Unpack
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from s2r_spec.base.errors import UsageError
 from s2r_spec.certify.bound.certificate import Certificate, Label
@@ -23,9 +22,7 @@ from s2r_spec.certify.search import assembly
 from s2r_spec.certify.search.acquisition import next_batch
 from s2r_spec.certify.search.state import SearchState
 from s2r_spec.certify.search.stopping import label
-from s2r_spec.space import Space
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.space import FloatArray, Space
 
 
 @dataclass(frozen=True)
@@ -185,7 +182,7 @@ class Search:
         self._state.final = self._state.final or final
         for vector, values in observed:
             if len(values):
-                self._state.add(self._state.confidence.add(vector), values)
+                self._state.add(self._state.confidence.bounds.add(vector), values)
                 self._state.fixed += len(values)
         self._state.end_batch()
 

@@ -5,17 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
-
 from s2r_spec.certify.bound.confidence_set import ConfidenceSet
 from s2r_spec.certify.bound.coverage import Coverage, long_axes
 from s2r_spec.certify.bound.samples import Outcomes
 from s2r_spec.certify.bound.settings import SearchSettings
 from s2r_spec.certify.search.feasibility import Obstacles
 from s2r_spec.runs.stop_rule import DECIDED
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.space import FloatArray
 
 LEAST_DEGREES = 20
 """Level: fewest degrees of freedom of the test of R before a verdict may end a search: rollouts minus replicated
@@ -27,14 +23,8 @@ class SearchState:
     """All that the next batch, the label and the certificate depend on.
 
     Attributes:
-        settings: the declaration.
-        obstacles: reasons why no certificate is possible.
-        coverage: the coverage of axes that are shorter than the kernel.
-        confidence: bounds of J from the outcomes.
         outcomes: all outcomes so far, in units of R.
         budget: most rollouts; None for as many as ε takes.
-        queries: number of queries so far.
-        batches: number of batches with outcomes.
         fixed: outcomes of tests that the search did not choose.
         final: whether no further test will be asked for.
         verdict_known: whether the bounds decide the verdict; None for the sign of the maximum.
@@ -87,6 +77,5 @@ class SearchState:
             self.decided = tested and (self.verdict_known or self._sign_known)()
 
     def _sign_known(self) -> bool:
-        """Return whether the interval of the maximum excludes 0, or ends there."""
         interval = self.confidence.ladder[0]
         return interval.upper <= 0 or interval.lower > 0

@@ -1,21 +1,15 @@
 """When a search ends, and the label of its certificate at any time.
 
 The band of :mod:`s2r_spec.certify.bound.confidence` holds at all times at once, with probability ≥ 1 − δ. So a search
-may end at any time, for any reason that depends on its outcomes. Its rule (``settings.stop``) is one of:
-
-- ``epsilon``: the interval is at most ε wide.
-- ``decided``: the same, or the verdict is known. The test of R then has 20 degrees of freedom, because an error of R
-  makes intervals narrow and would otherwise go unseen. Every test on axes shorter than their lengthscale is done.
-- ``budget``: only the budget ends it.
-
-Under every rule it also ends when no test can be added, and when the outcomes refute B or R.
+may end at any time, for any reason that depends on its outcomes. Under every rule (``settings.stop``) it also ends when
+no test can be added, and when the outcomes refute B or R. Before a verdict ends it, the test of R has 20 degrees of
+freedom, because an error of R makes intervals narrow and would otherwise go unseen.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import NamedTuple
 
 from s2r_spec.certify.bound.certificate import Label
 from s2r_spec.certify.bound.modes import PAPER
@@ -28,16 +22,17 @@ from s2r_spec.runs.stop_rule import BUDGET
 
 def label(state: SearchState) -> tuple[Label, str]:
     """Return the label, and the reason in one sentence if the certificate is refused or model-based, else ""."""
-    if refusal := next(filter(None, _refusals(state)), None):
-        return Label.REFUSED, refusal.sentence
+    refusal, _ = _first_refusal(state)
+    if refusal:
+        return Label.REFUSED, refusal
     if not is_settled(state):
         return Label.RUNNING, ""
     if state.settings.fitted:
         return Label.MODEL_BASED, f"{', '.join(state.settings.fitted)} fitted on the certificate's own data"
-    reached = state.confidence.width <= state.settings.epsilon
-    if not reached and is_decided(state):
-        return Label.DECIDED, ""
-    return (Label.CERTIFIED if reached else Label.BUDGET), ""
+    if state.confidence.width <= state.settings.epsilon:
+        return Label.CERTIFIED, ""
+    # The verdict is known, R was tested, and no test on a long axis is missing.
+    return (Label.DECIDED if state.decided and not coverage_tests(state) else Label.BUDGET), ""
 
 
 def is_settled(state: SearchState) -> bool:
@@ -52,61 +47,42 @@ def is_settled(state: SearchState) -> bool:
     return state.confidence.width <= state.settings.epsilon or state.decided
 
 
-def is_decided(state: SearchState) -> bool:
-    """Return whether the verdict is known, R was tested, and no test on a long axis is missing."""
-    return state.decided and not coverage_tests(state)
-
-
 def needs_no_norm(state: SearchState) -> bool:
     """Return whether a refused certificate may still state what holds for every B and every kernel.
 
     Noise, independence and completeness remain assumed. So no such statement follows if R is refuted, if rollouts are
     missing, or if a setting was fitted; nor in the mode ``paper``, whose band rests on another event of probability δ.
     """
-    first = next(filter(None, _refusals(state)), None)
-    if first is None or not first.of_norm or state.settings.fitted or state.settings.mode == PAPER:
+    _, of_norm = _first_refusal(state)
+    if not of_norm or state.settings.fitted or state.settings.mode == PAPER:
         return False
     return not (_left_out(state) or _refuted_noise(state) or state.confidence.norm_free_empty)
 
 
-class _Refusal(NamedTuple):
-    """A reason to refuse a certificate, and whether it concerns only B and the kernel."""
-
-    sentence: str
-    of_norm: bool = False
+def _first_refusal(state: SearchState) -> tuple[str, bool]:
+    """Return the first reason to refuse the certificate, and whether it concerns only B and the kernel; ("", False)."""
+    return next(((sentence, of_norm) for sentence, of_norm in _refusals(state) if sentence), ("", False))
 
 
-def _refusals(state: SearchState) -> Iterator[_Refusal | None]:
-    """Yield every reason to refuse the certificate, or None where there is none.
+def _refusals(state: SearchState) -> Iterator[tuple[str, bool]]:
+    """Yield every reason to refuse the certificate, "" where there is none, and whether it concerns only the norm.
 
     The first one counts. Those after it are not computed: with bounds that contradict each other they mean nothing.
     """
-    yield _of_norm(state.obstacles.constant)
-    yield None if state.final else _of_norm(state.obstacles.too_many)
-    yield _of_data(_left_out(state))
-    yield _of_data(_refuted_noise(state))
-    yield _of_norm(_contradiction(state))
+    yield state.obstacles.constant, True
+    yield "" if state.final else state.obstacles.too_many, True
+    yield _left_out(state), False
+    yield _refuted_noise(state), False
+    yield _contradiction(state), True
     over = is_settled(state)
-    yield _of_norm(_refuted_norm(state)) if over else None
-    yield _of_data(_impossibility(state))
-    uncovered = state.coverage.uncovered(state.tested, state.outcomes.samples.counts) if over else ""
-    yield _of_norm(uncovered)
-
-
-def _of_norm(sentence: str) -> _Refusal | None:
-    return _Refusal(sentence, of_norm=True) if sentence else None
-
-
-def _of_data(sentence: str) -> _Refusal | None:
-    return _Refusal(sentence) if sentence else None
+    yield _refuted_norm(state) if over else "", True
+    yield _impossibility(state), False
+    yield state.coverage.uncovered(state.tested, state.outcomes.samples.counts) if over else "", True
 
 
 def _left_out(state: SearchState) -> str:
-    return (
-        f"rollouts are missing: {state.missing}; leaving out rollouts biases the bound"
-        if state.missing
-        else ""
-    )
+    words = f"rollouts are missing: {state.missing}; leaving out rollouts biases the bound"
+    return words if state.missing else ""
 
 
 def _refuted_noise(state: SearchState) -> str:

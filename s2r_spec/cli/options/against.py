@@ -94,7 +94,7 @@ class _Begun:
 
 def _begin_search(search: SearchOptions, name: str, rules: Rules, running: Running, machine: str) -> _Begun:
     """Return the folder of a run, new or resumed, and the options of its search."""
-    from s2r_spec.certify.resumed_options import seed_of
+    from s2r_spec.certify.options import seed_of
     from s2r_spec.runs.journal import Journal
     from s2r_spec.runs.layout import with_any
 

@@ -19,7 +19,7 @@ from rich.text import Text
 from s2r_spec.base.printable import one_line
 from s2r_spec.certify.bound.certificate import Certificate
 from s2r_spec.certify.bound.rounding import interval_text, width_text
-from s2r_spec.certify.search.observers import Phase
+from s2r_spec.certify.search.observers import Observer, Phase
 from s2r_spec.certify.search.search import Query
 from s2r_spec.cli.terminal.remaining import Pace, RolloutForecast
 from s2r_spec.runs.journal import Record
@@ -85,7 +85,7 @@ class SearchProgress:
         return self.pace.seconds(left, self.forecast.batches(self.rollouts, self.rollouts + left) - 1)
 
 
-class Live:
+class Live(Observer):
     """Shows the rollouts done and left, the interval and its target width, the next tests, and the last ρ.
 
     ``opening`` is printed when the first search begins, after all errors of its settings.

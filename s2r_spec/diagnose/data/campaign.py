@@ -6,9 +6,9 @@ A plan with protocols has three parts, in this order:
     screen      the library's tests, then the allowed protocols, each twice, so that scatter is known everywhere.
     chosen      what the budget leaves. A rule chooses one experiment at a time from the train rollouts so far.
 
-A smaller budget first leaves out second runs, the protocols' before the tests': the controller of a test has a clock
-of its own, so that its runs differ more. Then it holds out fewer tests, down to 3. A plan without protocols has tests
-that fill the space. The first of them run again, and `split` draws those that are held out.
+A smaller budget first leaves out second runs, the protocols' before the tests', which differ more. Then it holds out
+fewer tests, down to 3. A plan without protocols has tests that fill the space. The first of them run again, and `split`
+draws those that are held out.
 
 A resumed campaign takes what its journal has, and chooses only what comes after. So it ends with the same rollouts, bit
 for bit, if the machine is deterministic. An experiment that the machine refused counts in the budget.
@@ -68,12 +68,8 @@ def plan(
 ) -> CampaignPlan:
     """Return the plan of a campaign; the module says how a budget is shared.
 
-    Args:
-        bench: the simulator, with the spec set up on it.
-        tests: tests that the library simulates, in the spec's units.
-        protocols: allowed protocols; without any, the plan has tests that fill the space.
-        budget: largest number of experiments.
-        seed: seed of the tests that fill the space.
+    Without protocols it has tests that fill the space, else ``tests``, which the library simulates, in the spec's
+    units.
 
     Raises:
         UsageError: the budget is smaller than 3 held-out tests, and each test and protocol once.
@@ -104,16 +100,14 @@ def plan(
 
 
 def smallest_with_held_out(dim: int) -> int:
-    """Return the smallest budget of a plan without protocols that holds tests out; with protocols every plan does.
+    """Return the smallest budget of a plan without protocols that holds tests out, for so many test parameters.
 
-    Args:
-        dim: number of test parameters.
+    With protocols every plan does.
     """
     return next(budget for budget in count(1) if number_held_out(_distinct_count(budget, dim), budget))
 
 
 def _distinct_count(budget: int, dim: int) -> int:
-    """Return the number of different tests of a plan without protocols."""
     return max(min(FEWEST, budget), round(budget * DISTINCT)) if dim else 1
 
 
@@ -129,16 +123,8 @@ def campaign(
     """Run a campaign, or resume it from its folder; return its rollouts, those that are held out first.
 
     A protocol that the machine refuses, or in which it falls, is not run again. A note names the reason, and the fallen
-    trace is kept. The machine itself asks about the risk of a protocol.
-
-    Args:
-        bench: the simulator, with the spec set up on it.
-        machine: the real machine, which runs without an operator.
-        plan: the fixed experiments.
-        seed: seed of the machine's random numbers.
-        choose: rule for the experiments after these.
-        folder: folder of the journal and the traces; None to keep nothing.
-        progress: called with the number of experiments and the budget.
+    trace is kept. The machine itself asks about the risk of a protocol. Without a folder nothing is kept. ``progress``
+    is called with the number of experiments and the budget.
 
     Raises:
         UsageError: the machine needs an operator, refuses a test, or does not fit the spec; or the folder has another
@@ -150,7 +136,7 @@ def campaign(
     refuse_machine(machine)
     if isinstance(machine, HasDuration):
         machine = machine.with_duration(bench.backend.duration)
-    matched = check_compatibility(bench.spec, bench.requirement, machine)
+    matched, space = check_compatibility(bench.spec, bench.requirement, machine), bench.spec.space
     protocols = machine.protocols() if isinstance(machine, HasProtocols) else ()
     declared = (*(p for protocol in protocols for p in protocol.parameters), *machine.parameters)
     journal = CampaignJournal(folder, {p.name: p.unit for p in declared}, seed)
@@ -168,7 +154,8 @@ def campaign(
         if name:
             own = params = protocol_of(bench.backend, name).values(dict(experiment.params))
         else:
-            own = dict(plan.tests.get(experiment) or _test(bench, experiment))
+            chosen = bench.matched.to_spec(dict(experiment.params)) or {}
+            own = dict(plan.tests.get(experiment) or space.point(space.vector(chosen)))
             params = matched.to_backend(own)
         draws = rollout_seed(seed, done.index(experiment), number, SeedStream.GAP_REAL)
         on_machine = Experiment(name, tuple(params.items()))
@@ -184,9 +171,3 @@ def campaign(
                 f"end are used"
             )
     return replace(rollouts, notes=tuple(dropped.values()))
-
-
-def _test(bench: Bench, experiment: Experiment) -> dict[str, float]:
-    """Return the test of an experiment, in the spec's units."""
-    space = bench.spec.space
-    return space.point(space.vector(bench.matched.to_spec(dict(experiment.params)) or {}))

@@ -1,12 +1,12 @@
 """What a diagnosis will cost, known before its first rollout.
 
-The number of rollouts on the machine is a largest one: a campaign ends earlier when nothing is open. The simulator's is
-that of the library of responses, also a largest one; the fits after it run as many more as they need. Times are sums
-of the costs that backends and protocols declare [s].
+Numbers of rollouts are largest ones: a campaign ends earlier when nothing is open. The simulator's are those of the
+library; the fits after it run as many more as they need. Times are sums of declared costs [s].
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -56,22 +56,12 @@ class TellsCost(Protocol):
 
 
 def on_machine(machine: Backend, plan: CampaignPlan, folder: Path | None) -> Expected:
-    """Return the rollouts of a campaign that are not on disk yet.
-
-    Args:
-        machine: the real machine.
-        plan: the campaign's plan.
-        folder: the folder of its traces.
-    """
+    """Return the rollouts of a campaign that are not yet in the folder of its traces."""
     done = 0 if folder is None else len(list(folder.glob(TRACES)))
     ahead = plan.steps[done:]
     chosen = plan.chosen - max(0, done - len(plan.steps))
-    counts = dict.fromkeys(ahead, 0)
-    for step in ahead:
-        counts[step] += 1
-    return Expected(
-        machine.name, len(ahead) + chosen, _seconds(machine, counts) + chosen * float(machine.cost)
-    )
+    seconds = _seconds(machine, Counter(ahead)) + chosen * float(machine.cost)
+    return Expected(machine.name, len(ahead) + chosen, seconds)
 
 
 def of_library(backend: Backend, rollouts: Mapping[Experiment, int]) -> Expected:
@@ -81,13 +71,10 @@ def of_library(backend: Backend, rollouts: Mapping[Experiment, int]) -> Expected
 
 def planned_held_out(plan: CampaignPlan) -> int:
     """Return the number of tests that a campaign will hold out."""
-    if plan.held_out:
-        return plan.held_out
-    return number_held_out(len(set(plan.steps)), len(plan.steps))
+    return plan.held_out or number_held_out(len(set(plan.steps)), len(plan.steps))
 
 
 def _seconds(backend: Backend, rollouts: Mapping[Experiment, int]) -> float:
-    """Return the time of experiment → number of rollouts on one core [s]."""
     protocols = backend.protocols() if isinstance(backend, HasProtocols) else ()
     costs = {protocol.name: float(protocol.cost) for protocol in protocols}
     usual = float(backend.cost)

@@ -11,6 +11,7 @@ import io
 import json
 import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,21 +20,20 @@ from s2r_spec.backend.protocols import PROTOCOL
 from s2r_spec.base.errors import NotBegunError, UsageError
 from s2r_spec.base.files import save
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.runs.seeds import inherited_seed
+from s2r_spec.runs.seeds import NEW_SEED, inherited_seed
 from s2r_spec.trace import Trace
 
 FILE, TABLE, SCHEMA = "campaign.json", "rollouts.csv", "s2r.campaign/1"
 TRACES = "[!.]*.npz"
 """Definition: names of the traces; hidden files are incomplete."""
+REAL, ANSWER = "real", "diagnosis.json"
+"""In the folder of a run: the folder of the real rollouts, and the file of the diagnosis."""
 
 
 class CampaignJournal:
-    """The attempts of a campaign so far.
+    """The attempts of a campaign so far, in a folder, which is made if needed.
 
-    Args:
-        folder: folder of the files; it is made if needed.
-        units: the machine's units: parameter → unit.
-        seed: the seed of the campaign.
+    ``units`` are the machine's: parameter → unit.
 
     Raises:
         UsageError: the folder has recordings of no campaign or of another seed, or its journal is damaged.
@@ -82,7 +82,7 @@ class CampaignJournal:
         Args:
             number: its place in the campaign.
             experiment: with the simulator's parameters.
-            params: the machine's parameters.
+            params: the machine's.
             run: runs it on the machine.
 
         Raises:
@@ -133,12 +133,6 @@ class CampaignJournal:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """Return the content of a journal.
-
-    Raises:
-        OSError: there is no such file.
-        ValueError: it is not a journal.
-    """
     contents: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     if contents["schema"] != SCHEMA:
         raise ValueError
@@ -155,8 +149,39 @@ def _experiment(step: Mapping[str, Any]) -> Experiment:
 
 
 def _is_same(one: Experiment, other: Experiment) -> bool:
-    """Return whether two experiments are equal up to rounding."""
     here, there = dict(one.params), dict(other.params)
     return (one.protocol, here.keys()) == (other.protocol, there.keys()) and all(
         math.isclose(here[name], there[name], rel_tol=1e-9, abs_tol=1e-12) for name in here
     )
+
+
+def begun_in(folder: Path) -> Path:
+    """Return the folder of a diagnosis to continue, from that folder or from its folder of real rollouts.
+
+    Raises:
+        UsageError: nothing was recorded there.
+    """
+    run = folder.parent if folder.name == REAL and not (folder / REAL).exists() else folder
+    real = run / REAL
+    if not (run / ANSWER).exists() and not (real.is_dir() and any(real.iterdir())):
+        raise UsageError(
+            f"no run to resume in {folder}: there is no rollout in {real} and no {ANSWER}; begin a new run with --run"
+        )
+    return run
+
+
+def seed_of(run: Path | None, seed: int | None) -> int:
+    """Return the seed of a diagnosis: the user's, else that of the run to continue, else that of a new one.
+
+    Raises:
+        UsageError: the run has another seed.
+    """
+    if run is not None:
+        recorded = CampaignJournal.seed_in(run / REAL)
+        with suppress(OSError, ValueError, KeyError, TypeError):
+            if recorded is None:
+                answer = json.loads((run / ANSWER).read_text(encoding="utf-8"))
+                recorded = int(answer["provenance"]["seed"])
+        if recorded is not None:
+            return inherited_seed(run, recorded, seed)
+    return NEW_SEED if seed is None else seed

@@ -28,12 +28,8 @@ def allowed_experiments(
 ) -> tuple[tuple[Experiment, ...], tuple[str, ...]]:
     """Return an experiment for each protocol that both sides have, in the machine's order, and notes on the others.
 
-    Parameters have the simulator's defaults, moved into the machine's range.
-
-    Args:
-        simulator: the nominal simulator.
-        machine: the real machine; for recordings, the simulator again.
-        names: protocols that may be run; None for all, empty for none.
+    Parameters have the simulator's defaults, moved into the machine's range. The machine of recordings is the simulator
+    again. ``names`` are protocols that may be run; None for all, empty for none.
 
     Raises:
         UsageError: one of the names is not a protocol of the machine, or of the simulator.
@@ -42,35 +38,24 @@ def allowed_experiments(
         protocol_of(machine, name)
         protocol_of(simulator, name)
     experiments, notes = [], []
-    for protocol in machine.protocols() if isinstance(machine, HasProtocols) else ():
-        if names is None or protocol.name in names:
-            try:
-                experiments.append(_move_into_range(protocol_of(simulator, protocol.name), protocol))
-            except UsageError as error:
-                notes.append(f"the protocol {protocol.name!r} is not run: {error}")
+    every = machine.protocols() if isinstance(machine, HasProtocols) else ()
+    for other in (each for each in every if names is None or each.name in names):
+        try:
+            own = protocol_of(simulator, other.name)
+            if {(p.name, p.unit) for p in own.parameters} != {(p.name, p.unit) for p in other.parameters}:
+                raise UsageError("its parameters, or their units, differ between machine and simulator")
+            defaults = own.values({})
+            moved = {p.name: min(max(defaults[p.name], p.low), p.high) for p in other.parameters}
+            experiments.append(canonical(own, moved))
+        except UsageError as error:
+            notes.append(f"the protocol {other.name!r} is not run: {error}")
     return tuple(experiments), tuple(notes)
 
 
-def _move_into_range(own: Protocol, other: Protocol) -> Experiment:
-    """Return the experiment of a protocol at its defaults, moved into the range of the same protocol elsewhere.
-
-    Raises:
-        UsageError: parameters differ, or their ranges do not overlap.
-    """
-    if {(p.name, p.unit) for p in own.parameters} != {(p.name, p.unit) for p in other.parameters}:
-        raise UsageError("its parameters, or their units, differ between machine and simulator")
-    defaults = own.values({})
-    return canonical(own, {p.name: min(max(defaults[p.name], p.low), p.high) for p in other.parameters})
-
-
 def next_words(bench: Bench, experiment: Experiment, robot: object = None, path: Path | None = None) -> str:
-    """Return which experiment to run next; write a protocol's references to a file if the robot has them.
+    """Return which experiment to run next.
 
-    Args:
-        bench: the simulator, with the spec set up on it.
-        experiment: a test or a protocol.
-        robot: the backend that may have references of its protocols.
-        path: path of their file, with the ending ``.csv``; None to write none.
+    A robot that has references of its protocols writes them to ``path``, which ends in ``.csv``.
 
     Raises:
         UsageError: the robot does not have the protocol, or the path does not end in ``.csv``.

@@ -18,8 +18,7 @@ from s2r_spec.backend import Backend, HasRecordings, Recording
 from s2r_spec.backend.protocols import PROTOCOL, protocol_of
 from s2r_spec.base.errors import SamplingError, TraceError, UsageError
 from s2r_spec.diagnose.data.protocols import canonical
-from s2r_spec.diagnose.notes import CUT, READ_AT
-from s2r_spec.diagnose.simulator.bench import Bench, name_rollout
+from s2r_spec.diagnose.simulator.bench import Bench, TestRun, name_rollout
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.lang.conversion import Conversion
 from s2r_spec.lang.units import UnknownUnitError, parse_unit, unit_in_log
@@ -29,8 +28,11 @@ from s2r_spec.trace import Trace
 from s2r_spec.trace.samples import Rule, period_of
 
 Rollouts = Iterable[tuple[Mapping[str, float], Trace]]
-TestRun = tuple[dict[str, float], Trace]
 
+CUT = "cut at"
+"""In the metadata of a recording of which only the begin is used: until when [s]."""
+READ_AT = "read at samples apart"
+"""In the metadata of a recording between whose samples the spec's times fall: how far apart they are now [s]."""
 TIMES = {1.0: "s", 1e3: "ms", 1e6: "us", 1e9: "ns"}
 """Definition: units of time, by their number in a second."""
 FEWEST = 6
@@ -42,7 +44,7 @@ class RealRollouts:
     """Real rollouts in the simulator's channels, units and duration.
 
     Attributes:
-        tests: (test in the spec's units, trace) of each test.
+        tests: (test in the spec's units, trace) of each.
         protocols: (experiment, trace) of each run of a protocol.
         notes: a sentence for each kind of run that is not used, or that ended a protocol.
     """
@@ -93,17 +95,14 @@ def recorded_rollouts(
 ) -> RealRollouts:
     """Return recorded rollouts; a run of a protocol that the simulator does not have becomes a note.
 
-    Args:
-        bench: the simulator, with the spec set up on it.
-        real: a backend with recordings, or (params, trace) of each rollout. The params of a test are in the spec's
-            units; a trace with ``meta["protocol"]`` is a run of a protocol.
-        budget: largest number of rollouts, of which the first are used; None for all.
-        passive: whether runs of protocols are left out.
+    The params of a test are in the spec's units; a trace with ``meta["protocol"]`` is a run of a protocol. Of a larger
+    number than the budget the first are used.
 
     Raises:
-        UsageError: a rollout does not have its test, or that is outside the spec's ranges; there are fewer than six
-            rollouts; a channel is in a unit that does not convert; ρ cannot be evaluated; times are not in seconds; or
-            an undeclared parameter of the simulator varies.
+        UsageError: a test lacks a parameter, or is outside the spec's ranges; there are fewer than six rollouts; a
+        channel
+            is in a unit that does not convert; ρ cannot be evaluated; times are not in seconds; or an undeclared
+            parameter of the simulator varies.
     """
     others = 0
     if not isinstance(real, Backend):
@@ -146,7 +145,6 @@ def recorded_rollouts(
 
 
 def _of_backend(bench: Bench, real: Backend) -> list[Recording]:
-    """Return the recordings of the spec's tests, in its units, and those of protocols."""
     assert isinstance(real, HasRecordings)
     matched = check_compatibility(bench.spec, bench.requirement, real)
     pairs = [(run, run.params if run.protocol else matched.to_spec(run.params)) for run in real.recordings]
@@ -169,11 +167,7 @@ def _of_pairs(real: Rollouts) -> list[Recording]:
 
 
 def _clip_to_ranges(bench: Bench, run: Recording) -> Recording:
-    """Return a recording with its test within the spec's ranges.
-
-    Raises:
-        UsageError: a parameter is missing, or outside its range.
-    """
+    """Return a recording with its test within the spec's ranges."""
     space = bench.spec.space
     if missing := [name for name in space.names if name not in run.params]:
         raise UsageError(
@@ -222,12 +216,10 @@ def comparable_trace(bench: Bench, run: Recording) -> Trace:
 
 
 def _unit(times: float) -> str:
-    """Return the unit of time in which a number of so many times the seconds is nearest to these."""
     return TIMES[min(TIMES, key=lambda known: abs(math.log(max(times, 1e-9) / known)))]
 
 
 def _period(bench: Bench, run: Recording) -> float:
-    """Return the time between two samples of the simulator [s]."""
     experiment = experiment_of(bench, run)
     with name_rollout(bench, {}, dict(experiment.params), 0):
         return period_of(experiment.run(bench.backend, 0).times)

@@ -39,11 +39,6 @@ def representative(tests: Iterable[Test], space: Space, most: int = TESTS) -> li
 
     This is greedy k-centre (Gonzalez, 1985): no test is more than twice as far from these as with the best choice. The
     order of the tests changes nothing.
-
-    Args:
-        tests: tests in the space.
-        space: the space of the tests.
-        most: largest number of tests.
     """
     places = {tuple(space.vector(test).tolist()): dict(test) for test in tests}
     keys = sorted(places)

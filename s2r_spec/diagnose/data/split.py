@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from s2r_spec.diagnose.data.rollouts import FEWEST, RealRollouts, TestRun
+from s2r_spec.diagnose.data.rollouts import FEWEST, RealRollouts
+from s2r_spec.diagnose.simulator.bench import TestRun
 from s2r_spec.space import key_of
 
 LEAST = 3
@@ -22,12 +22,7 @@ ACCIDENTS = 0.1
 
 @dataclass(frozen=True)
 class TrainHeldOut:
-    """Real rollouts in two parts, without the accidents.
-
-    Attributes:
-        train: rollouts for the estimate, with all runs of protocols.
-        held_out: tests for the gap before and after; empty if there are too few.
-    """
+    """Rollouts for the estimate, with all runs of protocols, and tests for the gap; empty if there are too few."""
 
     train: RealRollouts
     held_out: tuple[TestRun, ...]
@@ -37,12 +32,8 @@ def split(rollouts: RealRollouts, seed: int, apart: int = 0) -> TrainHeldOut:
     """Return the rollouts in two parts.
 
     A few tests that failed by accident are left out of both. One fall outweighs all else in ρ, and says nothing about
-    the others. Where falls are common, they are part of the gap and stay.
-
-    Args:
-        rollouts: all of them.
-        seed: seed of the draw.
-        apart: number of first tests that a campaign set apart to be held out; 0 to draw whole tests.
+    the others. Where falls are common, they are part of the gap and stay. A campaign holds the first ``apart`` tests
+    out; else whole tests are drawn.
     """
     tests = rollouts.tests
     used = [i for i, (_, trace) in enumerate(tests) if trace.failure is None]
@@ -51,32 +42,22 @@ def split(rollouts: RealRollouts, seed: int, apart: int = 0) -> TrainHeldOut:
         used = list(range(len(tests)))
     held = set(used) & set(range(apart))
     if not apart:
-        held = {used[k] for k in _draw_held_out([tests[i] for i in used], seed)}
+        keys = [key_of(tests[i][0]) for i in used]
+        different = list(dict.fromkeys(keys))
+        count = number_held_out(len(different), len(used))
+        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(7,)))
+        out = {different[k] for k in rng.permutation(len(different))[:count]}
+        held = {i for i, key in zip(used, keys, strict=True) if key in out}
+        if len(different) == 1:  # rollouts of the one test are all that can be held out
+            held = set(used[:count])
     return TrainHeldOut(
         replace(rollouts, tests=tuple(tests[i] for i in used if i not in held)),
         tuple(tests[i] for i in used if i in held),
     )
 
 
-def _draw_held_out(tests: Sequence[TestRun], seed: int) -> set[int]:
-    """Return the places of the tests that are held out: all rollouts of some tests, drawn at random."""
-    keys = [key_of(test) for test, _ in tests]
-    different = list(dict.fromkeys(keys))
-    count = number_held_out(len(different), len(tests))
-    if len(different) == 1:  # rollouts of the one test are all that can be held out
-        return set(range(count))
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(7,)))
-    out = {different[k] for k in rng.permutation(len(different))[:count]}
-    return {place for place, key in enumerate(keys) if key in out}
-
-
 def number_held_out(different: int, runs: int) -> int:
-    """Return how many tests are held out, with all their runs; of a single test, how many of its runs.
-
-    Args:
-        different: number of different tests.
-        runs: number of runs of tests.
-    """
+    """Return how many of so many different tests are held out, with all their runs; of a single test, how many runs."""
     if different == 1:
         count = round(HELD_OUT * runs)
         return count if count >= LEAST else 0

@@ -14,8 +14,7 @@ runs less that of n. Estimator:
     D²_ij = δᵀ B_p (1 + Σ B_p)⁻¹ δ,   δ = E(ψ | i) − E(ψ | j),   Σ = mean of both posterior covariances of ψ
 
 A run *settles* a possible effect if it separates the most probable sets with and without it by at least 3 σ, and the
-size is then surely below a quarter of typical, or surely above an eighth. A possible effect that no run settles cannot
-be told from what the other set has in its place.
+size is then surely below a quarter of typical, or surely above an eighth.
 
 Units: θ, ψ in typical sizes, D in standard deviations per run. Shapes: K parameters, S sets.
 Source: Atkinson, Donev & Tobias, *Optimum Experimental Designs* (2007), ch. 20.
@@ -28,26 +27,17 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.base.json_values import Shown
 from s2r_spec.diagnose.estimation import Estimate
 from s2r_spec.diagnose.inference.estimates import COVER
-from s2r_spec.diagnose.inference.gauss_newton import Fit, Observation
-from s2r_spec.diagnose.inference.hierarchical import (
-    Groups,
-    Variances,
-    form_error,
-    information_by_group,
-    likelihood,
-    with_form_error,
-    without_variants,
-)
+from s2r_spec.diagnose.inference.gauss_newton import Fit
+from s2r_spec.diagnose.inference.hierarchical import Variances, form_error
+from s2r_spec.diagnose.inference.observation import Observation
 from s2r_spec.diagnose.inference.prior import NAMED, UNNAMED
 from s2r_spec.diagnose.simulator.axes import EffectAxis
 from s2r_spec.diagnose.simulator.experiments import Experiment
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
 
 APART = 3.0
 """Level: standard deviations from which on two sets are told apart. Higher, more pairs are called inseparable."""
@@ -60,7 +50,6 @@ class Candidate:
     """An experiment that could be run.
 
     Attributes:
-        experiment: see there.
         cost: of one run [s].
         allowed: whether the user allows it.
         runs: number of real runs so far.
@@ -124,12 +113,9 @@ class InformationForecast:
     """The posterior of ψ given each of the most probable sets.
 
     Attributes:
-        estimate: of the machine.
-        information: (K, K) of the data so far about ψ.
-        shared: (K,) diagonal of S.
+        information, shared: (K, K) of the data so far about ψ, and (K,) the diagonal of S.
         variance: (S, K) diagonal of P_A.
-        mean: (S, K) of ψ.
-        covariance: (S, K, K) of ψ.
+        mean, covariance: (S, K) and (S, K, K) of ψ.
     """
 
     estimate: Estimate
@@ -213,20 +199,12 @@ def information(one: Observation, fit: Fit, sizes: FloatArray) -> FloatArray:
         for curve, size in zip(one.curves, sizes.tolist(), strict=True)
     ]
     columns = np.vstack([*slopes, one.variants])
-    places = [each for _, each in one.parts]
-    groups = Groups.of(
-        np.zeros(columns.shape[1]),
-        columns,
-        one.unit(one.errors(fit.theta)),
-        places,
-        one.coherent,
-        one.effective,
-    )
+    groups = one.reduced(np.zeros(columns.shape[1]), columns, one.errors(fit.theta))
     before, at = Variances.prior(len(one.parts)), fit.errors.sizes
-    marginal = without_variants(likelihood(groups, at, before), sizes.size)
+    marginal = groups.likelihood(at, before).without_variants(sizes.size)
     kinds = len(one.parts) * [one.response.experiment.protocol]
-    form = form_error(one.law, at, information_by_group(groups, at, before), kinds, marginal.information)
-    return with_form_error(marginal, form).information
+    form = form_error(one.law, at, groups.information(at, before), kinds, marginal.information)
+    return marginal.with_form_error(form).information
 
 
 def separations(
@@ -234,16 +212,13 @@ def separations(
 ) -> tuple[Separation, ...]:
     """Return what one more run of each candidate says about each possible effect.
 
-    Args:
-        estimate: the estimate.
-        possible: names of effects.
-        candidates: allowed or not; an experiment that the library does not have is left out.
+    A candidate that the library does not have is left out.
     """
     names = list(possible)
     if not names:
         return ()
     forecast = InformationForecast.of(estimate)
-    known = {each.experiment for each in estimate.library.responses}
+    known = estimate.library.experiments
     gains = [(one, forecast.gained(one)) for one in candidates if one.experiment in known]
     distances = [forecast.apart(gained) for _, gained in gains]
     return tuple(_separation(forecast, name, gains, distances) for name in names)

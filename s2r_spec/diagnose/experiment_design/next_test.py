@@ -5,8 +5,7 @@ run says most about the set. Criterion, by the distances D_ij of :mod:`.identifi
 
     Σ_{i<j} p_i p_j min(D²_ij, 25) / cost          (Box & Hill, without their term for the sizes)
 
-A design that is chosen under a wrong model gets stuck, so a campaign runs a screen of all experiments before. Nothing
-is simulated: responses of several effects add up, as in the estimate.
+A design that is chosen under a wrong model gets stuck, so a campaign runs a screen of all experiments before.
 
 Units: D in standard deviations per run, cost in seconds, entropy in bits.
 Source: Box & Hill, *Technometrics* 9 (1967) 57.
@@ -18,13 +17,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.base.json_values import DIGITS, Shown
 from s2r_spec.diagnose.estimation import Estimate
 from s2r_spec.diagnose.experiment_design.identifiability import Candidate, InformationForecast
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
 
 ENOUGH = 25.0
 """Level: D² beyond which two sets are separated. Higher, pairs that any run separates count more."""
@@ -58,15 +55,13 @@ class NextTest(Shown):
 def next_test(estimate: Estimate, candidates: Sequence[Candidate]) -> NextTest | None:
     """Return the allowed experiment that separates the sets best for its cost; None where none separates them.
 
-    Args:
-        estimate: the estimate.
-        candidates: experiments; those that the library does not have are left out.
+    Candidates that the library does not have are left out.
     """
     forecast = InformationForecast.of(estimate)
     p = estimate.posterior.probability[: len(forecast.names)]
     different = np.array([[a != b for a in forecast.names] for b in forecast.names])
     weight = np.where(different, np.outer(p, p), 0.0)
-    known = {each.experiment for each in estimate.library.responses}
+    known = estimate.library.experiments
     best, chosen = 0.0, None
     for one in candidates:
         if not one.allowed or one.experiment not in known:

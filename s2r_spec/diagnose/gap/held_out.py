@@ -17,8 +17,7 @@ Units: those of ρ. Source: Efron & Tibshirani, *An Introduction to the Bootstra
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
 
@@ -32,13 +31,11 @@ from s2r_spec.diagnose.gap.materiality import mean_difference
 from s2r_spec.diagnose.gap.nominal import Nominal
 from s2r_spec.diagnose.inference.prior import BACKGROUND
 from s2r_spec.diagnose.simulator.axes import Values, effect_axes
-from s2r_spec.diagnose.simulator.bench import Bench, Test, places_of, table
+from s2r_spec.diagnose.simulator.bench import Bench, Test, TestRun, places_of, table
+from s2r_spec.diagnose.simulator.response import values_at
 from s2r_spec.runs.seeds import SeedStream
 from s2r_spec.space import key_of
-from s2r_spec.trace import Trace
-
-FloatArray = NDArray[np.float64]
-Runs = Sequence[tuple[Test, Trace]]
+from s2r_spec.trace.arrays import FloatArray
 
 GONE = 0.8
 """Level: part of a material gap from which on it is closed. A gap has a share if it exceeds the floor by the rest, a
@@ -210,30 +207,23 @@ class HeldOutGap(Shown):
 
 def held_out_gap(
     bench: Bench,
-    held: Runs,
-    seen: Runs,
+    held: Sequence[TestRun],
+    seen: Sequence[TestRun],
     patch: Values,
     tuned: Values,
     nominal: Nominal,
-    executor: Callable[[], Executor] | None = None,
 ) -> HeldOutGap | None:
     """Measure the gap at the held-out tests before and after; None where none was held out.
 
-    Args:
-        bench: the simulator and the spec.
-        held: real rollouts from which nothing was estimated.
-        seen: the real rollouts of tests from which the effects were estimated.
-        patch: effect → parameter → value of the named effects; empty where nothing is named.
-        tuned: the posterior mean of every effect.
-        nominal: the simulator at the tests of both.
-        executor: makes a pool for the simulations; None runs them here.
+    The other tests are ``seen``. ``patch`` has the values of the named effects, ``tuned`` the posterior mean of every
+    one. ``nominal`` is the simulator at all of these tests.
     """
     if not held:
         return None
     real, others = (np.array([bench.rho(trace, test) for test, trace in runs]) for runs in (held, seen))
     tests, at = _distinct_tests([test for test, _ in held])
     machines = [tuned, *([patch] if patch else [])]
-    own = table(bench, machines, nominal.first(tests, SHOTS), executor)[0].reshape(-1, len(tests), SHOTS)
+    own = table(bench, machines, nominal.first(tests, SHOTS))[0].reshape(-1, len(tests), SHOTS)
     first = np.array([nominal.rho[key_of(test)][:SHOTS] for test in tests])
     rho = np.concatenate([first[None], own])
     fell = np.array([nominal.ended[key_of(test)][:SHOTS] for test in tests])
@@ -241,7 +231,7 @@ def held_out_gap(
     steady = ~fell.any(axis=1) | fell.any(axis=1).all()
     # What a cause makes unsteady scatters more than the nominal simulator does.
     simulated = float(np.sqrt(np.maximum(*rho[[0, -1]].var(axis=2, ddof=1)))[steady].mean())
-    random, ended = table(bench, background_machines(bench, nominal.seed), nominal.first(tests), executor)
+    random, ended = table(bench, background_machines(bench, nominal.seed), nominal.first(tests))
     early = {key_of(test) for test, trace in held if trace.failure is not None}
     # A fall of a random machine where the real one stands is no part of the real one's gap.
     ended = (ended > 0.0) & [key_of(test) not in early for test in tests]
@@ -264,7 +254,6 @@ def held_out_gap(
 
 
 def _distinct_tests(tests: Sequence[Test]) -> tuple[list[Test], NDArray[np.intp]]:
-    """Return the different tests, and the number of each test among them."""
     places = places_of(tests)
     number = np.empty(len(tests), dtype=np.intp)
     for n, own in enumerate(places.values()):
@@ -273,20 +262,14 @@ def _distinct_tests(tests: Sequence[Test]) -> tuple[list[Test], NDArray[np.intp]
 
 
 def background_machines(bench: Bench, seed: int) -> list[Values]:
-    """Return random machines with θ_k ~ N(0, σ_bg²), half-normal where the range has one side.
-
-    They are so many that on average one exceeds the quantile.
-    """
+    """Return random machines with θ_k ~ N(0, σ_bg²): so many that on average one exceeds the quantile."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(int(SeedStream.GAP_SIM),)))
     machines: list[Values] = []
     parameters = effect_axes(catalogue_of(bench.backend))
     for draws in BACKGROUND * rng.normal(size=(round(1.0 / LEVEL), len(parameters))):
-        values: dict[str, dict[str, float]] = {}
-        for axis, size in zip(parameters, draws.tolist(), strict=True):
-            low, high = sorted((axis.coordinate(axis.low), axis.coordinate(axis.high)))
-            inside = size if low < 0.0 < high else abs(size) if high > 0.0 else -abs(size)
-            values.setdefault(axis.effect, {})[axis.parameter] = axis.value(inside)
-        machines.append(values)
+        low, high = np.array([axis.ends for axis in parameters]).reshape(-1, 2).T
+        one_side = np.where(high > 0.0, np.abs(draws), -np.abs(draws))
+        machines.append(values_at(parameters, np.where((low < 0.0) & (high > 0.0), draws, one_side)))
     return machines
 
 

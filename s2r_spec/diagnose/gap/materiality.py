@@ -8,23 +8,22 @@ is the *margin*, d_t = μ_t − ν_t the *gap*. Model:
     σ_t² ~ scaled inverse χ²(d₀, s₀²)                       one prior for all tests
     log r ~ |N(0, RATIO²)|                                  the machine scatters at least as the simulator does
 
-Log-concave densities include the normal, the logistic, the exponential and Gumbel's, so ρ may be skewed. Estimators:
-d₀ and s₀² by moments of log s_t² (Smyth 2004), r by its posterior given replicated real tests, d_t by the difference
-d̂_t of both sample means. With σ̃_t² the posterior mean of σ_t², W ~ χ²_d/d its error, and z the gap in standard errors,
-each gap has the two-sided p-value
+Log-concave densities include skewed ones, such as Gumbel's. Estimators: d₀ and s₀² by moments of log s_t² (Smyth 2004),
+r by its posterior given replicated real tests, d_t by the difference d̂_t of both sample means. With σ̃_t² the
+posterior mean of σ_t², W ~ χ²_d/d its error, and z the gap in standard errors, each gap has the two-sided p-value
 
     p_t = E_{r, W} tail(z),   z = |d̂_t| √W / (σ̃_t √(r²/n_t + 1/m_t)),   P(|ε| ≥ z) ≤ tail(z)
 
 and an interval d̂_t ± h_t, where h_t is the gap of p-value LEVEL/T. All T intervals hold at once with probability
 1 − LEVEL (Bonferroni). The gap *matters* at a test if its interval excludes 0, and does not lie within ±HALF of the
-margin. A change of sign is the special case |d_t| ≥ |ν_t|. So a machine without a gap is called material with a
-probability of at most LEVEL, also at a margin of 0, on average over the prior of r. And *no material gap* is not said
-of a difference that the data show, unless they also show that it takes at most half of the margin.
+margin. So a machine without a gap is called material with a probability of at most LEVEL, also at a margin of 0, on
+average over the prior of r. And *no material gap* is not said of a difference that the data show, unless they also show
+that it takes at most half of the margin.
 
-A rollout that ended early failed the requirement, and has no ρ of its own: the value in the spec is a convention. So it
-enters by a count. Without a gap, real and simulated rollouts of a test are exchangeable, so the real ones among the
-failed are hypergeometric; the p-value sums the probabilities of all tables that are at most as likely as the observed
-one (Freeman and Halton 1951, stratified by test). Where any rollout failed, ρ and failures share LEVEL equally.
+A rollout that ended early has no ρ of its own, since the value in the spec is a convention, so it enters by a count.
+Without a gap, real and simulated rollouts of a test are exchangeable, so the real ones among the failed are
+hypergeometric; the p-value sums the probabilities of all tables that are at most as likely as the observed one (Freeman
+and Halton 1951, stratified by test). Where any rollout failed, ρ and failures share LEVEL equally.
 
 Assumes independent rollouts. Without a replicated real test, only the prior says how the machine scatters. Units: those
 of ρ. Sources: Smyth, *Statistical Applications in Genetics and Molecular Biology* 3 (2004); for the tail, Vysochanskij
@@ -40,18 +39,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.base.errors import UsageError
 from s2r_spec.base.json_values import Count, Probability, Shown
 from s2r_spec.diagnose.gap import LEVEL, ROUNDING
 from s2r_spec.diagnose.gap.nominal import Nominal
-from s2r_spec.diagnose.simulator.bench import Bench, Test, places_of, rho_and_end
+from s2r_spec.diagnose.simulator.bench import Bench, TestRun, places_of, rho_and_end
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.constants import constant
-from s2r_spec.trace import Trace
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
 
 HALF = 0.5
 """Definition: part of the simulated margin that a gap may take without mattering."""
@@ -65,15 +61,7 @@ NODES = 16
 
 @dataclass(frozen=True, eq=False)
 class RolloutsAtTest:
-    """All rollouts of one test.
-
-    Args:
-        params: the test.
-        real: (n,) ρ of the real rollouts that ran to their end.
-        simulated: (m,) ρ of the simulated ones.
-        real_failed: number of real rollouts that ended early.
-        simulated_failed: number of simulated ones.
-    """
+    """(n,) real and (m,) simulated ρ of rollouts of one test that ran to their end, and how many ended early."""
 
     params: Mapping[str, float]
     real: FloatArray
@@ -85,12 +73,6 @@ class RolloutsAtTest:
     def gap(self) -> float:
         """Mean real ρ less mean simulated ρ."""
         return float(self.real.mean() - self.simulated.mean())
-
-    @property
-    def table(self) -> tuple[int, int, int, int]:
-        """Real rollouts that ended early, all real ones, and the same of simulated ones."""
-        a, b = self.real_failed, self.simulated_failed
-        return a, a + self.real.size, b, b + self.simulated.size
 
 
 @dataclass(frozen=True)
@@ -206,15 +188,8 @@ class Materiality(Shown):
         return max(self.places or self.tests, key=lambda at: abs(at.gap), default=None)
 
 
-def compared_at_all_tests(
-    bench: Bench, rollouts: Sequence[tuple[Test, Trace]], nominal: Nominal
-) -> Materiality:
-    """Return whether the gap matters at any test of the real rollouts.
-
-    Args:
-        bench: the simulator without effects, and the spec.
-        rollouts: (test, trace) of every real rollout, also of those that ended early.
-        nominal: the simulator at their tests.
+def compared_at_all_tests(bench: Bench, rollouts: Sequence[TestRun], nominal: Nominal) -> Materiality:
+    """Return whether the gap matters at any test of the real rollouts, also of those that ended early.
 
     Raises:
         UsageError: a ρ is infinite or not a number.
@@ -250,12 +225,7 @@ def smallest_tolerance(formula: f.Formula) -> float | None:
 def materiality(
     tests: Sequence[RolloutsAtTest], unit: str = "", tolerance: float | None = None
 ) -> Materiality:
-    """Return at which tests the gap matters.
-
-    Args:
-        tests: T of them, each once.
-        unit: of ρ.
-        tolerance: see :class:`Materiality`.
+    """Return at which of the tests, each of which is there once, the gap matters.
 
     Raises:
         UsageError: a ρ is infinite or not a number.
@@ -268,7 +238,16 @@ def materiality(
                     f"ρ of a {whose} rollout at {at} is {value}; remove 'true', flags and empty windows from the "
                     f"requirement, so that ρ is finite"
                 )
-    tables = np.array([test.table for test in tests]).reshape(-1, 4)
+    failed = [
+        (
+            t.real_failed,
+            t.real_failed + t.real.size,
+            t.simulated_failed,
+            t.simulated_failed + t.simulated.size,
+        )
+        for t in tests
+    ]
+    tables = np.array(failed).reshape(-1, 4)
     failures = None
     if tables[:, [0, 2]].any():
         real, of, simulated, among = tables.sum(axis=0).tolist()
@@ -288,8 +267,7 @@ def materiality(
 def same_failures(tables: Sequence[Sequence[int]]) -> float:
     """Return the p-value of real and simulated rollouts failing alike.
 
-    Args:
-        tables: (real failed, real rollouts, simulated failed, simulated rollouts) of each test.
+    Each test has a table: real failed, real rollouts, simulated failed, simulated rollouts.
     """
     from scipy.stats import hypergeom
 
@@ -309,11 +287,7 @@ def same_failures(tables: Sequence[Sequence[int]]) -> float:
 
 
 def moderate(variances: FloatArray, freedom: FloatArray) -> tuple[FloatArray, float]:
-    """Return posterior means (T,) of variances, and their degrees of freedom.
-
-    Args:
-        variances: (T,) sample variances s_t² > 0.
-        freedom: (T,) degrees of freedom of each, f_t ≥ 1.
+    """Return posterior means (T,) of sample variances > 0 with (T,) degrees of freedom ≥ 1, and the means' own degrees.
 
     The prior's d₀ and s₀² match mean and variance of log s_t²; d₀ is infinite where that varies no more than f_t says.
     """
@@ -360,7 +334,6 @@ def _intervals(tests: Sequence[RolloutsAtTest], level: float) -> tuple[FloatArra
     ratio, error, weights = _errors(squares, sum(one.real.size - 1 for one in tests), freedom)
 
     def above(gap: float, errors: FloatArray, less: float = 0.0) -> float:
-        """Return the p-value of a gap for these standard errors, less a number."""
         return float(tail(gap / errors) @ weights) - less
 
     at_level: dict[tuple[int, int], float] = {}

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import Executor
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,19 +12,17 @@ from s2r_spec.diagnose.gap import SHOTS
 from s2r_spec.diagnose.simulator.bench import Bench, Job, Test, places_of, run_jobs, with_seeds
 from s2r_spec.runs.seeds import SeedStream
 from s2r_spec.space import Key, key_of
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class Nominal:
-    """What the simulator does without effects.
+    """What the simulator does without effects in 2 SHOTS rollouts of every test.
 
     Attributes:
         seed: of the simulations.
-        runs: test → test and seed of each of its 2 SHOTS rollouts. A simulator with effects has the same seeds.
-        rho: test → (2 SHOTS,) ρ of each.
-        ended: test → (2 SHOTS,) whether each ended early.
+        runs: test → test and seed of each rollout. A simulator with effects has the same seeds.
+        rho, ended: test → (2 SHOTS,) ρ of each, and whether it ended early.
     """
 
     seed: int
@@ -34,22 +31,8 @@ class Nominal:
     ended: Mapping[Key, NDArray[np.bool_]]
 
     @classmethod
-    def of(
-        cls,
-        bench: Bench,
-        tests: Sequence[Test],
-        seed: int,
-        executor: Callable[[], Executor] | None = None,
-        progress: Callable[[int, int], None] | None = None,
-    ) -> Nominal:
-        """Simulate at every different test.
-
-        Args:
-            bench: the simulator and the spec.
-            tests: of the real rollouts.
-            seed: of the simulations.
-            executor: makes a pool for them; None runs them here.
-            progress: called with the numbers of done and of all tests.
+    def of(cls, bench: Bench, tests: Sequence[Test], seed: int) -> Nominal:
+        """Simulate at every different test of the real rollouts.
 
         Raises:
             BackendError: a simulation raised an error.
@@ -57,14 +40,9 @@ class Nominal:
         keys, shots = list(places_of(tests)), 2 * SHOTS
         every = with_seeds([dict(key) for key in keys], seed, SeedStream.NOMINAL, shots)
         runs = {key: every[n * shots : (n + 1) * shots] for n, key in enumerate(keys)}
-        rows = run_jobs(bench, [Job({}, own) for own in runs.values()], executor, progress)
-        pairs = dict(zip(keys, rows, strict=True))
-        return cls(
-            seed,
-            runs,
-            {key: row[:, 0] for key, row in pairs.items()},
-            {key: row[:, 1] > 0.0 for key, row in pairs.items()},
-        )
+        rows = dict(zip(keys, run_jobs(bench, [Job({}, own) for own in runs.values()]), strict=True))
+        rho = {key: row[:, 0] for key, row in rows.items()}
+        return cls(seed, runs, rho, {key: row[:, 1] > 0.0 for key, row in rows.items()})
 
     def first(self, tests: Iterable[Test], shots: int = 1) -> list[tuple[Test, int]]:
         """Return test and seed of the first rollouts at each of some tests, one test after the other."""

@@ -4,9 +4,8 @@ Data: Δρ (n,) at the tests that were run, with standard errors from replicates
 every test x. Model: g is a constant plus a process with a Matérn-5/2 covariance, whose size and length scales have
 log-normal priors; or the prediction of an improved simulator plus such a process. Both models have a weight in
 proportion to their evidence. Estimator: functions that are sampled from the posterior, for draws of size and length
-scales that are weighted with the marginal likelihood. With ten tests, one best length scale would give too narrow a
-band. The expected size E|Δρ| follows from g and the scatter, as the mean of a folded normal distribution. The worst
-test, the band and the tests above the tolerance are statistics of the sampled functions.
+scales that are weighted with the marginal likelihood: with ten tests, one best length scale would give too narrow a
+band. E|Δρ| follows from g and the scatter, as the mean of a folded normal distribution.
 
 Units: those of ρ; places in the unit cube. Shapes: n tests, m places of a grid over the space, DRAWS functions. Source:
 Rasmussen and Williams, *Gaussian Processes for Machine Learning*, 2006, eqs 2.25, 2.26, 2.30 and §5.2.
@@ -26,8 +25,7 @@ from s2r_spec.base.json_values import Ends, Probability, Shown
 from s2r_spec.diagnose.gap import DRAWS, LEVEL
 from s2r_spec.diagnose.gap.materiality import RolloutsAtTest, mean_difference
 from s2r_spec.space import Space
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
 
 COUNTS = {1: 101, 2: 21, 3: 7, 4: 5}
 """Definition: places along each axis of a space of so many parameters; over five, a grid would have too few."""
@@ -207,14 +205,9 @@ def gap_surface(
     seed: int = 0,
     predicted: Predicted | None = None,
 ) -> GapSurface:
-    """Return the gap over the test space.
+    """Return the gap over the test space, from one entry for each test; see :class:`GapSurface`.
 
-    Args:
-        space: the test space, of one to four parameters.
-        tests: ρ at the tests that were run, one entry for each test.
-        unit: the unit of ρ.
-        seed: of the sampled functions.
-        predicted: the gap that an improved simulator predicts; None without one.
+    ``predicted`` is the gap that an improved simulator predicts.
 
     Raises:
         UsageError: there is no test, or the space has no or more than four parameters.
@@ -256,15 +249,12 @@ def gap_surface(
 
 
 def _sample(
-    space: Space,
-    tests: Sequence[RolloutsAtTest],
-    predicted: Predicted | None,
-    generator: np.random.Generator,
+    space: Space, tests: Sequence[RolloutsAtTest], predicted: Predicted | None, generator: np.random.Generator
 ) -> tuple[FloatArray, float]:
     """Return (DRAWS, m) samples of the signed gap, of both models by their evidence, and the scatter of Δρ of a pair.
 
-    Errors follow from the variance within tests, pooled over all tests. The scatter of one pair follows from
-    the median over tests, which a few falls hardly change.
+    Errors follow from the variance within tests, pooled over all. The scatter of one pair follows from the median over
+    tests, which a few falls hardly change.
     """
     own, other = (
         _within_variance([test.real for test in tests]),
@@ -298,13 +288,7 @@ def _functions(
 ) -> tuple[FloatArray, float]:
     """Return (count, m) functions from the posterior, and the log evidence of the process.
 
-    Args:
-        at: (n, dim) places of the data.
-        values: (n,).
-        errors: (n,) standard errors.
-        grid: (m, dim) places of the functions.
-        count: number of functions.
-        generator: of random numbers.
+    Data are (n,) values at (n, dim) places, with standard errors; functions are at (m, dim) places of a grid.
     """
     from scipy.stats import norm, qmc
 
@@ -344,7 +328,6 @@ def _covariance(size: float, lengths: FloatArray, left: FloatArray, right: Float
 
 
 def _within_variance(samples: Sequence[FloatArray]) -> FloatArray:
-    """Return (2,) the variance within tests, pooled and from the median over tests; NaN without replicates."""
     from scipy.stats import chi2
 
     repeated = [one for one in samples if one.size > 1]
@@ -374,7 +357,6 @@ def floor(tests: Sequence[RolloutsAtTest]) -> float | None:
 
 
 def _band(sampled: FloatArray) -> Band:
-    """Return the band around the mean that contains 95 % of the functions at all places."""
     mean, deviation = sampled.mean(axis=0), sampled.std(axis=0)
     width = np.quantile((np.abs(sampled - mean) / np.maximum(deviation, 1e-300)).max(axis=1), 1.0 - LEVEL)
     return Band(mean, mean - width * deviation, mean + width * deviation)

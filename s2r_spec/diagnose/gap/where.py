@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -78,18 +77,11 @@ def locate(
     seed: int = 0,
     bench: Bench | None = None,
     improved: Values | None = None,
-    executor: Callable[[], Executor] | None = None,
 ) -> Where:
     """Return where the gap lies.
 
-    Args:
-        spec: the specification.
-        requirement: one of its requirements.
-        pairs: the rollouts.
-        seed: of the random numbers.
-        bench: the simulator, for the parts of the machine; it simulates each test once more.
-        improved: effects of an improved simulator, which predicts the gap between the tests that were run.
-        executor: makes a pool for these simulations; None runs them here.
+    The bench is for the parts of the machine, and simulates each test once more. An improved simulator predicts the gap
+    between the tests that were run.
     """
     places = places_of(pairs.tests)
     real, simulated = (np.array([rho for _, rho in side]) for side in (pairs.real, pairs.simulated))
@@ -97,7 +89,7 @@ def locate(
     space = None
     if spec.space.dim in COUNTS:
         at = [gap.params for gap in gaps]
-        predicted = predict(bench, improved, at, seed, executor) if bench and improved else None
+        predicted = predict(bench, improved, at, seed) if bench and improved else None
         space = gap_surface(spec.space, gaps, spec.unit(requirement), seed=seed, predicted=predicted)
     worst = max(gaps, key=lambda gap: abs(gap.gap))
     first = places[key_of(worst.params)][0]
@@ -106,22 +98,8 @@ def locate(
     return Where(space, dict(worst.params), pair, body, no_body)
 
 
-def predict(
-    bench: Bench,
-    values: Values,
-    tests: Sequence[Test],
-    seed: int,
-    executor: Callable[[], Executor] | None = None,
-) -> Predicted:
-    """Simulate ρ with and without effects, at the tests that were run and over the test space.
-
-    Args:
-        bench: the simulator.
-        values: effects of the improved simulator.
-        tests: the tests that were run.
-        seed: of the rollouts; both simulators use the same.
-        executor: makes a pool; None runs all here.
-    """
+def predict(bench: Bench, values: Values, tests: Sequence[Test], seed: int) -> Predicted:
+    """Simulate ρ with and without effects, at the tests that were run and over the test space, with the same seeds."""
     from scipy.interpolate import RBFInterpolator
 
     space = bench.spec.space
@@ -129,17 +107,14 @@ def predict(
     able = min(SECONDS / (2.0 * max(float(bench.backend.cost), 1e-4)), PLACES, len(grid))
     places = space.grid((max(int(able ** (1.0 / space.dim) + 1e-9), 3),) * space.dim)
     every = [*tests, *map(space.point, places)]
-    nominal, improved = table(bench, [{}, values], with_seeds(every, seed, SeedStream.FORETELL), executor)[0]
+    nominal, improved = table(bench, [{}, values], with_seeds(every, seed, SeedStream.FORETELL))[0]
     gap = improved - nominal
     between = RBFInterpolator(in_cube(space, places), gap[len(tests) :], kernel="linear", degree=1)
     return Predicted(gap[: len(tests)], between(in_cube(space, grid)))
 
 
 def body_of(bench: Bench, pairs: Pairs, seed: int) -> tuple[Body | None, str | None]:
-    """Return the parts of the machine with motion that their model does not explain, or None and the reason in words.
-
-    Each test is simulated once more, with a seed that follows from ``seed``.
-    """
+    """Return the parts of the machine with motion that their model does not explain, or None and the reason."""
     backend, space = bench.backend, bench.spec.space
     if not isinstance(backend, HasResiduals):
         return None, (

@@ -1,7 +1,7 @@
 """How well a sum of responses predicts a machine: its relative errors, and how many of them are independent.
 
 Data: runs y_j (m,) of practice machines j = 1 … M. Their sizes θ_j and variants φ_j are known
-(:mod:`..simulator.library`). Unknown, for every group g: the relative error ρ_g of a sum of responses in its own
+(:mod:`..simulator.response`). Unknown, for every group g: the relative error ρ_g of a sum of responses in its own
 direction, κ_g in all others, and the effective number N_g of independent errors. Model, with the sum of responses S_j
 at θ_j and the scatter of a run ε:
 
@@ -10,14 +10,12 @@ at θ_j and the scatter of a run ε:
 Estimator: c_j is the least-squares slope of the rest on S_j, and |e_j|² what it leaves beyond ε. ρ_g is the median
 |c_j| over the machines that move the group, divided by that of a standard normal. κ_g² is the median |e_j|²/|S_j|².
 Medians, because a machine that slides or falls has no sum of responses. Both are shrunk towards a prior scale with ν
-degrees of freedom (Gelman et al., *Bayesian Data Analysis*, 3rd ed., §2.6).
-
-The mean square of n_g correlated errors varies as that of N_g = n_g²/tr C² independent ones. Two errors of the shape C
-have a squared cosine of tr C²/n_g² on average. So 1/N_g is the mean squared cosine over all pairs of machines, which
-does not depend on the size of any error.
-Source: Satterthwaite, *Biometrics Bulletin* 2 (1946) 110.
+degrees of freedom (Gelman et al., *Bayesian Data Analysis*, 3rd ed., §2.6). The mean square of n_g correlated errors
+varies as that of N_g = n_g²/tr C² independent ones, and two errors of the shape C have a squared cosine of tr C²/n_g²
+on average. So 1/N_g is the mean squared cosine over all pairs of machines, whatever the size of an error.
 
 Units: ρ_g, κ_g, N_g dimensionless. Shapes: G groups of n_g observables.
+Source: Satterthwaite, *Biometrics Bulletin* 2 (1946) 110.
 """
 
 from __future__ import annotations
@@ -28,8 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.diagnose.inference.hierarchical import DEGREES, LAW_SHARE
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
 
 MEDIAN = 0.6745
 """Definition: median of |x| of a standard normal x."""
@@ -82,5 +79,4 @@ def _median(values: FloatArray) -> float:
 
 
 def _shrunk(variance: float, number: int) -> float:
-    """Return a variance found from so many machines, shrunk towards the prior's."""
     return (DEGREES * LAW_SHARE**2 + number * variance) / (DEGREES + number)

@@ -9,9 +9,8 @@ Data: the likelihood of θ (K,) with information L, and the posterior over sets 
     tuned: E θ, the posterior mean of every parameter
 
 An effect of at least 0.25 is to be named, one below 0.125 must not be. So an effect is *named* if its presence is at
-least 0.95 and its probability at least 0.5. It is *possible* from a probability of 0.05 on, else *ruled out*. It is
-*hidden* instead of ruled out if each of its parameters that act alone has a half-width above a quarter of typical: then
-the prior alone speaks against it. Every effect gets an entry.
+least 0.95 and its probability at least 0.5. It is *possible* from a probability of 0.05 on, else *ruled out*, or
+*hidden* if each of its parameters that act alone has a half-width above a quarter: the prior alone speaks against it.
 
 Units: sizes in typical sizes, values in the parameter's unit. Shapes: K parameters, S sets.
 """
@@ -30,8 +29,7 @@ from s2r_spec.diagnose.inference.hierarchical import Likelihood
 from s2r_spec.diagnose.inference.model_search import ModelPosterior
 from s2r_spec.diagnose.inference.prior import LIKELY, NAMED, POSSIBLE, SLAB, SURE, UNNAMED
 from s2r_spec.diagnose.simulator.axes import EffectAxis
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
 
 INTERVAL = (0.05, 0.5, 0.95)
 """Definition: quantiles of an estimate: lower end, value and upper end of a 90 % interval."""
@@ -135,14 +133,7 @@ def effect_estimates(
     parameters: Sequence[EffectAxis],
     families: Mapping[str, str],
 ) -> tuple[EffectEstimate, ...]:
-    """Return the estimate of every effect, in the order of the catalogue.
-
-    Args:
-        posterior: the posterior.
-        likelihood: the likelihood behind it.
-        parameters: of the catalogue, as in both.
-        families: effect → family.
-    """
+    """Return the estimate of every effect, in the order of the catalogue; ``families`` is effect → family."""
     low, middle, high = (posterior.quantile(level) for level in INTERVAL)
     width = COVER * np.sqrt(np.diag(np.linalg.inv(likelihood.information + np.eye(len(middle)) / SLAB**2)))
     # The posterior is truncated to the range. Its mean before that says whether the data ask for more.

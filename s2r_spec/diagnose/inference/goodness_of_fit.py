@@ -1,16 +1,14 @@
 """Does the best set of effects fit this machine as well as it fits machines of the catalogue?
 
-Data: of every experiment p the residual r_p (n_p,) that the fit leaves, in units of u (:mod:`.gauss_newton`), in groups
+Data: of every experiment p the residual r_p (n_p,) that the fit leaves, in units of u (:mod:`.observation`), in groups
 g of one quantity and one statistic. Unknown: whether a machine of the catalogue leaves so much. Model, the null: the
 machine has the sizes θ of the fit, and every error of :mod:`.hierarchical`, each with its prior:
 
     r_g = s_g e_g + M_g b_g,   e_g: N_g independent N(0, 1),   b_g ~ N(0, T_g),
     s_g² ~ Inv-χ²(ν, 1),   τ_g² ~ Inv-χ²(ν, τ0²),   T_g = diag(τ_g² I_K + ρ_g² diag(θ²), 4 τ_g² I_V)
 
-M_g (n_g, K + V) are the responses at θ. So the laws of other authors are in the null. The simulator's practice machines
-are in it, too: they measured ρ_g, and κ_g in u (:mod:`.additivity`).
-
-Estimator: the loss of a group, and that of a *cell*, one column of it in one part of the time, is that of the search:
+M_g (n_g, K + V) are the responses at θ. Estimator: the loss of a group, and that of a *cell*, one column of it in one
+part of the time, is that of the search:
 
     ℓ = ½ (ν + N) log(1 + N |r|²/(n ν))                  minus the log density of Student's t, up to a constant
 
@@ -40,18 +38,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.base.json_values import Probability, Shown
-from s2r_spec.diagnose.inference.gauss_newton import Fit, Observation, Problem
-from s2r_spec.diagnose.inference.hierarchical import (
-    DEGREES,
-    LARGEST,
-    LAW_ERROR,
-    Variances,
-    law_prior,
-)
+from s2r_spec.diagnose.inference.gauss_newton import Fit
+from s2r_spec.diagnose.inference.hierarchical import DEGREES, LARGEST, LAW_ERROR, Variances, law_prior
+from s2r_spec.diagnose.inference.observation import Observation, Problem
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.observables import BINS, WINDOWS
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
 
 LEVEL = 0.05
 """Level: probability of an alarm at a machine of the catalogue, over all looks."""
@@ -113,11 +105,8 @@ def goodness_of_fit(
 ) -> GoodnessOfFit:
     """Return whether a fit leaves more than machines of the catalogue do; nothing is simulated.
 
-    Args:
-        problem: what was fitted; at least one observation with data.
-        fit: the joint estimate.
-        looks: number of times that the campaign looks at the answer, fixed before the first.
-        columns: channel → name of each column; columns without a name are numbered from 1.
+    The number of looks of a campaign is fixed before the first. ``columns`` is channel → name of each column; those
+    without a name are numbered from 1.
     """
     pairs = zip(problem.observations, fit.errors.variances, strict=True)
     tests = [_Tested.of(one, fit, own) for one, own in pairs if one.parts]
@@ -144,13 +133,11 @@ class _Cell:
 
 @dataclass(frozen=True)
 class _Tested:
-    """The losses of one experiment: of the data first, then of M draws.
+    """The observation of one experiment, its C cells, and losses: of the data first, then of M draws.
 
     Attributes:
-        one: the observation.
         losses: (G, 1 + M) of every group.
-        cells: C cells.
-        excess: (C, 1 + M) loss of each, in standard deviations beyond its mean.
+        excess: (C, 1 + M) loss of each cell, in standard deviations beyond its mean.
     """
 
     one: Observation
@@ -160,7 +147,6 @@ class _Tested:
 
     @classmethod
     def of(cls, one: Observation, fit: Fit, variances: FloatArray) -> _Tested:
-        """Draw residuals of one experiment, a group at a time, with (n,) these variances of its responses."""
         unit = one.unit(variances)
         data, responses = one.residual(fit.theta) / unit, one.columns(fit.theta) / unit
         cells = list(_cells(one))
@@ -177,7 +163,6 @@ class _Tested:
         return cls(one, np.array(losses), tuple(cells), np.array(excess))
 
     def place(self, columns: Mapping[str, Sequence[str]]) -> Misfit:
-        """Return the cell of the data that is the farthest beyond its mean."""
         cell = self.cells[int(np.argmax(self.excess[:, 0]))]
         observables = self.one.response.observables
         channel = next(q.channel for q in observables.quantities if q.name == cell.group[0])
@@ -211,20 +196,17 @@ def _draw_residuals(
 
 
 def _loss(squares: FloatArray, share: float) -> FloatArray:
-    """Return (rows,) ℓ of (rows, n) squared residuals, of which this share are independent."""
     number = share * squares.shape[1]
     return np.asarray(0.5 * (DEGREES + number) * np.log1p(share * squares.sum(axis=1) / DEGREES))
 
 
 def _standard(values: FloatArray) -> FloatArray:
-    """Return values in standard deviations beyond their mean."""
     return np.asarray((values - values.mean()) / max(float(values.std()), 1e-12))
 
 
 def _cells(one: Observation) -> Iterator[_Cell]:
-    """Yield the cells of an experiment, in the order of its groups."""
     widths = {quantity.name: quantity.scale.size for quantity in one.response.observables.quantities}
-    starts = {(group.quantity, group.statistic): group.start for group in one.response.groups}
+    starts = {(group.quantity, group.statistic): group.start for group in one.response.observables.groups}
     for group, places in one.parts:
         width = widths[group[0]]
         row, column = np.divmod(one.kept[places] - starts[group], width)
@@ -235,7 +217,6 @@ def _cells(one: Observation) -> Iterator[_Cell]:
 
 
 def _spans(statistic: str) -> list[tuple[float, float]]:
-    """Return begin and end of the parts of time that a statistic has, as parts of the duration."""
     if statistic == "bin":
         return list(pairwise(np.linspace(0.0, 1.0, PARTS + 1).tolist()))
     if statistic == "mean":

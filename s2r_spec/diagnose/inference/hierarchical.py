@@ -10,10 +10,9 @@ variants. Model:
     ε_g ~ N(0, s_g² diag(u_g²) n_g/N_g)           scatter and form error, of N_g independent numbers
     φ ~ N(0, I_V),   τ_g² ~ Inv-χ²(ν, τ0²),   s_g² ~ Inv-χ²(ν, 1),   ρ: ρ0 or ρ0/2, equally probable
 
-u_g (n_g,) is the known shape of the error (:mod:`.gauss_newton`). ρ_g is the relative error of a sum of responses, and
-N_g the effective number of independent errors (:mod:`.additivity`). Errors of a law stay in the groups that the law
-moves: a group that the model cannot follow gets a large τ_g or s_g, and counts little. So no channel needs a tolerance
-of its own. Groups are combined as studies are in a random-effects meta-analysis.
+u_g (n_g,) is the known shape of the error (:mod:`.observation`), ρ_g the relative error of a sum of responses, and N_g
+the effective number of independent errors (:mod:`.additivity`). A group that the model cannot follow gets a large τ_g
+or s_g, and counts little, so no channel needs a tolerance of its own: a random-effects meta-analysis.
 
 Estimator: s_g² and τ_g² are at the mode of their marginal posterior (MacKay's fixed point), given θ. Then group g
 says about (θ, φ), with its information I_g = N_g/(n_g s_g²) M_gᵀ M_g and score h_g,
@@ -30,14 +29,12 @@ are common to several groups, so they do not average out:
     size    an effect's size in the laws of another author is not defined any better: the covariance grows by
             σ_c² + ρ0² θ_k² + τ0² (λ_k − 1)
 
-ρ is one number of the machine: how far the shapes of its author's laws are from the simulator's. Its square is at its
-posterior mean (:func:`..estimation.with_likely_law`). An error of size leaves no residual, so it stays ρ0.
-
-A law that differs by the part ρ changes the signal of effect k in group g by ρ θ_k J_g,kk^½, in units of the error.
-Along effect j this is a score of up to ρ θ_k (J_g,jj J_g,kk)^½. All groups of one kind of motion c share the shape, so
-these add up to ρ θ_k O_c,jk. Kinds are the tests of the specification, and each protocol. The scores of two effects
-correlate as their signals do. So a fine detail of shape does not separate two effects, and an effect that others do not
-touch is measured as before. The second term is the error of the size that one kind of motion sees.
+ρ is one number of the machine: how far the shapes of its author's laws are from the simulator's
+(:func:`..estimation.with_likely_law`). An error of size leaves no residual, so it stays ρ0. A law that differs by the
+part ρ changes the signal of effect k in group g by ρ θ_k J_g,kk^½, in units of the error: along effect j a score of up
+to ρ θ_k (J_g,jj J_g,kk)^½. Groups of one kind of motion, the tests or a protocol, share the shape, so these add up to
+ρ θ_k O_c,jk. The scores of two effects correlate as their signals do. So a fine detail of shape does not separate two
+effects. The second term is the error of the size that one kind of motion sees.
 
 Two modes differ in log likelihood by h_D − ½ J_D, with the score h_D along D, the difference of their predictions. J_D
 sums J_D,g = N_g/(n_g s_g²) |D_g/u_g|² over the groups. Errors of form grow the variance of h_D from J_D to J_D + Q_D,
@@ -45,8 +42,8 @@ with Q_D = Σ_c Σ_k ρ² θ_k² (Σ_{g in c} (J_D,g J_g,kk)^½)². So the part 
 and J_g are those of the more probable mode.
 
 λ_k ≥ 1 says how much more than by T_g the groups disagree about parameter k: the mode of λ_k ~ Inv-χ²(ν, 1), if T_g is
-multiplied by diag(λ). It does not change the weights of groups. If it did, groups that all ask for the same θ_k could
-count as large law errors of θ_k = 0.
+multiplied by diag(λ). It does not change the weights of groups: groups that all ask for the same θ_k could else count
+as large law errors of θ_k = 0.
 
 Units: θ, τ in typical sizes; s dimensionless. Shapes: G groups, D = K + V columns.
 Source: Gelman et al., *Bayesian Data Analysis*, 3rd ed., §5.4 and §5.5; MacKay, *Neural Computation* 4 (1992), §4;
@@ -61,7 +58,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
 
 LAW_ERROR = 0.02
 """Prior: scale τ0 of the law error of a group, in typical sizes. Chosen among 0.01, 0.02, 0.05 by the errors on 20 of
@@ -92,15 +89,12 @@ source: a judgement."""
 
 @dataclass(frozen=True)
 class Groups:
-    """Groups of one experiment at one θ, reduced to what the likelihood needs.
+    """Groups of one experiment at one θ, reduced to what the likelihood needs; r_g and M_g are in units of u_g.
 
     Attributes:
-        gram: (G, D, D) M_gᵀ M_g / n_g, of columns in units of u_g.
-        moment: (G, D) M_gᵀ r_g / n_g, with the residual r_g in units of u_g.
-        energy: (G,) r_gᵀ r_g / n_g.
+        gram, moment, energy: (G, D, D) M_gᵀ M_g / n_g, (G, D) M_gᵀ r_g / n_g, and (G,) r_gᵀ r_g / n_g.
         volume: (G,) mean of log u_g².
-        size: (G,) N_g.
-        coherent: (G,) ρ_g.
+        size, coherent: (G,) N_g and ρ_g.
     """
 
     gram: FloatArray
@@ -137,15 +131,85 @@ class Groups:
         rows = [(g.gram, g.moment, g.energy, g.volume, g.size, g.coherent) for g in groups if g.size.size]
         return cls(*(np.concatenate(each) for each in zip(*rows, strict=True)))
 
+    def law_prior(self, variances: Variances, theta: FloatArray) -> FloatArray:
+        """Return (G, D) the diagonal of T_g at (K,) θ."""
+        return law_prior(variances, self.coherent, theta, self.gram.shape[1])
+
+    def variances(self, theta: FloatArray, start: Variances, rounds: int = 3) -> Variances:
+        """Return s_g² and τ_g² at the mode of their marginal posterior, after so many rounds of the fixed point."""
+        current, amounts = start, _amounts(self.gram.shape[1], theta.size)
+        for _ in range(rounds):
+            prior = self.law_prior(current, theta)
+            mean, covariance = self._law_errors(prior, current.noise)
+            determined = 1.0 - np.einsum("gii->gi", covariance) / prior
+            left = (
+                self.energy
+                - 2.0 * np.einsum("gi,gi->g", mean, self.moment)
+                + np.einsum("gi,gij,gj->g", mean, self.gram, mean)
+                + np.einsum("gij,gji->g", covariance, self.gram)
+            )
+            noise = (DEGREES + self.size * left) / (DEGREES + self.size)
+            own = current.law[:, None] * amounts / prior  # the part that does not grow with the size
+            energy = ((own * mean) ** 2 / amounts).sum(axis=1)
+            law = (DEGREES * LAW_ERROR**2 + energy) / (DEGREES + (own * determined).sum(axis=1))
+            last, current = current, Variances(noise, law)
+            if _constant(last.noise, noise) and _constant(last.law, law):
+                break
+        return current
+
+    def _law_errors(self, prior: FloatArray, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
+        columns = prior.shape[1]
+        weight = self.size / noise
+        precision = weight[:, None, None] * self.gram
+        precision[:, range(columns), range(columns)] += 1.0 / prior
+        covariance = np.linalg.inv(precision)
+        return np.einsum("gij,gj->gi", covariance, weight[:, None] * self.moment), np.asarray(covariance)
+
+    def disagreement(self, theta: FloatArray, variances: Variances) -> FloatArray:
+        """Return (K,) λ, by which groups disagree more about each parameter than by their law errors; at least 1."""
+        shape = self.law_prior(variances, theta)
+        scale = np.ones(shape.shape[1])
+        for _ in range(ROUNDS):
+            prior = shape * scale
+            mean, covariance = self._law_errors(prior, variances.noise)
+            determined = 1.0 - np.einsum("gii->gi", covariance) / prior
+            last = scale
+            scale = (DEGREES + (mean**2 / shape).sum(axis=0)) / (DEGREES + determined.sum(axis=0))
+            if _constant(last, scale):
+                break
+        return np.maximum(scale[: theta.size], 1.0)
+
+    def likelihood(self, theta: FloatArray, variances: Variances) -> Likelihood:
+        """Return the likelihood of (θ, φ) around θ from all groups, without the shared error."""
+        score = (self.size / variances.noise)[:, None] * self.moment
+        information, prior, damping = self._damped(theta, variances)
+        solved = np.linalg.solve(damping, np.concatenate([information, score[..., None]], axis=2))
+        total = solved[..., :-1].sum(axis=0)
+        # log N(r_g; 0, S_g + M_g T_g M_gᵀ), of N_g numbers; then the priors of both variances.
+        explained = np.einsum("gi,gi->g", score, prior * solved[..., -1])
+        fitted = self.size * (self.volume + np.log(variances.noise)) + np.linalg.slogdet(damping)[1]
+        fitted += self.size * self.energy / variances.noise - explained
+        value = -0.5 * float(fitted.sum())
+        for variance, scale in ((variances.noise, 1.0), (variances.law, LAW_ERROR**2)):
+            value -= 0.5 * DEGREES * float((np.log(variance / scale) + scale / variance).sum())
+        return Likelihood((total + total.T) / 2.0, np.asarray(solved[..., -1].sum(axis=0)), value)
+
+    def _damped(self, theta: FloatArray, variances: Variances) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return (G, D, D) I_g, (G, D) the diagonal of T_g, and (G, D, D) 1 + I_g T_g."""
+        information = (self.size / variances.noise)[:, None, None] * self.gram
+        prior = self.law_prior(variances, theta)
+        return information, prior, np.eye(prior.shape[1]) + information * prior[:, None, :]
+
+    def information(self, theta: FloatArray, variances: Variances) -> FloatArray:
+        """Return (G, K, K) every group's information about θ."""
+        information, _, damping = self._damped(theta, variances)
+        own = np.linalg.solve(damping, information)[:, : theta.size, : theta.size]
+        return np.asarray((own + own.transpose(0, 2, 1)) / 2.0)
+
 
 @dataclass(frozen=True)
 class Variances:
-    """Variances of every group.
-
-    Attributes:
-        noise: (G,) s_g².
-        law: (G,) τ_g².
-    """
+    """Variances (G,) of every group: s_g² of the noise, and τ_g² of the law."""
 
     noise: FloatArray
     law: FloatArray
@@ -158,17 +222,58 @@ class Variances:
 
 @dataclass(frozen=True)
 class Likelihood:
-    """A Gaussian likelihood of (θ, φ) around a point.
+    """A Gaussian likelihood of (θ, φ) around a point: information (D, D), score (D,), and its logarithm there.
 
-    Attributes:
-        information: (D, D).
-        score: (D,).
-        value: its logarithm at the point, up to a constant of the data.
+    The logarithm is known up to a constant of the data.
     """
 
     information: FloatArray
     score: FloatArray
     value: float = 0.0
+
+    def with_form_error(self, form: FloatArray) -> Likelihood:
+        """Return the likelihood with (K, K) Q added to the covariance of its score.
+
+        Where two effects have the same response, J is singular: all is computed in the space that it spans.
+        """
+        values, vectors = np.linalg.eigh(self.information)
+        spanned = values > TINY * max(values.max(initial=0.0), TINY)
+        root, vectors = np.sqrt(values[spanned]), vectors[:, spanned]
+        inside = (vectors / root).T @ form @ (vectors / root)
+        total, score = np.eye(root.size) + inside, (vectors.T @ self.score) / root
+        solved = np.linalg.solve(total, np.column_stack([(vectors * root).T, score]))
+        # The last two terms are log N(h; 0, J + Q) − log N(h; 0, J).
+        value = (
+            self.value
+            + 0.5 * float(score @ inside @ solved[:, -1])
+            - 0.5 * float(np.linalg.slogdet(total)[1])
+        )
+        information = (vectors * root) @ solved[:, :-1]
+        return Likelihood((information + information.T) / 2.0, (vectors * root) @ solved[:, -1], value)
+
+    def without_variants(self, effects: int) -> Likelihood:
+        """Return the likelihood of θ alone: φ is integrated out."""
+        score, value = self.score, self.value
+        (a, b), (_, c) = (np.split(rows, [effects], axis=1) for rows in np.split(self.information, [effects]))
+        if c.size:
+            precision = c + np.eye(len(c))
+            solved = np.linalg.solve(precision, np.column_stack([b.T, score[effects:]]))
+            value += 0.5 * float(score[effects:] @ solved[:, -1]) - 0.5 * float(
+                np.linalg.slogdet(precision)[1]
+            )
+            a, score = a - b @ solved[:, :-1], score[:effects] - b @ solved[:, -1]
+        return Likelihood(a, score, value)
+
+    def with_shared_error(self, shared: FloatArray) -> Likelihood:
+        """Return the likelihood of θ with (K,) the shared error added to its covariance."""
+        # (A⁻¹ + diag(shared))⁻¹ without an inverse of A, which need not exist.
+        a, score, value = self.information, self.score, self.value
+        damping = np.eye(shared.size) + a * shared
+        solved = np.linalg.solve(damping, np.column_stack([a, score]))
+        value += 0.5 * float(score @ (shared * solved[:, -1])) - 0.5 * float(np.linalg.slogdet(damping)[1])
+        return Likelihood(
+            np.asarray((solved[:, :-1] + solved[:, :-1].T) / 2.0), np.asarray(solved[:, -1]), value
+        )
 
 
 def law_prior(variances: Variances, coherent: FloatArray, theta: FloatArray, columns: int) -> FloatArray:
@@ -179,85 +284,11 @@ def law_prior(variances: Variances, coherent: FloatArray, theta: FloatArray, col
 
 
 def _amounts(columns: int, effects: int) -> FloatArray:
-    """Return (D,) 1 for an effect, and the square of :data:`VARIANT` for a variant."""
     return np.where(np.arange(columns) < effects, 1.0, VARIANT**2)
 
 
-def _law_errors(groups: Groups, prior: FloatArray, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return posterior mean (G, D) and covariance (G, D, D) of the law errors, for (G, D) T_g and (G,) s_g²."""
-    columns = prior.shape[1]
-    weight = groups.size / noise
-    precision = weight[:, None, None] * groups.gram
-    precision[:, range(columns), range(columns)] += 1.0 / prior
-    covariance = np.linalg.inv(precision)
-    return np.einsum("gij,gj->gi", covariance, weight[:, None] * groups.moment), np.asarray(covariance)
-
-
-def variances(groups: Groups, theta: FloatArray, start: Variances, rounds: int = 3) -> Variances:
-    """Return s_g² and τ_g² at the mode of their marginal posterior, after so many rounds of the fixed point."""
-    current, columns = start, groups.gram.shape[1]
-    amounts = _amounts(columns, theta.size)
-    for _ in range(rounds):
-        prior = law_prior(current, groups.coherent, theta, columns)
-        mean, covariance = _law_errors(groups, prior, current.noise)
-        determined = 1.0 - np.einsum("gii->gi", covariance) / prior
-        left = (
-            groups.energy
-            - 2.0 * np.einsum("gi,gi->g", mean, groups.moment)
-            + np.einsum("gi,gij,gj->g", mean, groups.gram, mean)
-            + np.einsum("gij,gji->g", covariance, groups.gram)
-        )
-        noise = (DEGREES + groups.size * left) / (DEGREES + groups.size)
-        own = (
-            current.law[:, None] * amounts / prior
-        )  # the part of a law error that does not grow with the size
-        energy = ((own * mean) ** 2 / amounts).sum(axis=1)
-        law = (DEGREES * LAW_ERROR**2 + energy) / (DEGREES + (own * determined).sum(axis=1))
-        last, current = current, Variances(noise, law)
-        if _constant(last.noise, noise) and _constant(last.law, law):
-            break
-    return current
-
-
 def _constant(before: FloatArray, after: FloatArray) -> bool:
-    """Return whether no variance changed by more than :data:`CONSTANT` of it."""
     return bool((np.abs(after - before) <= CONSTANT * before).all())
-
-
-def disagreement(groups: Groups, theta: FloatArray, variances: Variances) -> FloatArray:
-    """Return (K,) λ, by which groups disagree more about each parameter than by their own law errors; at least 1."""
-    columns = groups.gram.shape[1]
-    shape = law_prior(variances, groups.coherent, theta, columns)
-    scale = np.ones(columns)
-    for _ in range(ROUNDS):
-        prior = shape * scale
-        mean, covariance = _law_errors(groups, prior, variances.noise)
-        determined = 1.0 - np.einsum("gii->gi", covariance) / prior
-        last = scale
-        scale = (DEGREES + (mean**2 / shape).sum(axis=0)) / (DEGREES + determined.sum(axis=0))
-        if _constant(last, scale):
-            break
-    return np.maximum(scale[: theta.size], 1.0)
-
-
-def likelihood(groups: Groups, theta: FloatArray, variances: Variances) -> Likelihood:
-    """Return the likelihood of (θ, φ) around θ from all groups, without the shared error."""
-    columns = groups.gram.shape[1]
-    weight = groups.size / variances.noise
-    information = weight[:, None, None] * groups.gram
-    score = weight[:, None] * groups.moment
-    prior = law_prior(variances, groups.coherent, theta, columns)
-    damping = np.eye(columns) + information * prior[:, None, :]
-    solved = np.linalg.solve(damping, np.concatenate([information, score[..., None]], axis=2))
-    total = solved[..., :-1].sum(axis=0)
-    # log N(r_g; 0, S_g + M_g T_g M_gᵀ), of N_g numbers; then the priors of both variances.
-    explained = np.einsum("gi,gi->g", score, prior * solved[..., -1])
-    fitted = groups.size * (groups.volume + np.log(variances.noise)) + np.linalg.slogdet(damping)[1]
-    fitted += groups.size * groups.energy / variances.noise - explained
-    value = -0.5 * float(fitted.sum())
-    for variance, scale in ((variances.noise, 1.0), (variances.law, LAW_ERROR**2)):
-        value -= 0.5 * DEGREES * float((np.log(variance / scale) + scale / variance).sum())
-    return Likelihood((total + total.T) / 2.0, np.asarray(solved[..., -1].sum(axis=0)), value)
 
 
 def shared_error(theta: FloatArray, scale: FloatArray) -> FloatArray:
@@ -265,28 +296,13 @@ def shared_error(theta: FloatArray, scale: FloatArray) -> FloatArray:
     return np.asarray(SHARED**2 + (LAW_SHARE * theta) ** 2 + LAW_ERROR**2 * (scale - 1.0))
 
 
-def information_by_group(groups: Groups, theta: FloatArray, variances: Variances) -> FloatArray:
-    """Return (G, K, K) every group's information about θ."""
-    columns = groups.gram.shape[1]
-    information = (groups.size / variances.noise)[:, None, None] * groups.gram
-    damping = (
-        np.eye(columns) + information * law_prior(variances, groups.coherent, theta, columns)[:, None, :]
-    )
-    effects = theta.size
-    own = np.linalg.solve(damping, information)[:, :effects, :effects]
-    return np.asarray((own + own.transpose(0, 2, 1)) / 2.0)
-
-
 def form_error(
     law: float, theta: FloatArray, by_group: FloatArray, kinds: Sequence[str], information: FloatArray
 ) -> FloatArray:
     """Return (K, K) Q, the covariance of the score by errors of form.
 
-    The size that one kind of motion sees has an error, too. No residual shows it, so it grows the error along the
-    effect itself to ρ0 in every machine.
-
     Args:
-        law: ρ, along other effects.
+        law: ρ, along other effects. Along the effect itself it is ρ0 in every machine, for no residual shows it.
         theta: (K,) sizes of the effects whose laws differ.
         by_group: (G, K, K) information of every group.
         kinds: of motion, of every group.
@@ -311,11 +327,8 @@ def information_left(
 ) -> float:
     """Return J_D/(J_D + Q_D), the part of the difference of two log likelihoods that errors of form leave.
 
-    The difference is h_D − ½ J_D, with the score h_D along D, from one prediction to the other one. With errors of
-    form, h_D has the variance J_D + Q_D.
-
     Args:
-        apart: (G,) J_D,g of every group, the squared difference of two predictions in units of the error.
+        apart: (G,) J_D,g of every group.
         errors: (K,) ρ θ, by which the laws of the effects differ.
         by_group: (G, K, K) information of every group.
         kinds: of motion, of every group.
@@ -327,50 +340,3 @@ def information_left(
         form += float(((errors * overlap) ** 2).sum())
     total = float(apart.sum())
     return total / (total + form) if total > 0.0 else 1.0
-
-
-def with_form_error(likelihood: Likelihood, form: FloatArray) -> Likelihood:
-    """Return the likelihood with (K, K) Q added to the covariance of its score.
-
-    Where two effects have the same response, J is singular: all is computed in the space that it spans.
-    """
-    values, vectors = np.linalg.eigh(likelihood.information)
-    spanned = values > TINY * max(values.max(initial=0.0), TINY)
-    root, vectors = np.sqrt(values[spanned]), vectors[:, spanned]
-    inside = (vectors / root).T @ form @ (vectors / root)
-    total, score = np.eye(root.size) + inside, (vectors.T @ likelihood.score) / root
-    solved = np.linalg.solve(total, np.column_stack([(vectors * root).T, score]))
-    # The last two terms are log N(h; 0, J + Q) − log N(h; 0, J).
-    value = (
-        likelihood.value
-        + 0.5 * float(score @ inside @ solved[:, -1])
-        - 0.5 * float(np.linalg.slogdet(total)[1])
-    )
-    information = (vectors * root) @ solved[:, :-1]
-    return Likelihood((information + information.T) / 2.0, (vectors * root) @ solved[:, -1], value)
-
-
-def without_variants(likelihood: Likelihood, effects: int) -> Likelihood:
-    """Return the likelihood of θ alone: φ is integrated out."""
-    information, score, value = likelihood.information, likelihood.score, likelihood.value
-    a, b, c = (
-        information[:effects, :effects],
-        information[:effects, effects:],
-        information[effects:, effects:],
-    )
-    if c.size:
-        precision = c + np.eye(len(c))
-        solved = np.linalg.solve(precision, np.column_stack([b.T, score[effects:]]))
-        value += 0.5 * float(score[effects:] @ solved[:, -1]) - 0.5 * float(np.linalg.slogdet(precision)[1])
-        a, score = a - b @ solved[:, :-1], score[:effects] - b @ solved[:, -1]
-    return Likelihood(a, score, value)
-
-
-def with_shared_error(likelihood: Likelihood, shared: FloatArray) -> Likelihood:
-    """Return the likelihood of θ with (K,) the shared error added to its covariance."""
-    # (A⁻¹ + diag(shared))⁻¹ without an inverse of A, which need not exist.
-    a, score, value = likelihood.information, likelihood.score, likelihood.value
-    damping = np.eye(shared.size) + a * shared
-    solved = np.linalg.solve(damping, np.column_stack([a, score]))
-    value += 0.5 * float(score @ (shared * solved[:, -1])) - 0.5 * float(np.linalg.slogdet(damping)[1])
-    return Likelihood(np.asarray((solved[:, :-1] + solved[:, :-1].T) / 2.0), np.asarray(solved[:, -1]), value)

@@ -21,7 +21,7 @@ Source: Mitchell & Beauchamp, *JASA* 83 (1988) 1023; Rasmussen & Williams, *Gaus
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -30,8 +30,8 @@ from numpy.typing import NDArray
 
 from s2r_spec.diagnose.inference.hierarchical import Likelihood
 from s2r_spec.diagnose.inference.prior import BACKGROUND, NAMED, SLAB, SizePrior
+from s2r_spec.trace.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 Set = tuple[int, ...]
 
 ALL = 3
@@ -94,13 +94,7 @@ class ModelPosterior:
 
 
 def posterior(likelihood: Likelihood, theta: FloatArray, prior: SizePrior) -> ModelPosterior:
-    """Return the posterior over sets of parameters and over sizes.
-
-    Args:
-        likelihood: likelihood around ``theta``, without the prior.
-        theta: (K,) the point around which it was made.
-        prior: of sizes and sets.
-    """
+    """Return the posterior over sets of parameters and over sizes; the likelihood around (K,) θ has no prior."""
     precision, moment = likelihood.information, likelihood.score + likelihood.information @ theta
     base = _Base(precision, moment, prior)
     scored: dict[Set, float] = {(): 0.0}
@@ -118,25 +112,24 @@ def posterior(likelihood: Likelihood, theta: FloatArray, prior: SizePrior) -> Mo
                     gained.add(new)
                 scored[new] = value
         best = [s for s in sorted(gained, key=lambda s: -scored[s])[:GROWN] if len(s) < len(causes)]
-    sets = sorted(scored, key=lambda s: -scored[s])
-    weight = np.exp(np.array([scored[s] for s in sets]) - scored[sets[0]])
-    keep = weight >= KEPT
-    sets, weight = [s for s, kept in zip(sets, keep, strict=True) if kept], weight[keep]
-    moments = [base.sizes(s) for s in sets]
-    constant = (
-        likelihood.value
-        - float(likelihood.score @ theta)
-        - 0.5 * float(theta @ precision @ theta)
-        + base.constant
-    )
-    return ModelPosterior(
-        tuple(sets),
-        weight / weight.sum(),
-        np.array([mean for mean, _ in moments]),
-        np.array([np.sqrt(np.diag(covariance)) for _, covariance in moments]),
-        prior,
-        constant + scored[sets[0]],
-    )
+    quadratic = float(likelihood.score @ theta), 0.5 * float(theta @ precision @ theta)
+    constant = likelihood.value - quadratic[0] - quadratic[1] + base.constant
+    return _of_probable(scored, base.sizes, prior, constant)
+
+
+def _of_probable(
+    scored: Mapping[Set, float],
+    sizes: Callable[[Set], tuple[FloatArray, FloatArray]],
+    prior: SizePrior,
+    constant: float = 0.0,
+) -> ModelPosterior:
+    """Return the posterior over sets from the logarithm of each one's probability, without the improbable ones."""
+    best = max(scored.values())
+    probable = [s for s in scored if scored[s] - best >= np.log(KEPT)]
+    sets = sorted(probable, key=lambda s: -scored[s])
+    weight = np.exp(np.array([scored[s] for s in sets]) - best)
+    mean, deviation = (np.array(each) for each in zip(*map(sizes, sets), strict=True))
+    return ModelPosterior(tuple(sets), weight / weight.sum(), mean, deviation, prior, constant + best)
 
 
 def nearest_mode(modes: Iterable[Set], members: Set) -> Set:
@@ -145,19 +138,15 @@ def nearest_mode(modes: Iterable[Set], members: Set) -> Set:
 
 
 def _distance(active: Set, members: Set) -> int:
-    """Return the number of causes that only one of two sets has."""
     return len({*active} ^ {*members})
 
 
 def combine(posteriors: Mapping[Set, ModelPosterior]) -> ModelPosterior:
-    """Return the posterior over the sets of several modes of the likelihood, for the same data and prior.
+    """Return the posterior over the sets of several modes (causes → posterior), for the same data and prior.
 
     Each mode has a likelihood of its own, which holds near it. So a set counts in the mode whose causes are most like
     its own. Where several are alike, it is the one in which its evidence is the largest. A set that its own mode finds
     improbable counts nowhere.
-
-    Args:
-        posteriors: causes of a mode → its posterior.
     """
     largest: dict[Set, tuple[float, ModelPosterior, int]] = {}
     for active, one in posteriors.items():
@@ -169,19 +158,13 @@ def combine(posteriors: Mapping[Set, ModelPosterior]) -> ModelPosterior:
                 largest[members] = float(evidence[row]), one, row
     if not largest:  # every set is nearer to a mode that finds it improbable
         return max(posteriors.values(), key=lambda one: one.log_evidence)
-    sets = sorted(largest, key=lambda members: -largest[members][0])
-    most = largest[sets[0]][0]
-    sets = [members for members in sets if largest[members][0] - most > np.log(KEPT)]
-    weight = np.exp(np.array([largest[members][0] for members in sets]) - most)
-    places = [largest[members][1:] for members in sets]
-    return ModelPosterior(
-        tuple(sets),
-        weight / weight.sum(),
-        np.array([one.mean[row] for one, row in places]),
-        np.array([one.deviation[row] for one, row in places]),
-        places[0][0].prior,
-        most,
-    )
+
+    def sizes(members: Set) -> tuple[FloatArray, FloatArray]:
+        _, one, row = largest[members]
+        return one.mean[row], one.deviation[row]
+
+    evidence = {members: value for members, (value, *_) in largest.items()}
+    return _of_probable(evidence, sizes, next(iter(posteriors.values())).prior)
 
 
 class _Base:
@@ -217,11 +200,11 @@ class _Base:
         return np.asarray(gain + np.where(self.prior.one_sided[sets], half, 0.0).sum(axis=1))
 
     def sizes(self, members: Set) -> tuple[FloatArray, FloatArray]:
-        """Return mean (K,) and covariance (K, K) of the sizes given a set."""
+        """Return mean (K,) and deviation (K,) of the sizes given a set."""
         if not members:
-            return self.mean, self.covariance
+            return self.mean, np.sqrt(np.diag(self.covariance))
         index = list(members)
         inner = np.eye(len(index)) + self.change * self.covariance[np.ix_(index, index)]
         gain = self.change * np.linalg.solve(inner, self.covariance[index]).T
         moved, shrunk = gain @ self.mean[index], gain @ self.covariance[index]
-        return np.asarray(self.mean - moved), np.asarray(self.covariance - shrunk)
+        return np.asarray(self.mean - moved), np.sqrt(np.diag(self.covariance - shrunk))

@@ -19,8 +19,8 @@ machine may be far from nominal, f and C are those of the nearest one, by simula
     ℓ(g) = Q(g) + (log |C| + 2 log |∂y / ∂g⁻¹(y)|) / (n T c)
 
 and the difference itself is of CLEAR · usual, with usual the Q of a fresh nominal rollout. A mistake that alone makes
-the recordings as usual, while a machine does so, too, is a finding, and says so: no data of these channels tell the two
-apart. What is too short or in too few rollouts for this is found in single channels (:mod:`.channels`).
+the recordings as usual, while a machine does so, too, is a finding of the *same*: no data tell the two apart. What is
+too short or in too few rollouts for this is found in single channels (:mod:`.channels`).
 
 Units: r, J, D in floors; Q, ℓ dimensionless. Source: marginal likelihood of a linear Gaussian model (Rasmussen &
 Williams 2006, §2.7, explicit basis functions; Woodbury), generalised-likelihood-ratio tests (Basseville & Nikiforov

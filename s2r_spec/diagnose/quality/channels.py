@@ -17,9 +17,8 @@ from s2r_spec.diagnose.quality.finding import Finding, join_words, rollout_name
 from s2r_spec.diagnose.quality.recordings import Recordings, as_columns, rms
 from s2r_spec.space import key_of
 from s2r_spec.trace import Trace
+from s2r_spec.trace.arrays import FloatArray
 from s2r_spec.trace.samples import between, period_of
-
-FloatArray = NDArray[np.float64]
 
 UNITS = {
     **{"1000 times": 1e3, "100 times": 1e2, "57 times": 180.0 / np.pi},
@@ -123,7 +122,6 @@ def unit_of_one(channel: Channel, of: Recordings) -> Finding | None:
 
 
 def _times(much: float) -> str:
-    """Return which of the factors of a forgotten unit this is; "" for none."""
     words, factor = min(UNITS.items(), key=lambda item: abs(np.log(much / item[1])))
     return words if 1.0 / NEAR < much / factor < NEAR else ""
 
@@ -192,17 +190,14 @@ def _longest_constant(trace: Trace, name: str) -> FloatArray:
 
 
 def _changes(values: FloatArray) -> NDArray[np.int64]:
-    """Return the samples at which (samples, columns) values are others than before, the first included."""
     return np.append(0, 1 + np.flatnonzero((np.diff(values, axis=0) != 0.0).any(axis=1)))
 
 
 def _odd_rollout(of: Recordings, name: str, part: Callable[[Trace], FloatArray]) -> tuple[int, int] | None:
     """Return number and column of the rollout that has most of something that others, and the simulator, have not.
 
-    Args:
-        of: the recordings.
-        name: of a channel of measured numbers, no flag or count.
-        part: from a trace to (columns,) how much of it there is, a part of a range or of a rollout.
+    The channel is of measured numbers, no flag or count. ``part`` gives (columns,) how much of it there is in a trace,
+    as a part of a range or of a rollout.
     """
     having = [
         (number, trace)
@@ -244,10 +239,7 @@ def hold(of: Recordings) -> tuple[list[Finding], Recordings]:
     """Find channels that keep each value for several samples, where the simulator's move at every one.
 
     A held channel is also late by half of what it is held, so that the other checks get straight lines between the
-    samples at which it changes.
-
-    Returns:
-        A finding for all channels that are held alike, and the recordings without it.
+    samples at which it changes: the recordings without the finding.
     """
     if not of.pairs:
         return [], of

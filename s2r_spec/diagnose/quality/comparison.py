@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.diagnose.data.space_filling import TESTS
-from s2r_spec.diagnose.quality.recordings import Rollout, as_columns
+from s2r_spec.diagnose.quality.recordings import as_columns
 from s2r_spec.diagnose.simulator.axes import EffectAxis, Values
-from s2r_spec.diagnose.simulator.bench import Bench, Job, Test, evenly, places_of, run_jobs
+from s2r_spec.diagnose.simulator.bench import Bench, Job, Test, TestRun, evenly, places_of, run_jobs
 from s2r_spec.trace import Trace
+from s2r_spec.trace.arrays import FloatArray
 from s2r_spec.trace.samples import period_of
-
-FloatArray = NDArray[np.float64]
 
 BUDGET = 20.0
 """Budget: CPU time [s] for the rollouts of a comparison. A simulator that cannot run three tests in it runs these all
@@ -67,16 +64,11 @@ class View:
         return self.of(trace, self.times).ravel()
 
     def simulate(
-        self,
-        bench: Bench,
-        machines: Sequence[tuple[Values, int]],
-        tests: Sequence[Test],
-        executor: Callable[[], Executor] | None = None,
-        progress: Callable[[int, int], None] | None = None,
+        self, bench: Bench, machines: Sequence[tuple[Values, int]], tests: Sequence[Test]
     ) -> FloatArray:
         """Return (machines, tests, T, c) of rollouts of machines, each with its seed."""
         jobs = [Job(values, tuple((test, seed) for test in tests)) for values, seed in machines]
-        rows = run_jobs(bench, jobs, executor, progress, self.read)
+        rows = run_jobs(bench, jobs, self.read)
         return np.array(rows).reshape(len(jobs), len(tests), len(self.times), len(self.columns))
 
 
@@ -86,13 +78,11 @@ class Comparison:
 
     Attributes:
         view: columns and times.
-        tests: of each recording.
-        traces: recordings.
+        tests, traces: of each recording.
         nominal: (n, T, c) mean of the nominal simulator.
         floor: (c,) what is no discrepancy, in the units of the columns: the unit of all that follows.
         scatter: (n, s, d) deviations of single nominal rollouts, whose squares sum to their covariance.
-        effects: (k, n, d) changes that the catalogue makes.
-        sizes: (k,) the axis and its value of each.
+        effects, sizes: (k, n, d) changes that the catalogue makes, and (k,) the axis and its value of each.
         usual: Q of a nominal rollout that had no part in mean and scatter; at least that of one floor throughout.
     """
 
@@ -172,12 +162,9 @@ class Comparison:
         return replace(self, nominal=nominal, floor=floor, scatter=scatter, effects=effects, usual=usual)
 
     def misfit(self, values: FloatArray, effects: bool = True, there: FloatArray | float = 1.0) -> float:
-        """Return Q of recordings (n, T, c).
+        """Return Q of recordings (n, T, c), with or without the effects of the catalogue.
 
-        Args:
-            values: recordings.
-            effects: whether the catalogue may explain anything.
-            there: of 1 and 0, (T, 1) which instants count, or (n, 1, 1) which recordings.
+        ``there`` has 1 and 0: (T, 1) which instants count, or (n, 1, 1) which recordings.
         """
         return max(float(self.products((self.rest(values) * there)[None], effects)[0, 0]), 0.0)
 
@@ -206,22 +193,11 @@ def columns_of(
 
 
 def compare(
-    bench: Bench,
-    rollouts: Sequence[Rollout],
-    axes: Sequence[EffectAxis] = (),
-    executor: Callable[[], Executor] | None = None,
-    progress: Callable[[int, int], None] | None = None,
-    without: Sequence[str] = (),
+    bench: Bench, rollouts: Sequence[TestRun], axes: Sequence[EffectAxis] = (), without: Sequence[str] = ()
 ) -> Comparison | None:
-    """Simulate at tests of the recordings, and return both; None where nothing can be compared.
+    """Simulate at tests of the recordings, and return both, ``without`` some channels.
 
-    Args:
-        bench: the simulator.
-        rollouts: the machine's.
-        axes: of the catalogue.
-        executor: makes a pool.
-        progress: called with (done, of).
-        without: channels that are not compared.
+    None where nothing can be compared.
     """
     ran = [(test, trace) for test, trace in rollouts if trace.failure is None and len(trace) > 1]
     ran = [ran[places[0]] for places in places_of([test for test, _ in ran]).values()]
@@ -240,7 +216,7 @@ def compare(
     times = np.linspace(0.0, min(trace.duration for _, trace in chosen), TIMES)
     machines: list[tuple[Values, int]] = [({}, seed) for seed in range(seeds)]
     machines += [(axis.at(value), 0) for axis, value in sizes]
-    ran_there = View(columns, times).simulate(bench, machines, tests, executor, progress)
+    ran_there = View(columns, times).simulate(bench, machines, tests)
     whole = np.asarray(np.isfinite(ran_there[:seeds]).all(axis=(0, 1, 2)))
     if not whole.any():
         return None
@@ -277,8 +253,7 @@ def noise(rollouts: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, flo
 def _beside_others(apart: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return (s, n, T, c) deviations r of each nominal rollout from the mean of the others, and their C⁻¹ r.
 
-    Args:
-        apart: (n, s, T, c) deviations from the mean of all, in floors.
+    They follow from (n, s, T, c) deviations from the mean of all, in floors.
     """
     s = apart.shape[1]
     own = apart * (s / (s - 1.0))
@@ -298,6 +273,5 @@ def _scatter(apart: FloatArray) -> FloatArray:
 
 
 def _inner(scatter: FloatArray) -> FloatArray:
-    """Return (n, s, s) 1 + DDᵀ."""
     inner: FloatArray = np.eye(scatter.shape[1]) + np.einsum("nsd,ntd->nst", scatter, scatter)
     return inner

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-
-import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.diagnose.quality.channels import by_channel, hold
 from s2r_spec.diagnose.quality.comparison import CLEAR, Comparison, compare
@@ -15,12 +11,11 @@ from s2r_spec.diagnose.quality.faults import Fault, Undone, faults
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.quality.labels import labels
 from s2r_spec.diagnose.quality.machine import nearest_machine
-from s2r_spec.diagnose.quality.recordings import Recordings, Rollout
+from s2r_spec.diagnose.quality.recordings import Recordings
 from s2r_spec.diagnose.simulator.axes import EffectAxis
-from s2r_spec.diagnose.simulator.bench import Bench
+from s2r_spec.diagnose.simulator.bench import Bench, TestRun
 from s2r_spec.diagnose.simulator.library import CAUSES
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
 
 MOST = 0.75
 """Level: part of what the best machine leaves beyond the usual that undoing a mistake must remove; the rest is what a
@@ -42,7 +37,6 @@ class _Judged:
 
     @classmethod
     def of(cls, c: Comparison, fault: Fault) -> _Judged:
-        """Undo a mistake."""
         finding, one = fault
         before, bare = (c.misfit(c.recorded, effects, one.there) for effects in (True, False))
         after, alone = (c.misfit(one.values, effects, one.there) + one.price for effects in (True, False))
@@ -55,45 +49,26 @@ class _Judged:
 
     @property
     def alike(self) -> bool:
-        """Whether it alone explains clearly more than nothing does, and all that is to be explained."""
         return self.bare - self.alone >= self.clear and self.alone <= self.usual + self.clear
 
 
 def findings(
-    bench: Bench,
-    rollouts: Sequence[Rollout],
-    axes: Sequence[EffectAxis] = (),
-    executor: Callable[[], Executor] | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    bench: Bench, rollouts: Sequence[TestRun], axes: Sequence[EffectAxis] = ()
 ) -> tuple[Finding, ...]:
-    """Return the mistakes that the recordings seem to have.
-
-    Args:
-        bench: the simulator.
-        rollouts: the machine's, in the order of their table.
-        axes: of the catalogue.
-        executor: makes a pool for the simulations.
-        progress: called with (done, of).
-    """
+    """Return the mistakes that the recordings, in the order of their table, seem to have."""
     of = Recordings(bench, rollouts)
     first = by_channel(of)
     held, straight = hold(of)
-    c = compare(bench, straight.rollouts, axes, executor, progress, [each.channel for each in first])
-    suspects = [] if c is None else find_suspects(bench, c, straight.rollouts, executor, progress)
+    c = compare(bench, straight.rollouts, axes, [each.channel for each in first])
+    suspects = [] if c is None else find_suspects(bench, c, straight.rollouts)
     return (*held, *suspects, *first)
 
 
-def find_suspects(
-    bench: Bench,
-    c: Comparison,
-    rollouts: Sequence[Rollout],
-    executor: Callable[[], Executor] | None = None,
-    progress: Callable[[int, int], None] | None = None,
-) -> list[Finding]:
+def find_suspects(bench: Bench, c: Comparison, rollouts: Sequence[TestRun]) -> list[Finding]:
     """Return the mistakes that explain what no machine does, or as much as the best machine; one of each code."""
     if c.misfit(c.recorded, effects=False) < c.usual:
         return []  # as the nominal simulator's: there is nothing to explain
-    candidates = [*faults(c), *labels(bench, c, rollouts, executor, progress)]
+    candidates = [*faults(c), *labels(bench, c, rollouts)]
     judged = sorted((_Judged.of(c, fault) for fault in candidates), key=lambda one: one.after)
     judged = [one for one in judged if one.removes(1.0 - MOST, one.before) or one.alike]
     if not judged:
@@ -102,12 +77,13 @@ def find_suspects(
     def left(machine: Comparison, values: FloatArray, undone: Undone) -> float:
         return machine.misfit(values, there=undone.there) + machine.volume - c.volume
 
-    machine = nearest_machine(bench, c, c.recorded, executor)
+    bench = replace(bench, progress=None)  # nobody knows how many machines are tried
+    machine = nearest_machine(bench, c, c.recorded)
     if not any(one.removes(MOST, one.before) for one in judged):
         # A mistake may stand beside an effect that is far from nominal.
         for k, one in enumerate(judged[:CAUSES]):
             values = one.undone.values
-            after = left(nearest_machine(bench, c, values, executor), values, one.undone) + one.undone.price
+            after = left(nearest_machine(bench, c, values), values, one.undone) + one.undone.price
             judged[k] = replace(one, after=min(one.after, after))
     out: dict[str, tuple[float, Finding]] = {}
     for one in sorted(judged, key=lambda one: one.after):

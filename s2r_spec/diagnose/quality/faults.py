@@ -1,11 +1,9 @@
 """The family of mistakes that all channels together tell: transformations of the recordings, each undone.
 
 A mistake has a size x and a group G of m channels, or of recordings, that share it. Undone, the discrepancy is a sum of
-parts with weights W (1 + m, parts):
+parts with weights W (1 + m, parts), so that Q of every group follows from the products of the parts:
 
     r(x, G) = Σ_p (W_0p(x) + Σ_G W_jp(x)) r_p
-
-so that Q of every group, and of every size where the parts are fixed, follows from the products of the parts.
 """
 
 from __future__ import annotations
@@ -18,9 +16,9 @@ from numpy.typing import NDArray
 
 from s2r_spec.diagnose.quality.comparison import Comparison
 from s2r_spec.diagnose.quality.finding import Finding, join_words
+from s2r_spec.trace.arrays import FloatArray
 from s2r_spec.trace.samples import period_of
 
-FloatArray = NDArray[np.float64]
 ChannelGroup = frozenset[str]
 """Channels, or recordings, that share a mistake."""
 Parts = tuple[FloatArray, FloatArray | float]
@@ -38,14 +36,10 @@ high as it was lies well inside; a best at either end is no minimum."""
 
 @dataclass(frozen=True, eq=False)
 class Undone:
-    """The recordings without a mistake.
+    """The recordings (n, T, c) without a mistake of one size, which a group has.
 
-    Attributes:
-        size: of the mistake.
-        group: that has it.
-        values: (n, T, c) recordings.
-        there: of 1 and 0, (T, 1) which instants can be read, or (n, 1, 1) which recordings count.
-        price: 2 log |∂ recorded / ∂ undone|, a number of a recording: what shrinks everything must explain better.
+    ``there`` has 1 and 0: (T, 1) which instants can be read, or (n, 1, 1) which recordings count. ``price`` is
+    2 log |∂ recorded / ∂ undone|, a number of a recording: what shrinks everything must explain better.
     """
 
     size: float
@@ -133,7 +127,6 @@ def exchanges(c: Comparison) -> Iterable[Fault]:
 
 
 def _cycles(order: NDArray[np.int64]) -> list[list[int]]:
-    """Return the cycles of a permutation that move anything."""
     cycles, left = list[list[int]](), {k for k, other in enumerate(order.tolist()) if other != k}
     while left:
         cycle = [left.pop()]
@@ -244,13 +237,11 @@ def channel_names(c: Comparison, group: ChannelGroup) -> str:
 
 
 def _units(c: Comparison) -> list[ChannelGroup]:
-    """Return the channels of each unit."""
     units = dict.fromkeys(column.unit for column in c.columns)
     return [ChannelGroup(column.channel for column in c.columns if column.unit == unit) for unit in units]
 
 
 def _neighbours(c: Comparison) -> list[tuple[int, int]]:
-    """Return the pairs of columns of one unit, not of an angle, that are next to each other or next but one."""
     units = [column.unit for column in c.columns]
     pairs = [(i, j) for i in range(len(units)) for j in (i + 1, i + 2) if j < len(units)]
     return [(i, j) for i, j in pairs if units[i] == units[j] and units[i] and units[i] not in PER_RADIAN]
@@ -264,8 +255,6 @@ def _split(c: Comparison, names: Sequence[str] | None, change: FloatArray) -> Fl
 def _read(
     c: Comparison, names: Sequence[str] | None, read: Callable[[float], tuple[FloatArray, FloatArray]]
 ) -> Callable[[float], Parts]:
-    """Return the parts of channels that are read at other times."""
-
     def parts(size: float) -> Parts:
         values, there = read(size)
         return _split(c, names, (values - c.recorded) / c.floor), there
@@ -321,7 +310,6 @@ def search(
         return np.asarray(quadratic if prices is None else quadratic + np.diag([0.0, *prices(size)]))
 
     def grown(products: FloatArray, on: FloatArray) -> tuple[float, FloatArray]:
-        """Add or drop the channel that lowers Q most while any does."""
         on = on.copy()
         while True:
             change = 2.0 * (1.0 - 2.0 * on) * (products @ on) + np.diag(products)

@@ -6,8 +6,7 @@ parameters of one unit exchanged. Where the comparison has the mean at such a te
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import Executor
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -17,12 +16,9 @@ from numpy.typing import NDArray
 from s2r_spec.diagnose.quality.comparison import SEEDS, Comparison, affordable
 from s2r_spec.diagnose.quality.faults import ChannelGroup, Fault, Undone, search
 from s2r_spec.diagnose.quality.finding import Finding
-from s2r_spec.diagnose.quality.recordings import Rollout
-from s2r_spec.diagnose.simulator.axes import Values
-from s2r_spec.diagnose.simulator.bench import Bench, Test
+from s2r_spec.diagnose.simulator.bench import Bench, Test, TestRun
 from s2r_spec.space import key_of
 
-FloatArray = NDArray[np.float64]
 Which = NDArray[np.bool_]
 
 
@@ -37,13 +33,7 @@ class _Other:
     """(n,) whether there is such a test; the row after the last one is in no table."""
 
 
-def labels(
-    bench: Bench,
-    c: Comparison,
-    rollouts: Sequence[Rollout],
-    executor: Callable[[], Executor] | None = None,
-    progress: Callable[[int, int], None] | None = None,
-) -> list[Fault]:
+def labels(bench: Bench, c: Comparison, rollouts: Sequence[TestRun]) -> list[Fault]:
     """Run the simulator at other tests, and return what explains most of each kind of wrong label."""
     others = [one for one in _other_tests(bench, c, rollouts) if _able(bench, one.tests)]
     means = {key_of(test): mean for test, mean in zip(c.tests, c.nominal, strict=True)}
@@ -51,29 +41,24 @@ def labels(
     faults = list(_assignment(c))
     if tests:
         seeds = affordable(bench, len(tests), SEEDS // 6, SEEDS)
-        machines: list[tuple[Values, int]] = [({}, seed) for seed in range(seeds)]
-        runs = c.view.simulate(bench, machines, list(tests.values()), executor, progress)
+        runs = c.view.simulate(bench, [({}, seed) for seed in range(seeds)], list(tests.values()))
         means |= dict(zip(tests, runs.mean(axis=0), strict=True))
     for one in others:
         moved = c.nominal - np.array([means[key_of(test)] for test in one.tests])
-        if np.isfinite(moved).all():
-            faults += _relabelling(c, one, moved)
+        if not np.isfinite(moved).all():
+            continue
+        # Those recordings that leave least so are of other tests.
+        there, numbers = one.known.astype(float)[:, None, None], np.arange(len(moved))
+        names = [str(k) for k in np.flatnonzero(one.known)]
+        each = [moved / c.floor * (numbers == int(name))[:, None, None] for name in names]
+        for undone in search(c, names, [1.0], (np.array([c.rest(c.recorded), *each]), there)):
+            which = np.isin(numbers.astype(str), list(undone.group))
+            text = one.text.format(count=len(undone.group), first=_first(c, which))
+            faults.append((Finding("labels", "the tests", text, one.imitates), undone))
     return faults
 
 
-def _relabelling(c: Comparison, one: _Other, moved: FloatArray) -> Iterable[Fault]:
-    """Return the mistake that those recordings are of other tests that leave least so, with means (n, T, c) less."""
-    there = one.known.astype(float)[:, None, None]
-    names = [str(k) for k in np.flatnonzero(one.known)]
-    each = [moved / c.floor * (np.arange(len(moved)) == int(name))[:, None, None] for name in names]
-    for undone in search(c, names, [1.0], (np.array([c.rest(c.recorded), *each]), there)):
-        which = np.isin(np.arange(len(moved)).astype(str), list(undone.group))
-        text = one.text.format(count=len(undone.group), first=_first(c, which))
-        yield Finding("labels", "the tests", text, one.imitates), undone
-
-
-def _other_tests(bench: Bench, c: Comparison, rollouts: Sequence[Rollout]) -> Iterable[_Other]:
-    """Return the tests that the recordings may have been run at."""
+def _other_tests(bench: Bench, c: Comparison, rollouts: Sequence[TestRun]) -> Iterable[_Other]:
     rows, n = [test for test, _ in rollouts], len(c.traces)
     places = [next(k for k, (_, trace) in enumerate(rollouts) if trace is mine) for mine in c.traces]
     for step, words, end in ((1, "the next one", len(rows) - 1), (-1, "the one before", 0)):
@@ -105,7 +90,6 @@ def _other_tests(bench: Bench, c: Comparison, rollouts: Sequence[Rollout]) -> It
 
 
 def _able(bench: Bench, tests: Sequence[Mapping[str, float]]) -> bool:
-    """Return whether the backend can run all of these tests."""
     ranges = {parameter.name: parameter for parameter in bench.backend.parameters}
     return all(
         name not in ranges or ranges[name].low <= value <= ranges[name].high
@@ -115,7 +99,6 @@ def _able(bench: Bench, tests: Sequence[Mapping[str, float]]) -> bool:
 
 
 def _assignment(c: Comparison) -> Iterable[Fault]:
-    """Return the assignment of recordings to the tests that were compared, if it is not the identity."""
     from scipy.optimize import linear_sum_assignment
 
     apart = (c.recorded[:, None] - c.nominal[None]) / c.floor

@@ -6,24 +6,18 @@ the few effects that explain most, simulated, and the same again of what is left
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import Executor
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.diagnose.quality.comparison import SEEDS, Comparison, affordable
 from s2r_spec.diagnose.simulator.axes import Values
 from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.diagnose.simulator.library import CAUSES
+from s2r_spec.trace.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
 
-
-def nearest_machine(
-    bench: Bench, c: Comparison, values: FloatArray, executor: Callable[[], Executor] | None = None
-) -> Comparison:
+def nearest_machine(bench: Bench, c: Comparison, values: FloatArray) -> Comparison:
     """Return the comparison with the machine that explains recordings best in the nominal one's place.
 
     The nominal one itself where no machine does better. A machine far from nominal has a scatter of its own.
@@ -41,7 +35,7 @@ def nearest_machine(
         inner = np.eye(len(chosen)) + gram[np.ix_(chosen, chosen)]
         theta[chosen] += np.linalg.solve(inner, toward[chosen])
         machine = _machine(c, theta)
-        runs = c.view.simulate(bench, _seeds(machine, SEEDS // 6), c.tests, executor)
+        runs = c.view.simulate(bench, [(machine, seed) for seed in range(SEEDS // 6)], c.tests)
         left = replace(c, nominal=runs.mean(axis=0)).misfit(values) if np.isfinite(runs).all() else np.inf
         if left >= best:
             break
@@ -49,12 +43,8 @@ def nearest_machine(
     if not likeliest:
         return c
     seeds = affordable(bench, len(c.tests), SEEDS // 6, SEEDS)
-    runs = c.view.simulate(bench, _seeds(likeliest, seeds), c.tests, executor)
+    runs = c.view.simulate(bench, [(likeliest, seed) for seed in range(seeds)], c.tests)
     return c.beside(runs) if np.isfinite(runs).all() else c
-
-
-def _seeds(machine: Values, count: int) -> list[tuple[Values, int]]:
-    return [(machine, seed) for seed in range(count)]
 
 
 def _machine(c: Comparison, theta: FloatArray) -> Values:

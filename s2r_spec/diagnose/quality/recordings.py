@@ -7,30 +7,23 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.diagnose.data.space_filling import TESTS
-from s2r_spec.diagnose.simulator.bench import Bench
+from s2r_spec.diagnose.simulator.bench import Bench, TestRun
 from s2r_spec.space import Key, key_of
 from s2r_spec.trace import Trace
+from s2r_spec.trace.arrays import FloatArray
 
-FloatArray = NDArray[np.float64]
-Rollout = tuple[dict[str, float], Trace]
 Pair = tuple[Trace, Trace]
 """A simulated rollout, and the real one of the same test."""
 
 
 @dataclass(frozen=True, eq=False)
 class Recordings:
-    """What is checked.
-
-    Attributes:
-        bench: the simulator.
-        rollouts: the machine's, in the order of their table.
-    """
+    """What is checked: rollouts of the machine, in the order of their table, and the simulator."""
 
     bench: Bench
-    rollouts: Sequence[Rollout]
+    rollouts: Sequence[TestRun]
     _simulated: dict[Key, Trace] = field(default_factory=dict)
 
     @cached_property

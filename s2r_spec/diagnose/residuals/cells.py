@@ -18,8 +18,7 @@ from s2r_spec.diagnose.simulator.bench import Bench, Test
 from s2r_spec.diagnose.simulator.experiments import RESIDUAL
 from s2r_spec.space import Key, key_of
 from s2r_spec.trace import Trace
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
 
 CELLS = 32
 """Definition: shortest windows of time in a rollout, a power of two; cells along a channel are half as many."""
@@ -57,8 +56,7 @@ class Cells:
     """All cells, and where they are at every test.
 
     Attributes:
-        duration: of a rollout [s].
-        widths: quantity → columns.
+        duration, widths: of a rollout [s], and quantity → columns.
         edges: (channel, column) → rising values between the cells along it.
         at: test → (len(edges), GRID) the cell along each of them at each time.
     """
@@ -70,13 +68,7 @@ class Cells:
 
     @classmethod
     def of(cls, duration: float, widths: Mapping[str, int], paths: Mapping[Key, FloatArray]) -> Cells:
-        """Choose the edges along recorded channels, with as many times of all paths between each two.
-
-        Args:
-            duration: of a rollout [s].
-            widths: quantity → columns.
-            paths: test → (GRID, columns) of :func:`path`.
-        """
+        """Choose the edges along recorded channels, with as many times of the (GRID, columns) paths between two."""
         every = np.concatenate(list(paths.values()))
         edges, numbers = {}, []
         for number, (name, column) in enumerate(_columns(widths)):
@@ -93,7 +85,6 @@ class Cells:
         return cls(duration, widths, edges, at)
 
     def _axes(self, name: str, column: int) -> dict[tuple[str, int], FloatArray]:
-        """Return the ends of a column's cells in time, for ("", 0), and along each channel of as many columns."""
         ends = {("", 0): np.linspace(0.0, self.duration, CELLS + 1)}
         for key, edges in self.edges.items():
             if key[1] == column and self.widths[key[0]] == self.widths[name]:

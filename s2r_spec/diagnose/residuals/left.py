@@ -9,10 +9,8 @@ units of what needs no cause:
 s² is the variance of y − x from rollout to rollout, and t Student's quantile for LEVEL, shared by all cells. e² is the
 mean square of what the named effects do, in this cell and over the column. a² is the sum of that of all typical effects
 over the column, v² how much the column varies over time, and w² the sum of what the simulator's variants do. A cell is
-*material* above 1.
-
-A residual of the equations of motion shows where a cause acts. A channel of a closed loop also shows the reaction. It
-goes on after the cause, which may be smaller by the part EXPLAINS. So beside residuals a channel counts by this part.
+*material* above 1. A residual of the equations of motion shows where a cause acts. A channel of a closed loop also
+shows the reaction, which goes on after the cause. So beside residuals a channel counts by the part EXPLAINS.
 
 Units: those of each quantity; a surplus has none.
 """
@@ -21,9 +19,8 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 
@@ -37,13 +34,21 @@ from s2r_spec.base.printable import spell_unit
 from s2r_spec.diagnose.gap import FEWEST, LEVEL, SHOTS
 from s2r_spec.diagnose.residuals.cells import CELLS, Cell, CellColumn, Cells, part_names, path, widths_of
 from s2r_spec.diagnose.simulator.axes import EffectAxis, Values
-from s2r_spec.diagnose.simulator.bench import Bench, Job, Test, evenly, places_of, run_jobs, with_seeds
+from s2r_spec.diagnose.simulator.bench import (
+    Bench,
+    Job,
+    Test,
+    TestRun,
+    evenly,
+    places_of,
+    run_jobs,
+    with_seeds,
+)
 from s2r_spec.diagnose.simulator.experiments import RESIDUAL
 from s2r_spec.runs.seeds import SeedStream
 from s2r_spec.space import key_of
 from s2r_spec.trace import Trace, thin
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
 
 LAWS = 0.3
 """Prior: laws are off by this part of what the named effects do in a cell, and next to it."""
@@ -129,26 +134,16 @@ class Remainder(Shown):
 def remainders(
     bench: Bench,
     axes: Sequence[EffectAxis],
-    rollouts: Sequence[tuple[Test, Trace]],
+    rollouts: Sequence[TestRun],
     improved: Values,
     seed: int = 0,
-    executor: Callable[[], Executor] | None = None,
-    progress: Callable[[int, int], None] | None = None,
     named: Values | None = None,
 ) -> tuple[Remainder, ...]:
     """Return where most is left beyond what is allowed for, one cell a quantity's column, the cause's place first.
 
-    Nothing where too few rollouts reached their end: no equation here is of a fall.
-
-    Args:
-        bench: the simulator.
-        axes: of its catalogue.
-        rollouts: (test, trace) of the machine.
-        improved: effects with which the simulator should be nearest to it: the likeliest, and a little of all others.
-        seed: of the simulated rollouts.
-        executor: makes a pool for these; None runs them here.
-        progress: called with (done, of).
-        named: the likeliest alone, with which it may be nearer: what is left of channels is what both leave.
+    Nothing where too few rollouts reached their end: no equation here is of a fall. With the ``improved`` effects, the
+    likeliest and a little of all others, the simulator should be nearest to the machine. It may be nearer with those
+    that are ``named``: what is left of channels is what both leave.
     """
     whole = [(test, trace) for test, trace in rollouts if trace.failure is None]
     if len(whole) < FEWEST:
@@ -168,17 +163,16 @@ def remainders(
     jobs += [Job(axis.at(axis.at_typical()), (first[few[once]],)) for axis in axes]
     jobs += [Job(values, (run,)) for values in machines for run in first]
 
-    def tell(before: int, done: int, of: int) -> None:
-        if progress is not None:
-            progress(before + done, len(tests) + len(jobs))
+    def counted(before: int) -> Bench:
+        tell, of = bench.progress, len(tests) + len(jobs)
+        return replace(bench, progress=lambda done, _: tell(before + done, of)) if tell else bench
 
-    beside = [Job(improved, (run,)) for run in again]
-    paths = run_jobs(bench, beside, executor, partial(tell, 0), partial(path, widths))
+    paths = run_jobs(counted(0), [Job(improved, (run,)) for run in again], partial(path, widths))
     at = {key_of(test): rows[0] for test, rows in zip(tests, paths, strict=True)}
     cells = Cells.of(bench.backend.duration, widths, at)
     step = float(np.median([np.median(np.diff(trace.times)) for _, trace in whole]))
     read = partial(_means, cells, step)
-    rows = iter(run_jobs(bench, jobs, executor, partial(tell, len(tests)), read))
+    rows = iter(run_jobs(counted(len(tests)), jobs, read))
     usual = next(rows)
     other = [changed - usual for changed in islice(rows, len(variants))]
     typical = [changed - usual[[once]] for changed in islice(rows, len(axes))]
@@ -213,7 +207,6 @@ def remainders(
 
 
 def _quantities(traces: Sequence[Trace]) -> dict[str, int]:
-    """Return quantity → columns of the channels and residuals that are finite and no flag of 0 and 1."""
     columns = {}
     for name, width in widths_of(traces).items():
         values = np.concatenate([trace[name] for trace in traces])
@@ -223,11 +216,7 @@ def _quantities(traces: Sequence[Trace]) -> dict[str, int]:
 
 
 def _means(cells: Cells, step: float, bench: Bench, trace: Trace, test: Test) -> FloatArray:
-    """Return (cells,) means of a rollout; NaN for one that ended early.
-
-    Of one with more samples than the machine's, one for each ``step`` [s], only as many are read, so that a mean is of
-    the same times.
-    """
+    """Return (cells,) means of a rollout with at most a sample a ``step`` [s]; NaN for one that ended early."""
     row = cells.means(bench.seen(thin(trace, step), test), test)
     return row if trace.failure is None else np.full_like(row, np.nan)
 
@@ -294,8 +283,8 @@ def _largest_remainders(
 def begin(surplus: FloatArray, windows: int = CELLS) -> FloatArray:
     """Return the surplus of a column, with 0 in windows of time after the first that says (nearly) as much.
 
-    In a closed loop what acts for a time goes on after it, and the answer to it may be the larger. ``windows`` of the
-    (cells,) of a column are of time, and come first.
+    In a closed loop what acts for a time goes on after it. The first of the (cells,) of a column are ``windows`` of
+    time.
     """
     out = surplus.copy()
     begun = np.flatnonzero(out[:windows] > max(1.0, EXPLAINS * out.max()))
@@ -304,7 +293,7 @@ def begin(surplus: FloatArray, windows: int = CELLS) -> FloatArray:
     return out
 
 
-def label(bench: Bench, nominal: tuple[Test, Trace], column: CellColumn, width: int) -> str:
+def label(bench: Bench, nominal: TestRun, column: CellColumn, width: int) -> str:
     """Return the name of a column of so many: "" of one, else what the backend calls it, or its number."""
     if column.residual and isinstance(bench.backend, HasResiduals):
         test, trace = nominal
@@ -320,8 +309,8 @@ def label(bench: Bench, nominal: tuple[Test, Trace], column: CellColumn, width: 
 def sort_remainders(remainders: Sequence[Remainder]) -> tuple[Remainder, ...]:
     """Return remainders with the cause's place first.
 
-    A residual of the equations of motion shows where a cause acts. A recorded channel also shows the controller's
-    reaction. So beside a material residual the time of a recorded channel does not count.
+    Beside a material residual the time of a recorded channel, which also shows the controller's reaction, does not
+    count.
     """
     acts = any(each.material and not each.recorded for each in remainders)
     return tuple(

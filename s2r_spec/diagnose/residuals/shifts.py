@@ -22,15 +22,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.attribution.place import EXPLAINS, Place, ValueRange, cause_first
 from s2r_spec.base.json_values import Count, Probability, Shown
 from s2r_spec.diagnose.gap import FEWEST, LEVEL, ROUNDING
 from s2r_spec.diagnose.residuals.cells import CELLS, cell_means, part_names, widths_of
 from s2r_spec.trace import Trace
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
 
 MOST = 0.9
 """Tolerance: the answer is the shortest window with this part of the largest energy, size² times length. At 1, it is
@@ -137,10 +135,7 @@ _Column = tuple[str, int, str, str]
 
 
 def shifts(
-    tests: FloatArray,
-    real: Sequence[Residuals],
-    simulated: Sequence[Sequence[Residuals]],
-    duration: float,
+    tests: FloatArray, real: Sequence[Residuals], simulated: Sequence[Sequence[Residuals]], duration: float
 ) -> Body:
     """Return the shifts of all parts.
 
@@ -201,7 +196,6 @@ def windows() -> list[tuple[int, int]]:
 
 
 def _columns(traces: Sequence[Trace]) -> list[_Column]:
-    """Return the columns that all of the traces have."""
     first, columns = traces[0], []
     for name, width in widths_of(traces).items():
         names = part_names(first, name, width) or (name,) * width
@@ -210,7 +204,6 @@ def _columns(traces: Sequence[Trace]) -> list[_Column]:
 
 
 def _largest_values(every: Sequence[Residuals], columns: Sequence[_Column]) -> FloatArray:
-    """Return (c,) the largest value in the unit of each column, in recordings and residuals."""
     units: dict[str, float] = {}
     for trace in (trace for one in every for trace in one):
         for name, values in trace.channels.items():
@@ -243,11 +236,8 @@ def _window_statistics(
 ) -> FloatArray:
     """Return (5, 2c) mean, size, scatter of one rollout, F and p in a window; NaN with too few rollouts.
 
-    Args:
-        tests: (n, dim).
-        own: (n, 2c) of the real rollouts.
-        other: (n, m, 2c) of the simulated ones.
-        rough: (2c,) least standard deviation.
+    There are (n, dim) tests, (n, 2c) the real rollouts' own, (n, m, 2c) other ones of the simulator, and (2c,) a rough
+    least standard deviation.
     """
     from scipy.stats import f as fisher
 

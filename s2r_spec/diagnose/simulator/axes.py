@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 from s2r_spec.backend import Effect, EffectParameter
@@ -20,14 +20,11 @@ class EffectAxis:
     """One parameter of one effect, varied while the effect's others stay put.
 
     Attributes:
-        effect: its name.
-        parameter: its name.
-        unit: of the parameter.
+        effect, parameter, unit: names, and the unit of the parameter.
         nominal: the value that does nothing.
         typical: a distance from nominal that is large, but not rare, in the coordinate that is stepped; half a turn of
             an angle that may be any.
-        low: end of the parameter's range.
-        high: the other end.
+        low, high: ends of the parameter's range.
         logarithmic: whether that coordinate is the parameter's logarithm.
         base: other parameters of the effect that are held off nominal, so that this one acts at all.
     """
@@ -51,6 +48,12 @@ class EffectAxis:
         """Return the distance of a value from nominal, as a part of the typical one."""
         far = math.log(value / self.nominal) if self.logarithmic else value - self.nominal
         return far / self.typical
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The coordinates of the ends of the range, rising."""
+        one, other = self.coordinate(self.low), self.coordinate(self.high)
+        return min(one, other), max(one, other)
 
     def value(self, coordinate: float) -> float:
         """Return the value at this coordinate."""
@@ -93,44 +96,28 @@ class EffectAxis:
         return {self.effect: {**self.base, self.parameter: float(value)}}
 
 
-def coordinate(parameter: EffectParameter) -> tuple[Callable[[float], float], Callable[[float], float]]:
-    """Return the map to the coordinate in which the parameter is stepped, and the way back.
-
-    That is the logarithm for a prior that says so ("log-uniform"), else the number itself.
-    """
-    if parameter.prior.startswith("log") and parameter.low > 0:
-        return math.log, math.exp
-    return float, float
-
-
-def scale_of(parameter: EffectParameter) -> float:
-    """Return the scale of the parameter's prior: its standard deviation where the text has one, else a third.
-
-    In the coordinate of :func:`coordinate`. "half-normal, 0.4 N*m*s/rad" and "normal around 1, standard deviation 0.15"
-    are read, and no more than that side of the range is believed; any other text counts as a third of it.
-    """
-    to, _ = coordinate(parameter)
-    reach = max(abs(to(end) - to(parameter.nominal)) for end in (parameter.low, parameter.high))
-    scale = prior_scale(parameter)
-    return min(scale, reach) if scale else reach / 3.0
-
-
 def effect_axis(
     effect: Effect, parameter: EffectParameter, base: Mapping[str, float] | None = None
 ) -> EffectAxis:
-    """Return the axis of one parameter."""
-    to, _ = coordinate(parameter)
-    middle = to(parameter.nominal)
-    reach = max(abs(to(end) - middle) for end in (parameter.low, parameter.high))
+    """Return the axis of one parameter, by its logarithm for a prior that says so ("log-uniform").
+
+    Typical is twice the prior's standard deviation, where its text has one, or two thirds of the larger side of the
+    range, and never more than that side.
+    """
+    logarithmic = parameter.prior.startswith("log") and parameter.low > 0
+    low, high, middle = (
+        math.log(x) if logarithmic else float(x) for x in (parameter.low, parameter.high, parameter.nominal)
+    )
+    reach, scale = max(abs(low - middle), abs(high - middle)), prior_scale(parameter)
     made = EffectAxis(
         effect.name,
         parameter.name,
         parameter.unit,
         parameter.nominal,
-        min(2.0 * scale_of(parameter), reach),
+        min(2.0 * (min(scale, reach) if scale else reach / 3.0), reach),
         parameter.low,
         parameter.high,
-        to is math.log,
+        logarithmic,
         dict(base or {}),
     )
     return replace(made, typical=(made.high - made.low) / 2.0) if made.is_turn else made
@@ -141,10 +128,8 @@ def effect_axes(
 ) -> tuple[EffectAxis, ...]:
     """Return every axis of a catalogue.
 
-    Args:
-        effects: the catalogue.
-        acts: effect → parameters that change something while the effect's others are nominal, when
-            that was tried; the rest of its parameters are varied with the first of these off nominal.
+    ``acts`` is effect → parameters that change something while the effect's others are nominal, when that was tried;
+    the rest of its parameters are varied with the first of these off nominal.
     """
     out = []
     for effect in effects:

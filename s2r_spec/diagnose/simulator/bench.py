@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, Executor, as_completed
+from concurrent.futures import BrokenExecutor, as_completed
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend, Effect, HasDuration, HasEffects, HasVariants, is_exclusive, load_backend
 from s2r_spec.backend.effects import catalogue_of
@@ -24,26 +24,33 @@ from s2r_spec.runs.seeds import SeedStream, rollout_seed
 from s2r_spec.space import Key, key_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
+from s2r_spec.trace.arrays import FloatArray
+from s2r_spec.workers.pools import ExecutorFactory
 
-FloatArray = NDArray[np.float64]
 Test = Mapping[str, float]
+TestRun = tuple[Test, Trace]
+Progress = Callable[[int, int], None]
+"""Called with how many jobs are done, and of how many."""
 
 
 @dataclass(frozen=True)
 class Bench:
-    """A simulator with a spec set up on it: all that a worker needs.
+    """A simulator with a spec set up on it, and where its rollouts run.
 
     Attributes:
         backend: nominal.
-        spec: with the requirement.
-        requirement: its name.
+        spec, requirement: what is required of it.
         matched: how the spec's tests become the backend's.
+        pool: of the rollouts; None runs them in this process.
+        progress: of their jobs; without it, :data:`WATCH` counts rollouts.
     """
 
     backend: Backend
     spec: Spec
     requirement: str
     matched: Interface
+    pool: ExecutorFactory | None = None
+    progress: Progress | None = None
 
     @classmethod
     def of(cls, spec: Spec, requirement: str, simulator: Backend | str) -> Bench:
@@ -58,7 +65,7 @@ class Bench:
         horizon = spec.horizon(requirement)
         if isinstance(backend, HasDuration) and math.isfinite(horizon) and horizon > 0:
             backend = backend.with_duration(horizon)
-        _of_different_names(backend.name, catalogue_of(backend))
+        _refuse_same_names(backend.name, catalogue_of(backend))
         return cls(backend, spec, requirement, check_compatibility(spec, requirement, backend))
 
     def with_effects(self, values: Values) -> Backend:
@@ -72,11 +79,6 @@ class Bench:
             )
         patched: Backend = self.backend.with_effects(values)
         return patched
-
-    def with_variant(self, name: str) -> Backend:
-        """Return the same simulator, computed otherwise."""
-        assert isinstance(self.backend, HasVariants)
-        return self.backend.variants()[name]
 
     def run(self, values: Values, test: Test, seed: int) -> Trace:
         """Run one test with these effects added.
@@ -111,11 +113,7 @@ def evenly(count: int, most: int) -> list[int]:
 
 
 def refuse_machine(backend: object) -> None:
-    """Refuse a machine whose rollouts need an operator.
-
-    Raises:
-        UsageError: it is one.
-    """
+    """Refuse a machine whose rollouts need an operator, by a UsageError."""
     if is_exclusive(backend):
         name = getattr(backend, "name", "this backend")
         raise UsageError(
@@ -123,18 +121,11 @@ def refuse_machine(backend: object) -> None:
         )
 
 
-def _of_different_names(backend: str, effects: Sequence[Effect]) -> None:
-    """Refuse a catalogue in which one name stands for two effects, or for two parameters of one.
-
-    Raises:
-        BackendError: it does.
-    """
-    names = [effect.name for effect in effects]
-    of_one = [(effect.name, [p.name for p in effect.parameters]) for effect in effects]
-    for what, among in [
-        ("effects", names),
-        *((f"parameters of the effect {name!r}", of) for name, of in of_one),
-    ]:
+def _refuse_same_names(backend: str, effects: Sequence[Effect]) -> None:
+    named = {"effects": [effect.name for effect in effects]}
+    for effect in effects:
+        named[f"parameters of the effect {effect.name!r}"] = [p.name for p in effect.parameters]
+    for what, among in named.items():
         if twice := [name for n, name in enumerate(among) if name in among[:n]]:
             raise BackendError(
                 f"backend {backend!r} has two {what} named {twice[0]!r}; give each its own name"
@@ -170,7 +161,10 @@ def run_job(bench: Bench, job: Job, read: Read = rho_and_end) -> FloatArray:
     Raises:
         BackendError: the backend raised; the sentence names the effects and the test.
     """
-    backend = bench.with_variant(job.variant) if job.variant else bench.with_effects(job.values)
+    backend = bench.with_effects(job.values)
+    if job.variant:
+        assert isinstance(bench.backend, HasVariants)
+        backend = bench.backend.variants()[job.variant]
     rows = []
     for test, seed in job.runs:
         with name_rollout(bench, job.values, test, seed):
@@ -195,45 +189,24 @@ def name_rollout(bench: Bench, values: Values, test: Test, seed: int) -> Iterato
         ) from None
 
 
+_unpickle = lru_cache(1)(pickle.loads)
+
+
 def _run_pickled(bench: bytes, job: Job, read: Read) -> FloatArray:
-    """In a worker: the bench is unpickled once, and known by its bytes."""
     return run_job(_unpickle(bench), job, read)
 
 
-_KNOWN: dict[bytes, Bench] = {}
-
-
-def _unpickle(bench: bytes) -> Bench:
-    if bench not in _KNOWN:
-        _KNOWN.clear()
-        _KNOWN[bench] = pickle.loads(bench)
-    return _KNOWN[bench]
-
-
-def run_jobs(
-    bench: Bench,
-    jobs: Sequence[Job],
-    executor: Callable[[], Executor] | None = None,
-    progress: Callable[[int, int], None] | None = None,
-    read: Read = rho_and_end,
-) -> list[FloatArray]:
-    """Return :func:`run_job` of each job, in their order.
-
-    Args:
-        bench: see there.
-        jobs: see there.
-        executor: makes a pool; None runs everything in this process.
-        progress: called with how many jobs are done, and of how many; if not given, :data:`WATCH` counts rollouts.
-        read: see there; a function that another process can be sent.
+def run_jobs(bench: Bench, jobs: Sequence[Job], read: Read = rho_and_end) -> list[FloatArray]:
+    """Return :func:`run_job` of each job, in their order; ``read`` is a function that another process can be sent.
 
     Raises:
         BackendError: a rollout raised, or a worker died.
     """
     results: dict[int, FloatArray] = {}
-    for index, rows in _outcomes(bench, jobs, executor, read):
+    for index, rows in _outcomes(bench, jobs, read):
         results[index] = rows
-        if progress is not None:
-            progress(len(results), len(jobs))
+        if bench.progress is not None:
+            bench.progress(len(results), len(jobs))
         else:
             WATCH.get()(len(jobs[index].runs))
     return [results[index] for index in range(len(jobs))]
@@ -248,26 +221,20 @@ def with_seeds(
 
 
 def table(
-    bench: Bench,
-    machines: Sequence[Values],
-    runs: Sequence[tuple[Test, int]],
-    executor: Callable[[], Executor] | None = None,
-    read: Read = rho_and_end,
+    bench: Bench, machines: Sequence[Values], runs: Sequence[tuple[Test, int]], read: Read = rho_and_end
 ) -> FloatArray:
     """Return (n, machines, runs) the n numbers that are read of every machine in every run, a job each."""
-    rows = run_jobs(bench, [Job(values, (run,)) for values in machines for run in runs], executor, read=read)
+    rows = run_jobs(bench, [Job(values, (run,)) for values in machines for run in runs], read)
     return np.array(rows).reshape(len(machines), len(runs), -1).transpose(2, 0, 1)
 
 
-def _outcomes(
-    bench: Bench, jobs: Sequence[Job], executor: Callable[[], Executor] | None, read: Read
-) -> Iterator[tuple[int, FloatArray]]:
-    pickled = None if executor is None else _pickle(bench)
-    if executor is None or pickled is None or len(jobs) < 2:
+def _outcomes(bench: Bench, jobs: Sequence[Job], read: Read) -> Iterator[tuple[int, FloatArray]]:
+    pickled = None if bench.pool is None else _pickle(bench)
+    if bench.pool is None or pickled is None or len(jobs) < 2:
         for index, job in enumerate(jobs):
             yield index, run_job(bench, job, read)
         return
-    with executor() as pool:
+    with bench.pool() as pool:
         futures = {pool.submit(_run_pickled, pickled, job, read): index for index, job in enumerate(jobs)}
         try:
             for future in as_completed(futures):
@@ -288,8 +255,7 @@ def travels(bench: Bench) -> bool:
 
 
 def _pickle(bench: Bench) -> bytes | None:
-    """Return the bench as bytes; None for a backend that only lives in this process."""
     try:
-        return pickle.dumps(bench)
+        return pickle.dumps(replace(bench, pool=None, progress=None))
     except Exception:
         return None

@@ -1,7 +1,7 @@
-"""What is computed once and kept on disk: arrays and JSON in an NPZ file, read as data and made again if damaged.
+"""What is computed once and kept on disk: arrays and JSON in an NPZ file.
 
-A cache file may be cut, of another version or somebody else's: whatever it holds, reading it runs nothing, and where
-it cannot be read it is made again, with a sentence that names it.
+A file may be cut, of another version or somebody else's: reading it runs nothing, and where it cannot be read it is
+made again, with a sentence that names it.
 """
 
 from __future__ import annotations
@@ -19,12 +19,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Cache:
-    """A folder of files that can be made again.
-
-    Attributes:
-        folder: of all of them.
-        notes: a sentence for each file that was damaged or could not be kept, in order; grows.
-    """
+    """A folder of files that can be made again, and a sentence for each that was damaged or could not be kept."""
 
     folder: Path
     notes: list[str] = field(default_factory=list)
@@ -39,13 +34,10 @@ class Cache:
     def kept(
         self, place: str, load: Callable[[Path], T], make: Callable[[], T], save: Callable[[T, Path], None]
     ) -> T:
-        """Return what a file holds, or make it and write it there.
+        """Return what a file below the folder holds, or make it and write it there.
 
-        Args:
-            place: of the file below the folder, ending in ".npz".
-            load: reads it as data, and raises whatever it likes if it is not what ``save`` writes.
-            make: what should be in it.
-            save: writes it.
+        ``load`` reads it as data, and raises whatever it likes if it is not what ``save`` writes. The place ends in
+        ".npz".
         """
         path = self.folder / place
         if path.is_file():
@@ -54,24 +46,19 @@ class Cache:
             except Exception:  # what a file of unknown content raises has no end: zip, JSON, memory, shapes
                 self.notes.append(f"the cache file {path} was damaged, and was made again")
         made = make()
+        part = path.with_suffix(f".{os.getpid()}.part.npz")
         try:
-            _write(lambda part: save(made, part), path)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            try:  # it is put there when it is whole
+                save(made, part)
+                part.replace(path)
+            finally:
+                part.unlink(missing_ok=True)
         except OSError as error:
             self.notes.append(
                 f"the cache file {path} could not be written ({error.strerror}), so the next diagnosis makes it again"
             )
         return made
-
-
-def _write(save: Callable[[Path], None], path: Path) -> None:
-    """Write a file beside its place, and put it there when it is whole."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(f".{os.getpid()}.part.npz")
-    try:
-        save(part)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def source_of(kind: type) -> str:

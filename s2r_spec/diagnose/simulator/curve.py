@@ -7,9 +7,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
 
 HARMONICS = 3
 """Definition: functions of the series of :class:`Turn`: cosine, sine, and the cosine of twice the angle."""

@@ -33,11 +33,6 @@ class Experiment:
         """Return a test of the specification."""
         return cls("", tuple(sorted(params.items())))
 
-    @classmethod
-    def of(cls, trace: Trace, params: Mapping[str, float]) -> Experiment:
-        """Return the experiment of a recorded trace."""
-        return cls(str(trace.meta.get(PROTOCOL, "")), tuple(sorted(params.items())))
-
     @property
     def values(self) -> dict[str, float]:
         """Its parameters by name."""
@@ -72,12 +67,8 @@ def with_residuals(trace: Trace, backend: Backend, params: Mapping[str, float]) 
     """Return the trace with the residuals of a backend's own model beside its channels, at the trace's times.
 
     A residual has no value at the ends of a trace, where its filter lacks samples: it takes the nearest one there. A
-    trace without the channels of any residual (a log of few channels, a fall at once) is returned as it is.
-
-    Args:
-        trace: of a test or of a protocol.
-        backend: the nominal simulator.
-        params: parameters of the test or of the protocol, in the backend's units.
+    trace without the channels of any residual (a log of few channels, a fall at once) is returned as it is. ``params``
+    are those of the test or of the protocol, in the backend's units.
     """
     if not isinstance(backend, HasResiduals):
         return trace

@@ -10,8 +10,7 @@ flag f (a channel of 0 and 1, such as stance) or another quantity s of the same 
     flag         means of x where f = 1, and where f = 0       phases of a gait
     product      means of x s, x sign(s) and x ds/dt, of a residual x: what its force law looks like
 
-Every observable of one quantity and one kind of statistic is in one *group*. A trace that ended early, or that lacks
-a channel, has NaN for what it cannot show.
+Those of one quantity and one kind of statistic are a *group*. What a trace cannot show is NaN.
 
 Units: quantities are in units of their scale, which is their rms over the nominal traces. Of a residual, and of a
 difference, which nearly vanish in a nominal trace, it is at least 5 % of the scatter of a channel of the same unit.
@@ -24,12 +23,10 @@ from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.diagnose.simulator.experiments import RESIDUAL
 from s2r_spec.trace import Trace
-
-FloatArray = NDArray[np.float64]
+from s2r_spec.trace.arrays import FloatArray
 
 BINS = 50
 """Definition: parts of a trace whose means are observables."""
@@ -152,21 +149,18 @@ class Observables:
             signal += float(parts.mean(axis=0).var(axis=0).mean()) - scatter / len(traces)
         return noise <= signal
 
-    def partners(self, quantity: ObservedQuantity) -> list[str]:
+    def _partners(self, one: ObservedQuantity) -> list[str]:
         """Return the names of the channels with which a residual is multiplied."""
-        if not quantity.residual:
-            return []
-        return [q.name for q in self.quantities if not q.residual and q.scale.size == quantity.scale.size]
+        channels = [q for q in self.quantities if one.residual and not q.residual]
+        return [q.name for q in channels if q.scale.size == one.scale.size]
 
-    def flags_of(self, quantity: ObservedQuantity) -> list[tuple[str, int]]:
-        """Return the flags whose phases a quantity has."""
-        width = quantity.scale.size
+    def _flags_of(self, one: ObservedQuantity) -> list[tuple[str, int]]:
+        width = one.scale.size
         return [(name, k) for name, k in self.flags if width % k == 0 and (k > 1 or width == 1)]
 
     def _statistic(
         self, quantity: ObservedQuantity, statistic: str, values: Mapping[str, FloatArray], trace: Trace
     ) -> FloatArray:
-        """Return the observables of one group; ``values`` are the samples of every quantity."""
         x, times = values[quantity.name], trace.times - trace.times[0]
         if statistic == "bin":
             return _means(x, times, np.linspace(0.0, self.duration, BINS + 1))
@@ -175,10 +169,10 @@ class Observables:
         if statistic == "ripple":
             return _ripple(x, times, self.duration)
         if statistic == "flag":
-            phases = [_in_phases(x, trace, flag, width) for flag, width in self.flags_of(quantity)]
+            phases = [_in_phases(x, trace, flag, width) for flag, width in self._flags_of(quantity)]
             return np.concatenate(phases)
         rows = []
-        for s in (values[partner] for partner in self.partners(quantity)):
+        for s in (values[partner] for partner in self._partners(quantity)):
             rate = np.gradient(s, times, axis=0) * self.duration if len(times) > 1 else np.zeros_like(s)
             rows += [(x * s).mean(axis=0), (x * np.sign(s)).mean(axis=0), (x * rate).mean(axis=0)]
         return np.concatenate(rows)
@@ -192,9 +186,9 @@ class Observables:
                 else (quantity, "mean", (len(WINDOWS) - 1) * width)
             )
             yield quantity, "ripple", 3 * width
-            if flags := self.flags_of(quantity):
+            if flags := self._flags_of(quantity):
                 yield quantity, "flag", 2 * len(flags) * width
-            if partners := self.partners(quantity):
+            if partners := self._partners(quantity):
                 yield quantity, "product", 3 * len(partners) * width
 
 
@@ -238,7 +232,6 @@ def _means(x: FloatArray, times: FloatArray, edges: FloatArray) -> FloatArray:
 
 
 def _ripple(x: FloatArray, times: FloatArray, duration: float) -> FloatArray:
-    """Return the logarithm of the scatter within blocks in the first and second half, and of all samples."""
     block = np.minimum((times / (duration / BLOCKS) + 1e-9).astype(int), BLOCKS - 1)
     starts = np.flatnonzero(np.diff(block, prepend=-1))
     counts = np.diff(np.append(starts, len(times)))[:, None]

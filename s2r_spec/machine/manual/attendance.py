@@ -13,13 +13,7 @@ from pathlib import Path
 from s2r_spec.backend import Coming, Needs, Operator
 from s2r_spec.base.errors import TraceError, UsageError
 from s2r_spec.logs import READABLE
-from s2r_spec.machine.manual.checks import (
-    RequestedTest,
-    in_common_form,
-    refusal,
-    within_horizon,
-    without_unit,
-)
+from s2r_spec.machine.manual import checks
 from s2r_spec.machine.manual.folder import INCOMING, ORIGINALS, REFUSED, PendingTest, TestFolder
 from s2r_spec.machine.manual.words import channel_words, test_words
 from s2r_spec.recordings.log_folder import digest
@@ -34,8 +28,6 @@ NO_LOG = "log"
 
 @dataclass(frozen=True)
 class _Checked:
-    """Result of a check of a log: its trace, or the reason for its refusal; and notes for the person."""
-
     trace: Trace | None
     refusal: str | None
     notes: tuple[str, ...] = ()
@@ -45,12 +37,7 @@ class _Checked:
 class Attendance:
     """Requests tests from a person; see :class:`s2r_spec.backend.Attended`.
 
-    Args:
-        tests: the folder of tests.
-        options: options for reading logs.
-        needs: channels and parameters of the specification.
-        seconds: horizon of the specification [s]; 0 if it reads a trace to its end.
-        operator: the person at the terminal.
+    ``seconds`` is the horizon of the specification [s]; 0 if it reads a trace to its end.
     """
 
     tests: TestFolder
@@ -63,28 +50,20 @@ class Attendance:
     _previous: dict[str, float] | None = None
 
     def begin(self, coming: Coming) -> None:
-        """Prepare the folder, and announce the tests.
-
-        Raises:
-            UsageError: the folder cannot be used for these tests.
-        """
+        """Prepare the folder, and announce the tests; a UsageError says why the folder cannot be used for them."""
         self._digests = set(self.tests.prepare(self.needs.channels, self.needs.parameters, self.seconds))
         count, recorded = coming.rollouts, self.tests.recorded()
         tests = "Tests are coming" if count is None else f"At most {count} tests are coming"
+        holds = f" {self.tests.root} already holds {recorded} recorded tests." if recorded else ""
         self.operator.say(
             f"{tests}, one after the other. You run each on the robot, and put its log into "
-            f"{self.tests.root / INCOMING}."
-            + (f" {self.tests.root} already holds {recorded} recorded tests." if recorded else "")
+            f"{self.tests.root / INCOMING}.{holds}"
         )
         if self.seconds > 0:
             self.operator.say(f"Each test takes {self.seconds:g} s from the first sample of its log.")
 
     def before(self, params: Mapping[str, float]) -> None:
-        """Request a test until it has an outcome.
-
-        Raises:
-            StoppedError: the person ends the run; with --resume the same test is requested again.
-        """
+        """Request a test until it has an outcome; after a StoppedError, --resume requests the same test again."""
         test = self.tests.pending()
         if test is not None and test.params != dict(params):
             self._abandon(test)
@@ -95,7 +74,7 @@ class Attendance:
             self.operator.say(f"{self._words(test)} already has an outcome: {test.id}.")
             return
         test = test or self.tests.new(params)
-        self.tests.write(test, self._about())
+        self._write(test)
         if (log := self.tests.taken(test)) is not None and self._try(log, test, None):
             return
         while not self._request(test):
@@ -106,7 +85,7 @@ class Attendance:
         test = self.tests.pending()
         if trace is None or test is None:
             return
-        if (key := digest(within_horizon(trace, self.seconds))) is not None:
+        if (key := digest(checks.within_horizon(trace, self.seconds))) is not None:
             self._digests.add(key)
         self._previous = test.params
         self.tests.close()
@@ -119,7 +98,6 @@ class Attendance:
         self.tests.release()
 
     def _request(self, test: PendingTest) -> bool:
-        """Request a test once; return whether it has an outcome now."""
         again = ", once more" if test.params == self._previous else ""
         answer = self.operator.choose(
             f"\nTest {test.id}{again}: {self._words(test)}\nRecord {channel_words(self.needs.channels)}. "
@@ -133,9 +111,15 @@ class Attendance:
             },
         )
         if answer == "s":
-            return self._skip(test)
+            # Wait until the robot works again; then the same test is requested again.
+            self.tests.skip(test)
+            self.operator.choose(
+                "s2r recorded nothing. It requests the same test again, now or when you resume the run with --resume.",
+                {"": "the robot works again"},
+            )
+            return False
         if answer == "n":
-            self._accept(replace(test, state="accepted", void=NO_LOG))
+            self._write(replace(test, state="accepted", void=NO_LOG))
             return True
         if answer == "f":
             return self._fell(test)
@@ -153,18 +137,9 @@ class Attendance:
             )
             if answer == "y":
                 return self._try(path, test, FALL)
-        self._accept(replace(test, state="accepted", failure=FALL))
+        self._write(replace(test, state="accepted", failure=FALL))
         self.operator.say(f"Accepted as {test.id}: the robot fell.")
         return True
-
-    def _skip(self, test: PendingTest) -> bool:
-        """Wait until the robot works again; then the same test is requested again."""
-        self.tests.skip(test)
-        self.operator.choose(
-            "s2r recorded nothing. It requests the same test again, now or when you resume the run with --resume.",
-            {"": "the robot works again"},
-        )
-        return False
 
     def _is_spoilt(self, test: PendingTest) -> bool:
         """Return whether the accepted log of a test is no longer valid, and tell the person."""
@@ -176,23 +151,16 @@ class Attendance:
         return checked.refusal is not None
 
     def _waiting(self) -> Path | None:
-        """Return the one log in ``incoming``; tell the person if there is none, or more than one."""
         logs, where = self.tests.waiting(), self.tests.root / INCOMING
         if len(logs) == 1:
             return logs[0]
-        if not logs:
-            self.operator.say(
-                f"There is no log in {where}: put one there that ends in {', '.join(READABLE)}."
-            )
-        else:
-            names = ", ".join(path.name for path in logs[:5])
-            self.operator.say(
-                f"There are several logs in {where} ({names}): leave only the log of this test."
-            )
+        names = ", ".join(path.name for path in logs[:5])
+        several = f"There are several logs in {where} ({names}): leave only the log of this test."
+        none = f"There is no log in {where}: put one there that ends in {', '.join(READABLE)}."
+        self.operator.say(several if logs else none)
         return None
 
     def _typed(self) -> Path | None:
-        """Return the path that the person types, if it can be a log."""
         path = Path(self.operator.line("Path of the log: ")).expanduser()
         if path.suffix.lower() in READABLE and path.is_file():
             return path
@@ -205,7 +173,7 @@ class Attendance:
             checked = self._check(path, test, failure)
             if checked.trace is not None:
                 kept = path if path.parent == self.tests.root / ORIGINALS else self.tests.take(path, test)
-                self._accept(replace(test, state="accepted", log=kept.name, failure=failure))
+                self._write(replace(test, state="accepted", log=kept.name, failure=failure))
                 self._report(test, checked.trace, checked.notes)
                 return True
             where = self.tests.refuse(path)
@@ -218,7 +186,6 @@ class Attendance:
         return False
 
     def _check(self, path: Path, test: PendingTest, failure: str | None) -> _Checked:
-        """Read a log, and check that it belongs to the test."""
         try:
             loaded = self.options.load(path)
         except TraceError as error:
@@ -226,23 +193,22 @@ class Attendance:
         trace = self.options.fill_gaps(loaded.trace)
         if failure is not None:
             trace = replace(trace, meta=dict(trace.meta) | {"failure": failure})
-        reason = refusal(trace, RequestedTest(test.params, self.needs, self.seconds))
+        reason = checks.refusal(trace, checks.RequestedTest(test.params, self.needs, self.seconds))
         if reason is not None:
             lacking = next((c.name for c in self.needs.channels if c.name in loaded.left_out), None)
             return _Checked(None, reason if lacking is None else loaded.left_out[lacking])
         # A recorder that runs on between two tests begins its next log with the previous test.
-        key = digest(within_horizon(in_common_form(trace, self.needs.channels), self.seconds))
+        key = digest(checks.within_horizon(checks.in_common_form(trace, self.needs.channels), self.seconds))
         if key in self._digests:
             return _Checked(None, "it is the log of an earlier test, sample for sample")
         units = {c.name: c.unit for c in self.needs.channels}
         assumed = [
             f"the channel {name} has no unit; s2r reads its numbers in {units[name]}"
-            for name in without_unit(trace, self.needs.channels)
+            for name in checks.without_unit(trace, self.needs.channels)
         ]
         return _Checked(trace, None, (*loaded.notes, *assumed))
 
     def _report(self, test: PendingTest, trace: Trace, notes: tuple[str, ...]) -> None:
-        """Tell the person that a log was accepted, and each note once."""
         ended = f", {trace.failure}" if trace.failure is not None else ""
         self.operator.say(f"Accepted as {test.id}: {trace.duration:.4g} s, {len(trace)} samples{ended}.")
         for note in notes:
@@ -259,16 +225,11 @@ class Attendance:
             )
         self.tests.close()
 
-    def _accept(self, test: PendingTest) -> None:
-        self.tests.write(test, self._about())
-
-    def _about(self) -> dict[str, object]:
-        """Return facts about the tests for the lab's scripts."""
-        return {
-            "units": {p.name: p.unit for p in self.needs.parameters},
-            "channels": {c.name: c.unit for c in self.needs.channels},
-            "seconds": self.seconds,
-        }
+    def _write(self, test: PendingTest) -> None:
+        """Write the pending test, with facts for the lab's scripts."""
+        units = {p.name: p.unit for p in self.needs.parameters}
+        channels = {c.name: c.unit for c in self.needs.channels}
+        self.tests.write(test, {"units": units, "channels": channels, "seconds": self.seconds})
 
     def _words(self, test: PendingTest) -> str:
         return test_words(test.params, self.needs.parameters)

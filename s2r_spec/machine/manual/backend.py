@@ -21,7 +21,7 @@ from s2r_spec.backend import VOID, Channel, Needs, Operator, Parameter
 from s2r_spec.base.errors import NotBegunError, UsageError
 from s2r_spec.machine.manual.attendance import FALL, Attendance
 from s2r_spec.machine.manual.checks import in_common_form
-from s2r_spec.machine.manual.folder import ORIGINALS, PendingTest, TestFolder, as_recorded_test, placeholder
+from s2r_spec.machine.manual.folder import ORIGINALS, PendingTest, TestFolder, placeholder
 from s2r_spec.machine.manual.words import test_words
 from s2r_spec.recordings.log_options import LogOptions
 from s2r_spec.recordings.reading_rule import READING
@@ -55,7 +55,6 @@ class ManualBackend:
     reading = READING
 
     def __post_init__(self) -> None:
-        """Check the folder's name and the options; make nothing."""
         if not self.folder:
             raise UsageError("the manual backend needs a folder for the rollouts: write --real manual:FOLDER")
         root = self.tests.root
@@ -125,11 +124,7 @@ class ManualBackend:
         return Attendance(self.tests, self.options, self.needs, self.duration, operator)
 
     def rollout(self, params: Mapping[str, float], seed: int) -> Trace:
-        """Return the accepted log of this test, and record it in the folder.
-
-        Raises:
-            NotBegunError: no log was accepted; the operator is asked again.
-        """
+        """Return the accepted log of this test, and record it in the folder; raise a NotBegunError if there is none."""
         test = self.tests.pending()
         if test is None or test.state == "asked" or test.params != dict(params):
             raise NotBegunError(f"there is no log of {test_words(params, self.parameters)} yet")
@@ -145,11 +140,10 @@ class ManualBackend:
                 np.zeros(1), {}, {}, {VOID: test.void, "reason": VOID_REASON, "params": dict(params)}
             )
         trace = self.tests.record(test, self._trace(test), seed, self.channels, self.parameters)
-        self.tests.write(as_recorded_test(test, seed), {})
+        self.tests.write(replace(test, state="recorded", seed=seed), {})
         return trace
 
     def _trace(self, test: PendingTest) -> Trace:
-        """Return the trace of an accepted test, with channels in the units of the specification."""
         meta: dict[str, Any] = {"params": dict(test.params)}
         if test.log is None:
             trace = placeholder(test.failure or FALL, self.channels)

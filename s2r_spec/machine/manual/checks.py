@@ -17,9 +17,8 @@ from s2r_spec.backend import Channel, Needs, Parameter
 from s2r_spec.base.errors import S2RError, one_of, suggest
 from s2r_spec.lang.conversion import Conversion
 from s2r_spec.lang.units import UnknownUnitError, parse_unit, unit_in_log
+from s2r_spec.space import FloatArray
 from s2r_spec.trace import Trace
-
-FloatArray = NDArray[np.float64]
 
 COMMANDS = ("{}_cmd", "cmd_{}", "{}_command", "{}_des", "{}_ref")
 """Definition: names of a quantity's command in a log; a column with another name is mapped to ``<parameter>_cmd``."""
@@ -44,12 +43,9 @@ STEPS = 10.0
 
 @dataclass(frozen=True)
 class RequestedTest:
-    """The test that s2r requested.
+    """The test that s2r requested, in the units of the spec.
 
-    Attributes:
-        params: parameters of the test, in the units of the spec.
-        needs: channels and parameters of the spec.
-        seconds: horizon of the spec [s]; 0 if it reads a trace to its end.
+    ``seconds`` is the horizon of the spec [s]; 0 if it reads a trace to its end.
     """
 
     params: Mapping[str, float]
@@ -199,7 +195,6 @@ def within_horizon(trace: Trace, seconds: float) -> Trace:
 
 
 def _in_horizon(trace: Trace, seconds: float) -> NDArray[np.bool_]:
-    """Return (n,) bool: whether each sample lies within the horizon [s]."""
     counted: NDArray[np.bool_] = trace.times - trace.times[0] <= (seconds or math.inf)
     return counted
 
@@ -279,7 +274,6 @@ def _tolerance(parameter: Parameter, requested: float) -> float:
 
 
 def _unit_fault(name: str, unit: str | None, declared: str) -> str | None:
-    """Return the fault in the unit of a channel, or None."""
     if not unit or unit == declared:
         return None
     try:
@@ -292,7 +286,6 @@ def _unit_fault(name: str, unit: str | None, declared: str) -> str | None:
 
 
 def _conversion(unit: str | None, declared: str) -> Conversion:
-    """Return the conversion of numbers in ``unit`` to the declared one."""
     if not unit or unit == declared:
         return Conversion()
     target = parse_unit(declared)

@@ -14,12 +14,13 @@ a row; the next start removes it and makes it again from the log.
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import shutil
 import warnings
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
@@ -34,29 +35,22 @@ from s2r_spec.machine.manual import table
 from s2r_spec.machine.manual.checks import within_horizon
 from s2r_spec.recordings.log_folder import TABLE, digest
 from s2r_spec.recordings.recorded import LogBackend
+from s2r_spec.runs.lock import lock, release
 from s2r_spec.trace import Trace
 
 SCHEMA = "s2r.manual/1"
 INCOMING, ORIGINALS, REFUSED = "incoming", "originals", "refused"
-DECLARED, NEXT, SKIPPED, LOCK = "manual.json", "next.json", "skipped.txt", "lock"
+DECLARED, NEXT, SKIPPED = "manual.json", "next.json", "skipped.txt"
 
 State = Literal["asked", "accepted", "recorded"]
-_locks: dict[Path, int] = {}
-"""Locked folder → file descriptor of its lock; the system releases the locks when this process ends."""
 
 
 @dataclass(frozen=True)
 class PendingTest:
-    """The test that the person is to run, and its state.
+    """The test that the person is to run: the id of its row and its trace, and its state.
 
-    Attributes:
-        id: id of its row and its trace.
-        params: parameters of the test.
-        state: "asked"; "accepted", with a valid log or a word for its failure; or "recorded", in the table.
-        log: name of the log in ``originals``; None if there is none.
-        failure: word for the failure that the person reports; None if there is none.
-        void: word for the reason why it has no outcome; None if it has one.
-        seed: seed of its recorded rollout; None before it is recorded.
+    An "accepted" test has a valid log in ``originals``, or a word for its failure, or for why it is void. A "recorded"
+    one is in the table, with the seed of its rollout.
     """
 
     id: str
@@ -70,7 +64,7 @@ class PendingTest:
 
 @dataclass(frozen=True)
 class TestFolder:
-    """The folder of tests; :meth:`prepare` makes it."""
+    """The folder of tests, which :meth:`prepare` makes. Each method raises a UsageError if a file cannot be written."""
 
     root: Path
 
@@ -88,15 +82,19 @@ class TestFolder:
                 (self.root / folder).mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise UsageError(f"cannot make the folder {self.root}: {error.strerror or error}") from None
-        self._lock()
+        held = f"another run uses the folder {self.root}; wait for it, or use another folder"
+        lock(self.root, UsageError(held))
         columns, expected = table.read(self.root / TABLE)[0], table.header(parameters)
         if columns and columns != expected:
             raise UsageError(
                 f"{self.root / TABLE} belongs to another specification: its columns are {', '.join(columns)}, and this "
                 f"one needs {', '.join(expected)}; use another folder"
             )
-        if (test := self.pending()) is not None:
-            self._remove_unlisted(test)
+        test = self.pending()
+        if test is not None and test.state == "accepted" and test.id not in table.ids(self.root / TABLE):
+            # A kill left the trace without a row; it is made again from the log.
+            for ending in logs.FORMATS:
+                (self.root / f"{test.id}{ending}").unlink(missing_ok=True)
         if (self.root / TABLE).exists():
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", TraceNote)  # the log backend shows them later
@@ -107,26 +105,21 @@ class TestFolder:
             "parameters": [asdict(parameter) for parameter in parameters],
         }
         save(self.root / DECLARED, json.dumps(record, indent=2) + "\n")
-        traces = (within_horizon(logs.load(path, gather=True).trace, seconds) for path in self._traces())
-        return [key for trace in traces if (key := digest(trace)) is not None]
+        ids = table.ids(self.root / TABLE)
+        paths = (self.root / f"{one}{ending}" for one in ids for ending in logs.FORMATS)
+        traces = (logs.load(path, gather=True).trace for path in paths if path.exists())
+        keys = (digest(within_horizon(trace, seconds)) for trace in traces)
+        return [key for key in keys if key is not None]
 
     def declared(self) -> tuple[tuple[Channel, ...], tuple[Parameter, ...]]:
-        """Return the channels and parameters of the last prepared run; none if there was none.
-
-        Raises:
-            UsageError: their file is damaged.
-        """
+        """Return channels and parameters of the last prepared run, or none; a damaged file is a UsageError."""
         record = _json(self.root / DECLARED)
         if record is None:
             return (), ()
         try:
-            return (
-                tuple(
-                    Channel(one["name"], one["unit"], "as the spec reads it", one["width"])
-                    for one in record["channels"]
-                ),
-                tuple(Parameter(**one) for one in record["parameters"]),
-            )
+            rows, parameters = record["channels"], tuple(Parameter(**one) for one in record["parameters"])
+            words = "as the spec reads it"
+            return tuple(Channel(one["name"], one["unit"], words, one["width"]) for one in rows), parameters
         except (KeyError, TypeError):
             raise _damaged_error(self.root / DECLARED) from None
 
@@ -135,11 +128,7 @@ class TestFolder:
         return len(table.ids(self.root / TABLE))
 
     def pending(self) -> PendingTest | None:
-        """Return the pending test; None if there is none.
-
-        Raises:
-            UsageError: its file is damaged.
-        """
+        """Return the pending test; None if there is none. A damaged file is a UsageError."""
         record = _json(self.root / NEXT)
         if record is None:
             return None
@@ -148,10 +137,9 @@ class TestFolder:
         except (KeyError, TypeError):
             raise _damaged_error(self.root / NEXT) from None
 
-    def write(self, test: PendingTest, about: Mapping[str, Any]) -> PendingTest:
+    def write(self, test: PendingTest, about: Mapping[str, Any]) -> None:
         """Write the pending test, with further facts for the lab's scripts."""
         save(self.root / NEXT, json.dumps({"schema": SCHEMA, **asdict(test), **about}, indent=2) + "\n")
-        return test
 
     def close(self) -> None:
         """Remove the pending test."""
@@ -177,11 +165,7 @@ class TestFolder:
         return next(iter(sorted((self.root / ORIGINALS).glob(f"{test.id}-*"))), None)
 
     def take(self, path: Path, test: PendingTest) -> Path:
-        """Move a log from ``incoming`` to ``originals``, or copy a log from elsewhere. Return its new path.
-
-        Raises:
-            UsageError: the file cannot be moved or copied.
-        """
+        """Move a log from ``incoming`` to ``originals``, or copy a log from elsewhere. Return its new path."""
         kept = self.root / ORIGINALS / f"{test.id}-{path.name}"
         linked = path.is_symlink()  # a move would keep the link, not the file
         _move(path, kept, move=path.parent == self.root / INCOMING and not linked)
@@ -190,19 +174,13 @@ class TestFolder:
         return kept
 
     def refuse(self, path: Path) -> Path:
-        """Move a refused log to ``refused``; a log from elsewhere stays. Return its path.
-
-        Raises:
-            UsageError: the file cannot be moved.
-        """
+        """Move a refused log to ``refused``; a log from elsewhere stays. Return its path."""
         if path.parent not in (self.root / INCOMING, self.root / ORIGINALS):
             return path
         name = path.name.partition("-")[2] if path.parent == self.root / ORIGINALS else path.name
-        kept = self.root / REFUSED / name
-        number = 1
+        kept, numbers = self.root / REFUSED / name, itertools.count(2)
         while kept.exists():
-            number += 1
-            kept = kept.with_name(f"{Path(name).stem}-{number}{path.suffix}")
+            kept = kept.with_name(f"{Path(name).stem}-{next(numbers)}{path.suffix}")
         _move(path, kept, move=True)
         return kept
 
@@ -236,11 +214,7 @@ class TestFolder:
         return logs.load(path, gather=True).trace
 
     def trace(self, test: PendingTest) -> Trace:
-        """Return the trace of a recorded test.
-
-        Raises:
-            UsageError: the file is missing.
-        """
+        """Return the trace of a recorded test; a missing file is a UsageError."""
         for ending in logs.FORMATS:
             if (path := self.root / f"{test.id}{ending}").exists():
                 return logs.load(path, gather=True).trace
@@ -254,43 +228,7 @@ class TestFolder:
 
     def release(self) -> None:
         """Release the folder for another process."""
-        handle = _locks.pop(self.root.resolve(), None)
-        if handle is not None:
-            os.close(handle)
-
-    def _remove_unlisted(self, test: PendingTest) -> None:
-        """Remove the trace of an accepted test without a row, which a kill left; it is made again from the log."""
-        if test.state == "accepted" and test.id not in table.ids(self.root / TABLE):
-            for ending in logs.FORMATS:
-                (self.root / f"{test.id}{ending}").unlink(missing_ok=True)
-
-    def _traces(self) -> list[Path]:
-        """Return the files of the recorded traces, in order."""
-        ids = table.ids(self.root / TABLE)
-        paths = (self.root / f"{one}{ending}" for one in ids for ending in logs.FORMATS)
-        return [path for path in paths if path.exists()]
-
-    def _lock(self) -> None:
-        """Lock the folder for this process: two runs would take each other's logs.
-
-        Raises:
-            UsageError: another process holds the lock.
-        """
-        try:
-            import fcntl
-        except ImportError:  # not a POSIX system: there is no such lock
-            return
-        if self.root.resolve() in _locks:
-            return
-        handle = os.open(self.root / LOCK, os.O_CREAT | os.O_RDWR, 0o644)
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            os.close(handle)
-            raise UsageError(
-                f"another run uses the folder {self.root}; wait for it, or use another folder"
-            ) from None
-        _locks[self.root.resolve()] = handle
+        release(self.root)
 
 
 def placeholder(word: str, channels: tuple[Channel, ...]) -> Trace:
@@ -299,17 +237,7 @@ def placeholder(word: str, channels: tuple[Channel, ...]) -> Trace:
     return Trace(np.zeros(1), samples, {c.name: c.unit for c in channels if c.unit}, {"failure": word})
 
 
-def as_recorded_test(test: PendingTest, seed: int) -> PendingTest:
-    """Return the test in the state "recorded", with the seed of its rollout."""
-    return replace(test, state="recorded", seed=seed)
-
-
 def _move(path: Path, kept: Path, *, move: bool) -> None:
-    """Move or copy a file, whole or not at all.
-
-    Raises:
-        UsageError: the file cannot be moved or copied.
-    """
     try:
         if move:
             os.replace(path, kept)
@@ -321,11 +249,6 @@ def _move(path: Path, kept: Path, *, move: bool) -> None:
 
 
 def _json(path: Path) -> dict[str, Any] | None:
-    """Return the object in a file of the manual backend; None if there is no file.
-
-    Raises:
-        UsageError: the file is damaged, or another program wrote it.
-    """
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:

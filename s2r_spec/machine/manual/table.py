@@ -18,11 +18,7 @@ def header(parameters: Sequence[Parameter]) -> list[str]:
 
 
 def read(path: Path) -> tuple[list[str], list[list[str]]]:
-    """Return the header and the rows of a table; both empty if there is no file.
-
-    Raises:
-        UsageError: the file cannot be read.
-    """
+    """Return the header and the rows of a table, both empty if there is no file; a UsageError if it cannot be read."""
     try:
         text = path.read_text(encoding="utf-8-sig")
         rows = [row for row in csv.reader(io.StringIO(text, newline=""), skipinitialspace=True) if any(row)]
@@ -39,11 +35,7 @@ def ids(path: Path) -> list[str]:
 
 
 def add(path: Path, names: Sequence[str], row: Sequence[str]) -> None:
-    """Add a row to a table; ``names`` is the header of a new one.
-
-    Raises:
-        UsageError: the file cannot be written; it then stays unchanged.
-    """
+    """Add a row to a table, or raise a UsageError and leave it unchanged; ``names`` is the header of a new one."""
     columns, rows = read(path)
     text = io.StringIO(newline="")
     csv.writer(text, lineterminator="\n").writerows([columns or names, *rows, row])

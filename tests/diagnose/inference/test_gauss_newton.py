@@ -4,13 +4,15 @@ import numpy as np
 import pytest
 
 from s2r_spec.diagnose.estimation import with_likely_law
-from s2r_spec.diagnose.inference.gauss_newton import Errors, Observation, Problem, fit, search
+from s2r_spec.diagnose.inference.gauss_newton import Errors, fit
 from s2r_spec.diagnose.inference.hierarchical import LAW_SHARE
+from s2r_spec.diagnose.inference.observation import Observation, Problem
 from s2r_spec.diagnose.inference.prior import SizePrior
+from s2r_spec.diagnose.inference.search import search
 from s2r_spec.diagnose.simulator.curve import ResponseCurve, Turn
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.diagnose.simulator.library import Dependence, Practice, Response
 from s2r_spec.diagnose.simulator.observables import Observables, ObservedQuantity
+from s2r_spec.diagnose.simulator.response import Dependence, Practice, Response
 
 POSITION = np.linspace(0.0, 6.0 * np.pi, 50)
 SCATTER = 0.05

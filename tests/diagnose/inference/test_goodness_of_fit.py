@@ -5,14 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from s2r_spec.diagnose.inference.gauss_newton import Observation, Problem, fit
+from s2r_spec.diagnose.inference.gauss_newton import fit
 from s2r_spec.diagnose.inference.goodness_of_fit import goodness_of_fit
 from s2r_spec.diagnose.inference.hierarchical import DEGREES, LAW_ERROR
+from s2r_spec.diagnose.inference.observation import Observation, Problem
 from s2r_spec.diagnose.inference.prior import SizePrior
 from s2r_spec.diagnose.simulator.curve import ResponseCurve
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.diagnose.simulator.library import Dependence, Practice, Response
 from s2r_spec.diagnose.simulator.observables import Observables, ObservedQuantity
+from s2r_spec.diagnose.simulator.response import Dependence, Practice, Response
 
 EFFECTS, SCATTER, DURATION = 3, 0.05, 5.0
 QUANTITIES = ("torque", 2), ("speed", 1)

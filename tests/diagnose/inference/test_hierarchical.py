@@ -8,15 +8,8 @@ from s2r_spec.diagnose.inference.hierarchical import (
     Groups,
     Likelihood,
     Variances,
-    disagreement,
     form_error,
-    information_by_group,
     information_left,
-    likelihood,
-    variances,
-    with_form_error,
-    with_shared_error,
-    without_variants,
 )
 
 EFFECTS, OBSERVABLES = 4, 40
@@ -40,8 +33,8 @@ def grouped(residual, design, where):
 def estimated(residual, design, where, rounds=12):
     """Return estimate and deviation of θ, whose prior is so wide that it does not count."""
     groups = grouped(residual, design, where)
-    found = variances(groups, NONE, Variances.prior(len(where)), rounds)
-    total = likelihood(groups, NONE, found)
+    found = groups.variances(NONE, Variances.prior(len(where)), rounds)
+    total = groups.likelihood(NONE, found)
     covariance = np.linalg.inv(total.information)
     return covariance @ total.score, np.sqrt(np.diag(covariance))
 
@@ -97,14 +90,14 @@ def test_an_effect_without_a_response_keeps_its_prior():
     design = columns(rng, 6)
     design[2] = 0.0
     groups = grouped(rng.normal(size=design.shape[1]), design, parts(6))
-    found = likelihood(groups, NONE, variances(groups, NONE, Variances.prior(6)))
+    found = groups.likelihood(NONE, groups.variances(NONE, Variances.prior(6)))
     assert found.information[2] == pytest.approx(np.zeros(EFFECTS))
     assert found.score[2] == 0.0
 
 
 def test_the_shared_error_is_added_to_the_covariance():
     information = np.diag([400.0, 100.0])
-    found = with_shared_error(Likelihood(information, np.array([1.0, 2.0])), np.full(2, 0.01))
+    found = Likelihood(information, np.array([1.0, 2.0])).with_shared_error(np.full(2, 0.01))
     assert np.diag(np.linalg.inv(found.information)) == pytest.approx([0.0025 + 0.01, 0.01 + 0.01])
     mean = np.linalg.solve(found.information, found.score)
     assert mean == pytest.approx([1.0 / 400.0, 2.0 / 100.0])
@@ -117,9 +110,9 @@ def test_a_variant_takes_the_part_of_the_residual_that_it_explains():
     variant = design[0] + 0.3 * rng.normal(size=design.shape[1])
     residual = 1.0 * variant
     groups = grouped(residual, np.vstack([design, variant]), parts(8))
-    found = variances(groups, NONE, Variances.prior(8), 12)
-    found = without_variants(likelihood(groups, NONE, found), EFFECTS)
-    found = with_shared_error(found, np.full(EFFECTS, 9e-4))
+    found = groups.variances(NONE, Variances.prior(8), 12)
+    found = groups.likelihood(NONE, found).without_variants(EFFECTS)
+    found = found.with_shared_error(np.full(EFFECTS, 9e-4))
     estimate = np.linalg.solve(found.information + np.eye(EFFECTS) / 0.36, found.score)
     assert abs(estimate[0]) < 0.3
 
@@ -131,7 +124,7 @@ def test_disagreement_is_counted_for_the_parameter_about_which_groups_disagree()
         [[0.0, 0.15, 0.0, 0.0] * rng.normal(size=EFFECTS) @ design[:, part] for part in where]
     )
     groups = grouped(off + 0.3 * rng.normal(size=off.size), design, where)
-    found = disagreement(groups, NONE, variances(groups, NONE, Variances.prior(40), 12))
+    found = groups.disagreement(NONE, groups.variances(NONE, Variances.prior(40), 12))
     # 0.15 typical is 7.5 of the usual 0.02.
     assert 20.0 < found[1] < 80.0
     assert (found[[0, 2, 3]] < 3.0).all()
@@ -157,11 +150,10 @@ def formed(rng, truth, others):
         design.append(own)
         residual.append(truth @ own + (0.0 if apart else form) + rng.normal(size=OBSERVABLES))
     groups = grouped(np.concatenate(residual), np.hstack(design), where)
-    spread = variances(groups, truth, Variances.prior(60), 6)
-    found = likelihood(groups, truth, spread)
-    wide = with_form_error(
-        found,
-        form_error(0.1, truth, information_by_group(groups, truth, spread), 60 * [""], found.information),
+    spread = groups.variances(truth, Variances.prior(60), 6)
+    found = groups.likelihood(truth, spread)
+    wide = found.with_form_error(
+        form_error(0.1, truth, groups.information(truth, spread), 60 * [""], found.information)
     )
     error = np.linalg.solve(found.information, found.score)  # the fit is around the truth
     return error, *(np.sqrt(np.diag(np.linalg.inv(one.information))) for one in (wide, found))
@@ -231,7 +223,7 @@ def test_errors_of_form_do_not_choose_between_effects_of_the_same_response():
     information = np.array([[400.0, 400.0, 50.0], [400.0, 400.0, 50.0], [50.0, 50.0, 90.0]])
     found = Likelihood(information, information @ [0.01, 0.0, 0.02], -3.0)
     wide = [
-        with_form_error(found, form_error(0.1, np.array(theta), information[None], [""], information))
+        found.with_form_error(form_error(0.1, np.array(theta), information[None], [""], information))
         for theta in ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
     ]
     assert wide[0].value == pytest.approx(wide[1].value, abs=1e-9)

@@ -75,9 +75,8 @@ def test_of_a_machine_that_is_the_improved_simulator_nothing_is_left(bench):
 def test_how_far_it_is_is_told_of_all_stages_as_of_one(bench, named):
     counts = []
     values = {"coulomb": {"force": 20.0}}
-    remainders(
-        bench, LINES, rollouts(bench, values), values, progress=lambda *now: counts.append(now), named=named
-    )
+    counted = replace(bench, progress=lambda *now: counts.append(now))
+    remainders(counted, LINES, rollouts(bench, values), values, named=named)
     assert counts == [(n + 1, len(counts)) for n in range(len(counts))]
 
 

@@ -1,0 +1,229 @@
+"""What the simulator does in every experiment: without effects, with each of them, and with several.
+
+A response is a difference of runs with equal seeds: to every parameter at a few coordinates, and to every variant of
+the simulator. *Practice machines* are the simulator with random sizes of all effects and a random variant. Their runs
+show how well the sum of responses predicts a machine.
+
+A parameter that does nothing while the rest of its effect is nominal, such as the place of a payload, is *dependent*:
+its response was simulated with the first parameter of the effect at its typical size, and grows in proportion to it.
+
+Units: parameters are in coordinates, distances from nominal in units of the typical size (see :mod:`.axes`). Shapes: m
+observables, K parameters, V variants, M practice machines.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from s2r_spec.diagnose.simulator.axes import EffectAxis, Values
+from s2r_spec.diagnose.simulator.curve import ResponseCurve, Turn
+from s2r_spec.diagnose.simulator.experiments import RESIDUAL, Experiment
+from s2r_spec.diagnose.simulator.observables import ObservableGroup, Observables, ObservedQuantity
+from s2r_spec.trace.arrays import FloatArray
+
+REPLICATES = {"test": 2, "protocol": 1}
+"""Budget: runs of a response. A test's controller has a clock of its own, so that its runs differ more."""
+
+
+@dataclass(frozen=True)
+class Dependence:
+    """Which responses are in proportion to another parameter: (K,) that one, or −1, and its coordinate in the runs."""
+
+    base: NDArray[np.int64]
+    at: FloatArray
+
+    @classmethod
+    def of(cls, parameters: Sequence[EffectAxis]) -> Dependence:
+        """Return that of a catalogue's parameters."""
+        base, at = np.full(len(parameters), -1), np.ones(len(parameters))
+        for k, axis in enumerate(parameters):
+            if axis.base:
+                base[k] = next(j for j, p in enumerate(parameters) if p.effect == axis.effect and not p.base)
+                at[k] = parameters[base[k]].coordinate(parameters[base[k]].at_typical())
+        return cls(base, at)
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """(dependent parameter, its base) of every dependent one."""
+        return [(int(k), int(self.base[k])) for k in np.flatnonzero(self.base >= 0)]
+
+    def factors(self, theta: FloatArray) -> FloatArray:
+        """Return (K,) what every response is multiplied by at (K,) coordinates."""
+        return np.where(self.base >= 0, theta[self.base] / self.at, 1.0)
+
+
+@dataclass(frozen=True)
+class Practice:
+    """Runs of random machines: (M, K) coordinates, (M, V) 1 for their variant, and (M, m) observables of a run."""
+
+    theta: FloatArray
+    variant: FloatArray
+    values: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """What the simulator does in one experiment.
+
+    Attributes:
+        observables: of its traces.
+        nominal, scatter: (m,) mean of the nominal runs, and standard deviation of one run.
+        reference: (m,) mean of the nominal runs with the seeds of the responses.
+        curves: the response to every parameter.
+        spread: (K, m) variance of the response from run to run, for a coordinate of 1; it grows with its square.
+        variants: (V, m) responses to the simulator's variants.
+        practice: runs of practice machines.
+    """
+
+    experiment: Experiment
+    observables: Observables
+    nominal: FloatArray
+    scatter: FloatArray
+    reference: FloatArray
+    curves: tuple[ResponseCurve, ...]
+    spread: FloatArray
+    variants: FloatArray
+    practice: Practice
+
+    def groups_of(self, measured: NDArray[np.bool_]) -> tuple[ObservableGroup, ...]:
+        """Return the groups to use of (m,) observables that were measured.
+
+        Where every residual was measured, the channels themselves are left out: they show the same causes through the
+        machine's closed loop.
+        """
+        every = self.observables.groups
+        residuals = tuple(g for g in every if g.quantity.startswith(RESIDUAL))
+        known = [g for g in residuals if np.isfinite(self.nominal[g.start : g.stop]).any()]
+        whole = all(measured[g.start : g.stop].any() for g in known)
+        return residuals if residuals and whole else every
+
+    @property
+    def bins(self) -> NDArray[np.int64]:
+        """Places of the means over parts of the trace; they have values as long as a run lasts."""
+        parts = [g for g in self.observables.groups if g.statistic in ("bin", "mean")]
+        bins = np.array([place for g in parts for place in range(g.start, g.stop)], dtype=np.int64)
+        return bins[np.isfinite(self.nominal[bins])]
+
+    def save(self, path: Path) -> None:
+        """Write it as NPZ, numbers that are known in single precision as such."""
+        o = self.observables
+        header = {
+            "experiment": (self.experiment.protocol, self.experiment.params),
+            "duration": o.duration,
+            "flags": o.flags,
+            "clocked": o.clocked,
+            "turns": [isinstance(curve, Turn) for curve in self.curves],
+            "quantities": [(q.name, q.channel, q.minus, q.scale.tolist()) for q in o.quantities],
+        }
+        np.savez_compressed(
+            path,
+            header=np.array(json.dumps(header)),
+            nominal=self.nominal,
+            scatter=self.scatter.astype(np.float32),
+            reference=self.reference,
+            sizes=np.array([curve.coordinates.size for curve in self.curves]),
+            coordinates=np.concatenate([curve.coordinates for curve in self.curves]),
+            values=np.concatenate([curve.values for curve in self.curves]).astype(np.float32),
+            spread=self.spread.astype(np.float32),
+            variants=self.variants.astype(np.float32),
+            theta=self.practice.theta,
+            variant=self.practice.variant,
+            practice=self.practice.values.astype(np.float32),
+        )
+
+    @classmethod
+    def load(cls, path: Path) -> Response:
+        """Read it as data.
+
+        Raises:
+            Exception: of any kind, if it is not what :meth:`save` writes.
+        """
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+            read = {name: x.astype(float) if x.dtype == np.float32 else x for name, x in arrays.items()}
+        header = json.loads(str(read["header"]))
+        protocol, params = header["experiment"]
+        quantities = tuple(
+            ObservedQuantity(name, channel, minus, np.array(scale))
+            for name, channel, minus, scale in header["quantities"]
+        )
+        flags = tuple((name, int(width)) for name, width in header["flags"])
+        edges = np.cumsum(read["sizes"])[:-1]
+        points = zip(np.split(read["coordinates"], edges), np.split(read["values"], edges), strict=True)
+        kinds = [Turn if turn else ResponseCurve for turn in header["turns"]]
+        response = cls(
+            Experiment(protocol, tuple((name, value) for name, value in params)),
+            Observables(float(header["duration"]), quantities, flags, bool(header["clocked"])),
+            read["nominal"],
+            read["scatter"],
+            read["reference"],
+            tuple(kind(*own) for kind, own in zip(kinds, points, strict=True)),
+            read["spread"],
+            read["variants"],
+            Practice(read["theta"], read["variant"], read["practice"]),
+        )
+        if not response._is_whole():
+            raise ValueError("the arrays do not fit the observables")
+        return response
+
+    def _is_whole(self) -> bool:
+        size, practice = self.observables.groups[-1].stop, self.practice
+        rows = (self.nominal, self.scatter, self.reference, *self.spread, *self.variants, *practice.values)
+        return (
+            all(row.shape == (size,) for row in rows)
+            and all(c.values.shape == (c.coordinates.size, size) for c in self.curves)
+            and len(self.spread) == practice.theta.shape[1] == len(self.curves)
+            and len(practice.theta) == len(practice.variant) == len(practice.values)
+            and practice.variant.shape[1] == len(self.variants)
+        )
+
+
+def replicates(experiment: Experiment) -> int:
+    """Return the number of runs of a response."""
+    return REPLICATES["protocol" if experiment.protocol else "test"]
+
+
+@dataclass(frozen=True)
+class ResponseLibrary:
+    """Responses of every experiment to every parameter of the catalogue, in its order."""
+
+    parameters: tuple[EffectAxis, ...]
+    responses: tuple[Response, ...]
+
+    @property
+    def experiments(self) -> tuple[Experiment, ...]:
+        """The experiments of the responses, in order."""
+        return tuple(each.experiment for each in self.responses)
+
+    @cached_property
+    def dependence(self) -> Dependence:
+        """Which responses are in proportion to another parameter."""
+        return Dependence.of(self.parameters)
+
+    def response(self, experiment: Experiment) -> Response:
+        """Return the response of an experiment that the library has."""
+        return {each.experiment: each for each in self.responses}[experiment]
+
+    def values(self, theta: FloatArray) -> dict[str, dict[str, float]]:
+        """Return effect → parameter → value at (K,) coordinates, without parameters at nominal."""
+        return values_at(self.parameters, theta)
+
+    def coordinates(self, values: Values) -> FloatArray:
+        """Return (K,) the coordinates of values; a parameter without a value is nominal."""
+        known = [values.get(axis.effect, {}).get(axis.parameter, axis.nominal) for axis in self.parameters]
+        return np.array([axis.coordinate(x) for axis, x in zip(self.parameters, known, strict=True)])
+
+
+def values_at(parameters: Sequence[EffectAxis], theta: FloatArray) -> dict[str, dict[str, float]]:
+    """Return effect → parameter → value at (K,) coordinates, without parameters at nominal."""
+    values: dict[str, dict[str, float]] = {}
+    for axis, coordinate in zip(parameters, theta.tolist(), strict=True):
+        if coordinate:
+            values.setdefault(axis.effect, {})[axis.parameter] = axis.value(coordinate)
+    return values
