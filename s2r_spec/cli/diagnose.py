@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,7 +13,7 @@ from s2r_spec.base.errors import UsageError
 from s2r_spec.base.files import save
 from s2r_spec.base.json_values import document
 from s2r_spec.base.printable import one_line
-from s2r_spec.cli.options.groups import group_options, output_option, search_option
+from s2r_spec.cli.options.groups import group_options, options, output_option, search_option
 from s2r_spec.cli.options.logs import LogReading
 from s2r_spec.cli.options.output import AsJson, Output, Page, pageable, settle, writable
 from s2r_spec.cli.options.protocols import Next, NoProtocols, Passive, Protocols, playable, protocol_names
@@ -25,10 +25,7 @@ if TYPE_CHECKING:
     from s2r_spec.diagnose import Diagnosis
     from s2r_spec.spec import Spec
 
-Form = Annotated[
-    str | None,
-    output_option("--format", help="Format of the diagnosis: text, json or markdown.", show_default="text"),
-]
+
 Budget = Annotated[
     int | None,
     search_option(
@@ -37,25 +34,20 @@ Budget = Annotated[
         show_default="30 from a machine, all from a log",
     ),
 ]
-Apply = Annotated[
-    Path | None,
-    output_option(help="File for the simulator with the named effects; use it as --sim patched:FILE."),
-]
-
-Tuned = Annotated[
-    bool,
-    output_option(
-        "--tuned", help="With --apply: add every other effect, too, with a small size fitted to the data."
-    ),
-]
 
 
-@dataclass(frozen=True, kw_only=True)
+@options
 class Campaign:
     """Which protocols may run, and what is written beside the diagnosis; each field is an option."""
 
-    apply: Apply = None
-    tuned: Tuned = False
+    apply: Path | None = output_option(
+        None, help="File for the simulator with the named effects; use it as --sim patched:FILE."
+    )
+    tuned: bool = output_option(
+        False,
+        "--tuned",
+        help="With --apply: add every other effect, too, with a small size fitted to the data.",
+    )
     protocols: Protocols = None
     no_protocols: NoProtocols = False
     passive: Passive = False
@@ -75,12 +67,14 @@ class Campaign:
         return names
 
 
-@dataclass(frozen=True, kw_only=True)
+@options
 class Writing:
     """The form and the files of the diagnosis; each field is an option."""
 
     as_json: AsJson = False
-    form: Form = None
+    form: str | None = output_option(
+        None, "--format", help="Format of the diagnosis: text, json or markdown.", show_default="text"
+    )
     output: Output = None
     page: Page = None
 

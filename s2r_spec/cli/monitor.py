@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,7 +12,7 @@ import typer
 from s2r_spec.base.json_values import line
 from s2r_spec.base.printable import lines, one_line
 from s2r_spec.base.verdict import Verdict
-from s2r_spec.cli.options.groups import group_options, output_option
+from s2r_spec.cli.options.groups import group_options, options, output_option
 from s2r_spec.cli.options.logs import LogForm, missing
 from s2r_spec.cli.options.search import SpecFile
 from s2r_spec.cli.terminal import terminal
@@ -58,32 +57,28 @@ Profile = Annotated[
         help="Conventions of another tool: breach, moonlight, rtamt, rtamt-dense, stlcgpp, stlrom or tidystl.",
     ),
 ]
-Online = Annotated[
-    bool,
-    typer.Option(
-        "--online",
-        help="Follow one trace sample by sample; print the range of possible ρ whenever it changes.",
-    ),
-]
-Period = Annotated[
-    float | None,
-    typer.Option(help="With --online: sample period in seconds.", show_default="as the samples come"),
-]
-Ranges = Annotated[
-    bool, typer.Option(help="With --online: assume that signals stay in their declared ranges.")
-]
+
+
 AsJson = Annotated[
     bool, output_option("--json", help="Print one JSON object on stdout; with --online, one on each line.")
 ]
 
 
-@dataclass(frozen=True, kw_only=True)
+@options
 class Following:
     """Whether a trace is followed while it is recorded, and how; each field is an option."""
 
-    online: Online = False
-    period: Period = None
-    ranges: Ranges = True
+    online: bool = typer.Option(
+        False,
+        "--online",
+        help="Follow one trace sample by sample; print the range of possible ρ whenever it changes.",
+    )
+    period: float | None = typer.Option(
+        None, help="With --online: sample period in seconds.", show_default="as the samples come"
+    )
+    ranges: bool = typer.Option(
+        True, help="With --online: assume that signals stay in their declared ranges."
+    )
 
 
 @group_options

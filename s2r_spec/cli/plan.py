@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from s2r_spec.base.json_values import line
-from s2r_spec.cli.options.groups import group_options, search_option
+from s2r_spec.cli.options.groups import group_options, options, search_option
 from s2r_spec.cli.options.search import AsJson, Mode, OneRequirement, Quiet
 from s2r_spec.cli.terminal.common import sentences
 from s2r_spec.cli.terminal.terminal import console, say
@@ -23,39 +23,8 @@ if TYPE_CHECKING:
 SpecOfPlan = Annotated[
     Path | None, typer.Argument(help="Specification, an .stl file, whose certify line gives the settings.")
 ]
-Proxy = Annotated[
-    float | None,
-    search_option(
-        "--R", help="Sub-Gaussian bound on the noise of one rollout, in ρ's unit.", show_default="the spec's"
-    ),
-]
-Epsilon = Annotated[
-    float | None, search_option(help="Width ε of the interval, in ρ's unit.", show_default="the spec's")
-]
-Delta = Annotated[
-    float | None,
-    search_option(help="Probability δ that the interval is wrong.", show_default="the spec's"),
-]
-Norm = Annotated[
-    float | None,
-    search_option("--B", help="Bound on the RKHS norm of E ρ, in ρ's unit.", show_default="the spec's"),
-]
-Dim = Annotated[
-    int,
-    search_option(
-        min=1, max=4, help="Number of test parameters, each with a range of width 1; without a spec."
-    ),
-]
-KernelName = Annotated[
-    str, search_option(help="Kernel if the spec declares none: rbf, matern52 or matern32.")
-]
-Lengthscale = Annotated[
-    float, search_option(help="Lengthscale of that kernel, as a part of each parameter's range.")
-]
-Bounds = Annotated[
-    tuple[float, float] | None,
-    search_option("--range", help="Proven least and greatest ρ; R is half the width."),
-]
+
+
 Budgets = Annotated[
     list[int] | None,
     typer.Option(min=8, help="Number of rollouts; prints the ε that they reach. May be repeated."),
@@ -76,19 +45,38 @@ PilotRun = Annotated[
 ]
 
 
-@dataclass(frozen=True, kw_only=True)
+@options
 class Declaration:
     """The settings that a certify line declares; each field is an option, which goes before the spec's."""
 
-    R: Proxy = None
-    eps: Epsilon = None
-    delta: Delta = None
-    B: Norm = None
-    dim: Dim = 1
-    kernel: KernelName = "matern52"
-    lengthscale: Lengthscale = 0.4
+    R: float | None = search_option(
+        None,
+        "--R",
+        help="Sub-Gaussian bound on the noise of one rollout, in ρ's unit.",
+        show_default="the spec's",
+    )
+    eps: float | None = search_option(
+        None, help="Width ε of the interval, in ρ's unit.", show_default="the spec's"
+    )
+    delta: float | None = search_option(
+        None, help="Probability δ that the interval is wrong.", show_default="the spec's"
+    )
+    B: float | None = search_option(
+        None, "--B", help="Bound on the RKHS norm of E ρ, in ρ's unit.", show_default="the spec's"
+    )
+    dim: int = search_option(
+        1, min=1, max=4, help="Number of test parameters, each with a range of width 1; without a spec."
+    )
+    kernel: str = search_option(
+        "matern52", help="Kernel if the spec declares none: rbf, matern52 or matern32."
+    )
+    lengthscale: float = search_option(
+        0.4, help="Lengthscale of that kernel, as a part of each parameter's range."
+    )
     mode: Mode = "rigorous"
-    bounds: Bounds = None
+    bounds: tuple[float, float] | None = search_option(
+        None, "--range", help="Proven least and greatest ρ; R is half the width."
+    )
 
     @property
     def shape(self) -> Kernel:

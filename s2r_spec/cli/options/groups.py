@@ -5,11 +5,13 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable, Mapping
-from dataclasses import fields, is_dataclass
-from typing import Any, get_type_hints
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any, TypeVar, dataclass_transform, get_type_hints
 
 import typer
 from typer.core import TyperCommand
+
+Record = TypeVar("Record")
 
 ASKED, SEARCH, LOGS, OUTPUT = "What is asked", "The search", "The logs", "Output"
 """Definition: titles of the groups, in the order of the help. What has no group is in the first."""
@@ -17,6 +19,12 @@ ASKED, SEARCH, LOGS, OUTPUT = "What is asked", "The search", "The logs", "Output
 search_option = functools.partial(typer.Option, rich_help_panel=SEARCH)
 log_option = functools.partial(typer.Option, rich_help_panel=LOGS)
 output_option = functools.partial(typer.Option, rich_help_panel=OUTPUT)
+
+
+@dataclass_transform(kw_only_default=True, frozen_default=True)
+def options(record: type[Record]) -> type[Record]:
+    """Make a class a record of options: a field's default is the default of its option, or the option itself."""
+    return dataclass(frozen=True, kw_only=True)(record)
 
 
 class GroupedCommand(TyperCommand):

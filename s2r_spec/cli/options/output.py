@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from s2r_spec.base.files import save
-from s2r_spec.cli.options.groups import output_option
+from s2r_spec.cli.options.groups import options, output_option
 from s2r_spec.cli.terminal import terminal
 
 if TYPE_CHECKING:
     from s2r_spec.report.finding import Report
 
-Format = Annotated[
-    str | None,
-    output_option(
-        "--format", help="Format of the report: text, json, junit, github or markdown.", show_default="text"
-    ),
-]
+
 Output = Annotated[
     Path | None, output_option("--output", "-o", help="File for the report.", show_default="stdout")
 ]
@@ -38,12 +32,17 @@ Verbose = Annotated[
 ]
 
 
-@dataclass(frozen=True, kw_only=True)
+@options
 class Writing:
     """The form and the files of a report; each field is an option."""
 
     as_json: AsJson = False
-    form: Format = None
+    form: str | None = output_option(
+        None,
+        "--format",
+        help="Format of the report: text, json, junit, github or markdown.",
+        show_default="text",
+    )
     output: Output = None
     page: Page = None
     verbose: Verbose = False
