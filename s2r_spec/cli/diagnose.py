@@ -15,16 +15,14 @@ from s2r_spec.base.json_values import document
 from s2r_spec.base.printable import one_line
 from s2r_spec.cli.options.groups import group_options, options, output_option, search_option
 from s2r_spec.cli.options.logs import LogReading
-from s2r_spec.cli.options.output import AsJson, Output, Page, pageable, settle, writable
-from s2r_spec.cli.options.protocols import Next, NoProtocols, Passive, Protocols, playable, protocol_names
+from s2r_spec.cli.options.output import Form, writable, write
 from s2r_spec.cli.options.search import OneRequirement, RealMachine, Running, Seed, Simulator, SpecFile
 from s2r_spec.cli.terminal.common import begin_run, resumable, sentences
-from s2r_spec.cli.terminal.terminal import console, print_json
+from s2r_spec.cli.terminal.terminal import console
 
 if TYPE_CHECKING:
     from s2r_spec.diagnose import Diagnosis
     from s2r_spec.spec import Spec
-
 
 Budget = Annotated[
     int | None,
@@ -48,40 +46,54 @@ class Campaign:
         "--tuned",
         help="With --apply: add every other effect, too, with a small size fitted to the data.",
     )
-    protocols: Protocols = None
-    no_protocols: NoProtocols = False
-    passive: Passive = False
-    following: Next = None
+    protocols: str | None = search_option(
+        None,
+        help="Protocols that may run, separated by commas; `s2r backends NAME` lists them.",
+        show_default="all that the simulator and the machine have",
+    )
+    no_protocols: bool = search_option(
+        False, "--no-protocols", help="Run no protocols. Those in logs are still used."
+    )
+    passive: bool = search_option(
+        False, "--passive", help="Use tests of the specification alone, from a machine or from logs."
+    )
+    following: Path | None = output_option(
+        None,
+        "--next",
+        help="Print the experiment to run next. If it is a protocol, its references go to this .csv file.",
+        show_default=False,
+    )
 
     def names(self) -> tuple[str, ...] | None:
         """Return the names of the protocols that may run, None for all, after all checks.
 
         Raises:
-            UsageError: the options contradict each other, or a file cannot be written.
+            UsageError: the options contradict each other, a name is empty, or a file cannot be written.
         """
         writable(self.apply)
         if self.tuned and self.apply is None:
             raise UsageError("--tuned changes what --apply writes; give --apply FILE with it")
-        names = protocol_names(self.protocols, self.no_protocols, self.passive)
-        playable(self.following)
-        return names
+        if (self.protocols is not None) + self.no_protocols + self.passive > 1:
+            raise UsageError("give only one of --protocols, --no-protocols and --passive")
+        names = None if self.protocols is None else tuple(map(str.strip, self.protocols.split(",")))
+        if names is not None and not all(names):
+            raise UsageError(
+                f"--protocols {self.protocols!r} has an empty name; give names such as squat,sway, or use "
+                f"--no-protocols"
+            )
+        if self.following is not None and self.following.suffix.lower() != ".csv":
+            raise UsageError(f"--next {self.following}: the file of a protocol must end in .csv")
+        writable(self.following)
+        return () if self.no_protocols or self.passive else names
 
 
 @options
-class Writing:
+class Writing(Form):
     """The form and the files of the diagnosis; each field is an option."""
 
-    as_json: AsJson = False
     form: str | None = output_option(
         None, "--format", help="Format of the diagnosis: text, json or markdown.", show_default="text"
     )
-    output: Output = None
-    page: Page = None
-
-    @property
-    def json(self) -> bool:
-        """Whether errors are printed as JSON, too."""
-        return self.as_json or self.form == "json"
 
 
 @group_options
@@ -105,8 +117,7 @@ def diagnose(
         from s2r_spec.diagnose.resumed import REAL, begun_in, seed_of
         from s2r_spec.spec import load_spec
 
-        form = settle(writing.form, writing.as_json, writing.output, _forms())
-        pageable(writing.page)
+        form = writing.settled(_forms())
         names = campaign.names()
         parsed = load_spec(spec)
         compared = [requirement] if requirement else list(parsed.requirements)
@@ -178,16 +189,9 @@ def _emit(diagnosis: Diagnosis, spec: Spec, real: str, form: str, writing: Writi
     from s2r_spec.report import diagnosis as diagnosis_report
     from s2r_spec.report import diagnosis_page
 
-    if writing.output is not None:
-        save(writing.output, _forms()[form](diagnosis, spec) + "\n")
-    elif form == "text":
-        console().print(diagnosis_report.markup(diagnosis, spec))
-    elif form == "json":
-        print_json(document(diagnosis))
-    else:
-        print(_forms()[form](diagnosis, spec))
-    if writing.page is not None:
-        save(writing.page, diagnosis_page.render(diagnosis, spec, real))
+    render, markup = _forms()[form], diagnosis_report.markup
+    write(form, writing.output, lambda: render(diagnosis, spec), lambda: markup(diagnosis, spec))
+    writing.write_page(lambda: diagnosis_page.render(diagnosis, spec, real))
 
 
 def _next(diagnosis: Diagnosis, sim: str, machine: object, path: Path | None) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from s2r_spec.base.errors import UsageError
 from s2r_spec.base.files import save
 from s2r_spec.cli.options.groups import options, output_option
 from s2r_spec.cli.terminal import terminal
@@ -13,13 +14,8 @@ from s2r_spec.cli.terminal import terminal
 if TYPE_CHECKING:
     from s2r_spec.report.finding import Report
 
-
 Output = Annotated[
     Path | None, output_option("--output", "-o", help="File for the report.", show_default="stdout")
-]
-Page = Annotated[
-    Path | None,
-    output_option("--report", help="Also write an HTML page with pictures to this file.", show_default=False),
 ]
 AsJson = Annotated[
     bool, output_option("--json", help="Print one JSON object on stdout, as --format json does.")
@@ -33,8 +29,8 @@ Verbose = Annotated[
 
 
 @options
-class Writing:
-    """The form and the files of a report; each field is an option."""
+class Form:
+    """The form and the files of a result; each field is an option."""
 
     as_json: AsJson = False
     form: str | None = output_option(
@@ -44,29 +40,45 @@ class Writing:
         show_default="text",
     )
     output: Output = None
-    page: Page = None
-    verbose: Verbose = False
+    page: Path | None = output_option(
+        None, "--report", help="Also write an HTML page with pictures to this file.", show_default=False
+    )
 
     @property
     def json(self) -> bool:
         """Whether errors are printed as JSON, too."""
         return self.as_json or self.form == "json"
 
-    def settled(self) -> str:
+    def settled(self, among: Collection[str] | None = None) -> str:
         """Return the format's name, and check both files before anything runs.
 
         Raises:
-            UsageError: see :func:`settle` and :func:`pageable`.
+            UsageError: see :func:`settle` and :func:`writable`; or a package of the HTML page is missing.
         """
-        name = settle(self.form, self.as_json, self.output)
-        pageable(self.page)
+        from s2r_spec.report import html
+
+        name = settle(self.form, self.as_json, self.output, among)
+        if self.page is not None:
+            writable(self.page)
+            html.require_packages()
         return name
+
+    def write_page(self, page: Callable[[], str]) -> None:
+        """Write the HTML page if one is asked for."""
+        if self.page is not None:
+            save(self.page, page())
+
+
+@options
+class Writing(Form):
+    """The form and the files of a report; each field is an option."""
+
+    verbose: Verbose = False
 
     def emit(self, report: Report, name: str, page: Callable[[], str]) -> None:
         """Write a report, and the HTML page if one is asked for."""
         emit(report, name, self.output, self.verbose)
-        if self.page is not None:
-            save(self.page, page())
+        self.write_page(page)
 
 
 def settle(
@@ -83,7 +95,6 @@ def settle(
     Raises:
         UsageError: the format is unknown or contradicts ``--json``, or the file cannot be written.
     """
-    from s2r_spec.base.errors import UsageError
     from s2r_spec.report import reporter
 
     if as_json and chosen not in (None, "json"):
@@ -94,27 +105,12 @@ def settle(
     return name
 
 
-def pageable(page: Path | None) -> None:
-    """Check, before anything runs, that an HTML page can be made and written.
-
-    Raises:
-        UsageError: a package is missing, or the file cannot be written.
-    """
-    from s2r_spec.report import html
-
-    if page is not None:
-        writable(page)
-        html.require_packages()
-
-
 def writable(path: Path | None) -> None:
     """Check, before anything runs, that a file can be written there.
 
     Raises:
         UsageError: it is a folder, or its folder does not exist.
     """
-    from s2r_spec.base.errors import UsageError
-
     if path is not None and path.is_dir():
         raise UsageError(f"cannot write to {path}: it is a folder")
     if path is not None and not path.parent.is_dir():
@@ -135,13 +131,18 @@ def emit(report: Report, name: str, output: Path | None, verbose: bool = False) 
     """
     from s2r_spec.report import reporter, text
 
+    write(name, output, lambda: reporter(name)(report), lambda: text.markup(report, verbose))
+
+
+def write(name: str, output: Path | None, text: Callable[[], str], markup: Callable[[], str]) -> None:
+    """Write a result in the format ``name`` to a file or to stdout; as text on stdout it is ``markup``."""
     if output is not None:
-        save(output, reporter(name)(report) + "\n")
+        save(output, text() + "\n")
     elif name == "text":
-        terminal.console().print(text.markup(report, verbose))
+        terminal.console().print(markup())
     elif name == "github":
-        terminal.print_commands(reporter(name)(report))
+        terminal.print_commands(text())
     elif name == "json":
-        terminal.print_json(reporter(name)(report))
+        terminal.print_json(text())
     else:
-        print(reporter(name)(report))
+        print(text())
