@@ -52,7 +52,6 @@ def check(
         from s2r_spec.certify.resumed_options import places_of, seed_of
         from s2r_spec.cli.terminal.progress import Live
         from s2r_spec.report import check as check_report
-        from s2r_spec.report import html
         from s2r_spec.runs.journal import Journal
         from s2r_spec.runs.layout import run_of
         from s2r_spec.spec import load_spec
@@ -87,5 +86,5 @@ def check(
                 options |= {"requirement": name, "resume": begun, "observer": live}
                 results.append(checking.check(parsed, machine, place, **options))
         report = check_report.report([(parsed, result) for result in results])
-        writing.emit(report, form, lambda: html.from_runs([result.folder for result in results]))
+        writing.emit(report, form, results)
         raise typer.Exit(report.exit_code)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from s2r_spec.backend import short
 from s2r_spec.certify.bound.rounding import down, interval_text
 from s2r_spec.certify.real_machine import CertifyResult
+from s2r_spec.certify.result.check_result import CheckResult
+from s2r_spec.certify.result.gap_result import GapResult
 from s2r_spec.report import check as check_report
 from s2r_spec.report import gap as gap_report
 from s2r_spec.report.finding import Finding, Report
@@ -17,6 +21,17 @@ def report(spec: Spec, result: CertifyResult, command: str = "s2r certify") -> R
     code, one = result.verdict.exit_code, finding(spec, result)
     record = CertifyObject(exit_code=code, result=result, location=one.location)
     return Report(command, (one,), code, record)
+
+
+def report_of(results: Sequence[CheckResult | GapResult | CertifyResult], *command: str) -> Report:
+    """Return the report of results of one kind, as of the command that makes such results, or of ``command``."""
+    first = results[0]
+    if isinstance(first, GapResult):
+        return gap_report.report(first.spec, first, *command)
+    if isinstance(first, CertifyResult):
+        return report(first.simulated.spec, first, *command)
+    checks = [result for result in results if isinstance(result, CheckResult)]
+    return check_report.report([(result.spec, result) for result in checks], *command)
 
 
 def finding(spec: Spec, result: CertifyResult) -> Finding:

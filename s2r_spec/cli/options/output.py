@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,6 +12,9 @@ from s2r_spec.cli.options.groups import options, output_option
 from s2r_spec.cli.terminal import terminal
 
 if TYPE_CHECKING:
+    from s2r_spec.certify.real_machine import CertifyResult
+    from s2r_spec.certify.result.check_result import CheckResult
+    from s2r_spec.certify.result.gap_result import GapResult
     from s2r_spec.report.finding import Report
 
 Output = Annotated[
@@ -75,10 +78,15 @@ class Writing(Form):
 
     verbose: Verbose = False
 
-    def emit(self, report: Report, name: str, page: Callable[[], str]) -> None:
-        """Write a report, and the HTML page if one is asked for."""
+    def emit(
+        self, report: Report, name: str, results: Sequence[CheckResult | GapResult | CertifyResult]
+    ) -> None:
+        """Write a report, and the HTML page of the results if one is asked for."""
+        from s2r_spec.report import html
+        from s2r_spec.report.recompute import recompute_again
+
         emit(report, name, self.output, self.verbose)
-        self.write_page(page)
+        self.write_page(lambda: html.render([recompute_again(result) for result in results]))
 
 
 def settle(

@@ -1,37 +1,81 @@
-"""The band over the test space: simultaneous bounds of an expected value, with the rollouts behind them."""
+"""Pictures of a bound: its band over the test space with the rollouts behind it, and its interval after each batch.
+
+Bounds are of ρ in simulation, of the gap, or of ρ on the machine.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from s2r_spec.certify.bound.rounding import down, up
+from s2r_spec.certify.bound.certificate import Certificate
+from s2r_spec.certify.bound.rounding import down, interval_text, up, width_text
 from s2r_spec.certify.result.check_result import Tested
 from s2r_spec.report.figures.canvas import (
     BAND,
     INK,
     MUTED,
+    PAPER,
+    FloatArray,
     Picture,
+    add_scale,
     draw,
+    paint_map,
+    panels,
     shade_violation,
     with_unit,
 )
-from s2r_spec.report.figures.field import Field
-from s2r_spec.report.figures.heat import heat
-from s2r_spec.space import Axis
+from s2r_spec.space import Axis, Space
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FloatArray = NDArray[np.float64]
-
 _POINTS = 301
 _MOST_SLICES = 6
+_SIDE = 61
+# Before data the interval is [−B, B]. Drawn to scale, it would flatten the rest of the picture.
+_MARGIN = 2.5
+
+
+@dataclass(frozen=True)
+class Field:
+    """An expected value over the test space.
+
+    Attributes:
+        space: the test space.
+        bounds: from (n, dim) points to its (n,) lower and upper bounds, which hold at all points at once.
+        tests: the tests that were run.
+        mark: the test to mark; slices go through it.
+        height: value at the mark [unit].
+        pointed: name of the mark, "worst test".
+        lower: lower bound of the worst expected value [unit].
+        upper: upper bound of the same [unit].
+        symbol: "ρ" or "Δ".
+        name: "expected robustness".
+        unit: the unit of the value.
+        title: the title of the picture.
+        dots: the meaning of a dot: "means over a test's rollouts".
+        remark: one more sentence under the picture, or "".
+    """
+
+    space: Space
+    bounds: Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+    tests: tuple[Tested, ...]
+    mark: Mapping[str, float]
+    height: float
+    pointed: str
+    lower: float
+    upper: float
+    symbol: str
+    name: str
+    unit: str
+    title: str
+    dots: str
+    remark: str
 
 
 @dataclass(frozen=True)
@@ -50,7 +94,7 @@ def band(field: Field, name: str) -> Picture:
         case 1:
             return _along(field, name)
         case 2:
-            return heat(field, name)
+            return _maps(field, name)
         case _:
             return _slices(field, name)
 
@@ -89,12 +133,8 @@ def _slices(field: Field, name: str) -> Picture:
     cuts = [slice_through(field, axis) for axis in shown]
 
     def paint(figure: Figure) -> None:
-        columns = min(2, len(cuts))
-        grid = figure.subplots(-(-len(cuts) // columns), columns, squeeze=False, sharey=True)
-        for axes, cut in zip(grid.flat, cuts, strict=False):
+        for axes, cut in zip(panels(figure, len(cuts), 2), cuts, strict=True):
             _paint_slice(axes, field, cut, [])
-        for axes in grid.flat[len(cuts) :]:
-            axes.set_visible(False)
 
     names = ", ".join(axis.name for axis in shown)
     alt = f"The band of the {field.name} along {names}, each through the {field.pointed}"
@@ -141,3 +181,87 @@ def _fit(axes: Axes, field: Field, cut: Slice, tests: Sequence[Tested]) -> None:
     )
     room = 0.08 * (top - bottom or 1.0)
     axes.set_ylim(bottom - room, top + 2 * room)
+
+
+def _maps(field: Field, name: str) -> Picture:
+    """Draw both bounds on one colour scale, white at 0."""
+    across, along = field.space.axes
+    lower, upper = field.bounds(field.space.grid((_SIDE, _SIDE)))
+    maps = {
+        f"at least (lower bound of E {field.symbol})": lower.reshape(_SIDE, _SIDE).T,
+        f"at most (upper bound of E {field.symbol})": upper.reshape(_SIDE, _SIDE).T,
+    }
+    tests, mark = field.tests, field.mark
+    # Far from any test the bounds are about ±B, so the colour scale comes from the tests.
+    scale = max(abs(field.lower), abs(field.upper), *(abs(test.mean) for test in tests)) or 1.0
+    pixel = across.width / (_SIDE - 1) / 2, along.width / (_SIDE - 1) / 2
+    extent = (across.low - pixel[0], across.high + pixel[0], along.low - pixel[1], along.high + pixel[1])
+
+    def paint(figure: Figure) -> None:
+        both = figure.subplots(1, 2, sharex=True, sharey=True)
+        for axes, (title, values) in zip(both, maps.items(), strict=True):
+            image = paint_map(axes, values, extent, scale, "nearest")
+            if values.min() < 0 < values.max():
+                axes.contour(values, [0.0], colors=["black"], linewidths=1.2, extent=extent, origin="lower")
+            where = ([test.params[axis.name] for test in tests] for axis in (across, along))
+            axes.scatter(*where, s=7, c="black", lw=0)
+            axes.plot(mark[across.name], mark[along.name], "v", color=PAPER, mec=INK, ms=9, clip_on=False)
+            axes.set_title(title)
+            axes.set_xlabel(with_unit(across.name, across.unit))
+        both[0].set_ylabel(with_unit(along.name, along.unit))
+        add_scale(figure, image, both.tolist(), with_unit(field.symbol, field.unit), extend="both")
+
+    alt = (
+        f"Two maps over {across.name} and {along.name}: lower and upper bound of the {field.name}, with "
+        f"{len(tests)} tests; the {field.pointed} is at {across.name} = {mark[across.name]:.4g} {across.unit}, "
+        f"{along.name} = {mark[along.name]:.4g} {along.unit}"
+    )
+    caption = (
+        f"{field.name.capitalize()} {field.symbol} lies between the two maps simultaneously for all tests. Blue is "
+        f"above 0, red below, the black line is 0. Dots are tests, the triangle is the {field.pointed}. {field.remark}"
+    ).strip()
+    return Picture(field.title, caption, alt, draw(name, alt, (7.2, 3.4), paint))
+
+
+def interval(
+    history: Sequence[Certificate], what: str, unit: str, title: str, name: str, counted: str = "rollouts"
+) -> Picture:
+    """Draw an interval after each batch.
+
+    Args:
+        history: certificates of a search that maximises the negative, the last one as it ended.
+        what: the quantity, "worst expected ρ".
+        unit: the unit of the interval.
+        title: the title of the picture.
+        name: the name of the figure in the page.
+        counted: label of the horizontal axis.
+    """
+    last = history[-1]
+    rollouts = [entry.rollouts for entry in history]
+    lower = [-entry.upper for entry in history]
+    upper = [-entry.lower for entry in history]
+
+    def paint(figure: Figure) -> None:
+        axes = figure.add_subplot()
+        axes.fill_between(rollouts, lower, upper, step="post", color=BAND, alpha=0.25, lw=0)
+        axes.step(rollouts, lower, where="post", color=BAND, lw=2)
+        axes.step(rollouts, upper, where="post", color=BAND, lw=1)
+        axes.plot(rollouts[-1:], lower[-1:], "o", color=INK, ms=5)
+        axes.annotate(down(lower[-1]), (rollouts[-1], lower[-1]), (6, -4), textcoords="offset points")
+        room = _MARGIN * max(last.epsilon, 1e-12)
+        axes.set_ylim(min(lower[-1] - room / 3, -room / 6), max(upper[-1] + room, room / 6))
+        axes.set_xlim(rollouts[0], rollouts[-1] * 1.12)
+        axes.set_xlabel(counted)
+        axes.set_ylabel(with_unit(what, unit))
+        shade_violation(axes)
+
+    alt = (
+        f"The interval of the {what} against {counted}: after {rollouts[-1]} it is "
+        f"{interval_text(lower[-1], upper[-1])} {unit}".rstrip()
+    )
+    valid = ", valid at any time" if last.label.bounds else ""
+    caption = (
+        f"Lower and upper end after each batch{valid}. The final width is {width_text(last.epsilon)}; "
+        f"the target was {last.target:g}."
+    )
+    return Picture(title, caption, alt, draw(name, alt, (7.2, 2.6), paint))

@@ -14,9 +14,15 @@ from html import escape
 from io import StringIO
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
+
+FloatArray = NDArray[np.float64]
 
 INK, MUTED, RULE, BAND, GOOD, BAD = (f"#1aa00{digit}" for digit in range(1, 7))
 PAPER = "#1aa007"
@@ -97,6 +103,35 @@ def shorten(text: str) -> str:
 def with_unit(name: str, unit: str) -> str:
     """Return the label of an axis: ``vd [m/s]``."""
     return f"{shorten(name)} [{unit}]" if unit else shorten(name)
+
+
+def panels(figure: Figure, count: int, columns: int) -> list[Axes]:
+    """Return ``count`` axes with one scale upwards, in rows of at most ``columns``."""
+    columns = min(columns, count)
+    grid = figure.subplots(-(-count // columns), columns, squeeze=False, sharey=True)
+    for axes in grid.flat[count:]:
+        axes.set_visible(False)
+    return list(grid.flat[:count])
+
+
+def paint_map(
+    axes: Axes, values: FloatArray, extent: tuple[float, float, float, float], scale: float, between: str
+) -> AxesImage:
+    """Draw (rows, columns) values in colours: white at 0, the deepest at ±``scale``; ``between`` interpolates them."""
+    return axes.imshow(
+        values, origin="lower", extent=extent, aspect="auto", cmap="RdBu", vmin=-scale, vmax=scale,
+        interpolation=between,
+    )  # fmt: skip
+
+
+def add_scale(
+    figure: Figure, image: AxesImage, beside: list[Axes], label: str, extend: str = "neither"
+) -> None:
+    """Draw the colours of a map and their values."""
+    bar = figure.colorbar(image, ax=beside, extend=extend, pad=0.01)
+    bar.set_label(label)
+    if bar.solids is not None:
+        bar.solids.set_rasterized(True)  # 256 little paths otherwise
 
 
 def shade_violation(axes: Axes) -> None:

@@ -18,7 +18,10 @@ from s2r_spec.report.figures.canvas import (
     MUTED,
     PAPER,
     Picture,
+    add_scale,
     draw,
+    paint_map,
+    panels,
     shorten,
     with_unit,
 )
@@ -144,20 +147,15 @@ def _slices(space: GapSurface, name: str) -> Picture:
     names = space.space.names
 
     def paint(figure: Figure) -> None:
-        columns = min(3, len(names))
-        grid = figure.subplots(-(-len(names) // columns), columns, squeeze=False, sharey=True)
-        for k, axes in enumerate(grid.flat):
-            if k >= len(names):
-                axes.set_visible(False)
-                continue
-            axis = space.space.axes[k]
+        grid = panels(figure, len(names), 3)
+        for k, (axes, axis) in enumerate(zip(grid, space.space.axes, strict=True)):
             _band(axes, space, k)
             where = [test.params[axis.name] for test in space.tests]
             axes.plot(where, [test.gap for test in space.tests], "o", color=INK, ms=3, alpha=0.6)
             axes.axvline(space.worst[axis.name], color=BAD, lw=1, ls=(0, (4, 3)))
             axes.set_xlabel(with_unit(axis.name, axis.unit))
-        for row in grid:
-            row[0].set_ylabel(with_unit("Δρ", space.unit))
+        for axes in grid[::3]:
+            axes.set_ylabel(with_unit("Δρ", space.unit))
 
     rows = -(-len(names) // 3)
     worst = ", ".join(f"{n} = {v:.4g}" for n, v in space.worst.items())
@@ -179,10 +177,8 @@ def _maps(space: GapSurface, held: Sequence[HeldOut], name: str) -> Picture:
 
     def paint(figure: Figure) -> None:
         both = figure.subplots(1, 2 if after else 1, sharex=True, sharey=True, squeeze=False)[0]
-        image = both[0].imshow(
-            values, origin="lower", extent=(across.low, across.high, up.low, up.high), aspect="auto",
-            cmap="RdBu", vmin=-scale, vmax=scale, interpolation="bilinear",
-        )  # fmt: skip
+        extent = (across.low, across.high, up.low, up.high)
+        image = paint_map(both[0], values, extent, scale, "bilinear")
         x, y = ([test.params[a.name] for test in space.tests] for a in (across, up))
         both[0].scatter(x, y, s=12, c="black", lw=0)
         both[0].plot(
@@ -202,10 +198,7 @@ def _maps(space: GapSurface, held: Sequence[HeldOut], name: str) -> Picture:
             axes.set_xlim(across.low - across.width / 40, across.high + across.width / 40)
             axes.set_ylim(up.low - up.width / 40, up.high + up.width / 40)
         both[0].set_ylabel(with_unit(up.name, up.unit))
-        bar = figure.colorbar(image, ax=both.tolist(), pad=0.01)
-        bar.set_label(with_unit("Δρ", space.unit))
-        if bar.solids is not None:
-            bar.solids.set_rasterized(True)
+        add_scale(figure, image, both.tolist(), with_unit("Δρ", space.unit))
 
     alt = (
         f"Map of the expected Δρ over {across.name} and {up.name}, largest gap probably at "

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
+from s2r_spec.report.figures.canvas import FloatArray
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
-
-FloatArray = NDArray[np.float64]
 
 _MOST_SAMPLES = 240
 
