@@ -155,12 +155,11 @@ def diagnose(
 def _forms() -> dict[str, Callable[[Diagnosis, Spec], str]]:
     """Return name → form of a diagnosis, as ``--format`` takes it."""
     from s2r_spec.report import diagnosis as diagnosis_report
-    from s2r_spec.report.diagnosis_markdown import markdown
 
     return {
         "text": diagnosis_report.text,
         "json": lambda diagnosis, _: document(diagnosis),
-        "markdown": markdown,
+        "markdown": diagnosis_report.markdown,
     }
 
 

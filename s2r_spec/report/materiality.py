@@ -15,13 +15,15 @@ MOST_PERCENT = 10.0
 """Definition: ratio from which on a part is written as a multiple."""
 
 
-def matters_words(materiality: Materiality, units: Mapping[str, str]) -> tuple[str, ...]:
+def matters_words(materiality: Materiality | None, units: Mapping[str, str]) -> tuple[str, ...]:
     """Return sentences on the largest gap, on the tests at which the gap matters, and on early ends.
 
     Args:
-        materiality: the answer.
+        materiality: the answer; None if the gap was not compared.
         units: parameter → unit, in the spec's order.
     """
+    if materiality is None:
+        return ()
     lines = []
     if materiality.largest is not None:
         lines += [_largest_gap(materiality.largest, materiality, units), _tests(materiality, units)]
