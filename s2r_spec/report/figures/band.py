@@ -206,6 +206,7 @@ def _maps(field: Field, name: str) -> Picture:
             where = ([test.params[axis.name] for test in tests] for axis in (across, along))
             axes.scatter(*where, s=7, c="black", lw=0)
             axes.plot(mark[across.name], mark[along.name], "v", color=PAPER, mec=INK, ms=9, clip_on=False)
+            axes.grid(False)
             axes.set_title(title)
             axes.set_xlabel(with_unit(across.name, across.unit))
         both[0].set_ylabel(with_unit(along.name, along.unit))
