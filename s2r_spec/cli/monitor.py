@@ -17,7 +17,7 @@ from s2r_spec.cli.options.groups import group_options, options, output_option
 from s2r_spec.cli.options.logs import LogForm, missing
 from s2r_spec.cli.options.search import SpecFile
 from s2r_spec.cli.terminal import terminal
-from s2r_spec.cli.terminal.common import mark_answered, note, sentences
+from s2r_spec.cli.terminal.common import answered, note, sentences
 
 if TYPE_CHECKING:
     from s2r_spec.recordings.spec_traces import TraceRequest
@@ -139,7 +139,7 @@ def _evaluate(request: TraceRequest, traces: list[Path], conventions: Convention
             results.append(UnreadTrace(trace=str(path), error=str(error)))
     record = monitor_record(request, results, conventions.like)
     if as_json:
-        mark_answered()
+        answered.set()
         print(line(record, infinite=True))
         return record.exit_code
     for result in results:

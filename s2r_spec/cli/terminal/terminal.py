@@ -44,8 +44,16 @@ def prepare() -> None:
 
 
 def console(*, stderr: bool = False) -> Console:
-    """Return standard output, whose lines are not broken, or standard error, where live views fit the screen."""
-    from s2r_spec.cli.terminal.safe_console import SafeConsole
+    """Return standard output, whose lines are not broken, or standard error, where live views fit the screen.
+
+    Control characters of the strings that it prints are escaped.
+    """
+    from rich.console import Console
+
+    class SafeConsole(Console):
+        def print(self, *objects: Any, **how: Any) -> None:
+            safe = (without_controls(one) if isinstance(one, str) else one for one in objects)
+            super().print(*safe, **how)
 
     return SafeConsole(stderr=stderr, highlight=False, soft_wrap=not stderr)
 
