@@ -14,9 +14,16 @@ from s2r_spec.base.quantity import format_estimate, interval, quantity
 from s2r_spec.diagnose.diagnosis import Diagnosis
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, ParameterEstimate, Status, with_status
 from s2r_spec.report.advice import next_step, settled_words
-from s2r_spec.report.gap_words import body_words, gap_title, join_names, left_words, shrink_rows, where_words
+from s2r_spec.report.gap_words import (
+    body_words,
+    gap_title,
+    join_names,
+    left_words,
+    matters_words,
+    shrink_rows,
+    where_words,
+)
 from s2r_spec.report.markdown import cell
-from s2r_spec.report.materiality import matters_words
 from s2r_spec.report.text import STYLES
 from s2r_spec.spec import Spec
 

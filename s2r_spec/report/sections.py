@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from s2r_spec.certify.bound.certificate import Certificate, Label
+from s2r_spec.certify.bound.rounding import interval_text
 from s2r_spec.certify.result.check_result import Tested, group_by_test
 from s2r_spec.certify.result.compose import Composition
 from s2r_spec.certify.result.gap_result import Pair
@@ -19,11 +20,31 @@ from s2r_spec.report.figures.band import Field, band, interval
 from s2r_spec.report.figures.canvas import FloatArray, Picture
 from s2r_spec.report.figures.traces import JournalRollouts, pair_picture, trace_picture, worst_records
 from s2r_spec.report.finding import Finding
-from s2r_spec.report.numberline import Bars, bars
 from s2r_spec.report.recompute import Recomputed, RecomputedCertify, RecomputedGap, Run
 from s2r_spec.runs.journal import Record
 
 _WIDE = "The search spends few rollouts where the worst case cannot lie, so the band stays wide there."
+
+
+@dataclass(frozen=True)
+class Bar:
+    """An interval on a number line that includes 0; positions in percent of the line's length."""
+
+    label: str
+    words: str
+    zero: float
+    left: float
+    width: float
+
+
+@dataclass(frozen=True)
+class Bars:
+    """Intervals on one number line."""
+
+    title: str
+    intro: str
+    rows: tuple[Bar, ...]
+    note: str
 
 
 @dataclass(frozen=True)
@@ -209,6 +230,28 @@ def _tested_pairs(pairs: Sequence[Pair]) -> list[Tested]:
 
 
 # -- number lines --------------------------------------------------------------------------------
+
+
+def bars(intervals: Sequence[tuple[str, float, float]], unit: str) -> tuple[Bar, ...]:
+    """Return (label, lower, upper) intervals on one number line."""
+    ends = [0.0, *(end for _, *ends_ in intervals for end in ends_)]
+    low, high = min(ends), max(ends)
+    room = 0.06 * (high - low or 1.0)
+    low, high = low - room, high + room
+
+    def place(value: float) -> float:
+        return round(100 * (value - low) / (high - low), 3)
+
+    return tuple(
+        Bar(
+            label=label,
+            words=f"{interval_text(lower, upper)} {unit}".rstrip(),
+            zero=place(0.0),
+            left=place(lower),
+            width=max(0.5, round(place(upper) - place(lower), 3)),
+        )
+        for label, lower, upper in intervals
+    )
 
 
 def _ladder(what: str, certificate: Certificate, unit: str) -> Bars:
