@@ -114,10 +114,13 @@ def diagnose(
     with sentences(writing.json):
         from s2r_spec.cli.terminal.stages import Stages
         from s2r_spec.diagnose import diagnose as find
-        from s2r_spec.diagnose.resumed import REAL, begun_in, seed_of
+        from s2r_spec.diagnose.resumed import ANSWER, REAL, begun_in, seed_of
+        from s2r_spec.report import diagnosis as diagnosis_report
+        from s2r_spec.report import diagnosis_page
         from s2r_spec.spec import load_spec
 
-        form = writing.settled(_forms())
+        forms = _forms()
+        form = writing.settled(forms)
         names = campaign.names()
         parsed = load_spec(spec)
         compared = [requirement] if requirement else list(parsed.requirements)
@@ -142,9 +145,12 @@ def diagnose(
                 protocols=names,
                 passive=campaign.passive,
             )
-        _keep(diagnosis, parsed, folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        save(folder / ANSWER, document(diagnosis) + "\n")
         patch = _patch(diagnosis, sim, campaign)
-        _emit(diagnosis, parsed, real, form, writing)
+        render, markup = forms[form], diagnosis_report.markup
+        write(form, writing.output, lambda: render(diagnosis, parsed), lambda: markup(diagnosis, parsed))
+        writing.write_page(lambda: diagnosis_page.render(diagnosis, parsed, real))
         following = _next(diagnosis, sim, machine, campaign.following)
         for sentence in ("" if form == "json" else patch, following):
             if sentence:
@@ -163,14 +169,6 @@ def _forms() -> dict[str, Callable[[Diagnosis, Spec], str]]:
     }
 
 
-def _keep(diagnosis: Diagnosis, spec: Spec, folder: Path) -> None:
-    """Write the diagnosis into the folder of the run."""
-    from s2r_spec.diagnose.resumed import ANSWER
-
-    folder.mkdir(parents=True, exist_ok=True)
-    save(folder / ANSWER, document(diagnosis) + "\n")
-
-
 def _patch(diagnosis: Diagnosis, sim: str, campaign: Campaign) -> str:
     """Write the simulator with the named effects if it is asked for; return a sentence on it."""
     from s2r_spec.runs import patched
@@ -181,16 +179,6 @@ def _patch(diagnosis: Diagnosis, sim: str, campaign: Campaign) -> str:
         return f"{campaign.apply} is not written: no effect is named"
     patched.write(campaign.apply, sim, added)
     return f"use it as --sim patched:{campaign.apply}"
-
-
-def _emit(diagnosis: Diagnosis, spec: Spec, real: str, form: str, writing: Writing) -> None:
-    """Write the diagnosis to a file or to stdout, and the HTML page if one is asked for."""
-    from s2r_spec.report import diagnosis as diagnosis_report
-    from s2r_spec.report import diagnosis_page
-
-    render, markup = _forms()[form], diagnosis_report.markup
-    write(form, writing.output, lambda: render(diagnosis, spec), lambda: markup(diagnosis, spec))
-    writing.write_page(lambda: diagnosis_page.render(diagnosis, spec, real))
 
 
 def _next(diagnosis: Diagnosis, sim: str, machine: object, path: Path | None) -> str:

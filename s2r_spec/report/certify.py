@@ -37,21 +37,28 @@ def report_of(results: Sequence[CheckResult | GapResult | CertifyResult], *comma
 def finding(spec: Spec, result: CertifyResult) -> Finding:
     """Return the bound for the real machine in words, with both of its parts."""
     simulated, gap = result.simulated, result.gap
-    source = simulated.provenance
+    source, composed = simulated.provenance, result.composition
     model = f"{source['backend']} {short(source['model_hash'])}"
     if gap is not None:
         model += f", {result.real} {short(gap.provenance['real']['model_hash'])}"
     unit = f" {simulated.unit}" if simulated.unit else ""
+    headline = f"no bound for {result.real}"
+    if composed is not None:
+        bound = check_report.bound(result.verdict, composed.lower, composed.upper)
+        probability = f"with probability ≥ 1 − {composed.delta:g}"
+        headline = f"worst expected ρ of {result.real} {bound}{unit}, {probability}"
+    # The simulation's last assumption says that it does not cover the real machine; the gap covers it here.
+    assumptions = (*simulated.assumptions[:-1], *(gap.assumptions if gap else ()))
     return Finding(
         name=simulated.requirement,
         verdict=result.verdict,
         word=result.verdict.name,
-        refused=result.composition is None,
+        refused=composed is None,
         about=f"{source['spec']}: {source['backend']} against {result.real}",
         reason=result.reason,
-        headline=_headline(result),
+        headline=headline,
         facts=_facts(spec, result),
-        assumptions=_assumptions(result),
+        assumptions=tuple(dict.fromkeys(assumptions)),
         ladder=_ladder(result),
         provenance=check_report.origin(source, model),
         again=(
@@ -63,15 +70,6 @@ def finding(spec: Spec, result: CertifyResult) -> Finding:
         location=check_report.location(spec, simulated.requirement),
         seconds=simulated.seconds + (gap.seconds if gap else 0.0),
     )
-
-
-def _headline(result: CertifyResult) -> str:
-    composed = result.composition
-    if composed is None:
-        return f"no bound for {result.real}"
-    unit = f" {result.simulated.unit}" if result.simulated.unit else ""
-    bound = check_report.bound(result.verdict, composed.lower, composed.upper)
-    return f"worst expected ρ of {result.real} {bound}{unit}, with probability ≥ 1 − {composed.delta:g}"
 
 
 def _facts(spec: Spec, result: CertifyResult) -> tuple[tuple[str, str], ...]:
@@ -100,12 +98,6 @@ def _facts(spec: Spec, result: CertifyResult) -> tuple[tuple[str, str], ...]:
         ),
         *(gap_report.facts(gap, spec.space.units) if gap else (("gap", "not searched"),)),
     )
-
-
-def _assumptions(result: CertifyResult) -> tuple[str, ...]:
-    # The simulation's last assumption says that it does not cover the real machine; the gap covers it here.
-    both = (*result.simulated.assumptions[:-1], *(result.gap.assumptions if result.gap else ()))
-    return tuple(dict.fromkeys(both))
 
 
 def _ladder(result: CertifyResult) -> tuple[str, ...]:

@@ -20,10 +20,11 @@ _FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
 
 def junit(report: Report) -> str:
     """Return one test suite with one test case for each requirement."""
+    verdicts = [one.verdict for one in report.findings]
     counts = {
-        "tests": str(len(report.findings)),
-        "failures": str(_count(report, Verdict.VIOLATED)),
-        "errors": str(_count(report, Verdict.UNKNOWN)),
+        "tests": str(len(verdicts)),
+        "failures": str(verdicts.count(Verdict.VIOLATED)),
+        "errors": str(verdicts.count(Verdict.UNKNOWN)),
         "time": f"{sum(one.seconds for one in report.findings):.3f}",
     }
     root = ET.Element("testsuites", {"name": report.command} | counts)
@@ -32,10 +33,6 @@ def junit(report: Report) -> str:
         _case(suite, finding)
     ET.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode")
-
-
-def _count(report: Report, verdict: Verdict) -> int:
-    return sum(one.verdict is verdict for one in report.findings)
 
 
 def _case(suite: ET.Element, finding: Finding) -> None:
@@ -77,14 +74,13 @@ def _line(finding: Finding) -> str:
         "line": str(finding.location.line),
         "title": f"{finding.name} {finding.word}",
     }
-    where = ",".join(f"{name}={_property(value)}" for name, value in properties.items())
+    escaped = {
+        name: _data(value).replace(":", "%3A").replace(",", "%2C") for name, value in properties.items()
+    }
+    where = ",".join(f"{name}={value}" for name, value in escaped.items())
     message = f"{finding.reason}: {finding.headline}\nreplay: {finding.replay}"
     return f"::{level} {where}::{_data(message)}"
 
 
 def _data(words: str) -> str:
     return words.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
-
-
-def _property(words: str) -> str:
-    return _data(words).replace(":", "%3A").replace(",", "%2C")

@@ -101,7 +101,7 @@ def describe(diagnosis: Diagnosis, spec: Spec) -> Description:
         matters=matters_words(diagnosis.materiality, spec.space.units),
         named=_rows(by_status[Status.NAMED]),
         possible=tuple(
-            (one.effect, _possible_words(one, settled.get(one.effect, "")))
+            (one.effect, "; ".join(filter(None, (_size_words(one), settled.get(one.effect)))))
             for one in by_status[Status.POSSIBLE]
         ),
         ruled_out=names[Status.RULED_OUT],
@@ -147,10 +147,9 @@ def _rows(effects: Iterable[EffectEstimate]) -> tuple[SizeRow, ...]:
     )
 
 
-def _possible_words(one: EffectEstimate, settled: str) -> str:
+def _size_words(one: EffectEstimate) -> str:
     p = one.largest
-    words = f"{format_estimate(p.value, p.low, p.high, p.unit)}, probability {one.probability:.2f}"
-    return f"{words}; {settled}" if settled else words
+    return f"{format_estimate(p.value, p.low, p.high, p.unit)}, probability {one.probability:.2f}"
 
 
 def text(diagnosis: Diagnosis, spec: Spec) -> str:

@@ -8,12 +8,8 @@ from typing import Any
 
 from s2r_spec.attribution.attribute import FormulaShare
 from s2r_spec.diagnose.diagnosis import Diagnosis
-from s2r_spec.diagnose.gap.held_out import HeldOutGap
-from s2r_spec.diagnose.gap.surface import GapSurface
-from s2r_spec.diagnose.residuals.shifts import Body
 from s2r_spec.report.diagnosis import SizeRow, describe
 from s2r_spec.report.figures.blame import blame
-from s2r_spec.report.figures.canvas import Picture
 from s2r_spec.report.figures.robot import amount, robot
 from s2r_spec.report.figures.shrink import before_and_after, over_space
 from s2r_spec.report.html import fill
@@ -36,6 +32,8 @@ def render(diagnosis: Diagnosis, spec: Spec, real: str = "") -> str:
     pair = None if where is None else where.pair
     over = None if where is None else where.space
     body = None if where is None else where.body
+    # The picture over one parameter shows the held-out tests already.
+    shown = far is None or not far.tests or (over is not None and over.space.dim == 1)
     return fill(
         "diagnosis.html",
         diagnosis=diagnosis,
@@ -48,12 +46,12 @@ def render(diagnosis: Diagnosis, spec: Spec, real: str = "") -> str:
         next=_unbreak(words.next),
         bars=_on_a_line(words.sizes),
         space=None if over is None else over_space(over, far, "space"),
-        held_out=_held_out(over, far, spec),
+        held_out=None if far is None or shown else before_and_after(far, spec.space.units, "held"),
         trace=None if where is None else blame(where, spec, "trace"),
         formula=() if pair is None else _formula(pair.parts, pair.delta),
         formula_unit="" if pair is None else pair.unit,
         body=None if body is None else robot(body, "robot"),
-        shifts=() if body is None else _shifts(body),
+        shifts=[] if body is None else _shifts(body),
         sources=list(_flatten(p)),
         spec_text=spec.text,
         version=str(p.get("s2r", "")),
@@ -91,13 +89,6 @@ def _unbreak(sentence: str) -> str:
 
 def _percent(part: float) -> float:
     return round(100.0 * min(max(part, 0.0), 1.0), 2)
-
-
-def _held_out(over: GapSurface | None, far: HeldOutGap | None, spec: Spec) -> Picture | None:
-    """Return the gap of each held-out test; None where the picture over one parameter shows it already."""
-    if far is None or not far.tests or (over is not None and over.space.dim == 1):
-        return None
-    return before_and_after(far, spec.space.units, "held")
 
 
 def _shifts(body: Body) -> list[tuple[str, str, str]]:

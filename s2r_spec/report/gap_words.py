@@ -9,7 +9,7 @@ from s2r_spec.attribution.place import Place, ValueRange, cause_first
 from s2r_spec.base.quantity import Scale, format_estimate, quantity
 from s2r_spec.diagnose.gap import LEVEL
 from s2r_spec.diagnose.gap.held_out import Gap, HeldOutGap
-from s2r_spec.diagnose.gap.materiality import Failures, GapAtTest, Materiality
+from s2r_spec.diagnose.gap.materiality import GapAtTest, Materiality
 from s2r_spec.diagnose.gap.where import Where
 from s2r_spec.diagnose.residuals.left import Remainder
 from s2r_spec.report.check import test_words
@@ -44,8 +44,12 @@ def matters_words(materiality: Materiality | None, units: Mapping[str, str]) -> 
     lines = []
     if materiality.largest is not None:
         lines += [_largest_gap(materiality.largest, materiality, units), _tests(materiality, units)]
-    if materiality.failures is not None:
-        lines.append(_failures(materiality.failures))
+    if (ends := materiality.failures) is not None:
+        than = "more than chance" if ends.matters else "no more than chance; repeat these tests to decide"
+        lines.append(
+            f"{ends.real} of {ends.real_rollouts} real rollouts ended early, and {ends.simulated} of "
+            f"{ends.simulated_rollouts} simulated ones: {than} (p = {ends.p:.2g})"
+        )
     return tuple(lines)
 
 
@@ -85,15 +89,6 @@ def _tests(materiality: Materiality, units: Mapping[str, str]) -> str:
         more = f", and {len(places) - PLACES} more" if len(places) > PLACES else ""
         words += f": {'; '.join(names)}{more}"
     return words + (f". The sign of ρ changes at {changed} of them" if changed else "")
-
-
-def _failures(failures: Failures) -> str:
-    """Return how many rollouts ended early."""
-    than = "more than chance" if failures.matters else "no more than chance; repeat these tests to decide"
-    return (
-        f"{failures.real} of {failures.real_rollouts} real rollouts ended early, and {failures.simulated} of "
-        f"{failures.simulated_rollouts} simulated ones: {than} (p = {failures.p:.2g})"
-    )
 
 
 def where_words(where: Where, spec: Spec) -> tuple[str, ...]:

@@ -131,22 +131,6 @@ class LogReading(LogForm):
         Raises:
             UsageError: an option is given but no backend reads logs, or its value is invalid.
         """
-        texts = self._texts()
-        if texts and not any(name.startswith(READ) for name in names):
-            raise UsageError(
-                "the options for reading logs need a folder of logs, log:FOLDER or manual:FOLDER, and none is given"
-            )
-        horizon = max((spec.horizon(name) for name in requirements), default=math.inf)
-        if (
-            (self.when is not None or self.start is not None)
-            and self.duration is None
-            and math.isfinite(horizon)
-        ):
-            texts.append(f"duration={horizon!r}")
-        return [_with(name, texts) if name.startswith(READ) else name for name in names]
-
-    def _texts(self) -> list[str]:
-        """Return the options as they stand after a ``?``."""
         values = {
             "nan": None if self.nan is None else missing(self.nan),
             "time-unit": self.time_unit,
@@ -157,16 +141,22 @@ class LogReading(LogForm):
             "clock": self.clock,
             "stamps": self.stamps,
         }
-        texts = [
-            f"{key}={quote(str(value), safe=_PLAIN)}" for key, value in values.items() if value is not None
-        ]
+        given = [(key, str(value)) for key, value in values.items() if value is not None]
         for key, repeated in (("map", self.columns), ("param", self.sources), ("longest", self.longest)):
-            texts += [f"{key}={quote(text, safe=_PLAIN)}" for text in repeated or ()]
-        return texts
-
-
-def _with(name: str, texts: Sequence[str]) -> str:
-    return f"{name}{'&' if '?' in name else '?'}{'&'.join(texts)}" if texts else name
+            given += [(key, text) for text in repeated or ()]
+        if given and not any(name.startswith(READ) for name in names):
+            raise UsageError(
+                "the options for reading logs need a folder of logs, log:FOLDER or manual:FOLDER, and none is given"
+            )
+        horizon = max((spec.horizon(name) for name in requirements), default=math.inf)
+        cuts = self.when is not None or self.start is not None
+        if cuts and self.duration is None and math.isfinite(horizon):
+            given.append(("duration", repr(horizon)))
+        texts = "&".join(f"{key}={quote(value, safe=_PLAIN)}" for key, value in given)
+        return [
+            f"{name}{'&' if '?' in name else '?'}{texts}" if texts and name.startswith(READ) else name
+            for name in names
+        ]
 
 
 def missing(nan: str | None) -> Literal["error", "hold"]:

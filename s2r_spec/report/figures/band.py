@@ -162,25 +162,16 @@ def _paint_slice(axes: Axes, field: Field, cut: Slice, tests: Sequence[Tested]) 
         axes.scatter(where, means, s=sizes, color=INK, lw=0, zorder=3, label="mean of a test")
     mark = field.mark[cut.axis.name]
     axes.plot(mark, field.height, "v", color="none", mec=INK, ms=13, zorder=4, label=field.pointed)
-    _fit(axes, field, cut, tests)
+    # 0, every rollout and the whole lower bound are shown; a wide upper bound may be cut off.
+    bottom = min(0.0, field.height, float(cut.lower.min()), *(test.lowest for test in tests))
+    ends = float(cut.lower.max()), float(cut.upper.min())
+    top = max(0.0, field.height, *ends, *(test.highest for test in tests))
+    room = 0.08 * (top - bottom or 1.0)
+    axes.set_ylim(bottom - room, top + 2 * room)
     axes.set_xlim(cut.axis.low - cut.axis.width / 50, cut.axis.high + cut.axis.width / 50)
     axes.set_xlabel(with_unit(cut.axis.name, cut.axis.unit))
     axes.set_ylabel(with_unit(field.symbol, field.unit))
     shade_violation(axes)
-
-
-def _fit(axes: Axes, field: Field, cut: Slice, tests: Sequence[Tested]) -> None:
-    """Set limits that show 0, every rollout and the whole lower bound; a wide upper bound may be cut off."""
-    bottom = min(0.0, field.height, float(cut.lower.min()), *(test.lowest for test in tests))
-    top = max(
-        0.0,
-        field.height,
-        float(cut.lower.max()),
-        float(cut.upper.min()),
-        *(test.highest for test in tests),
-    )
-    room = 0.08 * (top - bottom or 1.0)
-    axes.set_ylim(bottom - room, top + 2 * room)
 
 
 def _maps(field: Field, name: str) -> Picture:

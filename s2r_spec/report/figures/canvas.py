@@ -147,16 +147,11 @@ def _embed(svg: str, name: str, alt: str) -> str:
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>\s*", "", svg, flags=re.S)
     svg = re.sub(r"<style[^>]*>.*?</style>", "", svg, flags=re.S)
-    svg = re.sub(
-        r'<svg[^>]*?(viewBox="[^"]*")[^>]*>', rf"<svg \1{_attributes(alt)}>", svg, count=1, flags=re.S
-    )
+    quoted = escape(alt).replace("\\", r"\\")
+    attributes = f' xmlns:xlink="http://www.w3.org/1999/xlink" role="img" aria-label="{quoted}"'
+    svg = re.sub(r'<svg[^>]*?(viewBox="[^"]*")[^>]*>', rf"<svg \1{attributes}>", svg, count=1, flags=re.S)
     # Several figures share a page: their names must differ.
     svg = re.sub(r'\bid="', f'id="{name}-', svg)
     svg = re.sub(r'(url\(|xlink:href=")#', rf"\1#{name}-", svg)
     svg = re.sub(r"'DejaVu Sans'(, [^;\"]*)?", "system-ui, sans-serif", svg)
     return re.sub("|".join(_VARIABLES), lambda token: _VARIABLES[token[0]], svg)
-
-
-def _attributes(alt: str) -> str:
-    quoted = escape(alt).replace("\\", r"\\")
-    return f' xmlns:xlink="http://www.w3.org/1999/xlink" role="img" aria-label="{quoted}"'

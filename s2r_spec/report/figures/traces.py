@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -99,7 +100,12 @@ def _picture(
     if trace is None:
         why = record.failure or "its trace is not on disk"
         return Picture(title, f"There is nothing to draw: {why}.", "", "")
-    reason = _explain(runs, trace, record)
+    reason, decided = None, ""
+    with suppress(S2RError):
+        reason = runs.spec.explain(trace, runs.requirement, record.params)
+        if reason.instant is not None:
+            margin = f"{reason.margin:+.4f} {reason.margin_unit}".rstrip()
+            decided = f"Decided at t = {reason.when} by {reason.predicate} (margin {margin})."
     panels = _panels(runs, trace, record, beside)
 
     def paint(figure: Figure) -> None:
@@ -116,7 +122,7 @@ def _picture(
     if beside:
         alt += f", beside {len(beside)} of {other} at the same test"
     fell = f" It ended with a {record.failure}, which counts as the declared ρ." if record.failure else ""
-    caption = f"{_words(reason)}{fell} The requirement forbids the red area" + (
+    caption = f"{decided}{fell} The requirement forbids the red area" + (
         "; thin lines are other rollouts at this test." if panels[0].others else "."
     )
     return Picture(title, caption, alt, draw(name, alt, (7.2, 0.7 + 1.9 * len(panels)), paint))
@@ -132,7 +138,7 @@ def legend_lines(axes: Axes, own: str, beside: str) -> list[Line2D]:
 
 def read_trace(runs: JournalRollouts, record: Record) -> Trace | None:
     """Return the trace of a rollout, or None if there is none."""
-    try:
+    with suppress(S2RError):  # if the file is gone, the report is made without the picture
         if record.trace is not None:
             return logs.read(runs.folder / record.trace)
         if record.failure is None and runs.called.startswith("log:"):
@@ -140,27 +146,11 @@ def read_trace(runs: JournalRollouts, record: Record) -> Trace | None:
             scorer = Scorer.for_spec(runs.spec, runs.requirement, runs.called)
             task = scorer.task(record.query, record.replicate, record.params, record.seed)
             return run_task(replace(task, model_hash=runs.model_hash))[0]
-    except S2RError:
-        pass  # the file is gone: the report is made without the picture
     return None
 
 
 def _number(rho: float, unit: str) -> str:
     return f"{rho:+.4f} {unit}".rstrip()
-
-
-def _explain(runs: JournalRollouts, trace: Trace, record: Record) -> Explanation | None:
-    try:
-        return runs.spec.explain(trace, runs.requirement, record.params)
-    except S2RError:
-        return None
-
-
-def _words(reason: Explanation | None) -> str:
-    if reason is None or reason.instant is None:
-        return ""
-    margin = f"{reason.margin:+.4f} {reason.margin_unit}".rstrip()
-    return f"Decided at t = {reason.when} by {reason.predicate} (margin {margin})."
 
 
 def _panels(runs: JournalRollouts, trace: Trace, record: Record, beside: tuple[Trace, ...]) -> list[Panel]:
