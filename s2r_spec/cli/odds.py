@@ -34,10 +34,11 @@ def odds(run: RunFolder, B: Norm, below: Levels = None, delta: Delta = None, as_
     """Bound the probability that ρ is below a level at the worst test, from the rollouts of a check."""
     with sentences(as_json):
         from s2r_spec.report import odds as bounds
+        from s2r_spec.report.records.runs import OddsObject
 
         results = bounds.odds(run, below or [0.0], B, delta)
         if as_json:
-            print(line(bounds.record(results)))
+            print(line(OddsObject(results={one.requirement: one for one in results})))
             return
         for result in results:
             for text in bounds.lines(result):

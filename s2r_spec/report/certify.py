@@ -12,6 +12,7 @@ from s2r_spec.certify.result.gap_result import GapResult
 from s2r_spec.report import check as check_report
 from s2r_spec.report import gap as gap_report
 from s2r_spec.report.finding import Finding, Report
+from s2r_spec.report.recompute import Certified
 from s2r_spec.report.records.certificates import CertifyObject
 from s2r_spec.spec import Spec
 
@@ -23,7 +24,7 @@ def report(spec: Spec, result: CertifyResult, command: str = "s2r certify") -> R
     return Report(command, (one,), code, record)
 
 
-def report_of(results: Sequence[CheckResult | GapResult | CertifyResult], *command: str) -> Report:
+def report_of(results: Sequence[Certified], *command: str) -> Report:
     """Return the report of results of one kind, as of the command that makes such results, or of ``command``."""
     first = results[0]
     if isinstance(first, GapResult):

@@ -8,6 +8,7 @@ from typing import Any
 
 from s2r_spec.attribution.attribute import FormulaShare
 from s2r_spec.diagnose.diagnosis import Diagnosis
+from s2r_spec.diagnose.residuals.shifts import Body
 from s2r_spec.report.diagnosis import SizeRow, describe
 from s2r_spec.report.figures.blame import blame
 from s2r_spec.report.figures.robot import amount, robot

@@ -76,6 +76,7 @@ class RecomputedCertify:
     gap: RecomputedGap | None
 
 
+Certified = CheckResult | GapResult | CertifyResult
 Run = Recomputed | RecomputedGap | RecomputedCertify
 Outcomes = Mapping[tuple[int, int], tuple[Mapping[str, float], float]]
 """(number of the test, number of the rollout) → the test, and the outcome that the search maximises."""
@@ -115,7 +116,7 @@ def recompute_all(folder: Path) -> Sequence[Run]:
             return [recompute(one) for one in runs_in(folder)]
 
 
-def recompute_again(result: CheckResult | GapResult | CertifyResult) -> Run:
+def recompute_again(result: Certified) -> Run:
     """Return a result from its folder; see :func:`recompute`."""
     if isinstance(result, CheckResult):
         return recompute(result.folder)

@@ -20,8 +20,8 @@ from s2r_spec.diagnose.diagnosis import Diagnosis
 from s2r_spec.report import check as check_report
 from s2r_spec.report import diagnosis as diagnosis_report
 from s2r_spec.report.certify import report_of
+from s2r_spec.report.recompute import Certified
 
-Certified = CheckResult | GapResult | CertifyResult
 Known = Certified | Diagnosis
 _FILES = {
     CheckResult: "check.json", GapResult: "gap.json", CertifyResult: "certify.json", Diagnosis: "diagnosis.json",

@@ -12,10 +12,8 @@ from s2r_spec.cli.options.groups import options, output_option
 from s2r_spec.cli.terminal import terminal
 
 if TYPE_CHECKING:
-    from s2r_spec.certify.real_machine import CertifyResult
-    from s2r_spec.certify.result.check_result import CheckResult
-    from s2r_spec.certify.result.gap_result import GapResult
     from s2r_spec.report.finding import Report
+    from s2r_spec.report.recompute import Certified
 
 Output = Annotated[
     Path | None, output_option("--output", "-o", help="File for the report.", show_default="stdout")
@@ -78,9 +76,7 @@ class Writing(Form):
 
     verbose: Verbose = False
 
-    def emit(
-        self, report: Report, name: str, results: Sequence[CheckResult | GapResult | CertifyResult]
-    ) -> None:
+    def emit(self, report: Report, name: str, results: Sequence[Certified]) -> None:
         """Write a report, and the HTML page of the results if one is asked for."""
         from s2r_spec.report import html
         from s2r_spec.report.recompute import recompute_again
