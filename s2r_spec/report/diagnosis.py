@@ -56,17 +56,13 @@ class Description:
         passive: what tests of the specification alone cannot tell; "" where protocols were run, or nothing is hidden.
         mistakes: sentences on suspected mistakes of the recordings.
         notes: other sentences on the recordings.
-        matters: sentences on whether the gap matters; none for a diagnosis without that test.
-        named: the parameters of the named effects.
         possible: (effect, its size, its probability, and the experiment that would settle it).
         ruled_out: names of effects; "" for none.
         hidden: names of the effects that the data do not show; "" for none.
         sizes: of every parameter of the catalogue: named, possible, ruled out.
-        gap_title: the title of ``gap``.
         gap: (name, text) rows on the gap of held-out rollouts; none without such rollouts.
         where: sentences on the worst test; none if the place of the gap was not asked for.
         parts: sentences on the parts of the machine, and on motion that no effect explains.
-        next: the next step.
         provenance: rollouts, seed, backend and model hash.
     """
 

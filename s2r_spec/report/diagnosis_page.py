@@ -20,10 +20,7 @@ from s2r_spec.spec import Spec
 def render(diagnosis: Diagnosis, spec: Spec, real: str = "") -> str:
     """Return the page: the same bytes for the same diagnosis.
 
-    Args:
-        diagnosis: the diagnosis.
-        spec: specification of the diagnosed requirement.
-        real: name of the real machine, ``twin:lab``; "" for rollouts without a name.
+    ``real`` is the name of the real machine, ``twin:lab``; "" for rollouts without a name.
 
     Raises:
         UsageError: a package is missing.

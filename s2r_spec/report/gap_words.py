@@ -33,12 +33,7 @@ def join_names(names: Sequence[str], last: str = "and") -> str:
 
 
 def matters_words(materiality: Materiality | None, units: Mapping[str, str]) -> tuple[str, ...]:
-    """Return sentences on the largest gap, on the tests at which the gap matters, and on early ends.
-
-    Args:
-        materiality: the answer; None if the gap was not compared.
-        units: parameter → unit, in the spec's order.
-    """
+    """Return sentences on the largest gap, on the tests at which the gap matters, and on early ends."""
     if materiality is None:
         return ()
     lines = []

@@ -35,9 +35,7 @@ class Recomputed:
     Attributes:
         spec: the specification that the run kept.
         result: the result of the check after its last complete batch.
-        search: after its last complete batch.
         history: the certificate after each batch.
-        records: all rollouts on disk.
         waiting: number of rollouts on disk in an incomplete last batch; the result does not count them.
     """
 
@@ -160,10 +158,8 @@ def recompute(folder: Path) -> Recomputed:
 def recompute_gap(folder: Path, simulated: Search | None = None) -> RecomputedGap:
     """Return the bound of a finished or unfinished gap; see :func:`recompute`.
 
-    Args:
-        folder: the folder of both journals.
-        simulated: search 1, for the gap of a certify that ended when its verdict was known; else read from the folder
-            beside this one.
+    ``simulated`` is search 1, for the gap of a certify that ended when its verdict was known; else it is read from the
+    folder beside this one.
     """
     journals = {side: Journal.read(folder / side) for side in SYSTEMS}
     for side in SYSTEMS:
@@ -198,12 +194,7 @@ def recompute_gap(folder: Path, simulated: Search | None = None) -> RecomputedGa
 
 
 def recompute_certify(folder: Path, real: str | None = None) -> RecomputedCertify:
-    """Return the certificate of both steps; see :func:`recompute`.
-
-    Args:
-        folder: the folder of both searches.
-        real: name of the real machine, for a run whose second search did not begin.
-    """
+    """Return the certificate of both steps; ``real`` is the machine of a run whose second search did not begin."""
     simulated = recompute(folder / SIMULATION)
     if real is not None and not simulated.result.certificate.label.bounds:
         return RecomputedCertify(
@@ -224,11 +215,7 @@ def recompute_certify(folder: Path, real: str | None = None) -> RecomputedCertif
 
 
 def _of_both(folder: Path, journals: Mapping[str, Journal]) -> Spec:
-    """Return the specification of both halves of a gap's run.
-
-    Raises:
-        UsageError: a journal is in the wrong folder, the two are of different runs, or files were changed.
-    """
+    """Return the specification of both halves of a gap's run after all checks."""
     headers = {side: journal.header for side, journal in journals.items()}
     for side, header in headers.items():
         if header.get("side") != side:

@@ -156,11 +156,7 @@ def load_result(path: str | os.PathLike[str]) -> Certified:
 
 
 def _folder_in(file: Path) -> Path:
-    """Return the folder of the run in a saved result.
-
-    Raises:
-        UsageError: the file is not a saved result, or the folder is gone.
-    """
+    """Return the folder of the run in a saved result."""
     try:
         contents = json.loads(file.read_text(encoding="utf-8"))
         if contents["schema"].startswith("s2r/diagnosis/"):

@@ -90,11 +90,7 @@ def settle(
 ) -> str:
     """Return the format's name, and check format and output file before anything runs.
 
-    Args:
-        chosen: value of ``--format``, or None.
-        as_json: whether ``--json`` is given.
-        output: file for the report; None for stdout.
-        among: the formats of this command; None for all.
+    ``among`` are the formats of this command; None for all.
 
     Raises:
         UsageError: the format is unknown or contradicts ``--json``, or the file cannot be written.
@@ -122,13 +118,9 @@ def writable(path: Path | None) -> None:
 
 
 def emit(report: Report, name: str, output: Path | None, verbose: bool = False) -> None:
-    """Write a report to a file or to stdout, in colour on a terminal.
+    """Write a report to a file or to stdout, in colour on a terminal; None is stdout.
 
-    Args:
-        report: the report.
-        name: the format's name.
-        output: the file; None for stdout.
-        verbose: whether text on stdout has the assumptions and the interval for each larger B; a file has them always.
+    With ``verbose``, text on stdout has the assumptions and the interval for each larger B; a file has them always.
 
     Raises:
         UsageError: the file cannot be written.

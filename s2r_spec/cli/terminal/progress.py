@@ -34,15 +34,12 @@ class SearchProgress:
 
     Attributes:
         phase: the search that runs; None before the first one.
-        certificate: the certificate of the finished batches.
         queries: the tests of the batch that runs.
         rollouts: number of rollouts on disk, including the rollouts of an earlier process.
         here: number of them that this process ran.
         since: time at which this process began its first one [s].
-        pace: times of this process.
         forecast: what was known of the end before the search; None without settings.
         tests: number and sum of ρ of the rollouts at each test.
-        last: ρ of the latest rollouts.
     """
 
     phase: Phase | None = None

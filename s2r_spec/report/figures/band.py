@@ -46,9 +46,7 @@ class Field:
     """An expected value over the test space.
 
     Attributes:
-        space: the test space.
         bounds: from (n, dim) points to its (n,) lower and upper bounds, which hold at all points at once.
-        tests: the tests that were run.
         mark: the test to mark; slices go through it.
         height: value at the mark [unit].
         pointed: name of the mark, "worst test".
@@ -56,8 +54,6 @@ class Field:
         upper: upper bound of the same [unit].
         symbol: "ρ" or "Δ".
         name: "expected robustness".
-        unit: the unit of the value.
-        title: the title of the picture.
         dots: the meaning of a dot: "means over a test's rollouts".
         remark: one more sentence under the picture, or "".
     """
@@ -220,13 +216,8 @@ def interval(
 ) -> Picture:
     """Draw an interval after each batch.
 
-    Args:
-        history: certificates of a search that maximises the negative, the last one as it ended.
-        what: the quantity, "worst expected ρ".
-        unit: the unit of the interval.
-        title: the title of the picture.
-        name: the name of the figure in the page.
-        counted: label of the horizontal axis.
+    ``history`` has the certificates of a search that maximises the negative of ``what``, "worst expected ρ"; the last
+    one is as it ended.
     """
     last = history[-1]
     rollouts = [entry.rollouts for entry in history]

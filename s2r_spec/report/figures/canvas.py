@@ -74,14 +74,7 @@ class Picture:
 
 
 def draw(name: str, alt: str, size: tuple[float, float], paint: Callable[[Figure], None]) -> str:
-    """Return a figure as SVG for a page with other figures.
-
-    Args:
-        name: the name of the figure, unique in the page.
-        alt: the text alternative of the figure.
-        size: width and height [inch].
-        paint: a function that draws on an empty figure.
-    """
+    """Return a figure of a size [inch] as SVG, named uniquely in its page; ``paint`` draws on an empty figure."""
     import matplotlib as mpl
     from matplotlib.figure import Figure
 

@@ -18,12 +18,7 @@ _MOST_SAMPLES = 240
 
 @dataclass(frozen=True)
 class Component:
-    """A scalar channel, or one component of a vector channel.
-
-    Attributes:
-        channel: the name of the channel.
-        index: the number of the component, from 0; None for a scalar channel.
-    """
+    """A scalar channel (its index is None), or one component of a vector channel, counted from 0."""
 
     channel: str
     index: int | None = None
@@ -82,8 +77,6 @@ def held_predicates(formula: f.Formula, start: float = 0.0, end: float = 0.0) ->
             yield from held_predicates(
                 formula.operand, start + formula.interval.low, end + formula.interval.high
             )
-        case _:
-            pass
 
 
 def reads(predicate: f.Comparison, component: Component) -> bool:

@@ -38,7 +38,6 @@ class JournalRollouts:
     """The rollouts of one journal, in its folder, with their spec and requirement.
 
     Attributes:
-        unit: the unit of ρ.
         called: name of their backend: "sim", "twin:lab".
         model_hash: the hash of the backend when it ran.
     """
@@ -182,16 +181,10 @@ def limits(
     around: FloatArray | None = None,
     reach: float = 0.0,
 ) -> tuple[Margins, ...]:
-    """Return the requirement's margins for other values of one component of a signal.
+    """Return the requirement's margins for other values of one component of a signal, around its samples.
 
-    Args:
-        spec: the specification.
-        requirement: one of its requirements.
-        trace: the recorded trace; the values lie around its samples.
-        params: the test.
-        component: the component.
-        around: (samples of the trace,) other samples; the values are differences from these.
-        reach: how far the recorded samples are from them [unit of the signal].
+    With ``around`` (samples of the trace,) the values are differences from these; ``reach`` is how far the recorded
+    samples are from them [unit of the signal].
     """
     own = component.samples(trace)
     low, high = float(own.min()), float(own.max())
