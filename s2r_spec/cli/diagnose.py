@@ -16,7 +16,7 @@ from s2r_spec.base.printable import one_line
 from s2r_spec.cli.options.groups import group_options, options, output_option, search_option
 from s2r_spec.cli.options.logs import LogReading
 from s2r_spec.cli.options.output import Form, writable, write
-from s2r_spec.cli.options.search import OneRequirement, RealMachine, Running, Seed, Simulator, SpecFile
+from s2r_spec.cli.options.search import Compared, Running, Seed, SpecFile
 from s2r_spec.cli.terminal.common import begin_run, resumable, sentences
 from s2r_spec.cli.terminal.terminal import console
 
@@ -99,12 +99,10 @@ class Writing(Form):
 @group_options
 def diagnose(
     spec: SpecFile,
-    real: RealMachine,
-    sim: Simulator = "sim",
-    requirement: OneRequirement = None,
+    *,
+    compared: Compared,
     seed: Seed = None,
     budget: Budget = None,
-    *,
     running: Running,
     reading: LogReading,
     campaign: Campaign,
@@ -123,8 +121,8 @@ def diagnose(
         form = writing.settled(forms)
         names = campaign.names()
         parsed = load_spec(spec)
-        compared = [requirement] if requirement else list(parsed.requirements)
-        (machine,) = reading.backends([real], parsed, compared)
+        sim, real = compared.sim, compared.real
+        (machine,) = reading.backends([real], parsed, compared.requirements(parsed))
         if running.resume is not None:
             running = replace(running, resume=begun_in(running.resume))
         seed = seed_of(running.resume, seed)
@@ -137,7 +135,7 @@ def diagnose(
                 sim,
                 machine,
                 budget,
-                requirement=requirement,
+                requirement=compared.requirement,
                 seed=seed,
                 executor=executor,
                 progress=stages,

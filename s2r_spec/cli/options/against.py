@@ -4,25 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 
-from s2r_spec.cli.options.groups import group_options
+from s2r_spec.cli.options.groups import group_options, search_option
 from s2r_spec.cli.options.logs import LogReading
 from s2r_spec.cli.options.output import Writing
-from s2r_spec.cli.options.search import (
-    OneRequirement,
-    RealBudget,
-    RealMachine,
-    Rules,
-    Running,
-    Simulator,
-    SpecFile,
-)
+from s2r_spec.cli.options.search import Compared, Rules, Running, SpecFile
 from s2r_spec.cli.terminal.common import begin_run, refuse_without_operator, resumable, sentences
 from s2r_spec.cli.terminal.terminal import console
 
+RealBudget = Annotated[
+    int | None, search_option(min=1, help="Most real rollouts.", show_default="until the interval is ε wide")
+]
 Search = tuple[Callable[..., Any], Sequence[str], Sequence[str]]
 """A search of the library, the folders of which one has a journal as soon as a run has begun, and the folders of all
 journals."""
@@ -33,18 +28,16 @@ def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[.
 
     def command(
         spec: SpecFile,
-        real: RealMachine,
-        sim: Simulator = "sim",
-        requirement: OneRequirement = None,
-        budget: RealBudget = None,
         *,
+        compared: Compared,
+        budget: RealBudget = None,
         rules: Rules,
         reading: LogReading,
         running: Running,
         writing: Writing,
     ) -> None:
         with sentences(writing.json):
-            refuse_without_operator(real)
+            refuse_without_operator(compared.real)
             from s2r_spec.certify.resumed_options import seed_of
             from s2r_spec.cli.terminal.progress import Live
             from s2r_spec.report.certify import report_of
@@ -53,13 +46,13 @@ def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[.
             from s2r_spec.spec import load_spec
 
             (run, places, journals), form, parsed = search(), writing.settled(), load_spec(spec)
-            compared = [requirement] if requirement else list(parsed.requirements)
-            simulator, machine = reading.backends([sim, real], parsed, compared)
+            names = [compared.sim, compared.real]
+            simulator, machine = reading.backends(names, parsed, compared.requirements(parsed))
             if (resume := running.resume) is not None:
                 resume = with_any(resume, places, Journal.exists)
                 running = replace(running, resume=resume)
             seed = seed_of(rules.seed, *(resume / place for place in journals if resume is not None))
-            name = f"{prefix}{spec.stem}-{sim}-{real}"
+            name = "-".join([f"{prefix}{spec.stem}", *names])
             executor, folder, opening = begin_run(running, name, seed, machine)
             with resumable(folder), Live(console(stderr=True), running.quiet, opening=opening) as live:
                 result = run(
@@ -67,7 +60,7 @@ def against(prefix: str, help_: str, search: Callable[[], Search]) -> Callable[.
                     simulator,
                     machine,
                     folder,
-                    requirement=requirement,
+                    requirement=compared.requirement,
                     budget=budget,
                     observer=live,
                     seed=seed,

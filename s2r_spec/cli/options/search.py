@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from s2r_spec.cli.options.groups import options, output_option, search_option
 
+if TYPE_CHECKING:
+    from s2r_spec.spec import Spec
+
 SpecFile = Annotated[Path, typer.Argument(help="Specification, an .stl file.", show_default=False)]
 Simulator = Annotated[str, typer.Option(help="Backend that simulates; see `s2r backends`.")]
-RealMachine = Annotated[
-    str,
-    typer.Option(
-        help="Backend of the real machine: a robot, its logs as log:FOLDER, or a twin.", show_default=False
-    ),
-]
 OneRequirement = Annotated[
     str | None,
     typer.Option("--requirement", "-r", help="Requirement of the spec.", show_default="the only one"),
@@ -30,10 +27,6 @@ Seed = Annotated[
         show_default="0, or the seed of the resumed run",
     ),
 ]
-RealBudget = Annotated[
-    int | None, search_option(min=1, help="Most real rollouts.", show_default="until the interval is ε wide")
-]
-
 Workers = Annotated[
     int | None,
     search_option(
@@ -54,32 +47,25 @@ Scheduler = Annotated[
 AsJson = Annotated[bool, output_option("--json", help="Print one JSON object on stdout.")]
 Quiet = Annotated[bool, output_option("--quiet", "-q", help="Print no progress.")]
 
-Traces = Annotated[
-    str,
-    typer.Option(
-        "--backend",
-        "-b",
-        help="Simulator, machine or folder of logs that gives the traces; see `s2r backends`.",
-    ),
-]
-CheckedRequirements = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--requirement",
-        "-r",
-        help="Requirement to check; may be repeated.",
-        show_default="all with a certify line",
-    ),
-]
-CheckBudget = Annotated[
-    int | None,
-    search_option(
-        min=1, help="Most rollouts for each requirement.", show_default="until the interval is ε wide"
-    ),
-]
 Mode = Annotated[str, search_option(help="Method of the bound: rigorous, rigorous-simple or paper.")]
-Engine = Annotated[str, search_option(help="Implementation of the Gaussian process: spectral or gpytorch.")]
 RunFolder = Annotated[Path, typer.Argument(help="Folder of a check, finished or not.", show_default=False)]
+
+
+@options
+class Compared:
+    """The simulator and the machine that are compared, and by which requirement; each field is an option."""
+
+    real: str = typer.Option(
+        ...,
+        help="Backend of the real machine: a robot, its logs as log:FOLDER, or a twin.",
+        show_default=False,
+    )
+    sim: Simulator = "sim"
+    requirement: OneRequirement = None
+
+    def requirements(self, spec: Spec) -> list[str]:
+        """Return the requirement, or all that may be the only one."""
+        return [self.requirement] if self.requirement else list(spec.requirements)
 
 
 @options

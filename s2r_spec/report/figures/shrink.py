@@ -50,8 +50,7 @@ def before_and_after(far: HeldOutGap, units: dict[str, str], name: str) -> Pictu
     """Draw |Δρ| of each held-out test before and after the named effects are added, largest first."""
     tests = sorted(far.tests, key=lambda test: -abs(test.before))[:_MOST_TESTS]
     rows = np.arange(len(tests))[::-1]
-
-    names = ", ".join(tests[0].params)
+    named = [", ".join(f"{value:.3g}" for value in test.params.values()) or "the only test" for test in tests]
 
     def paint(figure: Figure) -> None:
         axes = figure.add_subplot()
@@ -64,8 +63,9 @@ def before_and_after(far: HeldOutGap, units: dict[str, str], name: str) -> Pictu
         axes.plot(before, rows, "o", color=BAD, mfc=PAPER, mec=BAD, mew=1.6, ms=7, zorder=3, label="before")
         if far.after is not None:
             axes.plot(after, rows, "o", color=GOOD, ms=6, zorder=4, label="after")
-        axes.set_yticks(rows, [_short_name(test) for test in tests])
-        axes.set_ylabel(shorten(names), size=9)
+        counts = [f" (×{test.rollouts})" if test.rollouts > 1 else "" for test in tests]
+        axes.set_yticks(rows, [shorten(name) + count for name, count in zip(named, counts, strict=True)])
+        axes.set_ylabel(shorten(", ".join(tests[0].params)), size=9)
         axes.set_ylim(-0.7, len(tests) - 0.3)
         axes.set_xlim(left=0)
         axes.set_xlabel(with_unit("|Δρ|", far.unit))
@@ -87,11 +87,6 @@ def before_and_after(far: HeldOutGap, units: dict[str, str], name: str) -> Pictu
         caption += f" {left} more tests, with smaller gaps, are not drawn."
     title = "Held-out tests: the gap before and after" if far.after else "Held-out tests: the gap"
     return Picture(title, caption, alt, draw(name, alt, (7.2, 1.35 + 0.27 * len(tests)), paint))
-
-
-def _short_name(test: HeldOut) -> str:
-    words = ", ".join(f"{value:.3g}" for value in test.params.values())
-    return shorten(words or "the only test") + (f" (×{test.rollouts})" if test.rollouts > 1 else "")
 
 
 def _curve(space: GapSurface, held: Sequence[HeldOut], name: str) -> Picture:
