@@ -74,16 +74,6 @@ class Field:
     remark: str
 
 
-@dataclass(frozen=True)
-class Slice:
-    """The band along one axis; the other parameters have their values at the mark."""
-
-    axis: Axis
-    at: FloatArray
-    lower: FloatArray
-    upper: FloatArray
-
-
 def band(field: Field, name: str) -> Picture:
     """Draw the band: a curve over one parameter, two maps over two, slices through the mark over more."""
     match field.space.dim:
@@ -95,27 +85,27 @@ def band(field: Field, name: str) -> Picture:
             return _slices(field, name)
 
 
-def slice_through(field: Field, axis: Axis) -> Slice:
-    """Return the band along an axis through the mark."""
+def _slice(field: Field, axis: Axis) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return values of one parameter, the others being at the mark, and the band's lower and upper bounds there."""
     at = np.linspace(axis.low, axis.high, _POINTS)
     points = np.repeat(field.space.vector(field.mark)[np.newaxis], _POINTS, axis=0)
     points[:, field.space.names.index(axis.name)] = at
-    return Slice(axis, at, *field.bounds(points))
+    return at, *field.bounds(points)
 
 
 def _along(field: Field, name: str) -> Picture:
-    cut = slice_through(field, field.space.axes[0])
+    axis = field.space.axes[0]
+    _, lower, upper = _slice(field, axis)
 
     def paint(figure: Figure) -> None:
         axes = figure.add_subplot()
-        _paint_slice(axes, field, cut, field.tests)
+        _paint_slice(axes, field, axis, field.tests)
         axes.legend(loc="upper left", ncols=3, borderaxespad=0, bbox_to_anchor=(0, 1.14))
 
-    low, high = float(cut.lower.min()), float(cut.upper.max())
     alt = (
-        f"{field.name.capitalize()} over {cut.axis.name} from {cut.axis.low:g} to {cut.axis.high:g} "
-        f"{cut.axis.unit}: a band between {down(low)} and {up(high)} {field.unit}, with means of "
-        f"{len(field.tests)} tests. The {field.pointed} is at {field.mark[cut.axis.name]:.4g} {cut.axis.unit}"
+        f"{field.name.capitalize()} over {axis.name} from {axis.low:g} to {axis.high:g} {axis.unit}: a band between "
+        f"{down(float(lower.min()))} and {up(float(upper.max()))} {field.unit}, with means of {len(field.tests)} "
+        f"tests. The {field.pointed} is at {field.mark[axis.name]:.4g} {axis.unit}"
     )
     caption = (
         f"{field.name.capitalize()} {field.symbol} lies in the band simultaneously for all tests. Dots are "
@@ -126,11 +116,10 @@ def _along(field: Field, name: str) -> Picture:
 
 def _slices(field: Field, name: str) -> Picture:
     shown = field.space.axes[:_MOST_SLICES]
-    cuts = [slice_through(field, axis) for axis in shown]
 
     def paint(figure: Figure) -> None:
-        for axes, cut in zip(panels(figure, len(cuts), 2), cuts, strict=True):
-            _paint_slice(axes, field, cut, [])
+        for axes, axis in zip(panels(figure, len(shown), 2), shown, strict=True):
+            _paint_slice(axes, field, axis, [])
 
     names = ", ".join(axis.name for axis in shown)
     alt = f"The band of the {field.name} along {names}, each through the {field.pointed}"
@@ -139,33 +128,34 @@ def _slices(field: Field, name: str) -> Picture:
     caption = f"The band along each parameter, the others held at the {field.pointed} (the triangle). " + (
         f"{left_out} more parameters are not drawn." if left_out else inside
     )
-    rows = -(-len(cuts) // 2)
+    rows = -(-len(shown) // 2)
     title = f"{field.title}: slices through the {field.pointed}"
     return Picture(title, caption, alt, draw(name, alt, (7.2, 2.4 * rows), paint))
 
 
-def _paint_slice(axes: Axes, field: Field, cut: Slice, tests: Sequence[Tested]) -> None:
+def _paint_slice(axes: Axes, field: Field, axis: Axis, tests: Sequence[Tested]) -> None:
+    at, lower, upper = _slice(field, axis)
     label = f"E {field.symbol} is in here"
-    axes.fill_between(cut.at, cut.lower, cut.upper, color=BAND, alpha=0.22, lw=0, label=label)
-    axes.plot(cut.at, cut.lower, color=BAND, lw=2)
+    axes.fill_between(at, lower, upper, color=BAND, alpha=0.22, lw=0, label=label)
+    axes.plot(at, lower, color=BAND, lw=2)
     if tests:
-        where = [test.params[cut.axis.name] for test in tests]
+        where = [test.params[axis.name] for test in tests]
         lowest, highest = [test.lowest for test in tests], [test.highest for test in tests]
         axes.vlines(where, lowest, highest, color=MUTED, lw=0.8, alpha=0.7)
         most = max(test.rollouts for test in tests)
         sizes = [9 + 60 * test.rollouts / most for test in tests]
         means = [test.mean for test in tests]
         axes.scatter(where, means, s=sizes, color=INK, lw=0, zorder=3, label="mean of a test")
-    mark = field.mark[cut.axis.name]
+    mark = field.mark[axis.name]
     axes.plot(mark, field.height, "v", color="none", mec=INK, ms=13, zorder=4, label=field.pointed)
     # 0, every rollout and the whole lower bound are shown; a wide upper bound may be cut off.
-    bottom = min(0.0, field.height, float(cut.lower.min()), *(test.lowest for test in tests))
-    ends = float(cut.lower.max()), float(cut.upper.min())
+    bottom = min(0.0, field.height, float(lower.min()), *(test.lowest for test in tests))
+    ends = float(lower.max()), float(upper.min())
     top = max(0.0, field.height, *ends, *(test.highest for test in tests))
     room = 0.08 * (top - bottom or 1.0)
     axes.set_ylim(bottom - room, top + 2 * room)
-    axes.set_xlim(cut.axis.low - cut.axis.width / 50, cut.axis.high + cut.axis.width / 50)
-    axes.set_xlabel(with_unit(cut.axis.name, cut.axis.unit))
+    axes.set_xlim(axis.low - axis.width / 50, axis.high + axis.width / 50)
+    axes.set_xlabel(with_unit(axis.name, axis.unit))
     axes.set_ylabel(with_unit(field.symbol, field.unit))
     shade_violation(axes)
 
