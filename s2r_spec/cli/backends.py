@@ -65,7 +65,6 @@ def backends(name: Name = None, check: Check = False, as_json: AsJson = False) -
 
 
 def _lines(machine: Backend, record: BackendObject) -> Iterator[str]:
-    """Yield the lines that describe a backend."""
     yield f"{machine.name}: rollouts of {machine.duration:g} s, about {machine.cost:g} s each on one core"
     if record.exclusive:
         yield "a machine: its rollouts run one at a time, each after its operator's confirmation"

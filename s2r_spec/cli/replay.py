@@ -63,7 +63,6 @@ def replay(
 
 
 def _plot(result: Replay, path: Path) -> None:
-    """Plot the replayed rollout against its requirement."""
     from s2r_spec.base.errors import BackendError
     from s2r_spec.spec.plot import plot
 

@@ -99,7 +99,6 @@ def _shifts(body: Body) -> list[tuple[str, str, str]]:
 
 
 def _flatten(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yield nested values as rows of names and words."""
     for name, value in values.items():
         if isinstance(value, Mapping):
             yield from _flatten(value, f"{prefix}{name}: ")

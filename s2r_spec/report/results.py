@@ -53,7 +53,6 @@ def line(result: Known) -> str:
 
 
 def _bound(symbol: str, result: CheckResult | GapResult) -> str:
-    """Return the interval of one search in words."""
     certificate = result.certificate
     if not certificate.label.certifies:
         return f"no certificate: {certificate.reason}"
@@ -75,13 +74,11 @@ def table(result: Known) -> str:
 
 
 def _fold(title: str, lines: Sequence[str]) -> str:
-    """Return a list that a click unfolds."""
     items = "".join(f"<li>{html_text(one)}</li>" for one in lines)
     return f"<details><summary>{html_text(title)}</summary><ul>{items}</ul></details>"
 
 
 def _diagnosis_rows(result: Diagnosis) -> list[tuple[str, str]]:
-    """Return the (name, text) rows of a diagnosis."""
     if result.spec is None:
         return [("note", note) for note in result.notes]
     words = diagnosis_report.describe(result, result.spec)
@@ -156,7 +153,6 @@ def load_result(path: str | os.PathLike[str]) -> Certified:
 
 
 def _folder_in(file: Path) -> Path:
-    """Return the folder of the run in a saved result."""
     try:
         contents = json.loads(file.read_text(encoding="utf-8"))
         if contents["schema"].startswith("s2r/diagnosis/"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,12 +12,11 @@ from s2r_spec.certify.result.check_result import Tested, group_by_test
 from s2r_spec.certify.result.compose import Composition
 from s2r_spec.certify.result.gap_result import Pair
 from s2r_spec.certify.search.pairing import SIMULATED_PER_REAL
-from s2r_spec.certify.search.search import Search
 from s2r_spec.report import certify as certify_report
 from s2r_spec.report import check as check_report
 from s2r_spec.report import gap as gap_report
 from s2r_spec.report.figures.band import Field, band, interval
-from s2r_spec.report.figures.canvas import FloatArray, Picture
+from s2r_spec.report.figures.canvas import Picture
 from s2r_spec.report.figures.traces import JournalRollouts, pair_picture, trace_picture, worst_records
 from s2r_spec.report.finding import Finding
 from s2r_spec.report.recompute import Recomputed, RecomputedCertify, RecomputedGap, Run
@@ -132,7 +131,7 @@ def _pictures(run: Recomputed | RecomputedGap, name: str, worst: bool = True) ->
         counted = f"rollouts of {result.provenance['real']['backend']}"
     field = Field(
         space=run.spec.space,
-        bounds=_negative(run.search),
+        searches=(run.search,),
         tests=tuple(tests),
         mark=result.worst.params,
         height=result.worst.mean,
@@ -177,17 +176,10 @@ def _runs(run: Recomputed | RecomputedGap, records: tuple[Record, ...], system: 
 
 def _composed_field(run: RecomputedCertify, gap: RecomputedGap, composed: Composition) -> Field:
     """Return the sum of both bands: the bound for the real machine at each test."""
-    tests = tuple(group_by_test(gap.real))
-    bands = _negative(run.simulated.search), _negative(gap.search)
-
-    def bounds(points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        (low, high), (lower, upper) = (band_of(points) for band_of in bands)
-        return low + lower, high + upper
-
     return Field(
         space=run.spec.space,
-        bounds=bounds,
-        tests=tests,
+        searches=(run.simulated.search, gap.search),
+        tests=tuple(group_by_test(gap.real)),
         mark=composed.worst,
         height=composed.lower,
         pointed="lowest bound",
@@ -200,16 +192,6 @@ def _composed_field(run: RecomputedCertify, gap: RecomputedGap, composed: Compos
         dots="means over a test's real rollouts",
         remark="The band is the sum of the simulation's band and the gap's band.",
     )
-
-
-def _negative(search: Search) -> Callable[[FloatArray], tuple[FloatArray, FloatArray]]:
-    """Return the bounds of f, if the search maximises −f."""
-
-    def bounds(points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        lower, upper = search.band(points)
-        return -upper, -lower
-
-    return bounds
 
 
 def _tested_pairs(pairs: Sequence[Pair]) -> list[Tested]:

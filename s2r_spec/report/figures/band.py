@@ -5,7 +5,7 @@ Bounds are of ρ in simulation, of the gap, or of ρ on the machine.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -14,6 +14,7 @@ import numpy as np
 from s2r_spec.certify.bound.certificate import Certificate
 from s2r_spec.certify.bound.rounding import down, interval_text, up, width_text
 from s2r_spec.certify.result.check_result import Tested
+from s2r_spec.certify.search.search import Search
 from s2r_spec.report.figures.canvas import (
     BAND,
     INK,
@@ -46,7 +47,7 @@ class Field:
     """An expected value over the test space.
 
     Attributes:
-        bounds: from (n, dim) points to its (n,) lower and upper bounds, which hold at all points at once.
+        searches: of the negatives of its terms, one or two; their bands hold at all points at once.
         mark: the test to mark; slices go through it.
         height: value at the mark [unit].
         pointed: name of the mark, "worst test".
@@ -59,7 +60,7 @@ class Field:
     """
 
     space: Space
-    bounds: Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+    searches: tuple[Search, ...]
     tests: tuple[Tested, ...]
     mark: Mapping[str, float]
     height: float
@@ -72,6 +73,11 @@ class Field:
     title: str
     dots: str
     remark: str
+
+    def bounds(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return (n,) lower and upper bounds at (n, dim) points."""
+        lower, upper = (sum(ends) for ends in zip(*(one.band(points) for one in self.searches), strict=True))
+        return -upper, -lower
 
 
 def band(field: Field, name: str) -> Picture:

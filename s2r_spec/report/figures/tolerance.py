@@ -122,7 +122,6 @@ def margins(
 
 
 def _with_values(trace: Trace, kept: NDArray[np.intp], component: Component, value: FloatArray) -> Trace:
-    """Return some samples of a trace, with other values of one component."""
     channels = {name: np.array(samples[kept]) for name, samples in trace.channels.items()}
     if component.index is None:
         channels[component.channel][:] = value
