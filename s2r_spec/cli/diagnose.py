@@ -24,15 +24,6 @@ if TYPE_CHECKING:
     from s2r_spec.diagnose import Diagnosis
     from s2r_spec.spec import Spec
 
-Budget = Annotated[
-    int | None,
-    search_option(
-        min=6,
-        help="Most real rollouts to run, or to use from logs.",
-        show_default="30 from a machine, all from a log",
-    ),
-]
-
 
 @options
 class Campaign:
@@ -102,7 +93,14 @@ def diagnose(
     *,
     compared: Compared,
     seed: Seed = None,
-    budget: Budget = None,
+    budget: Annotated[
+        int | None,
+        search_option(
+            min=6,
+            help="Most real rollouts to run, or to use from logs.",
+            show_default="30 from a machine, all from a log",
+        ),
+    ] = None,
     running: Running,
     reading: LogReading,
     campaign: Campaign,

@@ -7,6 +7,7 @@ terminal, or the CI runner that reads the lines.
 from __future__ import annotations
 
 import codecs
+import json
 import os
 import re
 import sys
@@ -85,7 +86,7 @@ def print_json(text: str) -> None:
     try:
         text.encode(encoding)
     except (UnicodeEncodeError, LookupError):
-        text = re.sub(r"[^\x00-\x7f]", _as_json, text)
+        text = re.sub(r"[^\x00-\x7f]", lambda character: json.dumps(character[0])[1:-1], text)
     print(text)
 
 
@@ -142,8 +143,3 @@ def _letter(character: str) -> str:
     if plain or unicodedata.combining(character):
         return plain.replace('"', "'").replace("\\", "/")
     return "?"
-
-
-def _as_json(match: re.Match[str]) -> str:
-    units = match[0].encode("utf-16-be", "surrogatepass").hex()
-    return "".join(f"\\u{units[i : i + 4]}" for i in range(0, len(units), 4))

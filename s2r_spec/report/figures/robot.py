@@ -21,16 +21,6 @@ _MOST_ROWS = 12
 _TRUNK = ("base", "trunk", "torso", "body")
 
 
-def strengths(body: Body) -> dict[str, float]:
-    """Return part → strength of colour, 0 to 1, on a logarithmic scale of its largest shift; 0 for none."""
-    largest = {part.name: max((s.sigma for s in part.shifts), default=0.0) for part in body.parts}
-    top = max(largest.values(), default=0.0)
-    return {
-        name: 0.0 if sigma <= 0 else max(0.15, 1.0 - math.log2(top / sigma) / 6.0)
-        for name, sigma in largest.items()
-    }
-
-
 def is_quadruped(body: Body) -> bool:
     """Return whether the parts belong to four legs with three joints each."""
     names = {part.name for part in body.parts}
@@ -40,7 +30,13 @@ def is_quadruped(body: Body) -> bool:
 def robot(body: Body, name: str) -> Picture:
     """Draw the parts."""
     rows = [(part, shift) for part in body.shifted for shift in part.shifts[:1]][:_MOST_ROWS]
-    strong = strengths(body)
+    largest = {part.name: max((shift.sigma for shift in part.shifts), default=0.0) for part in body.parts}
+    top = max(largest.values(), default=0.0)
+    # The strength of a part's colour, on a logarithmic scale of its largest shift.
+    strong = {
+        name: 0.0 if sigma <= 0 else max(0.15, 1.0 - math.log2(top / sigma) / 6.0)
+        for name, sigma in largest.items()
+    }
     legs = is_quadruped(body)
     height = 0.9 + 0.32 * max(len(rows), 2)
 
