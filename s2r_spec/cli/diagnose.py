@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -23,6 +23,19 @@ from s2r_spec.cli.terminal.terminal import console
 if TYPE_CHECKING:
     from s2r_spec.diagnose import Diagnosis
     from s2r_spec.spec import Spec
+
+
+@options
+class Diagnosed(Compared):
+    """What is diagnosed, from how many rollouts; each field is an option."""
+
+    seed: Seed = None
+    budget: int | None = search_option(
+        None,
+        min=6,
+        help="Most real rollouts to run, or to use from logs.",
+        show_default="30 from a machine, all from a log",
+    )
 
 
 @options
@@ -91,16 +104,7 @@ class Writing(Form):
 def diagnose(
     spec: SpecFile,
     *,
-    compared: Compared,
-    seed: Seed = None,
-    budget: Annotated[
-        int | None,
-        search_option(
-            min=6,
-            help="Most real rollouts to run, or to use from logs.",
-            show_default="30 from a machine, all from a log",
-        ),
-    ] = None,
+    compared: Diagnosed,
     running: Running,
     reading: LogReading,
     campaign: Campaign,
@@ -123,7 +127,7 @@ def diagnose(
         (machine,) = reading.backends([real], parsed, compared.requirements(parsed))
         if running.resume is not None:
             running = replace(running, resume=begun_in(running.resume))
-        seed = seed_of(running.resume, seed)
+        seed = seed_of(running.resume, compared.seed)
         name = f"diagnose-{spec.stem}-{sim}-{Path(real).name}"
         executor, folder, opening = begin_run(running, name, seed, machine)
         errors = console(stderr=True)
@@ -132,7 +136,7 @@ def diagnose(
                 parsed,
                 sim,
                 machine,
-                budget,
+                compared.budget,
                 requirement=compared.requirement,
                 seed=seed,
                 executor=executor,
