@@ -9,7 +9,7 @@ import typer
 
 from s2r_spec.base.files import save
 from s2r_spec.cli.options.groups import output_option
-from s2r_spec.cli.options.output import AsJson, Output, Verbose, emit, settle, writable
+from s2r_spec.cli.options.output import AsJson, Form, Output, Verbose, emit, writable
 from s2r_spec.cli.terminal.common import sentences
 from s2r_spec.cli.terminal.terminal import say
 
@@ -42,7 +42,7 @@ def report(
             html.require_packages()
             writable(output)
         else:
-            form = settle(form, as_json, output)
+            form = Form(as_json=as_json, form=form, output=output, page=None).settled()
         runs = recompute_all(run)
         result = report_of([one.result for one in runs], "s2r report")
         if page:

@@ -51,14 +51,21 @@ class Form:
         return self.as_json or self.form == "json"
 
     def settled(self, among: Collection[str] | None = None) -> str:
-        """Return the format's name, and check both files before anything runs.
+        """Return the format's name, ``among`` those of the command, and check both files before anything runs.
 
         Raises:
-            UsageError: see :func:`settle` and :func:`writable`; or a package of the HTML page is missing.
+            UsageError: the format is unknown or contradicts ``--json``, a file cannot be written, or a package of the
+                HTML page is missing.
         """
-        from s2r_spec.report import html
+        from s2r_spec.report import html, reporter
 
-        name = settle(self.form, self.as_json, self.output, among)
+        if self.as_json and self.form not in (None, "json"):
+            raise UsageError(
+                f"--json means --format json, but --format {self.form} is given: give one of them"
+            )
+        name = "json" if self.as_json else self.form or "text"
+        reporter(name, among)
+        writable(self.output)
         if self.page is not None:
             writable(self.page)
             html.require_packages()
@@ -83,26 +90,6 @@ class Writing(Form):
 
         emit(report, name, self.output, self.verbose)
         self.write_page(lambda: html.render([recompute_again(result) for result in results]))
-
-
-def settle(
-    chosen: str | None, as_json: bool, output: Path | None, among: Collection[str] | None = None
-) -> str:
-    """Return the format's name, and check format and output file before anything runs.
-
-    ``among`` are the formats of this command; None for all.
-
-    Raises:
-        UsageError: the format is unknown or contradicts ``--json``, or the file cannot be written.
-    """
-    from s2r_spec.report import reporter
-
-    if as_json and chosen not in (None, "json"):
-        raise UsageError(f"--json means --format json, but --format {chosen} is given: give one of them")
-    name = "json" if as_json else chosen or "text"
-    reporter(name, among)
-    writable(output)
-    return name
 
 
 def writable(path: Path | None) -> None:
