@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -94,11 +94,7 @@ def _curve(space: GapSurface, held: Sequence[HeldOut], name: str) -> Picture:
 
     def paint(figure: Figure) -> None:
         axes = figure.add_subplot()
-        _band(axes, space, 0)
-        axes.plot(
-            [test.params[axis.name] for test in space.tests], [test.gap for test in space.tests],
-            "o", color=INK, ms=3.5, label="mean of a test",
-        )  # fmt: skip
+        _band(axes, space, 0, ms=3.5, label="mean of a test")
         where = [test.params[axis.name] for test in held]
         after = [test.after for test in held if test.after is not None]
         if after:
@@ -110,7 +106,6 @@ def _curve(space: GapSurface, held: Sequence[HeldOut], name: str) -> Picture:
                 ls="none", label="held out: before",
             )  # fmt: skip
         axes.set_xlim(axis.low - axis.width / 50, axis.high + axis.width / 50)
-        axes.set_xlabel(with_unit(axis.name, axis.unit))
         axes.set_ylabel(with_unit(_DELTA, space.unit))
         figure.legend(loc="outside upper left", ncols=2)
 
@@ -120,13 +115,12 @@ def _curve(space: GapSurface, held: Sequence[HeldOut], name: str) -> Picture:
         f"{space.signed.mean.min():.4g} and {space.signed.mean.max():.4g} {space.unit}; largest gap probably at "
         f"{worst:.4g} {axis.unit}; {len(held)} held-out tests"
     )
-    return Picture(
-        "The gap over the test space", _caption(space, bool(held)), alt, draw(name, alt, (7.2, 3.6), paint)
-    )
+    caption = _caption(space, bool(held))
+    return Picture("The gap over the test space", caption, alt, draw(name, alt, (7.2, 3.6), paint))
 
 
-def _band(axes: Axes, space: GapSurface, axis: int) -> None:
-    """Draw the expected Δρ along an axis through the worst test."""
+def _band(axes: Axes, space: GapSurface, axis: int, **dots: Any) -> None:
+    """Draw the expected Δρ along an axis through the worst test, and the gap at each test that was run."""
     on = space.along(axis)
     at = space.grid[on, axis]
     band = space.signed
@@ -136,6 +130,10 @@ def _band(axes: Axes, space: GapSurface, axis: int) -> None:
         for sign in (-1, 1):
             axes.axhline(sign * space.tolerance, color=MUTED, lw=0.8, ls=(0, (4, 3)))
     axes.axhline(0, color=INK, lw=0.8)
+    along = space.space.axes[axis]
+    where, gaps = [test.params[along.name] for test in space.tests], [test.gap for test in space.tests]
+    axes.plot(where, gaps, "o", color=INK, **dots)
+    axes.set_xlabel(with_unit(along.name, along.unit))
 
 
 def _slices(space: GapSurface, name: str) -> Picture:
@@ -144,11 +142,8 @@ def _slices(space: GapSurface, name: str) -> Picture:
     def paint(figure: Figure) -> None:
         grid = panels(figure, len(names), 3)
         for k, (axes, axis) in enumerate(zip(grid, space.space.axes, strict=True)):
-            _band(axes, space, k)
-            where = [test.params[axis.name] for test in space.tests]
-            axes.plot(where, [test.gap for test in space.tests], "o", color=INK, ms=3, alpha=0.6)
+            _band(axes, space, k, ms=3, alpha=0.6)
             axes.axvline(space.worst[axis.name], color=BAD, lw=1, ls=(0, (4, 3)))
-            axes.set_xlabel(with_unit(axis.name, axis.unit))
         for axes in grid[::3]:
             axes.set_ylabel(with_unit("Δρ", space.unit))
 
@@ -210,13 +205,13 @@ def _maps(space: GapSurface, held: Sequence[HeldOut], name: str) -> Picture:
 
 
 def _caption(space: GapSurface, held: bool) -> str:
-    words = (
-        "Δρ is ρ of the real machine minus ρ of the simulator: below 0 the real machine is worse. "
-        "The band holds its expected value with 95 % simultaneously for all tests."
-    )
+    words = "Δρ is ρ of the real machine minus ρ of the simulator"
     if space.space.dim == 2:
-        words = (
-            "Δρ is ρ of the real machine minus ρ of the simulator. Red, below 0: the real machine is worse."
+        words += ". Red, below 0: the real machine is worse."
+    else:
+        words += (
+            ": below 0 the real machine is worse. The band holds its expected value with 95 % simultaneously for all "
+            "tests."
         )
     if held:
         words += " Rings are gaps at held-out tests; dots are the gaps with the named effects added."
