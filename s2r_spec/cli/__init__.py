@@ -54,7 +54,7 @@ def main(application: typer.Typer = app) -> None:
             # The parser's exit code 1 would mean that the requirement is violated.
             sys.exit(UNREAD)
         # The parser of the command line prints its errors on stderr only.
-        if as_json and end.code == 2 and not common.error_was_printed():
+        if as_json and end.code == 2 and not common.answered.is_set():
             common.print_error(2, "the command line has an error: see stderr")
         raise
     except Exception:

@@ -14,8 +14,7 @@ from s2r_spec.cli.terminal.common import sentences
 from s2r_spec.cli.terminal.terminal import say
 
 if TYPE_CHECKING:
-    from s2r_spec.backend import Backend, Effect, Option, Parameter
-    from s2r_spec.backend.protocols import Protocol
+    from s2r_spec.backend import Backend, Parameter
     from s2r_spec.report.records.backends import BackendObject
 
 Name = Annotated[
@@ -36,13 +35,18 @@ Check = Annotated[
 def backends(name: Name = None, check: Check = False, as_json: AsJson = False) -> None:
     """List the installed backends, or describe one of them."""
     with sentences(as_json):
-        from s2r_spec.backend import described
-        from s2r_spec.report.records.backends import BackendObject
+        from s2r_spec.backend import described, installed
+        from s2r_spec.report.records.backends import BackendObject, BackendsObject
 
         if name is None and check:
             raise UsageError("--check needs the name of a backend: s2r backends NAME --check")
         if name is None:
-            _list(as_json)
+            classes = {key: point.value for key, point in installed().items()}
+            if as_json:
+                print(line(BackendsObject(backends=classes)))
+                return
+            for key, value in classes.items():
+                say(f"{key:12} {value}")
             return
         machine, options = described(name)
         record = BackendObject.of(machine, name, tuple(options))
@@ -60,67 +64,41 @@ def backends(name: Name = None, check: Check = False, as_json: AsJson = False) -
             say(each)
 
 
-def _list(as_json: bool) -> None:
-    """Print the installed backends."""
-    from s2r_spec.backend import installed
-    from s2r_spec.report.records.backends import BackendsObject
-
-    classes = {key: point.value for key, point in installed().items()}
-    if as_json:
-        print(line(BackendsObject(backends=classes)))
-        return
-    for key, value in classes.items():
-        say(f"{key:12} {value}")
-
-
 def _lines(machine: Backend, record: BackendObject) -> Iterator[str]:
-    """Yield the lines that describe a backend."""
     yield f"{machine.name}: rollouts of {machine.duration:g} s, about {machine.cost:g} s each on one core"
     if record.exclusive:
         yield "a machine: its rollouts run one at a time, each after its operator's confirmation"
     yield from (f"assumption: {sentence}" for sentence in record.assumptions or ())
-    yield from _option_lines(machine.name, record.options or ())
+    if record.options:
+        yield f"options, separated by commas, as in {machine.name}"
+    for option in record.options or ():
+        default = "required" if option.default is None else f"default {option.default}"
+        yield f"  {option.name:14} {default}: {option.description}"
     yield "parameters"
     yield from (f"  {p.name:14} {_range(p)}" for p in record.parameters)
     yield "channels"
     for c in record.channels:
         size = f"[{c.width}]" if c.width > 1 else ""
         yield f"  {c.name + size:14} {c.unit or '1'}: {c.description}"
-    yield from _protocol_lines(record.protocols or ())
-    yield from _effect_lines(record.effects)
+    if record.protocols:
+        yield "protocols that excite it, beside the tests of a spec"
+    for protocol in record.protocols or ():
+        yield f"  {protocol.name} ({protocol.place}, {protocol.duration:g} s): {protocol.words}"
+        if protocol.risk:
+            yield f"    risk: {protocol.risk}"
+        yield from (f"    {p.name:12} {_range(p)}" for p in protocol.parameters)
+    if record.effects:
+        yield "effects that `s2r diagnose` can name"
+    for effect in record.effects:
+        yield f"  {effect.name} ({effect.family}): {effect.physics}"
+        for one in effect.parameters:
+            unit = f" {one.unit}" if one.unit else ""
+            yield f"    {one.name:12} [{one.low:g}, {one.high:g}]{unit}; nominal {one.nominal:g}; {one.prior}"
 
 
 def _range(p: Parameter) -> str:
     unit = f" {p.unit}" if p.unit else ""
     return f"[{p.low:g}, {p.high:g}]{unit}; default {p.default:g}: {p.description}"
-
-
-def _option_lines(name: str, options: tuple[Option, ...]) -> Iterator[str]:
-    if options:
-        yield f"options, separated by commas, as in {name}"
-    for option in options:
-        default = "required" if option.default is None else f"default {option.default}"
-        yield f"  {option.name:14} {default}: {option.description}"
-
-
-def _protocol_lines(protocols: tuple[Protocol, ...]) -> Iterator[str]:
-    if protocols:
-        yield "protocols that excite it, beside the tests of a spec"
-    for protocol in protocols:
-        yield f"  {protocol.name} ({protocol.place}, {protocol.duration:g} s): {protocol.words}"
-        if protocol.risk:
-            yield f"    risk: {protocol.risk}"
-        yield from (f"    {p.name:12} {_range(p)}" for p in protocol.parameters)
-
-
-def _effect_lines(effects: tuple[Effect, ...]) -> Iterator[str]:
-    if effects:
-        yield "effects that `s2r diagnose` can name"
-    for effect in effects:
-        yield f"  {effect.name} ({effect.family}): {effect.physics}"
-        for one in effect.parameters:
-            unit = f" {one.unit}" if one.unit else ""
-            yield f"    {one.name:12} [{one.low:g}, {one.high:g}]{unit}; nominal {one.nominal:g}; {one.prior}"
 
 
 def _check(machine: Backend, as_json: bool) -> int:

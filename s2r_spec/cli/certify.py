@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from s2r_spec.cli.options.against import SearchOptions, against
+from s2r_spec.cli.options.against import Search, against
 
 
-def _search() -> SearchOptions:
+def _search() -> Search:
     from s2r_spec.certify.real_machine import certify as both
-    from s2r_spec.report import certify as certify_report
-    from s2r_spec.report.recompute import recompute_certify
     from s2r_spec.runs.layout import GAP, SIMULATION, SYSTEMS
 
-    journals = (SIMULATION, *(f"{GAP}/{side}" for side in SYSTEMS))
-    return SearchOptions(both, certify_report.report, recompute_certify, (SIMULATION,), journals)
+    return both, (SIMULATION,), (SIMULATION, *(f"{GAP}/{side}" for side in SYSTEMS))
 
 
 certify = against(

@@ -54,13 +54,10 @@ def choose(
             )
             print(line(record))
             raise typer.Exit(0 if best is not None else 3)
-        for i, (row, result) in enumerate(zip(rows, results, strict=True)):
-            mark = "→" if i == choice.best else " "
-            bound = (
-                f"refused: {row.refused}"
-                if i in choice.refused
-                else f"worst expected ρ in {interval_text(result.lower, result.upper)}{unit}"
-            )
+        for i, row in enumerate(rows):
+            mark, bound = "→" if i == choice.best else " ", f"refused: {row.refused}"
+            if i not in choice.refused:
+                bound = f"worst expected ρ in {interval_text(row.lower, row.upper)}{unit}"
             say(f"{mark} {row.backend:32} {bound}, {row.rollouts} rollouts")
         if choice.best is None:
             say("no choice: every certificate was refused")

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -13,92 +13,98 @@ from s2r_spec.base.errors import UsageError
 from s2r_spec.base.files import save
 from s2r_spec.base.json_values import document
 from s2r_spec.base.printable import one_line
-from s2r_spec.cli.options.groups import group_options, output_option, search_option
+from s2r_spec.cli.options.groups import group_options, options, output_option, search_option
 from s2r_spec.cli.options.logs import LogReading
-from s2r_spec.cli.options.output import AsJson, Output, Page, pageable, settle, writable
-from s2r_spec.cli.options.protocols import Next, NoProtocols, Passive, Protocols, playable, protocol_names
-from s2r_spec.cli.options.search import OneRequirement, RealMachine, Running, Seed, Simulator, SpecFile
+from s2r_spec.cli.options.output import Form, writable, write
+from s2r_spec.cli.options.search import Compared, Running, Seed, SpecFile
 from s2r_spec.cli.terminal.common import begin_run, resumable, sentences
-from s2r_spec.cli.terminal.terminal import console, print_json
+from s2r_spec.cli.terminal.terminal import console
 
 if TYPE_CHECKING:
     from s2r_spec.diagnose import Diagnosis
     from s2r_spec.spec import Spec
 
-Form = Annotated[
-    str | None,
-    output_option("--format", help="Format of the diagnosis: text, json or markdown.", show_default="text"),
-]
-Budget = Annotated[
-    int | None,
-    search_option(
+
+@options
+class Diagnosed(Compared):
+    """What is diagnosed, from how many rollouts; each field is an option."""
+
+    seed: Seed = None
+    budget: int | None = search_option(
+        None,
         min=6,
         help="Most real rollouts to run, or to use from logs.",
         show_default="30 from a machine, all from a log",
-    ),
-]
-Apply = Annotated[
-    Path | None,
-    output_option(help="File for the simulator with the named effects; use it as --sim patched:FILE."),
-]
-
-Tuned = Annotated[
-    bool,
-    output_option(
-        "--tuned", help="With --apply: add every other effect, too, with a small size fitted to the data."
-    ),
-]
+    )
 
 
-@dataclass(frozen=True, kw_only=True)
+@options
 class Campaign:
     """Which protocols may run, and what is written beside the diagnosis; each field is an option."""
 
-    apply: Apply = None
-    tuned: Tuned = False
-    protocols: Protocols = None
-    no_protocols: NoProtocols = False
-    passive: Passive = False
-    following: Next = None
+    apply: Path | None = output_option(
+        None, help="File for the simulator with the named effects; use it as --sim patched:FILE."
+    )
+    tuned: bool = output_option(
+        False,
+        "--tuned",
+        help="With --apply: add every other effect, too, with a small size fitted to the data.",
+    )
+    protocols: str | None = search_option(
+        None,
+        help="Protocols that may run, separated by commas; `s2r backends NAME` lists them.",
+        show_default="all that the simulator and the machine have",
+    )
+    no_protocols: bool = search_option(
+        False, "--no-protocols", help="Run no protocols. Those in logs are still used."
+    )
+    passive: bool = search_option(
+        False, "--passive", help="Use tests of the specification alone, from a machine or from logs."
+    )
+    following: Path | None = output_option(
+        None,
+        "--next",
+        help="Print the experiment to run next. If it is a protocol, its references go to this .csv file.",
+        show_default=False,
+    )
 
     def names(self) -> tuple[str, ...] | None:
         """Return the names of the protocols that may run, None for all, after all checks.
 
         Raises:
-            UsageError: the options contradict each other, or a file cannot be written.
+            UsageError: the options contradict each other, a name is empty, or a file cannot be written.
         """
         writable(self.apply)
         if self.tuned and self.apply is None:
             raise UsageError("--tuned changes what --apply writes; give --apply FILE with it")
-        names = protocol_names(self.protocols, self.no_protocols, self.passive)
-        playable(self.following)
-        return names
+        if (self.protocols is not None) + self.no_protocols + self.passive > 1:
+            raise UsageError("give only one of --protocols, --no-protocols and --passive")
+        names = None if self.protocols is None else tuple(map(str.strip, self.protocols.split(",")))
+        if names is not None and not all(names):
+            raise UsageError(
+                f"--protocols {self.protocols!r} has an empty name; give names such as squat,sway, or use "
+                f"--no-protocols"
+            )
+        if self.following is not None and self.following.suffix.lower() != ".csv":
+            raise UsageError(f"--next {self.following}: the file of a protocol must end in .csv")
+        writable(self.following)
+        return () if self.no_protocols or self.passive else names
 
 
-@dataclass(frozen=True, kw_only=True)
-class Writing:
+@options
+class Writing(Form):
     """The form and the files of the diagnosis; each field is an option."""
 
-    as_json: AsJson = False
-    form: Form = None
-    output: Output = None
-    page: Page = None
-
-    @property
-    def json(self) -> bool:
-        """Whether errors are printed as JSON, too."""
-        return self.as_json or self.form == "json"
+    form: str | None = output_option(
+        None, "--format", help="Format of the diagnosis: text, json or markdown.", show_default="text"
+    )
 
 
 @group_options
 def diagnose(
     spec: SpecFile,
-    real: RealMachine,
-    sim: Simulator = "sim",
-    requirement: OneRequirement = None,
-    seed: Seed = None,
-    budget: Budget = None,
     *,
+    compared: Diagnosed,
     running: Running,
     reading: LogReading,
     campaign: Campaign,
@@ -108,18 +114,20 @@ def diagnose(
     with sentences(writing.json):
         from s2r_spec.cli.terminal.stages import Stages
         from s2r_spec.diagnose import diagnose as find
-        from s2r_spec.diagnose.data.journal import REAL, begun_in, seed_of
+        from s2r_spec.diagnose.data.journal import ANSWER, REAL, begun_in, seed_of
+        from s2r_spec.report import diagnosis as diagnosis_report
+        from s2r_spec.report import diagnosis_page
         from s2r_spec.spec import load_spec
 
-        form = settle(writing.form, writing.as_json, writing.output, _forms())
-        pageable(writing.page)
+        forms = _forms()
+        form = writing.settled(forms)
         names = campaign.names()
         parsed = load_spec(spec)
-        compared = [requirement] if requirement else list(parsed.requirements)
-        (machine,) = reading.backends([real], parsed, compared)
+        sim, real = compared.sim, compared.real
+        (machine,) = reading.backends([real], parsed, compared.requirements(parsed))
         if running.resume is not None:
             running = replace(running, resume=begun_in(running.resume))
-        seed = seed_of(running.resume, seed)
+        seed = seed_of(running.resume, compared.seed)
         name = f"diagnose-{spec.stem}-{sim}-{Path(real).name}"
         executor, folder, opening = begin_run(running, name, seed, machine)
         errors = console(stderr=True)
@@ -128,8 +136,8 @@ def diagnose(
                 parsed,
                 sim,
                 machine,
-                budget,
-                requirement=requirement,
+                compared.budget,
+                requirement=compared.requirement,
                 seed=seed,
                 executor=executor,
                 progress=stages,
@@ -137,9 +145,12 @@ def diagnose(
                 protocols=names,
                 passive=campaign.passive,
             )
-        _keep(diagnosis, parsed, folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        save(folder / ANSWER, document(diagnosis) + "\n")
         patch = _patch(diagnosis, sim, campaign)
-        _emit(diagnosis, parsed, real, form, writing)
+        render, markup = forms[form], diagnosis_report.markup
+        write(form, writing.output, lambda: render(diagnosis, parsed), lambda: markup(diagnosis, parsed))
+        writing.write_page(lambda: diagnosis_page.render(diagnosis, parsed, real))
         following = _next(diagnosis, sim, machine, campaign.following)
         for sentence in ("" if form == "json" else patch, following):
             if sentence:
@@ -150,21 +161,12 @@ def diagnose(
 def _forms() -> dict[str, Callable[[Diagnosis, Spec], str]]:
     """Return name → form of a diagnosis, as ``--format`` takes it."""
     from s2r_spec.report import diagnosis as diagnosis_report
-    from s2r_spec.report.diagnosis_markdown import markdown
 
     return {
         "text": diagnosis_report.text,
         "json": lambda diagnosis, _: document(diagnosis),
-        "markdown": markdown,
+        "markdown": diagnosis_report.markdown,
     }
-
-
-def _keep(diagnosis: Diagnosis, spec: Spec, folder: Path) -> None:
-    """Write the diagnosis into the folder of the run."""
-    from s2r_spec.diagnose.data.journal import ANSWER
-
-    folder.mkdir(parents=True, exist_ok=True)
-    save(folder / ANSWER, document(diagnosis) + "\n")
 
 
 def _patch(diagnosis: Diagnosis, sim: str, campaign: Campaign) -> str:
@@ -177,23 +179,6 @@ def _patch(diagnosis: Diagnosis, sim: str, campaign: Campaign) -> str:
         return f"{campaign.apply} is not written: no effect is named"
     patched.write(campaign.apply, sim, added)
     return f"use it as --sim patched:{campaign.apply}"
-
-
-def _emit(diagnosis: Diagnosis, spec: Spec, real: str, form: str, writing: Writing) -> None:
-    """Write the diagnosis to a file or to stdout, and the HTML page if one is asked for."""
-    from s2r_spec.report import diagnosis as diagnosis_report
-    from s2r_spec.report import diagnosis_page
-
-    if writing.output is not None:
-        save(writing.output, _forms()[form](diagnosis, spec) + "\n")
-    elif form == "text":
-        console().print(diagnosis_report.markup(diagnosis, spec))
-    elif form == "json":
-        print_json(document(diagnosis))
-    else:
-        print(_forms()[form](diagnosis, spec))
-    if writing.page is not None:
-        save(writing.page, diagnosis_page.render(diagnosis, spec, real))
 
 
 def _next(diagnosis: Diagnosis, sim: str, machine: object, path: Path | None) -> str:

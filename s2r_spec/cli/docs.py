@@ -28,7 +28,8 @@ def docs(name: Name = None) -> None:
         if name is None:
             widest = max(map(len, pages))
             for each, path in pages.items():
-                print(f"{each:{widest}}  {_title(documentation.read(path))}")
+                heads = [row for row in documentation.read(path).splitlines() if row.startswith("# ")]
+                print(f"{each:{widest}}  {heads[0].removeprefix('# ') if heads else ''}")
             return
         bare = name.removesuffix(".md").removesuffix(documentation.NOTEBOOK)
         matches = [each for each in pages if each == bare or each.endswith(f"/{bare}")]
@@ -37,8 +38,3 @@ def docs(name: Name = None) -> None:
         if not matches:
             raise UsageError(f"no page {name!r}{suggest(name, pages)} `s2r docs` lists all pages")
         print(documentation.read(pages[matches[0]]), end="")
-
-
-def _title(text: str) -> str:
-    """Return the first heading of a page in Markdown."""
-    return next((line.removeprefix("# ") for line in text.splitlines() if line.startswith("# ")), "")

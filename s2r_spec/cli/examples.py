@@ -28,9 +28,22 @@ def examples(folder: Folder = Path("specs"), as_json: AsJson = False) -> None:
 
         from s2r_spec.report.records.specs import ExamplesObject
 
-        contents = _contents()
-        targets = {folder / name: content for name, content in contents.items()}
-        _refuse_overwriting(folder, targets)
+        place = shipped_folder("specs")
+        if place is None:
+            raise UsageError(
+                "this installation has no examples; install s2r again, from a wheel or a checkout"
+            )
+        paths = [*sorted(place.glob("*.stl")), *sorted(place.glob("traces/*.*"))]
+        targets = {folder / path.relative_to(place).as_posix(): path.read_bytes() for path in paths}
+        if folder.exists() and not folder.is_dir():
+            raise UsageError(f"cannot write the examples into {folder}: it is not a folder")
+        existing = [target for target in targets if target.exists()]
+        if existing:
+            more = f" and {len(existing) - 1} more files exist" if len(existing) > 1 else " exists"
+            raise UsageError(
+                f"{existing[0]}{more} already, and nothing was written; give a folder without them: "
+                f"s2r examples FOLDER"
+            )
         for target, content in targets.items():
             target.parent.mkdir(parents=True, exist_ok=True)
             save(target, content)
@@ -41,23 +54,3 @@ def examples(folder: Folder = Path("specs"), as_json: AsJson = False) -> None:
             print(target)
         first = (str(folder / name) for name in _FIRST)
         say(f"Next: {join(['s2r', 'monitor', *first])}", error=True)
-
-
-def _contents() -> dict[str, bytes]:
-    """Return name → content of every shipped file, specifications first."""
-    place = shipped_folder("specs")
-    if place is None:
-        raise UsageError("this installation has no examples; install s2r again, from a wheel or a checkout")
-    paths = [*sorted(place.glob("*.stl")), *sorted(place.glob("traces/*.*"))]
-    return {path.relative_to(place).as_posix(): path.read_bytes() for path in paths}
-
-
-def _refuse_overwriting(folder: Path, targets: dict[Path, bytes]) -> None:
-    if folder.exists() and not folder.is_dir():
-        raise UsageError(f"cannot write the examples into {folder}: it is not a folder")
-    existing = [target for target in targets if target.exists()]
-    if existing:
-        more = f" and {len(existing) - 1} more files exist" if len(existing) > 1 else " exists"
-        raise UsageError(
-            f"{existing[0]}{more} already, and nothing was written; give a folder without them: s2r examples FOLDER"
-        )

@@ -5,16 +5,14 @@ A gap has no verdict. Exit code 0 means that its interval is at most ε wide, 3 
 
 from __future__ import annotations
 
-from s2r_spec.cli.options.against import SearchOptions, against
+from s2r_spec.cli.options.against import Search, against
 
 
-def _search() -> SearchOptions:
+def _search() -> Search:
     from s2r_spec.certify.gap import gap as bound
-    from s2r_spec.report import gap as gap_report
-    from s2r_spec.report.recompute import recompute_gap
     from s2r_spec.runs.layout import SYSTEMS
 
-    return SearchOptions(bound, gap_report.report, lambda folder, _: recompute_gap(folder), SYSTEMS, SYSTEMS)
+    return bound, SYSTEMS, SYSTEMS
 
 
 gap = against(

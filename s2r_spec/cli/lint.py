@@ -28,17 +28,23 @@ def lint(
 ) -> None:
     """Report mistakes, and parts of a specification that are easily misread. Exit code 1 if there are any."""
     with sentences(as_json):
+        from s2r_spec.lang.diagnostics import SpecError
         from s2r_spec.lang.files import read_text
         from s2r_spec.lang.lints import apply_fixes
+        from s2r_spec.lang.lints import lint as findings_of
         from s2r_spec.report.records.specs import LintFinding, LintObject
 
         texts = {path: read_text(path) for path in specs}
         flat: list[LintWarning | Diagnostic] = []
         for path, text in texts.items():
-            findings, mistakes = _check(text, str(path))
+            try:
+                findings = findings_of(text, str(path))
+            except SpecError as error:
+                flat += error.diagnostics
+                continue
             if fix and any(finding.edits for finding in findings):
                 save(path, apply_fixes(text, findings))
-            flat += [*mistakes, *(finding for finding in findings if not (fix and finding.edits))]
+            flat += [finding for finding in findings if not (fix and finding.edits)]
         if as_json:
             rows = (
                 LintFinding(
@@ -55,14 +61,3 @@ def lint(
         elif flat:
             print("\n\n".join(map(str, flat)))
         raise typer.Exit(1 if flat else 0)
-
-
-def _check(text: str, name: str) -> tuple[tuple[LintWarning, ...], tuple[Diagnostic, ...]]:
-    """Return the findings in a specification, or else its mistakes."""
-    from s2r_spec.lang.diagnostics import SpecError
-    from s2r_spec.lang.lints import lint as findings_of
-
-    try:
-        return findings_of(text, name), ()
-    except SpecError as error:
-        return (), error.diagnostics

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from s2r_spec.base.json_values import line
-from s2r_spec.cli.options.groups import group_options, search_option
+from s2r_spec.cli.options.groups import group_options, options, search_option
 from s2r_spec.cli.options.search import AsJson, Mode, OneRequirement, Quiet
 from s2r_spec.cli.terminal.common import sentences
 from s2r_spec.cli.terminal.terminal import console, say
 
 if TYPE_CHECKING:
-    from s2r_spec.certify.bound.kernels import Kernel
     from s2r_spec.certify.search.pilot import Pilot
     from s2r_spec.certify.search.plan import Plan
     from s2r_spec.certify.search.plan_request import PlanRequest
@@ -23,89 +21,73 @@ if TYPE_CHECKING:
 SpecOfPlan = Annotated[
     Path | None, typer.Argument(help="Specification, an .stl file, whose certify line gives the settings.")
 ]
-Proxy = Annotated[
-    float | None,
-    search_option(
-        "--R", help="Sub-Gaussian bound on the noise of one rollout, in ρ's unit.", show_default="the spec's"
-    ),
-]
-Epsilon = Annotated[
-    float | None, search_option(help="Width ε of the interval, in ρ's unit.", show_default="the spec's")
-]
-Delta = Annotated[
-    float | None,
-    search_option(help="Probability δ that the interval is wrong.", show_default="the spec's"),
-]
-Norm = Annotated[
-    float | None,
-    search_option("--B", help="Bound on the RKHS norm of E ρ, in ρ's unit.", show_default="the spec's"),
-]
-Dim = Annotated[
-    int,
-    search_option(
-        min=1, max=4, help="Number of test parameters, each with a range of width 1; without a spec."
-    ),
-]
-KernelName = Annotated[
-    str, search_option(help="Kernel if the spec declares none: rbf, matern52 or matern32.")
-]
-Lengthscale = Annotated[
-    float, search_option(help="Lengthscale of that kernel, as a part of each parameter's range.")
-]
-Bounds = Annotated[
-    tuple[float, float] | None,
-    search_option("--range", help="Proven least and greatest ρ; R is half the width."),
-]
-Budgets = Annotated[
-    list[int] | None,
-    typer.Option(min=8, help="Number of rollouts; prints the ε that they reach. May be repeated."),
-]
-Costly = Annotated[
-    str | None, typer.Option("--backend", "-b", help="Backend whose declared cost gives the times.")
-]
-Time = Annotated[
-    str | None,
-    typer.Option(
+
+
+@options
+class Declaration:
+    """The settings of a plan, which go before those of the spec's certify line; each field is an option."""
+
+    budgets: list[int] | None = typer.Option(
+        None, "--budget", min=8, help="Number of rollouts; prints the ε that they reach. May be repeated."
+    )
+    backend: str | None = typer.Option(
+        None, "--backend", "-b", help="Backend whose declared cost gives the times."
+    )
+    time: str | None = typer.Option(
+        None,
         help="Time available on --backend, such as 30min; prints the ε that can be reached in this time.",
         show_default=False,
-    ),
-]
-PilotRun = Annotated[
-    Path | None,
-    typer.Option(help="Folder of a pilot run from which to judge R. Do not certify with its rollouts."),
-]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Declaration:
-    """The settings that a certify line declares; each field is an option, which goes before the spec's."""
-
-    R: Proxy = None
-    eps: Epsilon = None
-    delta: Delta = None
-    B: Norm = None
-    dim: Dim = 1
-    kernel: KernelName = "matern52"
-    lengthscale: Lengthscale = 0.4
+    )
+    pilot: Path | None = typer.Option(
+        None, help="Folder of a pilot run from which to judge R. Do not certify with its rollouts."
+    )
+    R: float | None = search_option(
+        None,
+        "--R",
+        help="Sub-Gaussian bound on the noise of one rollout, in ρ's unit.",
+        show_default="the spec's",
+    )
+    epsilon: float | None = search_option(
+        None, "--eps", help="Width ε of the interval, in ρ's unit.", show_default="the spec's"
+    )
+    delta: float | None = search_option(
+        None, help="Probability δ that the interval is wrong.", show_default="the spec's"
+    )
+    B: float | None = search_option(
+        None, "--B", help="Bound on the RKHS norm of E ρ, in ρ's unit.", show_default="the spec's"
+    )
+    dim: int = search_option(
+        1, min=1, max=4, help="Number of test parameters, each with a range of width 1; without a spec."
+    )
+    kernel: str = search_option(
+        "matern52", help="Kernel if the spec declares none: rbf, matern52 or matern32."
+    )
+    lengthscale: float = search_option(
+        0.4, help="Lengthscale of that kernel, as a part of each parameter's range."
+    )
     mode: Mode = "rigorous"
-    bounds: Bounds = None
+    bounds: tuple[float, float] | None = search_option(
+        None, "--range", help="Proven least and greatest ρ; R is half the width."
+    )
 
-    @property
-    def shape(self) -> Kernel:
-        """The kernel of a spec that declares none."""
+    def request(self, spec: Path | None, requirement: str | None) -> PlanRequest | Pilot:
+        """Return the plan with complete settings, or the pilot alone."""
         from s2r_spec.certify.bound.kernels import Kernel
+        from s2r_spec.certify.search.plan_request import PlanOptions, plan_request
+        from s2r_spec.space import Space
+        from s2r_spec.spec import load_spec
 
-        return Kernel(self.kernel, self.lengthscale)
+        given = {name: value for name, value in vars(self).items() if name not in ("dim", "lengthscale")}
+        kernel, budgets = Kernel(self.kernel, self.lengthscale), tuple(self.budgets or ())
+        box = Space.of({f"d{i + 1}": (0.0, 1.0) for i in range(self.dim)})
+        how = PlanOptions(**given | {"requirement": requirement, "kernel": kernel, "budgets": budgets})
+        return plan_request(box if spec is None else load_spec(spec), how)
 
 
 @group_options
 def plan(
     spec: SpecOfPlan = None,
     requirement: OneRequirement = None,
-    budget: Budgets = None,
-    backend: Costly = None,
-    time: Time = None,
-    pilot: PilotRun = None,
     *,
     declared: Declaration,
     quiet: Quiet = False,
@@ -114,42 +96,23 @@ def plan(
     """Estimate the rollouts that a certificate takes, and the ε that a budget reaches."""
     with sentences(as_json):
         from s2r_spec.certify.search.pilot import Pilot
-        from s2r_spec.certify.search.plan_request import PlanOptions, plan_request
         from s2r_spec.cli.terminal.stages import Stages
-        from s2r_spec.space import Space
-        from s2r_spec.spec import load_spec
 
-        box = Space.of({f"d{i + 1}": (0.0, 1.0) for i in range(declared.dim)})
-        options = PlanOptions(
-            requirement=requirement,
-            R=declared.R,
-            epsilon=declared.eps,
-            delta=declared.delta,
-            B=declared.B,
-            kernel=declared.shape,
-            mode=declared.mode,
-            bounds=declared.bounds,
-            budgets=tuple(budget or ()),
-            backend=backend,
-            time=time,
-            pilot=pilot,
-        )
-        request = plan_request(box if spec is None else load_spec(spec), options)
+        request = declared.request(spec, requirement)
         if isinstance(request, Pilot):
             _print_pilot(request, as_json)
             return
-        cost = PlanWords.of(request)
         if not as_json:  # what needs no estimate is printed before the estimates
-            _print_request(request, cost)
+            _print_request(request)
         with Stages(console(stderr=True), quiet) as stages:
             result = request.plan(stages)
         if as_json:
             _print_json(request, result)
             return
-        _print_plan(result, cost)
+        _print_plan(request, result)
         for rollouts, width in result.gaps:
             each = f"{rollouts} rollouts of {request.seconds:.3g} s"
-            say(f"  {time} of {backend} ({each}): ε = {width:.2g} for the gap")
+            say(f"  {declared.time} of {declared.backend} ({each}): ε = {width:.2g} for the gap")
         if request.pilot is not None:
             _print_pilot(request.pilot, as_json=False)
 
@@ -164,21 +127,23 @@ def _print_json(request: PlanRequest, result: Plan) -> None:
     print(line(extend(PlanObject, result, **values, **more)))
 
 
-def _print_request(request: PlanRequest, cost: PlanWords) -> None:
+def _print_request(request: PlanRequest) -> None:
     from s2r_spec.certify.search.plan import floors
 
     of, least = request.settings, floors(request.settings)
     where = f"{of.kernel.name} over {of.space.dim} parameter{'' if of.space.dim == 1 else 's'}"
     say(f"R = {of.R:g}, ε = {of.epsilon:g}, δ = {of.delta:g}, B = {of.B:g}, {where}")
-    say(f"  impossible below      {cost.words(least.floor)}, on average, by any method")
-    say(f"  at one known test     {cost.words(least.minimax)} (fixed width, Gaussian noise of deviation R)")
+    say(f"  impossible below      {_words(request, least.floor)}, on average, by any method")
+    say(
+        f"  at one known test     {_words(request, least.minimax)} (fixed width, Gaussian noise of deviation R)"
+    )
 
 
-def _print_plan(result: Plan, cost: PlanWords) -> None:
+def _print_plan(request: PlanRequest, result: Plan) -> None:
     from s2r_spec.certify.search.plan import VARIATION
 
-    low, high = cost.count(result.peaked), cost.count(result.flat)
-    say(f"  expected              {cost.between(result.peaked, result.flat)}:")
+    low, high = _count(result.peaked), _count(result.flat)
+    say(f"  expected              {_words(request, result.peaked, result.flat)}:")
     say(f"                        {low} if E ρ varies by {VARIATION:g} ε over the test space,")
     say(f"                        {high} if every test is nearly the worst one")
     for rollouts, narrow, wide in result.reachable_range:
@@ -199,41 +164,19 @@ def _print_pilot(noise: Pilot, as_json: bool) -> None:
     say("  use this pilot only to choose R; certify with another seed, on new rollouts")
 
 
-@dataclass(frozen=True)
-class PlanWords:
-    """Words for numbers of rollouts and their time.
+def _count(rollouts: float | None) -> str:
+    """Return a number of rollouts; None is beyond the most that a plan has."""
+    if rollouts is None:
+        return "more than 2000000"
+    return f"{rollouts:.0f}" if rollouts < 1e12 else f"{rollouts:.0e}"
 
-    Attributes:
-        seconds: duration of a rollout [s]; None without a backend.
-        where: the place of the rollouts, for the time.
-    """
 
-    seconds: float | None
-    where: str
-
-    @classmethod
-    def of(cls, request: PlanRequest) -> PlanWords:
-        """Return the words for a plan."""
-        return cls(request.seconds, "" if request.at_once == 1 else f" on {request.at_once} cores")
-
-    def count(self, rollouts: float | None) -> str:
-        """Return a number of rollouts; None is beyond the most that a plan has."""
-        if rollouts is None:
-            return "more than 2000000"
-        return f"{rollouts:.0f}" if rollouts < 1e12 else f"{rollouts:.0e}"
-
-    def words(self, rollouts: float) -> str:
-        """Return a number of rollouts, with its time."""
-        took = f", about {rollouts * self.seconds:.0f} s{self.where}" if self.seconds is not None else ""
-        return f"{self.count(rollouts)} rollouts{took}"
-
-    def between(self, low: float | None, high: float | None) -> str:
-        """Return a range of rollouts, with its time."""
-        counts = (
-            f"{self.count(low)} … {self.count(high)} rollouts"
-            if low is not None
-            else f"{self.count(low)} rollouts"
-        )
-        if self.seconds is None or low is None or high is None:
-            return counts
-        return f"{counts}, about {low * self.seconds:.0f} … {high * self.seconds:.0f} s{self.where}"
+def _words(request: PlanRequest, least: float | None, *most: float | None) -> str:
+    """Return a number of rollouts, or the ends of a range of them, with their time."""
+    ends = [least] if least is None else [least, *most]
+    known = [end for end in ends if end is not None]
+    words = f"{' … '.join(map(_count, ends))} rollouts"
+    if request.seconds is None or len(known) < len(ends):
+        return words
+    times = " … ".join(f"{end * request.seconds:.0f}" for end in known)
+    return f"{words}, about {times} s{'' if request.at_once == 1 else f' on {request.at_once} cores'}"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from s2r_spec.base.json_values import line
+from s2r_spec.base.json_values import extend, line
 from s2r_spec.cli.terminal.common import sentences
 from s2r_spec.cli.terminal.terminal import say
 
@@ -41,15 +41,8 @@ def replay(
         if save is not None:
             logs.write(result.trace, save)
         if as_json:
-            record = ReplayObject(
-                rollout=rollout,
-                params=result.params,
-                seed=result.seed,
-                rho=result.rho,
-                recorded_rho=result.recorded,
-                same=result.same,
-            )
-            print(line(record))
+            more = {"rollout": rollout, "recorded_rho": result.recorded, "same": result.same}
+            print(line(extend(ReplayObject, result, **more)))
         else:
             test = ", ".join(f"{name} = {value:.6g}" for name, value in result.params.items())
             say(f"{test}, seed {result.seed}: ρ = {result.rho:+.6f} {result.unit}".rstrip())
@@ -70,7 +63,6 @@ def replay(
 
 
 def _plot(result: Replay, path: Path) -> None:
-    """Plot the replayed rollout against its requirement."""
     from s2r_spec.base.errors import BackendError
     from s2r_spec.spec.plot import plot
 

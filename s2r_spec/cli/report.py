@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from s2r_spec.base.files import save
 from s2r_spec.cli.options.groups import output_option
-from s2r_spec.cli.options.output import AsJson, Output, Verbose, emit, settle, writable
+from s2r_spec.cli.options.output import AsJson, Form, Output, Verbose, emit, writable
 from s2r_spec.cli.terminal.common import sentences
 from s2r_spec.cli.terminal.terminal import say
-
-if TYPE_CHECKING:
-    from s2r_spec.report.finding import Report
-    from s2r_spec.report.sections import Run
-
-NAME = "s2r report"
 
 
 def report(
@@ -40,15 +34,17 @@ def report(
     """Compute a run's certificate again from its rollouts, and report it; HTML goes to the run's folder."""
     with sentences(as_json or form == "json"):
         from s2r_spec.report import html
-        from s2r_spec.report.recompute import RunKind, kind
+        from s2r_spec.report.certify import report_of
+        from s2r_spec.report.recompute import recompute_all
 
         page = not as_json and form in (None, "html")
         if page:
             html.require_packages()
             writable(output)
         else:
-            form = settle(form, as_json, output)
-        runs, result = {RunKind.CHECK: _checks, RunKind.GAP: _gap, RunKind.CERTIFY: _certify}[kind(run)](run)
+            form = Form(as_json=as_json, form=form, output=output, page=None).settled()
+        runs = recompute_all(run)
+        result = report_of([one.result for one in runs], "s2r report")
         if page:
             path = output or run / "report.html"
             save(path, html.render(runs))
@@ -56,28 +52,3 @@ def report(
         else:
             emit(result, form or "text", output, verbose)
         raise typer.Exit(result.exit_code)
-
-
-def _checks(folder: Path) -> tuple[list[Run], Report]:
-    from s2r_spec.report import check as check_report
-    from s2r_spec.report.recompute import recompute
-    from s2r_spec.runs.layout import runs_in
-
-    runs = [recompute(one) for one in runs_in(folder)]
-    return [*runs], check_report.report([(one.spec, one.result) for one in runs], NAME)
-
-
-def _gap(folder: Path) -> tuple[list[Run], Report]:
-    from s2r_spec.report import gap as gap_report
-    from s2r_spec.report.recompute import recompute_gap
-
-    run = recompute_gap(folder)
-    return [run], gap_report.report(run.spec, run.result, NAME)
-
-
-def _certify(folder: Path) -> tuple[list[Run], Report]:
-    from s2r_spec.report import certify as certify_report
-    from s2r_spec.report.recompute import recompute_certify
-
-    run = recompute_certify(folder)
-    return [run], certify_report.report(run.spec, run.result, NAME)

@@ -6,14 +6,14 @@ from collections.abc import Callable, Collection
 
 from s2r_spec.base.errors import UsageError, one_of, suggest
 from s2r_spec.base.json_values import document
-from s2r_spec.report import github, junit, markdown, text
+from s2r_spec.report import ci, markdown, text
 from s2r_spec.report.finding import Report
 
 REPORTERS: dict[str, Callable[[Report], str]] = {
     "text": text.render,
     "json": lambda report: document(report.record),
-    "junit": junit.render,
-    "github": github.render,
+    "junit": ci.junit,
+    "github": ci.github,
     "markdown": markdown.render,
 }
 """Name, as ``--format`` takes it → a report as text."""

@@ -6,7 +6,6 @@ from s2r_spec.base.documentation import page
 from s2r_spec.diagnose.decision import Rule
 from s2r_spec.diagnose.diagnosis import Diagnosis
 from s2r_spec.diagnose.experiment_design.identifiability import Candidate, Separation
-from s2r_spec.diagnose.experiment_design.next_test import NextTest
 from s2r_spec.report.check import test_words
 from s2r_spec.report.gap_words import join_names, place_words
 from s2r_spec.spec import Spec
@@ -20,7 +19,11 @@ def next_step(diagnosis: Diagnosis, spec: Spec) -> str:
             f"First check {what} in the recordings (see the notes), and diagnose again. Until then do not trust any "
             f"cause."
         )
-    test = "" if diagnosis.which.next_test is None else test_in_words(diagnosis.which.next_test, spec)
+    test = ""
+    if (following := diagnosis.which.next_test) is not None:
+        sets = " from ".join(join_names(names) or "nothing" for names in following.separates)
+        experiment = experiment_words(following.candidate, spec)
+        test = f"run {experiment}, which separates {sets} by {following.sigma:.1f} σ per run"
     match diagnosis.rule:
         case Rule.NONE:
             return _leave(diagnosis)
@@ -74,14 +77,6 @@ def _add(diagnosis: Diagnosis) -> str:
     return (
         f"Add {cause} to the simulator (s2r diagnose … --apply FILE{tuned}, then --sim patched:FILE). "
         f"Bound the remaining gap with s2r gap on fresh rollouts.{_wider(diagnosis)}"
-    )
-
-
-def test_in_words(test: NextTest, spec: Spec) -> str:
-    """Return the experiment to run: "run air_sine, which separates a and b by 4.0 σ per run"."""
-    sets = " from ".join(join_names(names) or "nothing" for names in test.separates)
-    return (
-        f"run {experiment_words(test.candidate, spec)}, which separates {sets} by {test.sigma:.1f} σ per run"
     )
 
 

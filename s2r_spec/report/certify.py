@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from s2r_spec.backend import short
 from s2r_spec.certify.bound.rounding import down, interval_text
 from s2r_spec.certify.real_machine import CertifyResult
+from s2r_spec.certify.result.check_result import CheckResult
+from s2r_spec.certify.result.gap_result import GapResult
 from s2r_spec.report import check as check_report
 from s2r_spec.report import gap as gap_report
 from s2r_spec.report.finding import Finding, Report
+from s2r_spec.report.recompute import Certified
 from s2r_spec.report.records.certificates import CertifyObject
 from s2r_spec.spec import Spec
 
@@ -19,24 +24,42 @@ def report(spec: Spec, result: CertifyResult, command: str = "s2r certify") -> R
     return Report(command, (one,), code, record)
 
 
+def report_of(results: Sequence[Certified], *command: str) -> Report:
+    """Return the report of results of one kind, as of the command that makes such results, or of ``command``."""
+    first = results[0]
+    if isinstance(first, GapResult):
+        return gap_report.report(first.spec, first, *command)
+    if isinstance(first, CertifyResult):
+        return report(first.simulated.spec, first, *command)
+    checks = [result for result in results if isinstance(result, CheckResult)]
+    return check_report.report([(result.spec, result) for result in checks], *command)
+
+
 def finding(spec: Spec, result: CertifyResult) -> Finding:
     """Return the bound for the real machine in words, with both of its parts."""
     simulated, gap = result.simulated, result.gap
-    source = simulated.provenance
+    source, composed = simulated.provenance, result.composition
     model = f"{source['backend']} {short(source['model_hash'])}"
     if gap is not None:
         model += f", {result.real} {short(gap.provenance['real']['model_hash'])}"
     unit = f" {simulated.unit}" if simulated.unit else ""
+    headline = f"no bound for {result.real}"
+    if composed is not None:
+        bound = check_report.bound(result.verdict, composed.lower, composed.upper)
+        probability = f"with probability ≥ 1 − {composed.delta:g}"
+        headline = f"worst expected ρ of {result.real} {bound}{unit}, {probability}"
+    # The simulation's last assumption says that it does not cover the real machine; the gap covers it here.
+    assumptions = (*simulated.assumptions[:-1], *(gap.assumptions if gap else ()))
     return Finding(
         name=simulated.requirement,
         verdict=result.verdict,
         word=result.verdict.name,
-        refused=result.composition is None,
+        refused=composed is None,
         about=f"{source['spec']}: {source['backend']} against {result.real}",
         reason=result.reason,
-        headline=_headline(result),
+        headline=headline,
         facts=_facts(spec, result),
-        assumptions=_assumptions(result),
+        assumptions=tuple(dict.fromkeys(assumptions)),
         ladder=_ladder(result),
         provenance=check_report.origin(source, model),
         again=(
@@ -48,15 +71,6 @@ def finding(spec: Spec, result: CertifyResult) -> Finding:
         location=check_report.location(spec, simulated.requirement),
         seconds=simulated.seconds + (gap.seconds if gap else 0.0),
     )
-
-
-def _headline(result: CertifyResult) -> str:
-    composed = result.composition
-    if composed is None:
-        return f"no bound for {result.real}"
-    unit = f" {result.simulated.unit}" if result.simulated.unit else ""
-    bound = check_report.bound(result.verdict, composed.lower, composed.upper)
-    return f"worst expected ρ of {result.real} {bound}{unit}, with probability ≥ 1 − {composed.delta:g}"
 
 
 def _facts(spec: Spec, result: CertifyResult) -> tuple[tuple[str, str], ...]:
@@ -85,12 +99,6 @@ def _facts(spec: Spec, result: CertifyResult) -> tuple[tuple[str, str], ...]:
         ),
         *(gap_report.facts(gap, spec.space.units) if gap else (("gap", "not searched"),)),
     )
-
-
-def _assumptions(result: CertifyResult) -> tuple[str, ...]:
-    # The simulation's last assumption says that it does not cover the real machine; the gap covers it here.
-    both = (*result.simulated.assumptions[:-1], *(result.gap.assumptions if result.gap else ()))
-    return tuple(dict.fromkeys(both))
 
 
 def _ladder(result: CertifyResult) -> tuple[str, ...]:

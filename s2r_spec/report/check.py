@@ -37,7 +37,12 @@ def finding(spec: Spec, result: CheckResult) -> Finding:
     """Return the finding of one requirement: its bound, facts and assumptions in words."""
     certificate, source = result.certificate, result.provenance
     unit = f" {result.unit}" if result.unit else ""
-    probability = probability_words(certificate)
+    probability, label = probability_words(certificate), str(certificate.label.value)
+    if certificate.label is not Label.ONE_SIDED:
+        label += (
+            f"; interval {width_text(certificate.epsilon)} wide (target {certificate.target:g}), including "
+            f"{at_most(certificate.discretisation, 2)} for the grid"
+        )
     facts = (
         ("worst expected ρ", f"{interval_words(result)}, {probability}"),
         (
@@ -46,7 +51,7 @@ def finding(spec: Spec, result: CheckResult) -> Finding:
             f"over {result.worst.rollouts} rollouts, lowest {result.worst.lowest:+.4f}",
         ),
         *effort(result),
-        ("label", _label_words(certificate)),
+        ("label", label),
     )
     return Finding(
         name=result.requirement,
@@ -93,15 +98,6 @@ def interval_words(result: Result) -> str:
     if result.certificate.label is Label.ONE_SIDED:
         return f"≤ {up(result.upper)}{unit}"
     return f"in {interval_text(result.lower, result.upper)}{unit}"
-
-
-def _label_words(certificate: Certificate) -> str:
-    if certificate.label is Label.ONE_SIDED:
-        return str(certificate.label.value)
-    return (
-        f"{certificate.label.value}; interval {width_text(certificate.epsilon)} wide "
-        f"(target {certificate.target:g}), including {at_most(certificate.discretisation, 2)} for the grid"
-    )
 
 
 def probability_words(certificate: Certificate) -> str:

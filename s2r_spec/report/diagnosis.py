@@ -1,7 +1,8 @@
-"""A diagnosis as text and as one JSON object, and the sentences that every form of it contains."""
+"""A diagnosis as text and as Markdown, and the sentences that every form of it contains."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from rich.markup import escape
@@ -13,25 +14,28 @@ from s2r_spec.base.quantity import format_estimate, interval, quantity
 from s2r_spec.diagnose.diagnosis import Diagnosis
 from s2r_spec.diagnose.inference.estimates import EffectEstimate, ParameterEstimate, Status, with_status
 from s2r_spec.report.advice import next_step, settled_words
-from s2r_spec.report.gap_words import body_words, gap_title, join_names, left_words, shrink_rows, where_words
-from s2r_spec.report.materiality import matters_words
+from s2r_spec.report.gap_words import (
+    body_words,
+    gap_title,
+    join_names,
+    left_words,
+    matters_words,
+    shrink_rows,
+    where_words,
+)
+from s2r_spec.report.markdown import cell
 from s2r_spec.report.text import STYLES
 from s2r_spec.spec import Spec
 
 
 @dataclass(frozen=True)
 class SizeRow:
-    """The estimate of one parameter, in words.
+    """The estimate of one parameter of an effect, in words and as numbers.
 
     Attributes:
-        name: of effect and parameter.
-        value: with its unit.
-        interval: of 90 %.
-        whole: value and interval.
+        whole: value and interval of 90 %.
         size: in typical sizes, with its interval.
         probability: that the effect is at least a quarter of typical.
-        status: of the effect.
-        parameter: the numbers.
     """
 
     name: str
@@ -52,17 +56,13 @@ class Description:
         passive: what tests of the specification alone cannot tell; "" where protocols were run, or nothing is hidden.
         mistakes: sentences on suspected mistakes of the recordings.
         notes: other sentences on the recordings.
-        matters: sentences on whether the gap matters; none for a diagnosis without that test.
-        named: the parameters of the named effects.
         possible: (effect, its size, its probability, and the experiment that would settle it).
         ruled_out: names of effects; "" for none.
         hidden: names of the effects that the data do not show; "" for none.
         sizes: of every parameter of the catalogue: named, possible, ruled out.
-        gap_title: the title of ``gap``.
         gap: (name, text) rows on the gap of held-out rollouts; none without such rollouts.
         where: sentences on the worst test; none if the place of the gap was not asked for.
         parts: sentences on the parts of the machine, and on motion that no effect explains.
-        next: the next step.
         provenance: rollouts, seed, backend and model hash.
     """
 
@@ -85,36 +85,37 @@ class Description:
 
 def describe(diagnosis: Diagnosis, spec: Spec) -> Description:
     """Return what every form of a diagnosis says."""
-    which, where, far = diagnosis.which, diagnosis.where, diagnosis.how_far
+    which, where, far, p = diagnosis.which, diagnosis.where, diagnosis.how_far, diagnosis.provenance
     mistakes = tuple(each.text for each in diagnosis.evidence.findings)
     by_status = {status: with_status(which.effects, status) for status in Status}
     settled = {one.effect: settled_words(one, spec) for one in which.evidence.separations}
     names = {status: join_names(sorted(one.effect for one in of)) for status, of in by_status.items()}
     return Description(
-        passive=passive_words(diagnosis),
+        passive=_passive_words(diagnosis),
         mistakes=mistakes,
         notes=tuple(note for note in diagnosis.notes if note not in mistakes),
-        matters=()
-        if diagnosis.materiality is None
-        else matters_words(diagnosis.materiality, spec.space.units),
-        named=tuple(row for one in by_status[Status.NAMED] for row in _rows(one)),
+        matters=matters_words(diagnosis.materiality, spec.space.units),
+        named=_rows(by_status[Status.NAMED]),
         possible=tuple(
-            (one.effect, _possible_words(one, settled.get(one.effect, "")))
+            (one.effect, "; ".join(filter(None, (_size_words(one), settled.get(one.effect)))))
             for one in by_status[Status.POSSIBLE]
         ),
         ruled_out=names[Status.RULED_OUT],
         hidden=names[Status.HIDDEN],
-        sizes=tuple(row for status in Status for one in by_status[status] for row in _rows(one)),
+        sizes=_rows(one for status in Status for one in by_status[status]),
         gap_title="" if far is None else gap_title(far),
         gap=() if far is None else shrink_rows(far),
         where=() if where is None else where_words(where, spec),
         parts=() if where is None else (*body_words(where), *left_words(diagnosis.left)),
         next=next_step(diagnosis, spec),
-        provenance=provenance(diagnosis),
+        provenance=(
+            f"{p['rollouts']} real rollouts, {p['held_out']} of them held out, seed {p['seed']}, "
+            f"backend {p['backend']}, model {short(str(p['model_hash']))}"
+        ),
     )
 
 
-def passive_words(diagnosis: Diagnosis) -> str:
+def _passive_words(diagnosis: Diagnosis) -> str:
     """Return what tests of the specification alone cannot tell; "" where protocols were run, or nothing is hidden."""
     hidden = diagnosis.which.hidden
     if not diagnosis.passive or not hidden:
@@ -125,8 +126,8 @@ def passive_words(diagnosis: Diagnosis) -> str:
     )
 
 
-def _rows(one: EffectEstimate) -> list[SizeRow]:
-    return [
+def _rows(effects: Iterable[EffectEstimate]) -> tuple[SizeRow, ...]:
+    return tuple(
         SizeRow(
             f"{one.effect}.{p.parameter}",
             quantity(p.value, p.unit, (p.high - p.low) / 2),
@@ -137,14 +138,14 @@ def _rows(one: EffectEstimate) -> list[SizeRow]:
             one.status.value,
             p,
         )
+        for one in effects
         for p in one.parameters
-    ]
+    )
 
 
-def _possible_words(one: EffectEstimate, settled: str) -> str:
+def _size_words(one: EffectEstimate) -> str:
     p = one.largest
-    words = f"{format_estimate(p.value, p.low, p.high, p.unit)}, probability {one.probability:.2f}"
-    return f"{words}; {settled}" if settled else words
+    return f"{format_estimate(p.value, p.low, p.high, p.unit)}, probability {one.probability:.2f}"
 
 
 def text(diagnosis: Diagnosis, spec: Spec) -> str:
@@ -184,10 +185,29 @@ def body(diagnosis: Diagnosis, spec: Spec) -> str:
     return "\n".join(map(one_line, [*lines, "", f"  {words.provenance}"]))
 
 
-def provenance(diagnosis: Diagnosis) -> str:
-    """Return the numbers of rollouts, the seed, the backend and the model hash in one line."""
-    p = diagnosis.provenance
-    return (
-        f"{p['rollouts']} real rollouts, {p['held_out']} of them held out, seed {p['seed']}, "
-        f"backend {p['backend']}, model {short(str(p['model_hash']))}"
-    )
+def markdown(diagnosis: Diagnosis, spec: Spec) -> str:
+    """Return Markdown, for ``$GITHUB_STEP_SUMMARY`` and pull requests."""
+    words = describe(diagnosis, spec)
+    lines = ["### s2r diagnose", "", *_notes(words.mistakes)]
+    lines += [f"**{diagnosis.verdict.value.upper()}**: {cell(diagnosis.reason)}", ""]
+    lines += [f"{cell(words.passive)}.", ""] if words.passive else []
+    lines += [*(f"- {cell(line)}" for line in words.matters), ""] if words.matters else []
+    lines += _notes(words.notes)
+    lines += ["| parameter | value | 90 % interval | parts of typical | probability | effect is |"]
+    lines += ["| --- | ---: | --- | ---: | ---: | --- |"]
+    for row in words.sizes:
+        cells = (row.name, row.value, row.interval, row.size, row.probability, row.status)
+        lines.append(f"| {' | '.join(map(cell, cells))} |")
+    if words.possible:
+        lines += ["", "Possible:", "", *(f"- {name}: {cell(row)}" for name, row in words.possible)]
+    if words.gap:
+        lines += ["", f"{cell(words.gap_title)}:", "", *(f"- {name}: {cell(row)}" for name, row in words.gap)]
+    if words.where:
+        lines += ["", "Where:", "", *(f"- {cell(line)}" for line in words.where + words.parts)]
+    lines += ["", f"**Next**: {cell(words.next)}", "", "<details>", "<summary>This assumes</summary>", ""]
+    lines += [f"- {cell(line)}" for line in diagnosis.assumptions]
+    return "\n".join([*lines, "", "</details>", "", cell(words.provenance)])
+
+
+def _notes(sentences: tuple[str, ...]) -> list[str]:
+    return [line for sentence in sentences for line in (f"**Note**: {cell(sentence)}", "")]

@@ -19,20 +19,15 @@ class Finding:
     """The result of one requirement as text; every text is one line in every form of report.
 
     Attributes:
-        name: the name of the requirement.
         verdict: holds, violated or unknown; for a gap, whether the bound is as narrow as requested.
         word: the verdict in one word, printed first.
         refused: whether the verdict is unknown because the certificate was refused.
         about: specification and backend, "a1_velocity.stl on backend sim".
-        reason: one sentence for the verdict.
         headline: the deciding bound with its probability.
         facts: (name, text) rows, the bound first.
-        assumptions: each in one sentence.
         ladder: the bound for each norm bound B, and what the data refute, one line each.
         provenance: seed, version and hashes of the run.
         again: description of the rollout that ``replay`` runs again.
-        replay: the command.
-        location: where the requirement is written.
         seconds: wall time of all rollouts [s], summed over workers.
     """
 
@@ -78,8 +73,6 @@ class Report:
 
     Attributes:
         command: "s2r check".
-        findings: the findings, in the order of the requirements.
-        exit_code: the exit code of the command.
         record: the complete result; ``--format json`` prints it.
     """
 

@@ -35,7 +35,7 @@ def finding(spec: Spec, result: GapResult) -> Finding:
         verdict=verdict,
         word=word,
         refused=certificate.label is Label.REFUSED,
-        about=about(result),
+        about=f"{source['spec']}: {source['sim']['backend']} against {source['real']['backend']}",
         reason=reason,
         headline=bound if certificate.label.bounds else "no bound",
         facts=facts(result, spec.space.units),
@@ -47,12 +47,6 @@ def finding(spec: Spec, result: GapResult) -> Finding:
         location=location(spec, result.requirement),
         seconds=result.seconds,
     )
-
-
-def about(result: GapResult) -> str:
-    """Return the compared systems: ``a1_velocity.stl: sim against twin:lab``."""
-    source = result.provenance
-    return f"{source['spec']}: {source['sim']['backend']} against {source['real']['backend']}"
 
 
 def facts(result: GapResult, units: Mapping[str, str]) -> tuple[tuple[str, str], ...]:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from importlib.resources import files
-from pathlib import Path
 from typing import Any
 
 from s2r_spec.base.errors import require
 from s2r_spec.base.verdict import Tone
-from s2r_spec.report.recompute import recompute
-from s2r_spec.report.sections import Run, section
+from s2r_spec.report.recompute import Run
+from s2r_spec.report.sections import section
 
 PACKAGES = ("jinja2", "matplotlib")
 SIGNS = {Tone.GOOD: ("✓", "holds"), Tone.BAD: ("✗", "violated"), Tone.OPEN: ("?", "unknown")}
@@ -24,11 +23,6 @@ def require_packages() -> None:
         UsageError: one is missing; the message says what to install.
     """
     require("an HTML report needs", *PACKAGES)
-
-
-def from_runs(folders: Sequence[Path]) -> str:
-    """Return the page of these checks' folders; see :func:`render`."""
-    return render([recompute(folder) for folder in folders])
 
 
 def render(runs: Sequence[Run]) -> str:

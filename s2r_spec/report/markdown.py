@@ -28,22 +28,13 @@ def _details(finding: Finding) -> str:
         lines += ["", "<details>", f"<summary>{cell(title)}</summary>", ""]
         lines += [f"- {cell(row)}" for row in rows]
         lines += ["", "</details>"]
-    lines += [
-        "",
-        f"{cell(finding.provenance)}; replay the {cell(finding.again)}:",
-        "",
-        *_block(finding.replay),
-    ]
-    return "\n".join(lines)
+    # The fence is longer than any in the code.
+    fence = "`" * max(3, 1 + max(map(len, re.findall("`+", finding.replay)), default=0))
+    lines += ["", f"{cell(finding.provenance)}; replay the {cell(finding.again)}:", ""]
+    return "\n".join([*lines, f"{fence}sh", finding.replay, fence])
 
 
 def cell(words: str) -> str:
     """Return one line without active markup: Markdown and HTML characters are escaped."""
     line = one_line(" ".join(words.split())).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
     return re.sub(r"([\\`*_{}\[\]|~#!$@])", r"\\\1", line)
-
-
-def _block(code: str) -> list[str]:
-    """Return a fenced block; the fence is longer than any in the code."""
-    fence = "`" * max(3, 1 + max(map(len, re.findall("`+", code)), default=0))
-    return [f"{fence}sh", code, fence]

@@ -3,36 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from s2r_spec.certify.bound.rounding import at_least, at_most
-from s2r_spec.certify.result.failure_probability import FailureProbability, bound_failure_probability
+from s2r_spec.certify.result.failure_probability import bound_failure_probability
 from s2r_spec.report.recompute import recompute
-from s2r_spec.report.records.runs import OddsObject, RequirementOdds
+from s2r_spec.report.records.runs import RequirementOdds
 from s2r_spec.runs.layout import runs_in
 
 
-@dataclass(frozen=True)
-class Odds:
-    """Bounds on the probability that ρ of a requirement is below a level.
-
-    Attributes:
-        requirement: the name of the requirement.
-        unit: the unit of ρ.
-        B: bound on the norm of each probability.
-        delta: probability that any of the bounds is wrong.
-        levels: one bound for each level.
-    """
-
-    requirement: str
-    unit: str
-    B: float
-    delta: float
-    levels: tuple[FailureProbability, ...]
-
-
-def odds(run: Path, levels: Sequence[float], B: float, delta: float | None = None) -> list[Odds]:
+def odds(run: Path, levels: Sequence[float], B: float, delta: float | None = None) -> list[RequirementOdds]:
     """Bound the failure probability of each requirement of a check.
 
     Args:
@@ -60,18 +40,13 @@ def odds(run: Path, levels: Sequence[float], B: float, delta: float | None = Non
             B=B,
             delta=risk,
         )
-        results.append(Odds(requirement, recomputed.result.unit, B, risk, tuple(bounds)))
+        unit = recomputed.result.unit
+        odds_of = RequirementOdds(requirement=requirement, unit=unit, B=B, delta=risk, levels=tuple(bounds))
+        results.append(odds_of)
     return results
 
 
-def record(results: Sequence[Odds]) -> OddsObject:
-    """Return the record of all requirements."""
-    return OddsObject(
-        results={one.requirement: RequirementOdds(delta=one.delta, levels=one.levels) for one in results}
-    )
-
-
-def lines(result: Odds) -> Iterator[str]:
+def lines(result: RequirementOdds) -> Iterator[str]:
     """Yield the bounds of a requirement in words, and what they assume."""
     unit = f" {result.unit}" if result.unit else ""
     yield f"{result.requirement}: {result.levels[0].rollouts} rollouts, with probability ≥ 1 − {result.delta:g}"

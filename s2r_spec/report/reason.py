@@ -13,42 +13,39 @@ LITTLE = "a few percent of every effect"
 
 def reason(diagnosis: Diagnosis) -> str:
     """Return the reason for the verdict of a diagnosis."""
-    material = _materiality(diagnosis)
+    material, which = _materiality(diagnosis), diagnosis.which
     match diagnosis.rule:
         case Rule.EFFECT | Rule.OPEN:
-            closes = _closes(diagnosis) if diagnosis.evidence.shows else []
-            return _join(
-                material,
-                _cause(diagnosis),
-                *closes,
-                *_open_effects(diagnosis),
-                *_remainder(diagnosis),
-                *_misfit(diagnosis),
-            )
+            sentences = [material, f"{_effects(diagnosis, 'explain')} the data best."]
+            sentences += _closes(diagnosis) if diagnosis.evidence.shows else []
+            if diagnosis.rule is Rule.OPEN:
+                others = join_names(diagnosis.evidence.open, "or")
+                sentences.append(f"{others} may be there, too; one more experiment would settle it.")
+            sentences += [*_remainder(diagnosis), *_misfit(diagnosis)]
         case Rule.EITHER:
-            rivals = join_names([one.effect for one in diagnosis.which.possible], "or")
-            return _join(
-                material, f"There is a cause, but the data do not tell which: {rivals}.", *_closes(diagnosis)
-            )
+            rivals = join_names([one.effect for one in which.possible], "or")
+            cause = f"There is a cause, but the data do not tell which: {rivals}."
+            sentences = [material, cause, *_closes(diagnosis)]
         case Rule.SPREAD:
-            return _join(material, "No cause stands out.", *_closes(diagnosis), *_mistake(diagnosis))
+            sentences = [material, "No cause stands out.", *_closes(diagnosis), *_mistake(diagnosis)]
         case Rule.NONE:
-            return _join(material, *_differ(diagnosis), *_misfit(diagnosis), *_mistake(diagnosis))
+            first = which.sets[0][0] if which.sets else ()
+            differ = [f"The traces do differ, most as with {join_names(first)}."] if first else []
+            sentences = [material, *differ, *_remainder(diagnosis), *_misfit(diagnosis), *_mistake(diagnosis)]
         case Rule.ALIKE:
-            cause = (
-                f"{_effects(diagnosis)} {_verb(diagnosis, 'explain')} the data, and {_imitation(diagnosis)}"
-            )
-            return f"{cause} would do the same: check the recordings first."
+            cause = f"{_effects(diagnosis, 'explain')} the data, and {_imitation(diagnosis)}"
+            sentences = [f"{cause} would do the same: check the recordings first."]
         case Rule.MISTAKE:
-            best = f"{_effects(diagnosis)} {_verb(diagnosis, 'fit')} best"
+            best = f"{_effects(diagnosis, 'fit')} best"
             rival = f"{_imitation(diagnosis)} would do the same and explains more"
-            return f"Of the catalogue, {best}, but {rival}: check the recordings first."
+            sentences = [f"Of the catalogue, {best}, but {rival}: check the recordings first."]
         case _:
-            return _join(material, *_unknown(diagnosis))
-
-
-def _join(*sentences: str) -> str:
-    return " ".join(filter(None, sentences))
+            sentences = [material, "No effect of the catalogue explains the data."]
+            sentences += [f"Unexplained: {each}." for each in diagnosis.left[:1] if each.material]
+            if which.nearest:
+                sentences.append(f"The nearest is {join_names(which.nearest)} ({which.nearest_family}).")
+            sentences += [*_closes(diagnosis), *_misfit(diagnosis)]
+    return " ".join(sentences)
 
 
 def _materiality(diagnosis: Diagnosis) -> str:
@@ -71,25 +68,10 @@ def _materiality(diagnosis: Diagnosis) -> str:
     return "The gap is material at some tests, but not on average over the held-out tests."
 
 
-def _effects(diagnosis: Diagnosis) -> str:
-    return join_names(diagnosis.evidence.named)
-
-
-def _verb(diagnosis: Diagnosis, verb: str) -> str:
-    return verb if len(diagnosis.evidence.named) > 1 else f"{verb}s"
-
-
-def _cause(diagnosis: Diagnosis) -> str:
-    return f"{_effects(diagnosis)} {_verb(diagnosis, 'explain')} the data best."
-
-
-def _open_effects(diagnosis: Diagnosis) -> list[str]:
-    """Return which possible effects a further experiment would settle."""
-    if diagnosis.rule is not Rule.OPEN:
-        return []
-    return [
-        f"{join_names(diagnosis.evidence.open, 'or')} may be there, too; one more experiment would settle it."
-    ]
+def _effects(diagnosis: Diagnosis, verb: str) -> str:
+    """Return the named effects with their verb: "a and b explain"."""
+    named = diagnosis.evidence.named
+    return f"{join_names(named)} {verb if len(named) > 1 else f'{verb}s'}"
 
 
 def _closes(diagnosis: Diagnosis) -> list[str]:
@@ -97,12 +79,9 @@ def _closes(diagnosis: Diagnosis) -> list[str]:
     far, named = diagnosis.how_far, diagnosis.evidence.named
     ends = [f"{name} is at the end of its range." for name in diagnosis.evidence.at_end]
     if far is not None and named and far.share is not None:
-        subject = "it closes" if len(named) == 1 else "they close"
-        words = [
-            f"Added to the simulator, {subject} {_part(far.share.estimate)} the held-out gap above scatter."
-        ]
+        closes, share = "it closes" if len(named) == 1 else "they close", _part(far.share.estimate)
         more = [f"The rest is more than {LITTLE} would leave."] if far.leaves_more else []
-        return [*words, *more, *ends]
+        return [f"Added to the simulator, {closes} {share} the held-out gap above scatter.", *more, *ends]
     if far is not None and not named and far.tuned_share is not None:
         part = _part(far.tuned_share.estimate)
         return [f"Small amounts of all effects close {part} the held-out gap above scatter."]
@@ -114,17 +93,6 @@ def _part(share: float) -> str:
     return "none of" if share <= 0.0 else "all of" if share > 1.0 else f"{100 * share:.0f} % of"
 
 
-def _unknown(diagnosis: Diagnosis) -> list[str]:
-    """Return why no effect of the catalogue is the answer, and the nearest one."""
-    sentences = ["No effect of the catalogue explains the data."]
-    sentences += [f"Unexplained: {each}." for each in diagnosis.left[:1] if each.material]
-    if diagnosis.which.nearest:
-        sentences.append(
-            f"The nearest is {join_names(diagnosis.which.nearest)} ({diagnosis.which.nearest_family})."
-        )
-    return [*sentences, *_closes(diagnosis), *_misfit(diagnosis)]
-
-
 def _misfit(diagnosis: Diagnosis) -> list[str]:
     """Return that the traces fit no set of effects, if they do not, and where the misfit is largest."""
     goodness = diagnosis.evidence.goodness
@@ -133,24 +101,15 @@ def _misfit(diagnosis: Diagnosis) -> list[str]:
     worst = goodness.worst
     place = Place(ValueRange(worst.begin, worst.end), worst.part)
     least = f"least of all {worst.quantity} of {worst.experiment} {place}"
-    also = (
-        []
-        if diagnosis.verdict is Verdict.UNKNOWN
-        else ["Something differs that this requirement does not need."]
-    )
-    return [f"No set of effects fits the traces (p = {goodness.p:.2g}), {least}.", *also]
+    fits = f"No set of effects fits the traces (p = {goodness.p:.2g}), {least}."
+    if diagnosis.verdict is Verdict.UNKNOWN:
+        return [fits]
+    return [fits, "Something differs that this requirement does not need."]
 
 
 def _remainder(diagnosis: Diagnosis) -> list[str]:
     """Return the motion that no effect explains, if it is more than what is allowed for."""
     return [f"No effect explains {each}." for each in diagnosis.left[:1] if each.material]
-
-
-def _differ(diagnosis: Diagnosis) -> list[str]:
-    """Return by which causes the traces differ although none is named, and what no effect explains."""
-    first = diagnosis.which.sets[0][0] if diagnosis.which.sets else ()
-    sentences = [f"The traces do differ, most as with {join_names(first)}."] if first else []
-    return [*sentences, *_remainder(diagnosis)]
 
 
 def _mistake(diagnosis: Diagnosis) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -35,9 +35,7 @@ class Recomputed:
     Attributes:
         spec: the specification that the run kept.
         result: the result of the check after its last complete batch.
-        search: after its last complete batch.
         history: the certificate after each batch.
-        records: all rollouts on disk.
         waiting: number of rollouts on disk in an incomplete last batch; the result does not count them.
     """
 
@@ -76,6 +74,12 @@ class RecomputedCertify:
     gap: RecomputedGap | None
 
 
+Certified = CheckResult | GapResult | CertifyResult
+Run = Recomputed | RecomputedGap | RecomputedCertify
+Outcomes = Mapping[tuple[int, int], tuple[Mapping[str, float], float]]
+"""(number of the test, number of the rollout) → the test, and the outcome that the search maximises."""
+
+
 class RunKind(Enum):
     """The kind of a run's folder; the value is the command that made it."""
 
@@ -99,6 +103,26 @@ def kind(folder: Path) -> RunKind:
     return RunKind.CHECK
 
 
+def recompute_all(folder: Path) -> Sequence[Run]:
+    """Return the result of every requirement of a run; see :func:`recompute`."""
+    match kind(folder):
+        case RunKind.GAP:
+            return [recompute_gap(folder)]
+        case RunKind.CERTIFY:
+            return [recompute_certify(folder)]
+        case RunKind.CHECK:
+            return [recompute(one) for one in runs_in(folder)]
+
+
+def recompute_again(result: Certified) -> Run:
+    """Return a result from its folder; see :func:`recompute`."""
+    if isinstance(result, CheckResult):
+        return recompute(result.folder)
+    if isinstance(result, GapResult):
+        return recompute_gap(result.folder)
+    return recompute_certify(result.simulated.folder.parent, result.real)
+
+
 def recompute(folder: Path) -> Recomputed:
     """Return the result of a finished or unfinished check.
 
@@ -113,24 +137,25 @@ def recompute(folder: Path) -> Recomputed:
         raise UsageError(f"{folder} has no rollouts yet, so there is nothing to report")
     refuse_unrepeatable(folder)
     spec, header = load_run_spec(journal), journal.header
+    requirement, records = header["requirement"], journal.records()
     journal.check_traces()
-    search, history = _replay(spec, journal)
+    search = search_for(spec, requirement, _options(header))
+    _same_settings(search, header, folder)
+    outcomes = {(one.query, one.replicate): (one.params, -one.rho) for one in records}
+    history = _replay(search, header, outcomes, folder)
     counted = search.certificate().rollouts
     # A closed search is finished, and refuses a certificate exactly if the check would have refused it
     # at this point.
     search.close()
-    records = journal.records()
     result = conclude(spec, search, journal, header)
-    return Recomputed(spec, result, search, tuple(history), tuple(records), len(records) - counted)
+    return Recomputed(spec, result, search, history, tuple(records), len(records) - counted)
 
 
 def recompute_gap(folder: Path, simulated: Search | None = None) -> RecomputedGap:
     """Return the bound of a finished or unfinished gap; see :func:`recompute`.
 
-    Args:
-        folder: the folder of both journals.
-        simulated: search 1, for the gap of a certify that ended when its verdict was known; else read from the folder
-            beside this one.
+    ``simulated`` is search 1, for the gap of a certify that ended when its verdict was known; else it is read from the
+    folder beside this one.
     """
     journals = {side: Journal.read(folder / side) for side in SYSTEMS}
     for side in SYSTEMS:
@@ -143,27 +168,11 @@ def recompute_gap(folder: Path, simulated: Search | None = None) -> RecomputedGa
     if stop_of(header) == DECIDED:
         first = simulated or recompute(folder.parent / SIMULATION).search
         search.end_when(lambda: judge(compose(first, search)) is not Verdict.UNKNOWN)
-    every = {(pair.query, pair.replicate): pair for pair in pairs_of(journals, per_real)}
-    if not every:
+    pairs = pairs_of(journals, per_real)
+    if not pairs:
         raise UsageError(f"{folder} has no pair of rollouts yet, so there is nothing to report")
-
-    def outcomes(query: Query) -> list[float]:
-        keys = [(query.index, replicate) for replicate in range(query.replicates)]
-        pairs = [every[key] for key in keys if key in every]
-        for pair in pairs:
-            _check_query(query, pair.query, pair.replicate, pair.params, folder)
-        return [pair.simulated - pair.real for pair in pairs]
-
-    if "recorded" in header:
-        tests: dict[int, tuple[dict[str, float], list[float]]] = {}
-        for pair in every.values():
-            tests.setdefault(pair.query, (pair.params, []))[1].append(pair.simulated - pair.real)
-        search.observe(tests.values(), final=True)
-        history = [search.certificate()]
-    else:
-        history = _tell(
-            search, outcomes, lambda index, count: all((index, number) in every for number in range(count))
-        )
+    outcomes = {(pair.query, pair.replicate): (pair.params, pair.simulated - pair.real) for pair in pairs}
+    history = _replay(search, header, outcomes, folder)
     counted = search.certificate().rollouts
     search.close()
     provenance = {key: value for key, value in header.items() if key not in ("side", "backend", "duration")}
@@ -172,8 +181,8 @@ def recompute_gap(folder: Path, simulated: Search | None = None) -> RecomputedGa
         spec,
         result,
         search,
-        tuple(history),
-        tuple(every.values()),
+        history,
+        tuple(pairs),
         tuple(journals["sim"].records()),
         tuple(journals["real"].records()),
         len(journals["real"]) - counted,
@@ -181,12 +190,7 @@ def recompute_gap(folder: Path, simulated: Search | None = None) -> RecomputedGa
 
 
 def recompute_certify(folder: Path, real: str | None = None) -> RecomputedCertify:
-    """Return the certificate of both steps; see :func:`recompute`.
-
-    Args:
-        folder: the folder of both searches.
-        real: name of the real machine, for a run whose second search did not begin.
-    """
+    """Return the certificate of both steps; ``real`` is the machine of a run whose second search did not begin."""
     simulated = recompute(folder / SIMULATION)
     if real is not None and not simulated.result.certificate.label.bounds:
         return RecomputedCertify(
@@ -207,11 +211,7 @@ def recompute_certify(folder: Path, real: str | None = None) -> RecomputedCertif
 
 
 def _of_both(folder: Path, journals: Mapping[str, Journal]) -> Spec:
-    """Return the specification of both halves of a gap's run.
-
-    Raises:
-        UsageError: a journal is in the wrong folder, the two are of different runs, or files were changed.
-    """
+    """Return the specification of both halves of a gap's run after all checks."""
     headers = {side: journal.header for side, journal in journals.items()}
     for side, header in headers.items():
         if header.get("side") != side:
@@ -228,38 +228,42 @@ def _of_both(folder: Path, journals: Mapping[str, Journal]) -> Spec:
     return spec
 
 
-def _replay(spec: Spec, journal: Journal) -> tuple[Search, list[Certificate]]:
-    """Return a new search with every complete batch of the journal, and its certificate after each batch."""
-    header = journal.header
-    search = search_for(spec, header["requirement"], _options(header))
-    _same_settings(search, header, journal.folder)
+def _replay(
+    search: Search, header: Mapping[str, Any], outcomes: Outcomes, folder: Path
+) -> tuple[Certificate, ...]:
+    """Pass every complete batch of outcomes to a new search; return its certificate after each."""
     if "recorded" in header:
-        search.observe(_recorded_outcomes(journal), final=True)
-        return search, [search.certificate()]
+        tests: dict[int, tuple[Mapping[str, float], list[float]]] = {}
+        for (index, _), (params, value) in outcomes.items():
+            tests.setdefault(index, (params, []))[1].append(value)
+        search.observe(tests.values(), final=True)
+        return (search.certificate(),)
 
-    def outcomes(query: Query) -> list[float]:
-        stored = [journal.get(query.index, replicate) for replicate in range(query.replicates)]
-        records = [record for record in stored if record is not None]
-        for record in records:
-            _check_query(query, record.query, record.replicate, record.params, journal.folder)
-        return [-record.rho for record in records]
+    def on_disk(index: int, count: int) -> bool:
+        return all((index, number) in outcomes for number in range(count))
 
-    return search, _tell(search, outcomes, journal.has)
-
-
-def _tell(
-    search: Search, outcomes: Callable[[Query], list[float]], on_disk: Callable[[int, int], bool]
-) -> list[Certificate]:
-    """Pass each complete batch of outcomes to a search; return its certificate after each."""
     history: list[Certificate] = []
     while queries := next_queries(search, on_disk):
-        batch = [outcomes(query) for query in queries]
+        batch = [_answer(query, outcomes, folder) for query in queries]
         if any(len(values) < query.replicates for query, values in zip(queries, batch, strict=True)):
             break
         for query, values in zip(queries, batch, strict=True):
             search.tell(query, values)
         history.append(search.certificate())
-    return history
+    return tuple(history)
+
+
+def _answer(query: Query, outcomes: Outcomes, folder: Path) -> list[float]:
+    """Return the outcomes of a query that are on disk."""
+    keys = [(query.index, replicate) for replicate in range(query.replicates)]
+    answers = {key: outcomes[key] for key in keys if key in outcomes}
+    for (index, replicate), (params, _) in answers.items():
+        if dict(params) != query.point:
+            raise UsageError(
+                f"rollout {index}.{replicate} of {folder} was run at {dict(params)}, but the search now chooses "
+                f"{query.point}: the numerical libraries differ from the libraries of the run"
+            )
+    return [value for _, value in answers.values()]
 
 
 def _options(header: Mapping[str, Any]) -> RunOptions:
@@ -274,19 +278,3 @@ def _same_settings(search: Search, header: Mapping[str, Any], folder: Path) -> N
         raise UsageError(
             f"{folder} was run by s2r {header['s2r']} with settings that this version does not have"
         )
-
-
-def _check_query(query: Query, index: int, replicate: int, params: Mapping[str, float], folder: Path) -> None:
-    if dict(params) != query.point:
-        raise UsageError(
-            f"rollout {index}.{replicate} of {folder} was run at {dict(params)}, but the search now chooses "
-            f"{query.point}: the numerical libraries differ from the libraries of the run"
-        )
-
-
-def _recorded_outcomes(journal: Journal) -> list[tuple[dict[str, float], list[float]]]:
-    """Return (point, −ρ of its recordings) for every test of a fixed design."""
-    groups: dict[int, tuple[dict[str, float], list[float]]] = {}
-    for record in journal.records():
-        groups.setdefault(record.query, (record.params, []))[1].append(-record.rho)
-    return list(groups.values())

@@ -17,13 +17,11 @@ from s2r_spec.certify.real_machine import CertifyResult
 from s2r_spec.certify.result.check_result import CheckResult
 from s2r_spec.certify.result.gap_result import GapResult
 from s2r_spec.diagnose.diagnosis import Diagnosis
-from s2r_spec.report import certify as certify_report
 from s2r_spec.report import check as check_report
 from s2r_spec.report import diagnosis as diagnosis_report
-from s2r_spec.report import gap as gap_report
-from s2r_spec.report.finding import Finding, Report
+from s2r_spec.report.certify import report_of
+from s2r_spec.report.recompute import Certified
 
-Certified = CheckResult | GapResult | CertifyResult
 Known = Certified | Diagnosis
 _FILES = {
     CheckResult: "check.json", GapResult: "gap.json", CertifyResult: "certify.json", Diagnosis: "diagnosis.json",
@@ -39,32 +37,27 @@ _RUNS: dict[str, Callable[[Any], str | Path]] = {
 
 def line(result: Known) -> str:
     """Return one line: the verdict, and the bounds or the reason."""
-    name = type(result).__name__
     if isinstance(result, Diagnosis):
-        return one_line(f"{name}({result})")
-    if isinstance(result, CheckResult):
-        bound = _bound("ρ", result)
-        return one_line(f"{name}({result.requirement} {result.verdict.name}: {bound})")
-    if isinstance(result, GapResult):
-        return one_line(f"{name}({result.requirement}: {_bound('Δ', result)})")
-    first, both = result.simulated, result.composition
-    words = result.reason
-    if both is not None:
-        interval = f"{interval_text(both.lower, both.upper)} {first.unit}".rstrip()
-        words = f"worst expected ρ of {result.real} in {interval}, with probability ≥ 1 − {both.delta:g}"
-    return one_line(f"{name}({first.requirement} {result.verdict.name}: {words})")
+        words = str(result)
+    elif isinstance(result, CheckResult):
+        words = f"{result.requirement} {result.verdict.name}: {_bound('ρ', result)}"
+    elif isinstance(result, GapResult):
+        words = f"{result.requirement}: {_bound('Δ', result)}"
+    else:
+        first, both, bound = result.simulated, result.composition, result.reason
+        if both is not None:
+            interval = f"{interval_text(both.lower, both.upper)} {first.unit}".rstrip()
+            bound = f"worst expected ρ of {result.real} in {interval}, with probability ≥ 1 − {both.delta:g}"
+        words = f"{first.requirement} {result.verdict.name}: {bound}"
+    return one_line(f"{type(result).__name__}({words})")
 
 
 def _bound(symbol: str, result: CheckResult | GapResult) -> str:
-    """Return the interval of one search in words."""
     certificate = result.certificate
     if not certificate.label.certifies:
         return f"no certificate: {certificate.reason}"
-    return (
-        f"worst expected {symbol} {check_report.interval_words(result)}, "
-        f"{check_report.probability_words(certificate)}, "
-        f"{certificate.rollouts} rollouts"
-    )
+    interval, probability = check_report.interval_words(result), check_report.probability_words(certificate)
+    return f"worst expected {symbol} {interval}, {probability}, {certificate.rollouts} rollouts"
 
 
 def table(result: Known) -> str:
@@ -73,7 +66,7 @@ def table(result: Known) -> str:
         return html_table(line(result), (), _diagnosis_rows(result)) + _fold(
             "This assumes", result.assumptions
         )
-    finding = _finding(result)
+    (finding,) = report_of([result]).findings
     rows = [("", finding.reason), *finding.facts, ("run", finding.provenance)]
     return html_table(f"{finding.name}: {finding.word} ({finding.about})", (), rows) + "".join(
         _fold(title, lines) for title, lines in finding.sections
@@ -81,13 +74,11 @@ def table(result: Known) -> str:
 
 
 def _fold(title: str, lines: Sequence[str]) -> str:
-    """Return a list that a click unfolds."""
     items = "".join(f"<li>{html_text(one)}</li>" for one in lines)
     return f"<details><summary>{html_text(title)}</summary><ul>{items}</ul></details>"
 
 
 def _diagnosis_rows(result: Diagnosis) -> list[tuple[str, str]]:
-    """Return the (name, text) rows of a diagnosis."""
     if result.spec is None:
         return [("note", note) for note in result.notes]
     words = diagnosis_report.describe(result, result.spec)
@@ -103,23 +94,9 @@ def _diagnosis_rows(result: Diagnosis) -> list[tuple[str, str]]:
     return [*rows, ("next", words.next), ("run", words.provenance)]
 
 
-def _finding(result: Certified) -> Finding:
-    (finding,) = _report(result).findings
-    return finding
-
-
-def _report(result: Certified) -> Report:
-    """Return the report that the command makes of a result."""
-    if isinstance(result, CheckResult):
-        return check_report.report([(result.spec, result)])
-    if isinstance(result, GapResult):
-        return gap_report.report(result.spec, result)
-    return certify_report.report(result.simulated.spec, result)
-
-
 def as_json(result: Known) -> Any:
     """Return the object of the command's ``--json`` as plain values."""
-    return to_json(result if isinstance(result, Diagnosis) else _report(result).record)
+    return to_json(result if isinstance(result, Diagnosis) else report_of([result]).record)
 
 
 def save_result(result: Known, path: str | os.PathLike[str]) -> Path:
@@ -134,7 +111,7 @@ def save_result(result: Known, path: str | os.PathLike[str]) -> Path:
     elif file.suffix.lower() != ".json":
         remedy = "; report() writes a page" if file.suffix.lower() in (".html", ".htm") else ""
         raise UsageError(f"{file.name!r}: the file name of a saved result ends in .json{remedy}")
-    save(file, document(result if isinstance(result, Diagnosis) else _report(result).record) + "\n")
+    save(file, document(result if isinstance(result, Diagnosis) else report_of([result]).record) + "\n")
     return file
 
 
@@ -150,12 +127,8 @@ def save_page(result: Known, path: str | os.PathLike[str]) -> Path:
         if result.spec is None:
             raise UsageError("this diagnosis has no specification, so there is no page of it")
         text = diagnosis_page.render(result, result.spec, result.real)
-    elif isinstance(result, CheckResult):
-        text = html.render([recompute.recompute(result.folder)])
-    elif isinstance(result, GapResult):
-        text = html.render([recompute.recompute_gap(result.folder)])
     else:
-        text = html.render([recompute.recompute_certify(result.simulated.folder.parent, result.real)])
+        text = html.render([recompute.recompute_again(result)])
     save(file, text)
     return file
 
@@ -169,31 +142,17 @@ def load_result(path: str | os.PathLike[str]) -> Certified:
     Raises:
         UsageError: there is no run, its files were changed, or the file is a diagnosis.
     """
-    from s2r_spec.report.recompute import RunKind, kind, recompute, recompute_certify, recompute_gap
+    from s2r_spec.report.recompute import RunKind, kind, recompute_all
     from s2r_spec.runs.layout import runs_in
 
     place = Path(path)
     folder = _folder_in(place) if place.is_file() else place
-    match kind(folder):
-        case RunKind.GAP:
-            return recompute_gap(folder).result
-        case RunKind.CERTIFY:
-            return recompute_certify(folder).result
-        case RunKind.CHECK:
-            runs = runs_in(folder)
-            if len(runs) > 1:
-                raise UsageError(
-                    f"{folder} has {len(runs)} requirements; give one of {', '.join(map(str, runs))}"
-                )
-            return recompute(runs[0]).result
+    if kind(folder) is RunKind.CHECK and len(runs := runs_in(folder)) > 1:
+        raise UsageError(f"{folder} has {len(runs)} requirements; give one of {', '.join(map(str, runs))}")
+    return recompute_all(folder)[0].result
 
 
 def _folder_in(file: Path) -> Path:
-    """Return the folder of the run in a saved result.
-
-    Raises:
-        UsageError: the file is not a saved result, or the folder is gone.
-    """
     try:
         contents = json.loads(file.read_text(encoding="utf-8"))
         if contents["schema"].startswith("s2r/diagnosis/"):

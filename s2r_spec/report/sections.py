@@ -2,31 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from s2r_spec.certify.bound.certificate import Certificate, Label
+from s2r_spec.certify.bound.rounding import interval_text
 from s2r_spec.certify.result.check_result import Tested, group_by_test
 from s2r_spec.certify.result.compose import Composition
 from s2r_spec.certify.result.gap_result import Pair
 from s2r_spec.certify.search.pairing import SIMULATED_PER_REAL
-from s2r_spec.certify.search.search import Search
 from s2r_spec.report import certify as certify_report
 from s2r_spec.report import check as check_report
 from s2r_spec.report import gap as gap_report
-from s2r_spec.report.figures.band import band
+from s2r_spec.report.figures.band import Field, band, interval
 from s2r_spec.report.figures.canvas import Picture
-from s2r_spec.report.figures.field import Field, FloatArray
-from s2r_spec.report.figures.interval import interval
 from s2r_spec.report.figures.traces import JournalRollouts, pair_picture, trace_picture, worst_records
 from s2r_spec.report.finding import Finding
-from s2r_spec.report.numberline import Bars, bars
-from s2r_spec.report.recompute import Recomputed, RecomputedCertify, RecomputedGap
+from s2r_spec.report.recompute import Recomputed, RecomputedCertify, RecomputedGap, Run
 from s2r_spec.runs.journal import Record
 
-Run = Recomputed | RecomputedGap | RecomputedCertify
 _WIDE = "The search spends few rollouts where the worst case cannot lie, so the band stays wide there."
+
+
+@dataclass(frozen=True)
+class Bar:
+    """An interval on a number line that includes 0; positions in percent of the line's length."""
+
+    label: str
+    words: str
+    zero: float
+    left: float
+    width: float
+
+
+@dataclass(frozen=True)
+class Bars:
+    """Intervals on one number line."""
+
+    title: str
+    intro: str
+    rows: tuple[Bar, ...]
+    note: str
 
 
 @dataclass(frozen=True)
@@ -50,16 +67,14 @@ def section(run: Run, name: str) -> Section:
     result = run.result
     if isinstance(run, Recomputed):
         command, symbol, finding = "s2r check", "ρ", check_report.finding(run.spec, run.result)
-        worst = _worst_traces(run, name)
     else:
         command, symbol, finding = "s2r gap", "Δ", gap_report.finding(run.spec, run.result)
-        worst = _worst_pairs(run, name)
     return Section(
         command,
         finding,
-        _note(result.certificate, run.waiting),
+        _note(run),
         (_ladder(f"worst expected {symbol}", result.certificate, result.unit),),
-        (*_search_pictures(run, name), *worst),
+        tuple(_pictures(run, name)),
         _settings(result.provenance),
         run.spec.text,
         result.provenance["s2r"],
@@ -72,18 +87,17 @@ def _certify(run: RecomputedCertify, name: str) -> Section:
     bars = [_ladder("worst expected ρ in simulation", simulated.certificate, unit)]
     pictures: list[Picture] = []
     settings = _settings(simulated.provenance, "simulation: ")
-    note = _note(simulated.certificate, run.simulated.waiting)
+    note = _note(run.simulated)
     if gap is not None:
         bars.append(_ladder("worst expected Δ", gap.result.certificate, unit))
         settings += _settings(gap.result.provenance, "gap: ")
-        note = note or _note(gap.result.certificate, gap.waiting)
-    if gap is not None and composed is not None:
-        bars.insert(0, _summands(run, composed))
-        pictures.append(band(_composed_field(run, gap, composed), f"{name}-promise"))
-    if gap is not None:
-        pictures += [*_search_pictures(gap, f"{name}-gap"), *_worst_pairs(gap, f"{name}-gap")]
-    pictures += _search_pictures(run.simulated, f"{name}-simulation")
-    if gap is None:
+        note = note or _note(gap)
+        if composed is not None:
+            bars.insert(0, _summands(run, composed))
+            pictures.append(band(_composed_field(run, gap, composed), f"{name}-promise"))
+        pictures += _pictures(gap, f"{name}-gap")
+    pictures += _pictures(run.simulated, f"{name}-simulation", worst=False)
+    if gap is None and run.simulated.history:
         pictures += _worst_traces(run.simulated, name)
     return Section(
         "s2r certify",
@@ -100,8 +114,8 @@ def _certify(run: RecomputedCertify, name: str) -> Section:
 # -- pictures ------------------------------------------------------------------------------------
 
 
-def _search_pictures(run: Recomputed | RecomputedGap, name: str) -> list[Picture]:
-    """Draw the bound over the test space, and its interval after each batch."""
+def _pictures(run: Recomputed | RecomputedGap, name: str, worst: bool = True) -> list[Picture]:
+    """Draw the bound over the test space, its interval after each batch, and the ``worst`` rollouts."""
     if not run.history:
         return []
     result = run.result
@@ -117,7 +131,7 @@ def _search_pictures(run: Recomputed | RecomputedGap, name: str) -> list[Picture
         counted = f"rollouts of {result.provenance['real']['backend']}"
     field = Field(
         space=run.spec.space,
-        bounds=_negative(run.search),
+        searches=(run.search,),
         tests=tuple(tests),
         mark=result.worst.params,
         height=result.worst.mean,
@@ -132,31 +146,25 @@ def _search_pictures(run: Recomputed | RecomputedGap, name: str) -> list[Picture
         remark=remark,
     )
     history = (*run.history[:-1], result.certificate)
-    what = f"worst expected {symbol}"
-    closed = interval(history, what, result.unit, batches, f"{name}-interval", counted)
-    return [band(field, f"{name}-band"), closed]
+    closed = interval(history, f"worst expected {symbol}", result.unit, batches, f"{name}-interval", counted)
+    pictures = [band(field, f"{name}-band"), closed]
+    if isinstance(run, RecomputedGap):
+        return [*pictures, _worst_pair(run, name)]
+    return [*pictures, *(_worst_traces(run, name) if worst else ())]
 
 
 def _worst_traces(run: Recomputed, name: str) -> list[Picture]:
-    if not run.history:
-        return []
     runs = _runs(run, run.records)
     return [trace_picture(runs, record, f"{name}-trace{i}") for i, record in enumerate(worst_records(runs))]
 
 
-def _worst_pairs(run: RecomputedGap, name: str) -> list[Picture]:
+def _worst_pair(run: RecomputedGap, name: str) -> Picture:
     """Draw the pair of the most negative Δ over the values that the requirement allows."""
-    if not run.history:
-        return []
-    lowest = run.result.lowest
-    record = next(one for one in run.real if (one.query, one.replicate) == (lowest.query, lowest.replicate))
-    matching = [
-        one
-        for one in run.simulated
-        if (one.query, one.replicate // SIMULATED_PER_REAL) == (lowest.query, lowest.replicate)
-    ]
+    lowest = run.result.lowest.query, run.result.lowest.replicate
+    record = next(one for one in run.real if (one.query, one.replicate) == lowest)
+    matching = [one for one in run.simulated if (one.query, one.replicate // SIMULATED_PER_REAL) == lowest]
     real, simulated = _runs(run, run.real, "real"), _runs(run, run.simulated, "sim")
-    return [pair_picture(real, record, simulated, matching, f"{name}-pair")]
+    return pair_picture(real, record, simulated, matching, f"{name}-pair")
 
 
 def _runs(run: Recomputed | RecomputedGap, records: tuple[Record, ...], system: str = "") -> JournalRollouts:
@@ -168,17 +176,10 @@ def _runs(run: Recomputed | RecomputedGap, records: tuple[Record, ...], system: 
 
 def _composed_field(run: RecomputedCertify, gap: RecomputedGap, composed: Composition) -> Field:
     """Return the sum of both bands: the bound for the real machine at each test."""
-    tests = tuple(group_by_test(gap.real))
-    bands = _negative(run.simulated.search), _negative(gap.search)
-
-    def bounds(points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        (low, high), (lower, upper) = (band_of(points) for band_of in bands)
-        return low + lower, high + upper
-
     return Field(
         space=run.spec.space,
-        bounds=bounds,
-        tests=tests,
+        searches=(run.simulated.search, gap.search),
+        tests=tuple(group_by_test(gap.real)),
         mark=composed.worst,
         height=composed.lower,
         pointed="lowest bound",
@@ -191,16 +192,6 @@ def _composed_field(run: RecomputedCertify, gap: RecomputedGap, composed: Compos
         dots="means over a test's real rollouts",
         remark="The band is the sum of the simulation's band and the gap's band.",
     )
-
-
-def _negative(search: Search) -> Callable[[FloatArray], tuple[FloatArray, FloatArray]]:
-    """Return the bounds of f, if the search maximises −f."""
-
-    def bounds(points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        lower, upper = search.band(points)
-        return -upper, -lower
-
-    return bounds
 
 
 def _tested_pairs(pairs: Sequence[Pair]) -> list[Tested]:
@@ -221,6 +212,28 @@ def _tested_pairs(pairs: Sequence[Pair]) -> list[Tested]:
 
 
 # -- number lines --------------------------------------------------------------------------------
+
+
+def bars(intervals: Sequence[tuple[str, float, float]], unit: str) -> tuple[Bar, ...]:
+    """Return (label, lower, upper) intervals on one number line."""
+    ends = [0.0, *(end for _, *ends_ in intervals for end in ends_)]
+    low, high = min(ends), max(ends)
+    room = 0.06 * (high - low or 1.0)
+    low, high = low - room, high + room
+
+    def place(value: float) -> float:
+        return round(100 * (value - low) / (high - low), 3)
+
+    return tuple(
+        Bar(
+            label=label,
+            words=f"{interval_text(lower, upper)} {unit}".rstrip(),
+            zero=place(0.0),
+            left=place(lower),
+            width=max(0.5, round(place(upper) - place(lower), 3)),
+        )
+        for label, lower, upper in intervals
+    )
 
 
 def _ladder(what: str, certificate: Certificate, unit: str) -> Bars:
@@ -256,17 +269,17 @@ def _summands(run: RecomputedCertify, composed: Composition) -> Bars:
 # -- words ---------------------------------------------------------------------------------------
 
 
-def _note(certificate: Certificate, waiting: int) -> str:
-    if certificate.label is Label.ONE_SIDED:
+def _note(run: Recomputed | RecomputedGap) -> str:
+    if run.result.certificate.label is Label.ONE_SIDED:
         return (
             "Only the upper end of the worst expected ρ is certified, and it holds for every B. No band and no "
             "interval on this page is certified."
         )
-    if not certificate.label.bounds:
+    if not run.result.certificate.label.bounds:
         return "The certificate was refused: no band and no interval on this page is certified."
-    if waiting:
+    if run.waiting:
         return (
-            f"This run is unfinished: {waiting} rollouts of its last batch are on disk and not counted yet. "
+            f"This run is unfinished: {run.waiting} rollouts of its last batch are on disk and not counted yet. "
             "The bounds on this page are valid."
         )
     return ""

@@ -17,33 +17,25 @@ def render(report: Report) -> str:
 
 
 def markup(report: Report, verbose: bool = True) -> str:
-    """Return the same as rich markup, for a terminal; without ``verbose`` each finding is a :func:`summary`."""
-    words = body if verbose else summary
+    """Return the same as rich markup, for a terminal; ``verbose`` as in :func:`body`."""
     return "\n\n".join(
         f"{escape(one.name)}  [{STYLES[one.verdict.tone]}]{one.word}[/]  ({escape(one.about)})\n"
-        f"{escape(words(one))}"
+        f"{escape(body(one, verbose))}"
         for one in report.findings
     )
 
 
-def body(finding: Finding) -> str:
-    """Return all but the first line of a finding, as plain text."""
-    lines = [f"  {finding.reason}", "", *_facts(finding), ""]
+def body(finding: Finding, verbose: bool = True) -> str:
+    """Return all but the first line of a finding, as plain text.
+
+    Without ``verbose`` it has no assumptions, no interval for each larger B, and no empty lines.
+    """
+    facts = [f"  {name:17} {text}" for name, text in finding.facts]
+    again = f"  replay the {finding.again}:  {finding.replay}"
+    if not verbose:
+        more = f"  {finding.provenance}; -v prints the {len(finding.assumptions)} assumptions, and larger B"
+        return "\n".join([f"  {finding.reason}", *facts, more, again])
+    lines = [f"  {finding.reason}", "", *facts, ""]
     for title, rows in finding.sections:
         lines += [f"  {title}:", *(f"   - {row}" for row in rows)]
-    lines += ["", f"  {finding.provenance}", _again(finding)]
-    return "\n".join(lines)
-
-
-def summary(finding: Finding) -> str:
-    """Return the same without the assumptions and the interval for each larger B, and without empty lines."""
-    more = f"  {finding.provenance}; -v prints the {len(finding.assumptions)} assumptions, and larger B"
-    return "\n".join([f"  {finding.reason}", *_facts(finding), more, _again(finding)])
-
-
-def _facts(finding: Finding) -> list[str]:
-    return [f"  {name:17} {text}" for name, text in finding.facts]
-
-
-def _again(finding: Finding) -> str:
-    return f"  replay the {finding.again}:  {finding.replay}"
+    return "\n".join([*lines, "", f"  {finding.provenance}", again])

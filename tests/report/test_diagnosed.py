@@ -20,7 +20,7 @@ from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.report import diagnosis as diagnosis_report
 from s2r_spec.report import diagnosis_page
 from s2r_spec.report.advice import next_step
-from s2r_spec.report.diagnosis_markdown import markdown
+from s2r_spec.report.diagnosis import markdown
 from s2r_spec.report.figures.robot import is_quadruped, robot
 from s2r_spec.report.records.schema import schema
 from tests.diagnose.test_decision import ALARM, CLOCK, FELL, MATTERS, SAME

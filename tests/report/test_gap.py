@@ -17,9 +17,9 @@ from s2r_spec.errors import UsageError
 from s2r_spec.report import REPORTERS, html, reporter
 from s2r_spec.report import certify as certify_report
 from s2r_spec.report import gap as gap_report
-from s2r_spec.report.numberline import bars
 from s2r_spec.report.recompute import RunKind, kind, recompute_certify, recompute_gap
 from s2r_spec.report.records.schema import schema
+from s2r_spec.report.sections import bars
 from s2r_spec.runs.task import open_backend
 from tests.certify.logs import record_from
 from tests.errors import naming, states

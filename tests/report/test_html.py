@@ -138,7 +138,7 @@ def test_a_run_that_was_cut_off_is_reported_as_far_as_it_is_whole(undecided, tmp
 def test_traces_that_are_gone_are_done_without(undecided, tmp_path):
     shutil.copytree(undecided[1].folder, tmp_path / "walking", ignore=shutil.ignore_patterns("*.npz"))
     with undrawn():
-        gone = Page(html.from_runs([tmp_path / "walking"]))
+        gone = Page(html.render([recompute(tmp_path / "walking")]))
     assert len(gone.pictures) == 2
     assert "trace" in gone.text
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Mapping
-from dataclasses import fields, is_dataclass
-from typing import Any, get_type_hints
+from collections.abc import Callable
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any, TypeVar, dataclass_transform, get_type_hints
 
 import typer
 from typer.core import TyperCommand
+
+Record = TypeVar("Record")
 
 ASKED, SEARCH, LOGS, OUTPUT = "What is asked", "The search", "The logs", "Output"
 """Definition: titles of the groups, in the order of the help. What has no group is in the first."""
@@ -17,6 +19,12 @@ ASKED, SEARCH, LOGS, OUTPUT = "What is asked", "The search", "The logs", "Output
 search_option = functools.partial(typer.Option, rich_help_panel=SEARCH)
 log_option = functools.partial(typer.Option, rich_help_panel=LOGS)
 output_option = functools.partial(typer.Option, rich_help_panel=OUTPUT)
+
+
+@dataclass_transform(kw_only_default=True, frozen_default=True)
+def options(record: type[Record]) -> type[Record]:
+    """Make a class a record of options: a field's default is the default of its option, or the option itself."""
+    return dataclass(frozen=True, kw_only=True)(record)
 
 
 class GroupedCommand(TyperCommand):
@@ -39,14 +47,18 @@ class GroupedCommand(TyperCommand):
 def group_options(command: Callable[..., None]) -> Callable[..., None]:
     """Return a command that has the fields of each record among its parameters as options in the record's place."""
     signature = inspect.signature(command, eval_str=True)
-    records = {
-        name: _options(one.annotation)
-        for name, one in signature.parameters.items()
-        if is_dataclass(one.annotation)
-    }
+    records: dict[str, list[str]] = {}
     parameters: list[inspect.Parameter] = []
     for name, one in signature.parameters.items():
-        parameters += records[name].values() if name in records else [one]
+        if not is_dataclass(one.annotation):
+            parameters.append(one)
+            continue
+        records[name] = [each.name for each in fields(one.annotation)]
+        hints = get_type_hints(one.annotation, include_extras=True)
+        parameters += [
+            one.replace(name=each.name, default=each.default, annotation=hints[each.name])
+            for each in fields(one.annotation)
+        ]
 
     @functools.wraps(command)
     def run(**values: Any) -> None:
@@ -59,14 +71,3 @@ def group_options(command: Callable[..., None]) -> Callable[..., None]:
     run.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {one.name: one.annotation for one in parameters}
     return run
-
-
-def _options(record: Any) -> Mapping[str, inspect.Parameter]:
-    """Return field → option of the command line."""
-    hints = get_type_hints(record, include_extras=True)
-    return {
-        one.name: inspect.Parameter(
-            one.name, inspect.Parameter.KEYWORD_ONLY, default=one.default, annotation=hints[one.name]
-        )
-        for one in fields(record)
-    }

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Literal
 from urllib.parse import quote
 
 from s2r_spec.base.errors import UsageError
-from s2r_spec.cli.options.groups import log_option
+from s2r_spec.cli.options.groups import log_option, options
 
 if TYPE_CHECKING:
     from s2r_spec.recordings.log_episodes import EpisodeSettings, ParamColumn
@@ -20,14 +19,7 @@ READ = ("log:", "manual:")
 _PLAIN = "=[]+/:.@"
 """Definition: characters that stay as they are in the text after a backend's ``?``."""
 
-Nan = Annotated[
-    str | None,
-    log_option(
-        "--nan",
-        help="Missing samples of a log: error, or hold to repeat the sample before.",
-        show_default="error",
-    ),
-]
+
 TimeUnit = Annotated[
     str | None,
     log_option(
@@ -46,79 +38,56 @@ Columns = Annotated[
         show_default="the signal's own name",
     ),
 ]
-When = Annotated[
-    str | None,
-    log_option(
-        help="Condition on channels of a log, such as 'vx_cmd > 0.05'. An episode begins where it becomes true.",
-        show_default="the whole log is one trace",
-    ),
-]
-Start = Annotated[
-    float | None,
-    log_option(min=0, help="Time of a log before which no episode begins, in seconds.", show_default="0"),
-]
-Duration = Annotated[
-    float | None,
-    log_option(
-        min=0, help="Length of an episode in seconds.", show_default="as long as the requirement looks ahead"
-    ),
-]
-Join = Annotated[
-    Literal["hold", "linear"] | None,
-    log_option(
-        help="Values between the messages of a topic: hold the last one, or interpolate. For a table with empty cells, "
-        "each column is a topic.",
-        show_default="hold for a log of topics",
-    ),
-]
-Clock = Annotated[
-    str | None,
-    log_option(
-        help="Topic, or signal of a topic, whose stamps the trace has.",
-        show_default="the one with the most messages",
-    ),
-]
-Stamped = Annotated[
-    Literal["header", "received"] | None,
-    log_option(
-        "--stamps",
-        help="Stamps of ROS messages: those in their headers, or the times of receipt.",
-        show_default="header if all topics have one, else received",
-    ),
-]
-Longest = Annotated[
-    list[str] | None,
-    log_option(
-        help="Time for which a signal's value is valid, in seconds: hit=2. May be repeated.",
-        show_default="5 periods of a periodic signal, no end for one sent on change",
-    ),
-]
-FromLog = Annotated[
-    list[str] | None,
-    log_option(
-        "--param",
-        "-p",
-        help="Test parameter that a log holds: vd=/cmd.speed@0 is the value of this field at an episode's start. "
-        "May be repeated.",
-        show_default="as rollouts.csv says",
-    ),
-]
 
 
-@dataclass(frozen=True, kw_only=True)
+@options
 class LogForm:
     """How a log becomes traces; each field is an option."""
 
-    nan: Nan = None
+    nan: str | None = log_option(
+        None,
+        "--nan",
+        help="Missing samples of a log: error, or hold to repeat the sample before.",
+        show_default="error",
+    )
     time_unit: TimeUnit = None
     columns: Columns = None
-    when: When = None
-    start: Start = None
-    duration: Duration = None
-    join: Join = None
-    clock: Clock = None
-    stamps: Stamped = None
-    longest: Longest = None
+    when: str | None = log_option(
+        None,
+        help="Condition on channels of a log, such as 'vx_cmd > 0.05'. An episode begins where it becomes true.",
+        show_default="the whole log is one trace",
+    )
+    start: float | None = log_option(
+        None, min=0, help="Time of a log before which no episode begins, in seconds.", show_default="0"
+    )
+    duration: float | None = log_option(
+        None,
+        min=0,
+        help="Length of an episode in seconds.",
+        show_default="as long as the requirement looks ahead",
+    )
+    join: Literal["hold", "linear"] | None = log_option(
+        None,
+        help="Values between the messages of a topic: hold the last one, or interpolate. For a table with empty cells, "
+        "each column is a topic.",
+        show_default="hold for a log of topics",
+    )
+    clock: str | None = log_option(
+        None,
+        help="Topic, or signal of a topic, whose stamps the trace has.",
+        show_default="the one with the most messages",
+    )
+    stamps: Literal["header", "received"] | None = log_option(
+        None,
+        "--stamps",
+        help="Stamps of ROS messages: those in their headers, or the times of receipt.",
+        show_default="header if all topics have one, else received",
+    )
+    longest: list[str] | None = log_option(
+        None,
+        help="Time for which a signal's value is valid, in seconds: hit=2. May be repeated.",
+        show_default="5 periods of a periodic signal, no end for one sent on change",
+    )
 
     def episode_settings(self, sources: Mapping[str, ParamColumn]) -> EpisodeSettings:
         """Return how a log becomes traces, with the sources of its test parameters."""
@@ -139,11 +108,18 @@ class LogForm:
         )
 
 
-@dataclass(frozen=True, kw_only=True)
+@options
 class LogReading(LogForm):
     """How a command reads folders of logs; each field is an option."""
 
-    sources: FromLog = None
+    sources: list[str] | None = log_option(
+        None,
+        "--param",
+        "-p",
+        help="Test parameter that a log holds: vd=/cmd.speed@0 is the value of this field at an episode's start. "
+        "May be repeated.",
+        show_default="as rollouts.csv says",
+    )
 
     def backends(self, names: Sequence[str], spec: Spec, requirements: Sequence[str]) -> list[str]:
         """Return the names of backends, with these options after each that reads logs.
@@ -153,22 +129,6 @@ class LogReading(LogForm):
         Raises:
             UsageError: an option is given but no backend reads logs, or its value is invalid.
         """
-        texts = self._texts()
-        if texts and not any(name.startswith(READ) for name in names):
-            raise UsageError(
-                "the options for reading logs need a folder of logs, log:FOLDER or manual:FOLDER, and none is given"
-            )
-        horizon = max((spec.horizon(name) for name in requirements), default=math.inf)
-        if (
-            (self.when is not None or self.start is not None)
-            and self.duration is None
-            and math.isfinite(horizon)
-        ):
-            texts.append(f"duration={horizon!r}")
-        return [_with(name, texts) if name.startswith(READ) else name for name in names]
-
-    def _texts(self) -> list[str]:
-        """Return the options as they stand after a ``?``."""
         values = {
             "nan": None if self.nan is None else missing(self.nan),
             "time-unit": self.time_unit,
@@ -179,16 +139,22 @@ class LogReading(LogForm):
             "clock": self.clock,
             "stamps": self.stamps,
         }
-        texts = [
-            f"{key}={quote(str(value), safe=_PLAIN)}" for key, value in values.items() if value is not None
-        ]
+        given = [(key, str(value)) for key, value in values.items() if value is not None]
         for key, repeated in (("map", self.columns), ("param", self.sources), ("longest", self.longest)):
-            texts += [f"{key}={quote(text, safe=_PLAIN)}" for text in repeated or ()]
-        return texts
-
-
-def _with(name: str, texts: Sequence[str]) -> str:
-    return f"{name}{'&' if '?' in name else '?'}{'&'.join(texts)}" if texts else name
+            given += [(key, text) for text in repeated or ()]
+        if given and not any(name.startswith(READ) for name in names):
+            raise UsageError(
+                "the options for reading logs need a folder of logs, log:FOLDER or manual:FOLDER, and none is given"
+            )
+        horizon = max((spec.horizon(name) for name in requirements), default=math.inf)
+        cuts = self.when is not None or self.start is not None
+        if cuts and self.duration is None and math.isfinite(horizon):
+            given.append(("duration", repr(horizon)))
+        texts = "&".join(f"{key}={quote(value, safe=_PLAIN)}" for key, value in given)
+        return [
+            f"{name}{'&' if '?' in name else '?'}{texts}" if texts and name.startswith(READ) else name
+            for name in names
+        ]
 
 
 def missing(nan: str | None) -> Literal["error", "hold"]:

@@ -2,30 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from s2r_spec.base.errors import UsageError
 from s2r_spec.base.files import save
-from s2r_spec.cli.options.groups import output_option
+from s2r_spec.cli.options.groups import options, output_option
 from s2r_spec.cli.terminal import terminal
 
 if TYPE_CHECKING:
     from s2r_spec.report.finding import Report
+    from s2r_spec.report.recompute import Certified
 
-Format = Annotated[
-    str | None,
-    output_option(
-        "--format", help="Format of the report: text, json, junit, github or markdown.", show_default="text"
-    ),
-]
 Output = Annotated[
     Path | None, output_option("--output", "-o", help="File for the report.", show_default="stdout")
-]
-Page = Annotated[
-    Path | None,
-    output_option("--report", help="Also write an HTML page with pictures to this file.", show_default=False),
 ]
 AsJson = Annotated[
     bool, output_option("--json", help="Print one JSON object on stdout, as --format json does.")
@@ -38,74 +29,67 @@ Verbose = Annotated[
 ]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Writing:
-    """The form and the files of a report; each field is an option."""
+@options
+class Form:
+    """The form and the files of a result; each field is an option."""
 
     as_json: AsJson = False
-    form: Format = None
+    form: str | None = output_option(
+        None,
+        "--format",
+        help="Format of the report: text, json, junit, github or markdown.",
+        show_default="text",
+    )
     output: Output = None
-    page: Page = None
-    verbose: Verbose = False
+    page: Path | None = output_option(
+        None, "--report", help="Also write an HTML page with pictures to this file.", show_default=False
+    )
 
     @property
     def json(self) -> bool:
         """Whether errors are printed as JSON, too."""
         return self.as_json or self.form == "json"
 
-    def settled(self) -> str:
-        """Return the format's name, and check both files before anything runs.
+    def settled(self, among: Collection[str] | None = None) -> str:
+        """Return the format's name, ``among`` those of the command, and check both files before anything runs.
 
         Raises:
-            UsageError: see :func:`settle` and :func:`pageable`.
+            UsageError: the format is unknown or contradicts ``--json``, a file cannot be written, or a package of the
+                HTML page is missing.
         """
-        name = settle(self.form, self.as_json, self.output)
-        pageable(self.page)
+        from s2r_spec.report import html, reporter
+
+        if self.as_json and self.form not in (None, "json"):
+            raise UsageError(
+                f"--json means --format json, but --format {self.form} is given: give one of them"
+            )
+        name = "json" if self.as_json else self.form or "text"
+        reporter(name, among)
+        writable(self.output)
+        if self.page is not None:
+            writable(self.page)
+            html.require_packages()
         return name
 
-    def emit(self, report: Report, name: str, page: Callable[[], str]) -> None:
-        """Write a report, and the HTML page if one is asked for."""
-        emit(report, name, self.output, self.verbose)
+    def write_page(self, page: Callable[[], str]) -> None:
+        """Write the HTML page if one is asked for."""
         if self.page is not None:
             save(self.page, page())
 
 
-def settle(
-    chosen: str | None, as_json: bool, output: Path | None, among: Collection[str] | None = None
-) -> str:
-    """Return the format's name, and check format and output file before anything runs.
+@options
+class Writing(Form):
+    """The form and the files of a report; each field is an option."""
 
-    Args:
-        chosen: value of ``--format``, or None.
-        as_json: whether ``--json`` is given.
-        output: file for the report; None for stdout.
-        among: the formats of this command; None for all.
+    verbose: Verbose = False
 
-    Raises:
-        UsageError: the format is unknown or contradicts ``--json``, or the file cannot be written.
-    """
-    from s2r_spec.base.errors import UsageError
-    from s2r_spec.report import reporter
+    def emit(self, report: Report, name: str, results: Sequence[Certified]) -> None:
+        """Write a report, and the HTML page of the results if one is asked for."""
+        from s2r_spec.report import html
+        from s2r_spec.report.recompute import recompute_again
 
-    if as_json and chosen not in (None, "json"):
-        raise UsageError(f"--json means --format json, but --format {chosen} is given: give one of them")
-    name = "json" if as_json else chosen or "text"
-    reporter(name, among)
-    writable(output)
-    return name
-
-
-def pageable(page: Path | None) -> None:
-    """Check, before anything runs, that an HTML page can be made and written.
-
-    Raises:
-        UsageError: a package is missing, or the file cannot be written.
-    """
-    from s2r_spec.report import html
-
-    if page is not None:
-        writable(page)
-        html.require_packages()
+        emit(report, name, self.output, self.verbose)
+        self.write_page(lambda: html.render([recompute_again(result) for result in results]))
 
 
 def writable(path: Path | None) -> None:
@@ -114,8 +98,6 @@ def writable(path: Path | None) -> None:
     Raises:
         UsageError: it is a folder, or its folder does not exist.
     """
-    from s2r_spec.base.errors import UsageError
-
     if path is not None and path.is_dir():
         raise UsageError(f"cannot write to {path}: it is a folder")
     if path is not None and not path.parent.is_dir():
@@ -123,26 +105,27 @@ def writable(path: Path | None) -> None:
 
 
 def emit(report: Report, name: str, output: Path | None, verbose: bool = False) -> None:
-    """Write a report to a file or to stdout, in colour on a terminal.
+    """Write a report to a file or to stdout, in colour on a terminal; None is stdout.
 
-    Args:
-        report: the report.
-        name: the format's name.
-        output: the file; None for stdout.
-        verbose: whether text on stdout has the assumptions and the interval for each larger B; a file has them always.
+    With ``verbose``, text on stdout has the assumptions and the interval for each larger B; a file has them always.
 
     Raises:
         UsageError: the file cannot be written.
     """
     from s2r_spec.report import reporter, text
 
+    write(name, output, lambda: reporter(name)(report), lambda: text.markup(report, verbose))
+
+
+def write(name: str, output: Path | None, text: Callable[[], str], markup: Callable[[], str]) -> None:
+    """Write a result in the format ``name`` to a file or to stdout; as text on stdout it is ``markup``."""
     if output is not None:
-        save(output, reporter(name)(report) + "\n")
+        save(output, text() + "\n")
     elif name == "text":
-        terminal.console().print(text.markup(report, verbose))
+        terminal.console().print(markup())
     elif name == "github":
-        terminal.print_commands(reporter(name)(report))
+        terminal.print_commands(text())
     elif name == "json":
-        terminal.print_json(reporter(name)(report))
+        terminal.print_json(text())
     else:
-        print(reporter(name)(report))
+        print(text())

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from s2r_spec.cli.options.groups import output_option, search_option
+from s2r_spec.cli.options.groups import options, output_option, search_option
+
+if TYPE_CHECKING:
+    from s2r_spec.spec import Spec
 
 SpecFile = Annotated[Path, typer.Argument(help="Specification, an .stl file.", show_default=False)]
 Simulator = Annotated[str, typer.Option(help="Backend that simulates; see `s2r backends`.")]
-RealMachine = Annotated[
-    str,
-    typer.Option(
-        help="Backend of the real machine: a robot, its logs as log:FOLDER, or a twin.", show_default=False
-    ),
-]
 OneRequirement = Annotated[
     str | None,
     typer.Option("--requirement", "-r", help="Requirement of the spec.", show_default="the only one"),
@@ -29,17 +25,6 @@ Seed = Annotated[
         min=0,
         help="Seed of all random numbers: the same seed repeats the run.",
         show_default="0, or the seed of the resumed run",
-    ),
-]
-RealBudget = Annotated[
-    int | None, search_option(min=1, help="Most real rollouts.", show_default="until the interval is ε wide")
-]
-Stop = Annotated[
-    str | None,
-    search_option(
-        help="When the search ends: epsilon (the interval is ε wide), decided (the verdict is known) or budget. The "
-        "interval is valid under every rule.",
-        show_default="epsilon, or the rule of the resumed run",
     ),
 ]
 Workers = Annotated[
@@ -57,67 +42,57 @@ Scheduler = Annotated[
         show_default=False,
     ),
 ]
-Timeout = Annotated[
-    float | None,
-    search_option(
+
+
+AsJson = Annotated[bool, output_option("--json", help="Print one JSON object on stdout.")]
+Quiet = Annotated[bool, output_option("--quiet", "-q", help="Print no progress.")]
+
+Mode = Annotated[str, search_option(help="Method of the bound: rigorous, rigorous-simple or paper.")]
+RunFolder = Annotated[Path, typer.Argument(help="Folder of a check, finished or not.", show_default=False)]
+
+
+@options
+class Compared:
+    """The simulator and the machine that are compared, and by which requirement; each field is an option."""
+
+    real: str = typer.Option(
+        ...,
+        help="Backend of the real machine: a robot, its logs as log:FOLDER, or a twin.",
+        show_default=False,
+    )
+    sim: Simulator = "sim"
+    requirement: OneRequirement = None
+
+    def requirements(self, spec: Spec) -> list[str]:
+        """Return the requirement, or all that may be the only one."""
+        return [self.requirement] if self.requirement else list(spec.requirements)
+
+
+@options
+class Rules:
+    """When a search ends, and how rollouts without a result count; each field is an option."""
+
+    seed: Seed = None
+    stop: str | None = search_option(
+        None,
+        help="When the search ends: epsilon (the interval is ε wide), decided (the verdict is known) or budget. The "
+        "interval is valid under every rule.",
+        show_default="epsilon, or the rule of the resumed run",
+    )
+    timeout: float | None = search_option(
+        None,
         min=0,
         help="Time limit of a rollout in seconds; 0 for no limit. A simulated rollout may use this much CPU time, and "
         "ten times as much wall time. A machine's rollout has this limit in wall time. A rollout that takes longer is "
         "ended: it counts as a crash in simulation, and is void on a machine.",
         show_default="60 s plus 100 times the backend's declared cost; no limit for a backend that is not repeatable",
-    ),
-]
-Void = Annotated[
-    str,
-    search_option(
+    )
+    void: str = search_option(
+        "again",
         help="How to treat a void rollout: one that ended because of the link, the operator or a killed process, and "
         "not the robot. With again, its test is repeated. With fall, it counts as a fall; a single one usually refutes "
         "R and the certificate.",
-    ),
-]
-Run = Annotated[
-    Path | None, search_option(help="Folder for the rollouts.", show_default="a new one in s2r-runs")
-]
-Resume = Annotated[Path | None, search_option(help="Folder of a run to continue.")]
-AsJson = Annotated[bool, output_option("--json", help="Print one JSON object on stdout.")]
-Quiet = Annotated[bool, output_option("--quiet", "-q", help="Print no progress.")]
-
-Traces = Annotated[
-    str,
-    typer.Option(
-        "--backend",
-        "-b",
-        help="Simulator, machine or folder of logs that gives the traces; see `s2r backends`.",
-    ),
-]
-CheckedRequirements = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--requirement",
-        "-r",
-        help="Requirement to check; may be repeated.",
-        show_default="all with a certify line",
-    ),
-]
-CheckBudget = Annotated[
-    int | None,
-    search_option(
-        min=1, help="Most rollouts for each requirement.", show_default="until the interval is ε wide"
-    ),
-]
-Mode = Annotated[str, search_option(help="Method of the bound: rigorous, rigorous-simple or paper.")]
-Engine = Annotated[str, search_option(help="Implementation of the Gaussian process: spectral or gpytorch.")]
-RunFolder = Annotated[Path, typer.Argument(help="Folder of a check, finished or not.", show_default=False)]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Rules:
-    """When a search ends, and how rollouts without a result count; each field is an option."""
-
-    seed: Seed = None
-    stop: Stop = None
-    timeout: Timeout = None
-    void: Void = "again"
+    )
 
     @property
     def limit(self) -> float | None:
@@ -125,12 +100,14 @@ class Rules:
         return math.inf if self.timeout == 0 else self.timeout
 
 
-@dataclass(frozen=True, kw_only=True)
+@options
 class Running:
     """Where rollouts run, and where they are kept; each field is an option."""
 
     workers: Workers = None
     scheduler: Scheduler = None
-    run: Run = None
-    resume: Resume = None
+    run: Path | None = search_option(
+        None, help="Folder for the rollouts.", show_default="a new one in s2r-runs"
+    )
+    resume: Path | None = search_option(None, help="Folder of a run to continue.")
     quiet: Quiet = False

@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from threading import Event
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
@@ -21,7 +22,8 @@ if TYPE_CHECKING:
     from s2r_spec.cli.options.search import Running
     from s2r_spec.workers.pools import ExecutorFactory
 
-_json_was_printed = False
+answered = Event()
+"""Whether stdout has its JSON object, with the errors in it."""
 _new: list[Path] = []
 """Folders that this command has made; empty ones are removed at its end."""
 
@@ -53,14 +55,10 @@ def sentences(as_json: bool = False) -> Iterator[None]:
 
 
 def _refuse(sentence: str, exit_code: ErrorCode, as_json: bool, cause: Exception) -> NoReturn:
-    # A specification error has several lines: a sentence, then the mistakes.
-    first, line_feed, rest = sentence.partition("\n")
     if isinstance(cause, StoppedError):  # the operator asked for it: no error
         say(sentence, error=True)
     else:
-        print(
-            f"error: {first}{line_feed}{rest}" if not first.startswith("error") else sentence, file=sys.stderr
-        )
+        print(sentence if sentence.startswith("error") else f"error: {sentence}", file=sys.stderr)
     if as_json:
         print_error(exit_code, sentence)
     raise typer.Exit(exit_code) from cause
@@ -87,20 +85,8 @@ def print_error(exit_code: ErrorCode, sentence: str) -> None:
     """Print an error as the one JSON object on stdout."""
     from s2r_spec.report.records.error import ErrorObject
 
-    global _json_was_printed
-    _json_was_printed = True
+    answered.set()
     print(line(ErrorObject(exit_code=exit_code, error=sentence)))
-
-
-def mark_answered() -> None:
-    """Record that stdout has its JSON object, which includes the errors."""
-    global _json_was_printed
-    _json_was_printed = True
-
-
-def error_was_printed() -> bool:
-    """Return whether this process printed its errors as JSON."""
-    return _json_was_printed
 
 
 def pool(workers: int | None, scheduler: str | None) -> tuple[ExecutorFactory, str]:

@@ -7,11 +7,11 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from time import monotonic
-from types import TracebackType
 from typing import Self
 
 from rich.console import Console, RenderableType
 from rich.live import Live as Screen
+from rich.progress import Progress
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
@@ -34,15 +34,12 @@ class SearchProgress:
 
     Attributes:
         phase: the search that runs; None before the first one.
-        certificate: the certificate of the finished batches.
         queries: the tests of the batch that runs.
         rollouts: number of rollouts on disk, including the rollouts of an earlier process.
         here: number of them that this process ran.
         since: time at which this process began its first one [s].
-        pace: times of this process.
         forecast: what was known of the end before the search; None without settings.
         tests: number and sum of ρ of the rollouts at each test.
-        last: ρ of the latest rollouts.
     """
 
     phase: Phase | None = None
@@ -55,6 +52,11 @@ class SearchProgress:
     forecast: RolloutForecast | None = None
     tests: dict[tuple[float, ...], tuple[int, float]] = field(default_factory=dict)
     last: deque[float] = field(default_factory=lambda: deque(maxlen=_LAST))
+
+    @property
+    def units(self) -> Mapping[str, str]:
+        """Test parameter → unit."""
+        return self.phase.units if self.phase is not None else {}
 
     @property
     def worst(self) -> float | None:
@@ -85,7 +87,37 @@ class SearchProgress:
         return self.pace.seconds(left, self.forecast.batches(self.rollouts, self.rollouts + left) - 1)
 
 
-class Live(Observer):
+class ProgressView:
+    """A live screen on a terminal, elsewhere lines; ``opening`` is printed before the first of them."""
+
+    _screen: Screen | Progress | None = None
+
+    def __init__(
+        self, console: Console, quiet: bool, clock: Callable[[], float] = monotonic, opening: str = ""
+    ) -> None:
+        self._console, self._quiet, self._clock, self._opening = console, quiet, clock, opening
+
+    def __enter__(self) -> Self:
+        if self._screen is not None:
+            self._screen.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._screen is not None:
+            self._screen.stop()
+
+    def _open(self) -> None:
+        """Print the opening, once."""
+        if self._opening:
+            self._say(self._opening)
+        self._opening = ""
+
+    def _say(self, sentence: str, always: bool = False) -> None:
+        if always or not self._quiet:
+            self._console.print(one_line(sentence), markup=False, soft_wrap=True)
+
+
+class Live(ProgressView, Observer):
     """Shows the rollouts done and left, the interval and its target width, the next tests, and the last ρ.
 
     ``opening`` is printed when the first search begins, after all errors of its settings.
@@ -94,31 +126,17 @@ class Live(Observer):
     def __init__(
         self, console: Console, quiet: bool, clock: Callable[[], float] = monotonic, opening: str = ""
     ) -> None:
-        self._console, self._quiet, self._clock, self._opening = console, quiet, clock, opening
+        super().__init__(console, quiet, clock, opening)
         self._state = SearchProgress(since=clock())
-        self._screen: Screen | None = None
         if console.is_terminal and not quiet:
             self._screen = Screen(
                 console=console, get_renderable=self.view, transient=True, refresh_per_second=4
             )
 
-    def __enter__(self) -> Self:
-        if self._screen is not None:
-            self._screen.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
-    ) -> None:
-        if self._screen is not None:
-            self._screen.stop()
-
     def begin(self, phase: Phase) -> None:
         """Begin another search. If it has an operator, the screen is left to the operator's dialogue."""
         self._state = SearchProgress(phase=phase, since=self._clock(), pace=Pace(paired=phase.symbol == "Δ"))
-        if self._opening and not self._quiet:
-            self._console.print(one_line(self._opening), markup=False, soft_wrap=True)
-        self._opening = ""
+        self._open()
         if phase.settings is not None and not self._quiet:
             self._state.forecast = RolloutForecast.of(phase.settings)
             self._state.since = self._clock()
@@ -131,13 +149,8 @@ class Live(Observer):
         self._state.certificate, self._state.queries = certificate, queries
         self._state.pace.batch(self._clock())
         if self._screen is None and not self._quiet:
-            words = [
-                f"{certificate.rollouts} rollouts",
-                _interval(self._state),
-                f"next {_next(self._state)}",
-                *_left_words(self._state),
-            ]
-            self._console.print(one_line(", ".join(words)), markup=False, soft_wrap=True)
+            done, upcoming = f"{certificate.rollouts} rollouts", f"next {_next(self._state)}"
+            self._say(", ".join([done, _interval(self._state), upcoming, *_left_words(self._state)]))
 
     def rollout(self, record: Record, new: bool = True) -> None:
         """Count a rollout that is on disk."""
@@ -151,25 +164,18 @@ class Live(Observer):
         count, total = state.tests.get(key := tuple(record.params.values()), (0, 0.0))
         state.tests[key] = count + 1, total + record.rho
         state.last.append(record.rho)
-        if new and state.phase is not None and state.phase.attended and not self._quiet:
+        if new and state.phase is not None and state.phase.attended:
             failure = "" if record.failure is None else f" ({record.failure})"
-            words = (
-                f"rollout {record.query}.{record.replicate} at {_test(record.params, state.phase.units)}: "
-            )
-            self._console.print(
-                one_line(f"{words}ρ = {record.rho:+.4f}{failure}"), markup=False, soft_wrap=True
-            )
+            self._say(f"{self._rollout_words(record)}: ρ = {record.rho:+.4f}{failure}")
 
     def crash(self, record: Record) -> None:
         """Report immediately that a rollout ended without a trace."""
-        if not self._quiet:
-            phase = self._state.phase
-            test = _test(record.params, phase.units if phase is not None else {})
-            words = (
-                f"rollout {record.query}.{record.replicate} at {test}: {record.failure}; "
-                f"it counts as ρ = {record.rho:g}, as the spec declares"
-            )
-            self._console.print(one_line(words), markup=False, soft_wrap=True)
+        counts = f"it counts as ρ = {record.rho:g}, as the spec declares"
+        self._say(f"{self._rollout_words(record)}: {record.failure}; {counts}")
+
+    def _rollout_words(self, record: Record) -> str:
+        test = _test(record.params, self._state.units)
+        return f"rollout {record.query}.{record.replicate} at {test}"
 
     def view(self) -> RenderableType:
         """Return the live view of the present state."""
@@ -212,18 +218,13 @@ def _interval(state: SearchProgress) -> str:
 
 
 def _next(state: SearchProgress) -> str:
-    units = state.phase.units if state.phase is not None else {}
-    return "; ".join(f"{_test(query.point, units)} ({query.replicates}×)" for query in state.queries)
+    return "; ".join(f"{_test(query.point, state.units)} ({query.replicates}×)" for query in state.queries)
 
 
 def _left_words(state: SearchProgress) -> list[str]:
     left, seconds = state.left(), state.seconds_left()
-    if left is None:
-        return []
-    words = f"about {left} rollouts left"
-    if seconds is not None:
-        words += f" ({duration_words(seconds)})"
-    return [words]
+    took = "" if seconds is None else f" ({duration_words(seconds)})"
+    return [] if left is None else [f"about {left} rollouts left{took}"]
 
 
 def duration_words(seconds: float) -> str:

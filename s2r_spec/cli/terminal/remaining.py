@@ -53,7 +53,6 @@ class RolloutForecast:
     """What is known of a search's end before it begins.
 
     Attributes:
-        settings: the search's settings.
         expected: N_plan.
         flat: (5,) F at ``WIDTHS`` · ε.
     """
@@ -73,12 +72,7 @@ class RolloutForecast:
         return cls(settings, math.sqrt(low * high), np.array(flat))
 
     def total(self, certificate: Certificate | None, worst: float | None) -> float | None:
-        """Return an estimate of N; None if there is none.
-
-        Args:
-            certificate: the certificate of the finished batches, in −ρ.
-            worst: t, the lowest mean ρ at a test.
-        """
+        """Return an estimate of N from the certificate of −ρ, and from t, the ``worst`` mean; None if there is none."""
         budget, stop = self.settings.budget, self.settings.stop
         if certificate is not None and not certificate.rollouts:
             certificate = None
@@ -138,7 +132,6 @@ class Pace:
         busy: their time [s].
         between: time between the last rollout and the next batch, of the latest batch [s]; None before the second.
         size: reported rollouts of the latest batch.
-        batches: batches of this process that ended.
     """
 
     paired: bool = False

@@ -7,6 +7,7 @@ terminal, or the CI runner that reads the lines.
 from __future__ import annotations
 
 import codecs
+import json
 import os
 import re
 import sys
@@ -44,8 +45,16 @@ def prepare() -> None:
 
 
 def console(*, stderr: bool = False) -> Console:
-    """Return standard output, whose lines are not broken, or standard error, where live views fit the screen."""
-    from s2r_spec.cli.terminal.safe_console import SafeConsole
+    """Return standard output, whose lines are not broken, or standard error, where live views fit the screen.
+
+    Control characters of the strings that it prints are escaped.
+    """
+    from rich.console import Console
+
+    class SafeConsole(Console):
+        def print(self, *objects: Any, **how: Any) -> None:
+            safe = (without_controls(one) if isinstance(one, str) else one for one in objects)
+            super().print(*safe, **how)
 
     return SafeConsole(stderr=stderr, highlight=False, soft_wrap=not stderr)
 
@@ -77,7 +86,7 @@ def print_json(text: str) -> None:
     try:
         text.encode(encoding)
     except (UnicodeEncodeError, LookupError):
-        text = re.sub(r"[^\x00-\x7f]", _as_json, text)
+        text = re.sub(r"[^\x00-\x7f]", lambda character: json.dumps(character[0])[1:-1], text)
     print(text)
 
 
@@ -134,8 +143,3 @@ def _letter(character: str) -> str:
     if plain or unicodedata.combining(character):
         return plain.replace('"', "'").replace("\\", "/")
     return "?"
-
-
-def _as_json(match: re.Match[str]) -> str:
-    units = match[0].encode("utf-16-be", "surrogatepass").hex()
-    return "".join(f"\\u{units[i : i + 4]}" for i in range(0, len(units), 4))

@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
-from functools import partial
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.attribution.attribute import Attribution, label_components
 from s2r_spec.base.errors import S2RError
 from s2r_spec.diagnose.gap.where import Where
 from s2r_spec.report.check import test_words
-from s2r_spec.report.figures.canvas import BAD, BAND, GOOD, INK, Picture, draw, with_unit
-from s2r_spec.report.figures.tolerance import Component, Margins, held_predicates, margins, reads
-from s2r_spec.report.figures.traces import Panel, limits, paint_panel
+from s2r_spec.report.figures.canvas import BAD, GOOD, INK, Picture, draw, with_unit
+from s2r_spec.report.figures.tolerance import Component, Margins
+from s2r_spec.report.figures.traces import Panel, legend_lines, limits, paint_panel
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FloatArray = NDArray[np.float64]
-
 _MOST_PANELS = 4
 _BARS = 48
-_VALUES = 121
 VISIBLE = 0.1
 """Traces closer than this part of a signal's range are drawn as their difference."""
 
@@ -49,10 +45,7 @@ def blame(where: Where, spec: Spec, name: str) -> Picture:
         last.axhline(0, color=INK, lw=0.8)
         last.set_ylabel(with_unit("part of Δρ", pair.unit))
         last.set_xlabel("time [s]")
-        lines = [
-            rows[0].plot([], [], color=INK, lw=1.6, label="real")[0],
-            rows[0].plot([], [], color=BAND, lw=1.6, ls=(0, (5, 2)), label="simulated")[0],
-        ]
+        lines = legend_lines(rows[0], "real", "simulated")
         figure.legend(handles=lines, loc="outside upper left", ncols=2)
         figure.align_ylabels()
 
@@ -88,42 +81,18 @@ def _panels(where: Where, spec: Spec) -> list[Panel]:
     trace = _trace(pair, spec)
     panels = []
     for label in chosen:
+        component, name, around = Component.of_label(label), label, None
         own, other = real[label].astype(float), simulated[label].astype(float)
         difference = float(np.abs(own - other).max())
         if 0 < difference < VISIBLE * float(np.ptp(own)):
-            allowed = _limits(where, spec, trace, label, other, difference)
-            name, own, other = f"{label} − simulated", own - other, np.zeros(other.size)
-        else:
-            allowed, name = _limits(where, spec, trace, label, None, 0.0), label
-        unit = spec.signals[Component.of_label(label).channel].unit
-        panels.append(Panel(with_unit(name, unit), pair.times, own, (), ((pair.times, other),), allowed))
+            name, around, own, other = f"{label} − simulated", other, own - other, np.zeros(other.size)
+        allowed: tuple[Margins, ...] = ()
+        if trace is not None:
+            with suppress(S2RError):  # a predicate that has no value there: the picture is drawn without it
+                allowed = limits(spec, pair.requirement, trace, where.test, component, around, difference)
+        axis = with_unit(name, spec.signals[component.channel].unit)
+        panels.append(Panel(axis, pair.times, own, (), ((pair.times, other),), allowed))
     return panels
-
-
-def _limits(
-    where: Where, spec: Spec, trace: Trace | None, label: str, around: FloatArray | None, difference: float
-) -> tuple[Margins, ...]:
-    """Return the values that the requirement allows a signal, or its difference from ``around``.
-
-    ``difference`` is the greatest distance of the two traces, in the signal's unit.
-    """
-    if trace is None:
-        return ()
-    component = Component.of_label(label)
-    try:
-        if around is None:
-            return limits(spec, where.pair.requirement, trace, where.test, component)
-        curves = []
-        for must in held_predicates(spec.formulas[where.pair.requirement]):
-            if reads(must.predicate, component):
-                margins_at = partial(margins, spec, trace, where.test, must, component, around=around)
-                here = margins_at(np.zeros(1))
-                if here is not None:
-                    reach = 2.5 * max(difference, float(np.abs(here.margins).max()))
-                    curves.append(margins_at(np.linspace(-reach, reach, _VALUES)))
-        return tuple(one for one in curves if one is not None)
-    except S2RError:
-        return ()  # a predicate that has no value there: the picture is drawn without it
 
 
 def _trace(pair: Attribution, spec: Spec) -> Trace | None:

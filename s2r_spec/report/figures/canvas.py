@@ -14,9 +14,15 @@ from html import escape
 from io import StringIO
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
+
+FloatArray = NDArray[np.float64]
 
 INK, MUTED, RULE, BAND, GOOD, BAD = (f"#1aa00{digit}" for digit in range(1, 7))
 PAPER = "#1aa007"
@@ -68,14 +74,7 @@ class Picture:
 
 
 def draw(name: str, alt: str, size: tuple[float, float], paint: Callable[[Figure], None]) -> str:
-    """Return a figure as SVG for a page with other figures.
-
-    Args:
-        name: the name of the figure, unique in the page.
-        alt: the text alternative of the figure.
-        size: width and height [inch].
-        paint: a function that draws on an empty figure.
-    """
+    """Return a figure of a size [inch] as SVG, named uniquely in its page; ``paint`` draws on an empty figure."""
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
@@ -99,6 +98,35 @@ def with_unit(name: str, unit: str) -> str:
     return f"{shorten(name)} [{unit}]" if unit else shorten(name)
 
 
+def panels(figure: Figure, count: int, columns: int) -> list[Axes]:
+    """Return ``count`` axes with one scale upwards, in rows of at most ``columns``."""
+    columns = min(columns, count)
+    grid = figure.subplots(-(-count // columns), columns, squeeze=False, sharey=True)
+    for axes in grid.flat[count:]:
+        axes.set_visible(False)
+    return list(grid.flat[:count])
+
+
+def paint_map(
+    axes: Axes, values: FloatArray, extent: tuple[float, float, float, float], scale: float, between: str
+) -> AxesImage:
+    """Draw (rows, columns) values in colours: white at 0, the deepest at ±``scale``; ``between`` interpolates them."""
+    return axes.imshow(
+        values, origin="lower", extent=extent, aspect="auto", cmap="RdBu", vmin=-scale, vmax=scale,
+        interpolation=between,
+    )  # fmt: skip
+
+
+def add_scale(
+    figure: Figure, image: AxesImage, beside: list[Axes], label: str, extend: str = "neither"
+) -> None:
+    """Draw the colours of a map and their values."""
+    bar = figure.colorbar(image, ax=beside, extend=extend, pad=0.01)
+    bar.set_label(label)
+    if bar.solids is not None:
+        bar.solids.set_rasterized(True)  # 256 little paths otherwise
+
+
 def shade_violation(axes: Axes) -> None:
     """Shade ρ < 0 without changing the limits of the axes."""
     low, high = axes.get_ylim()
@@ -112,16 +140,11 @@ def _embed(svg: str, name: str, alt: str) -> str:
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>\s*", "", svg, flags=re.S)
     svg = re.sub(r"<style[^>]*>.*?</style>", "", svg, flags=re.S)
-    svg = re.sub(
-        r'<svg[^>]*?(viewBox="[^"]*")[^>]*>', rf"<svg \1{_attributes(alt)}>", svg, count=1, flags=re.S
-    )
+    quoted = escape(alt).replace("\\", r"\\")
+    attributes = f' xmlns:xlink="http://www.w3.org/1999/xlink" role="img" aria-label="{quoted}"'
+    svg = re.sub(r'<svg[^>]*?(viewBox="[^"]*")[^>]*>', rf"<svg \1{attributes}>", svg, count=1, flags=re.S)
     # Several figures share a page: their names must differ.
     svg = re.sub(r'\bid="', f'id="{name}-', svg)
     svg = re.sub(r'(url\(|xlink:href=")#', rf"\1#{name}-", svg)
     svg = re.sub(r"'DejaVu Sans'(, [^;\"]*)?", "system-ui, sans-serif", svg)
     return re.sub("|".join(_VARIABLES), lambda token: _VARIABLES[token[0]], svg)
-
-
-def _attributes(alt: str) -> str:
-    quoted = escape(alt).replace("\\", r"\\")
-    return f' xmlns:xlink="http://www.w3.org/1999/xlink" role="img" aria-label="{quoted}"'

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from s2r_spec.base.printable import spell_unit
@@ -19,18 +21,6 @@ _MOST_ROWS = 12
 _TRUNK = ("base", "trunk", "torso", "body")
 
 
-def strengths(body: Body) -> dict[str, float]:
-    """Return part → strength of colour, 0 to 1, on a logarithmic scale of its largest shift; 0 for none."""
-    import math
-
-    largest = {part.name: max((s.sigma for s in part.shifts), default=0.0) for part in body.parts}
-    top = max(largest.values(), default=0.0)
-    return {
-        name: 0.0 if sigma <= 0 else max(0.15, 1.0 - math.log2(top / sigma) / 6.0)
-        for name, sigma in largest.items()
-    }
-
-
 def is_quadruped(body: Body) -> bool:
     """Return whether the parts belong to four legs with three joints each."""
     names = {part.name for part in body.parts}
@@ -40,7 +30,13 @@ def is_quadruped(body: Body) -> bool:
 def robot(body: Body, name: str) -> Picture:
     """Draw the parts."""
     rows = [(part, shift) for part in body.shifted for shift in part.shifts[:1]][:_MOST_ROWS]
-    strong = strengths(body)
+    largest = {part.name: max((shift.sigma for shift in part.shifts), default=0.0) for part in body.parts}
+    top = max(largest.values(), default=0.0)
+    # The strength of a part's colour, on a logarithmic scale of its largest shift.
+    strong = {
+        name: 0.0 if sigma <= 0 else max(0.15, 1.0 - math.log2(top / sigma) / 6.0)
+        for name, sigma in largest.items()
+    }
     legs = is_quadruped(body)
     height = 0.9 + 0.32 * max(len(rows), 2)
 
@@ -104,46 +100,35 @@ def _quadruped(axes: Axes, strong: Mapping[str, float]) -> None:
     """Draw a top view, the front to the right: each leg's joints from the trunk outwards, then its foot."""
     from matplotlib.patches import Circle, FancyBboxPatch
 
-    def box(
-        x: float, y: float, width: float, height: float, part: str, label: str, size: float = 8.5
-    ) -> None:
-        strength = strong.get(part, 0.0)
-        rounded = "round,pad=0,rounding_size=0.12"
-        frame: dict[str, Any] = {"facecolor": "none", "edgecolor": MUTED, "lw": 1.0}
-        axes.add_patch(FancyBboxPatch((x, y), width, height, boxstyle=rounded, **frame))
-        if strength:
-            filled: dict[str, Any] = {"facecolor": BAND, "edgecolor": "none", "alpha": 0.1 + 0.7 * strength}
-            axes.add_patch(FancyBboxPatch((x, y), width, height, boxstyle=rounded, **filled))
-        axes.text(x + width / 2, y + height / 2, label, ha="center", va="center", size=size, color=INK)
+    def fill(shape: Callable[..., Any], part: str, deepest: float = 0.7, edge: str = MUTED) -> None:
+        axes.add_patch(shape(facecolor="none", edgecolor=edge, lw=1.0))
+        if strength := strong.get(part, 0.0):
+            axes.add_patch(shape(facecolor=BAND, edgecolor="none", alpha=0.1 + deepest * strength))
 
-    trunk = next((name for name in _TRUNK if name in strong), "")
-    box(-2.2, -0.7, 4.4, 1.4, trunk, "trunk")
+    def box(x: float, y: float, width: float, height: float, part: str, label: str) -> None:
+        rounded = "round,pad=0,rounding_size=0.12"
+        fill(partial(FancyBboxPatch, (x, y), width, height, boxstyle=rounded), part)
+        axes.text(x + width / 2, y + height / 2, label, ha="center", va="center", size=8.5, color=INK)
+
+    box(-2.2, -0.7, 4.4, 1.4, next((name for name in _TRUNK if name in strong), ""), "trunk")
     axes.plot([2.2, 2.6, 2.2], [0.35, 0.0, -0.35], color=MUTED, lw=1)
     axes.text(2.8, 0.0, "front", va="center", size=8.5, color=MUTED)
-    others = [name for name in strong if name not in _drawn() and strong[name] > 0]
+    drawn = set(_TRUNK)
     for leg in LEGS:
         side = 1.0 if leg.endswith("L") else -1.0
         x = 1.0 if leg.startswith("F") else -2.2
         axes.text(x - 0.12, side * 1.05, leg, ha="right", va="center", size=10, color=INK, fontweight="bold")
         for k, joint in enumerate(JOINTS):
             y = 0.82 + 0.6 * k if side > 0 else -0.82 - 0.6 * k - 0.5
-            box(x, y, 1.2, 0.5, f"{leg} {joint}", joint)
-            sensor = strong.get(f"{leg} {joint} encoder", 0.0)
-            axes.add_patch(Circle((x + 1.4, y + 0.25), 0.11, facecolor="none", edgecolor=RULE, lw=1))
-            if sensor:
-                axes.add_patch(
-                    Circle(
-                        (x + 1.4, y + 0.25), 0.11, facecolor=BAND, edgecolor="none", alpha=0.1 + 0.8 * sensor
-                    )
-                )
+            part, sensor = f"{leg} {joint}", f"{leg} {joint} encoder"
+            box(x, y, 1.2, 0.5, part, joint)
+            fill(partial(Circle, (x + 1.4, y + 0.25), 0.11), sensor, 0.8, RULE)
+            drawn |= {part, sensor}
         y = side * (0.82 + 0.6 * 3 + 0.22)
-        foot = strong.get(f"{leg} foot", 0.0)
-        axes.add_patch(Circle((x + 0.6, y), 0.22, facecolor="none", edgecolor=MUTED, lw=1))
-        if foot:
-            axes.add_patch(
-                Circle((x + 0.6, y), 0.22, facecolor=BAND, edgecolor="none", alpha=0.1 + 0.7 * foot)
-            )
+        fill(partial(Circle, (x + 0.6, y), 0.22), f"{leg} foot")
+        drawn.add(f"{leg} foot")
         axes.text(x + 0.9, y, "foot", va="center", size=8, color=MUTED)
+    others = [name for name in strong if name not in drawn and strong[name] > 0]
     axes.text(
         3.3, -2.6, "small rings: encoders" + (f"\nalso: {', '.join(others[:3])}" if others else ""),
         size=8.5, color=MUTED, va="bottom",
@@ -152,8 +137,3 @@ def _quadruped(axes: Axes, strong: Mapping[str, float]) -> None:
     axes.set_ylim(-3.1, 3.1)
     axes.set_aspect("equal")
     axes.axis("off")
-
-
-def _drawn() -> set[str]:
-    joints = {f"{leg} {joint}" for leg in LEGS for joint in JOINTS}
-    return joints | {f"{name} encoder" for name in joints} | {f"{leg} foot" for leg in LEGS} | set(_TRUNK)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,7 +18,10 @@ from s2r_spec.report.figures.canvas import (
     MUTED,
     PAPER,
     Picture,
+    add_scale,
     draw,
+    paint_map,
+    panels,
     shorten,
     with_unit,
 )
@@ -47,8 +50,7 @@ def before_and_after(far: HeldOutGap, units: dict[str, str], name: str) -> Pictu
     """Draw |Δρ| of each held-out test before and after the named effects are added, largest first."""
     tests = sorted(far.tests, key=lambda test: -abs(test.before))[:_MOST_TESTS]
     rows = np.arange(len(tests))[::-1]
-
-    names = ", ".join(tests[0].params)
+    named = [", ".join(f"{value:.3g}" for value in test.params.values()) or "the only test" for test in tests]
 
     def paint(figure: Figure) -> None:
         axes = figure.add_subplot()
@@ -61,8 +63,9 @@ def before_and_after(far: HeldOutGap, units: dict[str, str], name: str) -> Pictu
         axes.plot(before, rows, "o", color=BAD, mfc=PAPER, mec=BAD, mew=1.6, ms=7, zorder=3, label="before")
         if far.after is not None:
             axes.plot(after, rows, "o", color=GOOD, ms=6, zorder=4, label="after")
-        axes.set_yticks(rows, [_short_name(test) for test in tests])
-        axes.set_ylabel(shorten(names), size=9)
+        counts = [f" (×{test.rollouts})" if test.rollouts > 1 else "" for test in tests]
+        axes.set_yticks(rows, [shorten(name) + count for name, count in zip(named, counts, strict=True)])
+        axes.set_ylabel(shorten(", ".join(tests[0].params)), size=9)
         axes.set_ylim(-0.7, len(tests) - 0.3)
         axes.set_xlim(left=0)
         axes.set_xlabel(with_unit("|Δρ|", far.unit))
@@ -86,21 +89,12 @@ def before_and_after(far: HeldOutGap, units: dict[str, str], name: str) -> Pictu
     return Picture(title, caption, alt, draw(name, alt, (7.2, 1.35 + 0.27 * len(tests)), paint))
 
 
-def _short_name(test: HeldOut) -> str:
-    words = ", ".join(f"{value:.3g}" for value in test.params.values())
-    return shorten(words or "the only test") + (f" (×{test.rollouts})" if test.rollouts > 1 else "")
-
-
 def _curve(space: GapSurface, held: Sequence[HeldOut], name: str) -> Picture:
     axis = space.space.axes[0]
 
     def paint(figure: Figure) -> None:
         axes = figure.add_subplot()
-        _band(axes, space, 0)
-        axes.plot(
-            [test.params[axis.name] for test in space.tests], [test.gap for test in space.tests],
-            "o", color=INK, ms=3.5, label="mean of a test",
-        )  # fmt: skip
+        _band(axes, space, 0, ms=3.5, label="mean of a test")
         where = [test.params[axis.name] for test in held]
         after = [test.after for test in held if test.after is not None]
         if after:
@@ -112,7 +106,6 @@ def _curve(space: GapSurface, held: Sequence[HeldOut], name: str) -> Picture:
                 ls="none", label="held out: before",
             )  # fmt: skip
         axes.set_xlim(axis.low - axis.width / 50, axis.high + axis.width / 50)
-        axes.set_xlabel(with_unit(axis.name, axis.unit))
         axes.set_ylabel(with_unit(_DELTA, space.unit))
         figure.legend(loc="outside upper left", ncols=2)
 
@@ -122,13 +115,12 @@ def _curve(space: GapSurface, held: Sequence[HeldOut], name: str) -> Picture:
         f"{space.signed.mean.min():.4g} and {space.signed.mean.max():.4g} {space.unit}; largest gap probably at "
         f"{worst:.4g} {axis.unit}; {len(held)} held-out tests"
     )
-    return Picture(
-        "The gap over the test space", _caption(space, bool(held)), alt, draw(name, alt, (7.2, 3.6), paint)
-    )
+    caption = _caption(space, bool(held))
+    return Picture("The gap over the test space", caption, alt, draw(name, alt, (7.2, 3.6), paint))
 
 
-def _band(axes: Axes, space: GapSurface, axis: int) -> None:
-    """Draw the expected Δρ along an axis through the worst test."""
+def _band(axes: Axes, space: GapSurface, axis: int, **dots: Any) -> None:
+    """Draw the expected Δρ along an axis through the worst test, and the gap at each test that was run."""
     on = space.along(axis)
     at = space.grid[on, axis]
     band = space.signed
@@ -138,26 +130,22 @@ def _band(axes: Axes, space: GapSurface, axis: int) -> None:
         for sign in (-1, 1):
             axes.axhline(sign * space.tolerance, color=MUTED, lw=0.8, ls=(0, (4, 3)))
     axes.axhline(0, color=INK, lw=0.8)
+    along = space.space.axes[axis]
+    where, gaps = [test.params[along.name] for test in space.tests], [test.gap for test in space.tests]
+    axes.plot(where, gaps, "o", color=INK, **dots)
+    axes.set_xlabel(with_unit(along.name, along.unit))
 
 
 def _slices(space: GapSurface, name: str) -> Picture:
     names = space.space.names
 
     def paint(figure: Figure) -> None:
-        columns = min(3, len(names))
-        grid = figure.subplots(-(-len(names) // columns), columns, squeeze=False, sharey=True)
-        for k, axes in enumerate(grid.flat):
-            if k >= len(names):
-                axes.set_visible(False)
-                continue
-            axis = space.space.axes[k]
-            _band(axes, space, k)
-            where = [test.params[axis.name] for test in space.tests]
-            axes.plot(where, [test.gap for test in space.tests], "o", color=INK, ms=3, alpha=0.6)
+        grid = panels(figure, len(names), 3)
+        for k, (axes, axis) in enumerate(zip(grid, space.space.axes, strict=True)):
+            _band(axes, space, k, ms=3, alpha=0.6)
             axes.axvline(space.worst[axis.name], color=BAD, lw=1, ls=(0, (4, 3)))
-            axes.set_xlabel(with_unit(axis.name, axis.unit))
-        for row in grid:
-            row[0].set_ylabel(with_unit("Δρ", space.unit))
+        for axes in grid[::3]:
+            axes.set_ylabel(with_unit("Δρ", space.unit))
 
     rows = -(-len(names) // 3)
     worst = ", ".join(f"{n} = {v:.4g}" for n, v in space.worst.items())
@@ -179,10 +167,8 @@ def _maps(space: GapSurface, held: Sequence[HeldOut], name: str) -> Picture:
 
     def paint(figure: Figure) -> None:
         both = figure.subplots(1, 2 if after else 1, sharex=True, sharey=True, squeeze=False)[0]
-        image = both[0].imshow(
-            values, origin="lower", extent=(across.low, across.high, up.low, up.high), aspect="auto",
-            cmap="RdBu", vmin=-scale, vmax=scale, interpolation="bilinear",
-        )  # fmt: skip
+        extent = (across.low, across.high, up.low, up.high)
+        image = paint_map(both[0], values, extent, scale, "bilinear")
         x, y = ([test.params[a.name] for test in space.tests] for a in (across, up))
         both[0].scatter(x, y, s=12, c="black", lw=0)
         both[0].plot(
@@ -202,10 +188,7 @@ def _maps(space: GapSurface, held: Sequence[HeldOut], name: str) -> Picture:
             axes.set_xlim(across.low - across.width / 40, across.high + across.width / 40)
             axes.set_ylim(up.low - up.width / 40, up.high + up.width / 40)
         both[0].set_ylabel(with_unit(up.name, up.unit))
-        bar = figure.colorbar(image, ax=both.tolist(), pad=0.01)
-        bar.set_label(with_unit("Δρ", space.unit))
-        if bar.solids is not None:
-            bar.solids.set_rasterized(True)
+        add_scale(figure, image, both.tolist(), with_unit("Δρ", space.unit))
 
     alt = (
         f"Map of the expected Δρ over {across.name} and {up.name}, largest gap probably at "
@@ -222,13 +205,13 @@ def _maps(space: GapSurface, held: Sequence[HeldOut], name: str) -> Picture:
 
 
 def _caption(space: GapSurface, held: bool) -> str:
-    words = (
-        "Δρ is ρ of the real machine minus ρ of the simulator: below 0 the real machine is worse. "
-        "The band holds its expected value with 95 % simultaneously for all tests."
-    )
+    words = "Δρ is ρ of the real machine minus ρ of the simulator"
     if space.space.dim == 2:
-        words = (
-            "Δρ is ρ of the real machine minus ρ of the simulator. Red, below 0: the real machine is worse."
+        words += ". Red, below 0: the real machine is worse."
+    else:
+        words += (
+            ": below 0 the real machine is worse. The band holds its expected value with 95 % simultaneously for all "
+            "tests."
         )
     if held:
         words += " Rings are gaps at held-out tests; dots are the gaps with the named effects added."

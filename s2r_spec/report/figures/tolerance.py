@@ -9,22 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.lang import formula as f
+from s2r_spec.report.figures.canvas import FloatArray
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
-
-FloatArray = NDArray[np.float64]
 
 _MOST_SAMPLES = 240
 
 
 @dataclass(frozen=True)
 class Component:
-    """A scalar channel, or one component of a vector channel.
-
-    Attributes:
-        channel: the name of the channel.
-        index: the number of the component, from 0; None for a scalar channel.
-    """
+    """A scalar channel (its index is None), or one component of a vector channel, counted from 0."""
 
     channel: str
     index: int | None = None
@@ -83,8 +77,6 @@ def held_predicates(formula: f.Formula, start: float = 0.0, end: float = 0.0) ->
             yield from held_predicates(
                 formula.operand, start + formula.interval.low, end + formula.interval.high
             )
-        case _:
-            pass
 
 
 def reads(predicate: f.Comparison, component: Component) -> bool:
@@ -130,7 +122,6 @@ def margins(
 
 
 def _with_values(trace: Trace, kept: NDArray[np.intp], component: Component, value: FloatArray) -> Trace:
-    """Return some samples of a trace, with other values of one component."""
     channels = {name: np.array(samples[kept]) for name, samples in trace.channels.items()}
     if component.index is None:
         channels[component.channel][:] = value

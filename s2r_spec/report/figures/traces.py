@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec import logs
 from s2r_spec.base.errors import S2RError
 from s2r_spec.report.check import test_words
-from s2r_spec.report.figures.canvas import BAD, BAND, INK, MUTED, Picture, draw, with_unit
+from s2r_spec.report.figures.canvas import BAD, BAND, INK, MUTED, FloatArray, Picture, draw, with_unit
 from s2r_spec.report.figures.tolerance import Component, Margins, held_predicates, margins, reads
 from s2r_spec.runs.journal import Record
 from s2r_spec.runs.scorer import Scorer
@@ -24,8 +25,7 @@ from s2r_spec.trace import Trace
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-FloatArray = NDArray[np.float64]
+    from matplotlib.lines import Line2D
 
 _MOST_TRACES = 2
 _MOST_PANELS = 6
@@ -35,14 +35,9 @@ _VALUES = 121
 
 @dataclass(frozen=True)
 class JournalRollouts:
-    """The rollouts of one journal, with their spec and requirement.
+    """The rollouts of one journal, in its folder, with their spec and requirement.
 
     Attributes:
-        spec: the specification that the run keeps.
-        requirement: the name of the requirement.
-        unit: the unit of ρ.
-        folder: the folder of the journal.
-        records: every rollout in it.
         called: name of their backend: "sim", "twin:lab".
         model_hash: the hash of the backend when it ran.
     """
@@ -104,7 +99,12 @@ def _picture(
     if trace is None:
         why = record.failure or "its trace is not on disk"
         return Picture(title, f"There is nothing to draw: {why}.", "", "")
-    reason = _explain(runs, trace, record)
+    reason, decided = None, ""
+    with suppress(S2RError):
+        reason = runs.spec.explain(trace, runs.requirement, record.params)
+        if reason.instant is not None:
+            margin = f"{reason.margin:+.4f} {reason.margin_unit}".rstrip()
+            decided = f"Decided at t = {reason.when} by {reason.predicate} (margin {margin})."
     panels = _panels(runs, trace, record, beside)
 
     def paint(figure: Figure) -> None:
@@ -112,10 +112,7 @@ def _picture(
         for axes, panel in zip(rows, panels, strict=True):
             paint_panel(axes, panel, reason)
         if beside:
-            lines = [
-                rows[0].plot([], [], color=INK, lw=1.6, label=runs.called)[0],
-                rows[0].plot([], [], color=BAND, lw=1.6, ls=(0, (5, 2)), label=other)[0],
-            ]
+            lines = legend_lines(rows[0], runs.called, other)
             rows[0].legend(handles=lines, loc="upper left", ncols=2, borderaxespad=0, bbox_to_anchor=(0, 1.2))
         rows[-1].set_xlabel("time [s]")
 
@@ -124,15 +121,23 @@ def _picture(
     if beside:
         alt += f", beside {len(beside)} of {other} at the same test"
     fell = f" It ended with a {record.failure}, which counts as the declared ρ." if record.failure else ""
-    caption = f"{_words(reason)}{fell} The requirement forbids the red area" + (
+    caption = f"{decided}{fell} The requirement forbids the red area" + (
         "; thin lines are other rollouts at this test." if panels[0].others else "."
     )
     return Picture(title, caption, alt, draw(name, alt, (7.2, 0.7 + 1.9 * len(panels)), paint))
 
 
+def legend_lines(axes: Axes, own: str, beside: str) -> list[Line2D]:
+    """Return lines as :func:`paint_panel` draws them, with their names."""
+    return [
+        *axes.plot([], [], color=INK, lw=1.6, label=own),
+        *axes.plot([], [], color=BAND, lw=1.6, ls=(0, (5, 2)), label=beside),
+    ]
+
+
 def read_trace(runs: JournalRollouts, record: Record) -> Trace | None:
     """Return the trace of a rollout, or None if there is none."""
-    try:
+    with suppress(S2RError):  # if the file is gone, the report is made without the picture
         if record.trace is not None:
             return logs.read(runs.folder / record.trace)
         if record.failure is None and runs.called.startswith("log:"):
@@ -140,8 +145,6 @@ def read_trace(runs: JournalRollouts, record: Record) -> Trace | None:
             scorer = Scorer.for_spec(runs.spec, runs.requirement, runs.called)
             task = scorer.task(record.query, record.replicate, record.params, record.seed)
             return run_task(replace(task, model_hash=runs.model_hash))[0]
-    except S2RError:
-        pass  # the file is gone: the report is made without the picture
     return None
 
 
@@ -149,48 +152,24 @@ def _number(rho: float, unit: str) -> str:
     return f"{rho:+.4f} {unit}".rstrip()
 
 
-def _explain(runs: JournalRollouts, trace: Trace, record: Record) -> Explanation | None:
-    try:
-        return runs.spec.explain(trace, runs.requirement, record.params)
-    except S2RError:
-        return None
-
-
-def _words(reason: Explanation | None) -> str:
-    if reason is None or reason.instant is None:
-        return ""
-    margin = f"{reason.margin:+.4f} {reason.margin_unit}".rstrip()
-    return f"Decided at t = {reason.when} by {reason.predicate} (margin {margin})."
-
-
 def _panels(runs: JournalRollouts, trace: Trace, record: Record, beside: tuple[Trace, ...]) -> list[Panel]:
     same = [other for other in runs.records if other.params == record.params and other is not record]
     others = [sibling for other in same[:_MOST_SIBLINGS] if (sibling := read_trace(runs, other)) is not None]
     panels = []
     for name in runs.spec.channels(runs.requirement):
-        columns = range(trace[name].shape[1]) if trace[name].ndim == 2 else [None]
-        for column in columns:
-            panels.append(_panel(runs, trace, others, beside, record, Component(name, column)))
+        unit = trace.units.get(name, runs.spec.signals[name].unit)
+        for column in range(trace[name].shape[1]) if trace[name].ndim == 2 else [None]:
+            one = Component(name, column)
+            panel = Panel(
+                with_unit(one.label, unit),
+                trace.times,
+                one.samples(trace),
+                tuple((other.times, one.samples(other)) for other in others),
+                tuple((other.times, one.samples(other)) for other in beside),
+                limits(runs.spec, runs.requirement, trace, record.params, one),
+            )
+            panels.append(panel)
     return panels[:_MOST_PANELS]
-
-
-def _panel(
-    runs: JournalRollouts,
-    trace: Trace,
-    others: Sequence[Trace],
-    beside: Sequence[Trace],
-    record: Record,
-    component: Component,
-) -> Panel:
-    unit = trace.units.get(component.channel, runs.spec.signals[component.channel].unit)
-    return Panel(
-        with_unit(component.label, unit),
-        trace.times,
-        component.samples(trace),
-        tuple((one.times, component.samples(one)) for one in others),
-        tuple((one.times, component.samples(one)) for one in beside),
-        limits(runs.spec, runs.requirement, trace, record.params, component),
-    )
 
 
 def limits(
@@ -199,25 +178,26 @@ def limits(
     trace: Trace,
     params: Mapping[str, float],
     component: Component,
+    around: FloatArray | None = None,
+    reach: float = 0.0,
 ) -> tuple[Margins, ...]:
-    """Return the requirement's margins for other values of one component of a signal.
+    """Return the requirement's margins for other values of one component of a signal, around its samples.
 
-    Args:
-        spec: the specification.
-        requirement: one of its requirements.
-        trace: the recorded trace; the values lie around its samples.
-        params: the test.
-        component: the component.
+    With ``around`` (samples of the trace,) the values are differences from these; ``reach`` is how far the recorded
+    samples are from them [unit of the signal].
     """
     own = component.samples(trace)
     low, high = float(own.min()), float(own.max())
     span = (high - low) or abs(high) or 1.0
-    values = np.linspace(low - 2 * span, high + 2 * span, _VALUES)
-    curves = [
-        margins(spec, trace, params, must, component, values)
-        for must in held_predicates(spec.formulas[requirement])
-        if reads(must.predicate, component)
-    ]
+    ends = low - 2 * span, high + 2 * span
+    curves = []
+    for must in held_predicates(spec.formulas[requirement]):
+        if reads(must.predicate, component):
+            margins_at = partial(margins, spec, trace, params, must, component, around=around)
+            if around is not None and (here := margins_at(np.zeros(1))) is not None:
+                far = 2.5 * max(reach, float(np.abs(here.margins).max()))
+                ends = -far, far
+            curves.append(margins_at(np.linspace(*ends, _VALUES)))
     return tuple(limit for limit in curves if limit is not None)
 
 
@@ -245,10 +225,7 @@ def paint_panel(axes: Axes, panel: Panel, reason: Explanation | None) -> None:
         at = float(np.interp(reason.instant, panel.times, panel.samples))
         axes.plot(reason.instant, at, "o", color="none", mec=BAD, mew=2, ms=9)
     drawn = (panel.samples, *(samples for _, samples in (*panel.others, *panel.beside)))
-    shown = [
-        *edges,
-        *(float(end(samples)) for samples in drawn for end in (np.min, np.max)),
-    ]
+    shown = [*edges, *(float(end(samples)) for samples in drawn for end in (np.min, np.max))]
     room = 0.15 * (max(shown) - min(shown) or 1.0)
     axes.set_ylim(min(shown) - room, max(shown) + room)
     axes.set_ylabel(panel.label)

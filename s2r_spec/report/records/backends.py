@@ -63,13 +63,7 @@ class BackendObject:
 
     @classmethod
     def of(cls, machine: Backend, name: str, options: tuple[Option, ...]) -> BackendObject:
-        """Return what a backend declares.
-
-        Args:
-            machine: the backend.
-            name: the name by which it was found.
-            options: the options that may follow its name.
-        """
+        """Return what a backend declares, found by its name, which these options may follow."""
         protocols = machine.protocols() if isinstance(machine, HasProtocols) else ()
         effects = machine.effects() if isinstance(machine, HasEffects) else ()
         return cls(

@@ -11,8 +11,6 @@ from s2r_spec.logs.account import Account
 from s2r_spec.robustness.account import Instants
 from s2r_spec.robustness.explain import Explanation
 
-Word = Literal["holds", "violated", "unknown"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class _Verdict:
@@ -143,21 +141,7 @@ class MonitorObject:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Interval:
-    unit: str
-    verdict: Word
-    satisfied: bool | None
-    lower: float
-    upper: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Named:
-    requirement: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class RequirementInterval(_Interval, _Named):
+class RequirementInterval:
     """The range of values that ρ of a requirement can still take.
 
     Attributes:
@@ -168,6 +152,13 @@ class RequirementInterval(_Interval, _Named):
         lower: lower end of the interval.
         upper: upper end of the interval.
     """
+
+    requirement: str
+    unit: str
+    verdict: Literal["holds", "violated", "unknown"]
+    satisfied: bool | None
+    lower: float
+    upper: float
 
 
 @dataclass(frozen=True, kw_only=True)

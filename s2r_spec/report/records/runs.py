@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from s2r_spec.base.json_values import Count, Magnitude, Point, Probability
+from s2r_spec.base.json_values import Count, Magnitude, Point, Probability, Shown
 from s2r_spec.certify.result.failure_probability import FailureProbability
 
 
@@ -75,16 +75,24 @@ class ChoiceObject:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RequirementOdds:
+class RequirementOdds(Shown):
     """Bounds on the probability that ρ of a requirement falls below levels.
 
     Attributes:
         delta: 1 − probability that all bounds hold.
         levels: one bound for each level.
+        requirement: its name.
+        unit: the unit of ρ.
+        B: bound on the RKHS norm of each probability as a function of the test.
     """
 
+    requirement: str
+    unit: str
+    B: float
     delta: Probability
     levels: tuple[FailureProbability, ...]
+
+    JSON = "delta levels"
 
 
 @dataclass(frozen=True, kw_only=True)

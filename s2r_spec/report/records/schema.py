@@ -99,22 +99,14 @@ class _WithInfinities(_Described):
 
 
 def _describe(record: type, document: JsonSchemaValue) -> JsonSchemaValue:
-    """Return a schema with the descriptions of a record's docstring."""
-    described = _descriptions(record)
-    for name, of in document["properties"].items():
-        if name in described:
-            of["description"] = described[name]
-    return document | {"description": " ".join(_plain_docstring(record).split("\n\n")[0].split())}
-
-
-def _descriptions(record: type) -> dict[str, str]:
-    """Return the description of each field, from the docstrings of a record and its bases."""
-    texts: dict[str, str] = {}
+    """Return a schema with the descriptions of a record's docstring, and of the docstrings of its bases."""
     for each in _lineage(record):
         section = re.search(r"^(?:Attributes|Args):\n((?: +.*\n?)+)", _plain_docstring(each), re.M)
         rows = re.findall(r"^    (\w+): (.*(?:\n     +.*)*)", section[1], re.M) if section else ()
-        texts |= {name: " ".join(words.split()) for name, words in rows}
-    return texts
+        for name, words in rows:
+            if name in document["properties"]:
+                document["properties"][name]["description"] = " ".join(words.split())
+    return document | {"description": " ".join(_plain_docstring(record).split("\n\n")[0].split())}
 
 
 def _lineage(record: type) -> list[type]:

@@ -4,7 +4,8 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from s2r_spec.cli.options.protocols import Next, NoProtocols, Passive, Protocols, protocol_names
+from s2r_spec.cli.diagnose import Campaign
+from s2r_spec.cli.options.groups import group_options
 from s2r_spec.errors import UsageError
 from tests.errors import naming
 
@@ -14,13 +15,9 @@ def names(*words):
     app, found = typer.Typer(), []
 
     @app.command()
-    def command(
-        protocols: Protocols = None,
-        no_protocols: NoProtocols = False,
-        passive: Passive = False,
-        after: Next = None,
-    ):
-        found.append(protocol_names(protocols, no_protocols, passive))
+    @group_options
+    def command(*, campaign: Campaign):
+        found.append(campaign.names())
 
     done = CliRunner().invoke(app, words, catch_exceptions=False)
     assert done.exit_code == 0, done.output

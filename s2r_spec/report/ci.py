@@ -1,6 +1,6 @@
-"""The result as JUnit XML, as GitLab, Jenkins and GitHub's test reporters read it.
+"""The result for CI: JUnit XML as GitLab, Jenkins and GitHub's test reporters read it, and GitHub's annotations.
 
-A violated requirement is a failure. An unknown one, or one whose certificate was refused, is an error.
+In JUnit a violated requirement is a failure. An unknown one, or one whose certificate was refused, is an error.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from pathlib import Path
 from xml.etree import ElementTree as ET
 
 from s2r_spec.base.printable import one_line
-from s2r_spec.base.verdict import Verdict
+from s2r_spec.base.verdict import Tone, Verdict
 from s2r_spec.report import text
 from s2r_spec.report.finding import Finding, Report
 
@@ -18,12 +18,13 @@ from s2r_spec.report.finding import Finding, Report
 _FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
-def render(report: Report) -> str:
+def junit(report: Report) -> str:
     """Return one test suite with one test case for each requirement."""
+    verdicts = [one.verdict for one in report.findings]
     counts = {
-        "tests": str(len(report.findings)),
-        "failures": str(_count(report, Verdict.VIOLATED)),
-        "errors": str(_count(report, Verdict.UNKNOWN)),
+        "tests": str(len(verdicts)),
+        "failures": str(verdicts.count(Verdict.VIOLATED)),
+        "errors": str(verdicts.count(Verdict.UNKNOWN)),
         "time": f"{sum(one.seconds for one in report.findings):.3f}",
     }
     root = ET.Element("testsuites", {"name": report.command} | counts)
@@ -32,10 +33,6 @@ def render(report: Report) -> str:
         _case(suite, finding)
     ET.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode")
-
-
-def _count(report: Report, verdict: Verdict) -> int:
-    return sum(one.verdict is verdict for one in report.findings)
 
 
 def _case(suite: ET.Element, finding: Finding) -> None:
@@ -63,3 +60,27 @@ def _case(suite: ET.Element, finding: Finding) -> None:
 
 def _legal(words: str) -> str:
     return _FORBIDDEN.sub("\N{REPLACEMENT CHARACTER}", words)
+
+
+def github(report: Report) -> str:
+    """Return one line for each requirement: a notice if it holds, else an error."""
+    return "\n".join(_line(one) for one in report.findings)
+
+
+def _line(finding: Finding) -> str:
+    level = "notice" if finding.verdict.tone is Tone.GOOD else "error"
+    properties = {
+        "file": one_line(Path(finding.location.file).as_posix()),
+        "line": str(finding.location.line),
+        "title": f"{finding.name} {finding.word}",
+    }
+    escaped = {
+        name: _data(value).replace(":", "%3A").replace(",", "%2C") for name, value in properties.items()
+    }
+    where = ",".join(f"{name}={value}" for name, value in escaped.items())
+    message = f"{finding.reason}: {finding.headline}\nreplay: {finding.replay}"
+    return f"::{level} {where}::{_data(message)}"
+
+
+def _data(words: str) -> str:
+    return words.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
