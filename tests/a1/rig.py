@@ -132,10 +132,7 @@ class Leg:
     def receive(self):
         self._rounds += 1
         self.counters.received += len(self._arrived)
-        return self._arrived
-
-    def now(self):
-        return self._rounds * PERIOD
+        return [(data, self._rounds * PERIOD) for data in self._arrived]
 
     def fileno(self):
         return self._ready
