@@ -128,6 +128,7 @@ class _Run:
         self.truths: list[FloatArray] = []
         self.measured: list[FloatArray] = []
         self.stance: list[tuple[bool, ...]] = []
+        self.ticks = 0
 
     def look(self) -> RobotState:
         """Return what the controller is given."""
@@ -148,11 +149,12 @@ class _Run:
 
     def write(self, seen: RobotState, done: Tick) -> None:
         """Log the tick that has just been run."""
+        self.ticks += 1
         self.log.write(RobotState(self.truths[-1]), seen, done, self.body.reported(), self.body.foot_force())
 
     def trace(self, fallen: bool, plant: str, protocol: str | None) -> Trace:
         """Return the trace of what was logged."""
-        n = len(self.log)
+        n = self.ticks
         channels = self.log.channels(self._estimate()[-n:], fallen)
         force = channels["foot_force"].reshape(n, -1)
         channels["contact"] = (force[:, 2::3] > TOUCH).astype(float)

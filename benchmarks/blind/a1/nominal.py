@@ -51,6 +51,6 @@ def nominal() -> Record:
     world = np.zeros(1, WORLD)
     for name, value in _NOMINAL.items():
         world[name] = value
-    world["low"] = np.tile([limit.low for limit in A1.limits], 4)
-    world["high"] = np.tile([limit.high for limit in A1.limits], 4)
+    world["low"] = np.tile([low for low, _ in A1.limits], 4)
+    world["high"] = np.tile([high for _, high in A1.limits], 4)
     return world
