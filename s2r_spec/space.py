@@ -8,12 +8,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import UsageError, one_of, suggest
 from s2r_spec.base.magnitude import beyond, number
-
-FloatArray = NDArray[np.float64]
 
 ROUNDED = 1e-9
 """Tolerance: part of a range by which a value may be outside, after a conversion of units and back."""

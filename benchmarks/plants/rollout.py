@@ -170,7 +170,7 @@ class _Run:
 
     def _estimate(self) -> FloatArray:
         """Return the robot's own estimate of its velocity [m/s], world axes, over settling and run."""
-        n = min(len(self.truths), SETTLING + len(self.log))
+        n = min(len(self.truths), SETTLING + self.ticks)
         truth = RobotState(np.array(self.truths[-n:]).T)
         measured = RobotState(np.array(self.measured[-n:]).T)
         change = np.diff(truth.velocity, axis=1, prepend=truth.velocity[:, :1])

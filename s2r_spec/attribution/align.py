@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from s2r_spec.attribution.place import instant
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.binding import bind, names
 from s2r_spec.robustness.evaluate import Walk
@@ -23,7 +24,6 @@ from s2r_spec.robustness.sampled import numbers_at, sampled_algebra
 from s2r_spec.robustness.ticks import Ticks, clock_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
-from s2r_spec.trace.arrays import FloatArray
 
 SAME = 1e-6
 """Tolerance [s]: sample times closer than this are the same."""

@@ -10,10 +10,10 @@ import numpy as np
 from s2r_spec.attribution.align import align
 from s2r_spec.attribution.critical import Switch, switch
 from s2r_spec.attribution.path import Path, PathPiece
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.lang import formula as f
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
-from s2r_spec.trace.arrays import FloatArray
 
 BINS = 300
 """Budget: bins of a trace in JSON."""

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray, IntArray
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.numbers import Numbers
-from s2r_spec.trace.arrays import FloatArray, IntArray
 
 
 def margin_gradient(node: f.Comparison, numbers: Numbers, sample: int) -> dict[str, FloatArray]:

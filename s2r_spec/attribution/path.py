@@ -26,9 +26,9 @@ import numpy as np
 
 from s2r_spec.attribution.align import Aligned, Evaluated
 from s2r_spec.attribution.gradient import margin_gradient
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.deciding import DescentStep, descend
-from s2r_spec.trace.arrays import FloatArray
 
 _PIECES = 4
 """Budget: least number of pieces, because a minimum of maxima can return to a predicate."""

@@ -20,6 +20,7 @@ from functools import partial
 import numpy as np
 
 from s2r_spec.backend import Backend
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import UsageError, one_of
 from s2r_spec.diagnose.inference.gauss_newton import CLOSE, Errors, Fit, fit
 from s2r_spec.diagnose.inference.hierarchical import LAW_SHARE, Likelihood
@@ -31,7 +32,6 @@ from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.library import simulated_means
 from s2r_spec.diagnose.simulator.response import ResponseLibrary
 from s2r_spec.trace import Trace
-from s2r_spec.trace.arrays import FloatArray
 from s2r_spec.workers.pools import ExecutorFactory
 
 CORRECTIONS = 3

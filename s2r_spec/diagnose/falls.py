@@ -13,12 +13,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.diagnose.gap import SHOTS
 from s2r_spec.diagnose.gap.nominal import Nominal
 from s2r_spec.diagnose.simulator.axes import EffectAxis
 from s2r_spec.diagnose.simulator.bench import Bench, Test, TestRun, evenly, places_of, table
 from s2r_spec.trace import Trace
-from s2r_spec.trace.arrays import FloatArray
 
 HALVINGS = 6
 """Budget: halvings of the way from nominal to the end of a range."""

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import TraceError
 from s2r_spec.lang.units import LONGEST
 from s2r_spec.logs import cells
@@ -25,7 +26,6 @@ from s2r_spec.trace import Trace
 from s2r_spec.trace import stamps as exact
 from s2r_spec.trace.messages import SILENT, Messages, join
 
-FloatArray = NDArray[np.float64]
 T = TypeVar("T")
 
 

@@ -15,14 +15,11 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from s2r_spec.base.arrays import BoolArray, FloatArray
 from s2r_spec.base.errors import TraceError
 from s2r_spec.trace import Trace
 from s2r_spec.trace.messages import Messages
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 VERSION = 1
 """Definition: version of the record."""

@@ -13,15 +13,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from s2r_spec.base.arrays import BoolArray, FloatArray
 from s2r_spec.lang.declarations import Signal
 from s2r_spec.robustness.grid import SNAP, Grid
 from s2r_spec.spec import Spec, parse_spec
 from s2r_spec.trace import Trace
 
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 _CONDITION = "when"
 
 

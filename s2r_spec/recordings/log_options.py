@@ -11,9 +11,9 @@ from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec import logs
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import UsageError
 from s2r_spec.logs.interpret import Loaded
 from s2r_spec.logs.options import read_map, unit_of_option
@@ -21,8 +21,6 @@ from s2r_spec.logs.topics.join import RULES, Joining
 from s2r_spec.logs.topics.topic import STAMPS
 from s2r_spec.recordings.log_episodes import EpisodeSettings, read_longest, read_sources
 from s2r_spec.trace import Trace
-
-FloatArray = NDArray[np.float64]
 
 _FORMS = {
     "nan": "hold",

@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from s2r_spec.trace.arrays import FloatArray, IntArray
+from s2r_spec.base.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)

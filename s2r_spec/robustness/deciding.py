@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray, IntArray
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.evaluate import Walk, up_to
 from s2r_spec.robustness.ticks import Clock
-from s2r_spec.trace.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)

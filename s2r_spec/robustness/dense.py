@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import UsageError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness import windows
@@ -17,7 +18,6 @@ from s2r_spec.robustness.evaluate import Algebra
 from s2r_spec.robustness.numbers import Numbers, SampledSignals, no_value
 from s2r_spec.robustness.sampled import numbers_at
 from s2r_spec.robustness.ties import TIE, break_ties, rescale
-from s2r_spec.trace.arrays import FloatArray
 
 
 @dataclass(frozen=True)

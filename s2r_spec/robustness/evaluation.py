@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from s2r_spec.base.arrays import BoolArray, FloatArray
 from s2r_spec.base.errors import TraceError, UsageError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.binding import bind
@@ -24,7 +25,6 @@ from s2r_spec.robustness.sampled import walk_samples
 from s2r_spec.robustness.silence import Span, bounding_walk, silences_of
 from s2r_spec.robustness.ticks import Clock, Ticks
 from s2r_spec.robustness.ties import restore_zeros
-from s2r_spec.trace.arrays import BoolArray, FloatArray
 from s2r_spec.trace.instants import instant
 
 Interpolation = Literal["samples", "hold", "linear"]

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from s2r_spec.base.arrays import BoolArray, FloatArray
 from s2r_spec.base.json_values import to_json
 from s2r_spec.base.printable import html_text, one_line
 from s2r_spec.lang import formula as f
@@ -17,7 +18,6 @@ from s2r_spec.robustness.evaluation import Reading
 from s2r_spec.robustness.responsible import responsible_samples
 from s2r_spec.robustness.sampled import numbers_at, sampled_algebra
 from s2r_spec.robustness.ties import restore_zero
-from s2r_spec.trace.arrays import BoolArray, FloatArray
 from s2r_spec.trace.instants import DATES, instant
 
 

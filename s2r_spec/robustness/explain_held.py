@@ -15,6 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.at_start import bounds_at_start, curves_of, infimum_over
 from s2r_spec.robustness.bounds import RhoBounds
@@ -32,7 +33,6 @@ from s2r_spec.robustness.explain import (
 from s2r_spec.robustness.held import Courses, HeldValues, signals_of
 from s2r_spec.robustness.silence import HeldBounds
 from s2r_spec.robustness.ticks import Reach
-from s2r_spec.trace.arrays import FloatArray
 
 Span = tuple[float, float]
 

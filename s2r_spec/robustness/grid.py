@@ -11,10 +11,10 @@ from functools import cached_property
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray, IntArray
 from s2r_spec.base.errors import TraceError
 from s2r_spec.lang.formula import Interval
 from s2r_spec.robustness.kernels import until, window_max, window_min
-from s2r_spec.trace.arrays import FloatArray, IntArray
 from s2r_spec.trace.messages import INTERVALS, period_of_messages
 
 Window = Callable[[FloatArray, int, int | None], FloatArray]

@@ -20,6 +20,7 @@ from typing import Literal
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import TraceError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness import history
@@ -28,7 +29,6 @@ from s2r_spec.robustness.dense import ContinuousSignals, PredicateCurves, curve_
 from s2r_spec.robustness.evaluate import Algebra, Walk, Witness
 from s2r_spec.robustness.numbers import Numbers, SampledSignals, margin
 from s2r_spec.robustness.ticks import Ticks
-from s2r_spec.trace.arrays import FloatArray
 
 MEAN_ERROR = 1e-7
 """Tolerance: error of a mean between two messages while its window grows, in parts of its change."""

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from s2r_spec.trace.arrays import BoolArray, FloatArray
+from s2r_spec.base.arrays import BoolArray, FloatArray
 
 
 def delay(x: FloatArray, times: FloatArray, seconds: float, snap: float) -> FloatArray:

@@ -18,6 +18,7 @@ from itertools import product
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import TraceError
 from s2r_spec.base.printable import count_messages
 from s2r_spec.lang import formula as f
@@ -33,7 +34,6 @@ from s2r_spec.robustness.narrow import narrowest, refuse_short
 from s2r_spec.robustness.silence import HeldBounds, Span, edge_signals
 from s2r_spec.robustness.stream import SignalMessages, in_one_turn
 from s2r_spec.robustness.ties import restore_zero, restore_zeros
-from s2r_spec.trace.arrays import FloatArray
 from s2r_spec.trace.instants import instant
 from s2r_spec.trace.messages import union
 

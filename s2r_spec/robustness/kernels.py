@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray, IntArray
 from s2r_spec.robustness.pieces import pieces
-from s2r_spec.trace.arrays import FloatArray, IntArray
 
 PIECE = 1 << 16
 """Budget: samples in one pass, half a megabyte, the size of a processor's second-level cache."""

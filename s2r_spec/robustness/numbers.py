@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from s2r_spec.base.arrays import BoolArray, FloatArray
 from s2r_spec.base.errors import TraceError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness import history
 from s2r_spec.robustness.evaluate import Witness
 from s2r_spec.robustness.ticks import Clock
 from s2r_spec.robustness.ties import break_ties
-from s2r_spec.trace.arrays import BoolArray, FloatArray
 
 
 @dataclass(frozen=True)

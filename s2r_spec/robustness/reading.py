@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import TraceError, UsageError, one_of, suggest
 from s2r_spec.lang.amounts import NUMBER_AND_UNIT, Amount, convert, read_amount
 from s2r_spec.lang.conversion import Conversion
@@ -17,7 +18,6 @@ from s2r_spec.lang.declarations import Param, Signal
 from s2r_spec.lang.units import UnknownUnitError, unit_in_log
 from s2r_spec.robustness.stream import SignalMessages, on_circle
 from s2r_spec.trace import Trace
-from s2r_spec.trace.arrays import FloatArray
 from s2r_spec.trace.instants import instant
 
 HOLD = 'nan="hold" (--nan hold) repeats the sample before it; --join hold joins columns of different rates'

@@ -6,11 +6,11 @@ from functools import reduce
 
 import numpy as np
 
+from s2r_spec.base.arrays import BoolArray, FloatArray
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.deciding import best_witness
 from s2r_spec.robustness.evaluate import Walk, up_to
 from s2r_spec.robustness.ticks import Clock
-from s2r_spec.trace.arrays import BoolArray, FloatArray
 
 
 def responsible_samples(root: f.Formula, walk: Walk[FloatArray], clock: Clock) -> dict[int, BoolArray]:

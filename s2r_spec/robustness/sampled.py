@@ -10,11 +10,11 @@ from functools import partial
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.robustness.evaluate import Algebra, Walk
 from s2r_spec.robustness.kernels import shift
 from s2r_spec.robustness.numbers import Numbers, SampledSignals, margin
 from s2r_spec.robustness.ties import rescale
-from s2r_spec.trace.arrays import FloatArray
 
 
 def numbers_at(samples: SampledSignals) -> Numbers:

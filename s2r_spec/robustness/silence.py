@@ -15,6 +15,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.bounds import RhoBounds, bounded_algebra
 from s2r_spec.robustness.curve import Curve
@@ -23,7 +24,6 @@ from s2r_spec.robustness.held import Courses, held_algebra, signals_of
 from s2r_spec.robustness.numbers import SampledSignals
 from s2r_spec.robustness.sampled import numbers_at, sampled_algebra
 from s2r_spec.robustness.ticks import Ticks
-from s2r_spec.trace.arrays import FloatArray
 from s2r_spec.trace.messages import SILENT, period_of_messages
 
 Span = tuple[float, float]

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.robustness.held import Course
 from s2r_spec.robustness.silence import Span
-from s2r_spec.trace.arrays import FloatArray
 from s2r_spec.trace.messages import Messages
 
 _SLACK = 1e-3

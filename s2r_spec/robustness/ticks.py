@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from s2r_spec.base.arrays import BoolArray, FloatArray, IntArray
 from s2r_spec.base.errors import TraceError
 from s2r_spec.lang.formula import Interval
 from s2r_spec.robustness.grid import Grid
 from s2r_spec.robustness.kernels import range_min, range_until
 from s2r_spec.robustness.once import once
-from s2r_spec.trace.arrays import BoolArray, FloatArray, IntArray
 
 SNAP = 1e-6
 """Tolerance: distance of an interval's end from a sample, in shortest steps, up to which it is on the sample."""

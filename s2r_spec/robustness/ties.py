@@ -16,8 +16,8 @@ import math
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.lang.formula import CompareOp
-from s2r_spec.trace.arrays import FloatArray
 
 TIE = 2.0**-1000
 """Definition: the size of a robustness of 0, in any unit (9.3e-302).

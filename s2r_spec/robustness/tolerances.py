@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.evaluation import Reading
 from s2r_spec.robustness.ticks import clock_of
-from s2r_spec.trace.arrays import FloatArray
 
 _POINTWISE = (
     f.Comparison, f.Number, f.SignalValue, f.ParamValue, f.Convert, f.Arithmetic, f.Elementary, f.Extremum, f.Norm,

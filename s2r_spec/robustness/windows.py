@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from s2r_spec.base.arrays import BoolArray, FloatArray, IntArray
 from s2r_spec.lang.formula import Interval
 from s2r_spec.robustness.curve import Curve, insert_crossings, maximum, merge, minimum, nearest
 from s2r_spec.robustness.kernels import range_min
 from s2r_spec.robustness.kernels import until as until_samples
-from s2r_spec.trace.arrays import BoolArray, FloatArray, IntArray
 
 
 def infimum(x: Curve, interval: Interval, snap: float) -> Curve:

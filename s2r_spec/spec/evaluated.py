@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import UndecidedError
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.amounts import Amount
@@ -19,7 +20,6 @@ from s2r_spec.robustness.tolerances import Tolerances, tolerances
 from s2r_spec.spec.on_traces import How, OnTraces, as_trace, refuse_short_trace
 from s2r_spec.spec.plot import Plot, draw
 from s2r_spec.trace import Trace
-from s2r_spec.trace.arrays import FloatArray
 
 if TYPE_CHECKING:
     from torch import Tensor

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from s2r_spec.base.arrays import BoolArray
 from s2r_spec.base.errors import UsageError
 from s2r_spec.base.printable import count_messages
 from s2r_spec.lang import formula as f
@@ -27,7 +28,6 @@ from s2r_spec.robustness.reading import Missing
 from s2r_spec.robustness.silence import silences_of
 from s2r_spec.spec.on_traces import How
 from s2r_spec.trace import Trace
-from s2r_spec.trace.arrays import BoolArray
 from s2r_spec.trace.instants import instant
 from s2r_spec.trace.samples import FAST, SLOW
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from os import PathLike
 from typing import Any
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import TraceError, UndecidedError, UsageError
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.amounts import Amount
@@ -21,7 +22,6 @@ from s2r_spec.robustness.reading import Missing, read_params, read_signals, read
 from s2r_spec.robustness.ticks import clock_of
 from s2r_spec.spec.declared import Declared
 from s2r_spec.trace import Trace
-from s2r_spec.trace.arrays import FloatArray
 
 _CHOICES: Mapping[str, tuple[str | None, ...]] = {
     "end": ("clip", "hold", "nan", "error"), "interpolation": (None, "samples", "hold", "linear"),

@@ -10,15 +10,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend, Effect, EffectParameter, Parameter
 from s2r_spec.backend.effects import catalogue_of
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.json_values import Shown
 from s2r_spec.runs.repeatability import difference
 from s2r_spec.trace import Trace
 
-FloatArray = NDArray[np.float64]
 Values = dict[str, dict[str, float]]
 
 SEED = 1

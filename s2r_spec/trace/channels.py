@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from s2r_spec.base.arrays import BoolArray, FloatArray
 from s2r_spec.base.errors import TraceError, one_of, suggest
 from s2r_spec.base.printable import html_table, one_line
-from s2r_spec.trace.arrays import BoolArray, FloatArray
 from s2r_spec.trace.contract import failure_word, frozen_floats, frozen_mask, unit_texts
 from s2r_spec.trace.instants import instant
 from s2r_spec.trace.messages import HeldChannels, Messages, messages_of

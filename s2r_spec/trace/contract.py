@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from s2r_spec.base.arrays import BoolArray, FloatArray
 from s2r_spec.base.errors import TraceError, one_of
 from s2r_spec.base.printable import one_line
 from s2r_spec.trace import stamps
-from s2r_spec.trace.arrays import BoolArray, FloatArray
 
 
 def frozen_mask(mask: ArrayLike, count: int, name: str) -> BoolArray:

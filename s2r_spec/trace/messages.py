@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from s2r_spec.trace.arrays import BoolArray, FloatArray, IntArray
+from s2r_spec.base.arrays import BoolArray, FloatArray, IntArray
 
 SILENT = 5.0
 """Tolerance: longest gap of a periodic channel that its last value bridges [periods], so that single losses of a

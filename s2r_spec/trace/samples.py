@@ -7,9 +7,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray, IntArray
 from s2r_spec.base.errors import TraceError
 from s2r_spec.trace import stamps
-from s2r_spec.trace.arrays import FloatArray, IntArray
 from s2r_spec.trace.instants import DATES, instant
 
 Rule = Literal["hold", "linear"]

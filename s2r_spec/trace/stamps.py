@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import TraceError
-from s2r_spec.trace.arrays import FloatArray
 from s2r_spec.trace.instants import DATES
 
 _UNITS = {

@@ -11,9 +11,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import TraceError, TraceNote
 from s2r_spec.base.upper import upper
-from s2r_spec.trace.arrays import FloatArray
 from s2r_spec.trace.channels import Channels
 from s2r_spec.trace.messages import Messages
 from s2r_spec.trace.samples import Rule, between, finite_seconds, inside, regular, seconds_of

@@ -10,10 +10,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.certify.bound.modes import Bound
 from s2r_spec.certify.bound.posterior import Conditioned
 from s2r_spec.certify.bound.tiling import MOST_POINTS, Tiling
-from s2r_spec.space import FloatArray
 
 
 class Bounds:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import UsageError
 from s2r_spec.certify.bound import confidence
 from s2r_spec.certify.bound.bounds import Bounds
@@ -18,7 +19,6 @@ from s2r_spec.certify.bound.posterior import ENGINES, Conditioned
 from s2r_spec.certify.bound.samples import Outcomes, OutcomeSamples
 from s2r_spec.certify.bound.settings import SearchSettings
 from s2r_spec.certify.bound.tiling import Tiling
-from s2r_spec.space import FloatArray
 
 LADDER = (1.0, 2.0, 4.0, 8.0)
 """Definition: norm bounds as multiples of the declared B, which is the first."""

@@ -20,9 +20,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.certify.bound.kernels import Kernel
 from s2r_spec.certify.bound.sample_complexity import sequential_lower_bound
-from s2r_spec.space import ROUNDED, FloatArray, Space
+from s2r_spec.space import ROUNDED, Space
 
 IndexArray = NDArray[np.intp]
 

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import UsageError, one_of, suggest
 from s2r_spec.base.magnitude import number, positive
-from s2r_spec.space import FloatArray
 
 if TYPE_CHECKING:
     from gpytorch.kernels import Kernel as TorchKernel

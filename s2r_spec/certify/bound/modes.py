@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.certify.bound import confidence
 from s2r_spec.certify.bound.kernels import FAMILIES, Kernel
 from s2r_spec.certify.bound.posterior import HasEvidence
-from s2r_spec.space import FloatArray
 
 PAPER = "paper"
 """Definition: the mode of the published algorithm. Its band rests on an event of its own, not on the data-fit set."""

@@ -11,10 +11,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.certify.bound.confidence import Moments, SampleEvidence
 from s2r_spec.certify.bound.kernels import Kernel
 from s2r_spec.certify.bound.samples import OutcomeSamples
-from s2r_spec.space import FloatArray
 
 VARIANCE_ROUNDING = 1e-12
 """Tolerance: added to the posterior variance, relative to the prior's, so that rounding can only widen a bound."""

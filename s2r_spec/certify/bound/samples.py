@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import UsageError
 from s2r_spec.base.magnitude import LARGEST
 from s2r_spec.certify.bound import confidence
-from s2r_spec.space import FloatArray
 
 IndexArray = NDArray[np.intp]
 

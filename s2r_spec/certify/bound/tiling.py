@@ -12,7 +12,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.space import FloatArray, Space
+from s2r_spec.base.arrays import FloatArray
+from s2r_spec.space import Space
 
 IndexArray = NDArray[np.intp]
 Lattice = NDArray[np.int64]

@@ -18,10 +18,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import UsageError
 from s2r_spec.certify.bound.tiling import MOST_POINTS, Tiling
 from s2r_spec.certify.search.search import Search
-from s2r_spec.space import FloatArray
 
 TOLERANCE = 0.02
 """Tolerance: a cell is split while it hides more than this share of the larger ε of both searches."""

@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.certify.search.state import SearchState
-from s2r_spec.space import FloatArray
 
 
 def next_batch(state: SearchState) -> list[tuple[int, int]]:

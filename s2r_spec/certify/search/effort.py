@@ -27,13 +27,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.certify.bound.confidence import SampleEvidence
 from s2r_spec.certify.bound.confidence_set import LADDER, TOLERANCE
 from s2r_spec.certify.bound.kernels import Kernel
 from s2r_spec.certify.bound.modes import MODES, Mode
 from s2r_spec.certify.bound.posterior import VARIANCE_ROUNDING
 from s2r_spec.certify.bound.settings import SearchSettings
-from s2r_spec.space import FloatArray, Space
+from s2r_spec.space import Space
 
 GRID = 160
 """Budget: most grid points."""

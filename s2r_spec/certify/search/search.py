@@ -14,6 +14,7 @@ from typing import Self, Unpack
 
 from numpy.typing import ArrayLike
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import UsageError
 from s2r_spec.certify.bound.certificate import Certificate, Label
 from s2r_spec.certify.bound.samples import as_outcomes
@@ -22,7 +23,7 @@ from s2r_spec.certify.search import assembly
 from s2r_spec.certify.search.acquisition import next_batch
 from s2r_spec.certify.search.state import SearchState
 from s2r_spec.certify.search.stopping import label
-from s2r_spec.space import FloatArray, Space
+from s2r_spec.space import Space
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.certify.bound.confidence_set import ConfidenceSet
 from s2r_spec.certify.bound.coverage import Coverage, long_axes
 from s2r_spec.certify.bound.samples import Outcomes
 from s2r_spec.certify.bound.settings import SearchSettings
 from s2r_spec.certify.search.feasibility import Obstacles
 from s2r_spec.runs.stop_rule import DECIDED
-from s2r_spec.space import FloatArray
 
 LEAST_DEGREES = 20
 """Level: fewest degrees of freedom of the test of R before a verdict may end a search: rollouts minus replicated

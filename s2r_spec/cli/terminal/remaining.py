@@ -25,16 +25,14 @@ import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.certify.bound.certificate import Certificate
 from s2r_spec.certify.bound.settings import SearchSettings
 from s2r_spec.certify.search.effort import Effort, Objective
 from s2r_spec.certify.search.plan import SHARE_FLAT, rollouts
 from s2r_spec.certify.search.state import LEAST_DEGREES
 from s2r_spec.runs.stop_rule import BUDGET, DECIDED
-
-FloatArray = NDArray[np.float64]
 
 PLANNED = 32
 """Tolerance: rollouts as which the plan's estimate counts. The width of the first four batches is mostly B, and says

@@ -28,6 +28,7 @@ from functools import cached_property
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.json_values import Shown
 from s2r_spec.diagnose.estimation import Estimate
 from s2r_spec.diagnose.inference.estimates import COVER
@@ -37,7 +38,6 @@ from s2r_spec.diagnose.inference.observation import Observation
 from s2r_spec.diagnose.inference.prior import NAMED, UNNAMED
 from s2r_spec.diagnose.simulator.axes import EffectAxis
 from s2r_spec.diagnose.simulator.experiments import Experiment
-from s2r_spec.trace.arrays import FloatArray
 
 APART = 3.0
 """Level: standard deviations from which on two sets are told apart. Higher, more pairs are called inseparable."""

@@ -18,10 +18,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.json_values import DIGITS, Shown
 from s2r_spec.diagnose.estimation import Estimate
 from s2r_spec.diagnose.experiment_design.identifiability import Candidate, InformationForecast
-from s2r_spec.trace.arrays import FloatArray
 
 ENOUGH = 25.0
 """Level: D² beyond which two sets are separated. Higher, pairs that any run separates count more."""

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.backend.effects import catalogue_of
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.json_values import Count, Probability, Shown
 from s2r_spec.diagnose.gap import DRAWS, FEWEST, LEVEL, SHOTS
 from s2r_spec.diagnose.gap.materiality import mean_difference
@@ -35,7 +36,6 @@ from s2r_spec.diagnose.simulator.bench import Bench, Test, TestRun, places_of, t
 from s2r_spec.diagnose.simulator.response import values_at
 from s2r_spec.runs.seeds import SeedStream
 from s2r_spec.space import key_of
-from s2r_spec.trace.arrays import FloatArray
 
 GONE = 0.8
 """Level: part of a material gap from which on it is closed. A gap has a share if it exceeds the floor by the rest, a

@@ -40,6 +40,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import UsageError
 from s2r_spec.base.json_values import Count, Probability, Shown
 from s2r_spec.diagnose.gap import LEVEL, ROUNDING
@@ -47,7 +48,6 @@ from s2r_spec.diagnose.gap.nominal import Nominal
 from s2r_spec.diagnose.simulator.bench import Bench, TestRun, places_of, rho_and_end
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.constants import constant
-from s2r_spec.trace.arrays import FloatArray
 
 HALF = 0.5
 """Definition: part of the simulated margin that a gap may take without mattering."""

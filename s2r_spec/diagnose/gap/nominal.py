@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.diagnose.gap import SHOTS
 from s2r_spec.diagnose.simulator.bench import Bench, Job, Test, places_of, run_jobs, with_seeds
 from s2r_spec.runs.seeds import SeedStream
 from s2r_spec.space import Key, key_of
-from s2r_spec.trace.arrays import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

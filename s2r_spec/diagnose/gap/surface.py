@@ -20,12 +20,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import UsageError
 from s2r_spec.base.json_values import Ends, Probability, Shown
 from s2r_spec.diagnose.gap import DRAWS, LEVEL
 from s2r_spec.diagnose.gap.materiality import RolloutsAtTest, mean_difference
 from s2r_spec.space import Space
-from s2r_spec.trace.arrays import FloatArray
 
 COUNTS = {1: 101, 2: 21, 3: 7, 4: 5}
 """Definition: places along each axis of a space of so many parameters; over five, a grid would have too few."""

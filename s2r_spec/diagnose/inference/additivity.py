@@ -25,8 +25,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.diagnose.inference.hierarchical import DEGREES, LAW_SHARE
-from s2r_spec.trace.arrays import FloatArray
 
 MEDIAN = 0.6745
 """Definition: median of |x| of a standard normal x."""

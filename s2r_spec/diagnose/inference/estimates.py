@@ -24,12 +24,12 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.json_values import Shown
 from s2r_spec.diagnose.inference.hierarchical import Likelihood
 from s2r_spec.diagnose.inference.model_search import ModelPosterior
 from s2r_spec.diagnose.inference.prior import LIKELY, NAMED, POSSIBLE, SLAB, SURE, UNNAMED
 from s2r_spec.diagnose.simulator.axes import EffectAxis
-from s2r_spec.trace.arrays import FloatArray
 
 INTERVAL = (0.05, 0.5, 0.95)
 """Definition: quantiles of an estimate: lower end, value and upper end of a 90 % interval."""

@@ -18,6 +18,7 @@ from functools import cached_property
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.diagnose.inference.hierarchical import (
     ROUNDS,
     Groups,
@@ -30,7 +31,6 @@ from s2r_spec.diagnose.inference.hierarchical import (
 from s2r_spec.diagnose.inference.observation import Problem
 from s2r_spec.diagnose.inference.prior import SLAB
 from s2r_spec.diagnose.inference.search import search
-from s2r_spec.trace.arrays import FloatArray
 
 STEPS = 12
 """Budget: most Gauss–Newton steps of a fit."""

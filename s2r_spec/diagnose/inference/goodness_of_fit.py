@@ -37,13 +37,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.json_values import Probability, Shown
 from s2r_spec.diagnose.inference.gauss_newton import Fit
 from s2r_spec.diagnose.inference.hierarchical import DEGREES, LARGEST, LAW_ERROR, Variances, law_prior
 from s2r_spec.diagnose.inference.observation import Observation, Problem
 from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.observables import BINS, WINDOWS
-from s2r_spec.trace.arrays import FloatArray
 
 LEVEL = 0.05
 """Level: probability of an alarm at a machine of the catalogue, over all looks."""

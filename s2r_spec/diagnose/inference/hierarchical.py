@@ -58,7 +58,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.trace.arrays import FloatArray
+from s2r_spec.base.arrays import FloatArray
 
 LAW_ERROR = 0.02
 """Prior: scale τ0 of the law error of a group, in typical sizes. Chosen among 0.01, 0.02, 0.05 by the errors on 20 of

@@ -28,9 +28,9 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.diagnose.inference.hierarchical import Likelihood
 from s2r_spec.diagnose.inference.prior import BACKGROUND, NAMED, SLAB, SizePrior
-from s2r_spec.trace.arrays import FloatArray
 
 Set = tuple[int, ...]
 

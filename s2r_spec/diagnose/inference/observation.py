@@ -24,12 +24,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.diagnose.inference.additivity import relative_errors
 from s2r_spec.diagnose.inference.hierarchical import DEGREES, LARGEST, LAW_SHARE, Groups
 from s2r_spec.diagnose.inference.prior import BACKGROUND, SizePrior
 from s2r_spec.diagnose.simulator.curve import ResponseCurve
 from s2r_spec.diagnose.simulator.response import Dependence, Response, replicates
-from s2r_spec.trace.arrays import FloatArray
 
 
 @dataclass(frozen=True)

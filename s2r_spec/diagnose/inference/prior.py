@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.trace.arrays import FloatArray
+from s2r_spec.base.arrays import FloatArray
 
 BACKGROUND = 0.07
 """Prior: σ_bg, standard deviation of an effect that nobody added, in typical sizes. A real robot differs a little from

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.diagnose.inference.observation import Observation, Problem
 from s2r_spec.diagnose.inference.prior import SLAB
-from s2r_spec.trace.arrays import FloatArray
 
 GAIN = 2.0
 """Tolerance: least gain of a step of the search, in log-likelihood; the odds of one step change by a factor of 7."""

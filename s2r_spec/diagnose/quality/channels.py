@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.backend import Channel
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.diagnose.quality.faults import PER_RADIAN
 from s2r_spec.diagnose.quality.finding import Finding, join_words, rollout_name
 from s2r_spec.diagnose.quality.recordings import Recordings, as_columns, rms
 from s2r_spec.space import key_of
 from s2r_spec.trace import Trace
-from s2r_spec.trace.arrays import FloatArray
 from s2r_spec.trace.samples import between, period_of
 
 UNITS = {

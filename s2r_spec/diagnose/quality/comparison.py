@@ -8,12 +8,12 @@ from functools import cached_property
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.diagnose.data.space_filling import TESTS
 from s2r_spec.diagnose.quality.recordings import as_columns
 from s2r_spec.diagnose.simulator.axes import EffectAxis, Values
 from s2r_spec.diagnose.simulator.bench import Bench, Job, Test, TestRun, evenly, places_of, run_jobs
 from s2r_spec.trace import Trace
-from s2r_spec.trace.arrays import FloatArray
 from s2r_spec.trace.samples import period_of
 
 BUDGET = 20.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.diagnose.quality.channels import by_channel, hold
 from s2r_spec.diagnose.quality.comparison import CLEAR, Comparison, compare
 from s2r_spec.diagnose.quality.faults import Fault, Undone, faults
@@ -15,7 +16,6 @@ from s2r_spec.diagnose.quality.recordings import Recordings
 from s2r_spec.diagnose.simulator.axes import EffectAxis
 from s2r_spec.diagnose.simulator.bench import Bench, TestRun
 from s2r_spec.diagnose.simulator.library import CAUSES
-from s2r_spec.trace.arrays import FloatArray
 
 MOST = 0.75
 """Level: part of what the best machine leaves beyond the usual that undoing a mistake must remove; the rest is what a

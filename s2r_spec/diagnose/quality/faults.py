@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.diagnose.quality.comparison import Comparison
 from s2r_spec.diagnose.quality.finding import Finding, join_words
-from s2r_spec.trace.arrays import FloatArray
 from s2r_spec.trace.samples import period_of
 
 ChannelGroup = frozenset[str]

@@ -10,11 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.diagnose.quality.comparison import SEEDS, Comparison, affordable
 from s2r_spec.diagnose.simulator.axes import Values
 from s2r_spec.diagnose.simulator.bench import Bench
 from s2r_spec.diagnose.simulator.library import CAUSES
-from s2r_spec.trace.arrays import FloatArray
 
 
 def nearest_machine(bench: Bench, c: Comparison, values: FloatArray) -> Comparison:

@@ -8,11 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.diagnose.data.space_filling import TESTS
 from s2r_spec.diagnose.simulator.bench import Bench, TestRun
 from s2r_spec.space import Key, key_of
 from s2r_spec.trace import Trace
-from s2r_spec.trace.arrays import FloatArray
 
 Pair = tuple[Trace, Trace]
 """A simulated rollout, and the real one of the same test."""

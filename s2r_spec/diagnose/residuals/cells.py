@@ -14,11 +14,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.diagnose.simulator.bench import Bench, Test
 from s2r_spec.diagnose.simulator.experiments import RESIDUAL
 from s2r_spec.space import Key, key_of
 from s2r_spec.trace import Trace
-from s2r_spec.trace.arrays import FloatArray
 
 CELLS = 32
 """Definition: shortest windows of time in a rollout, a power of two; cells along a channel are half as many."""

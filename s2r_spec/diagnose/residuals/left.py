@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.attribution.place import EXPLAINS, Place, ValueRange, cause_first, find_visit
 from s2r_spec.backend import HasResiduals, HasVariants
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.json_values import Ends, Shown
 from s2r_spec.base.printable import spell_unit
 from s2r_spec.diagnose.gap import FEWEST, LEVEL, SHOTS
@@ -48,7 +49,6 @@ from s2r_spec.diagnose.simulator.experiments import RESIDUAL
 from s2r_spec.runs.seeds import SeedStream
 from s2r_spec.space import key_of
 from s2r_spec.trace import Trace, thin
-from s2r_spec.trace.arrays import FloatArray
 
 LAWS = 0.3
 """Prior: laws are off by this part of what the named effects do in a cell, and next to it."""

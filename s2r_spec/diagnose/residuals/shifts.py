@@ -24,11 +24,11 @@ from typing import NamedTuple
 import numpy as np
 
 from s2r_spec.attribution.place import EXPLAINS, Place, ValueRange, cause_first
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.json_values import Count, Probability, Shown
 from s2r_spec.diagnose.gap import FEWEST, LEVEL, ROUNDING
 from s2r_spec.diagnose.residuals.cells import CELLS, cell_means, part_names, widths_of
 from s2r_spec.trace import Trace
-from s2r_spec.trace.arrays import FloatArray
 
 MOST = 0.9
 """Tolerance: the answer is the shortest window with this part of the largest energy, size² times length. At 1, it is

@@ -15,6 +15,7 @@ import numpy as np
 
 from s2r_spec.backend import Backend, Effect, HasDuration, HasEffects, HasVariants, is_exclusive, load_backend
 from s2r_spec.backend.effects import catalogue_of
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.documentation import page
 from s2r_spec.base.errors import BackendError, UsageError
 from s2r_spec.diagnose.simulator.axes import Values
@@ -24,7 +25,6 @@ from s2r_spec.runs.seeds import SeedStream, rollout_seed
 from s2r_spec.space import Key, key_of
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
-from s2r_spec.trace.arrays import FloatArray
 from s2r_spec.workers.pools import ExecutorFactory
 
 Test = Mapping[str, float]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from s2r_spec.trace.arrays import FloatArray
+from s2r_spec.base.arrays import FloatArray
 
 HARMONICS = 3
 """Definition: functions of the series of :class:`Turn`: cosine, sine, and the cosine of twice the angle."""

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend, HasEffects, HasVariants
 from s2r_spec.backend.effects import catalogue_of
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import BackendError
 from s2r_spec.diagnose.inference.prior import BACKGROUND
 from s2r_spec.diagnose.simulator.axes import EffectAxis, Values, effect_axes, effect_axis
@@ -26,7 +27,6 @@ from s2r_spec.diagnose.simulator.experiments import Experiment
 from s2r_spec.diagnose.simulator.observables import ObservableGroup, Observables
 from s2r_spec.diagnose.simulator.response import Practice, Response, ResponseLibrary, replicates, values_at
 from s2r_spec.trace import Trace
-from s2r_spec.trace.arrays import FloatArray
 from s2r_spec.workers.pools import ExecutorFactory, in_this_process
 
 Progress = Callable[[str, int, int], None]

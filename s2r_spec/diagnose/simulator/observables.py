@@ -24,9 +24,9 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.diagnose.simulator.experiments import RESIDUAL
 from s2r_spec.trace import Trace
-from s2r_spec.trace.arrays import FloatArray
 
 BINS = 50
 """Definition: parts of a trace whose means are observables."""

@@ -22,11 +22,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.diagnose.simulator.axes import EffectAxis, Values
 from s2r_spec.diagnose.simulator.curve import ResponseCurve, Turn
 from s2r_spec.diagnose.simulator.experiments import RESIDUAL, Experiment
 from s2r_spec.diagnose.simulator.observables import ObservableGroup, Observables, ObservedQuantity
-from s2r_spec.trace.arrays import FloatArray
 
 REPLICATES = {"test": 2, "protocol": 1}
 """Budget: runs of a response. A test's controller has a clock of its own, so that its runs differ more."""

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import TraceError
 from s2r_spec.logs import cells
 from s2r_spec.logs.options import TIME
@@ -26,7 +27,6 @@ from s2r_spec.trace import stamps
 from s2r_spec.trace.instants import DATES
 from s2r_spec.trace.samples import FAST, SLOW
 
-FloatArray = NDArray[np.float64]
 Place = Callable[[int], str]
 
 

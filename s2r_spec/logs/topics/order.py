@@ -21,13 +21,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.base.arrays import FloatArray, IntArray
 from s2r_spec.base.errors import TraceError
 from s2r_spec.base.printable import count_messages
 from s2r_spec.logs.topics.topic import Topic, seconds, stamp_text
 from s2r_spec.trace.messages import SILENT, period_of_messages
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
 
 MOST_REPEATED = 0.01
 """Tolerance: share of a topic's messages with the stamp of another one and other values."""

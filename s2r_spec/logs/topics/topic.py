@@ -15,11 +15,11 @@ from typing import Any, Literal, Protocol, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.logs.table import Column
 from s2r_spec.logs.times.dates import text
 from s2r_spec.trace import stamps as exact
 
-FloatArray = NDArray[np.float64]
 NANOSECOND = Fraction(1, 10**9)
 APART = 1.0
 """Tolerance [s]: difference of the ages of stamps when they are recorded. Stamps that differ by more come from two

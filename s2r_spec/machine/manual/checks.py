@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.backend import Channel, Needs, Parameter
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import S2RError, one_of, suggest
 from s2r_spec.lang.conversion import Conversion
 from s2r_spec.lang.units import UnknownUnitError, parse_unit, unit_in_log
-from s2r_spec.space import FloatArray
 from s2r_spec.trace import Trace
 
 COMMANDS = ("{}_cmd", "cmd_{}", "{}_command", "{}_des", "{}_ref")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.certify.bound.certificate import Certificate
 from s2r_spec.certify.bound.rounding import down, interval_text, up, width_text
 from s2r_spec.certify.result.check_result import Tested
@@ -20,7 +21,6 @@ from s2r_spec.report.figures.canvas import (
     INK,
     MUTED,
     PAPER,
-    FloatArray,
     Picture,
     add_scale,
     draw,

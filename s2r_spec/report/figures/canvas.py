@@ -14,15 +14,13 @@ from html import escape
 from io import StringIO
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
+from s2r_spec.base.arrays import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
 
-FloatArray = NDArray[np.float64]
 
 INK, MUTED, RULE, BAND, GOOD, BAD = (f"#1aa00{digit}" for digit in range(1, 7))
 PAPER = "#1aa007"

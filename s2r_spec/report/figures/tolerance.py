@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.lang import formula as f
-from s2r_spec.report.figures.canvas import FloatArray
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
 

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from s2r_spec import logs
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import S2RError
 from s2r_spec.report.check import test_words
-from s2r_spec.report.figures.canvas import BAD, BAND, INK, MUTED, FloatArray, Picture, draw, with_unit
+from s2r_spec.report.figures.canvas import BAD, BAND, INK, MUTED, Picture, draw, with_unit
 from s2r_spec.report.figures.tolerance import Component, Margins, held_predicates, margins, reads
 from s2r_spec.runs.journal import Record
 from s2r_spec.runs.scorer import Scorer

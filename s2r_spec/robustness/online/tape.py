@@ -7,7 +7,7 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
-from s2r_spec.trace.arrays import FloatArray
+from s2r_spec.base.arrays import FloatArray
 
 Reader = Callable[[], int]
 T = TypeVar("T")

@@ -12,11 +12,11 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.robustness.online.clock import Component, InstantNumber, OnlineClock
 from s2r_spec.robustness.online.spans import ANY, Span, negate
 from s2r_spec.robustness.online.tape import Reader, Tape, lesser
 from s2r_spec.robustness.ties import rescale, rescale_number
-from s2r_spec.trace.arrays import FloatArray
 
 LOWER, UPPER = 0, 1
 """Index of the lower and of the upper end of a span."""

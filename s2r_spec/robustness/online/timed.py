@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from s2r_spec.base.arrays import BoolArray, FloatArray, IntArray
 from s2r_spec.base.errors import UsageError
 from s2r_spec.lang.source import Span as Place
 from s2r_spec.robustness.kernels import range_min, range_until, until
@@ -14,7 +15,6 @@ from s2r_spec.robustness.online.spans import Span
 from s2r_spec.robustness.online.tape import Sliding, lesser
 from s2r_spec.robustness.online.terms import LOWER, UPPER, Stored, Term
 from s2r_spec.robustness.ticks import Reach
-from s2r_spec.trace.arrays import BoolArray, FloatArray, IntArray
 
 
 class Timed(Stored):
