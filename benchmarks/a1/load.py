@@ -2,7 +2,7 @@
 
     python -m benchmarks.a1.load [--seconds 10]
 
-The processor time of the guard, user and system, is read from ``/proc`` before and after. Aim: 15 % of a core where a step
+The guard's processor time, user and system, is read from ``/proc`` before and after. Aim: 15 % of a core where a step
 of MuJoCo takes 16 µs.
 """
 
