@@ -136,9 +136,17 @@ def decided_again(packets: Packets, pilot: Pilot) -> list[Note]:
     notes = []
     for reading in packets.walked():
         notes.append(pilot.step(reading))
-        if notes[-1].tick >= schedule.hold:
+        if is_last(notes[-1], notes, schedule.hold):
             break
     return notes
+
+
+def is_last(note: Note, notes: Sequence[Note], hold: int) -> bool:
+    """Return whether a note is the last of a test of ``hold`` control ticks.
+
+    If the first states after the command were lost, the test lasts as long from the first one that arrived.
+    """
+    return note.tick >= hold + next((one.tick for one in notes if one.tick >= 0), 0)
 
 
 def channels_of(packets: Packets, notes: Sequence[Note]) -> dict[str, FloatArray]:
@@ -232,12 +240,12 @@ def _meta(packets: Packets) -> dict[str, Any]:
 
 
 def _recorded(packets: Packets, notes: Sequence[Note]) -> list[Note]:
-    """Return the recorded notes of the test itself: from t = 0 to its duration, or to the first tick after it."""
+    """Return the recorded notes of the test itself: from t = 0 to its duration, or a little longer."""
     if not packets.log.finished:  # the guard was killed before it wrote the last packets
         written = {reading.tick for _, reading in packets.readings}
         notes = [note for note in notes if note.clock in written]
     hold = int(packets.log.header["hold"])
-    last = next((place for place, note in enumerate(notes) if note.tick >= hold), len(notes))
+    last = next((place for place, note in enumerate(notes) if is_last(note, notes, hold)), len(notes))
     return [note for note in notes[: last + 1] if note.tick >= 0]
 
 

@@ -181,6 +181,29 @@ class Limits:
         return np.concatenate(least), np.concatenate(most)
 
     @cached_property
+    def calm(self) -> tuple[FloatArray, FloatArray]:
+        """(58,) smallest and largest numbers, from quaternion to temperature, of a reading far from every limit."""
+        (low, high), one = self.span, np.ones(MOTORS)
+        tau, unit = min(self.strain, self.torque), 1.0 + self.norm
+        most = (
+            [unit, self.lean, self.lean, unit],
+            [self.wild_turn] * 3,
+            [np.finfo(float).max] * 3,
+            high - self.margin,
+            self.wild_speed * one,
+            tau * one,
+            np.nextafter(min(self.warm, self.hot), 0.0) * one,
+        )
+        least = (
+            *(-np.array(row) for row in most[:3]),
+            low + self.margin,
+            -most[4],
+            -most[5],
+            self.cold * one,
+        )
+        return np.concatenate(least), np.concatenate(most)
+
+    @cached_property
     def lean(self) -> float:
         """Largest quaternion components x and y of a base that tilts about both axes within the limit."""
         return sin(self.tilt / 2.0) / sqrt(2.0)
