@@ -51,7 +51,7 @@ def test_the_options_of_a_robot_are_all_there():
 
 
 def test_every_robot_that_is_named_can_be_reached_so():
-    named = re.findall(r"\ba1:([\w.=,:]+)", TEXT)
+    named = re.findall(r"\ba1:([\w.=,:-]+)", TEXT)
     assert len(named) > 5
     for options in named:
         read_options(options)

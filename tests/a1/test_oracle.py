@@ -200,7 +200,10 @@ def answering(robot, rng):
     """A robot that answers every command with a state, 2 ms later by its own clock; yields what it was sent."""
     got, ended = [], threading.Event()
     still = some_reading(rng, 0)._replace(
-        quaternion=np.array([1.0, 0, 0, 0]), q=np.tile([0, 1.3, -2.7], 4), dq=np.zeros(12)
+        quaternion=np.array([1.0, 0, 0, 0]),
+        q=np.tile([0, 1.3, -2.7], 4),
+        dq=np.zeros(12),
+        temperature=np.full(12, 25),
     )
 
     def answer():

@@ -119,7 +119,7 @@ def test_motion_capture_comes_by_udp():
             served(twin(), mocap=camera.getsockname()[1]) as port,
             socket_to(port) as steering,
         ):
-            for _ in range(5):
+            for _ in range(15):
                 steering.send(OFF)
                 steering.recv(2048)
         poses = [json.loads(camera.recv(2048)) for _ in range(3)]
@@ -139,7 +139,7 @@ def test_motion_capture_comes_by_udp():
         (["--layout", "go2"], "--layout"),
         (["--delay", "11"], "--delay"),
         (["--seed", "-1"], "--seed"),
-        (["--silence", "hold"], "--silence"),
+        (["--silence", "freeze"], "--silence"),
         (["--noise", "loud"], "--noise"),
         (["--mocap", "0"], "--mocap"),
         (["--inject", "los"], "los"),
