@@ -494,3 +494,65 @@ def test_a_party_that_sends_without_end_is_closed(raw, operator):
     with pytest.raises((BrokenPipeError, ConnectionResetError)):
         raw.sendall(b"x" * 4_000_000)
     assert operator.request("status")["state"] == "OFF"
+
+
+# A computer that is late. Only Linux stamps datagrams when they arrive.
+
+
+@pytest.fixture
+def live(closing, started):
+    """A toy that answers in real time, its guard's process, and the operator's connection."""
+    closing.append(Toy(clock="real"))
+    robot = RobotAddress("127.0.0.1", closing[-1].port)
+    connection, hello = started(robot)
+    return closing[-1], hello["pid"], connection
+
+
+def stopped(pid, seconds):
+    """Stop a process for a while, as a busy computer does."""
+    os.kill(pid, signal.SIGSTOP)
+    time.sleep(seconds)
+    os.kill(pid, signal.SIGCONT)
+
+
+def test_a_computer_that_delays_the_guard_is_refused_with_the_delay(live):
+    _, pid, operator = live
+    late = threading.Timer(0.5, stopped, (pid, 0.05))
+    late.start()
+    with pytest.raises(
+        RefusedError, match=r"this computer is too slow for a robot: .* delayed the guard by [45]\d ms"
+    ):
+        operator.request("connect")
+    assert operator.request("status")["state"] == "OFF"
+
+
+def test_a_guard_that_was_delayed_while_the_robot_is_limp_goes_on(live):
+    """92 states wait in its socket, the newest of them 0.1 s old."""
+    _, pid, operator = live
+    for _ in range(5):  # this computer may be busy
+        try:
+            operator.request("connect")
+        except RefusedError:
+            continue
+        break
+    operator.request("arm")
+    for _ in range(2):
+        stopped(pid, 0.4)
+        time.sleep(0.1)
+        before = operator.request("status")
+        time.sleep(0.2)
+        after = operator.request("status")
+        assert (after["state"], after["reason"]) == ("ARMED", None)
+        assert after["counters"]["clock"] == 0
+        assert after["counters"]["received"] > before["counters"]["received"] + 50
+    time.sleep(1.2)  # the limit of a silence while it is limp
+    assert operator.request("status")["state"] == "ARMED"
+
+
+def test_a_guard_of_one_robot_is_not_that_of_another(closing, started):
+    closing.append(Toy())
+    port = closing[-1].port
+    _, hello = started(RobotAddress("127.0.0.1", port, clock="lockstep", robot="a1-07"))
+    assert hello["robot"] == "a1-07"
+    with pytest.raises(UsageError, match=r"robot=a1-07, not robot=a1-08"):
+        start(RobotAddress("127.0.0.1", port, clock="lockstep", robot="a1-08"))

@@ -48,6 +48,16 @@ def test_what_ended_a_test_early_says_what_it_counts_as():
 
 
 @pytest.mark.parametrize("ending", [None, FALL])
+def test_a_test_of_which_the_controller_missed_too_much_is_void(ending):
+    """5 of 105 ticks are allowed; a fall of a robot whose computer was late is none of the robot."""
+    assert "void" not in counts(100, late=5)
+    missed = counts(40 if ending else 100, ending=ending, late=6)
+    assert missed["void"] == "client"
+    assert "failure" not in missed
+    assert "missed 6 of" in missed["reason"]
+
+
+@pytest.mark.parametrize("ending", [None, FALL])
 def test_a_test_that_was_walked_to_its_end_and_not_recorded_so_far_is_void(ending):
     """Else the rest of its trace would be judged as if the specification had looked at all of it."""
     assert counts(100, recorded=40, ending=ending)["void"] == "disk"
