@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 from s2r_a1 import hands
 from s2r_a1.guard.control import Connection, ControlError
 from s2r_a1.guard.start import start
+from s2r_a1.mocap import DELAYED
 from s2r_a1.protocols import height_in_rig
 from s2r_a1.schedule import RAMP
 from s2r_sim.controller.gains import RATE
@@ -181,7 +182,7 @@ class Attendance:
         self._lights_due = False
 
     def after(self, trace: Trace | None) -> None:
-        """Report how a rollout ended, and the temperature of the warmest motor."""
+        """Report how a rollout ended, what was late, and the temperature of the warmest motor."""
         if trace is None:
             return
         self._tests += 1
@@ -196,6 +197,11 @@ class Attendance:
             ended = f"void, {trace.meta['void']}: {reason}"
         else:
             ended = f"complete, {trace.duration:g} s"
+            if missed := trace.meta.get("late", 0):
+                ended += f", {missed} of {missed + len(trace)} control ticks missed"
+            delay = trace.meta.get("mocap", {}).get("delay", 0.0)
+            if delay >= DELAYED:
+                ended += f", motion capture {delay:.2f} s late"
         heat = f" The warmest motor is at {warmest:.0f} °C." if isfinite(warmest) else ""
         self._operator.say(f"Test {self._tests}: {ended}.{heat}")
 

@@ -195,6 +195,17 @@ def test_how_a_rollout_ended_is_said(scene, meta, word):
     attended.after(None)
 
 
+def test_missed_ticks_and_late_poses_of_a_complete_rollout_are_said(scene):
+    _, _, person, attended = scene("ARMED")
+    attended.begin(Coming(1))
+    attended.after(trace(late=3, mocap={"delay": 0.48}))
+    assert "3 of 5 control ticks missed" in person.said[-1]
+    assert "0.48 s late" in person.said[-1]
+    attended.after(trace(late=0, mocap={"delay": 0.01}))
+    assert "missed" not in person.said[-1]
+    assert "late" not in person.said[-1]
+
+
 def test_ctrl_c_lets_it_lie_and_a_second_one_damps(scene):
     events, _, _, attended = scene("ARMED")
     attended.interrupt(urgent=False)

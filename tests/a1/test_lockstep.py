@@ -173,6 +173,17 @@ def test_motion_capture_gives_the_true_velocity(first):
     assert np.abs(trace["vx"] - trace["vx_est"]).max() > 0.0
 
 
+def test_poses_that_come_half_a_second_late_are_aligned_and_their_delay_is_in_the_trace(session):
+    session.twin.injects = (read_inject("late_poses=0.5"),)
+    try:
+        trace = session.rollout({"vd": 0.1}, 4, None, robot(session.port, session.folder, f"mocap:{session.mocap}"))
+    finally:
+        session.twin.injects = ()
+    assert "void" not in trace.meta
+    assert trace.meta["mocap"]["delay"] == pytest.approx(0.5, abs=0.01)
+    assert abs((trace["vx"] - trace["vx_est"]).mean()) < 0.05
+
+
 def test_from_the_same_start_the_simulator_takes_the_same_way_until_a_foot_touches_down(session, first):
     """Without delay or noise, and with readings and commands as they are on the wire."""
     trace, start = first.trace, first.start
