@@ -10,14 +10,17 @@ The guard ends the walk when a limit is exceeded, and changes its state. Before 
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from typing import NamedTuple
 
 from s2r_a1.client import GONE, Client, StateChange
 from s2r_a1.excitation import Player
+from s2r_a1.guard.limits import LIMITS, MS, SECOND
 from s2r_a1.pilot import Note, Pilot, orders
 from s2r_a1.schedule import Schedule
+from s2r_a1.ticks import PERIOD
 from s2r_a1.wire import Orders, Reading, WireError
 from s2r_spec.errors import BackendError, NotBegunError
 
@@ -54,8 +57,15 @@ def walk(
         NotBegunError: the walk ended before t = 0.
         BackendError: the guard refused a request.
     """
+
+    def practise(reading: Reading) -> None:
+        pilot.begin(schedule, line.unit)
+        pilot.step(reading)
+
+    # In lock step no computer is too slow.
+    reading = stand(line, None if line.lockstep else practise)
     pilot.begin(schedule, line.unit)
-    return move(line, pilot, "walk", ready, begins)
+    return _move_on(line, pilot, "walk", reading, ready, begins)
 
 
 def move(
@@ -66,7 +76,18 @@ def move(
     begins: Callable[[], None] | None = None,
 ) -> Walked:
     """Let a mover move the robot, in the guard's state of this ``motion``; see :func:`walk`."""
-    reading = stand(line)
+    return _move_on(line, mover, motion, stand(line), ready, begins)
+
+
+def _move_on(
+    line: Client,
+    mover: Pilot | Player,
+    motion: str,
+    reading: Reading,
+    ready: Callable[[], None] | None,
+    begins: Callable[[], None] | None,
+) -> Walked:
+    """Move a standing robot from a reading on."""
     if ready is not None:
         ready()
     notes, ending = _move(line, mover, motion, reading, begins)
@@ -78,23 +99,38 @@ def move(
     return Walked(tuple(notes), ending)
 
 
-def stand(line: Client) -> Reading:
+def stand(line: Client, practise: Callable[[Reading], None] | None = None) -> Reading:
     """Have the robot stand up if it lies, and return the newest reading once it stands still.
 
+    Meanwhile ``practise`` does the work of a walk at every reading, so that a computer that is too slow is found before
+    the robot walks.
+
     Raises:
-        NotBegunError: the guard ended it, or it took too long.
+        NotBegunError: the guard ended it, it took too long, or this computer is too slow.
     """
     reading = line.receive()
     if line.change.state in ("ARMED", "RESTING"):
         line.request("stand")
     stood = read = 0
+    before = longest = 0.0
     for _ in range(GETTING_UP):
         if line.change.state not in ("STANDING_UP", "STAND"):
             raise NotBegunError(_sentence(line.change))
         stood += line.change.state == "STAND"
         read += reading is not None
         if stood > SETTLING and reading is not None:
+            if longest >= PERIOD + LIMITS.bridged / SECOND:
+                raise NotBegunError(
+                    "this computer is too slow for a robot: it delayed the walking program by "
+                    f"{1e3 * (longest - PERIOD):.0f} ms while the robot stood, and {LIMITS.bridged / MS:.0f} ms are "
+                    "too long; end other programs, or use another computer"
+                )
             return reading
+        if stood and practise is not None:
+            now = time.monotonic()
+            longest, before = max(longest, now - (before or now)), now
+            if reading is not None:
+                practise(reading)
         line.send(None)
         reading = line.receive()
     if read < GETTING_UP // 2:

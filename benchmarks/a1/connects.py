@@ -2,12 +2,13 @@
 
     python -m benchmarks.a1.connects [--connects 200] [--busy 4] [--nice 10] [--unprivileged] [--write]
 
-A connect starts a guard, asks it to connect and to arm, and runs one short test. Guard, twin and walking program have
-the niceness ``--nice``; ``--busy`` other processes compute without a pause at niceness 0. With ``--unprivileged`` no
-process may take real-time priority, as for most users. A connect ends in one of these ways:
+A connect starts a guard, asks it to connect and to arm, and runs one short test. The twin stands for a robot with a
+computer of its own: it has real-time priority, if the system allows it. Guard and walking program have the niceness
+``--nice``, and with ``--unprivileged`` no real-time priority, as for most users; ``--busy`` other processes compute
+without a pause at niceness 0. A connect ends in one of these ways:
 
     walked       the test began, and its trace is not void
-    refused      the self-test found the computer too slow, before anything moved
+    refused      the computer was found too slow, before the test
     void, NAME   the test began, and something other than the robot ended it
     not begun    the robot did not begin the test for another reason, which is printed
 
@@ -19,20 +20,23 @@ from __future__ import annotations
 import argparse
 import multiprocessing
 import os
-import socket
+import re
 import subprocess
 import sys
 import tempfile
 import time
 from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 
-from benchmarks.machine import describe
+from benchmarks.a1.gaps import step_of_the_a1
+from benchmarks.machine import processor
 from s2r_a1.backend import A1Backend
 from s2r_a1.guard.control import ControlError, RefusedError
 from s2r_a1.guard.start import start
 from s2r_spec.errors import NotBegunError
 
+UNPRIVILEGED = ("setpriv", "--bounding-set", "-sys_nice", "--inh-caps", "-sys_nice", "--ambient-caps", "-all")
 STORE = Path(__file__).parents[1] / "results" / "a1_connects.txt"
 
 
@@ -42,29 +46,37 @@ def busy() -> None:
         sum(range(100_000))
 
 
-def twin(port: int) -> subprocess.Popen[str]:
-    """Start a twin in real time, and wait until it listens."""
+def first() -> None:
+    """Take real-time priority, if the system allows it."""
+    with suppress(OSError, AttributeError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(30))
+
+
+def twin() -> tuple[subprocess.Popen[str], int]:
+    """Start a twin in real time; return it, and its port once it listens."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "s2r_a1.twin", "--port", str(port)], stdout=subprocess.PIPE, text=True
+        [sys.executable, "-m", "s2r_a1.twin", "--port", "0"],
+        stdout=subprocess.PIPE,
+        text=True,
+        preexec_fn=first,
     )
     assert process.stdout is not None
-    process.stdout.readline()
-    return process
+    port = re.search(r":(\d+),", process.stdout.readline())
+    assert port is not None
+    return process, int(port[1])
 
 
 def connect(backend: A1Backend, seed: int) -> str:
-    """Return in one word what becomes of one connect."""
+    """Return what becomes of one connect."""
     guard, _ = start(backend.reached)
     try:
-        try:
-            guard.request("connect")
-        except RefusedError as error:
-            return "refused" if "too slow" in str(error) else f"not begun: {error}"
-        try:
-            guard.request("arm")
-            trace = backend.rollout({"vd": 0.1}, seed)
-        except (RefusedError, NotBegunError) as error:
-            return f"not begun: {error}"
+        guard.request("connect")
+        guard.request("arm")
+        trace = backend.rollout({"vd": 0.1}, seed)
+    except (RefusedError, NotBegunError) as error:
+        slow = "too slow" in str(error) or "too busy" in str(error)
+        return "refused" if slow else f"not begun: {error}"
+    else:
         return f"void, {trace.meta['void']}" if "void" in trace.meta else "walked"
     finally:
         try:
@@ -76,6 +88,19 @@ def connect(backend: A1Backend, seed: int) -> str:
             guard.close()
 
 
+def run(connects: int, port: int) -> int:
+    """Connect again and again, and print what became of each connect."""
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["S2R_A1_RUN"] = folder
+        backend = A1Backend(
+            f"host=127.0.0.1,port={port},velocity=onboard,operator=auto", duration=0.1, folder=f"{folder}/raw"
+        )
+        backend.prepare()
+        for seed in range(connects):
+            print(connect(backend, seed), flush=True)
+    return 0
+
+
 def main() -> int:
     """Print the counts."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -83,48 +108,37 @@ def main() -> int:
     parser.add_argument("--busy", type=int, default=0)
     parser.add_argument("--nice", type=int, default=0)
     parser.add_argument("--unprivileged", action="store_true")
+    parser.add_argument("--port", type=int, help=argparse.SUPPRESS)
     parser.add_argument("--write", action="store_true", help=f"add the answer to {STORE.name}")
     options = parser.parse_args()
-    if options.unprivileged and "S2R_DROPPED" not in os.environ:
-        command = [
-            "setpriv",
-            "--bounding-set",
-            "-sys_nice",
-            "--inh-caps",
-            "-sys_nice",
-            "--ambient-caps",
-            "-all",
-        ]
-        os.execvpe(
-            command[0],
-            [*command, sys.executable, "-m", "benchmarks.a1.connects", *sys.argv[1:]],
-            {**os.environ, "S2R_DROPPED": "1"},
-        )
+    if options.port:
+        return run(options.connects, options.port)
+    robot, port = twin()
     others = [multiprocessing.Process(target=busy, daemon=True) for _ in range(options.busy)]
     for one in others:
         one.start()
-    os.nice(options.nice)
+    command = [
+        sys.executable,
+        "-m",
+        "benchmarks.a1.connects",
+        f"--connects={options.connects}",
+        f"--port={port}",
+    ]
+    if options.unprivileged:
+        command = [*UNPRIVILEGED, *command]
     ways: Counter[str] = Counter()
-    with tempfile.TemporaryDirectory() as folder, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-        os.environ["S2R_A1_RUN"] = folder
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-        free.close()
-        backend = A1Backend(
-            f"host=127.0.0.1,port={port},velocity=onboard,operator=auto", duration=0.1, folder=f"{folder}/raw"
-        )
-        backend.prepare()
-        robot = twin(port)
-        try:
-            for seed in range(options.connects):
-                way = connect(backend, seed)
-                ways[way] += 1
-                print(f"{seed + 1}: {way}", flush=True)
-        finally:
-            robot.terminate()
+    with subprocess.Popen(
+        ["nice", "-n", str(options.nice), *command], stdout=subprocess.PIPE, text=True
+    ) as child:
+        assert child.stdout is not None
+        for line in child.stdout:
+            print(line, end="", flush=True)
+            ways[line.strip()] += 1
+    robot.terminate()
     lines = [
         f"{options.connects} connects, {options.busy} busy processes, niceness {options.nice}, "
-        f"{'no' if options.unprivileged else 'with'} real-time priority; {describe()}",
+        f"{'no' if options.unprivileged else 'with'} real-time priority; {processor()}, {os.cpu_count()} cores, "
+        f"a MuJoCo step of the A1 takes {step_of_the_a1():.0f} µs",
         *(f"  {count:4d}  {way}" for way, count in ways.most_common()),
     ]
     print("\n".join(lines))

@@ -21,6 +21,7 @@ class PlantLine:
     """A line to a plant that stands; packets are kept as a raw log has them: (direction, bytes)."""
 
     unit = "ms"
+    lockstep = True
 
     def __init__(self, saved=None, lost=()):
         settings = Settings()

@@ -176,7 +176,9 @@ def test_motion_capture_gives_the_true_velocity(first):
 def test_poses_that_come_half_a_second_late_are_aligned_and_their_delay_is_in_the_trace(session):
     session.twin.injects = (read_inject("late_poses=0.5"),)
     try:
-        trace = session.rollout({"vd": 0.1}, 4, None, robot(session.port, session.folder, f"mocap:{session.mocap}"))
+        trace = session.rollout(
+            {"vd": 0.1}, 4, None, robot(session.port, session.folder, f"mocap:{session.mocap}")
+        )
     finally:
         session.twin.injects = ()
     assert "void" not in trace.meta

@@ -1,6 +1,7 @@
 """One test, walked by the simulator's plant in the process of the test, under a guard that agrees to everything."""
 
 import math
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -46,12 +47,32 @@ def written(tmp_path, line, schedule=SCHEDULE, packets=None, events=()):
     """Return the path of a raw recording of what went over a line, and of (time, event) of a guard."""
     about = {"layout": "a1", "tick_unit": "ms", "seed": 3}
     writer = RawLogWriter(tmp_path / "walk.a1log", recording.header_of({"vd": 0.25}, schedule, about))
-    for time, (direction, data) in enumerate(line.packets[:packets]):
-        writer.append(time * 1_000_000, direction, data)
-    for time, event in events:
-        writer.note(time * 1_000_000, event)
+    for at, (direction, data) in enumerate(line.packets[:packets]):
+        writer.append(at * 1_000_000, direction, data)
+    for at, event in events:
+        writer.note(at * 1_000_000, event)
     writer.close()
     return tmp_path / "walk.a1log"
+
+
+def test_a_computer_that_delays_the_walking_program_is_found_before_the_walk(pilot, monkeypatch):
+    line = PlantLine()
+    line.lockstep = False
+    step, steps = pilot.step, []
+
+    def late(reading):
+        steps.append(reading)
+        if len(steps) == 50:
+            time.sleep(0.03)
+        return step(reading)
+
+    monkeypatch.setattr(pilot, "step", late)
+    with pytest.raises(
+        NotBegunError, match=r"too slow for a robot: it delayed the walking program by \d+ ms"
+    ):
+        walk(line, pilot, SCHEDULE)
+    assert line.change.state == "STAND"
+    assert len(steps) > 200
 
 
 def test_a_walk_goes_as_planned_and_ends_standing(walked):
