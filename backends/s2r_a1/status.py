@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import termios
 import time
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
@@ -24,7 +25,7 @@ from s2r_a1.guard.checks import JOINTS
 from s2r_a1.guard.limits import LIMITS
 from s2r_a1.guard.start import start
 from s2r_a1.options import read_options
-from s2r_spec.errors import S2RError
+from s2r_spec.errors import S2RError, UsageError
 
 FloatArray = NDArray[np.float64]
 
@@ -143,10 +144,7 @@ def _show(options: argparse.Namespace) -> None:
     guard, status = start(reached)
     with closing(guard):
         if status["state"] == "OFF":
-            from s2r_spec.machine.operator import Terminal
-
-            kind = "the twin" if reached.is_twin else f"the robot {reached.robot}"
-            Terminal().type_word(question_to_connect(kind), WORD_CONNECT)
+            _consent(question_to_connect("the twin" if reached.is_twin else f"the robot {reached.robot}"))
             guard.request("connect")
         seen = SeenAngles()
         if options.once:
@@ -158,6 +156,18 @@ def _show(options: argparse.Namespace) -> None:
         with Live(auto_refresh=False, screen=sys.stdout.isatty()) as live:
             for lines in _looks(guard, seen):
                 live.update(Text("\n".join(lines)), refresh=True)
+
+
+def _consent(question: str) -> None:
+    """Return once the operator has typed the word for connecting; raise KeyboardInterrupt for ``q``."""
+    if not sys.stdin.isatty():
+        raise UsageError("connecting needs an operator's consent: run this command in a terminal")
+    termios.tcflush(sys.stdin, termios.TCIFLUSH)  # letters that were typed ahead are no consent
+    print(question)
+    while (answer := input(f"Type {WORD_CONNECT} to go on, q to stop: ").strip()) != WORD_CONNECT:
+        if answer == "q":
+            raise KeyboardInterrupt
+        print(f"You typed {answer!r}, so s2r did nothing.")
 
 
 def _looks(guard: Any, seen: SeenAngles) -> Iterator[list[str]]:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import pty
 import signal
 import socket
 import subprocess
@@ -556,3 +557,46 @@ def test_a_guard_of_one_robot_is_not_that_of_another(closing, started):
     assert hello["robot"] == "a1-07"
     with pytest.raises(UsageError, match=r"robot=a1-07, not robot=a1-08"):
         start(RobotAddress("127.0.0.1", port, clock="lockstep", robot="a1-08"))
+
+
+# The view of a limp robot, as an operator starts it.
+
+
+def viewed(port, **options):
+    command = [sys.executable, "-m", "s2r_a1.status", "--host", "127.0.0.1", "--port", str(port), "--once"]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)
+
+
+def test_the_view_connects_only_after_the_operator_has_typed_the_word(closing):
+    toy = Toy(clock="real")
+    closing.append(toy)
+    mine, theirs = pty.openpty()
+    process = viewed(toy.port, stdin=theirs)
+    try:
+        question = process.stdout.readline()
+        assert "sent nothing yet" in question
+        time.sleep(0.3)
+        os.write(mine, b"yes\n")
+        assert "You typed 'yes'" in process.stdout.readline()
+        assert not toy.commands
+        os.write(mine, b"connect\n")
+        out, err = process.communicate(timeout=60)
+    finally:
+        process.kill()
+        os.close(mine)
+        os.close(theirs)
+        robot = RobotAddress("127.0.0.1", toy.port)
+        if found := attach(robot, "operator"):
+            closing.append(Killed(found[1]["pid"]))
+            found[0].close()
+    if "too slow" in err:
+        pytest.skip(f"this machine is too busy for a link in real time: {err}")
+    assert "FR thigh" in out, err
+    assert set(toy.commands) == {pack(LIMP, A1)}
+
+
+def test_the_view_needs_a_terminal_for_the_consent(toy, closing, started):
+    started(RobotAddress("127.0.0.1", toy.port))
+    err = viewed(toy.port, stdin=subprocess.DEVNULL).communicate(timeout=60)[1]
+    assert "terminal" in err
+    assert not toy.commands
