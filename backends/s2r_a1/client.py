@@ -17,7 +17,7 @@ from s2r_a1.guard.limits import LIMITS
 from s2r_a1.guard.place import RobotAddress
 from s2r_a1.guard.start import attach
 from s2r_a1.link import UdpLink
-from s2r_a1.mocap import Listener
+from s2r_a1.mocap import SEARCH, Listener
 from s2r_a1.ticks import PERIOD, SECONDS, TickUnit
 from s2r_a1.wire import LAYOUTS, Orders, Reading
 from s2r_spec.errors import BackendError, NotBegunError
@@ -85,8 +85,15 @@ class Client:
             self._opened = opened.pop_all()
 
     def ready(self) -> None:
-        """Raise NotBegunError if the velocity comes from motion capture, and no pose has arrived."""
-        if self.mocap is not None and not len(self.mocap.poses().times):
+        """Raise NotBegunError if the velocity comes from motion capture, and no pose arrives in time."""
+        if self.mocap is None:
+            return
+        for _ in range(round(SEARCH / PERIOD)):
+            if len(self.mocap.poses().times):
+                break
+            self.send(None)
+            self.receive()
+        else:
             raise NotBegunError(
                 f"the UDP port {self.mocap.port} of this computer received no poses; stream lines of JSON with t, x, "
                 "y, z, qw, qx, qy, qz"
