@@ -12,7 +12,7 @@ from s2r_a1.client import StateChange
 from s2r_a1.pilot import Pilot
 from s2r_a1.rawlog import RawLogWriter
 from s2r_a1.schedule import Schedule
-from s2r_a1.walk import SETTLING, walk
+from s2r_a1.walk import SETTLING, rest, walk
 from s2r_a1.wire import A1, Orders, pack, pack_reading, unpack, unpack_orders
 from s2r_sim.controller.gains import RATE
 from s2r_sim.controller.trot import Controller, Memory
@@ -275,3 +275,29 @@ def test_a_reading_becomes_the_state_that_it_was_made_of():
     np.testing.assert_allclose(state.q, truth.q, atol=1e-6)
     np.testing.assert_allclose(state.rpy[:2], truth.rpy[:2], atol=1e-6)
     assert state.rpy[2] == 0.0
+
+
+class SettlingLine:
+    """A robot that still settles when it is asked to lie down."""
+
+    def __init__(self):
+        self.states = ["STAND"] * 3 + ["LYING_DOWN"] * 3 + ["RESTING"] * 9
+        self.change = StateChange("STAND")
+        self.requests = []
+
+    def request(self, do):
+        self.requests.append(do)
+
+    def send(self, orders):
+        assert orders is None
+
+    def receive(self):
+        self.change = StateChange(self.states.pop(0))
+
+
+def test_a_robot_that_settles_first_lies_when_it_is_said_to():
+    line = SettlingLine()
+    rest(line)
+    assert line.requests == ["lie"]
+    assert line.change.state == "RESTING"
+    assert len(line.states) == 8
