@@ -80,7 +80,7 @@ class MotorPacket(NamedTuple):
 
     def plain(self) -> bool:
         """Return whether the packet equals the one that :func:`pack` makes of its orders."""
-        return self.mode == _ALL_CLOSED and self.data == _command(self[3:], self.layout)
+        return self.mode == _ALL_CLOSED and self.layout.spare.unpack(self.data) == self.layout.nothing
 
     def orders(self) -> Orders:
         """Return the commands that the motors follow; see :func:`unpack_orders`."""
@@ -164,6 +164,19 @@ class Layout:
     def orders(self) -> Struct:
         """Structure of each motor's mode, q, dq, tau, kp, kd in a command."""
         return _struct(self.command, motors=MOTORS * "Bffhhh12x")
+
+    @cached_property
+    def spare(self) -> Struct:
+        """Structure of the other bytes of a command, up to its checksum."""
+        start = int(self.command.fields["motors"][1])  # type: ignore[index]
+        rest = self.command.itemsize - start - MOTORS * 27 - 4
+        return Struct(f"<{start}s{MOTORS * '15x12s'}{rest}s4x")
+
+    @cached_property
+    def nothing(self) -> tuple[bytes, ...]:
+        """The other bytes of a command that :func:`pack` makes."""
+        fields: tuple[bytes, ...] = self.spare.unpack(bytes(self.command.itemsize))
+        return (self.head + fields[0][len(self.head) :], *fields[1:])
 
     @cached_property
     def readings(self) -> Struct:

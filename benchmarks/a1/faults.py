@@ -201,6 +201,7 @@ REAL = (
     ("R2", 0.0, "operator", injected("button=R2")),
     ("second Ctrl-C", 0.0, "operator", asked("damp")),
     ("SIGKILL of the client", 20.0, "client", killed),
+    ("SIGKILL of the search", 0.0, "operator", Walking.kill_search),
     ("SIGSTOP of the client for 50 ms", 20.0, "client", stopped(0.05)),
     ("SIGSTOP of the client for 5 s", 20.0, "client", stopped(5.0)),
 )

@@ -121,6 +121,19 @@ def _client(line, robot):
     line.close()
 
 
+def _search(line, robot):
+    """Attend the robot from a process with the memory of a search, until it is killed."""
+    import gpytorch
+    import torch
+
+    x = torch.linspace(0.0, 1.0, 8)
+    gpytorch.kernels.RBFKernel()(x).to_dense()
+    operator, _ = start(robot)
+    line.send("attends")
+    select.select([operator], [], [])
+    line.recv()
+
+
 def _orders_until(control, socket, state):
     """Answer every state with orders until the guard is in a state; return whether it came to it."""
     while True:
@@ -222,6 +235,20 @@ class Walking:
         os.kill(self.status()["pid"], signal.SIGKILL)
         self.operator.close()
         self.operator = None
+
+    def kill_search(self):
+        """Let a search attend the robot alone, and kill it; return when [ns]."""
+        line, theirs = PROCESSES.Pipe()
+        search = PROCESSES.Process(target=_search, args=(theirs, self.robot), daemon=True)
+        search.start()
+        line.recv()
+        self.operator.close()
+        time.sleep(0.1)
+        now = time.monotonic_ns()
+        search.kill()
+        search.join()
+        self.operator, _ = start(self.robot)
+        return now
 
     def until_client_closed(self):
         """Wait until a client that was killed has no connection any more, and note when that was."""

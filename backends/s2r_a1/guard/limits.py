@@ -14,7 +14,7 @@ from typing import Literal, NamedTuple, TypeVar, get_args
 import numpy as np
 
 from s2r_a1.guard import leg
-from s2r_a1.wire import MOTORS, FloatArray
+from s2r_a1.wire import KD, KP, MOTORS, TAU, FloatArray
 
 T = TypeVar("T")
 Vector3 = tuple[float, float, float]
@@ -181,7 +181,13 @@ class Limits:
         return np.concatenate(least), np.concatenate(most)
 
     @cached_property
-    def calm(self) -> tuple[FloatArray, FloatArray]:
+    def allowed(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """(60,) the same for a packet's q, dq, tau, kp and kd, in its own counts."""
+        least, most = (np.split(numbers, 5) for numbers in self.ordered)
+        return _packed(*least), _packed(*most)
+
+    @cached_property
+    def calm(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """(58,) smallest and largest numbers, from quaternion to temperature, of a reading far from every limit."""
         (low, high), one = self.span, np.ones(MOTORS)
         tau, unit = min(self.strain, self.torque), 1.0 + self.norm
@@ -201,7 +207,7 @@ class Limits:
             -most[5],
             self.cold * one,
         )
-        return np.concatenate(least), np.concatenate(most)
+        return tuple(np.concatenate(least).tolist()), tuple(np.concatenate(most).tolist())
 
     @cached_property
     def lean(self) -> float:
@@ -221,6 +227,12 @@ class Limits:
     def _narrowed(self, margin: float) -> tuple[FloatArray, FloatArray]:
         low, high = self.span
         return (low + high) / 2.0, 2.0 / (high - low - 2.0 * margin)
+
+
+def _packed(
+    q: FloatArray, dq: FloatArray, kp: FloatArray, kd: FloatArray, tau: FloatArray
+) -> tuple[float, ...]:
+    return tuple(np.concatenate((q, dq, tau * TAU, kp * KP, kd * KD)).tolist())
 
 
 LIMITS = Limits()
