@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from s2r_a1 import status
 from s2r_a1.guard import __main__ as guard
 from tests import terminals
 from tests.a1.robots import in_a_process
@@ -82,6 +83,13 @@ def words(text):
     return [NUMBER.sub("#", line) for line in text.splitlines() if line != "…"]
 
 
+def places(text):
+    """Return the lines of a view of a robot without the values of its numbers, in columns."""
+    return re.sub(
+        r"[+-]?\d+(?:\.\d+)?", lambda found: "#" * len(found[0]), text.replace("!", " ")
+    ).splitlines()
+
+
 def alike(shown, printed):
     """Whether two lines have the same words, and nearly the same numbers: when a person types, the noise differs."""
     numbers = [[float(number) for number in NUMBER.findall(line)] for line in (shown, printed)]
@@ -119,6 +127,10 @@ def follow(page, folder, capsys):
                 outputs.append(what)
                 printed = words(capsys.readouterr().out)
                 assert [line for line in words(text) if line not in printed] == [], printed
+            elif kind == "view of":
+                assert status.main([*what.removeprefix("python -m s2r_a1.status").split(), "--once"]) == 0
+                assert places(capsys.readouterr().out) == places(text)
+                outputs.append(what)
         statuses.append(session.close())
     return statuses, outputs
 
@@ -126,7 +138,7 @@ def follow(page, folder, capsys):
 def test_a_person_stands_the_robot_up_and_damps_it_as_the_page_shows(page, tmp_path, capsys):
     before_the_walk, walk = page.split("## 6. ")
     statuses, outputs = follow(before_the_walk, tmp_path, capsys)
-    assert (statuses, len(outputs)) == ([0], 4)
+    assert (statuses, len(outputs)) == ([0], 5)
     assert "<!-- dialogue: s2r check " in walk
     assert guard.main(["stop"]) == 0
 
@@ -143,4 +155,4 @@ def test_a_person_does_what_the_page_shows(page, tmp_path, capsys):
     assert all(alike(*lines) for lines in zip(shown.splitlines(), printed, strict=True)), printed
     assert guard.main(["stop"]) == 0
     assert statuses == [0, 130]
-    assert len(outputs) == 4
+    assert len(outputs) == 5

@@ -1,4 +1,4 @@
-"""Show a robot before it is armed: ``python -m s2r_a1.status --host HOST --robot NAME``.
+"""Show a robot before it is armed: ``python -m s2r_a1.status [--host HOST --robot NAME]``.
 
 The robot stays limp: the view goes through the guard, whose packets have no gains and no torques. The operator turns
 each joint by hand, and reads which joint moves, where to, and how its angles compare with its range. So a joint with a
@@ -8,6 +8,7 @@ wrong sign, a wrong place or a wrong zero is found before a motor has a torque.
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import termios
 import time
@@ -22,7 +23,9 @@ from numpy.typing import NDArray
 
 from s2r_a1.attendance import WORD_CONNECT, question_to_connect
 from s2r_a1.guard.checks import JOINTS
+from s2r_a1.guard.control import Connection
 from s2r_a1.guard.limits import LIMITS
+from s2r_a1.guard.place import PORT, find_guard, is_held, place
 from s2r_a1.guard.start import start
 from s2r_a1.options import read_options
 from s2r_spec.errors import S2RError, UsageError
@@ -122,8 +125,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m s2r_a1.status", description="Show the state of a limp robot, through its guard."
     )
-    parser.add_argument("--host", required=True, help="the robot's address; 127.0.0.1 is a twin")
-    parser.add_argument("--port", type=int, default=8007, help="the robot's UDP port (8007)")
+    parser.add_argument("--host", help="the robot's address; not needed if only one guard runs")
+    parser.add_argument("--port", type=int, default=PORT, help=f"the robot's UDP port ({PORT})")
     parser.add_argument("--robot", default="", help="the robot's name; a twin needs none")
     parser.add_argument("--once", action="store_true", help="print one view, and end")
     options = parser.parse_args(arguments)
@@ -138,14 +141,8 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _show(options: argparse.Namespace) -> None:
-    """Connect with the operator's consent, and show the robot."""
-    words = [f"host={options.host}", f"port={options.port}", "velocity=onboard"]
-    reached = read_options(",".join(words + ([f"robot={options.robot}"] if options.robot else [])))
-    guard, status = start(reached)
-    with closing(guard):
-        if status["state"] == "OFF":
-            _consent(question_to_connect("the twin" if reached.is_twin else f"the robot {reached.robot}"))
-            guard.request("connect")
+    """Show the robot; the view is no operator of the guard, so it does not hold up the end of a run."""
+    with closing(watch(options.host, options.port, options.robot)) as guard:
         seen = SeenAngles()
         if options.once:
             print("\n".join(view(guard.request("status"), seen)))
@@ -156,6 +153,34 @@ def _show(options: argparse.Namespace) -> None:
         with Live(auto_refresh=False, screen=sys.stdout.isatty()) as live:
             for lines in _looks(guard, seen):
                 live.update(Text("\n".join(lines)), refresh=True)
+
+
+def watch(host: str | None, port: int = PORT, robot: str = "") -> Connection:
+    """Return a connection to a robot's guard; without one, start and connect it with the operator's consent.
+
+    Without a ``host`` it is the only guard that runs. The connection has no role, so nobody attends the robot by it.
+
+    Raises:
+        UsageError: the guard is another robot's, or no operator can give a consent.
+    """
+    if host:
+        words = [f"host={host}", f"port={port}", "velocity=onboard"]
+        words += [f"robot={robot}"] if robot else []
+        if not is_held(place(host, port)):
+            with closing(start(read_options(",".join(words)))[0]):
+                return watch(host, port, robot)
+    path = find_guard(host, port)
+    guard = Connection(path)
+    status = guard.request("status")
+    if robot not in ("", status["robot"]):
+        guard.close()
+        raise UsageError(f"the guard has the robot {status['robot'] or 'without a name'}, not {robot}")
+    if status["state"] == "OFF":
+        with closing(Connection(path)) as operator:
+            operator.request("hello", role="operator", pid=os.getpid())
+            _consent(question_to_connect("the twin" if status["twin"] else f"the robot {status['robot']}"))
+            operator.request("connect")
+    return guard
 
 
 def _consent(question: str) -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks.a1 import hardware_tables
 from s2r_a1.guard import __main__ as guard
+from s2r_a1.guard.place import find_guard
 from s2r_a1.options import NAMES, read_options
 from s2r_a1.twin import Twin, TwinSettings
 from s2r_a1.twin.options import read_options as read_twin
@@ -80,7 +81,7 @@ def test_the_first_contact_stands_a_robot_up_and_lays_it_down(tmp_path, monkeypa
         monkeypatch.setattr(sys, "argv", ["stand.py", name])
         exec(compile(script, "stand.py", "exec"), {})
         assert "stands at [" in capsys.readouterr().out
-        status = guard._find_guard("127.0.0.1", port)
+        status = find_guard("127.0.0.1", port)
         assert status.exists()
         assert guard.main(["status"]) == 0
         assert capsys.readouterr().out.startswith("RESTING")

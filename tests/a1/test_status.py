@@ -1,16 +1,22 @@
 """What an operator sees of a robot before its motors have a torque."""
 
+import os
 from math import cos, sin
 
 import numpy as np
 import pytest
 
 from s2r_a1.guard.limits import LIMITS
+from s2r_a1.guard.place import RobotAddress
+from s2r_a1.guard.start import start
 from s2r_a1.guard.states import State
-from s2r_a1.status import MOTIONS, SeenAngles, view
+from s2r_a1.status import MOTIONS, SeenAngles, view, watch
+from s2r_a1.twin import Twin, TwinSettings
 from s2r_sim.robot.constants import A1, LEGS
 from s2r_sim.robot.leg_kinematics import foot_motion
+from s2r_spec.errors import UsageError
 from tests.a1.rig import Rig, limp
+from tests.a1.robots import end_guard, served
 
 
 @pytest.fixture
@@ -98,3 +104,26 @@ def test_a_robot_that_sends_nothing_is_said_to():
     rig = Rig()
     assert view(look(rig), SeenAngles())[-1] == "no state has arrived"
     rig.close()
+
+
+def test_the_view_of_a_running_guard_is_no_operator(tmp_path, monkeypatch):
+    """The robot of a search that dies is damped although somebody still looks at it."""
+    monkeypatch.setenv("S2R_A1_RUN", str(tmp_path))
+    with served(Twin(TwinSettings(place="nominal"))) as port:
+        operator, _ = start(RobotAddress("127.0.0.1", port, clock="lockstep"))
+        operator.request("connect")
+        guard = watch(None)
+        assert guard.request("status")["operators"] == [os.getpid()]
+        assert view(guard.request("status"), SeenAngles())[0].endswith("LINKED")
+        guard.close()
+        operator.close()
+        end_guard(port)
+
+
+def test_the_view_of_another_robot_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setenv("S2R_A1_RUN", str(tmp_path))
+    operator, _ = start(RobotAddress("127.0.0.1", 8007, robot="a1-07"))
+    with pytest.raises(UsageError, match="a1-07"):
+        watch("127.0.0.1", robot="a1-08")
+    operator.close()
+    end_guard(8007)

@@ -22,8 +22,8 @@ from dataclasses import fields
 from typing import Any
 
 from s2r_a1.guard.control import Connection, ControlError, Listener
-from s2r_a1.guard.place import PORT, RobotAddress, claim, folder, hold, is_held, place
-from s2r_spec.errors import BackendError, S2RError, UsageError
+from s2r_a1.guard.place import PORT, RobotAddress, claim, find_guard, hold, place
+from s2r_spec.errors import BackendError, S2RError
 
 PRIORITY = 20
 """A level: real-time priority (1 to 99), if the system allows it; above all processes without one."""
@@ -65,7 +65,7 @@ _COMMANDS = {
 
 
 def _send(options: argparse.Namespace) -> int:
-    connection = Connection(_find_guard(options.host, options.port))
+    connection = Connection(find_guard(options.host, options.port))
     try:
         reply = connection.request(options.do)
         if options.do == "status":
@@ -77,32 +77,6 @@ def _send(options: argparse.Namespace) -> int:
     finally:
         connection.close()
     return 0
-
-
-def _find_guard(host: str | None, port: int) -> Any:
-    """Return the control socket of a robot's guard, or of the only running one; raise BackendError if none runs.
-
-    Without a ``host``, UsageError is raised if several guards run.
-    """
-    if host:
-        files = place(host, port)
-        if not is_held(files):
-            raise BackendError(
-                f"no guard of {host}:{port} is running; start one with a run on a1:host={host}"
-            )
-        return files.control
-    running = [path for path in sorted(folder().glob("*.sock")) if _runs(path.stem)]
-    if not running:
-        raise BackendError("no guard is running; start one with a run on a1:host=…")
-    if len(running) > 1:
-        names = ", ".join(path.stem.replace("_", ":") for path in running)
-        raise UsageError(f"{len(running)} guards are running, for {names}; name one with --host and --port")
-    return running[0]
-
-
-def _runs(stem: str) -> bool:
-    host, _, port = stem.rpartition("_")
-    return is_held(place(host, int(port)))
 
 
 def _await_end(connection: Connection) -> None:

@@ -117,6 +117,34 @@ def is_held(place: GuardFiles) -> bool:
     return lock is None
 
 
+def find_guard(host: str | None = None, port: int = PORT) -> Path:
+    """Return the control socket of a robot's guard, or without a ``host`` of the only running one.
+
+    Raises:
+        BackendError: no guard runs.
+        UsageError: several guards run, and no ``host`` is given.
+    """
+    if host:
+        files = place(host, port)
+        if not is_held(files):
+            raise BackendError(
+                f"no guard of {host}:{port} is running; start one with a run on a1:host={host}"
+            )
+        return files.control
+    running = [path for path in sorted(folder().glob("*.sock")) if _runs(path.stem)]
+    if not running:
+        raise BackendError("no guard is running; start one with a run on a1:host=…")
+    if len(running) > 1:
+        names = ", ".join(path.stem.replace("_", ":") for path in running)
+        raise UsageError(f"{len(running)} guards are running, for {names}; name one with --host and --port")
+    return running[0]
+
+
+def _runs(stem: str) -> bool:
+    host, _, port = stem.rpartition("_")
+    return is_held(place(host, int(port)))
+
+
 def claim(place: GuardFiles) -> None:
     """Claim a robot for this process on this computer, by an abstract socket name (Linux only).
 
