@@ -94,7 +94,7 @@ def align(
     flags = frozenset(signal.name for signal in declared if signal.boolean)
 
     def at_times(trace: Trace) -> dict[str, FloatArray]:
-        own, signals = trace.times - trace.times[0], read_signals(declared, trace)
+        own, signals = trace.times - trace.times[0], read_signals(trace, tuple(declared), "error")
         return {name: _at(times, own, samples, name in flags) for name, samples in signals.items()}
 
     real_signals = at_times(real)

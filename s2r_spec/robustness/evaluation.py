@@ -17,6 +17,7 @@ from s2r_spec.robustness.binding import bind
 from s2r_spec.robustness.deciding import descend
 from s2r_spec.robustness.dense import ContinuousSignals, curve_algebra, snap_of
 from s2r_spec.robustness.evaluate import Walk, Witness
+from s2r_spec.robustness.first_sample import rho_at_first_sample
 from s2r_spec.robustness.grid import SNAP, Grid
 from s2r_spec.robustness.horizon import horizon, samples_needed, seconds_needed
 from s2r_spec.robustness.narrow import narrowest, refuse_short
@@ -152,6 +153,12 @@ class Reading:
         values: FloatArray = rho.values(self.times - self.times[0], self.snap)
         return values
 
+    def at_first_sample(self, formula: f.Formula) -> float:
+        """Return ρ at the first sample, never 0."""
+        if self.interpolation == "samples":
+            return rho_at_first_sample(formula, self.samples)
+        return float(self.signed(formula)[0])
+
     @cached_property
     def silences(self) -> list[Span]:
         """Spans between two samples that last more than a few periods, after the first sample [s]."""
@@ -195,6 +202,15 @@ class Reading:
         at, snap = self.clock.times, max(self.clock.snap, SNAP * self.period)
         needs = seconds_needed(formula, self.period, slack=2 * snap)
         return np.asarray(at + needs <= at[-1] + self.period - snap)
+
+    def complete_at_first_sample(self, formula: f.Formula) -> bool:
+        """Return the first value of :meth:`complete`."""
+        if self.period is None or self.interpolation != "samples" or not isinstance(self.clock, Grid):
+            return bool(self.complete(formula)[0])
+        snap = max(self.clock.snap, SNAP * self.period)
+        needs = seconds_needed(formula, self.period, slack=2 * snap)
+        last = float(np.float64(self.clock.count - 1) * self.clock.step)
+        return needs <= last + self.period - snap
 
     def notes(self, formula: f.Formula) -> tuple[str, ...]:
         """Return a sentence for each end of a window that lies between two samples of the grid."""

@@ -38,6 +38,18 @@ def samples_needed(formula: f.Formula, period: Fraction | None) -> int:
     return int(_reach(formula, ends, 1.0))
 
 
+@once
+def samples_read(formula: f.Formula, period: Fraction | None) -> float:
+    """Return the number of samples after an instant that ρ there depends on; inf for the rest of the trace."""
+    grid = Grid(1, period)
+
+    def ends(interval: f.Interval) -> tuple[float, float]:
+        low, high = grid.window(interval)
+        return low, math.inf if high is None else high
+
+    return _reach(formula, ends, 1.0)
+
+
 def seconds_needed(formula: f.Formula, step: float, slack: float = 0.0) -> float:
     """Return the time after an instant that a trace must last to decide a formula there [s].
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from s2r_spec.base.errors import SamplingError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.grid import SNAP
+from s2r_spec.robustness.once import once
 
 SMALLER_UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Definition: units of time in logs, in seconds, the largest first."""
@@ -46,6 +47,7 @@ def windows(formula: f.Formula) -> Iterator[BoundedWindow]:
             yield window
 
 
+@once
 def narrowest(formula: f.Formula) -> BoundedWindow | None:
     """Return the shortest of :func:`windows`; None if there is none."""
     return min(windows(formula), key=lambda window: window.length, default=None)

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Set
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
@@ -16,6 +17,7 @@ from s2r_spec.lang.amounts import NUMBER_AND_UNIT, Amount, convert, read_amount
 from s2r_spec.lang.conversion import Conversion
 from s2r_spec.lang.declarations import Param, Signal
 from s2r_spec.lang.units import UnknownUnitError, unit_in_log
+from s2r_spec.robustness.once import once
 from s2r_spec.robustness.stream import SignalMessages, on_circle
 from s2r_spec.trace import Trace
 from s2r_spec.trace.instants import instant
@@ -25,15 +27,16 @@ LEADING = "there is no sample before it to repeat; --start begins after it"
 Missing = Literal["error", "hold"]
 
 
-def read_signals(
-    signals: Iterable[Signal], trace: Trace, missing: Missing = "error"
-) -> dict[str, FloatArray]:
+@once
+def read_signals(trace: Trace, signals: tuple[Signal, ...], missing: Missing) -> Mapping[str, FloatArray]:
     """Return name → (dim, n) in the declared unit; ``missing`` is the treatment of a NaN sample.
+
+    A trace keeps the result, since it does not change.
 
     Raises:
         TraceError: a channel is missing, has another width, NaN, or a unit that does not fit.
     """
-    return {signal.name: _read(signal, trace, missing) for signal in signals}
+    return MappingProxyType({signal.name: _read(signal, trace, missing) for signal in signals})
 
 
 def read_streams(

@@ -105,7 +105,9 @@ class OnTraces(Declared):
         """Return the samples that a requirement (or any) reads."""
         trace = as_trace(trace)
         numbers = self._numbers(self._given(trace, how), requirement)
-        signals = read_signals([self.signals[name] for name in self.channels(requirement)], trace, how.nan)
+        signals = read_signals(
+            trace, tuple(self.signals[name] for name in self.channels(requirement)), how.nan
+        )
         interpolation = how.interpolation or "samples"
         return Reading(trace.times, signals, numbers, interpolation, how.until, clock_of(trace.times))
 
@@ -178,11 +180,11 @@ class OnTraces(Declared):
         formula = reading.bound(self.formulas[requirement])
         reading.refuse_short(formula)
         if how.partial:
-            return float(reading.signed(formula)[0])
+            return reading.at_first_sample(formula)
         refuse_short_trace(reading, formula, requirement)
         bounds = reading.bounds(formula)
         if bounds is None:
-            return float(reading.signed(formula)[0])
+            return reading.at_first_sample(formula)
         low, high = bounds
         if low != high:
             raise UndecidedError(
@@ -228,7 +230,7 @@ def refuse_short_trace(reading: Reading, formula: f.Formula, requirement: str) -
     Raises:
         TraceError: they do not.
     """
-    if not reading.complete(formula)[0]:
+    if not reading.complete_at_first_sample(formula):
         raise _too_short(reading, formula, requirement)
 
 
