@@ -137,7 +137,7 @@ def checks(workers: int) -> list[dict[str, Any]]:
         clock, step = Clock(), step_of_the_a1()
         with tempfile.TemporaryDirectory() as place, pools(kind, workers) as (factory, client):
             folder = Path(place) / "run"
-            s2r.check(spec, "sim", folder, budget=BUDGET, executor=factory, observer=clock)
+            s2r.check(spec, "sim", folder, budget=BUDGET, stop="epsilon", executor=factory, observer=clock)
             count = sum(clock.sizes)
             traces = sum(path.stat().st_size for path in (folder / "traces").iterdir())
             # The first batch loads libraries in the workers, and is left out.

@@ -94,7 +94,7 @@ def overhead(folder: Path) -> dict[str, float]:
     short = s2r.check(spec, "toy", folder / "short", budget=40, executor=process_pool(1))
     between, middle = used(), perf_counter()
     short_search, timed.spent = timed.spent, 0.0
-    long = s2r.check(spec, "toy", folder / "long", executor=process_pool(1))
+    long = s2r.check(spec, "toy", folder / "long", stop="epsilon", executor=process_pool(1))
     after, end = used(), perf_counter()
     more = long.certificate.rollouts - short.certificate.rollouts
     search = timed.spent - short_search

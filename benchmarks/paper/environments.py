@@ -33,6 +33,7 @@ from s2r_spec.certify.gap import gap_search, gap_with
 from s2r_spec.certify.options import RunOptions
 from s2r_spec.certify.real_machine import conclude_certify
 from s2r_spec.certify.search.pairing import Pairing
+from s2r_spec.runs.scorer import Scorer
 from s2r_spec.spec import parse_spec
 from s2r_spec.workers.pools import process_pool
 
@@ -62,7 +63,9 @@ def main() -> int:
         folder = Path(name)
         run = RunOptions(seed=options.seed, executor=process_pool(options.workers))
         first = search_for(spec, "walking", run)
-        checked = check_with(first, spec, "walking", "sim", folder / "sim", run)
+        checked = check_with(
+            first, spec, "walking", Scorer.for_spec(spec, "walking", "sim"), folder / "sim", run
+        )
         print(f"simulation: worst expected ρ in [{checked.lower:+.4f}, {checked.upper:+.4f}]", flush=True)
         for place in options.places:
             start = perf_counter()

@@ -37,6 +37,7 @@ from s2r_spec.certify.check import check_with
 from s2r_spec.certify.from_spec import search_for
 from s2r_spec.certify.options import RunOptions
 from s2r_spec.certify.search.search import Search
+from s2r_spec.runs.scorer import Scorer
 from s2r_spec.workers.pools import process_pool
 
 RESULTS = Path(__file__).parent / "results" / "repeatability.json"
@@ -138,7 +139,7 @@ def complete(name: str, search: Search, workers: int) -> dict[str, Any]:
             search,
             spec,
             "walking",
-            "sim",
+            Scorer.for_spec(spec, "walking", "sim"),
             Path(folder) / "run",
             RunOptions(seed=search.settings.seed, executor=process_pool(workers)),
         )

@@ -34,7 +34,7 @@ from s2r_spec.machine.attendance import refuse_terms
 from s2r_spec.machine.machine_runner import runner_for
 from s2r_spec.runs.scorer import Scorer
 from s2r_spec.runs.spec_files import open_journal
-from s2r_spec.runs.stop_rule import header_fields
+from s2r_spec.runs.stop_rule import DECIDED, EPSILON, header_fields
 from s2r_spec.spec import Spec
 
 __all__ = ["CheckResult", "check", "check_with"]
@@ -64,16 +64,19 @@ def check(
     with run_folder(folder, f"{Path(spec.name).stem}-{name_of(backend)}", options) as run:
         if options.resume:
             require_begun([run], run)
-        options = with_seed(with_rule(options, run), run)
+        search_for(spec, requirement, options)  # refuses a line without settings before the backend is opened
+        scorer = Scorer.for_spec(spec, requirement, backend)
+        # Recordings are used all at once, so no rule ends their search.
+        usual = EPSILON if isinstance(scorer.backend, HasRecordings) else DECIDED
+        options = with_seed(with_rule(options, run, usual=usual), run)
         search = search_for(spec, requirement, options)
-        return check_with(search, spec, requirement, backend, run, options)
+        return check_with(search, spec, requirement, scorer, run, options)
 
 
 def check_with(
-    search: Search, spec: Spec, requirement: str, backend: Backend | str, folder: Path, options: RunOptions
+    search: Search, spec: Spec, requirement: str, scorer: Scorer, folder: Path, options: RunOptions
 ) -> CheckResult:
     """Run a search for the worst expected robustness to its end; see :func:`check`."""
-    scorer = Scorer.for_spec(spec, requirement, backend)
     refuse_terms(scorer.backend, options.terms)
     design = _design(search, spec, requirement, scorer)
     provenance: dict[str, Any] = {

@@ -117,7 +117,8 @@ class RunOptions(Execution):
         requirement: the name of the requirement; None if the specification has only one.
         budget: most rollouts; None for as many as the specification's ε takes. Of a gap it bounds the real rollouts.
         stop: when the search ends: "epsilon" (the interval is ε wide), "decided" (the verdict is known) or "budget".
-            None is the rule of a resumed search, and "epsilon" for a new one. The bound holds under every rule.
+            None is the rule of a resumed search; for a new one "decided" in a check, and "epsilon" in a gap and a
+            certificate. The bound holds under every rule.
         mode: the mode of the confidence set, see :class:`~s2r_spec.certify.bound.settings.SearchSettings`.
         engine: the engine of the Gaussian process, see :class:`~s2r_spec.certify.bound.settings.SearchSettings`.
         void: the treatment of a void rollout, on a machine only: "again" repeats the test, "fall" counts
@@ -195,15 +196,16 @@ def require_begun(places: list[Path], run: Path) -> None:
         )
 
 
-def with_rule(options: RunOptions, *places: Path) -> RunOptions:
+def with_rule(options: RunOptions, *places: Path, usual: str = EPSILON) -> RunOptions:
     """Return options with a stopping rule: the given one, or that of the resumed journal in one of the places.
 
-    The rule "budget" without a budget is a UsageError.
+    A new run without a given one has the ``usual`` one of its command. The rule "budget" without a budget is a
+    UsageError.
     """
     stop = options.stop
     if stop is None:
         begun = [place for place in places if options.resume and Journal.begun(place)]
-        stop = stop_of(Journal.read(begun[0]).header) if begun else EPSILON
+        stop = stop_of(Journal.read(begun[0]).header) if begun else usual
     if stop == BUDGET and options.budget is None:
         raise UsageError("stop = 'budget' needs a budget: the largest number of rollouts")
     return replace(options, stop=stop)

@@ -32,6 +32,7 @@ from s2r_spec.certify.search.search import Search
 from s2r_spec.machine.attendance import refuse_terms
 from s2r_spec.runs.layout import GAP, SIMULATION, SYSTEMS
 from s2r_spec.runs.machine_journal import AGAIN
+from s2r_spec.runs.scorer import Scorer
 from s2r_spec.runs.stop_rule import BUDGET, EPSILON, stop_of
 from s2r_spec.spec import Spec
 
@@ -98,7 +99,8 @@ def certify(
         else:
             refuse_rule(second.settings.stop, pairing.real.name)
         second.end_when(lambda: judge(compose(first, second)) is not Verdict.UNKNOWN)
-        checked = check_with(first, spec, requirement, sim, run / SIMULATION, of_simulator)
+        scorer = Scorer.for_spec(spec, requirement, sim)
+        checked = check_with(first, spec, requirement, scorer, run / SIMULATION, of_simulator)
         if not checked.certificate.label.bounds:
             return refused_in_simulation(checked, pairing.real.name)
         bounded = gap_with(second, spec, requirement, pairing, run / GAP, options)

@@ -37,7 +37,7 @@ class Checked:
         show_default="all with a certify line",
     )
     budget: int | None = search_option(
-        None, min=1, help="Most rollouts for each requirement.", show_default="until the interval is ε wide"
+        None, min=1, help="Most rollouts for each requirement.", show_default="until --stop"
     )
     mode: Mode = "rigorous"
     engine: str = search_option(

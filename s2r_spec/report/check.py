@@ -21,6 +21,10 @@ from s2r_spec.spec import Spec
 Result = CheckResult | GapResult
 """The result of one search."""
 
+ROOTS = (2, 3)
+"""Level: an interval's width falls at best with the square root of the rollouts, as at one known test. Where many tests
+are nearly the worst, it falls with about the cube root (docs/explanation/certificate.md)."""
+
 
 def report(pairs: Sequence[tuple[Spec, CheckResult]], command: str = "s2r check") -> Report:
     """Return the report of several results, each with its spec; every reporter renders it."""
@@ -52,6 +56,7 @@ def finding(spec: Spec, result: CheckResult) -> Finding:
         ),
         *effort(result),
         ("label", label),
+        *narrower(certificate),
     )
     return Finding(
         name=result.requirement,
@@ -90,6 +95,18 @@ def effort(result: Result, of: str = "") -> tuple[tuple[str, str], ...]:
         ("effort", f"{certificate.rollouts} rollouts{of} at {certificate.points} tests, {failures}{took}"),
     )
     return rows if result.voids is None else (*rows, ("void", void_words(result.voids, certificate.rollouts)))
+
+
+def narrower(certificate: Certificate) -> tuple[tuple[str, str], ...]:
+    """Return the row on the widths that more rollouts would reach, of a search that its verdict ended."""
+    if certificate.label is not Label.DECIDED:
+        return ()
+    twice, four = (
+        " to ".join(f"{certificate.epsilon / factor ** (1 / root):.2g}" for root in ROOTS)
+        for factor in (2, 4)
+    )
+    words = f"with 2 × the rollouts the interval would be about {twice} wide, with 4 × about {four}"
+    return (("--stop epsilon", words),)
 
 
 def interval_words(result: Result) -> str:

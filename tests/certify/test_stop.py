@@ -158,8 +158,8 @@ def test_the_turtlebot_holds_before_350_rollouts(tmp_path):
 class TestRuns:
     @pytest.mark.parametrize(("limit", "verdict"), [(0.1, Verdict.HOLDS), (-0.05, Verdict.VIOLATED)])
     def test_the_verdict_is_the_one_of_epsilon_and_its_report_the_same(self, tmp_path, limit, verdict):
-        usual = check(tmp_path, limit, run="usual")
-        decided = check(tmp_path, limit, stop="decided")
+        usual = check(tmp_path, limit, stop="epsilon", run="usual")
+        decided = check(tmp_path, limit)
         assert decided.verdict is usual.verdict is verdict
         assert decided.certificate.rollouts < usual.certificate.rollouts
         assert facts(recompute(tmp_path / "run").result) == facts(decided)
@@ -171,8 +171,8 @@ class TestRuns:
         assert facts(resumed) == facts(whole)
 
     def test_a_decided_run_may_go_on_to_epsilon(self, tmp_path):
-        whole = check(tmp_path, run="whole")
-        early = check(tmp_path, stop="decided")
+        whole = check(tmp_path, stop="epsilon", run="whole")
+        early = check(tmp_path)
         resumed = check(tmp_path, stop="epsilon", resume=True)
         assert early.certificate.rollouts < resumed.certificate.rollouts
         assert facts(resumed) == facts(whole)

@@ -96,7 +96,7 @@ def test_a_refused_simulation_costs_no_rollout_of_the_real_machine(s2r):
 
 def test_search_1_of_certify_is_check(s2r):
     both = s2r.json("certify", s2r.spec(0.15), "--sim", "toy", "--real", "toy", "-q", code=0)
-    alone = s2r.json("check", "spec.stl", "-b", "toy", "-q", code=0)["results"][0]
+    alone = s2r.json("check", "spec.stl", "-b", "toy", "--stop", "epsilon", "-q", code=0)["results"][0]
     assert comparable(both["simulation"]) == comparable(alone)
 
 

@@ -51,10 +51,10 @@ def test_a_budget_too_small_to_tell_says_unknown(s2r):
     assert result["search"]["rollouts"] <= 10
 
 
-def test_a_known_verdict_may_end_the_search(s2r):
+def test_a_known_verdict_ends_the_search_unless_the_interval_is_wanted(s2r):
     words = ("check", s2r.spec(text=FINE.replace("LIMIT", "0.1")), "-b", "toy", "-q")
-    usual = s2r.json(*words, code=0)["results"][0]
-    result = s2r.json(*words, "--stop", "decided", "--run", "r", code=0)["results"][0]
+    usual = s2r.json(*words, "--stop", "epsilon", code=0)["results"][0]
+    result = s2r.json(*words, "--run", "r", code=0)["results"][0]
     assert result["label"] == result["search"]["label"] == "decided (valid interval)"
     assert result["provenance"]["stop"] == "decided"
     assert result["search"]["rollouts"] < usual["search"]["rollouts"]

@@ -75,9 +75,9 @@ class Rules:
     seed: Seed = None
     stop: str | None = search_option(
         None,
-        help="When the search ends: epsilon (the interval is ε wide), decided (the verdict is known) or budget. The "
-        "interval is valid under every rule.",
-        show_default="epsilon, or the rule of the resumed run",
+        help="When the search ends: decided (the verdict is known, or the interval is ε wide), epsilon (the interval "
+        "is ε wide) or budget. The interval is valid under every rule.",
+        show_default="decided in check, epsilon in gap and certify, or the rule of the resumed run",
     )
     timeout: float | None = search_option(
         None,
