@@ -154,6 +154,10 @@ class Grid:
         nearest = round(periods)
         return nearest, abs(periods - nearest) <= SNAP
 
+    def place(self, sample: int) -> str:
+        """Return the place of a sample in words."""
+        return f"sample {sample}, {self.seconds(sample):.9g} s after the first"
+
     def seconds(self, periods: int) -> float:
         """Return the time of a number of periods [s]."""
         return float(periods * self.period) if self.period is not None else 0.0

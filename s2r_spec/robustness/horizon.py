@@ -68,6 +68,35 @@ def seconds_needed(formula: f.Formula, step: float, slack: float = 0.0) -> float
     return _reach(formula, ends, step)
 
 
+@once
+def samples_before(formula: f.Formula, period: Fraction | None) -> float:
+    """Return a number of samples before an instant on which ρ there depends at most; inf for all of them."""
+    grid = Grid(1, period)
+    known: dict[int, float] = {}
+
+    def before(node: f.Node) -> float:
+        if id(node) not in known:
+            known[id(node)] = here(node) + max(map(before, f.children(node)), default=0.0)
+        return known[id(node)]
+
+    def here(node: f.Node) -> float:
+        match node:
+            case f.Temporal(operator="historically" | "once") | f.Until(operator="since"):
+                high = grid.window(node.interval)[1]
+                return math.inf if high is None else high
+            case f.AdjacentSample(operator="prev") | f.Edge():
+                return 1.0
+            case (
+                f.Initial() | f.Overshoot() | f.Delayed() | f.Derivative()
+                | f.Accumulated() | f.Duration() | f.Count()
+            ):  # fmt: skip
+                # They count from the first sample, or round as sums and times from there do.
+                return math.inf
+        return 0.0
+
+    return before(formula)
+
+
 def _reach(formula: f.Formula, ends: Ends, step: float) -> float:
     """Return the sum of the interval ends from the outermost operator to the innermost; `next` counts ``step``."""
     known: dict[int, float] = {}

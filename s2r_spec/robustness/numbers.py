@@ -150,7 +150,7 @@ def margin(node: f.Comparison, numbers: Numbers) -> FloatArray:
         result = np.broadcast_to(result, (*result.shape[:-1], clock.count))
     if math.isnan(least):
         sample = int(np.argwhere(np.isnan(result))[0][-1])
-        raise no_value(node, f"sample {sample}, {clock.seconds(sample):.9g} s after the first")
+        raise no_value(node, clock.place(sample))
     return result
 
 

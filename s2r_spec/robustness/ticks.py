@@ -103,6 +103,10 @@ class Ticks:
         """Return the time of a sample after the first [s]."""
         return float(self.times[sample])
 
+    def place(self, sample: int) -> str:
+        """Return the place of a sample in words."""
+        return f"sample {sample}, {self.seconds(sample):.9g} s after the first"
+
     def windows(self, interval: Interval, past: bool) -> tuple[IntArray, IntArray]:
         """Return (first, last), each (n,): the samples in t + interval (t − interval if ``past``).
 

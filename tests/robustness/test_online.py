@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 import re
 from dataclasses import replace
 from fractions import Fraction
@@ -385,3 +386,68 @@ def test_since_over_what_is_still_to_come(formula: str) -> None:
         interval = monitor.update(k / 10, {"x": x[k], "y": y[k]})["it"]
     rho = spec.robustness(Trace(np.arange(11) / 10, {"x": x, "y": y}))["it"]
     assert (interval.lower, interval.upper) == (rho, rho)
+
+
+@settings(max_examples=examples(400), deadline=None)
+@given(case=CASES, cuts=st.lists(st.integers(0, 12), max_size=4))
+def test_blocks_of_samples_give_what_single_samples_give(case, cuts) -> None:
+    """With the same errors, and also if single samples follow."""
+    spec = parse_spec(case.text)
+    how = {"params": {"p": case.param}, "period": period(case), "until": case.until}
+
+    def outcome(in_blocks):
+        found, intervals = [], None
+        try:
+            stream, monitor = spec.robustness_stream(**how), spec.monitor(**how)
+            given_samples = list(samples(case))
+            ends = sorted({*cuts, len(given_samples)}) if in_blocks else range(1, len(given_samples) + 1)
+            begin = 0
+            for place, end in enumerate(ends):
+                part = given_samples[begin:end]
+                begin = max(begin, end)
+                if not in_blocks or (part and place % 3 == 2):
+                    for time, sample in part:
+                        found += stream.update(time, sample)["it"]
+                        intervals = monitor.update(time, sample)
+                    continue
+                times = [time for time, _ in part]
+                block = {name: [sample[name] for _, sample in part] for name in "xy"}
+                found += stream.extend(times, block)["it"]
+                intervals = monitor.extend(times, block)
+            found += stream.finish()["it"]
+            intervals = monitor.finish(partial=True)
+        except (TraceError, UsageError) as error:
+            return type(error), str(error)
+        return [(time.hex(), rho.hex()) for time, rho in found], intervals
+
+    assert outcome(in_blocks=True) == outcome(in_blocks=False)
+
+
+@pytest.mark.parametrize(
+    ("times", "block", "named"),
+    [
+        ([0.2, 0.3], {"x": [1.0, math.nan]}, ["x", "NaN", "sample 3"]),
+        ([0.2, 0.2], {"x": [1.0, 1.0]}, ["sample 3", "increase"]),
+        ([0.2, 0.5], {"x": [1.0, 1.0]}, ["sample 3", "0.3 s", "0.1 s"]),
+        ([0.2, math.inf], {"x": [1.0, 1.0]}, ["3", "finite"]),
+        ([0.2, 0.3], {"y": [1.0, 1.0]}, ["x"]),
+        ([0.2, 0.3], {"x": [1.0]}, ["x", "(1,)", "2"]),
+        ([0.2, 0.3], {"x": ["a", "b"]}, ["x", "'a'"]),
+    ],
+)
+def test_a_block_that_cannot_be_used_is_not_taken(times, block, named) -> None:
+    stream = parse_spec("signal x require it: always[0, 0.2] x <= 2").robustness_stream(period=0.1)
+    stream.extend([0.0, 0.1], {"x": [1.0, 0.5]})
+    with pytest.raises(TraceError, match=naming(*named)):
+        stream.extend(times, block)
+    assert stream.extend([0.2, 0.3], {"x": [0.0, 1.5]}) == {"it": [(0.0, 1.0), (0.1, 0.5)]}
+
+
+def test_a_stream_in_blocks_keeps_only_what_its_windows_read() -> None:
+    spec = parse_spec("signal x require it: always[0, 1] once[0, 2] x <= 2")
+    stream = spec.robustness_stream(period=0.1)
+    sizes = []
+    for k in range(50):
+        stream.extend(0.1 * np.arange(100 * k, 100 * k + 100), {"x": np.ones(100)})
+        sizes.append(len(pickle.dumps(stream._blocks.signals)))
+    assert max(sizes) == sizes[1]

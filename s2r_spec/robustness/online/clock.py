@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Protocol
 
 import numpy as np
 
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import TraceError, UsageError
 from s2r_spec.lang.formula import Interval
 from s2r_spec.robustness import grid, ticks
@@ -86,6 +88,18 @@ class OnlineClock:
         Raises:
             TraceError: it is not finite, not after the last one, or not a period after it.
         """
+        self._check(time)
+        self.round += 1
+        if self.period is None:
+            self.latest = time - self.start
+            rounding = 8 * float(np.finfo(np.float64).eps) * (abs(time) + self.latest)
+            shortest = self.shortest if self.now else 0.0
+            self.snap = min(ticks.SNAP * shortest + rounding, shortest / 4)
+        else:
+            self.latest = float(self.now)
+        self.positions.append(self.latest)
+
+    def _check(self, time: float) -> None:
         if not math.isfinite(time):
             raise TraceError(
                 f"time stamp {self.now + 1} is {time}; every time must be a finite number of seconds"
@@ -96,15 +110,25 @@ class OnlineClock:
             self._check_step(time)
         self.time = time
         self.now += 1
-        self.round += 1
-        if self.period is None:
-            self.latest = time - self.start
-            rounding = 8 * float(np.finfo(np.float64).eps) * (abs(time) + self.latest)
-            shortest = self.shortest if self.now else 0.0
-            self.snap = min(ticks.SNAP * shortest + rounding, shortest / 4)
-        else:
-            self.latest = float(self.now)
-        self.positions.append(self.latest)
+
+    def check_all(self, times: FloatArray) -> None:
+        """Check the times of the next samples [s], without adding them; for errors see :meth:`tick`."""
+        steps = np.diff(times, prepend=self.time if self.now >= 0 else times[:1] - self.step)
+        off = np.abs(steps - self.step) if self.period is not None else -steps
+        if (
+            np.isfinite(times).all()
+            and (off <= (2 * grid.JITTER * self.step if self.period else -1e-300)).all()
+        ):
+            return
+        probe = copy(self)
+        for time in times.tolist():
+            probe._check(time)
+
+    def skip(self, times: FloatArray) -> None:
+        """Add the checked times of samples [s] that are evaluated as a block, in no window of this clock."""
+        if times.size:
+            self.start = float(times[0]) if self.now < 0 else self.start
+            self.time, self.now = float(times[-1]), self.now + times.size
 
     def finish(self) -> None:
         """End the trace: no further sample comes."""

@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import TraceError, UsageError, one_of, suggest
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.declarations import Signal
 from s2r_spec.robustness.evaluate import Witness
-from s2r_spec.robustness.grid import SNAP
+from s2r_spec.robustness.grid import SNAP, Grid
 from s2r_spec.robustness.horizon import horizon, samples_needed, seconds_needed
 from s2r_spec.robustness.narrow import narrowest, refuse_short
+from s2r_spec.robustness.numbers import SampledSignals
 from s2r_spec.robustness.online.algebra import OnlineAlgebra
+from s2r_spec.robustness.online.blocks import Blocks, Decided, fits
 from s2r_spec.robustness.online.clock import OnlineClock
 from s2r_spec.robustness.online.points import Point, Points
 from s2r_spec.robustness.online.tape import Tape
@@ -23,6 +29,7 @@ from s2r_spec.robustness.reading import HOLD, LEADING, Missing
 from s2r_spec.robustness.ties import restore_zero
 
 Verdict = Literal["holds", "violated", "unknown"]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -104,7 +111,8 @@ class _Recorder:
     def take(self, time: float, sample: Mapping[str, Any]) -> None:
         """Take the next sample; for errors see :meth:`Monitor.update`."""
         self._check_open()
-        numbers = [self._read(signal, sample) for signal in self.followed.signals]
+        k = self.clock.now + 1
+        numbers = [self._read(signal, sample, k) for signal in self.followed.signals]
         self.clock.tick(float(time))
         for signal, components in zip(self.followed.signals, numbers, strict=True):
             for tape, number in zip(self.tapes[signal.name], components, strict=True):
@@ -115,11 +123,15 @@ class _Recorder:
 
     def finish(self) -> None:
         """End the trace: no further sample comes."""
+        self.end()
+        self._settle()
+
+    def end(self) -> None:
+        """End the trace, and compute nothing."""
         self._check_open()
         if self.clock.now < 0:
             raise TraceError("there is no sample; a trace needs at least one")
         self.clock.finish()
-        self._settle()
 
     def _check_open(self) -> None:
         if self.broken is not None:
@@ -138,15 +150,58 @@ class _Recorder:
             refuse_short(self.narrowest, clock.latest / clock.now, "the mean time between two samples")
 
     def _settle(self) -> None:
-        try:
+        def settled() -> None:
             self._refuse_short()
             for stream in self.clock.streams:
                 stream.advance()
+
+        self.guarded(settled)
+
+    def guarded(self, compute: Callable[[], T]) -> T:
+        """Return what a function computes; its TraceError ends the trace."""
+        try:
+            return compute()
         except TraceError as error:
             self.broken = error
             raise
 
-    def _read(self, signal: Signal, sample: Mapping[str, Any]) -> list[float]:
+    def blocks(self) -> Blocks | None:
+        """Return an evaluator of blocks; None if a formula needs single samples."""
+        followed, period = self.followed, self.clock.period
+        if period is None or followed.nan == "hold":
+            return None
+        if not all(fits(formula, period) for formula in followed.formulas.values()):
+            return None
+        params = {name: np.full((1, 1), value) for name, value in followed.params.items()}
+        return Blocks(followed.formulas, period, SampledSignals(Grid(1, period), {}, params, followed.until))
+
+    def read_block(
+        self, times: ArrayLike, samples: Mapping[str, ArrayLike]
+    ) -> tuple[FloatArray, dict[str, FloatArray]]:
+        """Return (m,) times and signal → (m, dim) numbers of the next samples; for errors see :meth:`take`."""
+        self._check_open()
+        stamps = np.array(times, dtype=np.float64, ndmin=1)
+        rows = {
+            signal.name: self._read_rows(signal, samples, len(stamps)) for signal in self.followed.signals
+        }
+        self.clock.check_all(stamps)
+        return stamps, rows
+
+    def _read_rows(self, signal: Signal, samples: Mapping[str, ArrayLike], count: int) -> FloatArray:
+        """Return (m, dim) numbers of a signal; one that is wrong is read alone, for the words of its error."""
+        name, first = signal.name, self.clock.now + 1
+        if name not in samples:
+            self._read(signal, samples, first)
+        rows = np.asarray(samples[name])
+        if rows.shape != ((count, signal.dim) if signal.vector else (count,)):
+            raise TraceError(f"channel {name!r} has the shape {rows.shape}, and its block has {count} times")
+        plain = rows.dtype.kind in "fiu" and not signal.boolean and not (rows != rows).any()
+        if plain and not (self.followed.ranges and signal.range is not None):
+            return rows.astype(np.float64).reshape(count, signal.dim)
+        return np.array([self._read(signal, {name: row}, first + k) for k, row in enumerate(rows.tolist())])
+
+    def _read(self, signal: Signal, sample: Mapping[str, Any], k: int) -> list[float]:
+        """Return the numbers of a signal in sample k."""
         name = signal.name
         if name not in sample:
             lacks = f"the sample has no channel {name!r}{suggest(name, sample)} it has {one_of(sample)}"
@@ -160,7 +215,7 @@ class _Recorder:
             raise TraceError(
                 f"channel {name!r} is {sample[name]!r}, but the spec declares {declared} per sample"
             )
-        where = f"sample {self.clock.now + 1}"
+        where = f"sample {k}"
         if any(x != x for x in numbers):
             if self.followed.nan == "error" or self.clock.now < 0:
                 remedy = HOLD if self.followed.nan == "error" else LEADING
@@ -247,6 +302,22 @@ class Monitor:
         self._recorder.take(time, sample)
         return self._refresh()
 
+    def extend(self, times: ArrayLike, samples: Mapping[str, ArrayLike]) -> dict[str, RobustInterval]:
+        """Take a block of samples, as many calls of :meth:`update` would; no interval in between is computed.
+
+        Args:
+            times: (m,) times of the samples [s].
+            samples: signal → (m,) values in the declared unit, (m, dim) for a vector.
+
+        Raises:
+            TraceError: see :meth:`update`; a block with a sample that cannot be used is not taken at all.
+        """
+        for time, sample in _each(
+            *self._recorder.read_block(times, samples), self._recorder.followed.signals
+        ):
+            self._recorder.take(time, sample)
+        return self._refresh()
+
     def finish(self, *, partial: bool = False) -> dict[str, RobustInterval]:
         """End the trace here, and return requirement → ρ at the first time.
 
@@ -282,25 +353,52 @@ class RobustnessStream:
         self._sent = dict.fromkeys(self._recorder.terms, 0)
         self._times = Tape()
         self._times.keep(lambda: min(self._sent.values()))
+        self._blocks: Blocks | None = None
         for name, term in self._recorder.terms.items():
             term.follow()
             term.keep(partial(self._sent.__getitem__, name))
 
-    def update(self, time: float, sample: Mapping[str, Any]) -> dict[str, list[tuple[float, float]]]:
+    def update(self, time: float, sample: Mapping[str, Any]) -> Decided:
         """Take one more sample, and return requirement → [(time [s], ρ), …] of the instants that it decides.
 
         For args and errors see :meth:`Monitor.update`.
         """
+        if self._blocks is not None:
+            return self.extend([time], {name: [value] for name, value in sample.items()})
         self._recorder.take(time, sample)
         self._times.append(time)
         return self._settled_values()
 
-    def finish(self) -> dict[str, list[tuple[float, float]]]:
+    def extend(self, times: ArrayLike, samples: Mapping[str, ArrayLike]) -> Decided:
+        """Take a block of samples, and return what as many calls of :meth:`update` would return together.
+
+        With a period, and without functions of the past, a stream that begins with a block computes whole arrays. It is
+        fastest with blocks as long as the requirement's windows. For args and errors see :meth:`Monitor.extend`.
+        """
+        recorder = self._recorder
+        stamps, rows = recorder.read_block(times, samples)
+        if self._blocks is None and recorder.clock.now < 0:
+            self._blocks = recorder.blocks()
+        if self._blocks is None:
+            values: Decided = {name: [] for name in self._sent}
+            for time, sample in _each(stamps, rows, recorder.followed.signals):
+                for name, decided in self.update(time, sample).items():
+                    values[name] += decided
+            return values
+        recorder.clock.skip(stamps)
+        return recorder.guarded(
+            partial(self._blocks.take, stamps, {name: one.T for name, one in rows.items()})
+        )
+
+    def finish(self) -> Decided:
         """End the trace here, and return ρ at the remaining instants, with windows cut at the end."""
+        if self._blocks is not None:
+            self._recorder.end()
+            return self._recorder.guarded(self._blocks.finish)
         self._recorder.finish()
         return self._settled_values()
 
-    def _settled_values(self) -> dict[str, list[tuple[float, float]]]:
+    def _settled_values(self) -> Decided:
         values = {}
         for name, term in self._recorder.terms.items():
             first, self._sent[name] = self._sent[name], term.end
@@ -308,3 +406,12 @@ class RobustnessStream:
                 (self._times.value(k), restore_zero(term.value(k))) for k in range(first, term.end)
             ]
         return values
+
+
+def _each(
+    times: FloatArray, rows: Mapping[str, FloatArray], signals: Sequence[Signal]
+) -> Iterator[tuple[float, dict[str, Any]]]:
+    """Yield the time and the sample of each instant of a block."""
+    lists = {one.name: (rows[one.name] if one.vector else rows[one.name][:, 0]).tolist() for one in signals}
+    for k, time in enumerate(times.tolist()):
+        yield time, {name: values[k] for name, values in lists.items()}
