@@ -44,7 +44,10 @@ class InstantNumber:
 
     def end(self, clock: OnlineClock) -> int:
         """Return the number of instants with a known value."""
-        return min((source.end for source in self.sources), default=clock.now + 1)
+        end = clock.now + 1
+        for source in self.sources:
+            end = min(end, source.end)
+        return end
 
     def keep(self, reader: Reader) -> None:
         """See :class:`~s2r_spec.robustness.online.tape.InstantSource`."""
@@ -73,6 +76,7 @@ class OnlineClock:
         self.period = None if period is None else Fraction(period).limit_denominator(10**9)
         self.step = 0.0 if self.period is None else float(self.period)
         self.positions = Tape()
+        self.position = self.positions.value if self.period is None else float  # of an instant
         self.now = -1  # the last instant seen
         self.latest = 0.0  # its position
         self.round = 0  # number of changes so far
@@ -161,7 +165,7 @@ class OnlineClock:
 
     def seconds(self, k: int) -> float:
         """Return the time of an instant after the first [s]."""
-        return self.positions.value(k) if self.period is None else k * self.step
+        return self.position(k) if self.period is None else k * self.step
 
     def reach(self, interval: Interval, past: bool) -> Reach:
         """Return the window of an interval.

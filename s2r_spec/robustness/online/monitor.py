@@ -150,12 +150,13 @@ class _Recorder:
             refuse_short(self.narrowest, clock.latest / clock.now, "the mean time between two samples")
 
     def _settle(self) -> None:
-        def settled() -> None:
-            self._refuse_short()
-            for stream in self.clock.streams:
-                stream.advance()
+        self.guarded(self._advance)
 
-        self.guarded(settled)
+    def _advance(self) -> None:
+        if self.clock.period is None:
+            self._refuse_short()
+        for stream in self.clock.streams:
+            stream.advance()
 
     def guarded(self, compute: Callable[[], T]) -> T:
         """Return what a function computes; its TraceError ends the trace."""

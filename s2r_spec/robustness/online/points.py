@@ -162,7 +162,7 @@ class WindowPoint(Point):
         clock, reach = self.clock, self.term.reach
         if self.k > clock.now:
             return self.term.ahead, False
-        position, snap = clock.positions.value, clock.snap
+        position, snap = clock.position, clock.snap
         if self.new == self.k:
             self.at = position(self.k)
         end = min(operand.end for operand in self.operands)

@@ -141,8 +141,9 @@ class Leaf(Stored):
 
     def advance(self) -> None:
         """See :class:`Stored`."""
+        margin, append = self.margin, self.tape.append
         for k in range(self.tape.end, self.number.end(self.clock)):
-            self.tape.append(self.margin(k))
+            append(margin(k))
 
     def span(self, *operands: Span) -> Span:
         """See :class:`Term`."""

@@ -85,7 +85,7 @@ class Always(Timed):
     def advance(self) -> None:
         """See :class:`Stored`."""
         clock, reach, operand = self.clock, self.reach, self.operand
-        position, snap, end = clock.positions.value, clock.snap, operand.end
+        position, snap, end = clock.position, clock.snap, operand.end
         while self.tape.end <= clock.now:
             k = self.tape.end
             at = position(k)
@@ -151,7 +151,7 @@ class Until(Timed):
 
     def advance(self) -> None:
         """See :class:`Stored`."""
-        position = self.clock.positions.value
+        position = self.clock.position
         while (k := self.tape.end) <= self.clock.now and self._settle(k, position(k)):
             if self.first == self.new:
                 self.clock.check_empty(self.reach, k, position(k))
@@ -160,7 +160,7 @@ class Until(Timed):
     def _settle(self, k: int, at: float) -> bool:
         """Move the window to an instant, and return whether all of its values are known."""
         clock, reach, left, right = self.clock, self.reach, self.left, self.right
-        position, snap = clock.positions.value, clock.snap
+        position, snap = clock.position, clock.snap
         if self.past:
             if left.end <= k:
                 return False
