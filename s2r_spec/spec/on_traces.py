@@ -17,7 +17,7 @@ from s2r_spec.robustness.evaluation import End, Evaluation, Interpolation, Readi
 from s2r_spec.robustness.grid import sent_on_change
 from s2r_spec.robustness.held import needs_samples
 from s2r_spec.robustness.judge import Judge
-from s2r_spec.robustness.online.monitor import Followed
+from s2r_spec.robustness.online.recorder import Followed
 from s2r_spec.robustness.reading import Missing, read_params, read_signals, read_streams
 from s2r_spec.robustness.ticks import clock_of
 from s2r_spec.spec.declared import Declared
