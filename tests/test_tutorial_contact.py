@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "tutorials" / "first-contact.md").read_text(encoding="utf-8")
 BLOCK = re.compile(r"<!-- ([^>]*?) -->\n```\w+\n(.*?)```", re.S)
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
-PROMPT = re.compile(r"^(.* to stop:|>)(?: (.*))?$")
+PROMPT = re.compile(r"^(.* to stop:|.* lay it down:|>)(?: (.*))?$")
 SECONDS = 300.0
 """How long a step may take: no more than a safety net, for the machine may be busy."""
 
@@ -140,6 +140,16 @@ def test_a_person_stands_the_robot_up_and_damps_it_as_the_page_shows(page, tmp_p
     statuses, outputs = follow(before_the_walk, tmp_path, capsys)
     assert (statuses, len(outputs)) == ([0], 5)
     assert "<!-- dialogue: s2r check " in walk
+    assert guard.main(["stop"]) == 0
+
+
+def test_enter_lays_the_robot_down(page, tmp_path, capsys):
+    first = page.split("## 3. ")[0]
+    stand = "arm\nThe robot stands. Press Enter to lay it down: (Enter)\nThe robot is lying down."
+    answered = re.sub(r"(Type arm to go on, q to stop:)\n```", rf"\1 {stand}\n```", first)
+    assert follow(answered, tmp_path, capsys) == ([0], [])
+    assert guard.main(["status"]) == 0
+    assert capsys.readouterr().out.startswith("RESTING")
     assert guard.main(["stop"]) == 0
 
 

@@ -15,11 +15,12 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from math import ceil, isfinite
 from typing import TYPE_CHECKING, Any
 
 from s2r_a1 import hands
-from s2r_a1.guard.control import Connection, ControlError
+from s2r_a1.guard.control import Connection, ControlError, RefusedError
 from s2r_a1.guard.start import start
 from s2r_a1.mocap import DELAYED
 from s2r_a1.protocols import height_in_rig
@@ -82,7 +83,8 @@ class Attendance:
         """
         reached = self._backend.reached
         where = f"{self._name} at {reached.host}:{reached.port}"
-        self._operator.say(self._effort(coming.rollouts, where))
+        if coming.rollouts != 0:
+            self._operator.say(self._effort(coming.rollouts, where))
         if reached.is_twin:
             self._operator.say("It is a twin, not a robot: a simulation behind the robot's wire.")
         if self.unattended:
@@ -118,8 +120,9 @@ class Attendance:
         test = ", ".join(
             f"{name} = {value:.6g} {units.get(name, '')}".rstrip() for name, value in params.items()
         )
+        way = "behind it, because it walks backwards," if params.get("vd", 0.0) < 0.0 else "ahead"
         self._confirm(
-            f"Test {self._tests + 1}: {test}. Lay {self._name} down at its start, with free floor ahead and 1 m "
+            f"Test {self._tests + 1}: {test}. Lay {self._name} down at its start, with free floor {way} and 1 m "
             "around it"
         )
 
@@ -295,7 +298,8 @@ class Attendance:
     def _lay_down(self) -> None:
         """Wait until the robot lies or is damped; raise BackendError if this takes too long."""
         if self._state() in MOVING:
-            self._request("lie")
+            with suppress(RefusedError):  # the guard has damped the robot since
+                self._request("lie")
         status = self._request("status")
         last = status["rounds"] + round(LYING * RATE)
         while status["state"] in (*MOVING, "LYING_DOWN"):

@@ -16,6 +16,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,8 @@ MOVED = 0.05
 """A level [rad]: motion within ``RECENT`` that counts; a joint at rest has 1 mrad of noise."""
 RECENT = 1.0
 """A budget [s]: time over which a joint's motion is shown."""
+LIMP = ("OFF", "LINKED", "DAMPING")
+"""A definition: states in which the robot starts no motion before an operator's next consent."""
 BAR = 15
 """A definition: characters of a joint's range."""
 FEET = ("FR", "FL", "RR", "RL")
@@ -85,18 +88,20 @@ class SeenAngles:
 def view(status: Mapping[str, Any], seen: SeenAngles) -> list[str]:
     """Return the lines of a view, of at most 80 characters, from a guard's status; adds its angles to ``seen``."""
     kind = "the twin" if status["twin"] else f"the robot {status['robot']}"
-    lines = [f"{kind} at {status['host']}:{status['port']}: {status['state']}"]
+    state, why = status["state"], status["reason"]
+    lines = [f"{kind} at {status['host']}:{status['port']}: {state}"]
+    lines += wrap(f"why: {why}", 80) if why else []
     reading = status["reading"]
     if reading is None:
         return [*lines, "no state has arrived"]
     q, dq = (np.array(reading[name]) for name in ("q", "dq"))
     seen.take(time.monotonic(), q)
     roll, pitch = reading["roll"], reading["pitch"]
-    charge = "see its lights" if status["battery"] is None else f"{status['battery']} %"
-    force = "  ".join(f"{foot} {force:.0f}" for foot, force in zip(FEET, reading["foot_force"], strict=True))
+    charge = "see lights" if status["battery"] is None else f"{status['battery']} %"
+    force = " ".join(f"{foot} {force:.0f}" for foot, force in zip(FEET, reading["foot_force"], strict=True))
     lines += [
         f"roll {roll:+.3f} rad   pitch {pitch:+.3f} rad   gyro " + _signed(reading["gyro"]) + " rad/s",
-        f"foot force (raw)  {force}   battery: {charge}   remote: {'on' if status['remote_seen'] else 'off'}",
+        f"feet (raw) {force}  battery: {charge}  remote: {'on' if status['remote_seen'] else 'off'}",
         "",
         f"{'joint':<9} {'angle':>6} {'its range [rad]':^{BAR + 14}} {'seen so far':^15} {'rad/s':>6} {'°C':>4}",
     ]
@@ -106,6 +111,8 @@ def view(status: Mapping[str, Any], seen: SeenAngles) -> list[str]:
             f"{JOINTS[joint]:<9} {q[joint]:+6.2f}{beyond}{low:+6.2f} {_bar(q[joint], low, high)} {high:+6.2f} "
             f"{seen.low[joint]:+6.2f} … {seen.high[joint]:+5.2f} {dq[joint]:+6.2f} {reading['temperature'][joint]:4.0f}"
         )
+    if state not in LIMP:
+        return [*lines, "", "Keep away: the robot may move at any time."]
     return [*lines, "", seen.motion() or "Turn one joint by hand: this line names the joint and its motion."]
 
 

@@ -257,7 +257,7 @@ class MachineRunner:
                 self._pool.shutdown(wait=True)
                 continue
             first = "Ctrl-C: the machine comes to rest, then the run ends. Press it again to stop at once."
-            self._operator.say(first if count == 1 else "Second Ctrl-C: the machine comes to rest at once.")
+            self._operator.say(first if count == 1 else "Second Ctrl-C: the machine stops at once.")
             try:
                 self._attended.interrupt(urgent=count == 2)
             except (S2RError, OSError) as error:

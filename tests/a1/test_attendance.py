@@ -7,7 +7,7 @@ import pytest
 
 from s2r_a1 import attendance
 from s2r_a1.backend import A1Backend
-from s2r_a1.guard.control import ControlError
+from s2r_a1.guard.control import ControlError, RefusedError
 from s2r_spec.backend import Coming
 from s2r_spec.errors import BackendError, NotBegunError, StoppedError
 from s2r_spec.trace import Trace
@@ -124,6 +124,38 @@ def test_a_damped_robot_is_reset_by_the_operator_alone_and_armed_anew(scene):
     attended.before({"vd": 0.1})
     assert events == ["choose 'r'", "reset", "type arm", "arm", "choose '2'"]
     assert any("it fell" in text for text in person.said)
+
+
+def test_a_robot_that_is_damped_just_before_it_lies_down_ends_the_run(scene, monkeypatch):
+    events, guard, _, attended = scene("ARMED")
+    attended.begin(Coming(1))
+    guard.state = "STAND"
+    request = guard.request
+
+    def damped(do, **fields):
+        if do == "lie":
+            guard.state = "DAMPING"
+            raise RefusedError("the robot is damped")
+        return request(do, **fields)
+
+    monkeypatch.setattr(guard, "request", damped)
+    attended.end()
+    assert events[-1] == "close"
+
+
+def test_a_backward_walk_needs_its_free_floor_behind(scene):
+    _, _, person, attended = scene("ARMED")
+    attended.begin(Coming(2))
+    attended.before({"vd": 0.1})
+    assert "ahead" in person.said[-1]
+    attended.before({"vd": -0.1})
+    assert "behind" in person.said[-1]
+
+
+def test_a_robot_that_only_stands_needs_no_floor(scene):
+    _, _, person, attended = scene()
+    attended.begin(Coming(0))
+    assert not any("rollouts" in text for text in person.said)
 
 
 def test_what_the_guard_refuses_is_no_rollout(scene):

@@ -2,18 +2,14 @@
 
 import re
 import shlex
-import sys
 from pathlib import Path
 
 import pytest
 
 from benchmarks.a1 import hardware_tables
 from s2r_a1.guard import __main__ as guard
-from s2r_a1.guard.place import find_guard
 from s2r_a1.options import NAMES, read_options
-from s2r_a1.twin import Twin, TwinSettings
 from s2r_a1.twin.options import read_options as read_twin
-from tests.a1.robots import served
 
 ROOT = Path(__file__).parents[2]
 HOW_TO, REFERENCE, EXPLANATION = PAGES = tuple(
@@ -70,19 +66,3 @@ def test_every_command_of_a_guard_can_be_typed(arguments, tmp_path, monkeypatch,
     monkeypatch.setenv("S2R_A1_RUN", str(tmp_path))
     assert guard.main(arguments) == 4  # none lives, and the command is one
     assert len(capsys.readouterr().err.splitlines()) == 1
-
-
-def test_the_first_contact_stands_a_robot_up_and_lays_it_down(tmp_path, monkeypatch, capsys):
-    script = re.search(r"```python\n(.*?load_backend\(sys.*?)```", HOW_TO.read_text(), re.S)[1]
-    script = "\n".join(line.removeprefix("   ") for line in script.splitlines())
-    monkeypatch.setenv("S2R_A1_RUN", str(tmp_path))
-    with served(Twin(TwinSettings(place="nominal"))) as port:
-        name = f"a1:host=127.0.0.1,port={port},velocity=onboard,operator=auto,clock=lockstep"
-        monkeypatch.setattr(sys, "argv", ["stand.py", name])
-        exec(compile(script, "stand.py", "exec"), {})
-        assert "stands at [" in capsys.readouterr().out
-        status = find_guard("127.0.0.1", port)
-        assert status.exists()
-        assert guard.main(["status"]) == 0
-        assert capsys.readouterr().out.startswith("RESTING")
-        assert guard.main(["stop"]) == 0

@@ -48,9 +48,18 @@ def test_a_terminal_of_80_columns_shows_every_joint_in_its_range(rig):
         assert f"{low:+.2f}" in row
         assert f"{high:+.2f}" in row
     text = "\n".join(lines)
-    assert all(
-        word in text for word in ("the twin", "LINKED", "roll", "pitch", "gyro", "foot force", "battery")
-    )
+    assert all(word in text for word in ("the twin", "LINKED", "roll", "pitch", "gyro", "feet", "battery"))
+
+
+def test_a_robot_that_may_move_is_not_to_be_touched(rig):
+    status = look(rig)
+    status["reading"]["foot_force"], status["remote_seen"] = [-1234.0] * 4, False
+    for state in State:
+        status["state"], status["reason"] = state.value, "the motor of the FL hip is at 65 °C; " * 4
+        lines = view(status, SeenAngles())
+        assert max(map(len, lines)) <= 80
+        by_hand = state in (State.OFF, State.LINKED, State.DAMPING)
+        assert lines[-1].startswith("Turn one joint" if by_hand else "Keep away")
 
 
 @pytest.mark.parametrize("joint", range(12))

@@ -123,6 +123,15 @@ def test_a_plan_names_the_lengthscale(lengthscale):
         plan(LINE, kernel=Kernel("rbf", lengthscale), **settings)
 
 
+def test_a_budget_below_the_first_tests_of_a_long_axis_is_refused_before_any_rollout():
+    kernel = Kernel("rbf", 3.0)
+    first = sum(query.replicates for query in Search(LINE, kernel=kernel, **USUAL).ask())
+    assert first > 8
+    Search(LINE, kernel=kernel, **(USUAL | {"budget": first})).refuse_hopeless()
+    with pytest.raises(UsageError, match=naming("budget", str(first))):
+        Search(LINE, kernel=kernel, **(USUAL | {"budget": first - 1})).refuse_hopeless()
+
+
 def test_an_epsilon_that_nobody_can_run_for_needs_a_budget():
     search = Search(LINE, kernel=Kernel("rbf", 0.5), **(USUAL | {"epsilon": 1e-12, "budget": None}))
     assert search.done

@@ -70,10 +70,11 @@ def _send(options: argparse.Namespace) -> int:
         reply = connection.request(options.do)
         if options.do == "status":
             print(json.dumps(reply) if options.json else _lines_of(reply))
+        elif options.do == "stop":
+            _await_end(connection)
+            print("stop: the guard has ended; no packets go to the robot")
         else:
             print(f"{options.do}: the robot is in {reply['state']}")
-        if options.do == "stop":
-            _await_end(connection)
     finally:
         connection.close()
     return 0
@@ -102,6 +103,10 @@ def _lines_of(status: dict[str, Any]) -> str:
         lines.append(f"  why: {status['reason']} ({status['word']})")
     if status["temperatures"]:
         lines.append(f"  warmest motor: {max(status['temperatures']):.0f} °C")
+    if status["state"] == "LINKED":
+        remote = "on" if status["remote_seen"] else "off"
+        lines.append(f"  tick in {status['tick_unit'] or 'an unknown unit'}, remote {remote}")
+        lines.append(f"  not ready to arm: {status['unready']}" if status["unready"] else "  ready to arm")
     if status["battery"] is not None:
         lines.append(f"  battery: {status['battery']} %")
     if status["client"]:

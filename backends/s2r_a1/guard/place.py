@@ -127,8 +127,9 @@ def find_guard(host: str | None = None, port: int = PORT) -> Path:
     if host:
         files = place(host, port)
         if not is_held(files):
+            other = f",port={port}" if port != PORT else ""
             raise BackendError(
-                f"no guard of {host}:{port} is running; start one with a run on a1:host={host}"
+                f"no guard of {host}:{port} is running; start one with a run on a1:host={host}{other}"
             )
         return files.control
     running = [path for path in sorted(folder().glob("*.sock")) if _runs(path.stem)]

@@ -89,13 +89,13 @@ def _parser() -> argparse.ArgumentParser:
         "--mocap",
         type=_whole(1, 65535),
         metavar="PORT",
-        help="send the true pose to this port, as lines of JSON",
+        help="send poses with the noise of markers to this port, as lines of JSON",
     )
     add(
         "--silence",
         choices=get_args(Silence),
         default="damp",
-        help="the motors' behaviour when commands stop",
+        help="the motors' behaviour when commands stop; damp by default",
     )
     add("--inject", action="append", default=[], metavar="FAULT", help="a fault; repeat for several faults")
     add("--record", type=Path, metavar="FILE", help="write all packets, in both directions, to a new file")

@@ -20,7 +20,7 @@ from s2r_spec.certify.bound.certificate import Certificate, Label
 from s2r_spec.certify.bound.samples import as_outcomes
 from s2r_spec.certify.bound.settings import SearchKeywords, SearchSettings
 from s2r_spec.certify.search import assembly
-from s2r_spec.certify.search.acquisition import next_batch
+from s2r_spec.certify.search.acquisition import coverage_tests, next_batch
 from s2r_spec.certify.search.state import SearchState
 from s2r_spec.certify.search.stopping import label
 from s2r_spec.space import Space
@@ -73,10 +73,14 @@ class Search:
         """Refuse, before any rollout, a search whose certificate would be refused whatever its rollouts show.
 
         Raises:
-            UsageError: a lengthscale is far too long or too short for the test space.
+            UsageError: a lengthscale is far too long or too short for the test space, or the budget is smaller than
+                the first tests on the axes that are shorter than their lengthscale.
         """
         if obstacle := self._state.obstacles.any:
             raise UsageError(obstacle)
+        first = sum(replicates for _, replicates in coverage_tests(self._state))
+        if self.budget is not None and first > self.budget:
+            raise UsageError(f"budget = {self.budget}; the first batch alone takes {first} rollouts")
 
     @property
     def done(self) -> bool:
