@@ -120,6 +120,7 @@ class _Bounds:
     def __init__(self, samples: SampledSignals) -> None:
         self.samples = samples
         clock = samples.clock
+        self.step = clock.step if isinstance(clock, Grid) else 0.0
         self.last = clock.seconds(clock.count - 1)
         self.widest = max((signal.shape[-2] for signal in samples.signals.values()), default=1)
 
@@ -146,6 +147,8 @@ class _Bounds:
             case f.Norm():
                 bounds = map(self, node.operands)
                 return math.sqrt(sum(self.widest * _product(bound, bound) for bound in bounds))
+            case f.Derivative() | f.Accumulated():
+                return self._of_slopes(node)
             case f.Duration():
                 return self.last
             case f.Count():
@@ -153,6 +156,14 @@ class _Bounds:
             case f.Overshoot():
                 return self(node.signal) + self(node.reference)
         return math.inf
+
+    def _of_slopes(self, node: f.Derivative | f.Accumulated) -> float:
+        values = self(node.operand)
+        slopes = _product(values, 2.0 / self.step) if self.step else 0.0
+        if isinstance(node, f.Derivative):
+            return slopes
+        total = _product(values, self.last) if node.function == "integral" else values
+        return total if slopes <= LARGEST else math.inf  # an integral has them on the way
 
     def _arithmetic(self, node: f.Arithmetic) -> float:
         left = self(node.left)
