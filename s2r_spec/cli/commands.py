@@ -57,9 +57,7 @@ class CommandGroup(TyperGroup):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the options before the command's name."""
-        for parameter in self.get_params(ctx):
-            if parameter.default is None:  # a flag of typer: to convert None, it would import pydantic
-                parameter.default = False
+        groups.convert_plainly(self.get_params(ctx))
         return super().parse_args(ctx, args)
 
     def list_commands(self, ctx: Any) -> list[str]:

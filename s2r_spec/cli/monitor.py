@@ -123,8 +123,6 @@ def monitor(
 
 def _evaluate(request: TraceRequest, traces: list[Path], conventions: Conventions, as_json: bool) -> int:
     """Evaluate recorded traces, print their results, and return the exit code."""
-    from rich.text import Text
-
     from s2r_spec.report.monitor import monitor_file, monitor_record
     from s2r_spec.report.records.monitor import UnreadTrace
 
@@ -146,8 +144,7 @@ def _evaluate(request: TraceRequest, traces: list[Path], conventions: Convention
         if isinstance(result, UnreadTrace):  # printed on stderr
             continue
         taken = ", ".join(f"{name} = {result.params[name]:g}" for name in result.from_trace)
-        head = Text(one_line(result.trace), style="bold")
-        terminal.console().print(head.append(f", {taken} as recorded", style="not bold") if taken else head)
+        terminal.print_heading(one_line(result.trace), f", {taken} as recorded" if taken else "")
         for one in result.requirements:
             terminal.print_verdict(lines(one.text), Verdict.of(one.satisfied))
     return record.exit_code

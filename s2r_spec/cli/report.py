@@ -43,7 +43,7 @@ def report(
             writable(output)
         else:
             form = Form(as_json=as_json, form=form, output=output, page=None).settled()
-        runs = recompute_all(run)
+        runs = recompute_all(run, exact=False)
         result = report_of([one.result for one in runs], "s2r report")
         if page:
             path = output or run / "report.html"

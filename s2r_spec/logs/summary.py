@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from s2r_spec import logs
 from s2r_spec.base.errors import NoTimesError, TraceError
-from s2r_spec.logs.options import TIME, map_argument, unit_of_option
+from s2r_spec.logs.options import TIME, TimeOptions, map_argument, unit_of_option
 from s2r_spec.logs.topics import formats
-from s2r_spec.logs.topics.arrays import TimeOptions
 from s2r_spec.logs.topics.order import resets
 from s2r_spec.logs.topics.topic import seconds, stamp_text
 

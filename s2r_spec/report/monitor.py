@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from s2r_spec.base.json_values import extend
 from s2r_spec.base.verdict import Verdict, worst
@@ -22,10 +23,12 @@ from s2r_spec.report.records.monitor import (
     UnknownRequirement,
     UnreadTrace,
 )
-from s2r_spec.robustness.online.monitor import RobustInterval
 from s2r_spec.spec import Spec
-from s2r_spec.spec.followed import Ended, VerdictChange
 from s2r_spec.spec.monitored import Conventions, Monitored, monitor_trace
+
+if TYPE_CHECKING:
+    from s2r_spec.robustness.online.monitor import RobustInterval
+    from s2r_spec.spec.followed import Ended, VerdictChange
 
 
 def monitor_file(request: TraceRequest, path: Path, conventions: Conventions) -> list[MonitoredTrace]:

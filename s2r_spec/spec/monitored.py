@@ -25,10 +25,10 @@ from s2r_spec.robustness.explain import Explanation
 from s2r_spec.robustness.grid import sent_on_change
 from s2r_spec.robustness.profiles import Profile, profile
 from s2r_spec.robustness.reading import Missing
-from s2r_spec.robustness.silence import silences_of
 from s2r_spec.spec.on_traces import How
 from s2r_spec.trace import Trace
 from s2r_spec.trace.instants import instant
+from s2r_spec.trace.messages import silences_of
 from s2r_spec.trace.samples import FAST, SLOW
 
 if TYPE_CHECKING:

@@ -32,6 +32,10 @@ _MIDDLE, _SPREAD = (0.1, 0.9), (0.5, 1.5)
 """Definition: the quantiles of the intervals of a periodic channel, and the bounds on them [medians]."""
 
 
+Span = tuple[float, float]
+"""Two times with nothing between them [s]."""
+
+
 def period_of_messages(times: FloatArray) -> float:
     """Return the median interval of (n,) increasing times of a periodic channel [s]; NaN if it is sent on change."""
     steps = np.diff(times)
@@ -41,6 +45,15 @@ def period_of_messages(times: FloatArray) -> float:
     median = float(np.median(steps))
     low, high = np.quantile(steps, _MIDDLE)
     return median if _SPREAD[0] * median <= low and high <= _SPREAD[1] * median else math.nan
+
+
+def silences_of(times: FloatArray) -> list[Span]:
+    """Return the spans without a sample in (n,) increasing times of a periodic signal [s]."""
+    period = period_of_messages(times)
+    if math.isnan(period):
+        return []
+    before = np.flatnonzero(np.diff(times) > SILENT * period)
+    return [(float(times[i]), float(times[i + 1])) for i in before]
 
 
 @dataclass(frozen=True, eq=False)

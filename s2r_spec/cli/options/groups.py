@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields, is_dataclass
-from typing import Any, TypeVar, dataclass_transform, get_type_hints
+from pathlib import Path
+from typing import Any, TypeVar, dataclass_transform, get_args, get_origin, get_type_hints
 
 import typer
 from typer.core import TyperCommand
@@ -27,8 +28,41 @@ def options(record: type[Record]) -> type[Record]:
     return dataclass(frozen=True, kw_only=True)(record)
 
 
+def convert_plainly(parameters: Iterable[Any]) -> None:
+    """Convert texts, paths and missing values of these parameters here: typer loads pydantic for them, too."""
+    for parameter in parameters:
+        parameter._runtime_param = _PlainValue(parameter)
+
+
+@dataclass(frozen=True)
+class _PlainValue:
+    """The conversion of a parameter's value; that of a number or a choice that is typed is typer's."""
+
+    parameter: Any
+
+    def coerce(self, value: Any, param: Any, ctx: Any) -> Any:
+        """Return the value of an argument or option; typer calls it."""
+        several = param.multiple or param.nargs == -1
+        if value is None:
+            return () if several else None
+        kind = self.parameter.type_descriptor.annotation
+        if several and get_origin(kind) is list:
+            (kind,) = get_args(kind)
+        if kind in (str, Path) and isinstance(value, tuple | list if several else str):
+            return [kind(one) for one in value] if several else kind(value)
+        if isinstance(value, int | float):  # a default; what is typed is a text
+            return value
+        self.parameter._runtime_param = None  # typer makes its own
+        return self.parameter.get_runtime_param().coerce(value, param=param, ctx=ctx)
+
+
 class GroupedCommand(TyperCommand):
     """A command whose help lists arguments and options by group."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse a command line."""
+        convert_plainly(self.get_params(ctx))
+        return super().parse_args(ctx, args)
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write the groups."""
