@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar, dataclass_transform, get_args, get_origin, get_type_hints
@@ -29,14 +30,14 @@ def options(record: type[Record]) -> type[Record]:
 
 
 def convert_plainly(parameters: Iterable[Any]) -> None:
-    """Convert texts, paths and missing values of these parameters here: typer loads pydantic for them, too."""
+    """Convert texts, paths and numbers of these parameters here: typer loads pydantic for each of them."""
     for parameter in parameters:
         parameter._runtime_param = _PlainValue(parameter)
 
 
 @dataclass(frozen=True)
 class _PlainValue:
-    """The conversion of a parameter's value; that of a number or a choice that is typed is typer's."""
+    """The conversion of a parameter's value; that of a choice, a pair or a wrong number is typer's."""
 
     parameter: Any
 
@@ -52,6 +53,14 @@ class _PlainValue:
             return [kind(one) for one in value] if several else kind(value)
         if isinstance(value, int | float):  # a default; what is typed is a text
             return value
+        if kind in (int, float) and isinstance(value, str):
+            limits = self.parameter.type_descriptor.parameter_info
+            with suppress(ValueError):
+                number = kind(value)
+                if (limits.min is None or number >= limits.min) and (
+                    limits.max is None or number <= limits.max
+                ):
+                    return number
         self.parameter._runtime_param = None  # typer makes its own
         return self.parameter.get_runtime_param().coerce(value, param=param, ctx=ctx)
 
