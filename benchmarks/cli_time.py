@@ -54,7 +54,7 @@ def measure(trees: dict[str, Path], folder: Path) -> list[dict[str, object]]:
         "monitor of one trace": ["monitor", spec, "specs/traces/a1_velocity_fails.csv"],
         "log of a bag": ["log", "specs/traces/drive.mcap"],
         "plan": ["plan", spec],
-        "replay of one rollout": ["replay", f"{checked}#0.0"],
+        "replay of one rollout": ["replay", f"{checked}/walking#0.0"],
         f"report of {ROLLOUTS} rollouts": ["report", str(checked), "--output", str(folder / "page.html")],
     }
     rows = []

@@ -41,6 +41,7 @@ def report(
         if page:
             html.require_packages()
             writable(output)
+            _load_matplotlib()
         else:
             form = Form(as_json=as_json, form=form, output=output, page=None).settled()
         runs = recompute_all(run, exact=False)
@@ -52,3 +53,15 @@ def report(
         else:
             emit(result, form or "text", output, verbose)
         raise typer.Exit(result.exit_code)
+
+
+def _load_matplotlib() -> None:
+    """Import matplotlib without the help on its classes, which it writes meanwhile: no command prints it."""
+    from matplotlib import artist
+
+    written = artist.kwdoc
+    artist.kwdoc = lambda _: ""
+    try:
+        import matplotlib.figure  # noqa: F401
+    finally:
+        artist.kwdoc = written
