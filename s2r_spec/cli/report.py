@@ -41,12 +41,13 @@ def report(
         if page:
             html.require_packages()
             writable(output)
-            _load_matplotlib()
         else:
             form = Form(as_json=as_json, form=form, output=output, page=None).settled()
-        runs = recompute_all(run, exact=False)
+        # JSON has all digits, and equals that of the run.
+        runs = recompute_all(run, exact=form == "json")
         result = report_of([one.result for one in runs], "s2r report")
         if page:
+            _load_matplotlib()
             path = output or run / "report.html"
             save(path, html.render(runs))
             say(path)
@@ -57,11 +58,11 @@ def report(
 
 def _load_matplotlib() -> None:
     """Import matplotlib without the help on its classes, which it writes meanwhile: no command prints it."""
-    from matplotlib import artist
+    from matplotlib import artist as artists
 
-    written = artist.kwdoc
-    artist.kwdoc = lambda _: ""
+    written = artists.kwdoc
+    artists.kwdoc = lambda artist: ""
     try:
         import matplotlib.figure  # noqa: F401
     finally:
-        artist.kwdoc = written
+        artists.kwdoc = written
