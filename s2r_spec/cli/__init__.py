@@ -22,8 +22,8 @@ UNREAD = 141
 """Definition: exit code of a command whose output nobody reads any more, as in a shell: 128 + SIGPIPE."""
 
 STEADY = 20_000
-"""Budget: new objects after which Python looks for garbage. By its own budget of 700 it looks a hundred times while
-modules load, for a tenth of a short command's time."""
+"""Budget: new objects after which Python looks for garbage. Modules leave none as they load, and with Python's own
+budget of 700 the search takes a tenth of a short command's time."""
 
 app = typer.Typer(
     name="s2r",
