@@ -312,7 +312,7 @@ def _values(name: str, trace: Trace, settings: EpisodeSettings) -> dict[str, tup
                 f"{name}: the parameter {parameter} is a vector, from {source.column}; name a component"
             )
         times = trace.times - trace.times[0]
-        period = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+        period = period_of(times)
         if source.at > times[-1] + period:
             raise TraceError(
                 f"{name}: the parameter {parameter} is wanted at {source.at:g} s, but the trace lasts "
