@@ -7,7 +7,6 @@ Each command has its own file, without mathematics. Exit codes: 0 holds, 1 viola
 from __future__ import annotations
 
 import errno
-import gc
 import sys
 import traceback
 
@@ -20,10 +19,6 @@ from s2r_spec.cli.terminal.terminal import prepare
 
 UNREAD = 141
 """Definition: exit code of a command whose output nobody reads any more, as in a shell: 128 + SIGPIPE."""
-
-STEADY = 20_000
-"""Budget: new objects after which Python looks for garbage. Modules leave none as they load, and with Python's own
-budget of 700 the search takes a tenth of a short command's time."""
 
 app = typer.Typer(
     name="s2r",
@@ -49,7 +44,6 @@ def _root(
 
 def main(application: typer.Typer = app) -> None:
     """Run a command line, ``s2r`` by default; an unexpected exception is a bug and exits with 4."""
-    gc.set_threshold(STEADY)
     as_json = "--json" in sys.argv
     prepare()
     try:
