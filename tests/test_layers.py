@@ -6,6 +6,7 @@ import json
 import re
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -153,21 +154,30 @@ def test_a_light_import_brings_nothing_heavy(statement):
     assert not HEAVY & printed(code)
 
 
-def loaded(lines: list[list[str]]) -> dict[str, list[str]]:
-    """Return what each of these command lines has loaded, run one after the other by a fresh interpreter."""
+def loaded(lines: list[list[str]], codes: set[int] | None = None) -> dict[str, list[str]]:
+    """Return what each of these command lines has loaded, run one after the other by a fresh interpreter.
+
+    They end with one of the exit ``codes``, if any are given.
+    """
     code = f"""
 import contextlib, io, json, sys
 from s2r_spec.cli import main
-found = {{}}
+found, codes = {{}}, []
 for words in {lines}:
-    sys.argv = ["s2r", *words]
-    with contextlib.suppress(SystemExit), contextlib.redirect_stdout(io.StringIO()):
-        main()
+    sys.argv, code = ["s2r", *words], 0
+    with contextlib.redirect_stdout(io.StringIO()):
+        try:
+            main()
+        except SystemExit as end:
+            code = end.code or 0
+    codes.append(code)
     found[" ".join(words)] = sorted(sys.modules)
-print(json.dumps(found))
+print(json.dumps([found, codes]))
 """
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
-    return json.loads(done.stdout)
+    found, ended = json.loads(done.stdout)
+    assert codes is None or {*ended} <= codes, done.stderr
+    return found
 
 
 def test_no_help_loads_a_library_of_numbers_or_of_pictures():
@@ -196,6 +206,33 @@ def test_a_command_that_fits_no_surrogate_loads_no_torch(tmp_path):
         assert not {"torch", "gpytorch", "linear_operator", "matplotlib", "mujoco", "numba"} & {*modules}, (
             words
         )
+
+
+@pytest.mark.parametrize("name", ["monitor", "log", "report", "replay", "plan"])
+def test_a_command_without_a_search_loads_no_torch(name, tmp_path, toy):
+    """Each on a small input, and in a process of its own."""
+    spec, trace, run = "specs/a1_velocity.stl", "specs/traces/a1_velocity_fails.csv", tmp_path / "run"
+    words = {
+        "monitor": [spec, trace],
+        "log": [trace],
+        "report": [str(run)],
+        "replay": [f"{run}#0.0"],
+        "plan": ["--R", "0.1", "--eps", "0.1", "--delta", "0.1", "--B", "0.3"],
+    }[name]
+    if name in ("report", "replay"):
+        requirement = s2r.parse_spec(SMALL, str(tmp_path / "small.stl"))
+        s2r.check(requirement, "toy", run, budget=16, executor=lambda: ThreadPoolExecutor(1))
+    (modules,) = loaded([[name, *words]], {0, 1, 3}).values()
+    assert not {"torch", "gpytorch", "linear_operator"} & {*modules}
+    assert name != "monitor" or not {"pint", "matplotlib", "scipy"} & {*modules}
+
+
+SMALL = """\
+signal vx {m/s}
+param  vd {m/s} in [-0.2, 0.3]
+require walking: always[0.5 s, 1.5 s] (abs(vx - vd) <= 0.1 {m/s})
+certify walking: delta = 1e-3, epsilon = 0.1, B = 0.5, R = 0.02, kernel = rbf(0.2 {m/s}), fall = -0.5
+"""
 
 
 def test_workers_and_the_language_need_neither_torch_nor_a_simulator():

@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from enum import Enum
 from functools import cache
 from operator import attrgetter
 from typing import (
     TYPE_CHECKING,
-    Annotated,
     Any,
     ClassVar,
     Literal,
@@ -22,7 +21,6 @@ from typing import (
     get_type_hints,
 )
 
-from annotated_types import Ge, Interval
 from typing_extensions import TypedDict
 
 if TYPE_CHECKING:
@@ -30,16 +28,9 @@ if TYPE_CHECKING:
 
 Record = TypeVar("Record", bound="DataclassInstance")
 
-Count = Annotated[int, Ge(0)]
-Magnitude = Annotated[float, Ge(0)]
-Probability = Annotated[float, Interval(ge=0, le=1)]
-Level = Annotated[float, Interval(gt=0, lt=1)]
-"""A probability that is neither impossible nor sure, such as δ."""
 Point = dict[str, float]
 """Test parameter → value, in the unit that the specification declares."""
 Ends = tuple[float, float]
-Failures = dict[str, Annotated[int, Ge(1)]]
-"""Word for a failure → number of rollouts that ended with it."""
 ExitCode = Literal[0, 1, 3]
 
 OPTIONAL: Mapping[str, bool] = {"optional": True}
@@ -50,19 +41,6 @@ DIGITS = "digits"
 
 class Open(TypedDict):
     """An object that may have further fields."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Location:
-    """The place of a requirement in the files.
-
-    Attributes:
-        file: the specification.
-        line: counted from 1.
-    """
-
-    file: str
-    line: Annotated[int, Ge(1)]
 
 
 class Shown:

@@ -8,7 +8,6 @@ Every escape is also valid in JSON, and none is escaped twice.
 
 from __future__ import annotations
 
-import html
 import re
 from collections.abc import Iterable, Sequence
 
@@ -49,7 +48,9 @@ def without_controls(text: str) -> str:
 
 def html_text(text: object) -> str:
     """Return a text as one line of HTML: markup and control characters are escaped."""
-    return html.escape(one_line(text))
+    from html import escape  # with all names of HTML's characters
+
+    return escape(one_line(text))
 
 
 def html_table(title: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

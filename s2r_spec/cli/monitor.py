@@ -21,7 +21,7 @@ from s2r_spec.cli.terminal.common import answered, note, sentences
 
 if TYPE_CHECKING:
     from s2r_spec.recordings.spec_traces import TraceRequest
-    from s2r_spec.report.records.monitor import MonitoredTrace, UnreadTrace
+    from s2r_spec.report.monitor import Evaluated, Unread
     from s2r_spec.spec import Spec
     from s2r_spec.spec.followed import Ended, VerdictChange
     from s2r_spec.spec.monitored import Conventions
@@ -123,12 +123,9 @@ def monitor(
 
 def _evaluate(request: TraceRequest, traces: list[Path], conventions: Conventions, as_json: bool) -> int:
     """Evaluate recorded traces, print their results, and return the exit code."""
-    from rich.text import Text
+    from s2r_spec.report.monitor import Unread, exit_code, monitor_file, monitor_record
 
-    from s2r_spec.report.monitor import monitor_file, monitor_record
-    from s2r_spec.report.records.monitor import UnreadTrace
-
-    results: list[MonitoredTrace | UnreadTrace] = []
+    results: list[Evaluated | Unread] = []
     for path in traces:
         try:
             results += monitor_file(request, path, conventions)
@@ -136,21 +133,21 @@ def _evaluate(request: TraceRequest, traces: list[Path], conventions: Convention
             if len(traces) == 1:
                 raise
             print(f"error: {error}", file=sys.stderr)
-            results.append(UnreadTrace(trace=str(path), error=str(error)))
-    record = monitor_record(request, results, conventions.like)
+            results.append(Unread(path, str(error)))
     if as_json:
+        record = monitor_record(request, results, conventions.like)
         answered.set()
         print(line(record, infinite=True))
         return record.exit_code
     for result in results:
-        if isinstance(result, UnreadTrace):  # printed on stderr
+        if isinstance(result, Unread):  # printed on stderr
             continue
-        taken = ", ".join(f"{name} = {result.params[name]:g}" for name in result.from_trace)
-        head = Text(one_line(result.trace), style="bold")
-        terminal.console().print(head.append(f", {taken} as recorded", style="not bold") if taken else head)
-        for one in result.requirements:
+        trace = result.trace
+        taken = ", ".join(f"{name} = {trace.params[name]:g}" for name in sorted(trace.taken))
+        terminal.print_heading(one_line(trace.name), f", {taken} as recorded" if taken else "")
+        for one in result.results:
             terminal.print_verdict(lines(one.text), Verdict.of(one.satisfied))
-    return record.exit_code
+    return exit_code(results)
 
 
 def _follow(

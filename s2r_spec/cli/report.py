@@ -43,12 +43,26 @@ def report(
             writable(output)
         else:
             form = Form(as_json=as_json, form=form, output=output, page=None).settled()
-        runs = recompute_all(run)
+        # JSON has all digits, and equals that of the run.
+        runs = recompute_all(run, exact=form == "json")
         result = report_of([one.result for one in runs], "s2r report")
         if page:
+            _load_matplotlib()
             path = output or run / "report.html"
             save(path, html.render(runs))
             say(path)
         else:
             emit(result, form or "text", output, verbose)
         raise typer.Exit(result.exit_code)
+
+
+def _load_matplotlib() -> None:
+    """Import matplotlib without the help on its classes, which it writes meanwhile: no command prints it."""
+    from matplotlib import artist as artists
+
+    written = artists.kwdoc
+    artists.kwdoc = lambda artist: ""
+    try:
+        import matplotlib.figure  # noqa: F401
+    finally:
+        artists.kwdoc = written

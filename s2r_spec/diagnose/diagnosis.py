@@ -8,7 +8,8 @@ from typing import Annotated, Literal
 
 from annotated_types import MinLen
 
-from s2r_spec.base.json_values import Count, Open, Probability, Shown
+from s2r_spec.base.json_types import Count, Probability
+from s2r_spec.base.json_values import Open, Shown
 from s2r_spec.base.result import Result
 from s2r_spec.base.upper import upper
 from s2r_spec.diagnose.decision import Evidence, Rule, Verdict

@@ -8,7 +8,7 @@ there is a :class:`Convert` or a :class:`Rescale`.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import Field, dataclass, fields
+from dataclasses import MISSING, Field, FrozenInstanceError, dataclass, fields
 from functools import cache
 from typing import Any, ClassVar, Literal, dataclass_transform
 
@@ -64,12 +64,40 @@ class Interval:
 
 @dataclass_transform(kw_only_default=True, frozen_default=True)
 class Record:
-    """A base whose subclasses are frozen dataclasses with keywords alone, without a decorator on each."""
+    """A base whose subclasses are frozen dataclasses with keywords alone, without a decorator on each.
+
+    It has their methods once. Else Python would write six methods for each of sixty classes at every start.
+    """
 
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
     def __init_subclass__(cls) -> None:
-        dataclass(frozen=True, kw_only=True)(cls)
+        dataclass(init=False, repr=False, eq=False, kw_only=True)(cls)
+
+    def __init__(self, **values: Any) -> None:
+        own = self.__dict__
+        for name, one in self.__dataclass_fields__.items():
+            own[name] = values.pop(name, one.default)
+            if own[name] is MISSING:
+                raise TypeError(f"{type(self).__name__} lacks {name}")
+        if values:
+            raise TypeError(f"{type(self).__name__} has no {', '.join(values)}")
+
+    def __setattr__(self, name: str, value: object) -> None:
+        raise FrozenInstanceError(f"cannot assign to field {name!r}")
+
+    def __delattr__(self, name: str) -> None:
+        raise FrozenInstanceError(f"cannot delete field {name!r}")
+
+    def __eq__(self, other: object) -> bool:
+        return self.__dict__ == other.__dict__ if type(other) is type(self) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(tuple(self.__dict__.values()))
+
+    def __repr__(self) -> str:
+        values = ", ".join(f"{name}={value!r}" for name, value in self.__dict__.items())
+        return f"{type(self).__name__}({values})"
 
 
 class Node(Record):

@@ -7,11 +7,13 @@ that begin a statement, so each statement is parsed by itself and a mistake in o
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator, Set
 from dataclasses import dataclass
 from functools import cache
-from importlib.resources import files
+from importlib.util import cache_from_source
 from itertools import islice, pairwise
+from pathlib import Path
 
 from lark import Lark, Token
 
@@ -39,9 +41,17 @@ ALIASES = {name: (kind, word) for kind, table in _TABLES.items() for name, word 
 
 @cache
 def grammar() -> Lark:
-    """Return the parser of one statement; it is built on first use."""
-    text = files("s2r_spec.lang").joinpath("stl.lark").read_text(encoding="utf-8")
-    return Lark(text, start="statement", parser="lalr", lexer="basic")
+    """Return the parser of one statement; its tables lie beside Python's compiled modules from the first use on."""
+    path = Path(__file__).with_name("stl.lark")
+    tables = Path(cache_from_source(str(path))).with_suffix(".tables")
+    kept = not sys.dont_write_bytecode and tables.parent.is_dir()
+    return Lark(
+        path.read_text(encoding="utf-8"),
+        start="statement",
+        parser="lalr",
+        lexer="basic",
+        cache=str(tables) if kept else False,
+    )
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,10 @@
 """Units: their dimensions, and the conversion of numbers between them.
 
-Names, prefixes and exact factors come from pint, looked up one name at a time. Products, powers and comparisons are
-done here on plain numbers, so a checked specification does not need pint. An angle has no dimension, as in the SI:
-rad/s · m is m/s, and deg/s is converted. A rotation is no frequency, though: 1 rpm is 1 turn or 6.28 rad a minute, and
-``1/min`` does not say of which. The units remember which they are, as far as they can.
+Names, prefixes and exact factors are pint's, looked up one name at a time: the usual ones in a table, others in pint
+itself. Products, powers and comparisons are done here on plain numbers, so a checked specification does not need pint.
+An angle has no dimension, as in the SI: rad/s · m is m/s, and deg/s is converted. A rotation is no frequency, though:
+1 rpm is 1 turn or 6.28 rad a minute, and ``1/min`` does not say of which. The units remember which they are, as far as
+they can.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from s2r_spec.base.magnitude import LARGEST, SMALLEST
 from s2r_spec.lang.conversion import Conversion
+from s2r_spec.lang.usual_units import USUAL
 
 if TYPE_CHECKING:
     import pint
@@ -239,7 +241,7 @@ def _parts(text: str) -> list[tuple[str, int]]:
 
 @cache
 def _find_unit(name: str) -> Unit:
-    """Return the unit of one name from pint, ``RPM`` like ``rpm``; factors refer to pint's base units."""
+    """Return the unit of one name, ``RPM`` like ``rpm``; factors refer to pint's base units."""
     try:
         return _find_spelling(name)
     except UnknownUnitError:
@@ -252,7 +254,16 @@ def _find_unit(name: str) -> Unit:
 
 
 def _find_spelling(name: str) -> Unit:
-    """Return the unit of one name from pint, in capital and small letters as they are."""
+    """Return the unit of one name, in capital and small letters as they are."""
+    return Unit(name, *USUAL[name]) if name in USUAL else unit_of_pint(name)
+
+
+def unit_of_pint(name: str) -> Unit:
+    """Return the unit of one name as pint defines it.
+
+    Raises:
+        UnknownUnitError: pint has no such unit, or it has no constant size.
+    """
     import pint
 
     registry = _registry()

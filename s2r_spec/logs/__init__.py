@@ -11,35 +11,25 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from importlib import import_module
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 from s2r_spec.base.errors import NoTimesError, TraceError, TraceNote
 from s2r_spec.base.files import replacing
 from s2r_spec.logs import split
-from s2r_spec.logs.formats import csv_format, npz_format, parquet_format
 from s2r_spec.logs.interpret import Loaded, build_trace, request
 from s2r_spec.logs.mapping import ColumnPlan, ColumnRequest, plan_columns
-from s2r_spec.logs.options import TIME, unit_of_option
+from s2r_spec.logs.options import TIME, TimeOptions, unit_of_option
 from s2r_spec.logs.table import Chooser, Head, Table
-from s2r_spec.logs.times import candidates
 from s2r_spec.logs.topics import formats as topic_formats
-from s2r_spec.logs.topics import sparse
-from s2r_spec.logs.topics import table as topic_table
-from s2r_spec.logs.topics.arrays import TimeOptions
 from s2r_spec.logs.topics.join import Joining
 from s2r_spec.trace import Trace
 
-_PARSERS: dict[str, Callable[[Path, Chooser], Table]] = {
-    ".csv": csv_format.load, ".npz": npz_format.load, ".parquet": parquet_format.load,
-}  # fmt: skip
-_WRITERS: dict[str, Callable[[Trace, Path], None]] = {
-    ".csv": csv_format.write, ".npz": npz_format.write, ".parquet": parquet_format.write,
-}  # fmt: skip
-
-FORMATS = tuple(sorted(_PARSERS))
-"""Endings that can be read and written."""
-READABLE = tuple(sorted({*_PARSERS, *topic_formats.FORMATS}))
+FORMATS = (".csv", ".npz", ".parquet")
+"""Endings that can be read and written; the module of a format is loaded for its first file."""
+READABLE = tuple(sorted({*FORMATS, *topic_formats.FORMATS}))
 """Endings that can be read."""
 
 
@@ -136,8 +126,10 @@ def load_episodes(path: str | Path, reading: Reading) -> list[Loaded]:
     open_log = topic_formats.opener(path, TimeOptions(unit, names.pop(TIME, None)) if arrays else None)
     topics = open_log is not None
     if open_log is None:
-        parser = _PARSERS[_ending(path, READABLE)]
+        parser = _table_format(_ending(path, READABLE)).load
     else:
+        from s2r_spec.logs.topics import table as topic_table
+
         parser = partial(topic_table.load, open_log, joining=_with_clock(joining or Joining(), names))
     # arrays have the times and their unit already
     requested = request(
@@ -159,6 +151,8 @@ def load_episodes(path: str | Path, reading: Reading) -> list[Loaded]:
             parts = [run for part in parts for run in split.runs(part, plans[-1].times)]
         if joining is None or topics:
             return [build_trace(part, plans[-1], requested, reading.longest) for part in parts]
+        from s2r_spec.logs.topics import sparse
+
         clocked = _with_clock(joining, {column: name for name, column in names.items()})
         return [sparse.join_rows(part, plans[-1], requested, clocked, reading.longest) for part in parts]
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
@@ -174,6 +168,8 @@ def _question(
     path: Path, parser: Callable[[Path, Chooser], Table], error: NoTimesError, unit: str | None
 ) -> NoTimesError:
     """Return the error of a table without times; if several columns may have them, with what each of them holds."""
+    from s2r_spec.logs.times import candidates
+
     columns: dict[str, tuple[int, ...]] = {}
 
     def choose(heads: tuple[Head, ...]) -> set[int]:
@@ -195,7 +191,7 @@ def write(trace: Trace, path: str | Path) -> None:
             cannot be written.
     """
     path = Path(path)
-    writer = _WRITERS[_ending(path, FORMATS)]
+    writer = _table_format(_ending(path, FORMATS)).write
     try:
         with replacing(path) as temporary:
             writer(trace, temporary)
@@ -203,6 +199,10 @@ def write(trace: Trace, path: str | Path) -> None:
         raise TraceError(f"cannot write {path}: {error.strerror or error}") from None
     except TraceError as error:
         raise TraceError(f"{path}: {error}") from None
+
+
+def _table_format(ending: str) -> Any:
+    return import_module(f"{__name__}.formats.{ending[1:]}_format")
 
 
 def _with_clock(joining: Joining, names: Mapping[str, str]) -> Joining:

@@ -4,12 +4,26 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 from s2r_spec.base.errors import UsageError
 from s2r_spec.logs.times import time_units
 
 TIME = "t"
 """Definition: name of the times, as ``--map`` takes it."""
+
+
+@dataclass(frozen=True)
+class TimeOptions:
+    """What the user says of the times, if anything.
+
+    Args:
+        unit: unit of times that are plain numbers.
+        times: path of the array of times, its last part, or two joined by "+".
+    """
+
+    unit: str | None = None
+    times: str | None = None
 
 
 def map_argument(name: str) -> str:

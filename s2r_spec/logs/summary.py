@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec import logs
+from s2r_spec.base.arrays import median
 from s2r_spec.base.errors import NoTimesError, TraceError
-from s2r_spec.logs.options import TIME, map_argument, unit_of_option
+from s2r_spec.logs.options import TIME, TimeOptions, map_argument, unit_of_option
 from s2r_spec.logs.topics import formats
-from s2r_spec.logs.topics.arrays import TimeOptions
 from s2r_spec.logs.topics.order import resets
 from s2r_spec.logs.topics.topic import seconds, stamp_text
 
@@ -196,7 +196,7 @@ def _topic(
         len(episodes),
         runs[0].begins,
         float(steps.sum()),
-        float(np.median(steps)) if steps.size else None,
+        median(steps) if steps.size else None,
         float(steps.max()) if steps.size else None,
         tuple(fields),
         tuple(left_out),

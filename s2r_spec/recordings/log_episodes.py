@@ -23,10 +23,10 @@ from s2r_spec.logs.topics.formats import opener
 from s2r_spec.logs.topics.join import Joining
 from s2r_spec.recordings.episodes import EpisodeWindow, find_windows, take_episode
 from s2r_spec.recordings.log_units import assumptions, no_units, refuse_unit_in_name
-from s2r_spec.robustness.silence import silences_of
 from s2r_spec.robustness.stream import SignalMessages
 from s2r_spec.spec import Spec
 from s2r_spec.trace import Trace
+from s2r_spec.trace.messages import silences_of
 from s2r_spec.trace.samples import period_of
 
 
@@ -312,7 +312,7 @@ def _values(name: str, trace: Trace, settings: EpisodeSettings) -> dict[str, tup
                 f"{name}: the parameter {parameter} is a vector, from {source.column}; name a component"
             )
         times = trace.times - trace.times[0]
-        period = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+        period = period_of(times)
         if source.at > times[-1] + period:
             raise TraceError(
                 f"{name}: the parameter {parameter} is wanted at {source.at:g} s, but the trace lasts "

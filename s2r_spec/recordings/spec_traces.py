@@ -11,21 +11,22 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from s2r_spec.base.errors import TraceNote, UsageError, one_of
 from s2r_spec.base.printable import one_line
 from s2r_spec.logs.account import Account
-from s2r_spec.logs.formats.follow import follow
 from s2r_spec.logs.interpret import request as columns_to_read
 from s2r_spec.recordings.log_episodes import EpisodeSettings, read_log_episodes
 from s2r_spec.recordings.log_units import assumption, no_units
 from s2r_spec.robustness.grid import Grid
 from s2r_spec.robustness.reading import Missing
-from s2r_spec.robustness.silence import silences_of
 from s2r_spec.spec import Spec
-from s2r_spec.spec.followed import SampleStream
 from s2r_spec.trace import Trace
+from s2r_spec.trace.messages import silences_of
+
+if TYPE_CHECKING:
+    from s2r_spec.spec.followed import SampleStream
 
 
 @dataclass(frozen=True)
@@ -147,6 +148,9 @@ def stream_of_rows(request: TraceRequest, readline: Callable[[int], str]) -> Sam
         UsageError: the request cuts or joins, which needs the whole table.
         TraceError: the head of the table cannot be read.
     """
+    from s2r_spec.logs.formats.follow import follow
+    from s2r_spec.spec.followed import SampleStream
+
     settings = request.settings
     if settings.cuts or settings.sources or settings.joining is not None:
         raise UsageError(
@@ -166,6 +170,8 @@ def stream_of_file(request: TraceRequest, path: Path) -> SampleStream:
         UsageError: the file has several episodes or topics, or a gap.
         TraceError: the file cannot be read.
     """
+    from s2r_spec.spec.followed import SampleStream
+
     recorded, *more = read_spec_traces(request, path)
     if more:
         raise UsageError("--online follows one episode; cut one by --start and --duration")

@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
+from importlib import import_module
+from typing import TYPE_CHECKING
 
 from s2r_spec.base.errors import UsageError, one_of, suggest
 from s2r_spec.base.json_values import document
-from s2r_spec.report import ci, markdown, text
-from s2r_spec.report.finding import Report
+
+if TYPE_CHECKING:
+    from s2r_spec.report.finding import Report
+
+
+def _later(module: str, name: str) -> Callable[[Report], str]:
+    """Return a reporter whose module is loaded for its first report."""
+    return lambda report: str(getattr(import_module(f"{__name__}.{module}"), name)(report))
+
 
 REPORTERS: dict[str, Callable[[Report], str]] = {
-    "text": text.render,
+    "text": _later("text", "render"),
     "json": lambda report: document(report.record),
-    "junit": ci.junit,
-    "github": ci.github,
-    "markdown": markdown.render,
+    "junit": _later("ci", "junit"),
+    "github": _later("ci", "github"),
+    "markdown": _later("markdown", "render"),
 }
 """Name, as ``--format`` takes it → a report as text."""
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from s2r_spec.backend import short
-from s2r_spec.base.json_values import Location
+from s2r_spec.base.json_types import Location
 from s2r_spec.base.verdict import Verdict, worst
 from s2r_spec.certify.bound.certificate import Certificate, Label
 from s2r_spec.certify.bound.rounding import at_least, at_most, down, interval_text, up, width_text

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any
 
-from s2r_spec.base.json_values import Location
+from s2r_spec.base.json_types import Location
 from s2r_spec.base.printable import one_line
 from s2r_spec.base.verdict import Verdict
 

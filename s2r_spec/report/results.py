@@ -134,7 +134,7 @@ def save_page(result: Known, path: str | os.PathLike[str]) -> Path:
 
 
 def load_result(path: str | os.PathLike[str]) -> Certified:
-    """Return the result of a run, computed again from its rollouts as ``s2r report`` does; nothing is simulated.
+    """Return the result of a run, computed again from its rollouts, bit for bit; nothing is simulated.
 
     Args:
         path: the folder of a run with one requirement, or a file that ``save`` wrote while that folder is still there.

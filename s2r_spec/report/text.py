@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from rich.markup import escape
 from rich.text import Text
 
 from s2r_spec.base.verdict import Tone
-from s2r_spec.report.finding import Finding, Report
+
+if TYPE_CHECKING:
+    from s2r_spec.report.finding import Finding, Report
 
 STYLES = {Tone.GOOD: "bold green", Tone.BAD: "bold red", Tone.OPEN: "bold yellow"}
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from s2r_spec.base.arrays import FloatArray
-from s2r_spec.robustness.silence import Span
 from s2r_spec.robustness.stream import SignalMessages
+from s2r_spec.trace.messages import Span
 
 _PIECE = 2**18
 """Budget: stamps that are counted at a time."""

@@ -41,12 +41,6 @@ class ContinuousSignals:
         return self.samples.clock.times
 
 
-def snap_of(times: FloatArray) -> float:
-    """Return the difference [s] below which two times are equal up to rounding."""
-    span = float(times[-1] - times[0])
-    return 1e-12 * span + 8 * float(np.finfo(np.float64).eps) * float(np.abs(times).max())
-
-
 def curve_algebra(recording: ContinuousSignals) -> Algebra[Curve]:
     """Return the operations on robustness signals as curves.
 

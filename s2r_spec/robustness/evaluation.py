@@ -10,12 +10,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from s2r_spec.base.arrays import BoolArray, FloatArray
+from s2r_spec.base.arrays import BoolArray, FloatArray, median
 from s2r_spec.base.errors import TraceError, UsageError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.binding import bind
 from s2r_spec.robustness.deciding import descend
-from s2r_spec.robustness.dense import ContinuousSignals, curve_algebra, snap_of
 from s2r_spec.robustness.evaluate import Walk, Witness
 from s2r_spec.robustness.first_sample import rho_at_first_sample
 from s2r_spec.robustness.grid import SNAP, Grid
@@ -23,10 +22,10 @@ from s2r_spec.robustness.horizon import horizon, samples_needed, seconds_needed
 from s2r_spec.robustness.narrow import narrowest, refuse_short
 from s2r_spec.robustness.numbers import SampledSignals
 from s2r_spec.robustness.sampled import walk_samples
-from s2r_spec.robustness.silence import Span, bounding_walk, silences_of
 from s2r_spec.robustness.ticks import Clock, Ticks
 from s2r_spec.robustness.ties import restore_zeros
 from s2r_spec.trace.instants import instant
+from s2r_spec.trace.messages import Span, silences_of
 
 Interpolation = Literal["samples", "hold", "linear"]
 End = Literal["clip", "hold", "nan", "error"]
@@ -122,12 +121,13 @@ class Reading:
         """Median time from one sample to the next [s]; None for a single sample."""
         if len(self.times) == 1:
             return None
-        return self.clock.step if isinstance(self.clock, Grid) else float(np.median(np.diff(self.times)))
+        return self.clock.step if isinstance(self.clock, Grid) else median(np.diff(self.times))
 
     @cached_property
     def snap(self) -> float:
-        """Times closer than this are the same [s]."""
-        return snap_of(self.times)
+        """Times closer than this are the same up to rounding [s]."""
+        span = float(self.times[-1] - self.times[0])
+        return 1e-12 * span + 8 * float(np.finfo(np.float64).eps) * float(np.abs(self.times).max())
 
     def bound(self, formula: f.Formula) -> f.Formula:
         """Return the formula with numbers for the parameters in its time bounds."""
@@ -142,6 +142,11 @@ class Reading:
         """Return a walk over samples or curves."""
         if self.interpolation == "samples":
             return walk_samples(self.samples)
+        from s2r_spec.robustness.dense import (
+            ContinuousSignals,
+            curve_algebra,
+        )  # most traces need only samples
+
         samples = replace(self.samples, clock=Ticks.of(self.times))
         return Walk(curve_algebra(ContinuousSignals(samples, self.interpolation, self.snap)), self.until)
 
@@ -170,6 +175,8 @@ class Reading:
         """Return the bounds of ρ at the first sample where the samples are silent for a while; None if they are not."""
         if not self.silences:
             return None
+        from s2r_spec.robustness.silence import bounding_walk
+
         bounds = bounding_walk(self.samples, self.silences, self.period or 0.0)(formula)
         return float(bounds.lower[0]), float(bounds.upper[0])
 

@@ -16,7 +16,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Literal
 
 import numpy as np
 
@@ -28,50 +27,12 @@ from s2r_spec.robustness.curve import Curve, align, split_at_zero
 from s2r_spec.robustness.dense import ContinuousSignals, PredicateCurves, curve_algebra, margin_curve
 from s2r_spec.robustness.evaluate import Algebra, Walk, Witness
 from s2r_spec.robustness.numbers import Numbers, SampledSignals, margin
+from s2r_spec.robustness.stream import Course
 from s2r_spec.robustness.ticks import Ticks
 
 MEAN_ERROR = 1e-7
 """Tolerance: error of a mean between two messages while its window grows, in parts of its change."""
 _PRODUCT = {"*": np.multiply, "/": np.divide}
-
-
-@dataclass(frozen=True, eq=False)
-class Course:
-    """The messages of a signal, in its declared unit.
-
-    Args:
-        times: (m,) strictly increasing stamps after the start [s].
-        values: (width, m), free of NaN.
-        linear: whether the signal is linear between messages; else it holds the last value.
-        ends: (width, m) limits of a linear signal just before each stamp, where it jumps there; None if it does not.
-    """
-
-    times: FloatArray
-    values: FloatArray
-    linear: bool = False
-    ends: FloatArray | None = None
-
-    def at(self, times: FloatArray) -> FloatArray:
-        """Return (width, n): the values at times, none of them before the first message."""
-        if not self.linear:
-            index = np.maximum(np.searchsorted(self.times, times, side="right") - 1, 0)
-            return self.values[:, index]
-        return self._lines(times, "right")
-
-    def before(self, times: FloatArray) -> FloatArray:
-        """Return (width, n): the limits of a linear signal just before times."""
-        return self._lines(times, "left")
-
-    def _lines(self, times: FloatArray, side: Literal["left", "right"]) -> FloatArray:
-        if self.ends is None:
-            return np.stack([np.interp(times, self.times, row) for row in self.values])
-        last = len(self.times) - 1
-        index = np.clip(np.searchsorted(self.times, times, side=side) - 1, 0, last)
-        after = np.minimum(index + 1, last)
-        width = self.times[after] - self.times[index]
-        part = np.divide(times - self.times[index], width, out=np.zeros(times.size), where=width > 0)
-        lines: FloatArray = (1.0 - part) * self.values[:, index] + part * self.ends[:, after]
-        return lines
 
 
 @dataclass(frozen=True, eq=False)

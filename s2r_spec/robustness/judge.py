@@ -28,14 +28,14 @@ from s2r_spec.robustness.evaluate import Witness
 from s2r_spec.robustness.evaluation import End, Evaluation
 from s2r_spec.robustness.explain import Explanation
 from s2r_spec.robustness.explain_held import HeldExplainer
-from s2r_spec.robustness.held import Course, Courses
+from s2r_spec.robustness.held import Courses
 from s2r_spec.robustness.horizon import horizon, seconds_needed
 from s2r_spec.robustness.narrow import narrowest, refuse_short
-from s2r_spec.robustness.silence import HeldBounds, Span, edge_signals
-from s2r_spec.robustness.stream import SignalMessages, in_one_turn
+from s2r_spec.robustness.silence import HeldBounds, edge_signals
+from s2r_spec.robustness.stream import Course, SignalMessages, in_one_turn
 from s2r_spec.robustness.ties import restore_zero, restore_zeros
 from s2r_spec.trace.instants import instant
-from s2r_spec.trace.messages import union
+from s2r_spec.trace.messages import Span, union
 
 MOST_VARIANTS = 64
 """Budget: combinations of several values with one stamp that are evaluated."""

@@ -24,9 +24,8 @@ from s2r_spec.robustness.held import Courses, held_algebra, signals_of
 from s2r_spec.robustness.numbers import SampledSignals
 from s2r_spec.robustness.sampled import numbers_at, sampled_algebra
 from s2r_spec.robustness.ticks import Ticks
-from s2r_spec.trace.messages import SILENT, period_of_messages
+from s2r_spec.trace.messages import Span
 
-Span = tuple[float, float]
 S = TypeVar("S")
 
 MOST_INSTANTS = 2**20
@@ -138,15 +137,6 @@ def _replace(x: Curve, spans: Iterable[Span], value: float, snap: float) -> Curv
         silent = (middle > start) & (middle < end)
         right[silent] = left[silent] = value
     return fine
-
-
-def silences_of(times: FloatArray) -> list[Span]:
-    """Return the spans without a sample in (n,) increasing times of a periodic signal [s]."""
-    period = period_of_messages(times)
-    if math.isnan(period):
-        return []
-    before = np.flatnonzero(np.diff(times) > SILENT * period)
-    return [(float(times[i]), float(times[i + 1])) for i in before]
 
 
 def bounding_walk(

@@ -2,23 +2,61 @@
 
 Data: messages (t_i, y_i), (m,) and (width, m), in the declared unit; see :mod:`s2r_spec.trace.messages`. From a start
 to an end it gives the spans without a valid value, and a course: one value for each stamp
-(:class:`s2r_spec.robustness.held.Course`).
+(:class:`Course`).
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from s2r_spec.base.arrays import FloatArray
-from s2r_spec.robustness.held import Course
-from s2r_spec.robustness.silence import Span
-from s2r_spec.trace.messages import Messages
+from s2r_spec.trace.messages import Messages, Span
 
 _SLACK = 1e-3
 """Tolerance: by which a rounded angle may exceed the ends of its range [turns]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """The messages of a signal, in its declared unit.
+
+    Args:
+        times: (m,) strictly increasing stamps after the start [s].
+        values: (width, m), free of NaN.
+        linear: whether the signal is linear between messages; else it holds the last value.
+        ends: (width, m) limits of a linear signal just before each stamp, where it jumps there; None if it does not.
+    """
+
+    times: FloatArray
+    values: FloatArray
+    linear: bool = False
+    ends: FloatArray | None = None
+
+    def at(self, times: FloatArray) -> FloatArray:
+        """Return (width, n): the values at times, none of them before the first message."""
+        if not self.linear:
+            index = np.maximum(np.searchsorted(self.times, times, side="right") - 1, 0)
+            return self.values[:, index]
+        return self._lines(times, "right")
+
+    def before(self, times: FloatArray) -> FloatArray:
+        """Return (width, n): the limits of a linear signal just before times."""
+        return self._lines(times, "left")
+
+    def _lines(self, times: FloatArray, side: Literal["left", "right"]) -> FloatArray:
+        if self.ends is None:
+            return np.stack([np.interp(times, self.times, row) for row in self.values])
+        last = len(self.times) - 1
+        index = np.clip(np.searchsorted(self.times, times, side=side) - 1, 0, last)
+        after = np.minimum(index + 1, last)
+        width = self.times[after] - self.times[index]
+        part = np.divide(times - self.times[index], width, out=np.zeros(times.size), where=width > 0)
+        lines: FloatArray = (1.0 - part) * self.values[:, index] + part * self.ends[:, after]
+        return lines
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,19 +10,20 @@ from s2r_spec.base.errors import UndecidedError
 from s2r_spec.lang import formula as f
 from s2r_spec.lang.amounts import Amount
 from s2r_spec.robustness.evaluate import Witness
-from s2r_spec.robustness.evaluation import End, Evaluation, Interpolation
+from s2r_spec.robustness.evaluation import End, Evaluation, Interpolation, Reading
 from s2r_spec.robustness.explain import Explanation, explain
-from s2r_spec.robustness.judge import Judge, Judgement
-from s2r_spec.robustness.online.monitor import Monitor, RobustnessStream
 from s2r_spec.robustness.reading import Missing
 from s2r_spec.robustness.ties import restore_zero
-from s2r_spec.robustness.tolerances import Tolerances, tolerances
 from s2r_spec.spec.on_traces import How, OnTraces, as_trace, refuse_short_trace
-from s2r_spec.spec.plot import Plot, draw
 from s2r_spec.trace import Trace
 
 if TYPE_CHECKING:
     from torch import Tensor
+
+    from s2r_spec.robustness.judge import Judge, Judgement
+    from s2r_spec.robustness.online.monitor import Monitor, RobustnessStream
+    from s2r_spec.robustness.tolerances import Tolerances
+    from s2r_spec.spec.plot import Plot
 
 
 class Spec(OnTraces):
@@ -260,6 +261,8 @@ class Spec(OnTraces):
             UsageError: an operator over the whole rest of the trace is needed at more than the first instant, or a
                 window is shorter than the period; also see :meth:`robustness`.
         """
+        from s2r_spec.robustness.online.monitor import Monitor
+
         return Monitor(self._follow(params, requirement, period, until, nan, sparse, ranges))
 
     def robustness_stream(
@@ -279,6 +282,8 @@ class Spec(OnTraces):
 
         For args and errors see :meth:`monitor`. No operator may depend on the whole rest of the trace.
         """
+        from s2r_spec.robustness.online.monitor import RobustnessStream
+
         followed = self._follow(params, requirement, period, until, nan, sparse, ranges=False)
         return RobustnessStream(followed)
 
@@ -307,7 +312,7 @@ class Spec(OnTraces):
             return Explanation(requirement, rho, unit, satisfied=rho > 0, reason=reason)
         how = How(params, None, until, nan, sparse=sparse)
         reader, formula = self._read(self.own_trace(trace, requirement), requirement, how)
-        if isinstance(reader, Judge):
+        if not isinstance(reader, Reading):
             judged, why = self._explain_judgement(reader, formula, requirement, partial)
             if why is None:
                 raise UndecidedError(f"{requirement!r} {judged.open or 'looks past the end of the trace'}")
@@ -338,6 +343,8 @@ class Spec(OnTraces):
         Raises:
             UsageError: matplotlib is not installed; or see :meth:`robustness`, also for other errors.
         """
+        from s2r_spec.spec.plot import draw
+
         reason = self.explain(trace, requirement, params, partial=True)
         return draw(self.tolerances(trace, requirement, params), reason, title)
 
@@ -348,6 +355,8 @@ class Spec(OnTraces):
 
         A failure of the trace does not change the result. For errors see :meth:`robustness`.
         """
+        from s2r_spec.robustness.tolerances import tolerances
+
         formula = self._formula(requirement)
         trace = self.own_trace(trace, requirement)
         if trace.messages:

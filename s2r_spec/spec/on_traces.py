@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import TraceError, UndecidedError, UsageError
@@ -15,13 +15,14 @@ from s2r_spec.robustness.binding import bind, names
 from s2r_spec.robustness.evaluate import Witness
 from s2r_spec.robustness.evaluation import End, Evaluation, Interpolation, Reading
 from s2r_spec.robustness.grid import sent_on_change
-from s2r_spec.robustness.held import needs_samples
-from s2r_spec.robustness.judge import Judge
-from s2r_spec.robustness.online.recorder import Followed
 from s2r_spec.robustness.reading import Missing, read_params, read_signals, read_streams
 from s2r_spec.robustness.ticks import clock_of
 from s2r_spec.spec.declared import Declared
 from s2r_spec.trace import Trace
+
+if TYPE_CHECKING:  # most traces have common samples, and are recorded
+    from s2r_spec.robustness.judge import Judge
+    from s2r_spec.robustness.online.recorder import Followed
 
 _CHOICES: Mapping[str, tuple[str | None, ...]] = {
     "end": ("clip", "hold", "nan", "error"), "interpolation": (None, "samples", "hold", "linear"),
@@ -72,6 +73,8 @@ class OnTraces(Declared):
 
     def needs_samples(self, requirement: str, messages: Trace) -> bool:
         """Return whether some part of a requirement has no value between common samples of its messages."""
+        from s2r_spec.robustness.held import needs_samples
+
         times = {name: one.times for name, one in messages.messages.items()}
         return needs_samples(self.formulas[requirement], times)
 
@@ -113,6 +116,8 @@ class OnTraces(Declared):
 
     def _judge(self, trace: Trace, requirement: str, how: How) -> tuple[Judge, f.Formula]:
         """Return the judge of a trace of messages, and the formula with numbers for time bounds."""
+        from s2r_spec.robustness.judge import Judge
+
         if how.interpolation == "samples":
             raise UsageError(
                 f"{requirement!r} reads signals with stamps of their own, which have no common samples: resample the "
@@ -143,6 +148,8 @@ class OnTraces(Declared):
         sparse: bool,
         ranges: bool,
     ) -> Followed:
+        from s2r_spec.robustness.online.recorder import Followed
+
         How(until=until, nan=nan)  # a check
         numbers = {name: value.item() for name, value in self._numbers(params, requirement).items()}
         requirements = self.requirements if requirement is None else (requirement,)

@@ -64,7 +64,8 @@ def _magnitude(values: Any, times: bool) -> tuple[Any, str | None]:
 
 def _fill(values: Any) -> Any:
     """Return a masked array of numbers with NaN for masked values; numpy's own conversion would unmask them."""
-    masked = isinstance(values, np.ma.MaskedArray) and values.dtype.kind in "biuf"
+    plain = type(values) is np.ndarray or not isinstance(values, np.ndarray)  # else numpy loads np.ma here
+    masked = not plain and isinstance(values, np.ma.MaskedArray) and values.dtype.kind in "biuf"
     return values.astype(np.float64).filled(np.nan) if masked else values
 
 

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from s2r_spec.base.arrays import BoolArray, FloatArray, IntArray
+from s2r_spec.base.arrays import BoolArray, FloatArray, IntArray, median
 
 SILENT = 5.0
 """Tolerance: longest gap of a periodic channel that its last value bridges [periods], so that single losses of a
@@ -32,15 +32,32 @@ _MIDDLE, _SPREAD = (0.1, 0.9), (0.5, 1.5)
 """Definition: the quantiles of the intervals of a periodic channel, and the bounds on them [medians]."""
 
 
+Span = tuple[float, float]
+"""Two times with nothing between them [s]."""
+
+
 def period_of_messages(times: FloatArray) -> float:
     """Return the median interval of (n,) increasing times of a periodic channel [s]; NaN if it is sent on change."""
     steps = np.diff(times)
     steps = steps[steps > 0]
     if steps.size < INTERVALS:
         return math.nan
-    median = float(np.median(steps))
-    low, high = np.quantile(steps, _MIDDLE)
-    return median if _SPREAD[0] * median <= low and high <= _SPREAD[1] * median else math.nan
+    period = median(steps)
+    low, high = steps.min(), steps.max()
+    if (
+        low < _SPREAD[0] * period or high > _SPREAD[1] * period
+    ):  # else the quantiles are within the bounds, too
+        low, high = np.quantile(steps, _MIDDLE)
+    return period if _SPREAD[0] * period <= low and high <= _SPREAD[1] * period else math.nan
+
+
+def silences_of(times: FloatArray) -> list[Span]:
+    """Return the spans without a sample in (n,) increasing times of a periodic signal [s]."""
+    period = period_of_messages(times)
+    if math.isnan(period):
+        return []
+    before = np.flatnonzero(np.diff(times) > SILENT * period)
+    return [(float(times[i]), float(times[i + 1])) for i in before]
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,7 @@ from threading import Thread
 from time import sleep
 from typing import IO
 
+from s2r_spec import compiled
 from s2r_spec.base.errors import BackendError
 from s2r_spec.workers import frames
 from s2r_spec.workers.limits import Limit, own_cpu_time
@@ -38,6 +39,12 @@ def limit(value: Limit) -> None:
     """Set the time limit of the current call, from now on; outside a worker process nothing can be ended."""
     if _answers is not None and os.getpid() == _own:
         frames.write(_answers, _number, pickle.dumps(("limit", (value, own_cpu_time()))))
+
+
+def say(sentence: str) -> None:
+    """Have the parent of this worker process print a sentence, once for all its workers."""
+    if _answers is not None and os.getpid() == _own:
+        frames.write(_answers, _number, pickle.dumps(("note", sentence)))
 
 
 def end_copy(error: BaseException | None = None) -> None:
@@ -73,6 +80,7 @@ def serve_forever() -> None:
     os.close(nothing)
     if hasattr(os, "register_at_fork"):
         os.register_at_fork(after_in_child=_forget_parent)
+    compiled.say = say
     # The parent decides how an interrupt ends a rollout.
     signal.signal(signal.SIGINT, lambda *_: None)
     if (

@@ -121,6 +121,9 @@ class WorkerProcess:
             if number < self._number:
                 continue  # a surplus answer to an earlier call
             kind, value = pickle.loads(data)
+            if kind == "note":
+                _say_once(value)
+                continue
             if kind != "limit":
                 return kind, value
             self._limit, self._cpu_before = value
@@ -177,6 +180,7 @@ _this_thread = local()
 _workers: set[WorkerProcess] = set()
 _lock = Lock()
 _reported: set[int] = set()
+_said: set[str] = set()
 
 
 def call_in_worker(run: str, function: Callable[..., Any], *arguments: Any) -> Any:
@@ -210,6 +214,14 @@ def _remove(worker: WorkerProcess) -> None:
     worker.close()
     with _lock:
         _workers.discard(worker)
+
+
+def _say_once(sentence: str) -> None:
+    with _lock:
+        known = sentence in _said
+        _said.add(sentence)
+    if not known:
+        print(sentence, file=sys.stderr)
 
 
 def _report(process: Process) -> None:

@@ -21,12 +21,14 @@ def rbf(r):
 
 
 @pytest.mark.parametrize(("name", "formula"), [("rbf", rbf), ("matern52", matern52), ("matern32", matern32)])
-def test_gpytorchs_kernel_is_the_textbook_formula(name, formula):
+def test_the_kernel_is_the_textbook_formula_in_gpytorch_and_in_closed_form(name, formula):
     rng = np.random.default_rng(0)
     left, right = rng.uniform(-1, 1, (20, 2)), rng.uniform(-1, 1, (30, 2))
     scales = np.array([0.2, 0.7])
     distance = np.sqrt((((left[:, None] - right) / scales) ** 2).sum(-1))
-    assert np.allclose(Kernel(name, (0.2, 0.7)).gram(left, right), formula(distance), atol=1e-12, rtol=0)
+    kernel = Kernel(name, (0.2, 0.7))
+    for values in (kernel.gram(left, right), kernel.closed_form(left, right)):
+        assert np.allclose(values, formula(distance), atol=1e-12, rtol=0)
 
 
 @pytest.mark.parametrize("name", ["rbf", "matern52", "matern32"])

@@ -1,11 +1,14 @@
+import sys
 from contextlib import suppress
 from dataclasses import fields
+from importlib.util import cache_from_source
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from s2r_spec.lang import syntax
+from s2r_spec.lang import lexing, parsing, syntax
 from s2r_spec.lang.diagnostics import SpecError
 from s2r_spec.lang.parsing import DEEPEST, parse
 from s2r_spec.lang.source import Source
@@ -179,3 +182,28 @@ def test_any_text_is_a_specification_or_a_list_of_mistakes(text: str) -> None:
 def test_the_bars_of_an_absolute_value_are_answered_with_its_function(condition, meant):
     with pytest.raises(SpecError, match=naming(meant)):
         parse_spec(f"signal x {{m}}\nrequire r: always ({condition})")
+
+
+def test_tables_on_disk_read_like_new_ones_and_damaged_ones_are_made_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "pycache_prefix", str(tmp_path))
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    place = Path(cache_from_source(str(Path(lexing.__file__).with_name("stl.lark"))))
+    text = "signal x {m}\nrequire a: always[0, 1 s] (x <= 1 {m}) and\nrequire b: x ^ 2 >= - 1 {m^2} -> x < 3"
+    found = []
+    for folder, damage in ((False, None), (True, None), (True, None), (True, b"no tables"), (True, None)):
+        if folder:
+            place.parent.mkdir(parents=True, exist_ok=True)
+        if damage is not None:
+            (tables,) = place.parent.iterdir()
+            tables.write_bytes(damage)
+        with monkeypatch.context() as patch:
+            parser = lexing.grammar.__wrapped__()
+            for module in (lexing, parsing):
+                patch.setattr(module, "grammar", lambda parser=parser: parser)
+            found.append(parse(Source(text, "a.stl")))
+    assert len(found[0].diagnostics) == 1
+    assert all(
+        (one.statements, one.diagnostics) == (found[0].statements, found[0].diagnostics) for one in found
+    )
+    (tables,) = place.parent.iterdir()
+    assert tables.stat().st_size > 10_000

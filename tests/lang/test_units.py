@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 import s2r_spec as s2r
 from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.lang.conversion import Conversion
-from s2r_spec.lang.units import UnknownUnitError, parse_unit
+from s2r_spec.lang.units import UnknownUnitError, parse_unit, unit_of_pint
+from s2r_spec.lang.usual_units import USUAL
 from s2r_spec.spec import SpecError
 from tests.errors import naming
 from tests.examples import examples
@@ -28,6 +29,11 @@ DECIMALS = st.builds(
 def same(left: str, right: str) -> bool:
     one, other = parse_unit(left), parse_unit(right)
     return one.fits(other) and one.to(other).same
+
+
+@pytest.mark.parametrize("name", USUAL)
+def test_the_usual_units_are_those_of_pint(name):
+    assert parse_unit(name) == unit_of_pint(name)
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,8 @@ from typing import Any, Literal, cast
 
 import numpy as np
 
-from s2r_spec.base.json_values import Level, Magnitude, Probability, extend
+from s2r_spec.base.json_types import Level, Magnitude, Probability
+from s2r_spec.base.json_values import extend
 from s2r_spec.base.verdict import Verdict
 from s2r_spec.certify.bound.certificate import Certificate, Label
 from s2r_spec.certify.bound.rounding import at_most

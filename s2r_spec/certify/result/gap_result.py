@@ -12,7 +12,8 @@ import numpy as np
 from annotated_types import Ge, MinLen
 
 from s2r_spec.base.errors import UsageError
-from s2r_spec.base.json_values import Level, Magnitude, extend
+from s2r_spec.base.json_types import Level, Magnitude
+from s2r_spec.base.json_values import extend
 from s2r_spec.certify.bound.certificate import Certificate
 from s2r_spec.certify.result import voids
 from s2r_spec.certify.result.search_result import (

@@ -10,7 +10,8 @@ from typing import Annotated, Any, Literal, NotRequired
 
 from annotated_types import MinLen
 
-from s2r_spec.base.json_values import DIGITS, OPTIONAL, Count, Failures, Magnitude, Open, Shown
+from s2r_spec.base.json_types import Count, Failures, Magnitude
+from s2r_spec.base.json_values import DIGITS, OPTIONAL, Open, Shown
 from s2r_spec.base.result import Result
 from s2r_spec.certify.bound.certificate import Certificate
 from s2r_spec.spec import Spec

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Literal
-from urllib.parse import quote
 
 from s2r_spec.base.errors import UsageError
 from s2r_spec.cli.options.groups import log_option, options
@@ -150,6 +149,8 @@ class LogReading(LogForm):
         cuts = self.when is not None or self.start is not None
         if cuts and self.duration is None and math.isfinite(horizon):
             given.append(("duration", repr(horizon)))
+        from urllib.parse import quote
+
         texts = "&".join(f"{key}={quote(value, safe=_PLAIN)}" for key, value in given)
         return [
             f"{name}{'&' if '?' in name else '?'}{texts}" if texts and name.startswith(READ) else name

@@ -65,7 +65,10 @@ def say(line: object, *, error: bool = False) -> None:
 
 
 def print_verdict(lines: str, verdict: Verdict) -> None:
-    """Print a result of one requirement; its verdict has the verdict's colour."""
+    """Print a result of one requirement; on a terminal its verdict has the verdict's colour."""
+    if isinstance(sys.stdout, _Guarded):
+        print(lines)
+        return
     from rich.text import Text
 
     from s2r_spec.report.text import STYLES
@@ -73,6 +76,16 @@ def print_verdict(lines: str, verdict: Verdict) -> None:
     text = Text(lines)
     text.highlight_words([f" {verdict.value}:"], style=STYLES[verdict.tone])
     console().print(text)
+
+
+def print_heading(name: str, more: str = "") -> None:
+    """Print a name, bold on a terminal, and more after it."""
+    if isinstance(sys.stdout, _Guarded):
+        print(name + more)
+        return
+    from rich.text import Text
+
+    console().print(Text(name, style="bold").append(more, style="not bold"))
 
 
 def print_commands(text: str) -> None:

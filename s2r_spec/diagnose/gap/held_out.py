@@ -26,7 +26,8 @@ from numpy.typing import NDArray
 
 from s2r_spec.backend.effects import catalogue_of
 from s2r_spec.base.arrays import FloatArray
-from s2r_spec.base.json_values import Count, Probability, Shown
+from s2r_spec.base.json_types import Count, Probability
+from s2r_spec.base.json_values import Shown
 from s2r_spec.diagnose.gap import DRAWS, FEWEST, LEVEL, SHOTS
 from s2r_spec.diagnose.gap.materiality import mean_difference
 from s2r_spec.diagnose.gap.nominal import Nominal

@@ -42,7 +42,8 @@ import numpy as np
 
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import UsageError
-from s2r_spec.base.json_values import Count, Probability, Shown
+from s2r_spec.base.json_types import Count, Probability
+from s2r_spec.base.json_values import Shown
 from s2r_spec.diagnose.gap import LEVEL, ROUNDING
 from s2r_spec.diagnose.gap.nominal import Nominal
 from s2r_spec.diagnose.simulator.bench import Bench, TestRun, places_of, rho_and_end

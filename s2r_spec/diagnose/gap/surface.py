@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import UsageError
-from s2r_spec.base.json_values import Ends, Probability, Shown
+from s2r_spec.base.json_types import Probability
+from s2r_spec.base.json_values import Ends, Shown
 from s2r_spec.diagnose.gap import DRAWS, LEVEL
 from s2r_spec.diagnose.gap.materiality import RolloutsAtTest, mean_difference
 from s2r_spec.space import Space

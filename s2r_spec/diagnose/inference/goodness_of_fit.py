@@ -38,7 +38,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec.base.arrays import FloatArray
-from s2r_spec.base.json_values import Probability, Shown
+from s2r_spec.base.json_types import Probability
+from s2r_spec.base.json_values import Shown
 from s2r_spec.diagnose.inference.gauss_newton import Fit
 from s2r_spec.diagnose.inference.hierarchical import DEGREES, LARGEST, LAW_ERROR, Variances, law_prior
 from s2r_spec.diagnose.inference.observation import Observation, Problem

@@ -25,7 +25,8 @@ import numpy as np
 
 from s2r_spec.attribution.place import EXPLAINS, Place, ValueRange, cause_first
 from s2r_spec.base.arrays import FloatArray
-from s2r_spec.base.json_values import Count, Probability, Shown
+from s2r_spec.base.json_types import Count, Probability
+from s2r_spec.base.json_values import Shown
 from s2r_spec.diagnose.gap import FEWEST, LEVEL, ROUNDING
 from s2r_spec.diagnose.residuals.cells import CELLS, cell_means, part_names, widths_of
 from s2r_spec.trace import Trace

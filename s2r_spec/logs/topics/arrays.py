@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.base.errors import TraceError, one_of
 from s2r_spec.logs.mapping import ColumnRequest, plan_columns
-from s2r_spec.logs.options import TIME
+from s2r_spec.logs.options import TIME, TimeOptions
 from s2r_spec.logs.table import Column, Head, check_columns, check_size, quote
 from s2r_spec.logs.time_columns import TIME_WORDS
 from s2r_spec.logs.times import candidates, times
@@ -35,19 +35,6 @@ class Array:
     shape: tuple[int, ...]
     read: Callable[[], NDArray[Any]]
     unit: str | None = None
-
-
-@dataclass(frozen=True)
-class TimeOptions:
-    """What the user says of the times, if anything.
-
-    Args:
-        unit: unit of times that are plain numbers.
-        times: path of the array of times, its last part, or two joined by "+".
-    """
-
-    unit: str | None = None
-    times: str | None = None
 
 
 Clock = tuple[str, ...]

@@ -29,7 +29,7 @@ from ruamel.yaml import YAML
 from s2r_spec.base.errors import TraceError, one_of, shortened
 from s2r_spec.base.printable import one_line
 from s2r_spec.logs.topics.bag_parts import BY_PARTS, Parts, remedy
-from s2r_spec.logs.topics.rosbag import METADATA
+from s2r_spec.logs.topics.formats import METADATA
 
 _JOURNALS = ("-wal", "-journal")
 """Definition: endings of SQLite's journals."""

@@ -5,20 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING
 
 from s2r_spec.base.errors import one_of
-from s2r_spec.logs.topics.arrays import TimeOptions
-from s2r_spec.logs.topics.hdf5 import open_hdf5
-from s2r_spec.logs.topics.matlab import open_matlab
-from s2r_spec.logs.topics.rosbag import METADATA, RosBag
-from s2r_spec.logs.topics.topic import TopicLog
-from s2r_spec.logs.topics.ulog import ULog
+from s2r_spec.logs.options import TimeOptions
 
-ARRAYS: dict[str, Callable[..., TopicLog]] = {".mat": open_matlab, ".h5": open_hdf5, ".hdf5": open_hdf5}
-"""Definition: endings of files of arrays, whose times may be plain numbers."""
-FORMATS: dict[str, Callable[[Path], TopicLog]] = {
-    ".bag": RosBag, ".db3": RosBag, ".mcap": RosBag, ".ulg": ULog, **ARRAYS,
-}  # fmt: skip
+if TYPE_CHECKING:
+    from s2r_spec.logs.topics.topic import TopicLog
+
+METADATA = "metadata.yaml"
+"""Definition: the file that marks a folder as a ROS 2 bag."""
+_BAG = "rosbag:RosBag"
+ARRAYS = {".mat": "matlab:open_matlab", ".h5": "hdf5:open_hdf5", ".hdf5": "hdf5:open_hdf5"}
+"""Definition: ending of a file of arrays, whose times may be plain numbers → what opens it, a name of this package."""
+FORMATS = {".bag": _BAG, ".db3": _BAG, ".mcap": _BAG, ".ulg": "ulog:ULog", **ARRAYS}
+"""Definition: ending of a log of topics → what opens it."""
 
 
 def why_not_a_bag(folder: Path) -> str:
@@ -41,8 +43,14 @@ def opener(path: Path, options: TimeOptions | None = None) -> Callable[[Path], T
         options: what the user says of the times, for files of arrays; None for nothing.
     """
     if (path / METADATA).is_file():
-        return RosBag
+        return _opener(_BAG)
     ending = path.suffix.lower()
-    if options is not None and ending in ARRAYS:
-        return partial(ARRAYS[ending], options=options)
-    return FORMATS.get(ending)
+    if ending not in FORMATS:
+        return None
+    found = _opener(FORMATS[ending])
+    return found if options is None or ending not in ARRAYS else partial(found, options=options)
+
+
+def _opener(name: str) -> Callable[..., TopicLog]:
+    found: Callable[..., TopicLog] = resolve_name(f"{__package__}.{name}")
+    return found

@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from s2r_spec.base.errors import TraceError
 from s2r_spec.lang.units import LONGEST
 from s2r_spec.logs.library import library, reason_of
+from s2r_spec.logs.options import TimeOptions
 from s2r_spec.logs.table import check_columns, check_file, quote
 from s2r_spec.logs.topics import arrays as named
-from s2r_spec.logs.topics.arrays import Array, ArrayLog, TimeOptions, is_unit_path, squeeze
+from s2r_spec.logs.topics.arrays import Array, ArrayLog, is_unit_path, squeeze
 
 _MATLAB = "MATLAB_class"
 _PACKED = ("scale_factor", "add_offset", "_FillValue")

@@ -15,9 +15,10 @@ import numpy as np
 
 from s2r_spec.base.errors import TraceError
 from s2r_spec.logs.library import reason_of
+from s2r_spec.logs.options import TimeOptions
 from s2r_spec.logs.table import check_file
 from s2r_spec.logs.topics import arrays as named
-from s2r_spec.logs.topics.arrays import Array, ArrayLog, TimeOptions, is_unit_path, squeeze
+from s2r_spec.logs.topics.arrays import Array, ArrayLog, is_unit_path, squeeze
 from s2r_spec.logs.topics.hdf5 import open_hdf5
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"

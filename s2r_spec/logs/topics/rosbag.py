@@ -25,6 +25,7 @@ from s2r_spec.base.errors import TraceError
 from s2r_spec.logs.library import library
 from s2r_spec.logs.table import check_columns, check_size
 from s2r_spec.logs.topics.collected import Codec, Collected, Element, NamedVector
+from s2r_spec.logs.topics.formats import METADATA
 from s2r_spec.logs.topics.layout import ARRAY, BASE, NAME, SEQUENCE
 from s2r_spec.logs.topics.topic import Stamps, Topic, TopicHead
 
@@ -39,8 +40,6 @@ _DEEPEST = 20
 """Budget: levels of messages within messages."""
 _LOOKED_AT = 100
 """Budget: messages of a topic that are searched for names of elements."""
-METADATA = "metadata.yaml"
-"""Definition: the file that marks a folder as a ROS 2 bag."""
 _NAMES = ("name", "names", "joint_names")
 """Definition: fields with the names of the elements of a message's vectors, as in ``sensor_msgs/JointState``."""
 

@@ -7,7 +7,8 @@ from typing import Annotated, Literal
 
 from annotated_types import MinLen
 
-from s2r_spec.base.json_values import ExitCode, Location, Shown
+from s2r_spec.base.json_types import Location
+from s2r_spec.base.json_values import ExitCode, Shown
 from s2r_spec.certify.real_machine import CertifyResult
 from s2r_spec.certify.result.check_result import CheckResult
 from s2r_spec.certify.result.gap_result import GapResult

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from s2r_spec.base.json_values import Count, Magnitude, Point, Probability, Shown
+from s2r_spec.base.json_types import Count, Magnitude, Probability
+from s2r_spec.base.json_values import Point, Shown
 from s2r_spec.certify.result.failure_probability import FailureProbability
 
 
