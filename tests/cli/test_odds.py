@@ -4,7 +4,7 @@ from tests.cli.conftest import FINE
 
 
 def test_how_likely_a_rollout_of_a_check_is_to_fail(s2r):
-    s2r("check", s2r.spec(text=FINE), "-b", "toy", "-q", "--run", "r", code=0)
+    s2r("check", s2r.spec(text=FINE), "-b", "toy", "-q", "--stop", "epsilon", "--run", "r", code=0)
     done = s2r("odds", "r", "--B", 0.5, "--below", 0, "--below", 0.09, code=0).stdout
     assert "walking: " in done
     assert "P(ρ < 0 m/s) ≤ 0." in done
