@@ -1,0 +1,299 @@
+"""A ``certify`` line from a pilot, and the reason for each of its numbers.
+
+Data: outcomes y_ij at n tests, a few at each; those of a failed rollout are ``fall``. Unknown: noise, kernel and norm
+of the functions that the line must cover: E ρ for a check, E ρ of the simulator and E Δ for a gap. The models are those
+of :mod:`~s2r_spec.certify.pilot.noise` and :mod:`~s2r_spec.certify.pilot.surface`. Rules, in the unit of ρ:
+
+    fall     −2 max |ρ|, if the line declares none
+    epsilon  half of the distance of the worst mean from 0; at least its standard error
+    R        3 × the upper limit of one rollout's deviation; at least the largest deviation seen
+             with falls: half of the range from fall to the largest ρ, which bounds any noise in it (Hoeffding)
+             without noise: epsilon/10
+    B        3 × the smallest norm that fits the means
+
+Every number is rounded to two digits, to its safe side.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from s2r_spec.base.arrays import FloatArray
+from s2r_spec.base.errors import UsageError
+from s2r_spec.certify.bound.kernels import FAMILIES, Kernel
+from s2r_spec.certify.bound.rounding import at_least, at_most
+from s2r_spec.certify.bound.sample_complexity import sequential_lower_bound
+from s2r_spec.certify.bound.settings import MOST_PRECISE, SearchSettings
+from s2r_spec.certify.pilot.noise import Noise, noise_of
+from s2r_spec.certify.pilot.surface import Means, Surface, fit_kernel
+from s2r_spec.certify.search.plan import rollouts
+from s2r_spec.space import Space
+from s2r_spec.spec import CertifySettings, KernelChoice
+
+DELTA = 1e-3
+"""Level: probability that a certificate is wrong, if the line declares none."""
+DEVIATIONS = 3.0
+"""Level: R over the upper limit of a rollout's standard deviation: for noise that is not Gaussian, and differs among
+tests."""
+NORMS = 3.0
+"""Level: B over the norm of the pilot's fit. A certificate refuses B below twice the norm that it sees, and it sees
+more tests than the pilot. ``benchmarks/certify/pilot.py`` counts the refusals."""
+NOISELESS = 10.0
+"""Level: ε over R without noise. The floor of rollouts, 2(R/ε)² kl, is then below 1 for every δ in use."""
+
+
+@dataclass(frozen=True)
+class Outcomes:
+    """Outcomes of one function at the tests of a pilot: ``groups`` has an array for each test."""
+
+    groups: tuple[FloatArray, ...]
+    failures: int = 0
+
+    @property
+    def means(self) -> FloatArray:
+        """(n,) mean outcomes."""
+        return np.array([float(group.mean()) for group in self.groups])
+
+    @property
+    def counts(self) -> FloatArray:
+        """(n,) numbers of outcomes."""
+        return np.array([float(len(group)) for group in self.groups])
+
+    @property
+    def noise(self) -> Noise:
+        """The noise of one outcome."""
+        return noise_of(self.groups)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What a pilot has seen.
+
+    Attributes:
+        points: (n, dim) tests.
+        spacing: (dim,) distances of neighbouring tests.
+        noisy: name → outcomes whose noise R must cover.
+        bounded: name → outcomes whose mean B and the kernel must cover.
+        worst: the name among ``noisy`` whose worst mean the interval must tell from 0.
+        averaged: proxy of the noise of the bounded outcome over R.
+        unit: the unit of ρ.
+    """
+
+    space: Space
+    points: FloatArray
+    spacing: FloatArray
+    noisy: Mapping[str, Outcomes]
+    bounded: Mapping[str, Outcomes]
+    worst: str
+    averaged: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A certify line.
+
+    Attributes:
+        settings: its settings.
+        reasons: setting → where it comes from and what it costs, in one sentence.
+        warnings: what may make the line wrong, each in one sentence.
+        worst: the test of the worst mean.
+        lowest_mean: the worst mean.
+        highest_mean: the largest mean.
+        expected: low and high end of the rollouts until the interval is ε wide.
+    """
+
+    settings: CertifySettings
+    reasons: dict[str, str]
+    warnings: tuple[str, ...]
+    worst: dict[str, float]
+    lowest_mean: float
+    highest_mean: float
+    expected: tuple[int, int]
+
+
+def propose_fall(declared: float | None, rhos: FloatArray) -> float:
+    """Return ρ of a failed rollout: the declared one if it is below every (n,) ρ seen, else −2 max |ρ|."""
+    if not len(rhos):
+        raise UsageError("every rollout of the pilot failed, so there is no ρ to choose settings from")
+    if declared is not None and declared < rhos.min():
+        return declared
+    largest = float(np.abs(rhos).max())
+    if not largest:
+        raise UsageError("every ρ of the pilot is 0, so there is nothing to choose settings from")
+    return -float(at_most(2 * largest, 2))
+
+
+def propose(seen: Evidence, declared: CertifySettings, fall: float) -> Proposal:
+    """Propose a certify line; its δ is the declared one, if there is one.
+
+    Raises:
+        UsageError: there are too few replicates, or every mean is 0.
+    """
+    noises = {name: one.noise for name, one in seen.noisy.items()}
+    means = seen.noisy[seen.worst].means
+    place = int(means.argmin())
+    epsilon, epsilon_words, unsure = _epsilon(seen, place, noises[seen.worst])
+    R, R_words = _proxy(seen, noises, epsilon, fall)
+    functions = {
+        name: Means(seen.points, one.means, one.counts, one.noise.std or R / DEVIATIONS)
+        for name, one in seen.bounded.items()
+    }
+    surface = fit_kernel(seen.space, [*functions.values()], seen.spacing)
+    kernel = _rounded(surface.kernel)
+    norms = {name: one.norm(kernel) for name, one in functions.items()}
+    roughest = max(norms, key=lambda name: norms[name])
+    B = float(at_most(NORMS * norms[roughest], 2))
+    R = max(R, float(at_most(B / MOST_PRECISE, 2)))
+    delta = DELTA if declared.delta is None else declared.delta
+    search = SearchSettings(
+        space=seen.space, kernel=kernel, B=B, R=R * seen.averaged, delta=delta, epsilon=epsilon
+    )
+    low, high = rollouts(search)
+    fewer_R, fewer_B = (
+        math.sqrt(low * high / math.prod(rollouts(changed)))
+        for changed in (
+            replace(search, R=search.R * 2 / DEVIATIONS),
+            replace(search, B=B * 2 / NORMS),
+        )
+    )
+    unit = f" {seen.unit}".rstrip()
+    several = f" (of {roughest})" if len(norms) > 1 else ""
+    reasons = {
+        "delta": _delta_words(declared.delta, R, epsilon),
+        "epsilon": epsilon_words,
+        "B": f"{NORMS:g} × {at_most(norms[roughest], 2)}{unit}{several}, the smallest norm that fits the means: a "
+        f"certificate refuses less than twice the norm it sees, and it sees more tests; 2 × {_times(fewer_B)}",
+        "R": R_words + (f"; 2/3 of it {_times(fewer_R)}" if not _noiseless(noises) else ""),
+        "kernel": _kernel_words(surface),
+        "fall": _fall_words(declared.fall, fall),
+    }
+    return Proposal(
+        CertifySettings(delta, epsilon, B, R, _choice(kernel), fall),
+        reasons,
+        tuple(filter(None, (unsure, *_warnings(seen, noises, surface)))),
+        seen.space.point(seen.points[place]),
+        float(means.min()),
+        float(means.max()),
+        (round(low), round(high)),
+    )
+
+
+def _noiseless(noises: Mapping[str, Noise]) -> bool:
+    return not any(noise.std for noise in noises.values())
+
+
+def _epsilon(seen: Evidence, place: int, noise: Noise) -> tuple[float, str, str]:
+    """Return ε, its reason, and a warning if the sign of the worst mean is not known."""
+    group = seen.noisy[seen.worst].groups[place]
+    mean, error = float(group.mean()), noise.std / math.sqrt(len(group))
+    if not max(abs(mean), error):
+        raise UsageError(
+            "the worst mean of the pilot is 0: no epsilon can tell it from 0; change the requirement"
+        )
+    test = ", ".join(
+        f"{axis.name} = {value:.3g} {axis.unit}".rstrip()
+        for axis, value in zip(seen.space.axes, seen.points[place], strict=True)
+    )
+    about = f"the worst mean of {seen.worst}, {mean:+.3g} {seen.unit}".rstrip() + f" at {test}"
+    if abs(mean) >= 2 * error:
+        return (
+            float(at_least(abs(mean) / 2, 2)),
+            f"half of {about}; half of it takes 4 times the rollouts",
+            "",
+        )
+    epsilon = float(at_least(max(abs(mean) / 2, error), 2))
+    return (
+        epsilon,
+        f"the standard error of {about}",
+        "the worst mean is within two standard errors of 0: a check may end without a verdict",
+    )
+
+
+def _proxy(seen: Evidence, noises: Mapping[str, Noise], epsilon: float, fall: float) -> tuple[float, str]:
+    """Return R and its reason."""
+    if _noiseless(noises):
+        words = f"epsilon/{NOISELESS:g}: all replicates are equal, so there is no noise, and any R holds"
+        return float(at_most(epsilon / NOISELESS, 2)), words
+    found = {}
+    for name, noise in noises.items():
+        outcomes = seen.noisy[name]
+        of = "one rollout" if len(noises) == 1 else name
+        limit = f"the deviation of {of}, at most {at_most(noise.upper, 2)} {seen.unit}".rstrip() + " (95 %)"
+        if outcomes.failures:
+            highest = max(float(group.max()) for group in outcomes.groups)
+            found[name] = (highest - fall) / 2, f"half of the range of {name} from fall to {highest:.3g}"
+        elif DEVIATIONS * noise.upper >= noise.largest:
+            found[name] = DEVIATIONS * noise.upper, f"{DEVIATIONS:g} × {limit}"
+        else:
+            found[name] = noise.largest, f"the largest deviation of {of}, above {DEVIATIONS:g} × {limit}"
+    R, words = max(found.values())
+    return float(at_most(R, 2)), words
+
+
+def _rounded(kernel: Kernel) -> Kernel:
+    lengthscales = kernel.lengthscale
+    assert isinstance(lengthscales, tuple)
+    return Kernel(kernel.name, tuple(float(at_least(one, 2)) for one in lengthscales))
+
+
+def _choice(kernel: Kernel) -> KernelChoice:
+    assert isinstance(kernel.lengthscale, tuple)
+    return KernelChoice(kernel.name, kernel.lengthscale)  # type: ignore[arg-type]
+
+
+def _delta_words(declared: float | None, R: float, epsilon: float) -> str:
+    if declared is not None:
+        return "as declared"
+    floors = [sequential_lower_bound(R, epsilon, delta) for delta in (1e-6, DELTA)]
+    times = f"1e-6 takes about {floors[0] / floors[1]:.1f} times the rollouts"
+    return f"one certificate in {1 / DELTA:.0f} may be wrong; {times}"
+
+
+def _kernel_words(surface: Surface) -> str:
+    others = [name for name, value in surface.log_likelihoods.items() if name != surface.kernel.name]
+    tried = ", ".join(f"{name} {surface.log_likelihoods[name]:+.1f}" for name in others)
+    words = FAMILIES[surface.kernel.name].words.partition(" (")[2].rstrip(")")
+    own = surface.log_likelihoods[surface.kernel.name]
+    return (
+        f"{words}: the roughest that the means do not reject (ln likelihood {own:+.1f}; {tried}); the lengthscales "
+        f"are the most likely ones"
+    )
+
+
+def _fall_words(declared: float | None, fall: float) -> str:
+    if declared == fall:
+        return "as declared; below every ρ seen"
+    return "twice the largest |ρ| seen, so that a test with one failure in three rollouts has a negative mean"
+
+
+def _times(ratio: float) -> str:
+    """Return how many times fewer rollouts something takes."""
+    return f"takes {ratio:.1f} times fewer rollouts" if ratio >= 1.05 else "takes hardly fewer rollouts"
+
+
+def _warnings(seen: Evidence, noises: Mapping[str, Noise], surface: Surface) -> list[str]:
+    found = []
+    for name, noise in noises.items():
+        failures = seen.noisy[name].failures
+        if failures:
+            found.append(
+                f"{failures} rollouts of {name} failed and count as fall, so that R is large; a smaller test space "
+                f"without them takes fewer rollouts"
+            )
+        elif noise.warning:
+            found.append(noise.warning)
+        elif noise.noisiest is not None:
+            test = seen.space.point(seen.points[noise.noisiest])
+            where = ", ".join(f"{key} = {value:.3g}" for key, value in test.items())
+            found.append(f"{name} is noisier at {where} than elsewhere; R is from this test")
+    if surface.short:
+        found.append(
+            f"the means change within the distance of two tests along {', '.join(surface.short)}; run a pilot with a "
+            f"larger --budget"
+        )
+    return found
