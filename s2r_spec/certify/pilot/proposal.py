@@ -169,7 +169,7 @@ def propose(seen: Evidence, declared: CertifySettings, fall: float) -> Proposal:
         "B": f"{NORMS:g} × {at_most(norms[roughest], 2)}{unit}{several}, the smallest norm that fits the means: a "
         f"certificate refuses less than twice the norm it sees, and it sees more tests; 2 × {_times(fewer_B)}",
         "R": R_words + (f"; 2/3 of it {_times(fewer_R)}" if not _noiseless(noises) else ""),
-        "kernel": _kernel_words(surface),
+        "kernel": _kernel_words(surface, seen),
         "fall": _fall_words(declared.fall, fall),
     }
     return Proposal(
@@ -254,15 +254,18 @@ def _delta_words(declared: float | None, R: float, epsilon: float) -> str:
     return f"one certificate in {1 / DELTA:.0f} may be wrong; {times}"
 
 
-def _kernel_words(surface: Surface) -> str:
-    others = [name for name, value in surface.log_likelihoods.items() if name != surface.kernel.name]
-    tried = ", ".join(f"{name} {surface.log_likelihoods[name]:+.1f}" for name in others)
+def _kernel_words(surface: Surface, seen: Evidence) -> str:
     words = FAMILIES[surface.kernel.name].words.partition(" (")[2].rstrip(")")
-    own = surface.log_likelihoods[surface.kernel.name]
-    return (
-        f"{words}: the roughest that the means do not reject (ln likelihood {own:+.1f}; {tried}); the lengthscales "
-        f"are the most likely ones"
+    of = (
+        "the most likely family"
+        if surface.kernel.name == surface.likely
+        else f"one step rougher than {surface.likely}, the most likely family"
     )
+    gaps = ", ".join(
+        f"{gap:.2g} {axis.unit}".rstrip() + f" of {axis.name}"
+        for axis, gap in zip(seen.space.axes, seen.spacing, strict=True)
+    )
+    return f"{words}: {of}; the pilot sees no change within {gaps}"
 
 
 def _fall_words(declared: float | None, fall: float) -> str:

@@ -10,16 +10,17 @@ each has its own scale a. With q_a and L_a of :mod:`s2r_spec.certify.bound.confi
     ln p(ȳ | k, a) = −(L_a + q_a)/2 + const.
 
 Estimator: ℓ and a at the maximum, for each family; ℓ lies between half of the distance of two tests, for no pilot
-resolves less, and the range. Rough kernels contain the functions of smooth ones, so the roughest family counts that the
-data do not reject (:data:`REJECTED`). The norm is the smallest one of a function whose squared misfit is n or less,
-one for each mean. Units: ℓ in those of the axes, norm in that of the outcome.
+resolves less, and the range. A function drawn from a Gaussian process has no finite norm in the space of its own
+kernel, but in that of a rougher one. So the kernel is one family rougher than the most likely one. The norm is the
+smallest one of a function whose squared misfit is n or less, one for each mean. Units: ℓ in those of the axes, norm in
+that of the outcome.
 
-Source: Rasmussen & Williams (2006), section 5.4, for the marginal likelihood.
+Sources: Rasmussen & Williams (2006), section 5.4, for the marginal likelihood; Kanagawa, Hennig, Sejdinovic and
+Sriperumbudur, *Gaussian processes and kernel methods* (2018), section 4, for the rougher space.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -33,8 +34,6 @@ from s2r_spec.space import Space
 
 FAMILIES = ("matern32", "matern52", "rbf")
 """Definition: kernel families, the roughest first."""
-REJECTED = math.log(20)
-"""Level: natural logarithm of the Bayes factor by which the data reject a family (Kass & Raftery 1995: strong)."""
 LENGTHSCALES = 13
 """Budget: lengthscales that are compared on each axis, in equal ratios."""
 SCALES = np.geomspace(1e-4, 1e6, 61)
@@ -82,12 +81,12 @@ class Surface:
 
     Attributes:
         kernel: its family, with one lengthscale for each axis.
-        log_likelihoods: family → logarithm of its largest likelihood, relative to the best one.
+        likely: the most likely family.
         short: names of the axes along which J changes within the distance of two tests.
     """
 
     kernel: Kernel
-    log_likelihoods: dict[str, float]
+    likely: str
     short: tuple[str, ...]
 
 
@@ -96,15 +95,13 @@ def fit_kernel(space: Space, functions: Sequence[Means], spacing: FloatArray) ->
     widths = space.upper - space.lower
     lines = [np.geomspace(low, high, LENGTHSCALES) for low, high in zip(spacing / 2, widths, strict=True)]
     fits = {family: _best(family, functions, lines) for family in FAMILIES}
-    top = max(value for value, _ in fits.values())
-    family = next(name for name in FAMILIES if top - fits[name][0] < REJECTED)
+    likely = max(fits, key=lambda name: fits[name][0])
+    family = FAMILIES[max(0, FAMILIES.index(likely) - 1)]
     lengthscales = fits[family][1]
     short = tuple(
         name for name, one, gap in zip(space.names, lengthscales, spacing, strict=True) if one < gap
     )
-    return Surface(
-        Kernel(family, lengthscales), {name: value - top for name, (value, _) in fits.items()}, short
-    )
+    return Surface(Kernel(family, lengthscales), likely, short)
 
 
 def _best(

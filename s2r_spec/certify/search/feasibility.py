@@ -75,8 +75,8 @@ def _constant(settings: SearchSettings) -> str:
             return (
                 f"the lengthscale of {name} is {length:g} {unit}".rstrip()
                 + f", {times} times its range; B = {B:g} then lets {name} change the outcome by at most "
-                f"{at_most(change[axis])}, and epsilon is {settings.epsilon:g}; check the lengthscale's unit, or declare "
-                f"a smaller epsilon or a lengthscale below {at_least(length * change[axis] / settings.epsilon)}"
+                f"{at_most(change[axis])}, and epsilon is {settings.epsilon:g}; check the unit of the lengthscale, or "
+                f"declare a smaller epsilon or a lengthscale below {at_least(length * change[axis] / settings.epsilon)}"
             )
     return ""
 
