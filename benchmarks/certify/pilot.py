@@ -1,8 +1,8 @@
 """Does a certificate pass with the line that `s2r pilot` proposes?
 
-For three shipped specs and several seeds: a pilot, then a new `s2r check` with the proposed line and the
-same seed, which ends with its verdict. The rollouts of the two share no seed. Beside them, functions drawn from known
-kernels with known noise: how often is the certificate refused, and does R cover the noise and B the norm? ::
+For three shipped specs and several seeds: a pilot, then a new `s2r check` with the proposed line. The rollouts of the
+two share no seed. Beside them, functions drawn from known kernels with known noise: how often is the certificate
+refused, is it right, and does R cover the noise and B the norm? ::
 
     OMP_NUM_THREADS=1 python -m benchmarks.certify.pilot             # 10 minutes of two cores
     OMP_NUM_THREADS=1 python -m benchmarks.certify.pilot --write     # and keep the result
@@ -15,6 +15,7 @@ import json
 import tempfile
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from s2r_spec.certify.bound.kernels import FAMILIES, Kernel
 from s2r_spec.certify.pilot.design import REPLICATES, design
 from s2r_spec.certify.pilot.proposal import Evidence, Outcomes, propose
 from s2r_spec.certify.pilot.run import pilot
+from s2r_spec.certify.pilot.surface import Means
 from s2r_spec.lang.certify_line import with_certify_line
 from s2r_spec.space import Space
 from s2r_spec.spec import CertifySettings
@@ -35,20 +37,20 @@ from s2r_spec.workers.pools import in_this_process
 ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "benchmarks" / "results" / "certify_pilot.json"
 CASES = {
-    "turtlebot": ("specs/turtlebot.stl", range(10)),
-    "sim": ("specs/a1_velocity.stl", range(5)),
-    "emps": ("specs/emps_tracking.stl", range(5)),
+    "turtlebot": ("specs/turtlebot.stl", range(10), ("decided", "epsilon")),
+    "emps": ("specs/emps_tracking.stl", range(5), ("decided", "epsilon")),
+    "sim": ("specs/a1_velocity.stl", range(5), ("decided",)),
 }
-"""Backend → specification and seeds."""
-MOST = 5000
+"""Backend → specification, seeds and stopping rules."""
+MOST = 2000
 """Budget: most rollouts of a check."""
 LENGTHSCALES, FUNCTIONS, NOISE = (0.15, 0.3, 0.6), 20, 0.02
 """Lengthscales and number of random functions of each family, over [0, 1], and their noise's deviation."""
 
 
-def run(job: tuple[str, int]) -> dict[str, Any]:
+def run(job: tuple[str, int, str]) -> dict[str, Any]:
     """Run a pilot and a check of a shipped spec."""
-    backend, seed = job
+    backend, seed, stop = job
     path = ROOT / CASES[backend][0]
     with tempfile.TemporaryDirectory() as folder:
         found = pilot(path, backend, Path(folder) / "pilot", seed=seed, executor=in_this_process)
@@ -59,12 +61,12 @@ def run(job: tuple[str, int]) -> dict[str, Any]:
             Path(folder) / "run",
             requirement=found.requirement,
             seed=seed,
-            stop="decided",
+            stop=stop,
             budget=MOST,
             executor=in_this_process,
         )
     return {
-        "case": backend,
+        "case": f"{backend}, stop {stop}",
         "seed": seed,
         "line": " ".join(found.line.split()),
         "pilot_rollouts": found.rollouts,
@@ -91,7 +93,7 @@ def draw(job: tuple[str, float, int]) -> dict[str, Any]:
     groups = tuple(value + NOISE * rng.normal(size=REPLICATES) for value in mean(tests.points))
     seen = {"ρ": Outcomes(groups)}
     line = propose(
-        Evidence(space, tests.points, tests.spacing, seen, seen, "ρ", 1.0, ""), CertifySettings(), -2.0
+        Evidence(space, tests.points, tests.spacing, seen, seen, "ρ", 1.0, 1, ""), CertifySettings(), -2.0
     ).settings
     assert line.kernel is not None
     search = s2r.Search(
@@ -109,6 +111,9 @@ def draw(job: tuple[str, float, int]) -> dict[str, Any]:
         for query in search.ask():
             value = mean(space.vector(query.point)[None])[0]
             search.tell(query, -value + NOISE * rng.normal(size=query.replicates))
+    dense = np.linspace(0, 1, 241)[:, None]
+    # The norm of the function itself in the proposed kernel, from its exact values.
+    exact = Means(dense, mean(dense), np.full(len(dense), 1.0), 1e-3).norm(search.kernel)
     truth = float(mean(np.linspace(0, 1, 2001)[:, None]).min())
     certificate = search.certificate()
     inside = -certificate.upper <= truth <= -certificate.lower
@@ -118,6 +123,7 @@ def draw(job: tuple[str, float, int]) -> dict[str, Any]:
         "kernel": line.kernel.name,
         "lengthscale": line.kernel.lengthscales[0],
         "R_over_noise": round(line.R / NOISE, 2),
+        "B_over_norm": round(line.B / exact, 2),
         "pilot_rollouts": len(groups) * REPLICATES,
         "verdict": "right" if inside else "wrong",
     } | _of(certificate)
@@ -144,6 +150,10 @@ def summary(case: str, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "pilot_rollouts": int(np.median([row["pilot_rollouts"] for row in rows])),
         "median_rollouts": int(np.median([row["rollouts"] for row in rows])),
         "largest_twice_B_low_over_B": max(row["twice_B_low_over_B"] for row in rows),
+    } | {
+        f"least_{name}": min(row[name] for row in rows)
+        for name in ("R_over_noise", "B_over_norm")
+        if name in rows[0]
     }
 
 
@@ -156,7 +166,13 @@ def main() -> None:
     parser.add_argument("--case", choices=[*CASES, "functions"], nargs="*", default=[*CASES, "functions"])
     parser.add_argument("--write", action="store_true", help="keep the result in the folder of results")
     options = parser.parse_args()
-    shipped = [(name, seed) for name, (_, seeds) in CASES.items() if name in options.case for seed in seeds]
+    shipped = [
+        (name, seed, stop)
+        for name, (_, seeds, stops) in CASES.items()
+        if name in options.case
+        for seed in seeds
+        for stop in stops
+    ]
     drawn = [
         (family, lengthscale, seed)
         for family in FAMILIES
@@ -166,7 +182,7 @@ def main() -> None:
     ]
     rows: dict[str, list[dict[str, Any]]] = {}
     with ProcessPoolExecutor(options.workers) as pool:
-        for row in [*pool.map(run, shipped), *pool.map(draw, drawn)]:
+        for row in chain(pool.map(run, shipped), pool.map(draw, drawn)):
             rows.setdefault(row["case"], []).append(row)
             if "line" in row:
                 print(row, flush=True)

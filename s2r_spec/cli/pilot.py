@@ -110,9 +110,7 @@ def _print(spec: Path, result: PilotResult) -> None:
     for name, reason in proposal.reasons.items():
         say(f"  {name:<8}  {reason}")
     low, high = proposal.expected
-    say(
-        f"  expected  {low} … {high} rollouts until the interval is epsilon wide; a verdict may end it earlier"
-    )
+    say(f"  expected  {low} … {high} rollouts until the interval is epsilon wide; a verdict may come earlier")
     for warning in proposal.warnings:
         say(f"  note: {warning}")
     say(f"  These rollouts chose the settings; a certificate runs others. They are in {result.folder}.")

@@ -33,7 +33,7 @@ def proposed(groups, space=LINE, declared=None, failures=0, fall=None):
     """Return the proposal from the outcomes at the tests of a grid."""
     tests = design(space, 4 * len(groups))
     outcomes = {"ρ": Outcomes(tuple(map(np.asarray, groups)), failures)}
-    evidence = Evidence(space, tests.points, tests.spacing, outcomes, outcomes, "ρ", 1.0, "m")
+    evidence = Evidence(space, tests.points, tests.spacing, outcomes, outcomes, "ρ", 1.0, 1, "m")
     fall = propose_fall(fall, np.concatenate(groups)) if fall is None else fall
     return propose(evidence, declared or CertifySettings(), fall)
 
@@ -78,16 +78,19 @@ class TestNoise:
 
 
 class TestKernel:
-    @pytest.mark.parametrize("family", ["matern32", "matern52", "rbf"])
-    def test_a_rougher_family_than_the_true_one_is_never_rejected(self, family):
-        for seed in range(5):
+    def test_three_times_the_norm_covers_what_further_tests_show(self):
+        """A kernel as rough as the function would not: its norm grows with every further test."""
+        covered = []
+        tests, dense = design(LINE, 60), design(LINE, 4 * 121).points
+        for seed in range(24):
             rng = np.random.default_rng(seed)
-            function = RandomFunction(Kernel(family, 0.3), LINE, 1.0, rng)
-            tests = design(LINE, 100)
-            means = function(tests.points) + 0.005 * rng.normal(size=len(tests.points))
-            surface = fit_kernel(LINE, [Means(tests.points, means, np.full(25, 4.0), 0.01)], tests.spacing)
-            order = ("matern32", "matern52", "rbf")
-            assert order.index(surface.kernel.name) <= order.index(family)
+            function = RandomFunction(Kernel(("matern32", "matern52", "rbf")[seed % 3], 0.3), LINE, 1.0, rng)
+            values = function(tests.points) + 0.02 * rng.normal(size=15)
+            means = Means(tests.points, values, np.full(15, 4.0), 0.04)
+            kernel = fit_kernel(LINE, [means], tests.spacing).kernel
+            exact = Means(dense, function(dense), np.full(121, 1.0), 1e-3)
+            covered.append(exact.norm(kernel) <= 3 * means.norm(kernel))
+        assert sum(covered) >= 23
 
     def test_each_axis_has_its_own_lengthscale(self):
         rng = np.random.default_rng(0)
@@ -121,9 +124,9 @@ class TestProposal:
     def test_epsilon_is_half_of_the_worst_mean(self):
         proposal = proposed(sampled(slope, 1e-3, np.random.default_rng(0)))
         assert proposal.settings.epsilon == pytest.approx(0.1, rel=0.05)
-        assert proposal.worst == {"vd": 0.0}
+        assert proposal.worst["vd"] < 0.1
         below = proposed(sampled(lambda points: slope(points) - 0.5, 1e-3, np.random.default_rng(0)))
-        assert below.settings.epsilon == pytest.approx(0.15, rel=0.05)
+        assert below.settings.epsilon == pytest.approx(0.15, abs=0.011)
 
     def test_a_worst_mean_near_0_is_warned_of(self):
         proposal = proposed(sampled(lambda points: 0.1 * points[:, 0], 0.1, np.random.default_rng(0)))
@@ -166,7 +169,7 @@ class TestProposal:
     def test_without_noise_r_follows_from_epsilon(self):
         values = slope(design(LINE, 60).points)
         proposal = proposed([np.full(4, value) for value in values])
-        assert pytest.approx(proposal.settings.epsilon / 10, rel=0.1) == proposal.settings.R
+        assert pytest.approx(proposal.settings.epsilon / 100, rel=0.1) == proposal.settings.R
         assert "no noise" in proposal.reasons["R"]
         assert proposal.expected[0] < 100
 

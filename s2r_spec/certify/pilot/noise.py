@@ -3,7 +3,7 @@
 Data: m_i outcomes y_ij at test i. Model: y_ij = J(x_i) + ε_ij, E ε_ij = 0, with one variance σ² for all tests.
 Estimator: the pooled variance s² = Σ (y_ij − ȳ_i)² / ν, ν = Σ (m_i − 1). For Gaussian noise νs²/σ² is χ² with ν degrees
 of freedom, so that σ ≤ s sqrt(ν/χ²_ν(0.05)) with probability 0.95. If one test scatters more than the others (F test),
-this limit is that of the test alone. Units: those of the outcome.
+its own deviation counts where it is above this limit. Units: those of the outcome.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Noise:
     Attributes:
         rollouts: number of outcomes at replicated tests.
         std: its standard deviation, pooled over all tests; 0 if all replicates of every test are equal.
-        upper: upper 95 % limit of the standard deviation, of the noisiest test if the tests differ.
+        upper: upper 95 % limit of the standard deviation; the deviation of the noisiest test, if that is larger.
         largest: the largest deviation of an outcome from the mean of its test.
         noisiest: the test with more noise than the others; None if they are alike.
         kurtosis: the kurtosis of the residuals; 3 for Gaussian noise.
@@ -64,15 +64,17 @@ def noise_of(groups: Sequence[ArrayLike]) -> Noise:
     if not scatter.sum():
         return Noise(rollouts, 0.0, 0.0, 0.0, None, 3.0, "")
     noisiest = _noisiest(scatter, degrees)
-    chosen = slice(None) if noisiest is None else slice(noisiest, noisiest + 1)
-    upper = math.sqrt(scatter[chosen].sum() / degrees[chosen].sum())
+    std = math.sqrt(scatter.sum() / degrees.sum())
+    upper = std * _upper_factor(int(degrees.sum()))
+    if noisiest is not None:
+        upper = max(upper, math.sqrt(scatter[noisiest] / degrees[noisiest]))
     # Scaled, so that a residual from m outcomes has the variance of one outcome.
     plain = [values[i] - values[i].mean() for i in replicated]
     residuals = np.concatenate([r * math.sqrt(len(r) / (len(r) - 1)) for r in plain])
     return Noise(
         rollouts,
-        math.sqrt(scatter.sum() / degrees.sum()),
-        upper * _upper_factor(int(degrees[chosen].sum())),
+        std,
+        upper,
         float(max(np.abs(r).max() for r in plain)),
         None if noisiest is None else replicated[noisiest],
         *_tail(residuals),

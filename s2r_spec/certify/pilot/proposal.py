@@ -5,10 +5,9 @@ of the functions that the line must cover: E ρ for a check, E ρ of the simulat
 of :mod:`~s2r_spec.certify.pilot.noise` and :mod:`~s2r_spec.certify.pilot.surface`. Rules, in the unit of ρ:
 
     fall     −2 max |ρ|, if the line declares none
-    epsilon  half of the distance of the worst mean from 0; at least its standard error
-    R        3 × the upper limit of one rollout's deviation; at least the largest deviation seen
+    epsilon  half of the distance of the worst mean from 0, for a gap a third; at least its standard error
+    R        3 × the upper limit of one rollout's deviation; at least the largest deviation seen, and epsilon/100
              with falls: half of the range from fall to the largest ρ, which bounds any noise in it (Hoeffding)
-             without noise: epsilon/10
     B        3 × the smallest norm that fits the means
 
 Every number is rounded to two digits, to its safe side.
@@ -19,15 +18,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 
 import numpy as np
 
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import UsageError
-from s2r_spec.certify.bound.kernels import FAMILIES, Kernel
+from s2r_spec.certify.bound.kernels import Kernel
 from s2r_spec.certify.bound.rounding import at_least, at_most
 from s2r_spec.certify.bound.sample_complexity import sequential_lower_bound
-from s2r_spec.certify.bound.settings import MOST_PRECISE, SearchSettings
+from s2r_spec.certify.bound.settings import SearchSettings
 from s2r_spec.certify.pilot.noise import Noise, noise_of
 from s2r_spec.certify.pilot.surface import Means, Surface, fit_kernel
 from s2r_spec.certify.search.plan import rollouts
@@ -42,8 +42,10 @@ tests."""
 NORMS = 3.0
 """Level: B over the norm of the pilot's fit. A certificate refuses B below twice the norm that it sees, and it sees
 more tests than the pilot. ``benchmarks/certify/pilot.py`` counts the refusals."""
-NOISELESS = 10.0
-"""Level: ε over R without noise. The floor of rollouts, 2(R/ε)² kl, is then below 1 for every δ in use."""
+UNSURE = 0.05
+"""Level: probability that the lowest of n means of 0 is called different from 0."""
+NOISELESS = 100.0
+"""Level: largest ε over R. Without noise every R holds; with this one the estimate of the plan is a few batches."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,8 @@ class Evidence:
         noisy: name → outcomes whose noise R must cover.
         bounded: name → outcomes whose mean B and the kernel must cover.
         worst: the name among ``noisy`` whose worst mean the interval must tell from 0.
-        averaged: proxy of the noise of the bounded outcome over R.
+        averaged: proxy of the noise of the searched outcome over R.
+        intervals: intervals that are added before 0 is told from the worst mean: 1 for a check, 2 for a gap.
         unit: the unit of ρ.
     """
 
@@ -90,6 +93,7 @@ class Evidence:
     bounded: Mapping[str, Outcomes]
     worst: str
     averaged: float
+    intervals: int
     unit: str
 
 
@@ -146,32 +150,25 @@ def propose(seen: Evidence, declared: CertifySettings, fall: float) -> Proposal:
     surface = fit_kernel(seen.space, [*functions.values()], seen.spacing)
     kernel = _rounded(surface.kernel)
     norms = {name: one.norm(kernel) for name, one in functions.items()}
-    roughest = max(norms, key=lambda name: norms[name])
-    B = float(at_most(NORMS * norms[roughest], 2))
-    R = max(R, float(at_most(B / MOST_PRECISE, 2)))
+    largest = max(norms, key=lambda name: norms[name])
+    B = float(at_most(NORMS * norms[largest], 2))
     delta = DELTA if declared.delta is None else declared.delta
     search = SearchSettings(
         space=seen.space, kernel=kernel, B=B, R=R * seen.averaged, delta=delta, epsilon=epsilon
     )
     low, high = rollouts(search)
-    fewer_R, fewer_B = (
-        math.sqrt(low * high / math.prod(rollouts(changed)))
-        for changed in (
-            replace(search, R=search.R * 2 / DEVIATIONS),
-            replace(search, B=B * 2 / NORMS),
-        )
-    )
-    unit = f" {seen.unit}".rstrip()
-    several = f" (of {roughest})" if len(norms) > 1 else ""
+    fit = _amount(norms[largest], seen.unit) + (f" for {largest}" if len(norms) > 1 else "")
     reasons = {
         "delta": _delta_words(declared.delta, R, epsilon),
         "epsilon": epsilon_words,
-        "B": f"{NORMS:g} × {at_most(norms[roughest], 2)}{unit}{several}, the smallest norm that fits the means: a "
-        f"certificate refuses less than twice the norm it sees, and it sees more tests; 2 × {_times(fewer_B)}",
-        "R": R_words + (f"; 2/3 of it {_times(fewer_R)}" if not _noiseless(noises) else ""),
+        "B": f"{NORMS:g} × the norm of the fit, {fit}; a certificate refuses 2 × the norm that it sees",
+        "R": R_words,
         "kernel": _kernel_words(surface, seen),
         "fall": _fall_words(declared.fall, fall),
     }
+    for name, changed in (("B", replace(search, B=B / 2)), ("R", replace(search, R=search.R / 2))):
+        fewer = math.sqrt(low * high / math.prod(rollouts(changed)))
+        reasons[name] += f"; half of it: {fewer:.1f} times fewer rollouts" if fewer >= 1.05 else ""
     return Proposal(
         CertifySettings(delta, epsilon, B, R, _choice(kernel), fall),
         reasons,
@@ -183,8 +180,9 @@ def propose(seen: Evidence, declared: CertifySettings, fall: float) -> Proposal:
     )
 
 
-def _noiseless(noises: Mapping[str, Noise]) -> bool:
-    return not any(noise.std for noise in noises.values())
+def _amount(value: float, unit: str) -> str:
+    """Return an upper bound of an amount with its unit, in two digits."""
+    return f"{at_most(value, 2)} {unit}".rstrip()
 
 
 def _epsilon(seen: Evidence, place: int, noise: Noise) -> tuple[float, str, str]:
@@ -199,38 +197,34 @@ def _epsilon(seen: Evidence, place: int, noise: Noise) -> tuple[float, str, str]
         f"{axis.name} = {value:.3g} {axis.unit}".rstrip()
         for axis, value in zip(seen.space.axes, seen.points[place], strict=True)
     )
-    about = f"the worst mean of {seen.worst}, {mean:+.3g} {seen.unit}".rstrip() + f" at {test}"
-    if abs(mean) >= 2 * error:
-        return (
-            float(at_least(abs(mean) / 2, 2)),
-            f"half of {about}; half of it takes 4 times the rollouts",
-            "",
-        )
-    epsilon = float(at_least(max(abs(mean) / 2, error), 2))
+    about = f"the worst mean {seen.worst}, {mean:+.3g} {seen.unit}".rstrip() + f" at {test}"
+    share = f"{'half' if seen.intervals == 1 else 'a third'} of {about}"
+    epsilon = abs(mean) / (seen.intervals + 1)
+    # The lowest of n means is below its expectation.
+    if abs(mean) >= NormalDist().inv_cdf(1 - UNSURE / 2 / len(seen.points)) * error:
+        return float(at_least(epsilon, 2)), f"{share}; half of it: 4 times the rollouts", ""
     return (
-        epsilon,
-        f"the standard error of {about}",
-        "the worst mean is within two standard errors of 0: a check may end without a verdict",
+        float(at_least(max(epsilon, error), 2)),
+        share if epsilon > error else f"the standard error of {about}",
+        "the pilot does not tell the worst mean from 0, so that a check may end without a verdict",
     )
 
 
 def _proxy(seen: Evidence, noises: Mapping[str, Noise], epsilon: float, fall: float) -> tuple[float, str]:
     """Return R and its reason."""
-    if _noiseless(noises):
-        words = f"epsilon/{NOISELESS:g}: all replicates are equal, so there is no noise, and any R holds"
-        return float(at_most(epsilon / NOISELESS, 2)), words
-    found = {}
+    noiseless = not any(noise.std for noise in noises.values())
+    words = "all replicates are equal, so there is no noise" if noiseless else "there is hardly any noise"
+    found = {"": (epsilon / NOISELESS, f"epsilon/{NOISELESS:g}: {words}")}
     for name, noise in noises.items():
         outcomes = seen.noisy[name]
-        of = "one rollout" if len(noises) == 1 else name
-        limit = f"the deviation of {of}, at most {at_most(noise.upper, 2)} {seen.unit}".rstrip() + " (95 %)"
+        limit = f"the deviation of one {name}, at most {_amount(noise.upper, seen.unit)}"
         if outcomes.failures:
             highest = max(float(group.max()) for group in outcomes.groups)
-            found[name] = (highest - fall) / 2, f"half of the range of {name} from fall to {highest:.3g}"
+            found[name] = (highest - fall) / 2, f"half of the range from fall to the largest {name}"
         elif DEVIATIONS * noise.upper >= noise.largest:
             found[name] = DEVIATIONS * noise.upper, f"{DEVIATIONS:g} × {limit}"
         else:
-            found[name] = noise.largest, f"the largest deviation of {of}, above {DEVIATIONS:g} × {limit}"
+            found[name] = noise.largest, f"the largest deviation seen, above {DEVIATIONS:g} × {limit}"
     R, words = max(found.values())
     return float(at_most(R, 2)), words
 
@@ -250,33 +244,25 @@ def _delta_words(declared: float | None, R: float, epsilon: float) -> str:
     if declared is not None:
         return "as declared"
     floors = [sequential_lower_bound(R, epsilon, delta) for delta in (1e-6, DELTA)]
-    times = f"1e-6 takes about {floors[0] / floors[1]:.1f} times the rollouts"
+    times = f"1e-6: {floors[0] / floors[1]:.1f} times the rollouts"
     return f"one certificate in {1 / DELTA:.0f} may be wrong; {times}"
 
 
 def _kernel_words(surface: Surface, seen: Evidence) -> str:
-    words = FAMILIES[surface.kernel.name].words.partition(" (")[2].rstrip(")")
-    of = (
-        "the most likely family"
-        if surface.kernel.name == surface.likely
-        else f"one step rougher than {surface.likely}, the most likely family"
-    )
+    of = "the most likely family"
+    if surface.kernel.name != surface.likely:
+        of = f"one step rougher than {surface.likely}, {of}"
     gaps = ", ".join(
         f"{gap:.2g} {axis.unit}".rstrip() + f" of {axis.name}"
         for axis, gap in zip(seen.space.axes, seen.spacing, strict=True)
     )
-    return f"{words}: {of}; the pilot sees no change within {gaps}"
+    return f"{of}; a change within {gaps} goes unseen"
 
 
 def _fall_words(declared: float | None, fall: float) -> str:
     if declared == fall:
-        return "as declared; below every ρ seen"
-    return "twice the largest |ρ| seen, so that a test with one failure in three rollouts has a negative mean"
-
-
-def _times(ratio: float) -> str:
-    """Return how many times fewer rollouts something takes."""
-    return f"takes {ratio:.1f} times fewer rollouts" if ratio >= 1.05 else "takes hardly fewer rollouts"
+        return "as declared, below every ρ seen"
+    return "twice the largest |ρ| seen: with one failure in three rollouts a mean is negative"
 
 
 def _warnings(seen: Evidence, noises: Mapping[str, Noise], surface: Surface) -> list[str]:

@@ -19,6 +19,7 @@ from s2r_spec.backend import Backend, HasRecordings, is_exclusive
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.distribution import version
 from s2r_spec.base.errors import UsageError
+from s2r_spec.base.json_values import Failures, Magnitude, Shown
 from s2r_spec.certify.arguments import as_backend, as_spec, name_of, options_from
 from s2r_spec.certify.from_spec import only_requirement, require_space
 from s2r_spec.certify.options import Execution, ExecutionKeywords, require_begun, run_folder, with_seed
@@ -67,7 +68,7 @@ class PilotOptions(Execution):
 
 
 @dataclass(frozen=True)
-class PilotResult:
+class PilotResult(Shown):
     """The result of a pilot.
 
     Attributes:
@@ -92,9 +93,13 @@ class PilotResult:
     layout: str
     tests: int
     rollouts: int
-    failures: dict[str, int]
-    seconds: float
+    failures: Failures
+    seconds: Magnitude
     folder: Path
+
+    JSON = (
+        "requirement line proposal unit backends layout tests rollouts failures seconds folder=folder.__str__"
+    )
 
 
 def pilot(
@@ -250,7 +255,7 @@ def _evidence(job: _Job, outcomes: Mapping[str, Outcomes], names: Mapping[str, s
     space, tests, unit = job.spec.space, job.tests, rho_unit(job.spec, job.requirement)
     if "" in outcomes:
         alone = {"ρ": outcomes[""]}
-        return Evidence(space, tests.points, tests.spacing, alone, alone, "ρ", 1.0, unit)
+        return Evidence(space, tests.points, tests.spacing, alone, alone, "ρ", 1.0, 1, unit)
     sim, real = outcomes["sim"], outcomes["real"]
     gaps = Outcomes(
         tuple(
@@ -262,7 +267,7 @@ def _evidence(job: _Job, outcomes: Mapping[str, Outcomes], names: Mapping[str, s
     bounded = {f"ρ of {names['sim']}": sim, "Δ": gaps}
     averaged = math.sqrt(1 + 1 / SIMULATED_PER_REAL)
     return Evidence(
-        space, tests.points, tests.spacing, noisy, bounded, f"ρ of {names['real']}", averaged, unit
+        space, tests.points, tests.spacing, noisy, bounded, f"ρ of {names['real']}", averaged, 2, unit
     )
 
 

@@ -40,12 +40,12 @@ def _of_norm(certificate: Certificate, judged: bool) -> str:
     declared = certificate.ladder[0]
     if 2 * certificate.B_low <= declared.B and declared.lower <= declared.upper:
         return ""
+    least = f"B must be at least {at_most(2 * certificate.B_low)}"
     for rung in certificate.ladder[1:]:
         if 2 * certificate.B_low <= rung.B and rung.lower <= rung.upper:
-            times = f"{rung.B / declared.B:.0f} times the declared"
             words = _interval(rung.lower, rung.upper, judged)
-            return f"if you can justify B = {rung.B:g} ({times}), the interval is {words}"
-    return f"B must be at least {at_most(2 * certificate.B_low)}"
+            return f"{least}, and if you can justify B = {rung.B:g}, the interval is {words}"
+    return least
 
 
 def _of_proxy(search: Search, tests: Tests, judged: bool) -> str:
