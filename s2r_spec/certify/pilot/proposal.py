@@ -256,7 +256,7 @@ def _kernel_words(surface: Surface, seen: Evidence) -> str:
         f"{gap:.2g} {axis.unit}".rstrip() + f" of {axis.name}"
         for axis, gap in zip(seen.space.axes, seen.spacing, strict=True)
     )
-    return f"{of}; a change within {gaps} goes unseen"
+    return f"{of}; lengthscales at most 3 × the distance of tests, {gaps}"
 
 
 def _fall_words(declared: float | None, fall: float) -> str:

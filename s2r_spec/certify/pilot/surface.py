@@ -11,9 +11,10 @@ each has its own scale a. With q_a and L_a of :mod:`s2r_spec.certify.bound.confi
 
 Estimator: ℓ and a at the maximum, for each family; ℓ lies between half of the distance of two tests, for no pilot
 resolves less, and the range. A function drawn from a Gaussian process has no finite norm in the space of its own
-kernel, but in that of a rougher one. So the kernel is one family rougher than the most likely one. The norm is the
-smallest one of a function whose squared misfit is n or less, one for each mean. Units: ℓ in those of the axes, norm in
-that of the outcome.
+kernel, but in that of a rougher one. So the kernel is one family rougher than the most likely one. Its ℓ is at most
+``LONGEST`` times the distance of two tests: a longer one would state how smooth J is where the pilot has no test, for
+the norm of a jump between two tests grows with ℓ/distance. The norm is the smallest one of a function whose squared
+misfit is n or less, one for each mean. Units: ℓ in those of the axes, norm in that of the outcome.
 
 Sources: Rasmussen & Williams (2006), section 5.4, for the marginal likelihood; Kanagawa, Hennig, Sejdinovic and
 Sriperumbudur, *Gaussian processes and kernel methods* (2018), section 4, for the rougher space.
@@ -34,6 +35,8 @@ from s2r_spec.space import Space
 
 FAMILIES = ("matern32", "matern52", "rbf")
 """Definition: kernel families, the roughest first."""
+LONGEST = 3.0
+"""Level: largest lengthscale over the distance of neighbouring tests."""
 LENGTHSCALES = 13
 """Budget: lengthscales that are compared on each axis, in equal ratios."""
 SCALES = np.geomspace(1e-4, 1e6, 61)
@@ -97,7 +100,7 @@ def fit_kernel(space: Space, functions: Sequence[Means], spacing: FloatArray) ->
     fits = {family: _best(family, functions, lines) for family in FAMILIES}
     likely = max(fits, key=lambda name: fits[name][0])
     family = FAMILIES[max(0, FAMILIES.index(likely) - 1)]
-    lengthscales = fits[family][1]
+    lengthscales = tuple(np.minimum(fits[family][1], LONGEST * spacing).tolist())
     short = tuple(
         name for name, one, gap in zip(space.names, lengthscales, spacing, strict=True) if one < gap
     )
