@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING
 
 import typer
@@ -17,6 +18,10 @@ from s2r_spec.cli.terminal.terminal import console, say
 
 if TYPE_CHECKING:
     from s2r_spec.certify.pilot.run import PilotResult
+
+
+WIDTH = 88
+"""Definition: most letters of a line that gives a reason."""
 
 
 @options
@@ -75,7 +80,7 @@ def pilot(
             return
         _print(spec, result)
         if place is not None:
-            say(f"  the line is in {place}")
+            say(f"  The line is in {place}.")
 
 
 def _write(spec: Path, result: PilotResult) -> str:
@@ -98,19 +103,24 @@ def _print(spec: Path, result: PilotResult) -> None:
     unit = f" {result.unit}" if result.unit else ""
     fallen = ", ".join(f"{count} × {word}" for word, count in result.failures.items()) or "no falls"
     where = ", ".join(f"{name} = {value:.3g}" for name, value in proposal.worst.items())
-    say(
-        f"pilot of {result.requirement}  ({spec} on {', '.join(result.backends)}): {result.rollouts} rollouts at "
-        f"{result.tests} tests ({result.layout}), {fallen}"
-    )
+    say(f"{result.requirement}  ({spec.name} on {' and '.join(result.backends)})")
+    say(f"  pilot     {result.rollouts} rollouts at {result.tests} tests ({result.layout}), {fallen}")
     say(f"  mean ρ    {proposal.lowest_mean:+.4f} … {proposal.highest_mean:+.4f}{unit}, lowest at {where}")
     say("")
     for text in result.line.splitlines():
         say(text)
     say("")
     for name, reason in proposal.reasons.items():
-        say(f"  {name:<8}  {reason}")
+        _say_row(name, reason)
     low, high = proposal.expected
-    say(f"  expected  {low} … {high} rollouts until the interval is epsilon wide; a verdict may come earlier")
+    _say_row(
+        "expected", f"{low} … {high} rollouts until the interval is epsilon wide; a verdict may come earlier"
+    )
     for warning in proposal.warnings:
-        say(f"  note: {warning}")
-    say(f"  These rollouts chose the settings; a certificate runs others. They are in {result.folder}.")
+        _say_row("note", warning)
+    say(f"  These rollouts, in {result.folder}, are for the settings only; a certificate runs others.")
+
+
+def _say_row(name: str, words: str) -> None:
+    for text in wrap(words, WIDTH, initial_indent=f"  {name:<8}  ", subsequent_indent=" " * 12):
+        say(text)

@@ -30,7 +30,7 @@ def test_it_prints_a_line_that_is_one(s2r):
     spec = s2r_package.parse_spec(BARE.replace("LIMIT", "0.1") + found["line"] + "\n")
     settings = spec.certify["walking"]
     assert found["proposal"]["settings"]["R"] == settings.R
-    assert states(shown, *found["proposal"]["reasons"].values())
+    assert all(reason in " ".join(shown.split()) for reason in found["proposal"]["reasons"].values())
 
 
 def test_write_replaces_the_requirement_s_line_and_nothing_else(s2r):
@@ -49,8 +49,8 @@ def test_write_adds_the_line_if_there_is_none_and_keeps_line_ends(s2r):
     )
     found = s2r.json("pilot", "spec.stl", "-b", "toy", "-q", "--write", code=0)
     written = (s2r.folder / "spec.stl").read_bytes().decode()
-    assert written.endswith(f"\r\n{found['line']}\r\n")
     assert "\n" not in written.replace("\r\n", "")
+    assert written.replace("\r\n", "\n").endswith(f"\n{found['line']}\n")
 
 
 def test_a_finished_pilot_is_read_again_and_an_unfinished_one_goes_on(s2r):

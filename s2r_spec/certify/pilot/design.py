@@ -48,8 +48,9 @@ def design(space: Space, budget: int | None) -> PilotDesign:
     side = int(tests ** (1 / space.dim) + 1e-9)
     if side >= COARSEST:
         points = space.grid((side,) * space.dim)
-        return PilotDesign(points, widths / (side - 1), " × ".join([str(side)] * space.dim))
+        layout = "evenly spaced" if space.dim == 1 else " × ".join([str(side)] * space.dim)
+        return PilotDesign(points, widths / (side - 1), layout)
     from scipy.stats import qmc
 
     shares = qmc.Halton(space.dim, scramble=False).random(tests + 1)[1:]  # the first point is a corner
-    return PilotDesign(space.at(np.asarray(shares)), widths / tests ** (1 / space.dim), "that fill the space")
+    return PilotDesign(space.at(np.asarray(shares)), widths / tests ** (1 / space.dim), "space-filling")

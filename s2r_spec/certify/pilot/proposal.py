@@ -149,15 +149,14 @@ def propose(seen: Evidence, declared: CertifySettings, fall: float) -> Proposal:
     }
     surface = fit_kernel(seen.space, [*functions.values()], seen.spacing)
     kernel = _rounded(surface.kernel)
-    norms = {name: one.norm(kernel) for name, one in functions.items()}
-    largest = max(norms, key=lambda name: norms[name])
-    B = float(at_most(NORMS * norms[largest], 2))
+    norm, largest = max((one.norm(kernel), name) for name, one in functions.items())
+    B = float(at_most(NORMS * norm, 2))
     delta = DELTA if declared.delta is None else declared.delta
     search = SearchSettings(
         space=seen.space, kernel=kernel, B=B, R=R * seen.averaged, delta=delta, epsilon=epsilon
     )
     low, high = rollouts(search)
-    fit = _amount(norms[largest], seen.unit) + (f" for {largest}" if len(norms) > 1 else "")
+    fit = _amount(norm, seen.unit) + (f" for {largest}" if len(functions) > 1 else "")
     reasons = {
         "delta": _delta_words(declared.delta, R, epsilon),
         "epsilon": epsilon_words,
@@ -166,9 +165,15 @@ def propose(seen: Evidence, declared: CertifySettings, fall: float) -> Proposal:
         "kernel": _kernel_words(surface, seen),
         "fall": _fall_words(declared.fall, fall),
     }
-    for name, changed in (("B", replace(search, B=B / 2)), ("R", replace(search, R=search.R / 2))):
+    longer = Kernel(kernel.name, tuple((2 * kernel.lengthscales(seen.space.dim)).tolist()))
+    B_longer = NORMS * max(one.norm(longer) for one in functions.values())
+    for name, words, changed in (
+        ("B", "half of it", replace(search, B=B / 2)),
+        ("R", "half of it", replace(search, R=search.R / 2)),
+        ("kernel", "twice the lengthscales", replace(search, kernel=longer, B=B_longer)),
+    ):
         fewer = math.sqrt(low * high / math.prod(rollouts(changed)))
-        reasons[name] += f"; half of it: {fewer:.1f} times fewer rollouts" if fewer >= 1.05 else ""
+        reasons[name] += f"; {words}: {fewer:.1f} times fewer rollouts" if fewer >= 1.05 else ""
     return Proposal(
         CertifySettings(delta, epsilon, B, R, _choice(kernel), fall),
         reasons,
