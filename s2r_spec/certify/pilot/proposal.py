@@ -29,7 +29,7 @@ from s2r_spec.certify.bound.rounding import at_least, at_most
 from s2r_spec.certify.bound.sample_complexity import sequential_lower_bound
 from s2r_spec.certify.bound.settings import SearchSettings
 from s2r_spec.certify.pilot.noise import Noise, noise_of
-from s2r_spec.certify.pilot.surface import Means, Surface, fit_kernel
+from s2r_spec.certify.pilot.surface import LONGEST, Means, Surface, fit_kernel
 from s2r_spec.certify.search.plan import rollouts
 from s2r_spec.space import Space
 from s2r_spec.spec import CertifySettings, KernelChoice
@@ -165,12 +165,13 @@ def propose(seen: Evidence, declared: CertifySettings, fall: float) -> Proposal:
         "kernel": _kernel_words(surface, seen),
         "fall": _fall_words(declared.fall, fall),
     }
-    longer = Kernel(kernel.name, tuple((2 * kernel.lengthscales(seen.space.dim)).tolist()))
+    within = np.minimum(2 * kernel.lengthscales(seen.space.dim), seen.space.upper - seen.space.lower)
+    longer = Kernel(kernel.name, tuple(within.tolist()))
     B_longer = NORMS * max(one.norm(longer) for one in functions.values())
     for name, words, changed in (
         ("B", "half of it", replace(search, B=B / 2)),
         ("R", "half of it", replace(search, R=search.R / 2)),
-        ("kernel", "twice the lengthscales", replace(search, kernel=longer, B=B_longer)),
+        ("kernel", "up to twice as long", replace(search, kernel=longer, B=B_longer)),
     ):
         fewer = math.sqrt(low * high / math.prod(rollouts(changed)))
         reasons[name] += f"; {words}: {fewer:.1f} times fewer rollouts" if fewer >= 1.05 else ""
@@ -261,7 +262,7 @@ def _kernel_words(surface: Surface, seen: Evidence) -> str:
         f"{gap:.2g} {axis.unit}".rstrip() + f" of {axis.name}"
         for axis, gap in zip(seen.space.axes, seen.spacing, strict=True)
     )
-    return f"{of}; lengthscales at most 3 × the distance of tests, {gaps}"
+    return f"{of}; lengthscales at most {LONGEST:g} × the distance of tests ({gaps}) and the range"
 
 
 def _fall_words(declared: float | None, fall: float) -> str:
