@@ -12,6 +12,7 @@ from s2r_spec.certify.bound.kernels import Kernel
 from s2r_spec.certify.bound.rounding import interval_text
 from s2r_spec.certify.result.refusals import with_remedy
 from s2r_spec.certify.search.search import Search
+from s2r_spec.errors import UsageError
 from s2r_spec.space import Space
 from s2r_spec.workers.pools import in_this_process
 from tests.errors import states
@@ -73,6 +74,15 @@ def test_the_smallest_r_that_is_not_refuted_passes_and_a_smaller_one_does_not(se
     assert again(0.97 * R).label is Label.REFUSED
     reason = with_remedy(search.certificate(), search, tests).reason
     assert float(re.search(r"R = (\S+) is the smallest", reason)[1]) == pytest.approx(R, rel=0.01)
+
+
+def test_a_declaration_that_rests_on_the_kernel_alone_names_the_lengthscale_that_would_do():
+    settings = USUAL | {"B": 0.5, "epsilon": 0.4}
+    with pytest.raises(UsageError) as refusal:
+        Search(LINE, **settings | {"kernel": Kernel("rbf", 2.0)}).refuse_hopeless()
+    below = float(re.search(r"lengthscale below (\S+)", str(refusal.value))[1])
+    Search(LINE, **settings | {"kernel": Kernel("rbf", 0.99 * below)}).refuse_hopeless()
+    Search(LINE, **settings | {"kernel": Kernel("rbf", 2.0), "epsilon": 0.2}).refuse_hopeless()
 
 
 @pytest.mark.usefixtures("toy")
