@@ -161,7 +161,8 @@ def summary(case: str, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "runs": len(rows),
         "refused": sum(row["label"] == "REFUSED" for row in rows),
         "verdicts": {
-            word: sum(row["verdict"] == word for row in rows) for word in {r["verdict"] for r in rows}
+            word: sum(row["verdict"] == word for row in rows)
+            for word in sorted({row["verdict"] for row in rows})
         },
         "pilot_rollouts": int(np.median([row["pilot_rollouts"] for row in rows])),
         "median_rollouts": int(np.median([row["rollouts"] for row in rows])),
@@ -171,6 +172,15 @@ def summary(case: str, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
         for name in ("R_over_noise", "B_over_norm")
         if name in rows[0]
     }
+
+
+def document(record: dict[str, list[dict[str, Any]]]) -> str:
+    """Return a record as JSON with a line for each row."""
+    parts = [
+        f"{json.dumps(name)}: [\n" + ",\n".join(json.dumps(row, ensure_ascii=False) for row in rows) + "\n]"
+        for name, rows in record.items()
+    ]
+    return "{\n" + ",\n".join(parts) + "\n}\n"
 
 
 def main() -> None:
@@ -207,8 +217,7 @@ def main() -> None:
         print(line)
     if options.write:
         runs = [row for found in rows.values() for row in found if "line" in row]
-        record = {"machine": describe("numpy", "torch"), "cases": table, "runs": runs}
-        RESULTS.write_text(json.dumps(record, indent=1, ensure_ascii=False) + "\n")
+        RESULTS.write_text(document({"machine": [describe("numpy", "torch")], "cases": table, "runs": runs}))
 
 
 if __name__ == "__main__":

@@ -105,7 +105,10 @@ def _print(spec: Path, result: PilotResult) -> None:
     where = ", ".join(f"{name} = {value:.3g}" for name, value in proposal.worst.items())
     say(f"{result.requirement}  ({spec.name} on {' and '.join(result.backends)})")
     say(f"  pilot     {result.rollouts} rollouts at {result.tests} tests ({result.layout}), {fallen}")
-    say(f"  mean ρ    {proposal.lowest_mean:+.4f} … {proposal.highest_mean:+.4f}{unit}, lowest at {where}")
+    of = f" of {result.backends[-1]}" if len(result.backends) > 1 else ""
+    say(
+        f"  mean ρ    {proposal.lowest_mean:+.4f} … {proposal.highest_mean:+.4f}{unit}{of}, lowest at {where}"
+    )
     say("")
     for text in result.line.splitlines():
         say(text)

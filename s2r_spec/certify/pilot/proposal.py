@@ -285,7 +285,7 @@ def _warnings(seen: Evidence, noises: Mapping[str, Noise], surface: Surface) -> 
         elif noise.noisiest is not None:
             test = seen.space.point(seen.points[noise.noisiest])
             where = ", ".join(f"{key} = {value:.3g}" for key, value in test.items())
-            found.append(f"{name} is noisier at {where} than elsewhere; R is from this test")
+            found.append(f"{name} is noisier at {where} than elsewhere; R allows for it")
     if surface.short:
         found.append(
             f"the means change within the distance of two tests along {', '.join(surface.short)}; run a pilot with a "
