@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from s2r_spec.certify.check import CheckResult, check
     from s2r_spec.certify.gap import gap
     from s2r_spec.certify.measure import check_measure
+    from s2r_spec.certify.pilot.run import PilotResult, pilot
     from s2r_spec.certify.real_machine import CertifyResult, certify
     from s2r_spec.certify.result.compose import Composition, compose
     from s2r_spec.certify.result.gap_result import GapResult
@@ -72,6 +73,7 @@ __all__ = [
     "Messages",
     "Monitor",
     "Parameter",
+    "PilotResult",
     "Plan",
     "Query",
     "Replay",
@@ -94,6 +96,7 @@ __all__ = [
     "load_result",
     "load_spec",
     "parse_spec",
+    "pilot",
     "plan",
     "profile",
     "read_episodes",
@@ -114,6 +117,7 @@ _HOMES = {
     "certify.result.gap_result": ("GapResult",),
     "certify.bound.kernels": ("Kernel",),
     "certify.measure": ("check_measure",),
+    "certify.pilot.run": ("PilotResult", "pilot"),
     "certify.search.plan": ("Plan",),
     "certify.search.plan_request": ("plan",),
     "certify.real_machine": ("CertifyResult", "certify"),

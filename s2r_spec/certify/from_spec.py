@@ -20,21 +20,13 @@ def search_for(spec: Spec, requirement: str, options: RunOptions, noise: float =
 
     An unknown requirement, or a certify line that lacks a setting, is a UsageError.
     """
-    if requirement not in spec.requirements:
-        raise UsageError(
-            f"{spec.name} has no requirement {requirement!r}; it has {one_of(spec.requirements)}"
-        )
-    if not spec.space.dim:
-        raise UsageError(
-            f"{spec.name} has no test space: declare a parameter with a range, "
-            f"for example  param vd {{m/s}} in [-0.2, 0.3]"
-        )
+    require_space(spec, requirement)
     line: Any = spec.certify.get(requirement, CertifySettings())
     names = ("delta", "epsilon", "B", "R", "kernel", "fall")
     if lacking := [name for name in names if getattr(line, name) is None]:
         raise UsageError(
             f"the certificate of {requirement!r} needs {', '.join(lacking)}, declared before the data "
-            f"in a line 'certify {requirement}: {lacking[0]} = …' of {spec.name}"
+            f"in a line 'certify {requirement}: {lacking[0]} = …' of {spec.name}; `s2r pilot` proposes one"
         )
     return Search.of(
         SearchSettings(
@@ -52,6 +44,19 @@ def search_for(spec: Spec, requirement: str, options: RunOptions, noise: float =
             unit=rho_unit(spec, requirement),
         )
     )
+
+
+def require_space(spec: Spec, requirement: str) -> None:
+    """Refuse an unknown requirement, and a specification without a test space, with a UsageError."""
+    if requirement not in spec.requirements:
+        raise UsageError(
+            f"{spec.name} has no requirement {requirement!r}; it has {one_of(spec.requirements)}"
+        )
+    if not spec.space.dim:
+        raise UsageError(
+            f"{spec.name} has no test space: declare a parameter with a range, "
+            f"for example  param vd {{m/s}} in [-0.2, 0.3]"
+        )
 
 
 def only_requirement(spec: Spec) -> str:

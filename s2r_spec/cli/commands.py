@@ -25,6 +25,7 @@ EXAMPLES = {
     "gap": "gap specs/a1_velocity.stl --sim sim --real twin:lab --budget 50",
     "certify": "certify specs/a1_velocity.stl --sim sim --real twin:lab --budget 100",
     "diagnose": "diagnose specs/a1_velocity.stl --sim sim --real twin:lab --budget 30",
+    "pilot": "pilot specs/turtlebot.stl --backend turtlebot",
     "plan": "plan specs/a1_velocity.stl --backend sim --time 30min",
     "odds": "odds s2r-runs/night --B 0.5 --below 0",
     "choose": "choose s2r-runs/soft s2r-runs/stiff",

@@ -14,7 +14,6 @@ from s2r_spec.cli.terminal.common import sentences
 from s2r_spec.cli.terminal.terminal import console, say
 
 if TYPE_CHECKING:
-    from s2r_spec.certify.search.pilot import Pilot
     from s2r_spec.certify.search.plan import Plan
     from s2r_spec.certify.search.plan_request import PlanRequest
 
@@ -37,9 +36,6 @@ class Declaration:
         None,
         help="Time available on --backend, such as 30min; prints the ε that can be reached in this time.",
         show_default=False,
-    )
-    pilot: Path | None = typer.Option(
-        None, help="Folder of a pilot run from which to judge R. Do not certify with its rollouts."
     )
     R: float | None = search_option(
         None,
@@ -70,8 +66,8 @@ class Declaration:
         None, "--range", help="Proven least and greatest ρ; R is half the width."
     )
 
-    def request(self, spec: Path | None, requirement: str | None) -> PlanRequest | Pilot:
-        """Return the plan with complete settings, or the pilot alone."""
+    def request(self, spec: Path | None, requirement: str | None) -> PlanRequest:
+        """Return the plan with complete settings."""
         from s2r_spec.certify.bound.kernels import Kernel
         from s2r_spec.certify.search.plan_request import PlanOptions, plan_request
         from s2r_spec.space import Space
@@ -95,13 +91,9 @@ def plan(
 ) -> None:
     """Estimate the rollouts that a certificate takes, and the ε that a budget reaches."""
     with sentences(as_json):
-        from s2r_spec.certify.search.pilot import Pilot
         from s2r_spec.cli.terminal.stages import Stages
 
         request = declared.request(spec, requirement)
-        if isinstance(request, Pilot):
-            _print_pilot(request, as_json)
-            return
         if not as_json:  # what needs no estimate is printed before the estimates
             _print_request(request)
         with Stages(console(stderr=True), quiet) as stages:
@@ -113,8 +105,6 @@ def plan(
         for rollouts, width in result.gaps:
             each = f"{rollouts} rollouts of {request.seconds:.3g} s"
             say(f"  {declared.time} of {declared.backend} ({each}): ε = {width:.2g} for the gap")
-        if request.pilot is not None:
-            _print_pilot(request.pilot, as_json=False)
 
 
 def _print_json(request: PlanRequest, result: Plan) -> None:
@@ -123,8 +113,7 @@ def _print_json(request: PlanRequest, result: Plan) -> None:
 
     of = request.settings
     values = {"R": of.R, "epsilon": of.epsilon, "delta": of.delta, "B": of.B}
-    more = {"seconds_per_rollout": request.seconds, "pilot": request.pilot}
-    print(line(extend(PlanObject, result, **values, **more)))
+    print(line(extend(PlanObject, result, **values, seconds_per_rollout=request.seconds)))
 
 
 def _print_request(request: PlanRequest) -> None:
@@ -148,20 +137,6 @@ def _print_plan(request: PlanRequest, result: Plan) -> None:
     say(f"                        {high} if every test is nearly the worst one")
     for rollouts, narrow, wide in result.reachable_range:
         say(f"  with {rollouts} rollouts: ε = {narrow:.2g} … {wide:.2g}")
-
-
-def _print_pilot(noise: Pilot, as_json: bool) -> None:
-    if as_json:
-        from s2r_spec.report.records.plan import PilotObject
-
-        print(line(PilotObject(pilot=noise)))
-        return
-    say(
-        f"pilot of {noise.rollouts} rollouts: standard deviation {noise.std:.3g}, "
-        f"every R below {noise.refuted:.3g} is refuted"
-    )
-    say(noise.warning or "  no heavy tail seen; declare R with a margin, usually three standard deviations")
-    say("  use this pilot only to choose R; certify with another seed, on new rollouts")
 
 
 def _count(rollouts: float | None) -> str:

@@ -29,7 +29,7 @@ from s2r_spec.certify.search.search import Query, Search
 from s2r_spec.runs.journal import Journal, Record
 from s2r_spec.runs.layout import FILE, GAP, SIMULATION, SYSTEMS, runs_in
 from s2r_spec.runs.repeatability import refuse_unrepeatable
-from s2r_spec.runs.spec_files import load_run_spec
+from s2r_spec.runs.spec_files import PILOT, load_run_spec
 from s2r_spec.runs.stop_rule import DECIDED, stop_of
 from s2r_spec.spec import Spec
 
@@ -147,6 +147,7 @@ def recompute(folder: Path, exact: bool = True) -> Recomputed:
             (or of the numerical libraries) chooses tests that differ from the recorded ones.
     """
     journal = Journal.read(folder)
+    _refuse_pilot(folder, journal)
     if "side" in journal.header:
         raise UsageError(f"{folder} is one half of a gap's run; give its parent folder")
     if not len(journal):
@@ -175,6 +176,7 @@ def recompute_gap(folder: Path, simulated: Search | None = None, exact: bool = T
     """
     journals = {side: Journal.read(folder / side) for side in SYSTEMS}
     for side in SYSTEMS:
+        _refuse_pilot(folder, journals[side])
         refuse_unrepeatable(folder / side)
     header = journals["real"].header
     spec = _of_both(folder, journals)
@@ -203,6 +205,13 @@ def recompute_gap(folder: Path, simulated: Search | None = None, exact: bool = T
         tuple(journals["real"].records()),
         len(journals["real"]) - counted,
     )
+
+
+def _refuse_pilot(folder: Path, journal: Journal) -> None:
+    if PILOT in journal.header:
+        raise UsageError(
+            f"{folder} is a pilot and has no certificate; s2r pilot SPEC --resume {folder} reads it"
+        )
 
 
 def recompute_certify(folder: Path, real: str | None = None, exact: bool = True) -> RecomputedCertify:

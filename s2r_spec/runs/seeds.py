@@ -22,6 +22,8 @@ class SeedStream(IntEnum):
     FORETELL = 3
     REMAINDER = 4
     NOMINAL = 5
+    PILOT = 6
+    PILOT_REAL = 7
 
 
 def rollout_seed(seed: int, query: int, replicate: int, stream: SeedStream = SeedStream.CHECK) -> int:

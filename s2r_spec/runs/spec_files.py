@@ -26,13 +26,15 @@ from s2r_spec.runs.layout import SYSTEMS
 from s2r_spec.runs.lines import COUNT, TEXT, JournalError, damage, fault, is_count, is_length, is_text
 from s2r_spec.runs.machine_journal import AGAIN, FALL
 from s2r_spec.runs.stop_rule import STOPS, stop_of
-from s2r_spec.spec import Spec, load_spec, parse_spec
+from s2r_spec.spec import CertifySettings, Spec, load_spec, parse_spec
 from s2r_spec.spec.declared import hash_of
 
 SPEC_FILE = "spec.stl"
 IMPORTS_FILE = "imports.json"
 IMPORTS = "imports"
 SCHEMA = "s2r.imports/1"
+PILOT = "pilot"
+"""Definition: field of the header of a pilot's journal, which has no settings."""
 
 _HEADER = {
     **dict.fromkeys(("s2r", "spec", "spec_hash", "requirement", "backend"), TEXT),
@@ -85,7 +87,15 @@ def load_run_spec(journal: Journal) -> Spec:
         )
     for record in journal.records():
         _check_test(spec, journal, record)
+    if PILOT in header:
+        return with_fall(spec, header["requirement"], float(header[PILOT]["fall"]))
     return spec
+
+
+def with_fall(spec: Spec, requirement: str, fall: float) -> Spec:
+    """Return a specification with ρ of a failed rollout for a requirement that declares none."""
+    declared = spec.certify.get(requirement, CertifySettings())
+    return replace(spec, certify={**spec.certify, requirement: declared.over(CertifySettings(fall=fall))})
 
 
 def checked_header(journal: Journal) -> dict[str, Any]:
@@ -96,7 +106,13 @@ def checked_header(journal: Journal) -> dict[str, Any]:
             f"{journal.folder} is a run of the measure {header['measure']!r}, which check_measure began in Python; "
             f"call check_measure again with resume=True for its certificate"
         )
-    wrong = fault(header, _HEADER) or fault(header["settings"], {"mode": TEXT, "engine": TEXT})
+    if PILOT in header:
+        wrong = fault(header, {key: rule for key, rule in _HEADER.items() if key != "settings"})
+        about = header[PILOT]
+        if not wrong and not (isinstance(about, dict) and isinstance(about.get("fall"), float | int)):
+            wrong = f"{PILOT} must be an object with the number fall"
+    else:
+        wrong = fault(header, _HEADER) or fault(header["settings"], {"mode": TEXT, "engine": TEXT})
     if not wrong and "side" in header:
         wrong = "" if header["side"] in SYSTEMS else "side must be sim or real"
         if not wrong and header.get("simulated_per_real") not in (1, 2):

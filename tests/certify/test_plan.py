@@ -7,7 +7,6 @@ from s2r_spec.certify.bound.kernels import Kernel
 from s2r_spec.certify.bound.sample_complexity import minimax, sequential_lower_bound
 from s2r_spec.certify.bound.settings import SearchSettings
 from s2r_spec.certify.search.effort import Effort, Objective
-from s2r_spec.certify.search.pilot import read_pilot
 from s2r_spec.certify.search.plan_request import plan
 from s2r_spec.certify.search.search import Search
 from s2r_spec.errors import UsageError
@@ -106,31 +105,6 @@ def test_a_claim_beyond_reach_is_said_to_be():
     assert foretold.flat is None
 
 
-class TestPilot:
-    def test_what_it_refutes_is_below_the_truth_and_not_far(self):
-        rng = np.random.default_rng(0)
-        pilot = read_pilot([rng.normal(size=10) * 0.003 + mean for mean in np.linspace(0, 1, 20)])
-        assert 0.7 * 0.003 < pilot.refuted < 0.003
-        assert pilot.std == pytest.approx(0.003, rel=0.15)
-        assert pilot.warning == ""
-
-    def test_rare_large_noise_is_warned_of(self):
-        rng = np.random.default_rng(0)
-        noise = 0.003 * rng.normal(size=(30, 10))
-        noise[4, 2] = -0.5  # one fall
-        assert "a standard deviation is not a proxy for it" in read_pilot(list(noise)).warning
-
-    def test_bernoulli_noise_is_warned_of(self):
-        rng = np.random.default_rng(0)
-        assert read_pilot(list((rng.uniform(size=(50, 10)) < 0.01) * 1.0)).warning
-
-    def test_too_few_replicates_are_refused(self):
-        with pytest.raises(UsageError, match=r"\b2\b.*replicates"):
-            read_pilot([[1.0, 2.0, 3.0]])
-        with pytest.raises(UsageError, match="equal"):
-            read_pilot([[1.0] * 10])
-
-
 def test_settings_fitted_on_the_same_data_make_no_certificate():
     rng = np.random.default_rng(0)
     kernel = Kernel("rbf", 0.2)
@@ -200,7 +174,6 @@ def test_the_time_on_a_backend_becomes_a_budget():
         ({"B": 1.0}, ["--R", "--eps", "--delta"]),
         ({"bounds": (1.0, 0.0)}, ["--range"]),
         ({"time": "30min"}, ["--time", "--backend"]),
-        ({"pilot": "nowhere"}, ["nowhere"]),
     ],
 )
 def test_a_plan_without_its_settings_is_refused(keywords, facts):

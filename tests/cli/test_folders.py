@@ -282,10 +282,10 @@ def test_a_run_of_a_measure_says_what_it_is(s2r, small):
     one_sentence(s2r(*COMMANDS["report"]), "check_measure")
 
 
-def test_a_pilot_is_given_as_its_run_was_named(s2r, small):
-    for folder in ("r", "r/walking"):  # found, and too small
-        one_sentence(s2r("plan", "--pilot", folder), "4 replicates")
-    one_sentence(s2r("plan", "--pilot", "nowhere"), "nowhere")
+def test_a_pilot_says_that_it_has_no_certificate(s2r):
+    s2r("pilot", s2r.spec(), "-b", "toy", "-q", "--run", "p", code=0)
+    for words in (("report", "p"), ("odds", "p", "--B", 1), ("choose", "p", "p")):
+        one_sentence(s2r(*words), "p", "--resume p")
 
 
 # -- writers ---------------------------------------------------------------------------------------

@@ -38,15 +38,6 @@ def test_a_proven_range_gives_the_proxy(s2r):
     assert s2r.json("plan", "--range", -0.5, 0.1, *words, code=0)["R"] == pytest.approx(0.3)
 
 
-def test_a_pilot_judges_the_proxy_and_says_that_it_must_not_be_used_again(s2r):
-    s2r("check", s2r.spec(), "-b", "toy", "-q", "--run", "pilot", code=0)
-    shown = s2r("plan", "--pilot", "pilot/walking", code=0).stdout
-    assert states(shown, "R", "another seed")
-    pilot = s2r.json("plan", "--pilot", "pilot/walking", code=0)["pilot"]
-    # The toy's ρ scatters by 0.01, folded by the absolute value near the smallest error.
-    assert 0.003 < pilot["refuted"] < pilot["std"] < 0.012
-
-
 @pytest.mark.parametrize(
     ("words", "facts"),
     [
@@ -54,7 +45,6 @@ def test_a_pilot_judges_the_proxy_and_says_that_it_must_not_be_used_again(s2r):
         ((*SETTINGS, "--range", 0, 1), ["--range", "--R"]),
         ((*SETTINGS, "--kernel", "rfb"), ["'rfb'", "did you mean 'rbf'"]),
         ((*SETTINGS[:-1], -1), ["B = -1"]),
-        (("--pilot", "nowhere"), ["nowhere"]),
     ],
 )
 def test_bad_input_gets_a_sentence(s2r, words, facts):

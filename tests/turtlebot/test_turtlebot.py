@@ -87,11 +87,9 @@ def test_a_parameter_that_it_does_not_have_is_refused(name):
 
 def test_s2r_check_from_end_to_end(tmp_path):
     spec = s2r.load_spec(SPEC)
-    result = s2r.check(spec, "turtlebot", tmp_path / "run", budget=150)
+    result = s2r.check(spec, "turtlebot", tmp_path / "run", budget=150, stop="epsilon")
     assert result.certificate.label is s2r.Label.BUDGET
-    assert (
-        result.lower <= 0.097 <= result.upper
-    )  # the worst mean ρ of the pilot, benchmarks/turtlebot_pilot.py
+    assert result.lower <= 0.097 <= result.upper  # the worst mean ρ of `s2r pilot`
     assert set(result.worst.params) == {"ox", "oy"}
     again = s2r.load_backend("turtlebot").rollout(result.lowest.params, result.lowest.seed)
     assert spec.robustness(again, result.lowest.params)["delivers"] == result.lowest.rho

@@ -27,6 +27,7 @@ replicates, is in docs/explanation/certificate.md.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -142,3 +143,23 @@ def noise_e_value(scatter: float, degrees: int) -> float:
     s = R_TEST_SCALES
     logs = degrees / 2 * np.log1p(-s) + s * scatter / 2
     return float(np.logaddexp.reduce(logs) - np.log(s.size))
+
+
+def least_proxy(history: Iterable[tuple[float, int]], delta: float) -> float:
+    """Return the smallest R' ≥ R that no e-value of a search refutes at the level δ, in units of R.
+
+    Args:
+        history: (scatter, degrees) after each query, as :func:`noise_e_value` takes them.
+        delta: level of the test.
+    """
+    rows = list(history)
+    low, high = 1.0, 1e6
+    if not any(noise_e_value(scatter, degrees) >= -np.log(delta) for scatter, degrees in rows):
+        return low
+    for _ in range(60):  # an e-value falls as R' grows
+        middle = np.sqrt(low * high)
+        refuted = any(
+            noise_e_value(scatter / middle**2, degrees) >= -np.log(delta) for scatter, degrees in rows
+        )
+        low, high = (middle, high) if refuted else (low, middle)
+    return float(high)

@@ -51,6 +51,7 @@ class Outcomes:
         scatter: sum of squared deviations of replicates from the mean of their query, in units of R².
         degrees: replicates beyond the first of each query, the degrees of freedom of ``scatter``.
         log_e: natural logarithm of the largest e-value against R so far.
+        history: (scatter, degrees) after each query.
     """
 
     samples: OutcomeSamples = field(default_factory=OutcomeSamples)
@@ -58,6 +59,7 @@ class Outcomes:
     scatter: float = 0.0
     degrees: int = 0
     log_e: float = 0.0
+    history: tuple[tuple[float, int], ...] = ()
 
     def add(self, place: int, values: FloatArray) -> Outcomes:
         """Return the outcomes with (replicates,) more values at a point."""
@@ -70,6 +72,7 @@ class Outcomes:
             scatter=scatter,
             degrees=degrees,
             log_e=max(self.log_e, confidence.noise_e_value(scatter, degrees)),
+            history=(*self.history, (scatter, degrees)),
         )
 
 

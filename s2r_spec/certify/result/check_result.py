@@ -15,10 +15,12 @@ from s2r_spec.base.verdict import Verdict
 from s2r_spec.certify.bound.certificate import Certificate, Label
 from s2r_spec.certify.bound.rounding import at_most
 from s2r_spec.certify.result import voids
+from s2r_spec.certify.result.refusals import with_remedy
 from s2r_spec.certify.result.search_result import (
     BackendProvenance,
     RunProvenance,
     SearchResult,
+    by_query,
     by_test,
     distance,
     left_out,
@@ -146,6 +148,8 @@ def conclude(spec: Spec, search: Search, journal: Journal, provenance: dict[str,
     every, unit = journal.records(), rho_unit(spec, requirement)
     records = [record for record in every if search.counts(record.query)] or every
     certificate = voids.without_too_many(search.one_sided() or search.certificate(), backend, journal)
+    outcomes = [(group[0].params, [-record.rho for record in group]) for group in by_query(records)]
+    certificate = with_remedy(certificate, search, outcomes)
     lower, upper = -certificate.upper, -certificate.lower
     verdict, reason = _judge(certificate, lower, upper, stop_of(provenance))
     about = (

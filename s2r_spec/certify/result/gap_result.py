@@ -16,10 +16,12 @@ from s2r_spec.base.json_types import Level, Magnitude
 from s2r_spec.base.json_values import extend
 from s2r_spec.certify.bound.certificate import Certificate
 from s2r_spec.certify.result import voids
+from s2r_spec.certify.result.refusals import with_remedy
 from s2r_spec.certify.result.search_result import (
     BackendProvenance,
     RunProvenance,
     SearchResult,
+    by_query,
     by_test,
     distance,
     left_out,
@@ -219,6 +221,8 @@ def conclude_gap(
     certificate = voids.without_too_many(
         search.certificate(), provenance["real"]["backend"], journals["real"]
     )
+    outcomes = [(group[0].params, [-pair.gap for pair in group]) for group in by_query(pairs)]
+    certificate = with_remedy(certificate, search, outcomes, judged=False)
     lowest, highest = search.range
     return GapResult(
         requirement=provenance["requirement"],

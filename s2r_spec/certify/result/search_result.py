@@ -107,6 +107,14 @@ def by_test(rollouts: Iterable[Any]) -> list[list[Any]]:
     return list(groups.values())
 
 
+def by_query(rollouts: Iterable[Any]) -> list[list[Any]]:
+    """Group rollouts or pairs by their ``query``, in order."""
+    groups: dict[int, list[Any]] = {}
+    for rollout in rollouts:
+        groups.setdefault(rollout.query, []).append(rollout)
+    return [groups[query] for query in sorted(groups)]
+
+
 def distance(spec: Spec, left: Mapping[str, float], right: Mapping[str, float]) -> float:
     """Return the distance of two tests as a share of the test space's width, on the axis where it is largest."""
     return max(abs(left[axis.name] - right[axis.name]) / axis.width for axis in spec.space.axes)

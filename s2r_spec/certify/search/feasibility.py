@@ -9,7 +9,7 @@ import numpy as np
 
 from s2r_spec.certify.bound.coverage import MOST_ROLLOUTS, long_axes
 from s2r_spec.certify.bound.kernels import Kernel
-from s2r_spec.certify.bound.rounding import at_most
+from s2r_spec.certify.bound.rounding import at_least, at_most
 from s2r_spec.certify.bound.sample_complexity import sequential_lower_bound
 from s2r_spec.certify.bound.settings import SearchSettings
 from s2r_spec.certify.bound.tiling import MOST_POINTS
@@ -34,9 +34,10 @@ class Obstacles:
         fewest = sequential_lower_bound(settings.R, settings.epsilon, settings.delta)
         too_many = _too_many_tests(settings)
         if settings.budget is None and fewest > MOST_ROLLOUTS:
+            enough = at_most(settings.epsilon * math.sqrt(fewest / MOST_ROLLOUTS))
             too_many = (
                 f"epsilon = {settings.epsilon:g} takes at least {fewest:.0e} rollouts for R = {settings.R:g}, by "
-                f"any method; ask for a larger epsilon, or give a budget"
+                f"any method; declare an epsilon of at least {enough}, or give a budget"
             )
         return cls(_constant(settings), too_many)
 
@@ -74,7 +75,8 @@ def _constant(settings: SearchSettings) -> str:
             return (
                 f"the lengthscale of {name} is {length:g} {unit}".rstrip()
                 + f", {times} times its range; B = {B:g} then lets {name} change the outcome by at most "
-                f"{at_most(change[axis])}, and epsilon is {settings.epsilon:g}; check the lengthscale's unit"
+                f"{at_most(change[axis])}, and epsilon is {settings.epsilon:g}; check the unit of the lengthscale, or "
+                f"declare a smaller epsilon or a lengthscale below {at_least(length * change[axis] / settings.epsilon)}"
             )
     return ""
 

@@ -4,22 +4,18 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TypedDict, Unpack
 
 from s2r_spec.backend import Backend, is_exclusive, load_backend
-from s2r_spec.base.errors import UsageError, one_of
+from s2r_spec.base.errors import UsageError
 from s2r_spec.base.magnitude import whole
 from s2r_spec.certify.arguments import as_backend
 from s2r_spec.certify.bound.kernels import Kernel
 from s2r_spec.certify.bound.settings import SearchSettings
 from s2r_spec.certify.from_spec import only_requirement
-from s2r_spec.certify.search.pilot import Pilot, read_pilot
 from s2r_spec.certify.search.plan import MOST, Plan, Progress, plan_search
 from s2r_spec.certify.search.search import Search
 from s2r_spec.lang.units import UnknownUnitError, parse_unit
-from s2r_spec.runs.journal import Journal
-from s2r_spec.runs.layout import runs_in
 from s2r_spec.space import Space
 from s2r_spec.spec import Spec
 from s2r_spec.workers.pools import cores
@@ -45,7 +41,6 @@ class PlanKeywords(TypedDict, total=False):
     most: int
     backend: Backend | str | None
     time: str | None
-    pilot: Path | str | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +60,6 @@ class PlanOptions:
         most: rollouts beyond which an estimate is None.
         backend: the backend whose declared cost gives the times.
         time: the time available on it, such as "30min"; the plan gives the ε that can be reached in it.
-        pilot: the folder of a pilot run, from which R is judged.
     """
 
     requirement: str | None = None
@@ -80,7 +74,6 @@ class PlanOptions:
     most: int = MOST
     backend: Backend | str | None = None
     time: str | None = None
-    pilot: Path | str | None = None
 
 
 @dataclass(frozen=True)
@@ -98,7 +91,6 @@ class PlanRequest:
     afforded: tuple[int, ...]
     seconds: float | None
     at_once: int
-    pilot: Pilot | None
 
     def plan(self, progress: Progress | None = None) -> Plan:
         """Estimate the rollouts."""
@@ -116,29 +108,19 @@ def plan(of: Spec | Space, *, progress: Progress | None = None, **keywords: Unpa
     Raises:
         UsageError: a setting is missing or out of its range, or no rollouts could give a certificate.
     """
-    request = plan_request(of, PlanOptions(**keywords))
-    if isinstance(request, Pilot):
-        raise UsageError(
-            "a plan needs epsilon, delta and B beside the pilot's R; declare them in a certify line"
-        )
-    return request.plan(progress)
+    return plan_request(of, PlanOptions(**keywords)).plan(progress)
 
 
-def plan_request(of: Spec | Space, options: PlanOptions) -> PlanRequest | Pilot:
-    """Return a plan with complete settings; the pilot alone if they are not complete.
-
-    Raises:
-        UsageError: as for :func:`plan`; or settings are missing, and there is no pilot.
-    """
-    pilot = None if options.pilot is None else pilot_of(Path(options.pilot), options.requirement)
+def plan_request(of: Spec | Space, options: PlanOptions) -> PlanRequest:
+    """Return a plan with complete settings; a UsageError as for :func:`plan`."""
     options = _declared_options(of, _with_proxy(options))
     R, epsilon, delta, B = options.R, options.epsilon, options.delta, options.B
     if R is None or epsilon is None or delta is None or B is None:
-        if pilot is not None:
-            return pilot
         values = {"--R": R, "--eps": epsilon, "--delta": delta, "--B": B}
         missing = [name for name, value in values.items() if value is None]
-        raise UsageError(f"give {', '.join(missing)}, or a spec whose certify line declares them")
+        raise UsageError(
+            f"give {', '.join(missing)}, or a spec whose certify line declares them; `s2r pilot` proposes one"
+        )
     backend = None if options.backend is None else as_backend(options.backend)
     machine = load_backend(backend) if isinstance(backend, str) else backend
     # A machine runs one rollout at a time; a simulator runs one on each core.
@@ -159,7 +141,7 @@ def plan_request(of: Spec | Space, options: PlanOptions) -> PlanRequest | Pilot:
     for budget in (*options.budgets, *afforded):
         if whole("budget", budget, 2 * settings.spread) > options.most:
             raise UsageError(f"budget = {budget:g}; a plan has at most {options.most:,} rollouts")
-    return PlanRequest(settings, options.budgets, afforded, seconds, at_once, pilot)
+    return PlanRequest(settings, options.budgets, afforded, seconds, at_once)
 
 
 def _with_proxy(options: PlanOptions) -> PlanOptions:
@@ -210,20 +192,3 @@ def rollouts_in(time: str | None, seconds: float | None) -> tuple[int, ...]:
             f"--time {time} allows {rollouts} rollouts of {seconds:.3g} s; a search needs at least {FEWEST}"
         )
     return (rollouts,)
-
-
-def pilot_of(folder: Path, requirement: str | None) -> Pilot:
-    """Return what the check in a folder says about R; of several requirements, that of the named one.
-
-    A UsageError says that there is no such journal, or that it has too few outcomes.
-    """
-    runs = {path.name: path for path in runs_in(folder)}
-    if len(runs) > 1 and requirement not in runs:
-        raise UsageError(
-            f"{folder} holds runs of {one_of(runs)}: choose one with --requirement, or give its folder"
-        )
-    place = next(iter(runs.values())) if len(runs) == 1 else runs[str(requirement)]
-    groups: dict[int, list[float]] = {}
-    for record in Journal.read(place).records():
-        groups.setdefault(record.query, []).append(record.rho)
-    return read_pilot(list(groups.values()))

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import UsageError
+from s2r_spec.certify.bound import confidence
 from s2r_spec.certify.bound.certificate import Certificate, Label
 from s2r_spec.certify.bound.samples import as_outcomes
 from s2r_spec.certify.bound.settings import SearchKeywords, SearchSettings
@@ -219,6 +220,11 @@ class Search:
     def degrees(self) -> int:
         """Number of outcomes that repeat a test, beyond the first of each: the test of R is based on them."""
         return self._state.outcomes.degrees
+
+    @property
+    def least_proxy(self) -> float:
+        """The smallest R, at least the declared one, that the scatter of replicates does not refute."""
+        return confidence.least_proxy(self._state.outcomes.history, self.delta) * self.R
 
     @property
     def tested(self) -> FloatArray:

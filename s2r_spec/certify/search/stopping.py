@@ -91,7 +91,7 @@ def _refuted_noise(state: SearchState) -> str:
         return ""
     return (
         f"R = {state.settings.R:g} is refuted by the scatter of replicates (e-value 10^{log_e / math.log(10):.1f} "
-        f"≥ 1/δ = {1 / delta:.3g}); declare a larger R from a pilot and begin a new run"
+        f"≥ 1/δ = {1 / delta:.3g}); choose R by `s2r pilot` and begin a new run"
     )
 
 
@@ -111,7 +111,7 @@ def _refuted_norm(state: SearchState) -> str:
     remedy = (
         f"the lengthscale of {state.coverage.names} may be wrong: it is longer than the range"
         if state.coverage.axes
-        else "use the interval of a larger B, if you can justify that B"
+        else "choose B by `s2r pilot` and begin a new run"
     )
     return f"B = {B:g} is less than twice the norm that the data already show (B_low = {at_least(B_low)}); {remedy}"
 

@@ -1,25 +1,29 @@
-"""The objects of ``s2r plan``."""
+"""The objects of ``s2r plan`` and ``s2r pilot``."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Literal
 
-from s2r_spec.certify.search.pilot import Pilot
+from s2r_spec.base.json_values import Shown
+from s2r_spec.certify.pilot.run import PilotResult
 from s2r_spec.certify.search.plan import Plan
 
 
 @dataclass(frozen=True, kw_only=True)
-class PilotObject:
-    """The result of ``s2r plan --pilot`` without settings.
+class PilotObject(Shown):
+    """The result of ``s2r pilot``.
 
     Attributes:
         schema: name and version of this object.
-        pilot: the judgement of R from the pilot run.
+        written: the specification into which the line was put; null without ``--write``.
     """
 
-    schema: Literal["s2r.plan/1"] = "s2r.plan/1"
-    pilot: Pilot
+    schema: Literal["s2r.pilot/1"] = "s2r.pilot/1"
+    result: PilotResult
+    written: str | None
+
+    JSON = "schema *result written"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +38,6 @@ class _Settings:
 @dataclass(frozen=True, kw_only=True)
 class _Cost:
     seconds_per_rollout: float | None
-    pilot: Pilot | None
 
 
 @dataclass(frozen=True)
@@ -48,5 +51,4 @@ class PlanObject(_Cost, Plan, _Settings):
         delta: 1 − probability.
         B: bound on the RKHS norm.
         seconds_per_rollout: time of a rollout with all cores of this computer [s]; null without a backend.
-        pilot: the judgement of R from the pilot run; null without a pilot.
     """
