@@ -48,7 +48,7 @@ FORMULAS = st.recursive(
 
 @st.composite
 def traces(draw):
-    n, period = draw(st.integers(1, 40)), draw(st.sampled_from([0.1, 0.05, 1 / 30]))
+    n, period = draw(st.sampled_from([1, 2, 3, 5, 12, 25, 40])), draw(st.sampled_from([0.1, 0.05, 1 / 30]))
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
     times = period * np.arange(n) + draw(st.sampled_from([0.0, -2.3, 1e6]))
     if draw(st.booleans()):
@@ -101,3 +101,11 @@ def test_a_predicate_without_a_value_past_the_horizon_is_an_error_still(text):
     refused = outcome(lambda: spec.robustness(trace))
     assert "sample 999" in refused[1]
     assert refused == outcome(lambda: spec.evaluate(trace, "it"))
+
+
+@pytest.mark.parametrize(
+    ("text", "rho"), [("deriv(x) <= 2", -8.0), ("next deriv(x) <= 2", -8.0), ("next next x >= 2", 1.0)]
+)
+def test_a_slope_at_the_first_sample_reads_the_second(text, rho):
+    trace = Trace(0.1 * np.arange(5), {"x": [0.0, 1.0, 3.0, 2.0, 1.0]})
+    assert parse_spec(f"signal x require it: {text}").robustness(trace)["it"] == rho
