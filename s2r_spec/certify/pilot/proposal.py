@@ -82,7 +82,7 @@ class Evidence:
         bounded: name → outcomes whose mean B and the kernel must cover.
         worst: the name among ``noisy`` whose worst mean the interval must tell from 0.
         averaged: proxy of the noise of the searched outcome over R.
-        intervals: intervals that are added before 0 is told from the worst mean: 1 for a check, 2 for a gap.
+        intervals: intervals whose widths add up in the one that must exclude 0: 1 for a check, 2 for a gap.
         unit: the unit of ρ.
     """
 
