@@ -138,7 +138,7 @@ class _Bounds:
             case f.Arithmetic():
                 return self._arithmetic(node)
             case f.Elementary(function="sign"):
-                return 1.0
+                return 1.0 if self(node.operand) <= LARGEST else math.inf
             case f.Elementary(function="minus" | "abs") | f.Initial() | f.Delayed():
                 return self(node.operand)
             case f.Extremum() | f.Choice():
@@ -162,8 +162,10 @@ class _Bounds:
         slopes = _product(values, 2.0 / self.step) if self.step else 0.0
         if isinstance(node, f.Derivative):
             return slopes
-        total = _product(values, self.last) if node.function == "integral" else values
-        return total if slopes <= LARGEST else math.inf  # an integral has them on the way
+        total = _product(values, self.last)
+        if max(slopes, total) > LARGEST:  # an integral and a mean have both on the way
+            return math.inf
+        return total if node.function == "integral" else values
 
     def _arithmetic(self, node: f.Arithmetic) -> float:
         left = self(node.left)

@@ -15,7 +15,9 @@ PREDICATES = [
     "x / y < 2", "sqrt(x) <= 1", "x^2 < y", "x^3 < 1", "1 / (x - 0.25) < 3", "x / 4 != y", "flag",
     "deriv(x) <= 2", "delay(x, 0.3) < 1", "integral(y) < 0.7", "integral(y, 0.4) < 0.2", "mean(x, 0.5) <= 0.3",
     "duration(x > 0) < 0.6", "count(y < 0, 0.5) <= 3", "if(x > 0, y, 2 * x) < 1", "overshoot(x, y) < 1",
-    "init(x) - x <= 0.4", "sign(x) >= 0", "count(rise(x > 0)) < 3", "if(eventually[0, 0.5] (x > 1), x, y) < 1",
+    "init(x) - x <= 0.4", "sign(x) >= 0", "sign(x / y) >= 0", "abs(sqrt(x)) < 1",
+    "if(x / y > 0, x, y) < 1", "count(x / y > 1) < 3", "mean(x / y, 0.3) < 1",
+    "count(rise(x > 0)) < 3", "if(eventually[0, 0.5] (x > 1), x, y) < 1",
     "true",
 ]  # fmt: skip
 ENDS = st.sampled_from([0.0, 0.1, 0.2, 0.25, 0.3, 0.5, 1.0])
@@ -89,7 +91,13 @@ def test_rho_at_time_0_is_the_first_of_all(text, trace, p, until):
 
 
 @pytest.mark.parametrize(
-    "text", ["always[0, 1] x / y < 2", "always[0, 1] sqrt(y) < 2", "eventually[0, 1] x - y < 2"]
+    "text",
+    [
+        "always[0, 1] sign(x / y) < 2",
+        "always[0, 1] x / y < 2",
+        "always[0, 1] sqrt(y) < 2",
+        "eventually[0, 1] x - y < 2",
+    ],
 )
 def test_a_predicate_without_a_value_past_the_horizon_is_an_error_still(text):
     spec = parse_spec(f"signal x signal y require it: {text}")

@@ -117,12 +117,9 @@ class OnlineClock:
 
     def check_all(self, times: FloatArray) -> None:
         """Check the times of the next samples [s], without adding them; for errors see :meth:`tick`."""
-        steps = np.diff(times, prepend=self.time if self.now >= 0 else times[:1] - self.step)
-        off = np.abs(steps - self.step) if self.period is not None else -steps
-        if (
-            np.isfinite(times).all()
-            and (off <= (2 * grid.JITTER * self.step if self.period else -1e-300)).all()
-        ):
+        steps = np.diff(times, prepend=self.time if self.now >= 0 else times[:1] - (self.step or 1.0))
+        near = np.abs(steps - self.step) <= 2 * grid.JITTER * self.step if self.period else steps > 0.0
+        if np.isfinite(times).all() and near.all():
             return
         probe = copy(self)
         for time in times.tolist():
