@@ -8,7 +8,6 @@ import pint
 import pytest
 
 import s2r_spec as s2r
-from s2r_spec.base.arrays import median
 from s2r_spec.errors import TraceError
 from s2r_spec.trace import Trace
 from tests.errors import naming
@@ -207,11 +206,3 @@ def test_what_is_no_trace_is_said_with_the_remedy(given, remedy):
     ):
         with pytest.raises(TraceError, match=remedy):
             call(given)
-
-
-@pytest.mark.parametrize("size", [1, 2, 3, 10, 101])
-def test_the_median_is_that_of_numpy(size):
-    values = np.random.default_rng(size).normal(size=size)
-    whole = np.arange(size)[::-1] * 2**60 // size
-    for each in (values, whole, np.where(values > 1, np.nan, values), np.append(values, np.inf)):
-        assert np.array_equal(median(each), np.median(each), equal_nan=True)

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_spec import logs
-from s2r_spec.base.arrays import median
 from s2r_spec.base.errors import NoTimesError, TraceError
 from s2r_spec.logs.options import TIME, TimeOptions, map_argument, unit_of_option
 from s2r_spec.logs.topics import formats
@@ -196,7 +195,7 @@ def _topic(
         len(episodes),
         runs[0].begins,
         float(steps.sum()),
-        median(steps) if steps.size else None,
+        float(np.median(steps)) if steps.size else None,
         float(steps.max()) if steps.size else None,
         tuple(fields),
         tuple(left_out),

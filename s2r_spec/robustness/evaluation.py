@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from s2r_spec.base.arrays import BoolArray, FloatArray, median
+from s2r_spec.base.arrays import BoolArray, FloatArray
 from s2r_spec.base.errors import TraceError, UsageError
 from s2r_spec.lang import formula as f
 from s2r_spec.robustness.binding import bind
@@ -121,7 +121,7 @@ class Reading:
         """Median time from one sample to the next [s]; None for a single sample."""
         if len(self.times) == 1:
             return None
-        return self.clock.step if isinstance(self.clock, Grid) else median(np.diff(self.times))
+        return self.clock.step if isinstance(self.clock, Grid) else float(np.median(np.diff(self.times)))
 
     @cached_property
     def snap(self) -> float:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from s2r_spec.base.arrays import BoolArray, median
+from s2r_spec.base.arrays import BoolArray
 from s2r_spec.base.errors import UsageError
 from s2r_spec.base.printable import count_messages
 from s2r_spec.lang import formula as f
@@ -327,7 +327,7 @@ def _rhythm(trace: Trace, irregular: bool) -> list[str]:
         more = f", the longest of {len(spans)} gaps" if len(spans) > 1 else ""
         return [
             f"there is no sample in the {end - start:.3g} s after t = {instant(trace.times, start)}{more}; they come "
-            f"every {median(np.diff(trace.times)):.3g} s"
+            f"every {float(np.median(np.diff(trace.times))):.3g} s"
         ]
     if irregular:
         return [
@@ -380,7 +380,7 @@ def refuse_unstated(spec: Spec, trace: Trace, requirement: str) -> None:
     text, times = depends_on_unit_of_time(spec, requirement), trace.times
     if not text or len(times) < 2:
         return
-    every = median(np.diff(times))
+    every = float(np.median(np.diff(times)))
     if FAST < every < 1.0 or (1.0 <= every < SLOW and (times != np.rint(times)).any()):
         return
     raise UsageError(

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from s2r_spec.base.arrays import BoolArray, FloatArray, IntArray, median
+from s2r_spec.base.arrays import BoolArray, FloatArray, IntArray
 
 SILENT = 5.0
 """Tolerance: longest gap of a periodic channel that its last value bridges [periods], so that single losses of a
@@ -42,7 +42,7 @@ def period_of_messages(times: FloatArray) -> float:
     steps = steps[steps > 0]
     if steps.size < INTERVALS:
         return math.nan
-    period = median(steps)
+    period = float(np.median(steps))
     low, high = steps.min(), steps.max()
     if (
         low < _SPREAD[0] * period or high > _SPREAD[1] * period

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from s2r_spec.base.arrays import FloatArray, IntArray, median
+from s2r_spec.base.arrays import FloatArray, IntArray
 from s2r_spec.base.errors import TraceError
 from s2r_spec.trace import stamps
 from s2r_spec.trace.instants import DATES, instant
@@ -53,7 +53,7 @@ def finite_seconds(value: Any, what: str) -> float:
 
 def period_of(times: FloatArray) -> float:
     """Return the median time from one sample to the next [s]; 0 for a single sample."""
-    return median(np.diff(times)) if times.size > 1 else 0.0
+    return float(np.median(np.diff(times))) if times.size > 1 else 0.0
 
 
 def inside(times: FloatArray, low: float, high: float) -> slice:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.base.arrays import FloatArray, median
+from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import TraceError
 from s2r_spec.logs import cells
 from s2r_spec.logs.options import TIME
@@ -193,7 +193,7 @@ def _counts(values: NDArray[Any], head: Head, unit: str | None, first: Any) -> T
     stated = size is not None
     if head.name == TIME:  # the times of a trace are in seconds unless they say so, if they look like seconds
         steps = np.abs(np.diff(values.astype(np.float64)))
-        stated = stated or not steps.size or FAST < median(steps) < SLOW
+        stated = stated or not steps.size or FAST < float(np.median(steps)) < SLOW
     if size is None:
         ends = [values[0], values[-1]] if values.size and first is None else []
         likely = next(filter(None, (time_units.looks_like(float(end)) for end in ends)), None)
@@ -215,7 +215,7 @@ def _assumption_notes(values: NDArray[Any], head: Head) -> tuple[str, ...]:
     """Return a note if whole numbers without a unit are taken for seconds, as those of a column ``t`` are."""
     if head.name == TIME or values.size < 2 or not (values == np.round(values)).all():
         return ()
-    step = median(np.diff(values))
+    step = float(np.median(np.diff(values)))
     return (
         f"the times of {quote(head.text)} are whole numbers without a unit, {step:g} apart, and are read in seconds; "
         f"if they are in ms, add --time-unit ms",
