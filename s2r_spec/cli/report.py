@@ -47,22 +47,9 @@ def report(
         runs = recompute_all(run, exact=form == "json")
         result = report_of([one.result for one in runs], "s2r report")
         if page:
-            _load_matplotlib()
             path = output or run / "report.html"
             save(path, html.render(runs))
             say(path)
         else:
             emit(result, form or "text", output, verbose)
         raise typer.Exit(result.exit_code)
-
-
-def _load_matplotlib() -> None:
-    """Import matplotlib without the help on its classes, which it writes meanwhile: no command prints it."""
-    from matplotlib import artist as artists
-
-    written = artists.kwdoc
-    artists.kwdoc = lambda artist: ""
-    try:
-        import matplotlib.figure  # noqa: F401
-    finally:
-        artists.kwdoc = written
