@@ -107,10 +107,8 @@ def draw(job: tuple[str, float, int]) -> dict[str, Any]:
 
     tests = design(space, None)
     groups = tuple(value + NOISE * rng.normal(size=REPLICATES) for value in mean(tests.points))
-    seen = {"ρ": Outcomes(groups)}
-    line = propose(
-        Evidence(space, tests.points, tests.spacing, seen, seen, "ρ", 1.0, 1, ""), CertifySettings(), -2.0
-    ).settings
+    seen = Evidence(space, tests.points, tests.spacing, {"ρ": Outcomes(groups)}, None, "")
+    line = propose(seen, CertifySettings(), -2.0).settings
     assert line.kernel is not None
     search = s2r.Search(
         space,

@@ -73,6 +73,8 @@ class CertifySettings:
         R: sub-Gaussian bound on the noise of one rollout, > 0; declared, never fitted.
         kernel: see :class:`KernelChoice`.
         fall: ρ of a rollout that failed.
+        gap_B: bound on the norm of the gap E Δ in the same space, > 0; None for B.
+        gap_epsilon: width of the interval at which the search of the gap stops, > 0; None for epsilon.
     """
 
     delta: float | None = None
@@ -81,11 +83,18 @@ class CertifySettings:
     R: float | None = None
     kernel: KernelChoice | None = None
     fall: float | None = None
+    gap_B: float | None = None
+    gap_epsilon: float | None = None
 
     def over(self, general: CertifySettings) -> CertifySettings:
         """Return these settings, completed by the settings of ``general``."""
         stated = {key: value for key, value in vars(self).items() if value is not None}
         return replace(general, **stated)
+
+    @property
+    def of_gap(self) -> CertifySettings:
+        """The settings of the search of the gap."""
+        return CertifySettings(B=self.gap_B, epsilon=self.gap_epsilon).over(self)
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,11 @@ from s2r_spec.lang.scope import Scope, each, fail
 from s2r_spec.lang.units import PLAIN
 
 _KERNELS: tuple[KernelName, ...] = get_args(KernelName)
-_KEYS = ("delta", "epsilon", "B", "R", "kernel", "fall")
+_KEYS = ("delta", "epsilon", "B", "R", "kernel", "fall", "gap_B", "gap_epsilon")
 
 
 def certify_settings(written: syntax.Certify, requirement: f.Formula | None, scope: Scope) -> CertifySettings:
-    """Check a certify line; if its requirement is unknown, do not check the units of epsilon, B, R and fall.
+    """Check a certify line; if its requirement is unknown, do not check the units of all settings but delta and kernel.
 
     Raises:
         Mistake: the line has mistakes; the error lists all of them.
@@ -55,7 +55,7 @@ def _number(setting: syntax.Setting, requirement: f.Formula | None, scope: Scope
     if key == "delta" and not 0 < number < 1:
         message = f"`delta` must be a probability between 0 and 1, not {number:g}"
         fail("E13", message, span, "for example `delta = 1e-6`")
-    if key in ("B", "R", "epsilon") and number <= 0:
+    if key not in ("delta", "fall") and number <= 0:
         fail("E13", f"`{key}` must be positive, not {number:g}", span)
     if key == "fall" and number >= 0:
         fail(

@@ -30,7 +30,7 @@ from s2r_spec.runs.journal import Journal, Record
 from s2r_spec.runs.layout import FILE, GAP, SIMULATION, SYSTEMS, runs_in
 from s2r_spec.runs.repeatability import refuse_unrepeatable
 from s2r_spec.runs.spec_files import PILOT, load_run_spec
-from s2r_spec.runs.stop_rule import DECIDED, stop_of
+from s2r_spec.runs.stop_rule import stop_of
 from s2r_spec.spec import Spec
 
 
@@ -171,8 +171,8 @@ def recompute(folder: Path, exact: bool = True) -> Recomputed:
 def recompute_gap(folder: Path, simulated: Search | None = None, exact: bool = True) -> RecomputedGap:
     """Return the bound of a finished or unfinished gap; see :func:`recompute`.
 
-    ``simulated`` is search 1, for the gap of a certify that ended when its verdict was known; else it is read from the
-    folder beside this one.
+    ``simulated`` is search 1, for the gap of a certify, whose verdict it decides; else it is read from the folder
+    beside this one.
     """
     journals = {side: Journal.read(folder / side) for side in SYSTEMS}
     for side in SYSTEMS:
@@ -183,7 +183,7 @@ def recompute_gap(folder: Path, simulated: Search | None = None, exact: bool = T
     per_real = header["simulated_per_real"]
     search = _with_kernel(gap_search(spec, header["requirement"], _options(header), per_real), exact)
     _same_settings(search, header, folder)
-    if stop_of(header) == DECIDED:
+    if simulated is not None or (folder.name == GAP and Journal.exists(folder.parent / SIMULATION)):
         first = simulated or recompute(folder.parent / SIMULATION, exact).search
         search.end_when(lambda: judge(compose(first, search)) is not Verdict.UNKNOWN)
     pairs = pairs_of(journals, per_real)

@@ -33,7 +33,7 @@ def proposed(groups, space=LINE, declared=None, failures=0, fall=None):
     """Return the proposal from the outcomes at the tests of a grid."""
     tests = design(space, 4 * len(groups))
     outcomes = {"ρ": Outcomes(tuple(map(np.asarray, groups)), failures)}
-    evidence = Evidence(space, tests.points, tests.spacing, outcomes, outcomes, "ρ", 1.0, 1, "m")
+    evidence = Evidence(space, tests.points, tests.spacing, outcomes, None, "m")
     fall = propose_fall(fall, np.concatenate(groups)) if fall is None else fall
     return propose(evidence, declared or CertifySettings(), fall)
 
@@ -238,6 +238,10 @@ class TestRun:
         line = s2r.parse_spec(f"{SPEC}{found.line}\n", "spec.stl")
         result = s2r.gap(line, "toy", "toy:drag", tmp_path / "gap", **THREAD)
         assert result.certificate.label.bounds
+        settings = found.proposal.settings
+        assert settings.gap_B < settings.B  # the drag changes E ρ by less than E ρ is
+        assert settings.gap_epsilon <= settings.gap_B
+        assert (result.certificate.ladder[0].B, result.certificate.settings["B"]) == (settings.gap_B,) * 2
         seeds = [
             {one.seed for one in Journal.read(tmp_path / run / side).records()}
             for run in ("run", "gap")

@@ -114,7 +114,8 @@ class TestSearch:
         """One batch is enough for the sign of 0.9."""
         known = searched(0.9, stop="decided", B=4.0)
         assert known.certificate().label is Label.DECIDED
-        assert known.degrees >= 20
+        assert known.degrees == 20
+        assert (known.certificate().rollouts, len(known.tested)) == (28, 4)  # what is lacking are repeats
         one_batch = searched(0.9, stop="decided", B=4.0, budget=8)
         assert one_batch.certificate().lower > 0
         assert one_batch.degrees < 20
@@ -253,6 +254,17 @@ class TestRuns:
         assert recompute_gap(tmp_path / "run" / "gap").result.certificate == early.gap.certificate
         resumed = certify(spec, "toy", "toy:drag", tmp_path / "run", resume=True, **THREAD)
         assert (resumed.composition, resumed.gap.certificate) == (early.composition, early.gap.certificate)
+
+    def test_a_smaller_bound_on_the_gap_saves_real_rollouts(self, tmp_path):
+        def certified(own):
+            spec = s2r.parse_spec(SPEC.replace("LIMIT", "0.2").replace("-0.5", f"-0.5{own}"), "spec.stl")
+            return certify(spec, "toy", "toy:drag", tmp_path / str(len(own)), stop="decided", **THREAD)
+
+        usual, small = map(certified, ("", ", gap_B = 0.15"))
+        assert small.simulated.certificate == usual.simulated.certificate
+        assert small.gap.certificate.rollouts < usual.gap.certificate.rollouts
+        assert small.verdict is Verdict.HOLDS
+        assert small.gap.certificate.ladder[0].B == 0.15
 
 
 @pytest.mark.usefixtures("toy")

@@ -1,14 +1,14 @@
 """A ``certify`` line from a pilot, and the reason for each of its numbers.
 
 Data: outcomes y_ij at n tests, a few at each; those of a failed rollout are ``fall``. Unknown: noise, kernel and norm
-of the functions that the line must cover: E ρ for a check, E ρ of the simulator and E Δ for a gap. The models are those
-of :mod:`~s2r_spec.certify.pilot.noise` and :mod:`~s2r_spec.certify.pilot.surface`. Rules, in the unit of ρ:
+of the functions that the line must cover: E ρ, and E Δ for a gap. The models are those of
+:mod:`~s2r_spec.certify.pilot.noise` and :mod:`~s2r_spec.certify.pilot.surface`. Rules, in the unit of ρ:
 
     fall     −2 max |ρ|, if the line declares none
     epsilon  half of the distance of the worst mean from 0, for a gap a third; at least its standard error
     R        3 × the upper limit of one rollout's deviation; at least the largest deviation seen, and epsilon/100
              with falls: half of the range from fall to the largest ρ, which bounds any noise in it (Hoeffding)
-    B        3 × the smallest norm that fits the means
+    B        3 × the smallest norm of a function that fits the means, gap_B the same for those of Δ
 
 Every number is rounded to two digits, to its safe side.
 """
@@ -19,6 +19,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from statistics import NormalDist
+from typing import Any
 
 import numpy as np
 
@@ -30,6 +31,7 @@ from s2r_spec.certify.bound.sample_complexity import sequential_lower_bound
 from s2r_spec.certify.bound.settings import SearchSettings
 from s2r_spec.certify.pilot.noise import Noise, noise_of
 from s2r_spec.certify.pilot.surface import LONGEST, Means, Surface, fit_kernel
+from s2r_spec.certify.search.pairing import SIMULATED_PER_REAL
 from s2r_spec.certify.search.plan import rollouts
 from s2r_spec.space import Space
 from s2r_spec.spec import CertifySettings, KernelChoice
@@ -78,23 +80,23 @@ class Evidence:
     Attributes:
         points: (n, dim) tests.
         spacing: (dim,) distances of neighbouring tests.
-        noisy: name → outcomes whose noise R must cover.
-        bounded: name → outcomes whose mean B and the kernel must cover.
-        worst: the name among ``noisy`` whose worst mean the interval must tell from 0.
-        averaged: proxy of the noise of the searched outcome over R.
-        intervals: intervals whose widths add up in the one that must exclude 0: 1 for a check, 2 for a gap.
+        systems: name → its outcomes, whose noise R must cover: the one that runs, or simulator and machine. B covers
+            E ρ of the first one. The interval must tell the worst mean of the last one from 0.
+        gaps: the outcomes Δ, whose mean gap_B must cover; None without a machine.
         unit: the unit of ρ.
     """
 
     space: Space
     points: FloatArray
     spacing: FloatArray
-    noisy: Mapping[str, Outcomes]
-    bounded: Mapping[str, Outcomes]
-    worst: str
-    averaged: float
-    intervals: int
+    systems: Mapping[str, Outcomes]
+    gaps: Outcomes | None
     unit: str
+
+    @property
+    def judged(self) -> str:
+        """The name of the system whose worst mean the interval must tell from 0."""
+        return [*self.systems][-1]
 
 
 @dataclass(frozen=True)
@@ -108,7 +110,7 @@ class Proposal:
         worst: the test of the worst mean.
         lowest_mean: the worst mean.
         highest_mean: the largest mean.
-        expected: low and high end of the rollouts until the interval is ε wide.
+        expected: low and high end of the rollouts until the interval is ε wide, of the real ones in a gap.
     """
 
     settings: CertifySettings
@@ -138,52 +140,94 @@ def propose(seen: Evidence, declared: CertifySettings, fall: float) -> Proposal:
     Raises:
         UsageError: there are too few replicates, or every mean is 0.
     """
-    noises = {name: one.noise for name, one in seen.noisy.items()}
-    means = seen.noisy[seen.worst].means
+    noises = {name: one.noise for name, one in seen.systems.items()}
+    means = seen.systems[seen.judged].means
     place = int(means.argmin())
-    epsilon, epsilon_words, unsure = _epsilon(seen, place, noises[seen.worst])
+    epsilon, epsilon_words, unsure = _epsilon(seen, place, noises[seen.judged])
     R, R_words = _proxy(seen, noises, epsilon, fall)
+    bounded = {"B": next(iter(seen.systems.values()))} | ({"gap_B": seen.gaps} if seen.gaps else {})
     functions = {
         name: Means(seen.points, one.means, one.counts, one.noise.std or R / DEVIATIONS)
-        for name, one in seen.bounded.items()
+        for name, one in bounded.items()
     }
     surface = fit_kernel(seen.space, [*functions.values()], seen.spacing)
     kernel = _rounded(surface.kernel)
-    norm, largest = max((one.norm(kernel), name) for name, one in functions.items())
-    B = float(at_most(NORMS * norm, 2))
-    delta = DELTA if declared.delta is None else declared.delta
-    search = SearchSettings(
-        space=seen.space, kernel=kernel, B=B, R=R * seen.averaged, delta=delta, epsilon=epsilon
+    norms = {name: one.norm(kernel) for name, one in functions.items()}
+    B, *gap_B = (float(at_most(NORMS * norm, 2)) for norm in norms.values())
+    settings = CertifySettings(
+        DELTA if declared.delta is None else declared.delta,
+        min(epsilon, B),  # without a rollout the interval is 2B wide
+        B,
+        R,
+        _choice(kernel),
+        fall,
+        *([gap_B[0], min(epsilon, gap_B[0])] if gap_B else []),
     )
-    low, high = rollouts(search)
-    fit = _amount(norm, seen.unit) + (f" for {largest}" if len(functions) > 1 else "")
     reasons = {
         "delta": _delta_words(declared.delta, R, epsilon),
-        "epsilon": epsilon_words,
-        "B": f"{NORMS:g} × the norm of the fit, {fit}; a certificate refuses 2 × the norm that it sees",
+        "epsilon": epsilon_words + (", and at most B" if epsilon > B else ""),
+        "B": f"{NORMS:g} × the norm of the fit, {_amount(norms['B'], seen.unit)}; a certificate refuses 2 × the norm "
+        f"that it sees",
         "R": R_words,
         "kernel": _kernel_words(surface, seen),
         "fall": _fall_words(declared.fall, fall),
     }
-    within = np.minimum(2 * kernel.lengthscales(seen.space.dim), seen.space.upper - seen.space.lower)
-    longer = Kernel(kernel.name, tuple(within.tolist()))
-    B_longer = NORMS * max(one.norm(longer) for one in functions.values())
-    for name, words, changed in (
-        ("B", "half of it", replace(search, B=B / 2)),
-        ("R", "half of it", replace(search, R=search.R / 2)),
-        ("kernel", "up to twice as long", replace(search, kernel=longer, B=B_longer)),
-    ):
-        fewer = math.sqrt(low * high / math.prod(rollouts(changed)))
-        reasons[name] += f"; {words}: {fewer:.1f} times fewer rollouts" if fewer >= 1.05 else ""
+    if gap_B:
+        reasons["gap_B"] = f"{NORMS:g} × the norm of the fit to Δ, {_amount(norms['gap_B'], seen.unit)}"
+        reasons["gap_epsilon"] = "as epsilon, and at most gap_B"
+    expected = rollouts(_search(seen, settings))
+    for name, saving in _savings(seen, settings, [*functions.values()][-1]).items():
+        reasons[name] += saving
     return Proposal(
-        CertifySettings(delta, epsilon, B, R, _choice(kernel), fall),
+        settings,
         reasons,
         tuple(filter(None, (unsure, *_warnings(seen, noises, surface)))),
         seen.space.point(seen.points[place]),
         float(means.min()),
         float(means.max()),
-        (round(low), round(high)),
+        (round(expected[0]), round(expected[1])),
     )
+
+
+def _search(seen: Evidence, line: CertifySettings) -> SearchSettings:
+    """Return the settings of the search whose rollouts cost most: of the gap if there is a machine."""
+    line, averaged = (line.of_gap, math.sqrt(1 + 1 / SIMULATED_PER_REAL)) if seen.gaps else (line, 1.0)
+    assert line.kernel
+    assert line.B
+    assert line.R
+    assert line.delta
+    assert line.epsilon
+    return SearchSettings(
+        space=seen.space,
+        kernel=Kernel(line.kernel.name, line.kernel.lengthscales),
+        B=line.B,
+        R=line.R * averaged,
+        delta=line.delta,
+        epsilon=min(line.epsilon, line.B),
+    )
+
+
+def _savings(seen: Evidence, line: CertifySettings, function: Means) -> dict[str, str]:
+    """Return setting → words for the rollouts that a smaller B or R, or a longer kernel, would save."""
+    assert line.kernel
+    assert line.B
+    assert line.R
+    widths = seen.space.upper - seen.space.lower
+    longer = np.minimum(2 * np.array(line.kernel.lengthscales), widths)
+    kernel = Kernel(line.kernel.name, tuple(longer.tolist()))
+    bound, B = ("gap_B", line.gap_B) if line.gap_B else ("B", line.B)
+    again = {bound: NORMS * function.norm(kernel), "kernel": _choice(kernel)}
+    changes: dict[str, tuple[str, dict[str, Any]]] = {
+        bound: ("half of it", {bound: B / 2}),
+        "R": ("half of it", {"R": line.R / 2}),
+        "kernel": ("up to twice as long", again),
+    }
+    savings = {}
+    for name, (words, changed) in changes.items():
+        parts = (rollouts(_search(seen, one)) for one in (line, replace(line, **changed)))
+        fewer = math.sqrt(math.prod(next(parts)) / math.prod(next(parts)))
+        savings[name] = f"; {words}: {fewer:.1f} times fewer rollouts" if fewer >= 1.05 else ""
+    return savings
 
 
 def _amount(value: float, unit: str) -> str:
@@ -193,7 +237,7 @@ def _amount(value: float, unit: str) -> str:
 
 def _epsilon(seen: Evidence, place: int, noise: Noise) -> tuple[float, str, str]:
     """Return ε, its reason, and a warning if the sign of the worst mean is not known."""
-    group = seen.noisy[seen.worst].groups[place]
+    group = seen.systems[seen.judged].groups[place]
     mean, error = float(group.mean()), noise.std / math.sqrt(len(group))
     if not max(abs(mean), error):
         raise UsageError(
@@ -203,9 +247,9 @@ def _epsilon(seen: Evidence, place: int, noise: Noise) -> tuple[float, str, str]
         f"{axis.name} = {value:.3g} {axis.unit}".rstrip()
         for axis, value in zip(seen.space.axes, seen.points[place], strict=True)
     )
-    about = f"the worst mean {seen.worst}, {mean:+.3g} {seen.unit}".rstrip() + f" at {test}"
-    share = f"{'half' if seen.intervals == 1 else 'a third'} of {about}"
-    epsilon = abs(mean) / (seen.intervals + 1)
+    about = f"the worst mean {seen.judged}, {mean:+.3g} {seen.unit}".rstrip() + f" at {test}"
+    share = f"{'a third' if seen.gaps else 'half'} of {about}"  # of a gap, two intervals add up
+    epsilon = abs(mean) / (3 if seen.gaps else 2)
     # The lowest of n means is below its expectation.
     if abs(mean) >= NormalDist().inv_cdf(1 - UNSURE / 2 / len(seen.points)) * error:
         return float(at_least(epsilon, 2)), f"{share}; half of it: 4 times the rollouts", ""
@@ -222,7 +266,7 @@ def _proxy(seen: Evidence, noises: Mapping[str, Noise], epsilon: float, fall: fl
     words = "all replicates are equal, so there is no noise" if noiseless else "there is hardly any noise"
     found = {"": (epsilon / NOISELESS, f"epsilon/{NOISELESS:g}: {words}")}
     for name, noise in noises.items():
-        outcomes = seen.noisy[name]
+        outcomes = seen.systems[name]
         limit = f"the deviation of one {name}, at most {_amount(noise.upper, seen.unit)}"
         if outcomes.failures:
             highest = max(float(group.max()) for group in outcomes.groups)
@@ -274,7 +318,7 @@ def _fall_words(declared: float | None, fall: float) -> str:
 def _warnings(seen: Evidence, noises: Mapping[str, Noise], surface: Surface) -> list[str]:
     found = []
     for name, noise in noises.items():
-        failures = seen.noisy[name].failures
+        failures = seen.systems[name].failures
         if failures:
             found.append(
                 f"{failures} rollouts of {name} failed and count as fall, so that R is large; a smaller test space "

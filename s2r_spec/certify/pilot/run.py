@@ -6,7 +6,6 @@ one journal for each system, and runs ``SIMULATED_PER_REAL`` simulated rollouts 
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -255,8 +254,7 @@ def _conclude(job: _Job, declared: CertifySettings, journals: Mapping[str, Journ
 def _evidence(job: _Job, outcomes: Mapping[str, Outcomes], names: Mapping[str, str]) -> Evidence:
     space, tests, unit = job.spec.space, job.tests, rho_unit(job.spec, job.requirement)
     if "" in outcomes:
-        alone = {"ρ": outcomes[""]}
-        return Evidence(space, tests.points, tests.spacing, alone, alone, "ρ", 1.0, 1, unit)
+        return Evidence(space, tests.points, tests.spacing, {"ρ": outcomes[""]}, None, unit)
     sim, real = outcomes["sim"], outcomes["real"]
     gaps = Outcomes(
         tuple(
@@ -264,12 +262,8 @@ def _evidence(job: _Job, outcomes: Mapping[str, Outcomes], names: Mapping[str, s
             for own, others in zip(real.groups, sim.groups, strict=True)
         )
     )
-    noisy = {f"ρ of {names['sim']}": sim, f"ρ of {names['real']}": real}
-    bounded = {f"ρ of {names['sim']}": sim, "Δ": gaps}
-    averaged = math.sqrt(1 + 1 / SIMULATED_PER_REAL)
-    return Evidence(
-        space, tests.points, tests.spacing, noisy, bounded, f"ρ of {names['real']}", averaged, 2, unit
-    )
+    systems = {f"ρ of {names['sim']}": sim, f"ρ of {names['real']}": real}
+    return Evidence(space, tests.points, tests.spacing, systems, gaps, unit)
 
 
 def _outcomes(groups: Sequence[Sequence[Record]], fall: float) -> Outcomes:

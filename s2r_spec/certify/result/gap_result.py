@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, cast
 
@@ -223,6 +224,8 @@ def conclude_gap(
     )
     outcomes = [(group[0].params, [-pair.gap for pair in group]) for group in by_query(pairs)]
     certificate = with_remedy(certificate, search, outcomes, judged=False)
+    if spec.certify[provenance["requirement"]].gap_B is not None:
+        certificate = replace(certificate, reason=re.sub(r"\bB (?==|must)", "gap_B ", certificate.reason))
     lowest, highest = search.range
     return GapResult(
         requirement=provenance["requirement"],

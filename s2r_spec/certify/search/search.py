@@ -94,7 +94,7 @@ class Search:
         return self._state.budget
 
     def end_when(self, verdict_known: Callable[[], bool]) -> None:
-        """Decide another verdict than the sign of the maximum, under the rule ``decided``.
+        """Decide another verdict than the sign of the maximum; it ends the search under the rule ``decided``.
 
         Args:
             verdict_known: whether the bounds of this search decide the verdict; called after a batch.

@@ -29,6 +29,7 @@ class SearchState:
         final: whether no further test will be asked for.
         verdict_known: whether the bounds decide the verdict; None for the sign of the maximum.
         decided: whether the verdict was known after the last batch; only under the rule ``decided``.
+        lacking: degrees of freedom that the test of R lacks, if the verdict is known; else 0.
         missing: a sentence on outcomes that a caller left out, "" if none were.
     """
 
@@ -44,6 +45,7 @@ class SearchState:
     final: bool = False
     verdict_known: Callable[[], bool] | None = None
     decided: bool = False
+    lacking: int = 0
     missing: str = ""
 
     @classmethod
@@ -72,9 +74,11 @@ class SearchState:
         self.batches += 1
         if self.outcomes.rollouts:
             self.confidence.update(self.outcomes)
-        if self.settings.stop == DECIDED:
-            tested = self.outcomes.degrees >= LEAST_DEGREES
-            self.decided = tested and (self.verdict_known or self._sign_known)()
+        untested = max(LEAST_DEGREES - self.outcomes.degrees, 0)
+        decides = self.settings.stop == DECIDED
+        known = (decides or untested > 0) and (self.verdict_known or self._sign_known)()
+        self.lacking = untested if known else 0
+        self.decided = decides and known and not untested
 
     def _sign_known(self) -> bool:
         interval = self.confidence.ladder[0]
