@@ -15,8 +15,12 @@ from s2r_spec.runs.stop_rule import EPSILON
 from s2r_spec.spec import CertifySettings, Spec
 
 
-def search_for(spec: Spec, requirement: str, options: RunOptions, noise: float = 1.0) -> Search:
-    """Return the search that a requirement's certify line declares; ``noise`` is a factor on the declared R.
+def search_for(
+    spec: Spec, requirement: str, options: RunOptions, noise: float = 1.0, judged: bool = True
+) -> Search:
+    """Return the search that a requirement's certify line declares.
+
+    ``noise`` is a factor on the declared R, and ``judged`` says whether the search leads to a verdict.
 
     An unknown requirement, or a certify line that lacks a setting, is a UsageError.
     """
@@ -41,6 +45,7 @@ def search_for(spec: Spec, requirement: str, options: RunOptions, noise: float =
             stop=options.stop or EPSILON,
             mode=options.mode,
             engine=options.engine,
+            repeats=judged,
             unit=rho_unit(spec, requirement),
         )
     )

@@ -44,19 +44,21 @@ from s2r_spec.spec import Spec
 
 
 def gap_search(
-    spec: Spec, requirement: str, options: RunOptions, per_real: int = SIMULATED_PER_REAL
+    spec: Spec,
+    requirement: str,
+    options: RunOptions,
+    per_real: int = SIMULATED_PER_REAL,
+    judged: bool = False,
 ) -> Search:
     """Return search 2, which the spec's certify line declares like search 1.
 
     If R is the real machine's proxy, too, and k = ``per_real`` simulated rollouts are averaged, then the noise of Δ
     has the proxy R·sqrt(1 + 1/k). B and ε are ``gap_B`` and ``gap_epsilon`` if the line declares them. δ and the
-    kernel are those of search 1.
+    kernel are those of search 1. ``judged`` says whether a verdict will depend on it, as in :func:`certify`.
     """
     if (line := spec.certify.get(requirement)) is not None:
         spec = replace(spec, certify={**spec.certify, requirement: line.of_gap})
-    search = search_for(spec, requirement, options, noise=math.sqrt(1 + 1 / per_real))
-    search.end_when(lambda: False)  # the sign of a gap is no verdict
-    return search
+    return search_for(spec, requirement, options, math.sqrt(1 + 1 / per_real), judged)
 
 
 def gap(

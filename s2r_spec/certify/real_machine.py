@@ -93,7 +93,7 @@ def certify(
         refuse_terms(pairing.real.backend, options.terms)
         of_simulator = replace(options, budget=None, stop=EPSILON, void=AGAIN, operator=None)
         first = search_for(spec, requirement, of_simulator)
-        second = gap_search(spec, requirement, options, pairing.per_real)
+        second = gap_search(spec, requirement, options, pairing.per_real, judged=True)
         if pairing.recorded is None:
             second.refuse_hopeless()
         else:

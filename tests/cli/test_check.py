@@ -22,7 +22,7 @@ def without_timing(result: dict) -> dict:
 def test_a_requirement_that_holds(s2r):
     done = s2r("check", s2r.spec(0.1), "--backend", "toy", "--workers", 2, code=0)
     assert states(done.stdout, "walking  HOLDS", "1 − 0.001", "seed 0")
-    assert len(done.stdout.splitlines()) <= 8
+    assert len(done.stdout.splitlines()) <= 9
     assert states(done.stderr, "rollouts", "ρ in [", "m/s")
 
 

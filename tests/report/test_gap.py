@@ -144,8 +144,8 @@ def test_a_fall_of_the_real_side_is_told(unpromised):
 
 
 def test_a_gap_that_was_cut_off_is_reported_as_far_as_it_is_whole(promised, tmp_path):
-    folder = tmp_path / "gap"
-    shutil.copytree(promised[2] / "gap", folder)
+    shutil.copytree(promised[2], tmp_path / "run")
+    folder = tmp_path / "run" / "gap"
     journal = folder / "sim" / "journal.jsonl"
     lines = journal.read_text().splitlines(keepends=True)
     journal.write_text("".join(lines[:-3]))

@@ -35,6 +35,7 @@ class SearchKeywords(TypedDict, total=False):
     budget: int | None
     stop: str
     engine: str
+    repeats: bool
     fitted: tuple[str, ...]
     unit: str
 
@@ -64,6 +65,7 @@ class SearchSettings:
             ``budget``: never. The tests are the same under every rule.
         engine: the engine of the Gaussian process, ``spectral`` or ``gpytorch``; see
             :mod:`s2r_spec.certify.bound.posterior`.
+        repeats: whether a batch repeats tests once the verdict is known and only the test of R lacks outcomes.
         fitted: names of settings ("R", "kernel", "B") that were fitted on the outcomes of this same search. The
             result is then model-based and no certificate.
         unit: the unit of the outcome, for the sentences.
@@ -85,6 +87,7 @@ class SearchSettings:
     budget: int | None = None
     stop: str = EPSILON
     engine: str = "spectral"
+    repeats: bool = True
     fitted: tuple[str, ...] = ()
     unit: str = ""
 

@@ -79,6 +79,7 @@ def _record(state: SearchState) -> dict[str, Any]:
         "spread": settings.spread,
         "seed": settings.seed,
         "fitted": list(settings.fitted),
+        **({"repeats": True} if settings.repeats else {}),
     }
 
 

@@ -76,8 +76,9 @@ class SearchState:
             self.confidence.update(self.outcomes)
         untested = max(LEAST_DEGREES - self.outcomes.degrees, 0)
         decides = self.settings.stop == DECIDED
-        known = (decides or untested > 0) and (self.verdict_known or self._sign_known)()
-        self.lacking = untested if known else 0
+        repeats = self.settings.repeats and untested > 0
+        known = (decides or repeats) and (self.verdict_known or self._sign_known)()
+        self.lacking = untested if known and repeats else 0
         self.decided = decides and known and not untested
 
     def _sign_known(self) -> bool:
