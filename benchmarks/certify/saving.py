@@ -3,9 +3,9 @@
 Ten twins, each with one effect of random kind and size, that stand in for a machine. For each: a diagnosis from 24 of
 its rollouts, and then a pilot and a certificate that stops at its verdict, three times:
 
-    one B    the simulator; one B for E ρ and for the gap, the larger one that the pilot proposes, as before gap_B
-    gap_B    the simulator; the pilot's own gap_B
-    patched  the simulator with the effect that the diagnosis names (``s2r diagnose --apply``); its own pilot and gap_B
+    one B    the simulator; one B, R and epsilon for both searches, the larger of those that the pilot proposes
+    gap_B    the simulator; the pilot's own gap_B, gap_R and gap_epsilon
+    patched  the simulator with the effect that the diagnosis names (``s2r diagnose --apply``); its own pilot and line
 
 An interval is right if 300 other rollouts of the twin, 5 at each of 60 tests, do not refute it. Then 1,000 searches
 on random functions, from the pilot's outcomes to the verdict, whose truth is known exactly. ::
@@ -21,6 +21,7 @@ import math
 import tempfile
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -36,10 +37,10 @@ from s2r_spec.certify.pilot.design import REPLICATES, design
 from s2r_spec.certify.pilot.proposal import Evidence, Outcomes, propose
 from s2r_spec.certify.pilot.run import pilot
 from s2r_spec.certify.pilot.surface import FAMILIES
-from s2r_spec.certify.real_machine import judge
+from s2r_spec.certify.result.compose import decides, judge
 from s2r_spec.certify.search.pairing import SIMULATED_PER_REAL
 from s2r_spec.certify.search.search import Search
-from s2r_spec.lang.certify_line import with_certify_line
+from s2r_spec.lang.certify_line import certify_line, with_certify_line
 from s2r_spec.runs.scorer import Scorer
 from s2r_spec.space import Space
 from s2r_spec.spec import CertifySettings, Spec, load_spec, parse_spec
@@ -112,7 +113,11 @@ def certified(path: Path, sim: Backend, machine: Backend, way: str, seed: int) -
     with tempfile.TemporaryDirectory() as folder:
         how: dict[str, Any] = {"seed": seed, "executor": in_this_process}
         found = pilot(path, sim, Path(folder) / "pilot", real=machine, **how)
-        line = found.line if way != "one B" else shared(found.proposal.settings, found.line)
+        line = found.line
+        if way == "one B":
+            declared = load_spec(path)
+            units = [declared.params[one].measure.difference.text for one in declared.space.names]
+            line = certify_line(found.requirement, shared(found.proposal.settings), units)
         text, _ = with_certify_line(path.read_text(), path.name, found.requirement, line)
         spec = parse_spec(text, path.name)
         how |= {"requirement": found.requirement, "stop": "decided", "budget": BUDGET}
@@ -143,17 +148,17 @@ def certified(path: Path, sim: Backend, machine: Backend, way: str, seed: int) -
     }
 
 
-def shared(settings: CertifySettings, line: str) -> str:
-    """Return the line with one B and one epsilon, those that cover E ρ and E Δ."""
-    assert settings.B
-    assert settings.gap_B
-    assert settings.epsilon
-    assert settings.gap_epsilon
-    B, epsilon = max(settings.B, settings.gap_B), max(settings.epsilon, settings.gap_epsilon)
-    words = line.split("gap_B")[0].rstrip().rstrip(",")
-    return words.replace(f" B = {settings.B:g}", f" B = {B:g}").replace(
-        f"epsilon = {settings.epsilon:g}", f"epsilon = {epsilon:g}"
-    )
+def shared(line: CertifySettings) -> CertifySettings:
+    """Return a line with one B, R and epsilon for both searches, as every line was before ``gap_B``."""
+    assert line.B
+    assert line.R
+    assert line.epsilon
+    assert line.gap_B
+    assert line.gap_R
+    assert line.gap_epsilon
+    machine = math.sqrt(max(line.gap_R**2 - line.R**2 / SIMULATED_PER_REAL, 0.0))
+    B, R, epsilon = max(line.B, line.gap_B), max(line.R, machine), max(line.epsilon, line.gap_epsilon)
+    return replace(line, B=B, R=R, epsilon=epsilon, gap_B=None, gap_R=None, gap_epsilon=None)
 
 
 def _halton(dim: int, count: int) -> FloatArray:
@@ -192,7 +197,7 @@ def simulated(seed: int) -> dict[str, Any]:
     line = propose(seen, CertifySettings(), -2.0).settings
     first, second = _searches(space, line, seed)
     _run(first, lambda mean, count: -draw(mean, count)[0][:count], means)
-    second.end_when(lambda: judge(s2r.compose(first, second)) is not s2r.Verdict.UNKNOWN)
+    second.end_when(lambda: decides(first, second))
     _run(second, lambda mean, count: -draw(mean, count)[2], means)
     row: dict[str, Any] = {"way": "gap_B", "seed": seed, "real": second.certificate().rollouts}
     if not all(one.certificate().label.bounds for one in (first, second)):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,17 +11,14 @@ from s2r_spec.certify.bound.kernels import Kernel
 from s2r_spec.certify.bound.settings import SearchSettings
 from s2r_spec.certify.options import RunOptions
 from s2r_spec.certify.result.search_result import rho_unit
+from s2r_spec.certify.search.pairing import SIMULATED_PER_REAL
 from s2r_spec.certify.search.search import Search
 from s2r_spec.runs.stop_rule import EPSILON
 from s2r_spec.spec import CertifySettings, Spec
 
 
-def search_for(
-    spec: Spec, requirement: str, options: RunOptions, noise: float = 1.0, judged: bool = True
-) -> Search:
-    """Return the search that a requirement's certify line declares.
-
-    ``noise`` is a factor on the declared R, and ``judged`` says whether the search leads to a verdict.
+def search_for(spec: Spec, requirement: str, options: RunOptions, judged: bool = True) -> Search:
+    """Return the search that a requirement's certify line declares; ``judged`` says whether it leads to a verdict.
 
     An unknown requirement, or a certify line that lacks a setting, is a UsageError.
     """
@@ -37,7 +35,7 @@ def search_for(
             space=spec.space,
             kernel=Kernel(line.kernel.name, line.kernel.lengthscales),
             B=line.B,
-            R=line.R * noise,
+            R=line.R,
             delta=line.delta,
             epsilon=line.epsilon,
             seed=options.fixed_seed,
@@ -49,6 +47,21 @@ def search_for(
             unit=rho_unit(spec, requirement),
         )
     )
+
+
+def of_gap(line: CertifySettings, per_real: int) -> CertifySettings:
+    """Return the settings of the search of the gap, for k = ``per_real`` simulated rollouts for each real one.
+
+    B and ε are ``gap_B`` and ``gap_epsilon``, or those of the line. The noise of Δ has the proxy sqrt(r² + R²/k), with
+    proxies r of the machine and R of the simulator. ``gap_R`` declares it for :data:`SIMULATED_PER_REAL` simulated
+    rollouts; without it r = R.
+    """
+    R = line.R
+    if R is not None and line.gap_R is None:
+        R *= math.sqrt(1 + 1 / per_real)
+    elif R is not None and line.gap_R is not None:
+        R = math.sqrt(line.gap_R**2 + R**2 * (1 / per_real - 1 / SIMULATED_PER_REAL))
+    return CertifySettings(B=line.gap_B, epsilon=line.gap_epsilon, R=R).over(line)
 
 
 def require_space(spec: Spec, requirement: str) -> None:

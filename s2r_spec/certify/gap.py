@@ -7,7 +7,6 @@ as an estimate.
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Unpack
@@ -16,7 +15,7 @@ from s2r_spec.backend import Backend, is_exclusive
 from s2r_spec.base.distribution import version
 from s2r_spec.base.errors import UsageError
 from s2r_spec.certify.arguments import as_backend, as_spec, name_of, options_from
-from s2r_spec.certify.from_spec import only_requirement, search_for
+from s2r_spec.certify.from_spec import of_gap, only_requirement, search_for
 from s2r_spec.certify.options import (
     RunKeywords,
     RunOptions,
@@ -50,15 +49,13 @@ def gap_search(
     per_real: int = SIMULATED_PER_REAL,
     judged: bool = False,
 ) -> Search:
-    """Return search 2, which the spec's certify line declares like search 1.
+    """Return search 2, which the spec's certify line declares like search 1; see :func:`of_gap`.
 
-    If R is the real machine's proxy, too, and k = ``per_real`` simulated rollouts are averaged, then the noise of Δ
-    has the proxy R·sqrt(1 + 1/k). B and ε are ``gap_B`` and ``gap_epsilon`` if the line declares them. δ and the
-    kernel are those of search 1. ``judged`` says whether a verdict will depend on it, as in :func:`certify`.
+    ``judged`` says whether a verdict will depend on it, as in :func:`certify`.
     """
     if (line := spec.certify.get(requirement)) is not None:
-        spec = replace(spec, certify={**spec.certify, requirement: line.of_gap})
-    return search_for(spec, requirement, options, math.sqrt(1 + 1 / per_real), judged)
+        spec = replace(spec, certify={**spec.certify, requirement: of_gap(line, per_real)})
+    return search_for(spec, requirement, options, judged)
 
 
 def gap(

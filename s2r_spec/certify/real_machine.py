@@ -25,7 +25,7 @@ from s2r_spec.certify.options import (
     with_seed,
 )
 from s2r_spec.certify.result.check_result import CheckResult, when_decided
-from s2r_spec.certify.result.compose import Composition, compose
+from s2r_spec.certify.result.compose import Composition, compose, decides, judge
 from s2r_spec.certify.result.gap_result import GapResult
 from s2r_spec.certify.search.pairing import Pairing
 from s2r_spec.certify.search.search import Search
@@ -98,20 +98,13 @@ def certify(
             second.refuse_hopeless()
         else:
             refuse_rule(second.settings.stop, pairing.real.name)
-        second.end_when(lambda: judge(compose(first, second)) is not Verdict.UNKNOWN)
+        second.end_when(lambda: decides(first, second))
         scorer = Scorer.for_spec(spec, requirement, sim)
         checked = check_with(first, spec, requirement, scorer, run / SIMULATION, of_simulator)
         if not checked.certificate.label.bounds:
             return refused_in_simulation(checked, pairing.real.name)
         bounded = gap_with(second, spec, requirement, pairing, run / GAP, options)
         return conclude_certify(first, second, checked, bounded)
-
-
-def judge(composition: Composition) -> Verdict:
-    """Return the verdict on the real machine from its combined interval."""
-    if composition.lower >= 0:
-        return Verdict.HOLDS
-    return Verdict.VIOLATED if composition.upper < 0 else Verdict.UNKNOWN
 
 
 def refused_in_simulation(checked: CheckResult, real: str) -> CertifyResult:

@@ -24,7 +24,7 @@ def certify_line(requirement: str, settings: CertifySettings, units: Sequence[st
         scales = ", ".join(f"{_number(one)} {{{unit}}}" if unit else _number(one) for one, unit in pairs)
         words.append(f"kernel = {settings.kernel.name}({scales})")
     words.append(f"fall = {_number(settings.fall)}")
-    own = ((name, getattr(settings, name)) for name in ("gap_B", "gap_epsilon"))
+    own = ((name, getattr(settings, name)) for name in ("gap_epsilon", "gap_B", "gap_R"))
     words += [f"{name} = {_number(value)}" for name, value in own if value is not None]
     return format_text(f"certify {requirement}: {', '.join(words)}").rstrip("\n")
 

@@ -74,6 +74,8 @@ class CertifySettings:
         kernel: see :class:`KernelChoice`.
         fall: ρ of a rollout that failed.
         gap_B: bound on the norm of the gap E Δ in the same space, > 0; None for B.
+        gap_R: sub-Gaussian bound on the noise of one Δ, a real ρ minus the mean of two simulated ones, > 0; None for
+            the value that follows if R is the machine's, too.
         gap_epsilon: width of the interval at which the search of the gap stops, > 0; None for epsilon.
     """
 
@@ -84,17 +86,13 @@ class CertifySettings:
     kernel: KernelChoice | None = None
     fall: float | None = None
     gap_B: float | None = None
+    gap_R: float | None = None
     gap_epsilon: float | None = None
 
     def over(self, general: CertifySettings) -> CertifySettings:
         """Return these settings, completed by the settings of ``general``."""
         stated = {key: value for key, value in vars(self).items() if value is not None}
         return replace(general, **stated)
-
-    @property
-    def of_gap(self) -> CertifySettings:
-        """The settings of the search of the gap."""
-        return CertifySettings(B=self.gap_B, epsilon=self.gap_epsilon).over(self)
 
 
 @dataclass(frozen=True)

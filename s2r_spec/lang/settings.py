@@ -15,7 +15,7 @@ from s2r_spec.lang.scope import Scope, each, fail
 from s2r_spec.lang.units import PLAIN
 
 _KERNELS: tuple[KernelName, ...] = get_args(KernelName)
-_KEYS = ("delta", "epsilon", "B", "R", "kernel", "fall", "gap_B", "gap_epsilon")
+_KEYS = ("delta", "epsilon", "B", "R", "kernel", "fall", "gap_B", "gap_R", "gap_epsilon")
 
 
 def certify_settings(written: syntax.Certify, requirement: f.Formula | None, scope: Scope) -> CertifySettings:

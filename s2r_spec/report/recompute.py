@@ -14,15 +14,14 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from s2r_spec.base.errors import UsageError
-from s2r_spec.base.verdict import Verdict
 from s2r_spec.certify.bound.certificate import Certificate
 from s2r_spec.certify.bound.kernels import ClosedForm
 from s2r_spec.certify.from_spec import search_for
 from s2r_spec.certify.gap import gap_search
 from s2r_spec.certify.options import RunOptions
-from s2r_spec.certify.real_machine import CertifyResult, conclude_certify, judge, refused_in_simulation
+from s2r_spec.certify.real_machine import CertifyResult, conclude_certify, refused_in_simulation
 from s2r_spec.certify.result.check_result import CheckResult, conclude
-from s2r_spec.certify.result.compose import compose
+from s2r_spec.certify.result.compose import decides
 from s2r_spec.certify.result.gap_result import GapResult, Pair, conclude_gap, pairs_of
 from s2r_spec.certify.search.experiments import next_queries
 from s2r_spec.certify.search.search import Query, Search
@@ -185,7 +184,7 @@ def recompute_gap(folder: Path, simulated: Search | None = None, exact: bool = T
     _same_settings(search, header, folder)
     if search.settings.repeats or stop_of(header) == DECIDED:
         first = simulated or recompute(folder.parent / SIMULATION, exact).search
-        search.end_when(lambda: judge(compose(first, search)) is not Verdict.UNKNOWN)
+        search.end_when(lambda: decides(first, search))
     pairs = pairs_of(journals, per_real)
     if not pairs:
         raise UsageError(f"{folder} has no pair of rollouts yet, so there is nothing to report")

@@ -241,7 +241,7 @@ class TestRun:
         settings = found.proposal.settings
         assert settings.gap_B < settings.B  # the drag changes E ρ by less than E ρ is
         assert settings.gap_epsilon <= settings.gap_B
-        assert (result.certificate.ladder[0].B, result.certificate.settings["B"]) == (settings.gap_B,) * 2
+        assert [result.certificate.settings[name] for name in "BR"] == [settings.gap_B, settings.gap_R]
         seeds = [
             {one.seed for one in Journal.read(tmp_path / run / side).records()}
             for run in ("run", "gap")

@@ -80,13 +80,13 @@ def test_settings_are_in_the_units_of_what_they_are_for() -> None:
     spec = parse_spec(
         "signal v {km/h} param a {m/s} in [0, 2000 {mm/s}] param b {deg} in [0, 90] param c = 1\n"
         "require it: v <= 36 {km/h} + a and a <= 1\n"
-        "certify it: R = 1 {m/s}, fall = -2, kernel = rbf(0.2, 3.141592653589793 {rad}), gap_B = 2 {m/s}"
+        "certify it: R = 1 {m/s}, fall = -2, kernel = rbf(0.2, 3.141592653589793 {rad}), gap_B = 2 {m/s}, gap_R = 0.1"
     )
     assert spec.unit("it") == "km/h"
     settings = spec.certify["it"]
     assert pytest.approx(3.6) == settings.R
     assert settings.fall == -2
-    assert (settings.gap_B, settings.gap_epsilon) == (pytest.approx(7.2), None)
+    assert (settings.gap_B, settings.gap_R, settings.gap_epsilon) == (pytest.approx(7.2), 0.1, None)
     assert settings.kernel is not None
     assert settings.kernel.lengthscales == pytest.approx((0.2, 180))
     assert (settings.delta, settings.epsilon, settings.B) == (None, None, None)

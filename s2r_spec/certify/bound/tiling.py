@@ -100,11 +100,14 @@ class Tiling:
 
     def containing(self, points: FloatArray) -> IndexArray:
         """Return (n,) a cell that contains each of (n, dim) points of the box."""
-        low, high = self._real(self._low), self._real(self._low + self._size)
+        low, high = self._real(self._low).T.copy(), self._real(self._low + self._size).T.copy()
         cells = np.empty(len(points), dtype=np.intp)
         for start in range(0, len(points), 256):  # a bounded block of points × cells at a time
-            part = points[start : start + 256, None]
-            cells[start : start + 256] = ((part >= low) & (part <= high)).all(axis=-1).argmax(axis=1)
+            columns = points[start : start + 256].T[:, :, None]
+            inside = np.ones((columns.shape[1], len(self)), dtype=np.bool_)
+            for column, least, most in zip(columns, low, high, strict=True):
+                inside &= (column >= least) & (column <= most)
+            cells[start : start + 256] = inside.argmax(axis=1)
         return cells
 
     def _corners(self, low: Lattice, size: Lattice) -> IndexArray:

@@ -9,6 +9,7 @@ of the functions that the line must cover: E ρ, and E Δ for a gap. The models 
     R        3 × the upper limit of one rollout's deviation; at least the largest deviation seen, and epsilon/100
              with falls: half of the range from fall to the largest ρ, which bounds any noise in it (Hoeffding)
     B        3 × the smallest norm of a function that fits the means, gap_B the same for those of Δ
+    gap_R    sqrt(r² + R²/2), where r is the R of the machine and R that of the simulator
 
 Every number is rounded to two digits, to its safe side.
 """
@@ -29,6 +30,7 @@ from s2r_spec.certify.bound.kernels import Kernel
 from s2r_spec.certify.bound.rounding import at_least, at_most
 from s2r_spec.certify.bound.sample_complexity import sequential_lower_bound
 from s2r_spec.certify.bound.settings import SearchSettings
+from s2r_spec.certify.from_spec import of_gap
 from s2r_spec.certify.pilot.noise import Noise, noise_of
 from s2r_spec.certify.pilot.surface import LONGEST, Means, Surface, fit_kernel
 from s2r_spec.certify.search.pairing import SIMULATED_PER_REAL
@@ -80,9 +82,9 @@ class Evidence:
     Attributes:
         points: (n, dim) tests.
         spacing: (dim,) distances of neighbouring tests.
-        systems: name → its outcomes, whose noise R must cover: the one that runs, or simulator and machine. B covers
-            E ρ of the first one. The interval must tell the worst mean of the last one from 0.
-        gaps: the outcomes Δ, whose mean gap_B must cover; None without a machine.
+        systems: name → its outcomes: the system that runs, or simulator and machine. B and R cover the first one. The
+            interval must tell the worst mean of the last one from 0.
+        gaps: the outcomes Δ, which gap_B and gap_R cover; None without a machine.
         unit: the unit of ρ.
     """
 
@@ -144,7 +146,8 @@ def propose(seen: Evidence, declared: CertifySettings, fall: float) -> Proposal:
     means = seen.systems[seen.judged].means
     place = int(means.argmin())
     epsilon, epsilon_words, unsure = _epsilon(seen, place, noises[seen.judged])
-    R, R_words = _proxy(seen, noises, epsilon, fall)
+    proxies = [_proxy(seen, name, noise, epsilon, fall) for name, noise in noises.items()]
+    R, r = (float(at_most(proxies[place][0], 2)) for place in (0, -1))
     bounded = {"B": next(iter(seen.systems.values()))} | ({"gap_B": seen.gaps} if seen.gaps else {})
     functions = {
         name: Means(seen.points, one.means, one.counts, one.noise.std or R / DEVIATIONS)
@@ -154,6 +157,7 @@ def propose(seen: Evidence, declared: CertifySettings, fall: float) -> Proposal:
     kernel = _rounded(surface.kernel)
     norms = {name: one.norm(kernel) for name, one in functions.items()}
     B, *gap_B = (float(at_most(NORMS * norm, 2)) for norm in norms.values())
+    gap_R = float(at_most(math.hypot(r, R / math.sqrt(SIMULATED_PER_REAL)), 2))
     settings = CertifySettings(
         DELTA if declared.delta is None else declared.delta,
         min(epsilon, B),  # without a rollout the interval is 2B wide
@@ -161,19 +165,20 @@ def propose(seen: Evidence, declared: CertifySettings, fall: float) -> Proposal:
         R,
         _choice(kernel),
         fall,
-        *([gap_B[0], min(epsilon, gap_B[0])] if gap_B else []),
+        *([gap_B[0], gap_R, min(epsilon, gap_B[0])] if gap_B else []),
     )
     reasons = {
         "delta": _delta_words(declared.delta, R, epsilon),
         "epsilon": epsilon_words + (", and at most B" if epsilon > B else ""),
         "B": f"{NORMS:g} × the norm of the fit, {_amount(norms['B'], seen.unit)}; a certificate refuses 2 × the norm "
         f"that it sees",
-        "R": R_words,
+        "R": proxies[0][1],
         "kernel": _kernel_words(surface, seen),
         "fall": _fall_words(declared.fall, fall),
     }
     if gap_B:
         reasons["gap_B"] = f"{NORMS:g} × the norm of the fit to Δ, {_amount(norms['gap_B'], seen.unit)}"
+        reasons["gap_R"] = f"of one real rollout minus two simulated ones; of the real one {proxies[-1][1]}"
         reasons["gap_epsilon"] = "as epsilon, and at most gap_B"
     expected = rollouts(_search(seen, settings))
     for name, saving in _savings(seen, settings, [*functions.values()][-1]).items():
@@ -191,7 +196,7 @@ def propose(seen: Evidence, declared: CertifySettings, fall: float) -> Proposal:
 
 def _search(seen: Evidence, line: CertifySettings) -> SearchSettings:
     """Return the settings of the search whose rollouts cost most: of the gap if there is a machine."""
-    line, averaged = (line.of_gap, math.sqrt(1 + 1 / SIMULATED_PER_REAL)) if seen.gaps else (line, 1.0)
+    line = of_gap(line, SIMULATED_PER_REAL) if seen.gaps else line
     assert line.kernel
     assert line.B
     assert line.R
@@ -201,7 +206,7 @@ def _search(seen: Evidence, line: CertifySettings) -> SearchSettings:
         space=seen.space,
         kernel=Kernel(line.kernel.name, line.kernel.lengthscales),
         B=line.B,
-        R=line.R * averaged,
+        R=line.R,
         delta=line.delta,
         epsilon=min(line.epsilon, line.B),
     )
@@ -210,17 +215,14 @@ def _search(seen: Evidence, line: CertifySettings) -> SearchSettings:
 def _savings(seen: Evidence, line: CertifySettings, function: Means) -> dict[str, str]:
     """Return setting → words for the rollouts that a smaller B or R, or a longer kernel, would save."""
     assert line.kernel
-    assert line.B
-    assert line.R
     widths = seen.space.upper - seen.space.lower
     longer = np.minimum(2 * np.array(line.kernel.lengthscales), widths)
     kernel = Kernel(line.kernel.name, tuple(longer.tolist()))
-    bound, B = ("gap_B", line.gap_B) if line.gap_B else ("B", line.B)
-    again = {bound: NORMS * function.norm(kernel), "kernel": _choice(kernel)}
+    bound, proxy = ("gap_B", "gap_R") if seen.gaps else ("B", "R")
     changes: dict[str, tuple[str, dict[str, Any]]] = {
-        bound: ("half of it", {bound: B / 2}),
-        "R": ("half of it", {"R": line.R / 2}),
-        "kernel": ("up to twice as long", again),
+        bound: ("half of it", {bound: getattr(line, bound) / 2}),
+        proxy: ("half of it", {proxy: getattr(line, proxy) / 2}),
+        "kernel": ("up to twice as long", {bound: NORMS * function.norm(kernel), "kernel": _choice(kernel)}),
     }
     savings = {}
     for name, (words, changed) in changes.items():
@@ -260,23 +262,19 @@ def _epsilon(seen: Evidence, place: int, noise: Noise) -> tuple[float, str, str]
     )
 
 
-def _proxy(seen: Evidence, noises: Mapping[str, Noise], epsilon: float, fall: float) -> tuple[float, str]:
-    """Return R and its reason."""
-    noiseless = not any(noise.std for noise in noises.values())
-    words = "all replicates are equal, so there is no noise" if noiseless else "there is hardly any noise"
-    found = {"": (epsilon / NOISELESS, f"epsilon/{NOISELESS:g}: {words}")}
-    for name, noise in noises.items():
-        outcomes = seen.systems[name]
-        limit = f"the deviation of one {name}, at most {_amount(noise.upper, seen.unit)}"
-        if outcomes.failures:
-            highest = max(float(group.max()) for group in outcomes.groups)
-            found[name] = (highest - fall) / 2, f"half of the range from fall to the largest {name}"
-        elif DEVIATIONS * noise.upper >= noise.largest:
-            found[name] = DEVIATIONS * noise.upper, f"{DEVIATIONS:g} × {limit}"
-        else:
-            found[name] = noise.largest, f"the largest deviation seen, above {DEVIATIONS:g} × {limit}"
-    R, words = max(found.values())
-    return float(at_most(R, 2)), words
+def _proxy(seen: Evidence, name: str, noise: Noise, epsilon: float, fall: float) -> tuple[float, str]:
+    """Return the proxy of the noise of one system, and its reason."""
+    outcomes = seen.systems[name]
+    limit = f"the deviation of one {name}, at most {_amount(noise.upper, seen.unit)}"
+    if outcomes.failures:
+        highest = max(float(group.max()) for group in outcomes.groups)
+        return (highest - fall) / 2, f"half of the range from fall to the largest {name}"
+    words = "there is hardly any noise" if noise.std else "all replicates are equal, so there is no noise"
+    return max(
+        (epsilon / NOISELESS, f"epsilon/{NOISELESS:g}: {words}"),
+        (DEVIATIONS * noise.upper, f"{DEVIATIONS:g} × {limit}"),
+        (noise.largest, f"the largest deviation seen, above {DEVIATIONS:g} × {limit}"),
+    )
 
 
 def _rounded(kernel: Kernel) -> Kernel:

@@ -20,6 +20,7 @@ import numpy as np
 
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import UsageError
+from s2r_spec.base.verdict import Verdict
 from s2r_spec.certify.bound.tiling import MOST_POINTS, Tiling
 from s2r_spec.certify.search.search import Search
 
@@ -56,15 +57,13 @@ def compose(simulated: Search, gap: Search) -> Composition:
     Raises:
         UsageError: the two searches are not over the same test space.
     """
-    if simulated.space != gap.space:
-        raise UsageError("the two searches are over different test spaces: their bounds cannot be added")
+    tiling = _tiling(simulated, gap)
 
     def upper(points: FloatArray) -> FloatArray:
         return np.asarray(simulated.band(points)[1] + gap.band(points)[1])
 
     # Branch and bound: cells are split while they may exceed every point by more than the tolerance.
-    tolerance = TOLERANCE * max(simulated.epsilon, gap.epsilon)
-    tiling = Tiling(simulated.space, _Sum(simulated, gap), 10 * tolerance)
+    tolerance = _tolerance(simulated, gap)
     values = upper(tiling.points)
     while True:
         cells = values[tiling.corners].max(axis=1) + tiling.error
@@ -75,19 +74,55 @@ def compose(simulated: Search, gap: Search) -> Composition:
         known = len(tiling.points)
         tiling.split(split)
         values = np.concatenate([values, upper(tiling.points[known:])])
+    known_points = _with_tests(tiling, simulated, gap)
     low, high = gap.range
     # Maximising −Δ, so that Δ lies in [−high, −low].
     paper = -simulated.range[1] - max(high, -low)
     return Composition(
         # Both hold, and so does the larger one: cells may cost the sum more than its parts.
         lower=max(-float(cells.max()), paper),
-        upper=float((-simulated.band(tiling.points)[0] - gap.band(tiling.points)[0]).min()),
+        upper=float((-simulated.band(known_points)[0] - gap.band(known_points)[0]).min()),
         delta=min(1.0, simulated.delta + gap.delta),
         worst=simulated.space.point(tiling.points[int(values.argmax())]),
         discretisation=float(max(excess.max(), 0.0)),
         paper_lower=paper,
         gap=(-high, -low),
     )
+
+
+def judge(composition: Composition) -> Verdict:
+    """Return the verdict on the real machine from its combined interval."""
+    if composition.lower >= 0:
+        return Verdict.HOLDS
+    return Verdict.VIOLATED if composition.upper < 0 else Verdict.UNKNOWN
+
+
+def decides(simulated: Search, gap: Search) -> bool:
+    """Return whether the combined interval excludes 0.
+
+    Bounds at a few points come first. They show a violation, and a positive sum at one of them rules out that the
+    requirement holds; only without one are the cells needed.
+    """
+    points = _with_tests(_tiling(simulated, gap), simulated, gap)
+    lower, upper = np.add(simulated.band(points), gap.band(points))
+    if lower.max() > 0 or upper.max() > 0:
+        return bool(lower.max() > 0)
+    return judge(compose(simulated, gap)) is not Verdict.UNKNOWN
+
+
+def _with_tests(tiling: Tiling, simulated: Search, gap: Search) -> FloatArray:
+    """Return the points of a tiling and all tests, where the bounds are closest."""
+    return np.concatenate([tiling.points, simulated.tested, gap.tested])
+
+
+def _tiling(simulated: Search, gap: Search) -> Tiling:
+    if simulated.space != gap.space:
+        raise UsageError("the two searches are over different test spaces: their bounds cannot be added")
+    return Tiling(simulated.space, _Sum(simulated, gap), 10 * _tolerance(simulated, gap))
+
+
+def _tolerance(simulated: Search, gap: Search) -> float:
+    return TOLERANCE * max(simulated.epsilon, gap.epsilon)
 
 
 @dataclass(frozen=True)

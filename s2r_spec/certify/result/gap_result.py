@@ -291,10 +291,12 @@ def _assumptions(
         for text in certificate.assumptions
     ]
     averaged = SIMULATED_PER_REAL if provenance["simulated_per_real"] > 1 else "one or two"
+    whose = "for simulator and real machine, ρ is R-sub-Gaussian with the spec's R"
+    if spec.certify[requirement].gap_R is not None:
+        whose = "the noise of each Δ is gap_R-sub-Gaussian with the spec's gap_R"
     assumptions = (
         *(voids.with_voids(text, provenance["real"]) for text in texts),
-        f"for simulator and real machine, ρ is R-sub-Gaussian with the spec's R; each Δ is one real rollout "
-        f"minus the mean of {averaged} simulated ones",
+        f"{whose}; each Δ is one real rollout minus the mean of {averaged} simulated ones",
         f"a rollout that falls or crashes counts as ρ = {fall:g} {unit}".rstrip() + ", simulated or real",
     )
     for side in SYSTEMS:
