@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -13,7 +14,7 @@ from numpy.typing import ArrayLike
 from s2r_spec.robustness.online.blocks import Blocks, Decided
 from s2r_spec.robustness.online.points import Point, Points
 from s2r_spec.robustness.online.recorder import Followed, Recorder, each_sample
-from s2r_spec.robustness.online.tape import Tape
+from s2r_spec.robustness.online.spans import ANY
 from s2r_spec.robustness.ties import restore_zero
 
 Verdict = Literal["holds", "violated", "unknown"]
@@ -72,7 +73,8 @@ class Monitor:
             name: points(term, 0) for name, term in self._recorder.terms.items()
         }
         self._recorder.algebra.foresee()
-        self._now = {name: RobustInterval.of(-math.inf, math.inf) for name in self._points}
+        self._ends = dict.fromkeys(self._points, ANY)
+        self._now = {name: RobustInterval.of(*ANY) for name in self._points}
         self._refresh()
 
     @property
@@ -139,7 +141,8 @@ class Monitor:
     def _refresh(self) -> dict[str, RobustInterval]:
         for name, point in self._points.items():
             point.refresh()
-            self._now[name] = RobustInterval.of(point.lower, point.upper)
+            if (ends := (point.lower, point.upper)) != self._ends[name]:
+                self._ends[name], self._now[name] = ends, RobustInterval.of(*ends)
         return self.intervals
 
 
@@ -149,8 +152,7 @@ class RobustnessStream:
     def __init__(self, followed: Followed) -> None:
         self._recorder = Recorder(followed)
         self._sent = dict.fromkeys(self._recorder.terms, 0)
-        self._times = Tape()
-        self._times.keep(lambda: min(self._sent.values()))
+        self._times: dict[str, deque[float]] = {name: deque() for name in self._sent}  # of the others
         self._blocks: Blocks | None = None
         for name, term in self._recorder.terms.items():
             term.follow()
@@ -164,7 +166,8 @@ class RobustnessStream:
         if self._blocks is not None:
             return self.extend([time], {name: [value] for name, value in sample.items()})
         self._recorder.take(time, sample)
-        self._times.append(time)
+        for times in self._times.values():
+            times.append(time)
         return self._settled_values()
 
     def extend(self, times: ArrayLike, samples: Mapping[str, ArrayLike]) -> Decided:
@@ -197,10 +200,12 @@ class RobustnessStream:
         return self._settled_values()
 
     def _settled_values(self) -> Decided:
-        values = {}
+        values: Decided = {}
         for name, term in self._recorder.terms.items():
-            first, self._sent[name] = self._sent[name], term.end
-            values[name] = [
-                (self._times.value(k), restore_zero(term.value(k))) for k in range(first, term.end)
-            ]
+            found: list[tuple[float, float]] = []
+            k, end, times = self._sent[name], term.decided.end, self._times[name]
+            while k < end:
+                found.append((times.popleft(), restore_zero(term.value(k))))
+                k += 1
+            values[name], self._sent[name] = found, end
         return values

@@ -22,10 +22,13 @@ from s2r_spec.robustness.numbers import SampledSignals
 from s2r_spec.robustness.online.algebra import OnlineAlgebra
 from s2r_spec.robustness.online.blocks import Blocks, fits
 from s2r_spec.robustness.online.clock import OnlineClock
+from s2r_spec.robustness.online.spans import ANY, Span
 from s2r_spec.robustness.online.tape import Tape
 from s2r_spec.robustness.reading import HOLD, LEADING, Missing
 
 T = TypeVar("T")
+NONE: Span = (math.inf, -math.inf)
+"""Definition: the span of no number."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,17 @@ class Recorder:
         self.followed = followed
         self.clock = OnlineClock(followed.period)
         self.tapes = {signal.name: [Tape() for _ in range(signal.dim)] for signal in followed.signals}
+        self.components = [tape for tapes in self.tapes.values() for tape in tapes]
         ranges = {s.name: s.range for s in followed.signals if s.range is not None} if followed.ranges else {}
+        # a float in these limits is a plain sample; others are read with care
+        self.plain = [
+            (
+                signal,
+                signal.name,
+                *(NONE if signal.vector or signal.boolean else ranges.get(signal.name, ANY)),
+            )
+            for signal in followed.signals
+        ]
         self.algebra = OnlineAlgebra(
             self.clock, self.tapes, ranges, followed.params, tuple(followed.formulas.values()), followed.until
         )
@@ -67,21 +80,27 @@ class Recorder:
 
     def take(self, time: float, sample: Mapping[str, Any]) -> None:
         """Take the next sample; for errors see :meth:`Monitor.update`."""
-        self._check_open()
-        k = self.clock.now + 1
-        numbers = [self._read(signal, sample, k) for signal in self.followed.signals]
-        self.clock.tick(float(time))
-        for signal, components in zip(self.followed.signals, numbers, strict=True):
-            for tape, number in zip(self.tapes[signal.name], components, strict=True):
-                tape.append(number)
-        self._settle()
-        if self.clock.now == 0:
+        clock = self.clock
+        if self.broken is not None or clock.ended:
+            self._check_open()
+        numbers: list[float] = []
+        for signal, name, low, high in self.plain:
+            value = sample.get(name)
+            if isinstance(value, float) and low <= value <= high:
+                numbers.append(value)
+            else:
+                numbers += self._read(signal, sample, clock.now + 1)
+        clock.tick(float(time))
+        for tape, number in zip(self.components, numbers, strict=True):
+            tape.append(number)
+        self._advance()
+        if clock.now == 0:
             self.algebra.foresee()
 
     def finish(self) -> None:
         """End the trace: no further sample comes."""
         self.end()
-        self._settle()
+        self._advance()
 
     def end(self) -> None:
         """End the trace, and compute nothing."""
@@ -106,14 +125,15 @@ class Recorder:
         elif clock.now > 0:
             refuse_short(self.narrowest, clock.latest / clock.now, "the mean time between two samples")
 
-    def _settle(self) -> None:
-        self.guarded(self._advance)
-
     def _advance(self) -> None:
-        if self.clock.period is None:
-            self._refuse_short()
-        for stream in self.clock.streams:
-            stream.advance()
+        try:
+            if self.clock.period is None:
+                self._refuse_short()
+            for stream in self.clock.streams:
+                stream.advance()
+        except TraceError as error:
+            self.broken = error
+            raise
 
     def guarded(self, compute: Callable[[], T]) -> T:
         """Return what a function computes; its TraceError ends the trace."""

@@ -15,7 +15,7 @@ import numpy as np
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.robustness.online.clock import Component, InstantNumber, OnlineClock
 from s2r_spec.robustness.online.spans import ANY, Span, negate
-from s2r_spec.robustness.online.tape import Reader, Tape, lesser
+from s2r_spec.robustness.online.tape import InstantSource, Reader, Tape, lesser
 from s2r_spec.robustness.ties import rescale, rescale_number
 
 LOWER, UPPER = 0, 1
@@ -27,14 +27,16 @@ class Term(ABC):
 
     def __init__(self, clock: OnlineClock, *operands: Term) -> None:
         self.clock, self.operands = clock, operands
+        self.value: Component  # instant → ρ, where it is decided
+        self.decided: InstantSource  # has as many known values
         self.ahead: Span = ANY  # contains ρ at every instant
         self._bounds: dict[tuple[int, int, int], FloatArray] = {}
         self._bounds_at = -1
 
     @property
-    @abstractmethod
     def end(self) -> int:
         """Number of instants with a decided value."""
+        return self.decided.end
 
     def follow(self) -> None:
         """Begin to compute values; call it before the first sample."""
@@ -44,10 +46,6 @@ class Term(ABC):
     @abstractmethod
     def keep(self, reader: Reader) -> None:
         """See :class:`~s2r_spec.robustness.online.tape.InstantSource`."""
-
-    @abstractmethod
-    def value(self, k: int) -> float:
-        """Return ρ at a decided instant."""
 
     @abstractmethod
     def span(self, *operands: Span) -> Span:
@@ -77,13 +75,9 @@ class Stored(Term):
 
     def __init__(self, clock: OnlineClock, *operands: Term) -> None:
         super().__init__(clock, *operands)
-        self.tape = Tape()
+        self.decided = self.tape = Tape()
+        self.value = self.tape.value
         self.followed = False
-
-    @property
-    def end(self) -> int:
-        """See :class:`Term`."""
-        return self.tape.end
 
     def follow(self) -> None:
         """See :class:`Term`."""
@@ -96,10 +90,6 @@ class Stored(Term):
     def keep(self, reader: Reader) -> None:
         """See :class:`Term`."""
         self.tape.readers.append(reader)
-
-    def value(self, k: int) -> float:
-        """See :class:`Term`."""
-        return self.tape.value(k)
 
     def next(self) -> int:
         """Return the first instant that is not decided."""
@@ -141,9 +131,9 @@ class Leaf(Stored):
 
     def advance(self) -> None:
         """See :class:`Stored`."""
-        margin, append = self.margin, self.tape.append
-        for k in range(self.tape.end, self.number.end(self.clock)):
-            append(margin(k))
+        tape, end = self.tape, self.number.end(self.clock)
+        while (k := tape.end) < end:
+            tape.append(self.margin(k))
 
     def span(self, *operands: Span) -> Span:
         """See :class:`Term`."""
@@ -161,12 +151,7 @@ class Mapped(Term):
 
     def __init__(self, clock: OnlineClock, operand: Term) -> None:
         super().__init__(clock, operand)
-        self.operand = operand
-
-    @property
-    def end(self) -> int:
-        """See :class:`Term`."""
-        return self.operand.end
+        self.operand, self.decided = operand, operand.decided
 
     def keep(self, reader: Reader) -> None:
         """See :class:`Term`."""
@@ -176,9 +161,10 @@ class Mapped(Term):
 class Negative(Mapped):
     """−x."""
 
-    def value(self, k: int) -> float:
-        """See :class:`Term`."""
-        return -self.operand.value(k)
+    def __init__(self, clock: OnlineClock, operand: Term) -> None:
+        super().__init__(clock, operand)
+        value = operand.value
+        self.value = lambda k: -value(k)
 
     def span(self, *operands: Span) -> Span:
         """See :class:`Term`."""
@@ -194,10 +180,7 @@ class Scaled(Mapped):
     def __init__(self, clock: OnlineClock, operand: Term, factor: float) -> None:
         super().__init__(clock, operand)
         self.factor = factor
-
-    def value(self, k: int) -> float:
-        """See :class:`Term`."""
-        return rescale_number(self.operand.value(k), self.factor)
+        self.value = lambda k: rescale_number(operand.value(k), factor)
 
     def span(self, *operands: Span) -> Span:
         """See :class:`Term`."""
@@ -221,8 +204,10 @@ class Least(Stored):
 
     def advance(self) -> None:
         """See :class:`Stored`."""
-        for k in range(self.tape.end, min(self.left.end, self.right.end)):
-            self.tape.append(lesser(self.left.value(k), self.right.value(k)))
+        tape, left, right = self.tape, self.left, self.right
+        end = min(left.decided.end, right.decided.end)
+        while (k := tape.end) < end:
+            tape.append(lesser(left.value(k), right.value(k)))
 
     def span(self, *operands: Span) -> Span:
         """See :class:`Term`."""
@@ -238,6 +223,7 @@ class AdjacentSample(Mapped):
 
     def __init__(self, clock: OnlineClock, operand: Term, later: bool) -> None:
         super().__init__(clock, operand)
+        self.decided, self.value = self, self._value
         self.shift = 1 if later else -1
 
     @property
@@ -250,8 +236,7 @@ class AdjacentSample(Mapped):
             return clock.now + 1
         return max(self.operand.end - 1, 0)
 
-    def value(self, k: int) -> float:
-        """See :class:`Term`."""
+    def _value(self, k: int) -> float:
         return self.operand.value(k + self.shift) if 0 <= k + self.shift <= self.clock.now else -math.inf
 
     def span(self, *operands: Span) -> Span:
@@ -274,14 +259,14 @@ class Rise(Mapped):
     def __init__(self, clock: OnlineClock, operand: Term) -> None:
         super().__init__(clock, operand)
         self.operands = operand, operand
+        self.decided, self.value = self, self._value
 
     @property
     def end(self) -> int:
         """See :class:`Term`."""
         return min(max(self.operand.end, 1), self.clock.now + 1)
 
-    def value(self, k: int) -> float:
-        """See :class:`Term`."""
+    def _value(self, k: int) -> float:
         return lesser(self.operand.value(k), -self.operand.value(k - 1)) if k else -math.inf
 
     def span(self, *operands: Span) -> Span:

@@ -12,9 +12,12 @@ from s2r_spec.lang.source import Span as Place
 from s2r_spec.robustness.kernels import range_min, range_until, until
 from s2r_spec.robustness.online.clock import OnlineClock
 from s2r_spec.robustness.online.spans import Span
-from s2r_spec.robustness.online.tape import Sliding, lesser
+from s2r_spec.robustness.online.tape import Sliding, SlidingLeast
 from s2r_spec.robustness.online.terms import LOWER, UPPER, Stored, Term
 from s2r_spec.robustness.ticks import Reach
+
+FAR = 2**60
+"""Definition: more samples than any trace has."""
 
 
 class Timed(Stored):
@@ -33,6 +36,8 @@ class Timed(Stored):
         self.reach, self.past, self.place = reach, past, place
         self.first = 0  # the oldest instant in the window of the last decided one
         self.new = 0  # the first instant that was in no window yet
+        self._low, self._high = (int(min(max(end, -FAR), FAR)) for end in (reach.low, reach.high))
+        self._regular = clock.period is not None
         self._known = (-1, 0, 0), (np.empty(0, np.intp), np.empty(0, np.intp))  # windows, for either bound
 
     def _prepare(self) -> None:
@@ -57,6 +62,35 @@ class Timed(Stored):
         """Return the first instant of the operands that is still needed."""
         return min(self.new if self.reach.low == -math.inf else self.first, self.tape.end)
 
+    def _stop(self, k: int, end: int) -> int:
+        """Return the number of instants that do not lie after the window of instant k.
+
+        It is greater than ``end``, the number of those with known operands, if the window is not known.
+        """
+        if self._regular:
+            return k + self._high + 1
+        clock, reach, at, new = self.clock, self.reach, self.clock.position(k), self.new
+        while new <= clock.now and not reach.after(clock.position(new), at, clock.snap):
+            if new == end:
+                return end + 1
+            new += 1
+        return new if clock.closed(reach, at) else clock.now + 2
+
+    def _begin(self, k: int) -> int:
+        """Return the first instant in the window of instant k, or ``new`` if it is empty."""
+        first, new = self.first, self.new
+        if self._regular:
+            if first < k + self._low:
+                first = k + self._low
+        elif self.reach.low > -math.inf:
+            clock, at = self.clock, self.clock.position(k)
+            while first < new and self.reach.before(clock.position(first), at, clock.snap):
+                first += 1
+        if first < new:
+            return first
+        self.clock.check_empty(self.reach, k, self.clock.position(k))
+        return new
+
     def _windows(self, first: int, last: int) -> tuple[IntArray, IntArray]:
         """Return the first and the last instant in the windows of the instants ``first`` … ``last``.
 
@@ -80,29 +114,22 @@ class Always(Timed):
     def __init__(self, clock: OnlineClock, operand: Term, reach: Reach, past: bool, place: Place) -> None:
         super().__init__(clock, reach, past, place, operand)
         self.operand = operand
-        self.least = Sliding(lesser, math.inf, forgets=reach.low > -math.inf)
+        self.least = SlidingLeast(forgets=reach.low > -math.inf)
 
     def advance(self) -> None:
         """See :class:`Stored`."""
-        clock, reach, operand = self.clock, self.reach, self.operand
-        position, snap, end = clock.position, clock.snap, operand.end
-        while self.tape.end <= clock.now:
-            k = self.tape.end
-            at = position(k)
-            while self.new <= clock.now and not reach.after(position(self.new), at, snap):
-                if self.new >= end:
-                    return
-                self.least.push(operand.value(self.new))
-                self.new += 1
-            if not clock.closed(reach, at):
+        clock, tape, operand, least = self.clock, self.tape, self.operand, self.least
+        now, end, new = clock.now, operand.decided.end, self.new
+        while (k := tape.end) <= now:
+            stop = self._stop(k, end)
+            while new < stop and new < end:
+                least.push(new, operand.value(new))
+                new += 1
+            self.new = new
+            if new < stop and (new <= now or not clock.ended):
                 return
-            if reach.low > -math.inf:
-                while self.first < self.new and reach.before(position(self.first), at, snap):
-                    self.least.pop()
-                    self.first += 1
-                if self.first == self.new:
-                    clock.check_empty(reach, k, at)
-            self.tape.append(self.least.total)
+            self.first = first = self._begin(k)
+            tape.append(least.since(first))
 
     def span(self, *operands: Span) -> Span:
         """See :class:`Term`."""
@@ -130,7 +157,10 @@ Clamp = tuple[float, float]
 def followed_by(first: Clamp, then: Clamp) -> Clamp:
     """Return the composition of two clamps; see :func:`s2r_spec.robustness.kernels.until`."""
     p, q = first
-    return lesser(p, then[0]), max(q, lesser(p, then[1]))
+    guard, offer = then
+    if p < offer:
+        offer = p
+    return p if p < guard else guard, q if q > offer else offer
 
 
 class Until(Timed):
@@ -146,48 +176,37 @@ class Until(Timed):
             (math.inf, -math.inf),
             forgets=reach.low > -math.inf,
         )
-        self.guard = Sliding(lesser, math.inf)  # left between an instant and its window
-        self.guarded = 0  # the first instant that was not in the guard yet
+        self.guard = SlidingLeast()  # left between an instant and its window
+        self.guarded = 0  # the first instant that was not in the guard yet, looking back
 
     def advance(self) -> None:
         """See :class:`Stored`."""
-        position = self.clock.position
-        while (k := self.tape.end) <= self.clock.now and self._settle(k, position(k)):
-            if self.first == self.new:
-                self.clock.check_empty(self.reach, k, position(k))
-            self.tape.append(lesser(self.guard.total, self.witnesses.total[1]))
-
-    def _settle(self, k: int, at: float) -> bool:
-        """Move the window to an instant, and return whether all of its values are known."""
-        clock, reach, left, right = self.clock, self.reach, self.left, self.right
-        position, snap = clock.position, clock.snap
-        if self.past:
-            if left.end <= k:
-                return False
-            while self.guarded <= k:
-                self.guard.push(left.value(self.guarded))
-                self.guarded += 1
-        end = min(left.end, right.end)
-        while self.new <= clock.now and not reach.after(position(self.new), at, snap):
-            if self.new >= end:
-                return False
-            if self.past:
-                self.guard.pop()
-            self.witnesses.push((left.value(self.new), right.value(self.new)))
-            self.new += 1
-        if not clock.closed(reach, at):
-            return False
-        while (
-            reach.low > -math.inf and self.first < self.new and reach.before(position(self.first), at, snap)
-        ):
-            self.witnesses.pop()
-            if not self.past:
-                self.guard.push(left.value(self.first))
-            self.first += 1
-        while not self.past and self.guarded < min(k, self.first):
-            self.guard.pop()
-            self.guarded += 1
-        return True
+        clock, tape, guard, witnesses = self.clock, self.tape, self.guard, self.witnesses
+        left, right, past = self.left.value, self.right.value, self.past
+        now, ready, new = clock.now, self.left.decided.end, self.new
+        end = min(ready, self.right.decided.end)
+        while (k := tape.end) <= now:
+            if past:
+                if ready <= k:
+                    return
+                while self.guarded <= k:
+                    guard.push(self.guarded, left(self.guarded))
+                    self.guarded += 1
+            stop = self._stop(k, end)
+            while new < stop and new < end:
+                witnesses.push((left(new), right(new)))
+                new += 1
+            self.new = new
+            if new < stop and (new <= now or not clock.ended):
+                return
+            begin = self._begin(k)
+            while self.first < begin:
+                witnesses.pop()
+                if k <= self.first and not past:
+                    guard.push(self.first, left(self.first))
+                self.first += 1
+            least, offer = guard.since(new if past else k), witnesses.total[1]
+            tape.append(least if least < offer else offer)
 
     def span(self, *operands: Span) -> Span:
         """See :class:`Term`."""
