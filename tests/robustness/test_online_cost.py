@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from s2r_spec.robustness.online import points, terms
-from s2r_spec.robustness.online.tape import Sliding, Tape
+from s2r_spec.robustness.online.tape import SlidingLeast, SlidingSum, Tape
+from s2r_spec.robustness.online.timed import Witnesses
 from s2r_spec.spec import parse_spec
 
 rng = np.random.default_rng(0)
@@ -60,8 +61,10 @@ def held(recorder) -> int:
         match one:
             case Tape():
                 total += one.data.size
-            case Sliding():
+            case SlidingSum() | Witnesses():
                 total += len(one.front) + len(one.back)
+            case SlidingLeast():
+                total += len(one.queue)
             case dict():
                 stack.extend(one.values())
             case list() | tuple():

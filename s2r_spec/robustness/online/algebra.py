@@ -87,7 +87,8 @@ class OnlineAlgebra:
         return term
 
     def _leaf(self, margin: Component, sources: tuple[InstantSource, ...], ahead: Span) -> Leaf:
-        leaf = Leaf(self.clock, InstantNumber((margin,), sources))
+        samples = {id(tape) for tapes in self.signals.values() for tape in tapes}
+        leaf = Leaf(self.clock, InstantNumber((margin,), sources), samples.issuperset(map(id, sources)))
         leaf.ahead = ahead
         return leaf
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
@@ -93,6 +94,8 @@ class OnlineClock:
         )  # each of two samples may be off by that of a recorded trace
         self.positions = Tape() if self.period is None else Indices()
         self.position = self.positions.value  # of an instant
+        step = self.step
+        self.seconds = self.position if self.period is None else lambda k: k * step  # after the first instant
         self.now = -1  # the last instant seen
         self.latest = 0.0  # its position
         self.round = 0  # number of changes so far
@@ -116,7 +119,7 @@ class OnlineClock:
         self.round += 1
         if self.period is None:
             self.latest = time - self.start
-            rounding = 8 * float(np.finfo(np.float64).eps) * (abs(time) + self.latest)
+            rounding = 8 * sys.float_info.epsilon * (abs(time) + self.latest)
             shortest = self.shortest if self.now else 0.0
             self.snap = min(ticks.SNAP * shortest + rounding, shortest / 4)
             self.positions.append(self.latest)
@@ -178,10 +181,6 @@ class OnlineClock:
     def slack(self) -> float:
         """Times closer than this are the same [s]."""
         return self.snap if self.period is None else grid.SNAP * self.step
-
-    def seconds(self, k: int) -> float:
-        """Return the time of an instant after the first [s]."""
-        return self.position(k) if self.period is None else k * self.step
 
     def reach(self, interval: Interval, past: bool) -> Reach:
         """Return the window of an interval.

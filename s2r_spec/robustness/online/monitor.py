@@ -15,7 +15,8 @@ from s2r_spec.robustness.online.blocks import Blocks, Decided
 from s2r_spec.robustness.online.points import Point, Points
 from s2r_spec.robustness.online.recorder import Followed, Recorder, each_sample
 from s2r_spec.robustness.online.spans import ANY
-from s2r_spec.robustness.ties import restore_zero
+from s2r_spec.robustness.online.terms import Term
+from s2r_spec.robustness.ties import TIE, restore_zero
 
 Verdict = Literal["holds", "violated", "unknown"]
 
@@ -152,9 +153,12 @@ class RobustnessStream:
     def __init__(self, followed: Followed) -> None:
         self._recorder = Recorder(followed)
         self._sent = dict.fromkeys(self._recorder.terms, 0)
-        self._times: dict[str, deque[float]] = {name: deque() for name in self._sent}  # of the others
         self._blocks: Blocks | None = None
+        self._followed: list[
+            tuple[str, Term, deque[float]]
+        ] = []  # with the times of the instants that are left
         for name, term in self._recorder.terms.items():
+            self._followed.append((name, term, deque()))
             term.follow()
             term.keep(partial(self._sent.__getitem__, name))
 
@@ -166,7 +170,7 @@ class RobustnessStream:
         if self._blocks is not None:
             return self.extend([time], {name: [value] for name, value in sample.items()})
         self._recorder.take(time, sample)
-        for times in self._times.values():
+        for _, _, times in self._followed:
             times.append(time)
         return self._settled_values()
 
@@ -201,11 +205,12 @@ class RobustnessStream:
 
     def _settled_values(self) -> Decided:
         values: Decided = {}
-        for name, term in self._recorder.terms.items():
-            found: list[tuple[float, float]] = []
-            k, end, times = self._sent[name], term.decided.end, self._times[name]
+        for name, term, times in self._followed:
+            found = values[name] = []
+            k, end = self._sent[name], term.decided.end
             while k < end:
-                found.append((times.popleft(), restore_zero(term.value(k))))
+                rho = term.value(k)
+                found.append((times.popleft(), 0.0 if -TIE <= rho <= TIE else rho))
                 k += 1
-            values[name], self._sent[name] = found, end
+            self._sent[name] = end
         return values

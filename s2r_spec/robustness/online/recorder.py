@@ -58,14 +58,14 @@ class Recorder:
         self.followed = followed
         self.clock = OnlineClock(followed.period)
         self.tapes = {signal.name: [Tape() for _ in range(signal.dim)] for signal in followed.signals}
-        self.components = [tape for tapes in self.tapes.values() for tape in tapes]
         ranges = {s.name: s.range for s in followed.signals if s.range is not None} if followed.ranges else {}
         # a float in these limits is a plain sample; others are read with care
         self.plain = [
             (
-                signal,
                 signal.name,
-                *(NONE if signal.vector or signal.boolean else ranges.get(signal.name, ANY)),
+                NONE if signal.vector or signal.boolean else ranges.get(signal.name, ANY),
+                self.tapes[signal.name][0],
+                signal,
             )
             for signal in followed.signals
         ]
@@ -83,16 +83,18 @@ class Recorder:
         clock = self.clock
         if self.broken is not None or clock.ended:
             self._check_open()
-        numbers: list[float] = []
-        for signal, name, low, high in self.plain:
-            value = sample.get(name)
-            if isinstance(value, float) and low <= value <= high:
-                numbers.append(value)
-            else:
-                numbers += self._read(signal, sample, clock.now + 1)
-        clock.tick(float(time))
-        for tape, number in zip(self.components, numbers, strict=True):
-            tape.append(number)
+        try:
+            for name, (low, high), tape, signal in self.plain:
+                value = sample.get(name)
+                if isinstance(value, float) and low <= value <= high:
+                    tape.append(value)
+                else:
+                    self._append(signal, sample)
+            clock.tick(float(time))
+        except Exception:
+            for tape in (tape for tapes in self.tapes.values() for tape in tapes):
+                tape.end = clock.now + 1  # the sample is dropped
+            raise
         self._advance()
         if clock.now == 0:
             self.algebra.foresee()
@@ -177,6 +179,11 @@ class Recorder:
         if plain and not (self.followed.ranges and signal.range is not None):
             return rows.astype(np.float64).reshape(count, signal.dim)
         return np.array([self._read(signal, {name: row}, first + k) for k, row in enumerate(rows.tolist())])
+
+    def _append(self, signal: Signal, sample: Mapping[str, Any]) -> None:
+        numbers = self._read(signal, sample, self.clock.now + 1)
+        for tape, number in zip(self.tapes[signal.name], numbers, strict=True):
+            tape.append(number)
 
     def _read(self, signal: Signal, sample: Mapping[str, Any], k: int) -> list[float]:
         """Return the numbers of a signal in sample k."""

@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from typing import Generic, Protocol, TypeVar, cast
+from typing import Protocol, cast
 
 import numpy as np
 
 from s2r_spec.base.arrays import FloatArray
 
 Reader = Callable[[], int]
-T = TypeVar("T")
 
 
 class InstantSource(Protocol):
@@ -80,46 +79,44 @@ class Tape:
         self.cells = cast("memoryview[float]", data.data)
 
 
-class Sliding(Generic[T]):
-    """A queue with the combination of all its elements, for any associative operation.
+class SlidingSum:
+    """A queue of numbers with their sum, without a subtraction, which would accumulate rounding.
 
-    It consists of two stacks. When the front stack is empty, the back stack is reversed onto it, and each element is
-    combined with all newer ones. The time for an element is constant on average, for any length of the queue.
+    It consists of two stacks. When the front stack is empty, the back stack is reversed onto it, and each number is
+    added to all newer ones. The time for a number is constant on average, for any length of the queue.
 
     Args:
-        combine: (older, newer) → both together; associative.
-        neutral: neutral element, the combination of an empty queue.
-        forgets: whether elements leave; if not, none is kept.
+        forgets: whether numbers leave; if not, none is kept.
     """
 
-    def __init__(self, combine: Callable[[T, T], T], neutral: T, forgets: bool = True) -> None:
-        self.combine = combine
-        self.neutral = neutral
+    def __init__(self, forgets: bool = True) -> None:
         self.forgets = forgets
-        self.front: list[T] = []  # of each old element and all newer ones in front; the oldest is last
-        self.back: list[T] = []
-        self.back_all = neutral
+        self.front: list[
+            float
+        ] = []  # sums of each old number and all newer ones in front; the oldest is last
+        self.back: list[float] = []
+        self.back_sum = 0.0
 
-    def push(self, element: T) -> None:
-        """Add the newest element."""
-        self.back_all = self.combine(self.back_all, element)
+    def push(self, number: float) -> None:
+        """Add the newest number."""
+        self.back_sum += number
         if self.forgets:
-            self.back.append(element)
+            self.back.append(number)
 
     def pop(self) -> None:
-        """Remove the oldest element."""
+        """Remove the oldest number."""
         if not self.front:
-            total = self.neutral
+            total = 0.0
             while self.back:
-                total = self.combine(self.back.pop(), total)
+                total += self.back.pop()
                 self.front.append(total)
-            self.back_all = self.neutral
+            self.back_sum = 0.0
         self.front.pop()
 
     @property
-    def total(self) -> T:
-        """The combination of all elements, oldest first."""
-        return self.combine(self.front[-1], self.back_all) if self.front else self.back_all
+    def total(self) -> float:
+        """The sum of all numbers."""
+        return self.front[-1] + self.back_sum if self.front else self.back_sum
 
 
 class SlidingLeast:

@@ -118,10 +118,17 @@ class Stored(Term):
 
 
 class Leaf(Stored):
-    """A predicate, a boolean signal or a constant, without a window of its own; the algebra sets its ``ahead``."""
+    """A predicate, a boolean signal or a constant, without a window of its own; the algebra sets its ``ahead``.
 
-    def __init__(self, clock: OnlineClock, number: InstantNumber) -> None:
+    Args:
+        clock: the clock of the trace.
+        number: ρ.
+        prompt: whether it reads samples alone, and is known at once.
+    """
+
+    def __init__(self, clock: OnlineClock, number: InstantNumber, prompt: bool) -> None:
         super().__init__(clock)
+        self.prompt = prompt
         self.number = number
         self.margin: Component = number.parts[0]
 
@@ -131,7 +138,8 @@ class Leaf(Stored):
 
     def advance(self) -> None:
         """See :class:`Stored`."""
-        tape, end = self.tape, self.number.end(self.clock)
+        tape, clock = self.tape, self.clock
+        end = clock.now + 1 if self.prompt else self.number.end(clock)
         while (k := tape.end) < end:
             tape.append(self.margin(k))
 
@@ -205,9 +213,9 @@ class Least(Stored):
     def advance(self) -> None:
         """See :class:`Stored`."""
         tape, left, right = self.tape, self.left, self.right
-        end = min(left.decided.end, right.decided.end)
-        while (k := tape.end) < end:
-            tape.append(lesser(left.value(k), right.value(k)))
+        while (k := tape.end) < left.decided.end and k < right.decided.end:
+            x, y = left.value(k), right.value(k)
+            tape.append(x if x < y else y)
 
     def span(self, *operands: Span) -> Span:
         """See :class:`Term`."""

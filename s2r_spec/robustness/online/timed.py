@@ -12,7 +12,7 @@ from s2r_spec.lang.source import Span as Place
 from s2r_spec.robustness.kernels import range_min, range_until, until
 from s2r_spec.robustness.online.clock import OnlineClock
 from s2r_spec.robustness.online.spans import Span
-from s2r_spec.robustness.online.tape import Sliding, SlidingLeast
+from s2r_spec.robustness.online.tape import SlidingLeast
 from s2r_spec.robustness.online.terms import LOWER, UPPER, Stored, Term
 from s2r_spec.robustness.ticks import Reach
 
@@ -36,8 +36,9 @@ class Timed(Stored):
         self.reach, self.past, self.place = reach, past, place
         self.first = 0  # the oldest instant in the window of the last decided one
         self.new = 0  # the first instant that was in no window yet
-        self._low, self._high = (int(min(max(end, -FAR), FAR)) for end in (reach.low, reach.high))
-        self._regular = clock.period is not None
+        low, high = (int(min(max(end, -FAR), FAR)) for end in (reach.low, reach.high))
+        # with a period, the window of instant k has the instants k + low … k + lag - 1
+        self._low, self._lag = low, None if clock.period is None else high + 1
         self._known = (-1, 0, 0), (np.empty(0, np.intp), np.empty(0, np.intp))  # windows, for either bound
 
     def _prepare(self) -> None:
@@ -63,12 +64,10 @@ class Timed(Stored):
         return min(self.new if self.reach.low == -math.inf else self.first, self.tape.end)
 
     def _stop(self, k: int, end: int) -> int:
-        """Return the number of instants that do not lie after the window of instant k.
+        """Return the number of instants that do not lie after the window of instant k, without a period.
 
         It is greater than ``end``, the number of those with known operands, if the window is not known.
         """
-        if self._regular:
-            return k + self._high + 1
         clock, reach, at, new = self.clock, self.reach, self.clock.position(k), self.new
         while new <= clock.now and not reach.after(clock.position(new), at, clock.snap):
             if new == end:
@@ -79,7 +78,7 @@ class Timed(Stored):
     def _begin(self, k: int) -> int:
         """Return the first instant in the window of instant k, or ``new`` if it is empty."""
         first, new = self.first, self.new
-        if self._regular:
+        if self._lag is not None:
             if first < k + self._low:
                 first = k + self._low
         elif self.reach.low > -math.inf:
@@ -119,9 +118,9 @@ class Always(Timed):
     def advance(self) -> None:
         """See :class:`Stored`."""
         clock, tape, operand, least = self.clock, self.tape, self.operand, self.least
-        now, end, new = clock.now, operand.decided.end, self.new
+        now, end, new, lag = clock.now, operand.decided.end, self.new, self._lag
         while (k := tape.end) <= now:
-            stop = self._stop(k, end)
+            stop = k + lag if lag is not None else self._stop(k, end)
             while new < stop and new < end:
                 least.push(new, operand.value(new))
                 new += 1
@@ -163,6 +162,58 @@ def followed_by(first: Clamp, then: Clamp) -> Clamp:
     return p if p < guard else guard, q if q > offer else offer
 
 
+class Witnesses:
+    """The instants of a window that moves on, and the robustness of the best witness in it.
+
+    They are two stacks of clamps, as the numbers of :class:`~s2r_spec.robustness.online.tape.SlidingSum`.
+
+    Args:
+        past: whether the instants are met from the newest to the oldest.
+        forgets: whether instants leave; if not, none is kept.
+    """
+
+    def __init__(self, past: bool, forgets: bool) -> None:
+        self.past, self.forgets = past, forgets
+        self.front: list[Clamp] = []  # of each old instant and all newer ones in front; the oldest is last
+        self.back: list[Clamp] = []
+        self.guard, self.offer = math.inf, -math.inf  # the clamp of the back
+
+    def push(self, left: float, right: float) -> None:
+        """Add the newest instant."""
+        first, then = (left, self.offer) if self.past else (self.guard, right)
+        offer = first if first < then else then
+        other = right if self.past else self.offer
+        self.offer = offer if offer > other else other
+        if left < self.guard:
+            self.guard = left
+        if self.forgets:
+            self.back.append((left, right))
+
+    def pop(self) -> None:
+        """Remove the oldest instant."""
+        if not self.front:
+            clamp = math.inf, -math.inf
+            while self.back:
+                one = self.back.pop()
+                clamp = followed_by(clamp, one) if self.past else followed_by(one, clamp)
+                self.front.append(clamp)
+            self.guard, self.offer = math.inf, -math.inf
+        self.front.pop()
+
+    def best(self) -> float:
+        """Return the robustness of the best witness; −inf if there is none."""
+        if not self.front:
+            return self.offer
+        p, q = self.front[-1]
+        if self.past:
+            p, q, offer = self.guard, self.offer, q
+        else:
+            offer = self.offer
+        if p < offer:
+            offer = p
+        return q if q > offer else offer
+
+
 class Until(Timed):
     """The robustness of the best witness; −inf where the window is empty."""
 
@@ -171,11 +222,7 @@ class Until(Timed):
     ) -> None:
         super().__init__(clock, reach, past, place, left, right)
         self.left, self.right = left, right
-        self.witnesses = Sliding[Clamp](
-            (lambda older, newer: followed_by(newer, older)) if past else followed_by,
-            (math.inf, -math.inf),
-            forgets=reach.low > -math.inf,
-        )
+        self.witnesses = Witnesses(past, forgets=reach.low > -math.inf)
         self.guard = SlidingLeast()  # left between an instant and its window
         self.guarded = 0  # the first instant that was not in the guard yet, looking back
 
@@ -183,8 +230,10 @@ class Until(Timed):
         """See :class:`Stored`."""
         clock, tape, guard, witnesses = self.clock, self.tape, self.guard, self.witnesses
         left, right, past = self.left.value, self.right.value, self.past
-        now, ready, new = clock.now, self.left.decided.end, self.new
-        end = min(ready, self.right.decided.end)
+        now, ready, new, lag = clock.now, self.left.decided.end, self.new, self._lag
+        end = self.right.decided.end
+        if ready < end:
+            end = ready
         while (k := tape.end) <= now:
             if past:
                 if ready <= k:
@@ -192,9 +241,9 @@ class Until(Timed):
                 while self.guarded <= k:
                     guard.push(self.guarded, left(self.guarded))
                     self.guarded += 1
-            stop = self._stop(k, end)
+            stop = k + lag if lag is not None else self._stop(k, end)
             while new < stop and new < end:
-                witnesses.push((left(new), right(new)))
+                witnesses.push(left(new), right(new))
                 new += 1
             self.new = new
             if new < stop and (new <= now or not clock.ended):
@@ -205,7 +254,7 @@ class Until(Timed):
                 if k <= self.first and not past:
                     guard.push(self.first, left(self.first))
                 self.first += 1
-            least, offer = guard.since(new if past else k), witnesses.total[1]
+            least, offer = guard.since(new if past else k), witnesses.best()
             tape.append(least if least < offer else offer)
 
     def span(self, *operands: Span) -> Span:
