@@ -165,11 +165,22 @@ class WindowPoint(Point):
         position, snap = clock.position, clock.snap
         if self.new == self.k:
             self.at = position(self.k)
-        end = min(operand.end for operand in self.operands)
-        while self.new < end and not reach.after(position(self.new), self.at, snap):
-            self._take(self.new, not reach.before(position(self.new), self.at, snap))
-            self.new += 1
-        self.waiting = self.new <= clock.now and not reach.after(position(self.new), self.at, snap)
+        end = clock.now + 1
+        for operand in self.operands:
+            if operand.decided.end < end:
+                end = operand.decided.end
+        if self.term.lag is not None:
+            begin, stop, new = self.k + self.term.low, self.k + self.term.lag, self.new
+            while new < end and new < stop:
+                self._take(new, new >= begin)
+                new += 1
+            self.new = new
+            self.waiting = new <= clock.now and new < stop
+        else:
+            while self.new < end and not reach.after(position(self.new), self.at, snap):
+                self._take(self.new, not reach.before(position(self.new), self.at, snap))
+                self.new += 1
+            self.waiting = self.new <= clock.now and not reach.after(position(self.new), self.at, snap)
         closed = clock.closed(reach, self.at)
         if closed and not self.waiting:
             if not self.taken:
@@ -187,9 +198,11 @@ class WindowPoint(Point):
 
     def _undecided_range(self) -> tuple[int, int, int]:
         """Return (first, begin, last): the undecided instants, and the first one in the window."""
-        clock, new = self.clock, self.new
+        clock, new, term = self.clock, self.new, self.term
+        if term.lag is not None:
+            return new, max(new, self.k + term.low), min(clock.now, self.k + term.lag - 1)
         positions = clock.positions.values(new, clock.now + 1)
-        begin, end = self.term.reach.samples(positions, np.array([self.at]), clock.snap)
+        begin, end = term.reach.samples(positions, np.array([self.at]), clock.snap)
         return new, new + int(begin[0]), new + int(end[0])
 
     @abstractmethod
@@ -228,7 +241,9 @@ class AlwaysAt(WindowPoint):
             if unsettled is not None and not (more and side == LOWER):
                 new, begin, last = unsettled
                 if (first := max(new, begin)) <= last:
-                    ends[side] = min(ends[side], float(self.operand.bound(first, last, side).min()))
+                    x = self.operand
+                    least = x.ahead[side] if x.flat[side] else float(x.bound(first, last, side).min())
+                    ends[side] = min(ends[side], least)
             if more:
                 ends[side] = min(ends[side], self.operand.ahead[side])
         return ends[LOWER], ends[UPPER]

@@ -30,6 +30,8 @@ class Term(ABC):
         self.value: Component  # instant → ρ, where it is decided
         self.decided: InstantSource  # has as many known values
         self.ahead: Span = ANY  # contains ρ at every instant
+        self.prompt = False  # whether every instant so far is decided
+        self.flat = False, False  # whether either bound of each undecided instant is that of ``ahead``
         self._bounds: dict[tuple[int, int, int], FloatArray] = {}
         self._bounds_at = -1
 
@@ -128,7 +130,7 @@ class Leaf(Stored):
 
     def __init__(self, clock: OnlineClock, number: InstantNumber, prompt: bool) -> None:
         super().__init__(clock)
-        self.prompt = prompt
+        self.prompt, self.flat = prompt, (True, True)
         self.number = number
         self.margin: Component = number.parts[0]
 
@@ -178,6 +180,11 @@ class Negative(Mapped):
         """See :class:`Term`."""
         return negate(*operands)
 
+    def foresee(self) -> None:
+        """See :class:`Term`."""
+        super().foresee()
+        self.prompt, self.flat = self.operand.prompt, self.operand.flat[::-1]
+
     def _bound(self, first: int, last: int, side: int) -> FloatArray:
         return -self.operand.bound(first, last, 1 - side)
 
@@ -194,6 +201,11 @@ class Scaled(Mapped):
         """See :class:`Term`."""
         ((low, high),) = operands
         return rescale_number(low, self.factor), rescale_number(high, self.factor)
+
+    def foresee(self) -> None:
+        """See :class:`Term`."""
+        super().foresee()
+        self.prompt, self.flat = self.operand.prompt, self.operand.flat
 
     def _bound(self, first: int, last: int, side: int) -> FloatArray:
         return rescale(self.operand.bound(first, last, side), self.factor)
@@ -221,6 +233,14 @@ class Least(Stored):
         """See :class:`Term`."""
         (a, b), (c, d) = operands
         return min(a, c), min(b, d)
+
+    def foresee(self) -> None:
+        """See :class:`Term`."""
+        super().foresee()
+        low, (x, y) = self.ahead[LOWER], self.operands
+        self.prompt = x.prompt and y.prompt
+        # one of the operands of an undecided instant is undecided, too
+        self.flat = all(one.prompt or (one.flat[LOWER] and one.ahead[LOWER] == low) for one in (x, y)), False
 
     def _pending(self, first: int, last: int, side: int) -> FloatArray:
         return np.minimum(self.left.bound(first, last, side), self.right.bound(first, last, side))

@@ -36,9 +36,9 @@ class Timed(Stored):
         self.reach, self.past, self.place = reach, past, place
         self.first = 0  # the oldest instant in the window of the last decided one
         self.new = 0  # the first instant that was in no window yet
-        low, high = (int(min(max(end, -FAR), FAR)) for end in (reach.low, reach.high))
+        self.low, high = (int(min(max(end, -FAR), FAR)) for end in (reach.low, reach.high))
         # with a period, the window of instant k has the instants k + low … k + lag - 1
-        self._low, self._lag = low, None if clock.period is None else high + 1
+        self.lag = None if clock.period is None else high + 1
         self._known = (-1, 0, 0), (np.empty(0, np.intp), np.empty(0, np.intp))  # windows, for either bound
 
     def _prepare(self) -> None:
@@ -78,9 +78,9 @@ class Timed(Stored):
     def _begin(self, k: int) -> int:
         """Return the first instant in the window of instant k, or ``new`` if it is empty."""
         first, new = self.first, self.new
-        if self._lag is not None:
-            if first < k + self._low:
-                first = k + self._low
+        if self.lag is not None:
+            if first < k + self.low:
+                first = k + self.low
         elif self.reach.low > -math.inf:
             clock, at = self.clock, self.clock.position(k)
             while first < new and self.reach.before(clock.position(first), at, clock.snap):
@@ -98,6 +98,11 @@ class Timed(Stored):
         clock, base = self.clock, self.oldest()
         key = (clock.now, first, last)
         if self._known[0] != key:
+            if self.lag is not None:
+                k = np.arange(first, last + 1)
+                begin, end = (k + self.low).clip(base, clock.now + 1), k + (self.lag - 1)
+                self._known = key, (begin, end.clip(base - 1, clock.now + (not clock.ended)))
+                return self._known[1]
             positions = clock.positions.values(base, clock.now + 1)
             at = positions[first - base : last + 1 - base]
             begin, end = self.reach.samples(positions, at, clock.snap)
@@ -118,7 +123,7 @@ class Always(Timed):
     def advance(self) -> None:
         """See :class:`Stored`."""
         clock, tape, operand, least = self.clock, self.tape, self.operand, self.least
-        now, end, new, lag = clock.now, operand.decided.end, self.new, self._lag
+        now, end, new, lag = clock.now, operand.decided.end, self.new, self.lag
         while (k := tape.end) <= now:
             stop = k + lag if lag is not None else self._stop(k, end)
             while new < stop and new < end:
@@ -136,13 +141,19 @@ class Always(Timed):
         # a window of the past may lie before the first sample, and be empty
         return low, (math.inf if self.past and not self._now else high)
 
+    def foresee(self) -> None:
+        """See :class:`Term`."""
+        super().foresee()
+        # an open window has any later instant, and another one has an undecided instant
+        self.flat = self.operand.flat[LOWER], False
+
     def _pending(self, first: int, last: int, side: int) -> FloatArray:
         if self.reach.low == -math.inf:
             return np.full(last - first + 1, self.ahead[side])
         begin, end = self._windows(first, last)
         base, stop = int(begin[0]), min(int(end.max()), self.clock.now)
         seen = self.operand.bound(base, stop, side) if base <= stop else np.empty(0)
-        values = np.append(seen, self.operand.ahead[side])
+        values = np.concatenate((seen, [self.operand.ahead[side]]))
         if end[0] == end[-1] >= begin[-1]:  # all open windows end with the newest instant
             rest = np.minimum.accumulate(values[: end[0] - base + 1][::-1])[::-1]
             return rest[begin - base]
@@ -230,7 +241,7 @@ class Until(Timed):
         """See :class:`Stored`."""
         clock, tape, guard, witnesses = self.clock, self.tape, self.guard, self.witnesses
         left, right, past = self.left.value, self.right.value, self.past
-        now, ready, new, lag = clock.now, self.left.decided.end, self.new, self._lag
+        now, ready, new, lag = clock.now, self.left.decided.end, self.new, self.lag
         end = self.right.decided.end
         if ready < end:
             end = ready
@@ -283,9 +294,9 @@ class Until(Timed):
         if self.past:
             return self._pending_since(first, last, side)
         now = self.clock.now
-        begin, end = (np.append(ends, now + 1) - first for ends in self._windows(first, now))
-        left = np.append(self.left.bound(first, now, side), math.inf)
-        right = np.append(self.right.bound(first, now, side), self.right.ahead[side])
+        begin, end = (np.concatenate((ends, [now + 1])) - first for ends in self._windows(first, now))
+        left = np.concatenate((self.left.bound(first, now, side), [math.inf]))
+        right = np.concatenate((self.right.bound(first, now, side), [self.right.ahead[side]]))
         at = self.clock.positions.values(first, now + 1)
         # any later instant may be the witness
         if self.reach.low == 0 and begin[0] == 0 and end[0] == end[-1]:
