@@ -99,10 +99,12 @@ class Timed(Stored):
         key = (clock.now, first, last)
         if self._known[0] != key:
             if self.lag is not None:
-                k = np.arange(first, last + 1)
-                begin, end = (k + self.low).clip(base, clock.now + 1), k + (self.lag - 1)
-                self._known = key, (begin, end.clip(base - 1, clock.now + (not clock.ended)))
-                return self._known[1]
+                begin = np.arange(first + self.low, last + self.low + 1)
+                end = np.arange(first + self.lag - 1, last + self.lag)
+                begin = np.minimum(np.maximum(begin, base), clock.now + 1)
+                end = np.minimum(np.maximum(end, base - 1), clock.now + (not clock.ended))
+                self._known = key, (begin, end)
+                return begin, end
             positions = clock.positions.values(base, clock.now + 1)
             at = positions[first - base : last + 1 - base]
             begin, end = self.reach.samples(positions, at, clock.snap)
@@ -293,14 +295,14 @@ class Until(Timed):
             return np.full(last - first + 1, self.ahead[side])
         if self.past:
             return self._pending_since(first, last, side)
-        now = self.clock.now
-        begin, end = (np.concatenate((ends, [now + 1])) - first for ends in self._windows(first, now))
+        clock, now = self.clock, self.clock.now
         left = np.concatenate((self.left.bound(first, now, side), [math.inf]))
         right = np.concatenate((self.right.bound(first, now, side), [self.right.ahead[side]]))
-        at = self.clock.positions.values(first, now + 1)
         # any later instant may be the witness
-        if self.reach.low == 0 and begin[0] == 0 and end[0] == end[-1]:
+        if self._now and not clock.closed(self.reach, clock.position(first)):
             return until(left, right, 0, None)[: last - first + 1]
+        begin, end = (np.concatenate((ends, [now + 1])) - first for ends in self._windows(first, now))
+        at = clock.positions.values(first, now + 1)
         bounds = range_until(left, right, begin, end)[:-1]
         bounds = np.where(self.waits(at, side), np.minimum(bounds, self.left.ahead[side]), bounds)
         return bounds[: last - first + 1]
