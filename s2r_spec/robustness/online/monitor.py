@@ -141,7 +141,7 @@ class Monitor:
 
     def _refresh(self) -> dict[str, RobustInterval]:
         for name, point in self._points.items():
-            point.refresh()
+            self._recorder.guarded(point.refresh)
             if (ends := (point.lower, point.upper)) != self._ends[name]:
                 self._ends[name], self._now[name] = ends, RobustInterval.of(*ends)
         return self.intervals
@@ -170,9 +170,7 @@ class RobustnessStream:
         if self._blocks is not None:
             return self.extend([time], {name: [value] for name, value in sample.items()})
         self._recorder.take(time, sample)
-        for _, _, times in self._followed:
-            times.append(time)
-        return self._settled_values()
+        return self._settled_values(time)
 
     def extend(self, times: ArrayLike, samples: Mapping[str, ArrayLike]) -> Decided:
         """Take a block of samples, and return what as many calls of :meth:`update` would return together.
@@ -203,9 +201,11 @@ class RobustnessStream:
         self._recorder.finish()
         return self._settled_values()
 
-    def _settled_values(self) -> Decided:
+    def _settled_values(self, *new: float) -> Decided:
+        """Return ρ at the instants that were decided since the last call, after samples at new times."""
         values: Decided = {}
         for name, term, times in self._followed:
+            times.extend(new)
             found = values[name] = []
             k, end = self._sent[name], term.decided.end
             while k < end:
