@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from s2r_spec.robustness.online import points, terms
-from s2r_spec.robustness.online.tape import SlidingLeast, SlidingSum, Tape
-from s2r_spec.robustness.online.timed import Witnesses
+from s2r_spec.robustness.online.tape import Sliding, SlidingLeast, Tape
 from s2r_spec.spec import parse_spec
 
 rng = np.random.default_rng(0)
@@ -61,7 +60,7 @@ def held(recorder) -> int:
         match one:
             case Tape():
                 total += one.data.size
-            case SlidingSum() | Witnesses():
+            case Sliding():
                 total += len(one.front) + len(one.back)
             case SlidingLeast():
                 total += len(one.queue)

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from operator import add
 
 from s2r_spec.robustness.online.clock import Component, InstantNumber, OnlineClock
-from s2r_spec.robustness.online.tape import SlidingSum, Tape
+from s2r_spec.robustness.online.tape import Sliding, Tape
 
 
 class TapedNumber(ABC):
@@ -90,7 +91,8 @@ class Accumulated(TapedNumber):
     ) -> None:
         super().__init__(clock, operand, part)
         self.seconds, self.mean = seconds, mean
-        self.areas = SlidingSum(forgets=math.isfinite(seconds))
+        # a running total with subtraction would accumulate rounding
+        self.areas = Sliding[float](add, 0.0, forgets=math.isfinite(seconds))
         self.samples = Tape()
         self.oldest = 0
         self.samples.keep(self._oldest_needed)
@@ -112,9 +114,9 @@ class Accumulated(TapedNumber):
             while self.oldest < k and seconds(self.oldest + 1) <= start:
                 areas.pop()
                 self.oldest += 1
-            total = areas.total - self._oldest_part(start, k)
+            total = areas.total() - self._oldest_part(start, k)
         else:
-            total = areas.total
+            total = areas.total()
         if not self.mean:
             return total
         return total / elapsed if elapsed > 0 else x

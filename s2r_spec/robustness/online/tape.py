@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from typing import Protocol, cast
+from typing import Generic, Protocol, TypeVar, cast
 
 import numpy as np
 
 from s2r_spec.base.arrays import FloatArray
 
 Reader = Callable[[], int]
+T = TypeVar("T")
 
 
 class InstantSource(Protocol):
@@ -79,44 +80,45 @@ class Tape:
         self.cells = cast("memoryview[float]", data.data)
 
 
-class SlidingSum:
-    """A queue of numbers with their sum, without a subtraction, which would accumulate rounding.
+class Sliding(Generic[T]):
+    """A queue with the combination of all its elements, for any associative operation.
 
-    It consists of two stacks. When the front stack is empty, the back stack is reversed onto it, and each number is
-    added to all newer ones. The time for a number is constant on average, for any length of the queue.
+    It consists of two stacks. When the front stack is empty, the back stack is reversed onto it, and each element is
+    combined with all newer ones. The time for an element is constant on average, for any length of the queue.
 
     Args:
-        forgets: whether numbers leave; if not, none is kept.
+        combine: (older, newer) → both together; associative.
+        neutral: neutral element, the combination of an empty queue.
+        forgets: whether elements leave; if not, none is kept.
     """
 
-    def __init__(self, forgets: bool = True) -> None:
+    def __init__(self, combine: Callable[[T, T], T], neutral: T, forgets: bool = True) -> None:
+        self.combine = combine
+        self.neutral = neutral
         self.forgets = forgets
-        self.front: list[
-            float
-        ] = []  # sums of each old number and all newer ones in front; the oldest is last
-        self.back: list[float] = []
-        self.back_sum = 0.0
+        self.front: list[T] = []  # of each old element and all newer ones in front; the oldest is last
+        self.back: list[T] = []
+        self.back_all = neutral
 
-    def push(self, number: float) -> None:
-        """Add the newest number."""
-        self.back_sum += number
+    def push(self, element: T) -> None:
+        """Add the newest element."""
+        self.back_all = self.combine(self.back_all, element)
         if self.forgets:
-            self.back.append(number)
+            self.back.append(element)
 
     def pop(self) -> None:
-        """Remove the oldest number."""
+        """Remove the oldest element."""
         if not self.front:
-            total = 0.0
+            total, combine = self.neutral, self.combine
             while self.back:
-                total += self.back.pop()
+                total = combine(self.back.pop(), total)
                 self.front.append(total)
-            self.back_sum = 0.0
+            self.back_all = self.neutral
         self.front.pop()
 
-    @property
-    def total(self) -> float:
-        """The sum of all numbers."""
-        return self.front[-1] + self.back_sum if self.front else self.back_sum
+    def total(self) -> T:
+        """Return the combination of all elements, oldest first."""
+        return self.combine(self.front[-1], self.back_all) if self.front else self.back_all
 
 
 class SlidingLeast:

@@ -12,7 +12,7 @@ from s2r_spec.lang.source import Span as Place
 from s2r_spec.robustness.kernels import range_min, range_until, until
 from s2r_spec.robustness.online.clock import OnlineClock
 from s2r_spec.robustness.online.spans import Span
-from s2r_spec.robustness.online.tape import SlidingLeast
+from s2r_spec.robustness.online.tape import Sliding, SlidingLeast
 from s2r_spec.robustness.online.terms import LOWER, UPPER, Stored, Term
 from s2r_spec.robustness.ticks import Reach
 
@@ -175,58 +175,6 @@ def followed_by(first: Clamp, then: Clamp) -> Clamp:
     return p if p < guard else guard, q if q > offer else offer
 
 
-class Witnesses:
-    """The instants of a window that moves on, and the robustness of the best witness in it.
-
-    They are two stacks of clamps, as the numbers of :class:`~s2r_spec.robustness.online.tape.SlidingSum`.
-
-    Args:
-        past: whether the instants are met from the newest to the oldest.
-        forgets: whether instants leave; if not, none is kept.
-    """
-
-    def __init__(self, past: bool, forgets: bool) -> None:
-        self.past, self.forgets = past, forgets
-        self.front: list[Clamp] = []  # of each old instant and all newer ones in front; the oldest is last
-        self.back: list[Clamp] = []
-        self.guard, self.offer = math.inf, -math.inf  # the clamp of the back
-
-    def push(self, left: float, right: float) -> None:
-        """Add the newest instant."""
-        first, then = (left, self.offer) if self.past else (self.guard, right)
-        offer = first if first < then else then
-        other = right if self.past else self.offer
-        self.offer = offer if offer > other else other
-        if left < self.guard:
-            self.guard = left
-        if self.forgets:
-            self.back.append((left, right))
-
-    def pop(self) -> None:
-        """Remove the oldest instant."""
-        if not self.front:
-            clamp = math.inf, -math.inf
-            while self.back:
-                one = self.back.pop()
-                clamp = followed_by(clamp, one) if self.past else followed_by(one, clamp)
-                self.front.append(clamp)
-            self.guard, self.offer = math.inf, -math.inf
-        self.front.pop()
-
-    def best(self) -> float:
-        """Return the robustness of the best witness; −inf if there is none."""
-        if not self.front:
-            return self.offer
-        p, q = self.front[-1]
-        if self.past:
-            p, q, offer = self.guard, self.offer, q
-        else:
-            offer = self.offer
-        if p < offer:
-            offer = p
-        return q if q > offer else offer
-
-
 class Until(Timed):
     """The robustness of the best witness; −inf where the window is empty."""
 
@@ -235,7 +183,11 @@ class Until(Timed):
     ) -> None:
         super().__init__(clock, reach, past, place, left, right)
         self.left, self.right = left, right
-        self.witnesses = Witnesses(past, forgets=reach.low > -math.inf)
+        self.witnesses = Sliding[Clamp](
+            (lambda older, newer: followed_by(newer, older)) if past else followed_by,
+            (math.inf, -math.inf),
+            forgets=reach.low > -math.inf,
+        )
         self.guard = SlidingLeast()  # left between an instant and its window
         self.guarded = 0  # the first instant that was not in the guard yet, looking back
 
@@ -256,7 +208,7 @@ class Until(Timed):
                     self.guarded += 1
             stop = k + lag if lag is not None else self._stop(k, end)
             while new < stop and new < end:
-                witnesses.push(left(new), right(new))
+                witnesses.push((left(new), right(new)))
                 new += 1
             self.new = new
             if new < stop and (new <= now or not clock.ended):
@@ -267,7 +219,7 @@ class Until(Timed):
                 if k <= self.first and not past:
                     guard.push(self.first, left(self.first))
                 self.first += 1
-            least, offer = guard.since(new if past else k), witnesses.best()
+            least, offer = guard.since(new if past else k), witnesses.total()[1]
             tape.append(least if least < offer else offer)
 
     def span(self, *operands: Span) -> Span:
