@@ -159,32 +159,21 @@ class WindowPoint(Point):
         return max(operand.end for operand in self.operands) if self.settled else self.new
 
     def _evaluate(self) -> tuple[Span, bool]:
-        clock, reach = self.clock, self.term.reach
-        if self.k > clock.now:
-            return self.term.ahead, False
-        position, snap = clock.position, clock.snap
-        if self.new == self.k:
-            self.at = position(self.k)
-        end = clock.now + 1
-        for operand in self.operands:
-            if operand.decided.end < end:
-                end = operand.decided.end
-        if self.term.lag is not None:
-            begin, stop, new = self.k + self.term.low, self.k + self.term.lag, self.new
-            while new < end and new < stop:
-                self._take(new, new >= begin)
-                new += 1
-            self.new = new
-            self.waiting = new <= clock.now and new < stop
-        else:
-            while self.new < end and not reach.after(position(self.new), self.at, snap):
-                self._take(self.new, not reach.before(position(self.new), self.at, snap))
-                self.new += 1
-            self.waiting = self.new <= clock.now and not reach.after(position(self.new), self.at, snap)
-        closed = clock.closed(reach, self.at)
+        clock, term, k = self.clock, self.term, self.k
+        if k > clock.now:
+            return term.ahead, False
+        if self.new == k:
+            self.at = clock.position(k)
+        end = min([operand.decided.end for operand in self.operands])
+        begin, stop = term.begin(k, self.new, end, self.at), term.stop(k, self.new, end, self.at)
+        while self.new < end and self.new < stop:
+            self._take(self.new, self.new >= begin)
+            self.new += 1
+        self.waiting = self.new <= clock.now and self.new < stop
+        closed = clock.closed(term.reach, self.at)
         if closed and not self.waiting:
             if not self.taken:
-                clock.check_empty(reach, self.k, self.at)
+                clock.check_empty(term.reach, k, self.at)
             value = self._value()
             return (value, value), True
         if not self.waiting or self._looks_away():

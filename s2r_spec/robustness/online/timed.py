@@ -63,32 +63,33 @@ class Timed(Stored):
         """Return the first instant of the operands that is still needed."""
         return min(self.new if self.reach.low == -math.inf else self.first, self.tape.end)
 
-    def _stop(self, k: int, end: int) -> int:
-        """Return the number of instants that do not lie after the window of instant k, without a period.
+    def stop(self, k: int, new: int, end: int, at: float | None = None) -> int:
+        """Return the number of instants that do not lie after the window of instant k.
 
-        It is greater than ``end``, the number of those with known operands, if the window is not known.
+        It is greater than ``end`` if instants from there on or later samples can lie in it. Those before ``new``, at
+        most ``end``, do not lie after it. ``at``: the position of k, if it was not kept.
         """
-        clock, reach, at, new = self.clock, self.reach, self.clock.position(k), self.new
+        clock, reach = self.clock, self.reach
+        if self.lag is not None:
+            return k + self.lag
+        at = clock.position(k) if at is None else at
         while new <= clock.now and not reach.after(clock.position(new), at, clock.snap):
             if new == end:
                 return end + 1
             new += 1
         return new if clock.closed(reach, at) else clock.now + 2
 
-    def _begin(self, k: int) -> int:
-        """Return the first instant in the window of instant k, or ``new`` if it is empty."""
-        first, new = self.first, self.new
+    def begin(self, k: int, first: int, end: int, at: float | None = None) -> int:
+        """Return the first instant from ``first`` on that does not lie before the window of instant k, or ``end``."""
         if self.lag is not None:
-            if first < k + self.low:
-                first = k + self.low
-        elif self.reach.low > -math.inf:
-            clock, at = self.clock, self.clock.position(k)
-            while first < new and self.reach.before(clock.position(first), at, clock.snap):
+            begin = k + self.low
+            return first if begin < first else begin if begin < end else end
+        if self.reach.low > -math.inf:
+            clock = self.clock
+            at = clock.position(k) if at is None else at
+            while first < end and self.reach.before(clock.position(first), at, clock.snap):
                 first += 1
-        if first < new:
-            return first
-        self.clock.check_empty(self.reach, k, self.clock.position(k))
-        return new
+        return first
 
     def _windows(self, first: int, last: int) -> tuple[IntArray, IntArray]:
         """Return the first and the last instant in the windows of the instants ``first`` … ``last``.
@@ -127,14 +128,16 @@ class Always(Timed):
         clock, tape, operand, least = self.clock, self.tape, self.operand, self.least
         now, end, new, lag = clock.now, operand.decided.end, self.new, self.lag
         while (k := tape.end) <= now:
-            stop = k + lag if lag is not None else self._stop(k, end)
+            stop = k + lag if lag is not None else self.stop(k, new, end)
             while new < stop and new < end:
                 least.push(new, operand.value(new))
                 new += 1
             self.new = new
             if new < stop and (new <= now or not clock.ended):
                 return
-            self.first = first = self._begin(k)
+            self.first = first = self.begin(k, self.first, new)
+            if first == new:
+                clock.check_empty(self.reach, k, clock.position(k))
             tape.append(least.since(first))
 
     def span(self, *operands: Span) -> Span:
@@ -189,38 +192,37 @@ class Until(Timed):
             forgets=reach.low > -math.inf,
         )
         self.guard = SlidingLeast()  # left between an instant and its window
-        self.guarded = 0  # the first instant that was not in the guard yet, looking back
+        self.guarded = 0  # the first instant that was not in the guard yet
 
     def advance(self) -> None:
         """See :class:`Stored`."""
         clock, tape, guard, witnesses = self.clock, self.tape, self.guard, self.witnesses
-        left, right, past = self.left.value, self.right.value, self.past
-        now, ready, new, lag = clock.now, self.left.decided.end, self.new, self.lag
-        end = self.right.decided.end
+        left, right, past, lag = self.left.value, self.right.value, self.past, self.lag
+        now, ready, end, new = clock.now, self.left.decided.end, self.right.decided.end, self.new
         if ready < end:
             end = ready
         while (k := tape.end) <= now:
-            if past:
-                if ready <= k:
-                    return
-                while self.guarded <= k:
-                    guard.push(self.guarded, left(self.guarded))
-                    self.guarded += 1
-            stop = k + lag if lag is not None else self._stop(k, end)
+            stop = k + lag if lag is not None else self.stop(k, new, end)
             while new < stop and new < end:
                 witnesses.push((left(new), right(new)))
                 new += 1
             self.new = new
-            if new < stop and (new <= now or not clock.ended):
+            if (new < stop and (new <= now or not clock.ended)) or (past and ready <= k):
                 return
-            begin = self._begin(k)
+            begin = self.begin(k, self.first, new)
             while self.first < begin:
                 witnesses.pop()
-                if k <= self.first and not past:
-                    guard.push(self.first, left(self.first))
                 self.first += 1
-            least, offer = guard.since(new if past else k), witnesses.total()[1]
-            tape.append(least if least < offer else offer)
+            start, stop = (new, k + 1) if past else (k, begin)
+            guarded = self.guarded if self.guarded > start else start
+            while guarded < stop:
+                guard.push(guarded, left(guarded))
+                guarded += 1
+            self.guarded = guarded
+            if begin == new:
+                clock.check_empty(self.reach, k, clock.position(k))
+            least, best = guard.since(start), witnesses.total()[1]
+            tape.append(least if least < best else best)
 
     def span(self, *operands: Span) -> Span:
         """See :class:`Term`."""
