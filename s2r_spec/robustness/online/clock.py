@@ -89,9 +89,8 @@ class OnlineClock:
         # 0.1 means 1/10, as in the times of a recorded trace
         self.period = None if period is None else Fraction(period).limit_denominator(10**9)
         self.step = 0.0 if self.period is None else float(self.period)
-        self.jitter = (
-            2 * grid.JITTER * self.step
-        )  # each of two samples may be off by that of a recorded trace
+        # each of two samples may be off by the jitter of a recorded trace
+        self.jitter = 2 * grid.JITTER * self.step
         self.positions = Tape() if self.period is None else Indices()
         self.position = self.positions.value  # of an instant
         step = self.step

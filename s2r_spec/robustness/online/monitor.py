@@ -16,7 +16,7 @@ from s2r_spec.robustness.online.points import Point, Points
 from s2r_spec.robustness.online.recorder import Followed, Recorder, each_sample
 from s2r_spec.robustness.online.spans import ANY
 from s2r_spec.robustness.online.terms import Term
-from s2r_spec.robustness.ties import TIE, restore_zero
+from s2r_spec.robustness.ties import restore_zero
 
 Verdict = Literal["holds", "violated", "unknown"]
 
@@ -154,9 +154,8 @@ class RobustnessStream:
         self._recorder = Recorder(followed)
         self._sent = dict.fromkeys(self._recorder.terms, 0)
         self._blocks: Blocks | None = None
-        self._followed: list[
-            tuple[str, Term, deque[float]]
-        ] = []  # with the times of the instants that are left
+        # with the times of the instants whose ρ was not returned
+        self._followed: list[tuple[str, Term, deque[float]]] = []
         for name, term in self._recorder.terms.items():
             self._followed.append((name, term, deque()))
             term.follow()
@@ -209,8 +208,7 @@ class RobustnessStream:
             found = values[name] = []
             k, end = self._sent[name], term.decided.end
             while k < end:
-                rho = term.value(k)
-                found.append((times.popleft(), 0.0 if -TIE <= rho <= TIE else rho))
+                found.append((times.popleft(), restore_zero(term.value(k))))
                 k += 1
             self._sent[name] = end
         return values

@@ -224,17 +224,16 @@ class AlwaysAt(WindowPoint):
         return self.least
 
     def _bounds(self, unsettled: tuple[int, int, int] | None, more: bool) -> Span:
-        ends = [self.least, self.least]
+        x, ends = self.operand, [self.least, self.least]
         for side in (LOWER, UPPER):
             # no undecided instant is below the least possible value of later ones
             if unsettled is not None and not (more and side == LOWER):
                 new, begin, last = unsettled
                 if (first := max(new, begin)) <= last:
-                    x = self.operand
                     least = x.ahead[side] if x.flat[side] else float(x.bound(first, last, side).min())
                     ends[side] = min(ends[side], least)
             if more:
-                ends[side] = min(ends[side], self.operand.ahead[side])
+                ends[side] = min(ends[side], x.ahead[side])
         return ends[LOWER], ends[UPPER]
 
 

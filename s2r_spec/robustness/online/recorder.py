@@ -60,15 +60,8 @@ class Recorder:
         self.tapes = {signal.name: [Tape() for _ in range(signal.dim)] for signal in followed.signals}
         ranges = {s.name: s.range for s in followed.signals if s.range is not None} if followed.ranges else {}
         # a float in these limits is a plain sample; others are read with care
-        self.plain = [
-            (
-                signal.name,
-                NONE if signal.vector or signal.boolean else ranges.get(signal.name, ANY),
-                self.tapes[signal.name][0],
-                signal,
-            )
-            for signal in followed.signals
-        ]
+        plain = {s.name: NONE if s.vector or s.boolean else ranges.get(s.name, ANY) for s in followed.signals}
+        self.plain = [(s.name, plain[s.name], self.tapes[s.name][0], s) for s in followed.signals]
         self.algebra = OnlineAlgebra(
             self.clock, self.tapes, ranges, followed.params, tuple(followed.formulas.values()), followed.until
         )
@@ -95,14 +88,14 @@ class Recorder:
             for tape in (tape for tapes in self.tapes.values() for tape in tapes):
                 tape.end = clock.now + 1  # the sample is dropped
             raise
-        self._advance()
+        self.guarded(self._advance)
         if clock.now == 0:
             self.algebra.foresee()
 
     def finish(self) -> None:
         """End the trace: no further sample comes."""
         self.end()
-        self._advance()
+        self.guarded(self._advance)
 
     def end(self) -> None:
         """End the trace, and compute nothing."""
@@ -128,14 +121,10 @@ class Recorder:
             refuse_short(self.narrowest, clock.latest / clock.now, "the mean time between two samples")
 
     def _advance(self) -> None:
-        try:
-            if self.clock.period is None:
-                self._refuse_short()
-            for stream in self.clock.streams:
-                stream.advance()
-        except TraceError as error:
-            self.broken = error
-            raise
+        if self.clock.period is None:
+            self._refuse_short()
+        for stream in self.clock.streams:
+            stream.advance()
 
     def guarded(self, compute: Callable[[], T]) -> T:
         """Return what a function computes; its TraceError ends the trace."""
