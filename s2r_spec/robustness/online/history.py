@@ -95,6 +95,7 @@ class Accumulated(TapedNumber):
         self.areas = Sliding[float](add, 0.0, forgets=math.isfinite(seconds))
         self.samples = Tape()
         self.oldest = 0
+        self.last = self.last_x = 0.0  # time [s] and number of the last instant
         self.samples.keep(self._oldest_needed)
         clock.positions.keep(self._oldest_needed)
 
@@ -106,8 +107,8 @@ class Accumulated(TapedNumber):
         now, x = seconds(k), self.part(k)
         samples.append(x)
         if k:
-            areas.push((now - seconds(k - 1)) * (x + samples.value(k - 1)) / 2)
-        elapsed = now
+            areas.push((now - self.last) * (x + self.last_x) / 2)
+        self.last, self.last_x, elapsed = now, x, now
         if math.isfinite(self.seconds):
             elapsed = now if now < self.seconds else self.seconds
             start = now - self.seconds if now > self.seconds else 0.0

@@ -12,7 +12,7 @@ from s2r_spec.lang.source import Span as Place
 from s2r_spec.robustness.kernels import range_min, range_until, until
 from s2r_spec.robustness.online.clock import OnlineClock
 from s2r_spec.robustness.online.spans import Span
-from s2r_spec.robustness.online.tape import Sliding, SlidingLeast
+from s2r_spec.robustness.online.tape import Sliding, SlidingLeast, lesser
 from s2r_spec.robustness.online.terms import LOWER, UPPER, Stored, Term
 from s2r_spec.robustness.ticks import Reach
 
@@ -221,8 +221,8 @@ class Until(Timed):
             self.guarded = guarded
             if begin == new:
                 clock.check_empty(self.reach, k, clock.position(k))
-            least, best = guard.since(start), witnesses.total()[1]
-            tape.append(least if least < best else best)
+            best = witnesses.total()[1]
+            tape.append(lesser(guard.since(start), best) if guard.queue else best)
 
     def span(self, *operands: Span) -> Span:
         """See :class:`Term`."""
