@@ -169,7 +169,7 @@ class RobustnessStream:
         if self._blocks is not None:
             return self.extend([time], {name: [value] for name, value in sample.items()})
         self._recorder.take(time, sample)
-        return self._settled_values(time)
+        return self._settled_values(self._recorder.clock.time)
 
     def extend(self, times: ArrayLike, samples: Mapping[str, ArrayLike]) -> Decided:
         """Take a block of samples, and return what as many calls of :meth:`update` would return together.
