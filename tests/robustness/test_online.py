@@ -349,6 +349,26 @@ def test_what_has_no_value_ends_the_trace() -> None:
             monitor.update(time, {"x": 0})
 
 
+def test_numbers_of_numpy_and_whole_numbers_give_plain_floats() -> None:
+    spec = parse_spec("signal x in [-2, 2] signal u[2] require it: always[0, 0.1] (x <= 1 and norm(u) < 9)")
+    stream, monitor = spec.robustness_stream(period=0.1), spec.monitor(period=0.1)
+    x, found = [1, np.float32(0.5), np.int64(0), True], []
+    for k in range(4):
+        sample = {"x": x[k], "u": np.array([3, 4])}
+        found += stream.update(np.float64(k) / 10, sample)["it"]
+        interval = monitor.update(np.float64(k) / 10, sample)["it"]
+    assert repr(found) == "[(0.0, 0.0), (0.1, 0.5), (0.2, 0.0)]"
+    assert repr((interval.lower, interval.upper)) == "(0.0, 0.0)"
+
+
+def test_an_empty_window_ends_the_trace() -> None:
+    monitor = parse_spec("signal x\nrequire it: always[0.2, 0.2] x > 0", "a.stl").monitor(sparse=True)
+    monitor.update(0.0, {"x": 1})
+    for k in range(1, 300):
+        with pytest.raises(TraceError, match=naming("`[0.2, 0.2]`", "line 2 of a.stl", "sample 0")):
+            monitor.update(0.3 * k, {"x": 1})
+
+
 def test_a_missing_sample_is_held_if_asked_for() -> None:
     spec = parse_spec("signal u[2] signal on bool require it: always[0, 1] (on -> norm(u) < 3)")
     monitor = spec.monitor(nan="hold")

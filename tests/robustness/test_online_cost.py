@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from s2r_spec.robustness.online import points, terms
-from s2r_spec.robustness.online.tape import Sliding, Tape
+from s2r_spec.robustness.online.tape import Sliding, SlidingLeast, Tape
 from s2r_spec.spec import parse_spec
 
 rng = np.random.default_rng(0)
@@ -62,6 +62,8 @@ def held(recorder) -> int:
                 total += one.data.size
             case Sliding():
                 total += len(one.front) + len(one.back)
+            case SlidingLeast():
+                total += len(one.queue)
             case dict():
                 stack.extend(one.values())
             case list() | tuple():
@@ -117,7 +119,7 @@ def test_a_stream_costs_the_same_whatever_the_window_and_the_time(counter, formu
 @pytest.mark.parametrize(
     "formula",
     [
-        "always[0, 50] (x > 0 -> eventually[0, W] y > 0)",
+        "always[0, 50] (x > 0 -> always[0, W] y > 0)",
         "always (x > 0 -> y > 0 until[0, W] x > 0)",
         "x > -2 until[50, 55] (always[0, W] y > -2)",
     ],
@@ -137,6 +139,14 @@ def test_an_interval_looks_at_a_bounded_number_of_unsettled_instants(
     assert costs[0.1][1] < costs[0.3][1]
     assert costs[3][1] < 1.5 * costs[0.3][1]
     assert max(calls for calls, _ in costs.values()) < 1.2 * costs[0.3][0]
+
+
+@pytest.mark.parametrize("signals", ["signal x signal y", "signal x in [-1, 1] signal y in [-3, 3]"])
+def test_an_answer_that_any_later_sample_may_bring_is_not_looked_for(counter, signals: str) -> None:
+    spec = parse_spec(f"{signals} require it: always[0, 50] (x > 0 -> eventually[0, 1] y > 0)")
+    monitor = spec.monitor(period=0.01)
+    run(monitor, 0, 300)
+    assert per_sample(counter, monitor, 300, 500)[1] == 0
 
 
 def test_a_window_at_the_first_instant_needs_no_memory(counter) -> None:

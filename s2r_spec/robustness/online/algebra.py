@@ -15,7 +15,7 @@ from s2r_spec.robustness.online.tape import InstantSource, Tape
 from s2r_spec.robustness.online.terms import AdjacentSample, Leaf, Least, Negative, Rise, Scaled, Term
 from s2r_spec.robustness.online.timed import Always, Until
 from s2r_spec.robustness.online.values import NumberBuilder
-from s2r_spec.robustness.ties import break_tie
+from s2r_spec.robustness.ties import break_tie, tie
 
 
 @dataclass(eq=False)
@@ -87,7 +87,8 @@ class OnlineAlgebra:
         return term
 
     def _leaf(self, margin: Component, sources: tuple[InstantSource, ...], ahead: Span) -> Leaf:
-        leaf = Leaf(self.clock, InstantNumber((margin,), sources))
+        samples = {id(tape) for tapes in self.signals.values() for tape in tapes}
+        leaf = Leaf(self.clock, InstantNumber((margin,), sources), samples.issuperset(map(id, sources)))
         leaf.ahead = ahead
         return leaf
 
@@ -102,13 +103,13 @@ class OnlineAlgebra:
     def _margin(self, node: f.Comparison) -> Term:
         left, right = self.values(node.left), self.values(node.right)
         (x,), (y,) = left.parts, right.parts
-        difference, operator = MARGIN[node.operator], node.operator
+        difference, equal = MARGIN[node.operator], tie(node.operator)
 
         def margin(k: int) -> float:
             rho: float = difference(x(k), y(k))
             if rho != rho:
                 raise no_value(node, f"sample {k}, {self.clock.seconds(k):.9g} s after the first")
-            return break_tie(rho, operator)
+            return rho or equal
 
         leaf = self._leaf(margin, (*left.sources, *right.sources), ANY)
         self.predicates.append((leaf, node))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
@@ -46,13 +47,26 @@ class InstantNumber:
         """Return the number of instants with a known value."""
         end = clock.now + 1
         for source in self.sources:
-            end = min(end, source.end)
+            if source.end < end:
+                end = source.end
         return end
 
     def keep(self, reader: Reader) -> None:
         """See :class:`~s2r_spec.robustness.online.tape.InstantSource`."""
         for source in self.sources:
             source.keep(reader)
+
+
+class Indices(Tape):
+    """The positions of instants on a grid: their indices, which need no memory."""
+
+    def value(self, k: int) -> float:
+        """See :class:`Tape`."""
+        return float(k)
+
+    def values(self, first: int, stop: int) -> FloatArray:
+        """See :class:`Tape`."""
+        return np.arange(first, stop, dtype=np.float64)
 
 
 class OnlineClock:
@@ -75,14 +89,18 @@ class OnlineClock:
         # 0.1 means 1/10, as in the times of a recorded trace
         self.period = None if period is None else Fraction(period).limit_denominator(10**9)
         self.step = 0.0 if self.period is None else float(self.period)
-        self.positions = Tape()
-        self.position = self.positions.value if self.period is None else float  # of an instant
+        # each of two samples may be off by the jitter of a recorded trace
+        self.jitter = 2 * grid.JITTER * self.step
+        self.positions = Tape() if self.period is None else Indices()
+        self.position = self.positions.value  # of an instant
+        step = self.step
+        self.seconds = self.position if self.period is None else lambda k: k * step  # after the first instant
         self.now = -1  # the last instant seen
         self.latest = 0.0  # its position
         self.round = 0  # number of changes so far
         self.ended = False
-        self.start = self.time = 0.0
-        self.shortest, self.longest = math.inf, 0.0
+        self.start, self.time = 0.0, math.nan  # the first and the last time [s]
+        self.shortest = math.inf  # step, without a period [s]
         self.snap = 0.5 if self.period else 0.0
         self.streams: list[Advancing] = []
 
@@ -92,16 +110,20 @@ class OnlineClock:
         Raises:
             TraceError: it is not finite, not after the last one, or not a period after it.
         """
-        self._check(time)
+        if abs(time - self.time - self.step) <= self.jitter and self.period is not None:
+            self.time = time
+            self.now += 1
+        else:
+            self._check(time)
         self.round += 1
         if self.period is None:
             self.latest = time - self.start
-            rounding = 8 * float(np.finfo(np.float64).eps) * (abs(time) + self.latest)
+            rounding = 8 * sys.float_info.epsilon * (abs(time) + self.latest)
             shortest = self.shortest if self.now else 0.0
             self.snap = min(ticks.SNAP * shortest + rounding, shortest / 4)
+            self.positions.append(self.latest)
         else:
-            self.latest = float(self.now)
-        self.positions.append(self.latest)
+            self.latest = self.now
 
     def _check(self, time: float) -> None:
         if not math.isfinite(time):
@@ -118,7 +140,7 @@ class OnlineClock:
     def check_all(self, times: FloatArray) -> None:
         """Check the times of the next samples [s], without adding them; for errors see :meth:`tick`."""
         steps = np.diff(times, prepend=self.time if self.now >= 0 else times[:1] - (self.step or 1.0))
-        near = np.abs(steps - self.step) <= 2 * grid.JITTER * self.step if self.period else steps > 0.0
+        near = np.abs(steps - self.step) <= self.jitter if self.period else steps > 0.0
         if np.isfinite(times).all() and near.all():
             return
         probe = copy(self)
@@ -143,13 +165,12 @@ class OnlineClock:
                 f"times must increase strictly, but sample {self.now + 1} is at {self._when(time)} "
                 f"after {self._when(self.time)}"
             )
-        # each of two samples may be off by the jitter of a recorded trace
-        if self.period is not None and abs(step - self.step) > 2 * grid.JITTER * self.step:
+        if self.period is not None and abs(step - self.step) > self.jitter:
             raise TraceError(
                 f"sample {self.now + 1} at {self._when(time)} comes {step:g} s after the one before, but the period is "
                 f"{self.step:g} s; without a period, windows are measured in time"
             )
-        self.shortest, self.longest = min(self.shortest, step), max(self.longest, step)
+        self.shortest = min(self.shortest, step)
 
     def _when(self, time: float) -> str:
         """Return an instant of the trace in words."""
@@ -159,10 +180,6 @@ class OnlineClock:
     def slack(self) -> float:
         """Times closer than this are the same [s]."""
         return self.snap if self.period is None else grid.SNAP * self.step
-
-    def seconds(self, k: int) -> float:
-        """Return the time of an instant after the first [s]."""
-        return self.position(k) if self.period is None else k * self.step
 
     def reach(self, interval: Interval, past: bool) -> Reach:
         """Return the window of an interval.

@@ -30,8 +30,9 @@ class TapedNumber(ABC):
 
     def advance(self) -> None:
         """Compute all values that the samples so far determine."""
-        for k in range(self.tape.end, self._ready()):
-            self.tape.append(self._compute(k))
+        tape, ready = self.tape, self._ready()
+        while (k := tape.end) < ready:
+            tape.append(self._compute(k))
 
     def _oldest(self) -> int:
         """Return the first instant that is still needed."""
@@ -94,6 +95,7 @@ class Accumulated(TapedNumber):
         self.areas = Sliding[float](add, 0.0, forgets=math.isfinite(seconds))
         self.samples = Tape()
         self.oldest = 0
+        self.last = self.last_x = 0.0  # time [s] and number of the last instant
         self.samples.keep(self._oldest_needed)
         clock.positions.keep(self._oldest_needed)
 
@@ -101,33 +103,32 @@ class Accumulated(TapedNumber):
         return min(self.oldest, self.tape.end - 1) if math.isfinite(self.seconds) else self.tape.end - 1
 
     def _compute(self, k: int) -> float:
-        now = self.clock.seconds(k)
-        self.samples.append(self.part(k))
+        seconds, samples, areas = self.clock.seconds, self.samples, self.areas
+        now, x = seconds(k), self.part(k)
+        samples.append(x)
         if k:
-            self.areas.push(self._area(k - 1, k))
-        total = self.areas.total
+            areas.push((now - self.last) * (x + self.last_x) / 2)
+        self.last, self.last_x, elapsed = now, x, now
         if math.isfinite(self.seconds):
-            start = max(now - self.seconds, 0.0)
-            while self.oldest < k and self.clock.seconds(self.oldest + 1) <= start:
-                self.areas.pop()
+            elapsed = now if now < self.seconds else self.seconds
+            start = now - self.seconds if now > self.seconds else 0.0
+            while self.oldest < k and seconds(self.oldest + 1) <= start:
+                areas.pop()
                 self.oldest += 1
-            total = self.areas.total - self._oldest_part(start, k)
+            total = areas.total() - self._oldest_part(start, k)
+        else:
+            total = areas.total()
         if not self.mean:
             return total
-        elapsed = min(now, self.seconds)
-        return total / elapsed if elapsed > 0 else self.samples.value(k)
-
-    def _area(self, left: int, right: int) -> float:
-        step = self.clock.seconds(right) - self.clock.seconds(left)
-        return step * (self.samples.value(right) + self.samples.value(left)) / 2
+        return total / elapsed if elapsed > 0 else x
 
     def _oldest_part(self, start: float, k: int) -> float:
         """Return the part of the oldest piece that lies before ``start``."""
-        if self.oldest == k:
+        oldest, seconds, samples = self.oldest, self.clock.seconds, self.samples
+        if oldest == k:
             return 0.0
-        begin, end = self.clock.seconds(self.oldest), self.clock.seconds(self.oldest + 1)
-        x = self.samples.value(self.oldest)
-        part, slope = start - begin, (self.samples.value(self.oldest + 1) - x) / (end - begin)
+        begin, x = seconds(oldest), samples.value(oldest)
+        part, slope = start - begin, (samples.value(oldest + 1) - x) / (seconds(oldest + 1) - begin)
         return part * (x + slope * part / 2)
 
 

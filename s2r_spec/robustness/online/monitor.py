@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -13,7 +14,8 @@ from numpy.typing import ArrayLike
 from s2r_spec.robustness.online.blocks import Blocks, Decided
 from s2r_spec.robustness.online.points import Point, Points
 from s2r_spec.robustness.online.recorder import Followed, Recorder, each_sample
-from s2r_spec.robustness.online.tape import Tape
+from s2r_spec.robustness.online.spans import ANY
+from s2r_spec.robustness.online.terms import Term
 from s2r_spec.robustness.ties import restore_zero
 
 Verdict = Literal["holds", "violated", "unknown"]
@@ -72,7 +74,8 @@ class Monitor:
             name: points(term, 0) for name, term in self._recorder.terms.items()
         }
         self._recorder.algebra.foresee()
-        self._now = {name: RobustInterval.of(-math.inf, math.inf) for name in self._points}
+        self._ends = dict.fromkeys(self._points, ANY)
+        self._now = {name: RobustInterval.of(*ANY) for name in self._points}
         self._refresh()
 
     @property
@@ -138,8 +141,9 @@ class Monitor:
 
     def _refresh(self) -> dict[str, RobustInterval]:
         for name, point in self._points.items():
-            point.refresh()
-            self._now[name] = RobustInterval.of(point.lower, point.upper)
+            self._recorder.guarded(point.refresh)
+            if (ends := (point.lower, point.upper)) != self._ends[name]:
+                self._ends[name], self._now[name] = ends, RobustInterval.of(*ends)
         return self.intervals
 
 
@@ -149,10 +153,11 @@ class RobustnessStream:
     def __init__(self, followed: Followed) -> None:
         self._recorder = Recorder(followed)
         self._sent = dict.fromkeys(self._recorder.terms, 0)
-        self._times = Tape()
-        self._times.keep(lambda: min(self._sent.values()))
         self._blocks: Blocks | None = None
+        # with the times of the instants whose ρ was not returned
+        self._followed: list[tuple[str, Term, deque[float]]] = []
         for name, term in self._recorder.terms.items():
+            self._followed.append((name, term, deque()))
             term.follow()
             term.keep(partial(self._sent.__getitem__, name))
 
@@ -164,8 +169,7 @@ class RobustnessStream:
         if self._blocks is not None:
             return self.extend([time], {name: [value] for name, value in sample.items()})
         self._recorder.take(time, sample)
-        self._times.append(time)
-        return self._settled_values()
+        return self._settled_values(self._recorder.clock.time)
 
     def extend(self, times: ArrayLike, samples: Mapping[str, ArrayLike]) -> Decided:
         """Take a block of samples, and return what as many calls of :meth:`update` would return together.
@@ -196,11 +200,15 @@ class RobustnessStream:
         self._recorder.finish()
         return self._settled_values()
 
-    def _settled_values(self) -> Decided:
-        values = {}
-        for name, term in self._recorder.terms.items():
-            first, self._sent[name] = self._sent[name], term.end
-            values[name] = [
-                (self._times.value(k), restore_zero(term.value(k))) for k in range(first, term.end)
-            ]
+    def _settled_values(self, *new: float) -> Decided:
+        """Return ρ at the instants that were decided since the last call, after samples at new times."""
+        values: Decided = {}
+        for name, term, times in self._followed:
+            times.extend(new)
+            found = values[name] = []
+            k, end = self._sent[name], term.decided.end
+            while k < end:
+                found.append((times.popleft(), restore_zero(term.value(k))))
+                k += 1
+            self._sent[name] = end
         return values

@@ -159,21 +159,21 @@ class WindowPoint(Point):
         return max(operand.end for operand in self.operands) if self.settled else self.new
 
     def _evaluate(self) -> tuple[Span, bool]:
-        clock, reach = self.clock, self.term.reach
-        if self.k > clock.now:
-            return self.term.ahead, False
-        position, snap = clock.position, clock.snap
-        if self.new == self.k:
-            self.at = position(self.k)
-        end = min(operand.end for operand in self.operands)
-        while self.new < end and not reach.after(position(self.new), self.at, snap):
-            self._take(self.new, not reach.before(position(self.new), self.at, snap))
+        clock, term, k = self.clock, self.term, self.k
+        if k > clock.now:
+            return term.ahead, False
+        if self.new == k:
+            self.at = clock.position(k)
+        end = min([operand.decided.end for operand in self.operands])
+        begin, stop = term.begin(k, self.new, end, self.at), term.stop(k, self.new, end, self.at)
+        while self.new < end and self.new < stop:
+            self._take(self.new, self.new >= begin)
             self.new += 1
-        self.waiting = self.new <= clock.now and not reach.after(position(self.new), self.at, snap)
-        closed = clock.closed(reach, self.at)
+        self.waiting = self.new <= clock.now and self.new < stop
+        closed = clock.closed(term.reach, self.at)
         if closed and not self.waiting:
             if not self.taken:
-                clock.check_empty(reach, self.k, self.at)
+                clock.check_empty(term.reach, k, self.at)
             value = self._value()
             return (value, value), True
         if not self.waiting or self._looks_away():
@@ -187,9 +187,11 @@ class WindowPoint(Point):
 
     def _undecided_range(self) -> tuple[int, int, int]:
         """Return (first, begin, last): the undecided instants, and the first one in the window."""
-        clock, new = self.clock, self.new
+        clock, new, term = self.clock, self.new, self.term
+        if term.lag is not None:
+            return new, max(new, self.k + term.low), min(clock.now, self.k + term.lag - 1)
         positions = clock.positions.values(new, clock.now + 1)
-        begin, end = self.term.reach.samples(positions, np.array([self.at]), clock.snap)
+        begin, end = term.reach.samples(positions, np.array([self.at]), clock.snap)
         return new, new + int(begin[0]), new + int(end[0])
 
     @abstractmethod
@@ -222,15 +224,16 @@ class AlwaysAt(WindowPoint):
         return self.least
 
     def _bounds(self, unsettled: tuple[int, int, int] | None, more: bool) -> Span:
-        ends = [self.least, self.least]
+        x, ends = self.operand, [self.least, self.least]
         for side in (LOWER, UPPER):
             # no undecided instant is below the least possible value of later ones
             if unsettled is not None and not (more and side == LOWER):
                 new, begin, last = unsettled
                 if (first := max(new, begin)) <= last:
-                    ends[side] = min(ends[side], float(self.operand.bound(first, last, side).min()))
+                    least = x.ahead[side] if x.flat[side] else float(x.bound(first, last, side).min())
+                    ends[side] = min(ends[side], least)
             if more:
-                ends[side] = min(ends[side], self.operand.ahead[side])
+                ends[side] = min(ends[side], x.ahead[side])
         return ends[LOWER], ends[UPPER]
 
 

@@ -22,10 +22,13 @@ from s2r_spec.robustness.numbers import SampledSignals
 from s2r_spec.robustness.online.algebra import OnlineAlgebra
 from s2r_spec.robustness.online.blocks import Blocks, fits
 from s2r_spec.robustness.online.clock import OnlineClock
+from s2r_spec.robustness.online.spans import ANY, Span
 from s2r_spec.robustness.online.tape import Tape
 from s2r_spec.robustness.reading import HOLD, LEADING, Missing
 
 T = TypeVar("T")
+NONE: Span = (math.inf, -math.inf)
+"""Definition: the span of no number."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,9 @@ class Recorder:
         self.clock = OnlineClock(followed.period)
         self.tapes = {signal.name: [Tape() for _ in range(signal.dim)] for signal in followed.signals}
         ranges = {s.name: s.range for s in followed.signals if s.range is not None} if followed.ranges else {}
+        # a float in these limits is a plain sample; others are read with care
+        plain = {s.name: NONE if s.vector or s.boolean else ranges.get(s.name, ANY) for s in followed.signals}
+        self.plain = [(s.name, plain[s.name], self.tapes[s.name][0], s) for s in followed.signals]
         self.algebra = OnlineAlgebra(
             self.clock, self.tapes, ranges, followed.params, tuple(followed.formulas.values()), followed.until
         )
@@ -67,21 +73,29 @@ class Recorder:
 
     def take(self, time: float, sample: Mapping[str, Any]) -> None:
         """Take the next sample; for errors see :meth:`Monitor.update`."""
-        self._check_open()
-        k = self.clock.now + 1
-        numbers = [self._read(signal, sample, k) for signal in self.followed.signals]
-        self.clock.tick(float(time))
-        for signal, components in zip(self.followed.signals, numbers, strict=True):
-            for tape, number in zip(self.tapes[signal.name], components, strict=True):
-                tape.append(number)
-        self._settle()
-        if self.clock.now == 0:
+        clock = self.clock
+        if self.broken is not None or clock.ended:
+            self._check_open()
+        try:
+            for name, (low, high), tape, signal in self.plain:
+                value = sample.get(name)
+                if isinstance(value, float) and low <= value <= high:
+                    tape.append(value)
+                else:
+                    self._append(signal, sample)
+            clock.tick(float(time))
+        except Exception:
+            for tape in (tape for tapes in self.tapes.values() for tape in tapes):
+                tape.end = clock.now + 1  # the sample is dropped
+            raise
+        self.guarded(self._advance)
+        if clock.now == 0:
             self.algebra.foresee()
 
     def finish(self) -> None:
         """End the trace: no further sample comes."""
         self.end()
-        self._settle()
+        self.guarded(self._advance)
 
     def end(self) -> None:
         """End the trace, and compute nothing."""
@@ -105,9 +119,6 @@ class Recorder:
             refuse_short(self.narrowest, clock.step)
         elif clock.now > 0:
             refuse_short(self.narrowest, clock.latest / clock.now, "the mean time between two samples")
-
-    def _settle(self) -> None:
-        self.guarded(self._advance)
 
     def _advance(self) -> None:
         if self.clock.period is None:
@@ -157,6 +168,11 @@ class Recorder:
         if plain and not (self.followed.ranges and signal.range is not None):
             return rows.astype(np.float64).reshape(count, signal.dim)
         return np.array([self._read(signal, {name: row}, first + k) for k, row in enumerate(rows.tolist())])
+
+    def _append(self, signal: Signal, sample: Mapping[str, Any]) -> None:
+        numbers = self._read(signal, sample, self.clock.now + 1)
+        for tape, number in zip(self.tapes[signal.name], numbers, strict=True):
+            tape.append(number)
 
     def _read(self, signal: Signal, sample: Mapping[str, Any], k: int) -> list[float]:
         """Return the numbers of a signal in sample k."""

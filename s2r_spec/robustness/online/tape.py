@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from collections.abc import Callable
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar, cast
 
 import numpy as np
 
@@ -36,7 +38,7 @@ class Tape:
     def __init__(self) -> None:
         self.end = 0
         self.base = 0  # the instant of data[0]
-        self.data = np.empty(64)
+        self._hold(np.empty(64))
         self.readers: list[Reader] = []
 
     def keep(self, reader: Reader) -> None:
@@ -45,15 +47,18 @@ class Tape:
 
     def append(self, value: float) -> None:
         """Add the value of the next instant."""
-        if self.end - self.base == self.data.size:
+        end = self.end
+        try:
+            self.cells[end - self.base] = value
+        except IndexError:
             self._forget()
-        self.data[self.end - self.base] = value
-        self.end += 1
+            self.cells[end - self.base] = value
+        self.end = end + 1
 
     def value(self, k: int) -> float:
         """Return the value of an instant."""
         assert self.base <= k < self.end, "a reader needs a value that it did not keep"
-        return self.data.item(k - self.base)
+        return self.cells[k - self.base]
 
     def values(self, first: int, stop: int) -> FloatArray:
         """Return (stop − first,): a view of the values of the instants first … stop − 1."""
@@ -67,7 +72,12 @@ class Tape:
         size = self.data.size if 2 * kept.size <= self.data.size else 2 * self.data.size
         data = np.empty(size)
         data[: kept.size] = kept
+        self._hold(data)
+
+    def _hold(self, data: FloatArray) -> None:
         self.data = data
+        # the same memory: it reads and writes a single number in half the time
+        self.cells = cast("memoryview[float]", data.data)
 
 
 class Sliding(Generic[T]):
@@ -99,17 +109,43 @@ class Sliding(Generic[T]):
     def pop(self) -> None:
         """Remove the oldest element."""
         if not self.front:
-            total = self.neutral
+            total, combine = self.neutral, self.combine
             while self.back:
-                total = self.combine(self.back.pop(), total)
+                total = combine(self.back.pop(), total)
                 self.front.append(total)
             self.back_all = self.neutral
         self.front.pop()
 
-    @property
     def total(self) -> T:
-        """The combination of all elements, oldest first."""
+        """Return the combination of all elements, oldest first."""
         return self.combine(self.front[-1], self.back_all) if self.front else self.back_all
+
+
+class SlidingLeast:
+    """The least number of a window that moves on, by a queue of the numbers that are less than all later ones.
+
+    Args:
+        forgets: whether numbers leave; if not, only the least one is kept.
+    """
+
+    def __init__(self, forgets: bool = True) -> None:
+        self.forgets = forgets
+        self.queue: deque[tuple[int, float]] = deque()  # (instant, number), both increasing
+
+    def push(self, k: int, number: float) -> None:
+        """Add the number of an instant, which is later than all before."""
+        queue = self.queue
+        while queue and queue[-1][1] >= number:
+            queue.pop()
+        if self.forgets or not queue:
+            queue.append((k, number))
+
+    def since(self, first: int) -> float:
+        """Forget the numbers before an instant, and return the least of the others; inf if there is none."""
+        queue = self.queue
+        while queue and queue[0][0] < first:
+            queue.popleft()
+        return queue[0][1] if queue else math.inf
 
 
 def lesser(x: float, y: float) -> float:

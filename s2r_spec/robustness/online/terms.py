@@ -15,7 +15,7 @@ import numpy as np
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.robustness.online.clock import Component, InstantNumber, OnlineClock
 from s2r_spec.robustness.online.spans import ANY, Span, negate
-from s2r_spec.robustness.online.tape import Reader, Tape, lesser
+from s2r_spec.robustness.online.tape import InstantSource, Reader, Tape, lesser
 from s2r_spec.robustness.ties import rescale, rescale_number
 
 LOWER, UPPER = 0, 1
@@ -27,14 +27,18 @@ class Term(ABC):
 
     def __init__(self, clock: OnlineClock, *operands: Term) -> None:
         self.clock, self.operands = clock, operands
+        self.value: Component  # instant → ρ, where it is decided
+        self.decided: InstantSource  # has as many known values
         self.ahead: Span = ANY  # contains ρ at every instant
+        self.prompt = False  # whether every instant so far is decided
+        self.flat = False, False  # whether either bound of each undecided instant is that of ``ahead``
         self._bounds: dict[tuple[int, int, int], FloatArray] = {}
         self._bounds_at = -1
 
     @property
-    @abstractmethod
     def end(self) -> int:
         """Number of instants with a decided value."""
+        return self.decided.end
 
     def follow(self) -> None:
         """Begin to compute values; call it before the first sample."""
@@ -44,10 +48,6 @@ class Term(ABC):
     @abstractmethod
     def keep(self, reader: Reader) -> None:
         """See :class:`~s2r_spec.robustness.online.tape.InstantSource`."""
-
-    @abstractmethod
-    def value(self, k: int) -> float:
-        """Return ρ at a decided instant."""
 
     @abstractmethod
     def span(self, *operands: Span) -> Span:
@@ -77,13 +77,9 @@ class Stored(Term):
 
     def __init__(self, clock: OnlineClock, *operands: Term) -> None:
         super().__init__(clock, *operands)
-        self.tape = Tape()
+        self.decided = self.tape = Tape()
+        self.value = self.tape.value
         self.followed = False
-
-    @property
-    def end(self) -> int:
-        """See :class:`Term`."""
-        return self.tape.end
 
     def follow(self) -> None:
         """See :class:`Term`."""
@@ -96,10 +92,6 @@ class Stored(Term):
     def keep(self, reader: Reader) -> None:
         """See :class:`Term`."""
         self.tape.readers.append(reader)
-
-    def value(self, k: int) -> float:
-        """See :class:`Term`."""
-        return self.tape.value(k)
 
     def next(self) -> int:
         """Return the first instant that is not decided."""
@@ -128,10 +120,17 @@ class Stored(Term):
 
 
 class Leaf(Stored):
-    """A predicate, a boolean signal or a constant, without a window of its own; the algebra sets its ``ahead``."""
+    """A predicate, a boolean signal or a constant, without a window of its own; the algebra sets its ``ahead``.
 
-    def __init__(self, clock: OnlineClock, number: InstantNumber) -> None:
+    Args:
+        clock: the clock of the trace.
+        number: ρ.
+        prompt: whether it reads samples alone, and is known at once.
+    """
+
+    def __init__(self, clock: OnlineClock, number: InstantNumber, prompt: bool) -> None:
         super().__init__(clock)
+        self.prompt, self.flat = prompt, (True, True)
         self.number = number
         self.margin: Component = number.parts[0]
 
@@ -141,9 +140,10 @@ class Leaf(Stored):
 
     def advance(self) -> None:
         """See :class:`Stored`."""
-        margin, append = self.margin, self.tape.append
-        for k in range(self.tape.end, self.number.end(self.clock)):
-            append(margin(k))
+        tape, clock = self.tape, self.clock
+        end = clock.now + 1 if self.prompt else self.number.end(clock)
+        while (k := tape.end) < end:
+            tape.append(self.margin(k))
 
     def span(self, *operands: Span) -> Span:
         """See :class:`Term`."""
@@ -161,12 +161,7 @@ class Mapped(Term):
 
     def __init__(self, clock: OnlineClock, operand: Term) -> None:
         super().__init__(clock, operand)
-        self.operand = operand
-
-    @property
-    def end(self) -> int:
-        """See :class:`Term`."""
-        return self.operand.end
+        self.operand, self.decided = operand, operand.decided
 
     def keep(self, reader: Reader) -> None:
         """See :class:`Term`."""
@@ -176,13 +171,19 @@ class Mapped(Term):
 class Negative(Mapped):
     """−x."""
 
-    def value(self, k: int) -> float:
-        """See :class:`Term`."""
-        return -self.operand.value(k)
+    def __init__(self, clock: OnlineClock, operand: Term) -> None:
+        super().__init__(clock, operand)
+        value = operand.value
+        self.value = lambda k: -value(k)
 
     def span(self, *operands: Span) -> Span:
         """See :class:`Term`."""
         return negate(*operands)
+
+    def foresee(self) -> None:
+        """See :class:`Term`."""
+        super().foresee()
+        self.prompt, self.flat = self.operand.prompt, self.operand.flat[::-1]
 
     def _bound(self, first: int, last: int, side: int) -> FloatArray:
         return -self.operand.bound(first, last, 1 - side)
@@ -194,15 +195,17 @@ class Scaled(Mapped):
     def __init__(self, clock: OnlineClock, operand: Term, factor: float) -> None:
         super().__init__(clock, operand)
         self.factor = factor
-
-    def value(self, k: int) -> float:
-        """See :class:`Term`."""
-        return rescale_number(self.operand.value(k), self.factor)
+        self.value = lambda k: rescale_number(operand.value(k), factor)
 
     def span(self, *operands: Span) -> Span:
         """See :class:`Term`."""
         ((low, high),) = operands
         return rescale_number(low, self.factor), rescale_number(high, self.factor)
+
+    def foresee(self) -> None:
+        """See :class:`Term`."""
+        super().foresee()
+        self.prompt, self.flat = self.operand.prompt, self.operand.flat
 
     def _bound(self, first: int, last: int, side: int) -> FloatArray:
         return rescale(self.operand.bound(first, last, side), self.factor)
@@ -221,13 +224,23 @@ class Least(Stored):
 
     def advance(self) -> None:
         """See :class:`Stored`."""
-        for k in range(self.tape.end, min(self.left.end, self.right.end)):
-            self.tape.append(lesser(self.left.value(k), self.right.value(k)))
+        tape, left, right = self.tape, self.left, self.right
+        while (k := tape.end) < left.decided.end and k < right.decided.end:
+            x, y = left.value(k), right.value(k)
+            tape.append(x if x < y else y)
 
     def span(self, *operands: Span) -> Span:
         """See :class:`Term`."""
         (a, b), (c, d) = operands
         return min(a, c), min(b, d)
+
+    def foresee(self) -> None:
+        """See :class:`Term`."""
+        super().foresee()
+        low, (x, y) = self.ahead[LOWER], self.operands
+        self.prompt = x.prompt and y.prompt
+        # one of the operands of an undecided instant is undecided, too
+        self.flat = all(one.prompt or (one.flat[LOWER] and one.ahead[LOWER] == low) for one in (x, y)), False
 
     def _pending(self, first: int, last: int, side: int) -> FloatArray:
         return np.minimum(self.left.bound(first, last, side), self.right.bound(first, last, side))
@@ -238,6 +251,7 @@ class AdjacentSample(Mapped):
 
     def __init__(self, clock: OnlineClock, operand: Term, later: bool) -> None:
         super().__init__(clock, operand)
+        self.decided, self.value = self, self._value
         self.shift = 1 if later else -1
 
     @property
@@ -250,8 +264,7 @@ class AdjacentSample(Mapped):
             return clock.now + 1
         return max(self.operand.end - 1, 0)
 
-    def value(self, k: int) -> float:
-        """See :class:`Term`."""
+    def _value(self, k: int) -> float:
         return self.operand.value(k + self.shift) if 0 <= k + self.shift <= self.clock.now else -math.inf
 
     def span(self, *operands: Span) -> Span:
@@ -274,14 +287,14 @@ class Rise(Mapped):
     def __init__(self, clock: OnlineClock, operand: Term) -> None:
         super().__init__(clock, operand)
         self.operands = operand, operand
+        self.decided, self.value = self, self._value
 
     @property
     def end(self) -> int:
         """See :class:`Term`."""
         return min(max(self.operand.end, 1), self.clock.now + 1)
 
-    def value(self, k: int) -> float:
-        """See :class:`Term`."""
+    def _value(self, k: int) -> float:
         return lesser(self.operand.value(k), -self.operand.value(k - 1)) if k else -math.inf
 
     def span(self, *operands: Span) -> Span:

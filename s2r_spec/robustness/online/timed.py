@@ -12,9 +12,12 @@ from s2r_spec.lang.source import Span as Place
 from s2r_spec.robustness.kernels import range_min, range_until, until
 from s2r_spec.robustness.online.clock import OnlineClock
 from s2r_spec.robustness.online.spans import Span
-from s2r_spec.robustness.online.tape import Sliding, lesser
+from s2r_spec.robustness.online.tape import Sliding, SlidingLeast, lesser
 from s2r_spec.robustness.online.terms import LOWER, UPPER, Stored, Term
 from s2r_spec.robustness.ticks import Reach
+
+FAR = 2**60
+"""Definition: more samples than any trace has."""
 
 
 class Timed(Stored):
@@ -33,6 +36,9 @@ class Timed(Stored):
         self.reach, self.past, self.place = reach, past, place
         self.first = 0  # the oldest instant in the window of the last decided one
         self.new = 0  # the first instant that was in no window yet
+        self.low, high = (int(min(max(end, -FAR), FAR)) for end in (reach.low, reach.high))
+        # with a period, the window of instant k has the instants k + low … k + lag - 1
+        self.lag = None if clock.period is None else high + 1
         self._known = (-1, 0, 0), (np.empty(0, np.intp), np.empty(0, np.intp))  # windows, for either bound
 
     def _prepare(self) -> None:
@@ -57,6 +63,34 @@ class Timed(Stored):
         """Return the first instant of the operands that is still needed."""
         return min(self.new if self.reach.low == -math.inf else self.first, self.tape.end)
 
+    def stop(self, k: int, new: int, end: int, at: float | None = None) -> int:
+        """Return the number of instants that do not lie after the window of instant k.
+
+        It is greater than ``end`` if instants from there on or later samples can lie in it. Those before ``new``, at
+        most ``end``, do not lie after it. ``at``: the position of k, if it was not kept.
+        """
+        clock, reach = self.clock, self.reach
+        if self.lag is not None:
+            return k + self.lag
+        at = clock.position(k) if at is None else at
+        while new <= clock.now and not reach.after(clock.position(new), at, clock.snap):
+            if new == end:
+                return end + 1
+            new += 1
+        return new if clock.closed(reach, at) else clock.now + 2
+
+    def begin(self, k: int, first: int, end: int, at: float | None = None) -> int:
+        """Return the first instant from ``first`` on that does not lie before the window of instant k, or ``end``."""
+        if self.lag is not None:
+            begin = k + self.low
+            return first if begin < first else begin if begin < end else end
+        if self.reach.low > -math.inf:
+            clock = self.clock
+            at = clock.position(k) if at is None else at
+            while first < end and self.reach.before(clock.position(first), at, clock.snap):
+                first += 1
+        return first
+
     def _windows(self, first: int, last: int) -> tuple[IntArray, IntArray]:
         """Return the first and the last instant in the windows of the instants ``first`` … ``last``.
 
@@ -65,6 +99,13 @@ class Timed(Stored):
         clock, base = self.clock, self.oldest()
         key = (clock.now, first, last)
         if self._known[0] != key:
+            if self.lag is not None:
+                begin = np.arange(first + self.low, last + self.low + 1)
+                end = np.arange(first + self.lag - 1, last + self.lag)
+                begin = np.minimum(np.maximum(begin, base), clock.now + 1)
+                end = np.minimum(np.maximum(end, base - 1), clock.now + (not clock.ended))
+                self._known = key, (begin, end)
+                return begin, end
             positions = clock.positions.values(base, clock.now + 1)
             at = positions[first - base : last + 1 - base]
             begin, end = self.reach.samples(positions, at, clock.snap)
@@ -80,29 +121,24 @@ class Always(Timed):
     def __init__(self, clock: OnlineClock, operand: Term, reach: Reach, past: bool, place: Place) -> None:
         super().__init__(clock, reach, past, place, operand)
         self.operand = operand
-        self.least = Sliding(lesser, math.inf, forgets=reach.low > -math.inf)
+        self.least = SlidingLeast(forgets=reach.low > -math.inf)
 
     def advance(self) -> None:
         """See :class:`Stored`."""
-        clock, reach, operand = self.clock, self.reach, self.operand
-        position, snap, end = clock.position, clock.snap, operand.end
-        while self.tape.end <= clock.now:
-            k = self.tape.end
-            at = position(k)
-            while self.new <= clock.now and not reach.after(position(self.new), at, snap):
-                if self.new >= end:
-                    return
-                self.least.push(operand.value(self.new))
-                self.new += 1
-            if not clock.closed(reach, at):
+        clock, tape, operand, least = self.clock, self.tape, self.operand, self.least
+        now, end, new, lag = clock.now, operand.decided.end, self.new, self.lag
+        while (k := tape.end) <= now:
+            stop = k + lag if lag is not None else self.stop(k, new, end)
+            while new < stop and new < end:
+                least.push(new, operand.value(new))
+                new += 1
+            self.new = new
+            if new < stop and (new <= now or not clock.ended):
                 return
-            if reach.low > -math.inf:
-                while self.first < self.new and reach.before(position(self.first), at, snap):
-                    self.least.pop()
-                    self.first += 1
-                if self.first == self.new:
-                    clock.check_empty(reach, k, at)
-            self.tape.append(self.least.total)
+            self.first = first = self.begin(k, self.first, new)
+            if first == new:
+                clock.check_empty(self.reach, k, clock.position(k))
+            tape.append(least.since(first))
 
     def span(self, *operands: Span) -> Span:
         """See :class:`Term`."""
@@ -110,13 +146,19 @@ class Always(Timed):
         # a window of the past may lie before the first sample, and be empty
         return low, (math.inf if self.past and not self._now else high)
 
+    def foresee(self) -> None:
+        """See :class:`Term`."""
+        super().foresee()
+        # an open window has any later instant, and another one has an undecided instant
+        self.flat = self.operand.flat[LOWER], False
+
     def _pending(self, first: int, last: int, side: int) -> FloatArray:
         if self.reach.low == -math.inf:
             return np.full(last - first + 1, self.ahead[side])
         begin, end = self._windows(first, last)
         base, stop = int(begin[0]), min(int(end.max()), self.clock.now)
         seen = self.operand.bound(base, stop, side) if base <= stop else np.empty(0)
-        values = np.append(seen, self.operand.ahead[side])
+        values = np.concatenate((seen, [self.operand.ahead[side]]))
         if end[0] == end[-1] >= begin[-1]:  # all open windows end with the newest instant
             rest = np.minimum.accumulate(values[: end[0] - base + 1][::-1])[::-1]
             return rest[begin - base]
@@ -130,7 +172,10 @@ Clamp = tuple[float, float]
 def followed_by(first: Clamp, then: Clamp) -> Clamp:
     """Return the composition of two clamps; see :func:`s2r_spec.robustness.kernels.until`."""
     p, q = first
-    return lesser(p, then[0]), max(q, lesser(p, then[1]))
+    guard, offer = then
+    if p < offer:
+        offer = p
+    return p if p < guard else guard, q if q > offer else offer
 
 
 class Until(Timed):
@@ -146,48 +191,38 @@ class Until(Timed):
             (math.inf, -math.inf),
             forgets=reach.low > -math.inf,
         )
-        self.guard = Sliding(lesser, math.inf)  # left between an instant and its window
+        self.guard = SlidingLeast()  # left between an instant and its window
         self.guarded = 0  # the first instant that was not in the guard yet
 
     def advance(self) -> None:
         """See :class:`Stored`."""
-        position = self.clock.position
-        while (k := self.tape.end) <= self.clock.now and self._settle(k, position(k)):
-            if self.first == self.new:
-                self.clock.check_empty(self.reach, k, position(k))
-            self.tape.append(lesser(self.guard.total, self.witnesses.total[1]))
-
-    def _settle(self, k: int, at: float) -> bool:
-        """Move the window to an instant, and return whether all of its values are known."""
-        clock, reach, left, right = self.clock, self.reach, self.left, self.right
-        position, snap = clock.position, clock.snap
-        if self.past:
-            if left.end <= k:
-                return False
-            while self.guarded <= k:
-                self.guard.push(left.value(self.guarded))
-                self.guarded += 1
-        end = min(left.end, right.end)
-        while self.new <= clock.now and not reach.after(position(self.new), at, snap):
-            if self.new >= end:
-                return False
-            if self.past:
-                self.guard.pop()
-            self.witnesses.push((left.value(self.new), right.value(self.new)))
-            self.new += 1
-        if not clock.closed(reach, at):
-            return False
-        while (
-            reach.low > -math.inf and self.first < self.new and reach.before(position(self.first), at, snap)
-        ):
-            self.witnesses.pop()
-            if not self.past:
-                self.guard.push(left.value(self.first))
-            self.first += 1
-        while not self.past and self.guarded < min(k, self.first):
-            self.guard.pop()
-            self.guarded += 1
-        return True
+        clock, tape, guard, witnesses = self.clock, self.tape, self.guard, self.witnesses
+        left, right, past, lag = self.left.value, self.right.value, self.past, self.lag
+        now, ready, end, new = clock.now, self.left.decided.end, self.right.decided.end, self.new
+        if ready < end:
+            end = ready
+        while (k := tape.end) <= now:
+            stop = k + lag if lag is not None else self.stop(k, new, end)
+            while new < stop and new < end:
+                witnesses.push((left(new), right(new)))
+                new += 1
+            self.new = new
+            if (new < stop and (new <= now or not clock.ended)) or (past and ready <= k):
+                return
+            begin = self.begin(k, self.first, new)
+            while self.first < begin:
+                witnesses.pop()
+                self.first += 1
+            start, stop = (new, k + 1) if past else (k, begin)
+            guarded = self.guarded if self.guarded > start else start
+            while guarded < stop:
+                guard.push(guarded, left(guarded))
+                guarded += 1
+            self.guarded = guarded
+            if begin == new:
+                clock.check_empty(self.reach, k, clock.position(k))
+            best = witnesses.total()[1]
+            tape.append(lesser(guard.since(start), best) if guard.queue else best)
 
     def span(self, *operands: Span) -> Span:
         """See :class:`Term`."""
@@ -214,14 +249,14 @@ class Until(Timed):
             return np.full(last - first + 1, self.ahead[side])
         if self.past:
             return self._pending_since(first, last, side)
-        now = self.clock.now
-        begin, end = (np.append(ends, now + 1) - first for ends in self._windows(first, now))
-        left = np.append(self.left.bound(first, now, side), math.inf)
-        right = np.append(self.right.bound(first, now, side), self.right.ahead[side])
-        at = self.clock.positions.values(first, now + 1)
+        clock, now = self.clock, self.clock.now
+        left = np.concatenate((self.left.bound(first, now, side), [math.inf]))
+        right = np.concatenate((self.right.bound(first, now, side), [self.right.ahead[side]]))
         # any later instant may be the witness
-        if self.reach.low == 0 and begin[0] == 0 and end[0] == end[-1]:
+        if self._now and not clock.closed(self.reach, clock.position(first)):
             return until(left, right, 0, None)[: last - first + 1]
+        begin, end = (np.concatenate((ends, [now + 1])) - first for ends in self._windows(first, now))
+        at = clock.positions.values(first, now + 1)
         bounds = range_until(left, right, begin, end)[:-1]
         bounds = np.where(self.waits(at, side), np.minimum(bounds, self.left.ahead[side]), bounds)
         return bounds[: last - first + 1]
