@@ -3,7 +3,7 @@
 Ten twins, each with one effect of random kind and size, that stand in for a machine. For each: a diagnosis from 24 of
 its rollouts, and then a pilot and a certificate that stops at its verdict, three times:
 
-    one B    the simulator; one B, R and epsilon for both searches, the larger of those that the pilot proposes
+    one B    the simulator; the gap has B and epsilon of the check, or those that the pilot proposes if these are larger
     gap_B    the simulator; the pilot's own gap_B, gap_R and gap_epsilon
     patched  the simulator with the effect that the diagnosis names (``s2r diagnose --apply``); its own pilot and line
 
@@ -149,16 +149,12 @@ def certified(path: Path, sim: Backend, machine: Backend, way: str, seed: int) -
 
 
 def shared(line: CertifySettings) -> CertifySettings:
-    """Return a line with one B, R and epsilon for both searches, as every line was before ``gap_B``."""
+    """Return a line whose search of the gap has B and epsilon of the check, or the gap's own if they are larger."""
     assert line.B
-    assert line.R
     assert line.epsilon
     assert line.gap_B
-    assert line.gap_R
     assert line.gap_epsilon
-    machine = math.sqrt(max(line.gap_R**2 - line.R**2 / SIMULATED_PER_REAL, 0.0))
-    B, R, epsilon = max(line.B, line.gap_B), max(line.R, machine), max(line.epsilon, line.gap_epsilon)
-    return replace(line, B=B, R=R, epsilon=epsilon, gap_B=None, gap_R=None, gap_epsilon=None)
+    return replace(line, gap_B=max(line.B, line.gap_B), gap_epsilon=max(line.epsilon, line.gap_epsilon))
 
 
 def _halton(dim: int, count: int) -> FloatArray:
