@@ -17,8 +17,8 @@ from s2r_spec.runs.stop_rule import EPSILON
 from s2r_spec.spec import CertifySettings, Spec
 
 
-def search_for(spec: Spec, requirement: str, options: RunOptions, judged: bool = True) -> Search:
-    """Return the search that a requirement's certify line declares; ``judged`` says whether it leads to a verdict.
+def search_for(spec: Spec, requirement: str, options: RunOptions) -> Search:
+    """Return the search that a requirement's certify line declares.
 
     An unknown requirement, or a certify line that lacks a setting, is a UsageError.
     """
@@ -43,7 +43,7 @@ def search_for(spec: Spec, requirement: str, options: RunOptions, judged: bool =
             stop=options.stop or EPSILON,
             mode=options.mode,
             engine=options.engine,
-            repeats=judged,
+            repeats=bool(options.repeats),
             unit=rho_unit(spec, requirement),
         )
     )

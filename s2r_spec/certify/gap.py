@@ -43,19 +43,12 @@ from s2r_spec.spec import Spec
 
 
 def gap_search(
-    spec: Spec,
-    requirement: str,
-    options: RunOptions,
-    per_real: int = SIMULATED_PER_REAL,
-    judged: bool = False,
+    spec: Spec, requirement: str, options: RunOptions, per_real: int = SIMULATED_PER_REAL
 ) -> Search:
-    """Return search 2, which the spec's certify line declares like search 1; see :func:`of_gap`.
-
-    ``judged`` says whether a verdict will depend on it, as in :func:`certify`.
-    """
+    """Return search 2, which the spec's certify line declares like search 1; see :func:`of_gap`."""
     if (line := spec.certify.get(requirement)) is not None:
         spec = replace(spec, certify={**spec.certify, requirement: of_gap(line, per_real)})
-    return search_for(spec, requirement, options, judged)
+    return search_for(spec, requirement, options)
 
 
 def gap(
@@ -94,6 +87,8 @@ def gap(
             raise UsageError(
                 "a gap has no verdict that stop = 'decided' could wait for; use 'epsilon' or 'budget', or run certify"
             )
+        if options.repeats:
+            raise UsageError("a gap alone has no verdict after which tests could be repeated; run certify")
         pairing = Pairing.for_spec(spec, requirement, sim, real, options.budget)
         search = gap_search(spec, requirement, options, pairing.per_real)
         return gap_with(search, spec, requirement, pairing, run, options)

@@ -25,7 +25,7 @@ from s2r_spec.runs.machine_journal import AGAIN
 from s2r_spec.runs.passed import PassedBackend
 from s2r_spec.runs.runner import Runner
 from s2r_spec.runs.seeds import NEW_SEED, inherited_seed
-from s2r_spec.runs.stop_rule import BUDGET, EPSILON, as_stop, stop_of
+from s2r_spec.runs.stop_rule import BUDGET, DECIDED, EPSILON, as_stop, repeats_of, stop_of
 from s2r_spec.workers.pools import ExecutorFactory, in_this_process, process_pool
 
 Options = TypeVar("Options", bound="Execution")
@@ -48,6 +48,7 @@ class RunKeywords(ExecutionKeywords, total=False):
     requirement: str | None
     budget: int | None
     stop: str | None
+    repeats: bool | None
     mode: str
     engine: str
     void: str
@@ -119,6 +120,8 @@ class RunOptions(Execution):
         stop: when the search ends: "epsilon" (the interval is ε wide), "decided" (the verdict is known) or "budget".
             None is the rule of a resumed search; for a new one "decided" in a check, and "epsilon" in a gap and a
             certificate. The bound holds under every rule.
+        repeats: whether a batch repeats tests once the verdict is known and only the test of R lacks outcomes. None is
+            the answer of a resumed search; for a new one True if ``stop`` is "decided".
         mode: the mode of the confidence set, see :class:`~s2r_spec.certify.bound.settings.SearchSettings`.
         engine: the engine of the Gaussian process, see :class:`~s2r_spec.certify.bound.settings.SearchSettings`.
         void: the treatment of a void rollout, on a machine only: "again" repeats the test, "fall" counts
@@ -132,6 +135,7 @@ class RunOptions(Execution):
     requirement: str | None = None
     budget: int | None = None
     stop: str | None = None
+    repeats: bool | None = None
     mode: str = "rigorous"
     engine: str = "spectral"
     void: str = AGAIN
@@ -199,16 +203,19 @@ def require_begun(places: list[Path], run: Path) -> None:
 def with_rule(options: RunOptions, *places: Path, usual: str = EPSILON) -> RunOptions:
     """Return options with a stopping rule: the given one, or that of the resumed journal in one of the places.
 
-    A new run without a given one has the ``usual`` one of its command. The rule "budget" without a budget is a
-    UsageError.
+    A new run without a given one has the ``usual`` one of its command. A resumed run repeats tests if it began so. The
+    rule "budget" without a budget is a UsageError.
     """
-    stop = options.stop
+    stop, repeats = options.stop, options.repeats
+    begun = [place for place in places if options.resume and Journal.begun(place)]
+    header = Journal.read(begun[0]).header if begun else None
     if stop is None:
-        begun = [place for place in places if options.resume and Journal.begun(place)]
-        stop = stop_of(Journal.read(begun[0]).header) if begun else usual
+        stop = usual if header is None else stop_of(header)
+    if repeats is None:
+        repeats = stop == DECIDED if header is None else repeats_of(header)
     if stop == BUDGET and options.budget is None:
         raise UsageError("stop = 'budget' needs a budget: the largest number of rollouts")
-    return replace(options, stop=stop)
+    return replace(options, stop=stop, repeats=repeats)
 
 
 def with_seed(options: Options, *places: Path) -> Options:

@@ -91,9 +91,9 @@ def certify(
         options = with_seed(with_rule(options, *places), run / SIMULATION, *places)
         pairing = Pairing.for_spec(spec, requirement, sim, real, options.budget)
         refuse_terms(pairing.real.backend, options.terms)
-        of_simulator = replace(options, budget=None, stop=EPSILON, void=AGAIN, operator=None)
+        of_simulator = replace(options, budget=None, stop=EPSILON, repeats=False, void=AGAIN, operator=None)
         first = search_for(spec, requirement, of_simulator)
-        second = gap_search(spec, requirement, options, pairing.per_real, judged=True)
+        second = gap_search(spec, requirement, options, pairing.per_real)
         if pairing.recorded is None:
             second.refuse_hopeless()
         else:

@@ -29,7 +29,7 @@ from s2r_spec.runs.journal import Journal, Record
 from s2r_spec.runs.layout import FILE, GAP, SIMULATION, SYSTEMS, runs_in
 from s2r_spec.runs.repeatability import refuse_unrepeatable
 from s2r_spec.runs.spec_files import PILOT, load_run_spec
-from s2r_spec.runs.stop_rule import DECIDED, stop_of
+from s2r_spec.runs.stop_rule import DECIDED, repeats_of, stop_of
 from s2r_spec.spec import Spec
 
 
@@ -155,7 +155,7 @@ def recompute(folder: Path, exact: bool = True) -> Recomputed:
     spec, header = load_run_spec(journal), journal.header
     requirement, records = header["requirement"], journal.records()
     journal.check_traces()
-    search = _as_run(search_for(spec, requirement, _options(header)), header, exact)
+    search = _with_kernel(search_for(spec, requirement, _options(header)), exact)
     _same_settings(search, header, folder)
     outcomes = {(one.query, one.replicate): (one.params, -one.rho) for one in records}
     history = _replay(search, header, outcomes, folder)
@@ -180,7 +180,7 @@ def recompute_gap(folder: Path, simulated: Search | None = None, exact: bool = T
     header = journals["real"].header
     spec = _of_both(folder, journals)
     per_real = header["simulated_per_real"]
-    search = _as_run(gap_search(spec, header["requirement"], _options(header), per_real), header, exact)
+    search = _with_kernel(gap_search(spec, header["requirement"], _options(header), per_real), exact)
     _same_settings(search, header, folder)
     if search.settings.repeats or stop_of(header) == DECIDED:
         first = simulated or recompute(folder.parent / SIMULATION, exact).search
@@ -242,14 +242,12 @@ def _closed_or_exact(compute: Callable[[bool], T]) -> T:
         return compute(True)
 
 
-def _as_run(search: Search, header: Mapping[str, Any], exact: bool) -> Search:
-    """Return a search before its first batch that repeats tests if its run did.
-
-    It has GPyTorch's kernel if it is ``exact``, else the closed form.
-    """
-    kernel = search.kernel if exact else ClosedForm(search.kernel.name, search.kernel.lengthscale)
-    repeats = header["settings"].get("repeats", False)
-    return Search.of(replace(search.settings, kernel=kernel, repeats=repeats))
+def _with_kernel(search: Search, exact: bool) -> Search:
+    """Return a search before its first batch, with GPyTorch's kernel if it is ``exact``, else with the closed form."""
+    kernel = search.kernel
+    if exact:
+        return search
+    return Search.of(replace(search.settings, kernel=ClosedForm(kernel.name, kernel.lengthscale)))
 
 
 def _of_both(folder: Path, journals: Mapping[str, Journal]) -> Spec:
@@ -311,7 +309,11 @@ def _answer(query: Query, outcomes: Outcomes, folder: Path) -> list[float]:
 def _options(header: Mapping[str, Any]) -> RunOptions:
     settings = header["settings"]
     return RunOptions(
-        seed=header["seed"], mode=settings["mode"], engine=settings["engine"], stop=stop_of(header)
+        seed=header["seed"],
+        mode=settings["mode"],
+        engine=settings["engine"],
+        stop=stop_of(header),
+        repeats=repeats_of(header),
     )
 
 

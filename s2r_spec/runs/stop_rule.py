@@ -1,7 +1,8 @@
 """Stopping rules of a search by name, and the line of a journal that changes the rule of its run.
 
 A journal's header holds the rule as ``stop``, unless it is the usual one. The tests of a search are the same under
-every rule, so a run may be resumed under another one. The journal then has a further line:
+every rule, so a run may be resumed under another one: a run that began under ``decided`` repeats tests once its verdict
+is known, whatever its rule is later. The journal then has a further line:
 
     {"kind": "stop", "stop": "epsilon"}
 """
@@ -30,6 +31,12 @@ def as_stop(stop: Any) -> str:
 def stop_of(header: Mapping[str, Any]) -> str:
     """Return the stopping rule of a run from its header."""
     return str(header.get(KIND, EPSILON))
+
+
+def repeats_of(header: Mapping[str, Any]) -> bool:
+    """Return whether a run repeats tests once its verdict is known, from its header; its settings say so."""
+    settings = header.get("settings")
+    return isinstance(settings, dict) and settings.get("repeats") is True
 
 
 def header_fields(stop: str) -> dict[str, Any]:

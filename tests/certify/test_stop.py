@@ -112,7 +112,7 @@ class TestSearch:
 
     def test_the_test_of_r_has_20_degrees_of_freedom_before_a_verdict_ends_the_search(self):
         """One batch is enough for the sign of 0.9."""
-        known = searched(0.9, stop="decided", B=4.0)
+        known = searched(0.9, stop="decided", repeats=True, B=4.0)
         assert known.certificate().label is Label.DECIDED
         assert known.degrees == 20
         assert (known.certificate().rollouts, len(known.tested)) == (28, 4)  # what is lacking are repeats
@@ -172,7 +172,7 @@ class TestRuns:
         assert facts(resumed) == facts(whole)
 
     def test_a_decided_run_may_go_on_to_epsilon(self, tmp_path):
-        whole = check(tmp_path, stop="epsilon", run="whole")
+        whole = check(tmp_path, stop="epsilon", repeats=True, run="whole")
         early = check(tmp_path)
         resumed = check(tmp_path, stop="epsilon", resume=True)
         assert early.certificate.rollouts < resumed.certificate.rollouts

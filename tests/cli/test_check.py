@@ -62,7 +62,9 @@ def test_a_known_verdict_ends_the_search_unless_the_interval_is_wanted(s2r):
     again = s2r.json("report", "r", code=0)["results"][0]
     assert (again["label"], again["search"]) == (result["label"], result["search"])
     on = s2r.json(*words, "--stop", "epsilon", "--resume", "r", code=0)["results"][0]
-    assert on["search"] == usual["search"]
+    assert (on["label"], on["provenance"].get("stop")) == (usual["label"], None)
+    assert on["search"]["rollouts"] > result["search"]["rollouts"]
+    assert s2r.json("report", "r", code=0)["results"][0]["search"] == on["search"]
 
 
 def test_the_result_depends_on_the_seed_and_not_on_the_workers(s2r):

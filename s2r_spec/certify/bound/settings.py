@@ -87,7 +87,7 @@ class SearchSettings:
     budget: int | None = None
     stop: str = EPSILON
     engine: str = "spectral"
-    repeats: bool = True
+    repeats: bool = False
     fitted: tuple[str, ...] = ()
     unit: str = ""
 
