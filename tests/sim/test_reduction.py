@@ -26,11 +26,13 @@ def test_elimination_solves(n):
 def random_tick(loaded):
     """Return a mass matrix, bias, foot Jacobian, foot task, known part and base task, all made up."""
     rng = np.random.default_rng(0)
-    M = rng.normal(size=(18, 18))
     own = np.kron(np.eye(4), np.ones((3, 3)))
+    M = rng.normal(size=(18, 18))
+    M = M @ M.T
+    M[6:, 6:] *= own
     jacobian = np.hstack([rng.normal(size=(12, 6)), own * rng.normal(size=(12, 12))])
     return (
-        M @ M.T + np.eye(18),
+        M + 30.0 * np.eye(18),
         rng.normal(size=18),
         jacobian,
         rng.normal(size=(3, 12)),
@@ -46,7 +48,8 @@ def test_forces_explain_all_of_the_motion(loaded):
     mass, bias, jacobian, feet, known, base, loaded, share = random_tick(loaded)
     n = len(loaded)
     law, acceleration, cost = np.empty((18, 7)), np.empty((7, n + 1)), np.empty((n + 1, n + 1))
-    legs = in_joint_space(jacobian, feet, known)
+    legs = np.empty((12, 9))
+    in_joint_space(jacobian, feet, known, legs)
     upper = np.asfortranarray(np.triu(mass))  # by columns, as Pinocchio has it: for this a tick is compiled
     laws_of_motion(upper, bias, legs, law)
     base_acceleration(law, jacobian, loaded, acceleration)
@@ -70,6 +73,9 @@ def test_forces_explain_all_of_the_motion(loaded):
 
 def test_a_diverged_state_and_a_stretched_leg_raise_nothing():
     _, _, jacobian, feet, known, *_ = random_tick(range(12))
-    assert np.isnan(in_joint_space(jacobian * np.nan, feet, known)).all()
+    legs = np.empty((12, 9))
+    in_joint_space(jacobian * np.nan, feet, known, legs)
+    assert np.isnan(legs).all()
     jacobian[:3, 6:9] = 0.0
-    assert not np.isfinite(in_joint_space(jacobian, feet, known)[:3]).any()
+    in_joint_space(jacobian, feet, known, legs)
+    assert not np.isfinite(legs[:3]).any()

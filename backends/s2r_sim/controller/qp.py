@@ -39,7 +39,7 @@ class Solution(NamedTuple):
         forces: (12,) ground on feet [N], world axes.
         torque: (12,) torque of the joints [N m].
         base: (6,) predicted spatial acceleration of the base, base axes.
-        iterations: number of iterations of the interior-point method.
+        iterations: number of iterations of the interior-point method; 0 where no limit matters, so that it did not run.
     """
 
     forces: FloatArray

@@ -99,15 +99,17 @@ class Recorder:
 
     def _feet(self, truth: RobotState) -> tuple[FloatArray, FloatArray]:
         """Return (n, 12) true positions [m] and (n, 12) velocities [m/s] of the ball centres, world axes."""
-        position, velocity = [], []
-        roll, pitch, yaw = truth.rpy
-        for i, leg in enumerate(LEGS):
-            joints = slice(3 * i, 3 * i + 3)
-            motion = foot_motion(self._robot, leg, truth.q[joints], truth.dq[joints], np.sin, np.cos)
-            moved = np.cross(truth.omega, motion.position, axis=0) + motion.velocity
-            position += [*(truth.position + rotate(roll, pitch, yaw, motion.position, np.sin, np.cos))]
-            velocity += [*(truth.velocity + rotate(roll, pitch, yaw, moved, np.sin, np.cos))]
-        return np.transpose(position), np.transpose(velocity)
+        n = truth.flat.shape[1]
+        motions = [
+            foot_motion(self._robot, leg, truth.q[k : k + 3], truth.dq[k : k + 3], np.sin, np.cos)
+            for k, leg in zip(range(0, 12, 3), LEGS, strict=True)
+        ]
+        position = np.stack([motion.position for motion in motions], axis=1)
+        velocity = np.stack([motion.velocity for motion in motions], axis=1)
+        moved = np.cross(truth.omega[:, None], position, axis=0) + velocity
+        position = truth.position[:, None] + rotate(*truth.rpy, position, np.sin, np.cos)
+        velocity = truth.velocity[:, None] + rotate(*truth.rpy, moved, np.sin, np.cos)
+        return position.T.reshape(n, 12), velocity.T.reshape(n, 12)
 
     def _predicted(self, own: RobotState) -> FloatArray:
         """Return (n, 3) the base acceleration that the QP predicts, forward, left, up [m/s²]; 0 without one.
