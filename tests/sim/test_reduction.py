@@ -48,8 +48,8 @@ def test_forces_explain_all_of_the_motion(loaded):
     mass, bias, jacobian, feet, known, base, loaded, share = random_tick(loaded)
     n = len(loaded)
     law, acceleration, cost = np.empty((18, 7)), np.empty((7, n + 1)), np.empty((n + 1, n + 1))
-    legs = np.empty((12, 9))
-    in_joint_space(jacobian, feet, known, legs)
+    q, legs = np.arange(12.0), np.empty((12, 7))
+    angles, speeds = in_joint_space(jacobian, feet, known, q, 1e3, legs)
     upper = np.asfortranarray(np.triu(mass))  # by columns, as Pinocchio has it: for this a tick is compiled
     laws_of_motion(upper, bias, legs, law)
     base_acceleration(law, jacobian, loaded, acceleration)
@@ -62,7 +62,10 @@ def test_forces_explain_all_of_the_motion(loaded):
     assert not np.delete(forces, loaded).any()
     joints = legs[:, :6] @ a + legs[:, 6]
     np.testing.assert_allclose(jacobian @ [*a, *joints], feet[0] - known[0], atol=1e-9)
-    np.testing.assert_allclose(jacobian[:, 6:] @ legs[:, 7:], (feet[1:] - known[1:]).T, atol=1e-9)
+    steps = np.array([angles - q, speeds])
+    np.testing.assert_allclose(steps @ jacobian[:, 6:].T, feet[1:] - known[1:], atol=1e-9)
+    near, _ = in_joint_space(jacobian, feet, known, q, 0.1, legs)
+    np.testing.assert_allclose(near, q + np.clip(angles - q, -0.1, 0.1), atol=1e-12)
     forced = np.concatenate([np.zeros(6), torque]) + jacobian.T @ forces
     np.testing.assert_allclose(mass @ [*a, *joints] + bias, forced, atol=1e-7)
     deviation = base @ [*a, 1.0]
@@ -73,9 +76,10 @@ def test_forces_explain_all_of_the_motion(loaded):
 
 def test_a_diverged_state_and_a_stretched_leg_raise_nothing():
     _, _, jacobian, feet, known, *_ = random_tick(range(12))
-    legs = np.empty((12, 9))
-    in_joint_space(jacobian * np.nan, feet, known, legs)
+    q, legs = np.zeros(12), np.empty((12, 7))
+    targets = in_joint_space(jacobian * np.nan, feet, known, q, 0.3, legs)
     assert np.isnan(legs).all()
+    assert np.isnan(targets).all()
     jacobian[:3, 6:9] = 0.0
-    in_joint_space(jacobian, feet, known, legs)
+    in_joint_space(jacobian, feet, known, q, 0.3, legs)
     assert not np.isfinite(legs[:3]).any()

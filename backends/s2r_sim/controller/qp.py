@@ -21,7 +21,7 @@ class ControlTask(NamedTuple):
     Attributes:
         base: (6, 7) cost of a deviation of the base's spatial acceleration (:func:`base_task`).
         feet: (12,) desired foot accelerations, world axes.
-        legs: (12, 9), in its first columns N (6) and e (1) with joint accelerations q̈ = N a + e. N a moves no
+        legs: (12, 7), N (6 columns) and e with joint accelerations q̈ = N a + e. N a moves no
             foot under a base acceleration a, and e gives ``feet`` with the base at rest.
         stance: which feet carry load.
     """

@@ -45,8 +45,10 @@ def solve(A: FloatArray, B: FloatArray) -> None:
 
 
 @compiled
-def in_joint_space(jacobian: FloatArray, task: FloatArray, known: FloatArray, solved: FloatArray) -> None:
-    """Write response N (6 columns), joint accelerations e, joint steps, joint speeds.
+def in_joint_space(
+    jacobian: FloatArray, task: FloatArray, known: FloatArray, q: FloatArray, bound: float, legs: FloatArray
+) -> FloatArray:
+    """Write joint accelerations as a function of the base's; return (2, 12) target angles and speeds of the joints.
 
     One factorisation of each leg's Jacobian gives q̈ = N a + e, the joint steps and
     the joint speeds.
@@ -55,18 +57,27 @@ def in_joint_space(jacobian: FloatArray, task: FloatArray, known: FloatArray, so
         jacobian: (12, 18) Jacobian of the feet.
         task: (3, 12) result of :func:`s2r_sim.controller.foot_task.foot_task`.
         known: (3, 12) motion of the feet without the joints; see :class:`s2r_sim.controller.dynamics.RigidBody`.
-        solved: (12, 9) on return these columns.
+        q: (12,) joint angles [rad].
+        bound: largest distance of a target angle from its joint's [rad].
+        legs: (12, 7) on return N (6 columns) and e.
     """
+    targets, own, part = np.empty((2, 12)), np.empty((3, 3)), np.empty((3, 9))
     for leg in range(4):
         first = 3 * leg
-        own = jacobian[first : first + 3, 6 + first : 9 + first].copy()
-        part = solved[first : first + 3]
         for row in range(3):
             for column in range(6):
                 part[row, column] = -jacobian[first + row, column]
             for column in range(3):
+                own[row, column] = jacobian[first + row, 6 + first + column]
                 part[row, 6 + column] = task[column, first + row] - known[column, first + row]
         solve(own, part)
+        for row in range(3):
+            joint = first + row
+            for column in range(7):
+                legs[joint, column] = part[row, column]
+            targets[0, joint] = q[joint] + min(max(part[row, 7], -bound), bound)
+            targets[1, joint] = part[row, 8]
+    return targets
 
 
 @compiled
@@ -76,24 +87,25 @@ def laws_of_motion(mass_upper: FloatArray, bias: FloatArray, legs: FloatArray, l
     Args:
         mass_upper: (18, 18) mass matrix M; only its upper triangle is read.
         bias: (18,) Coriolis, centrifugal and gravity forces h.
-        legs: (12, 9) result of :func:`in_joint_space`: N and e in its first seven columns.
+        legs: (12, 7) N and e, written by :func:`in_joint_space`.
         law: (18, 7) on return M (I, 0; N, e) + (0, h), a matrix that acts on (a, 1).
     """
-    motion = np.zeros((18, 7))
-    motion[6:] = legs[:, :7]
     law[:, :6] = 0.0
     law[:, 6] = bias
-    for k in range(6):
-        motion[k, k] = 1.0
-    for i in range(18):
-        # Joints of two legs have no mass in common.
-        for j in range(i, 18 if i < 6 else 9 + (i - 6) // 3 * 3):
-            mass = mass_upper[i, j]
+    for i in range(6):
+        for j in range(6):
+            law[i, j] = mass_upper[min(i, j), max(i, j)]
+        for j in range(12):
+            mass = mass_upper[i, 6 + j]
+            law[6 + j, i] = mass
             for k in range(7):
-                law[i, k] += mass * motion[j, k]
-            if j > i:
-                for k in range(7):
-                    law[j, k] += mass * motion[i, k]
+                law[i, k] += mass * legs[j, k]
+    for i in range(12):
+        first = i // 3 * 3  # joints of two legs have no mass in common
+        for j in range(first, first + 3):
+            mass = mass_upper[6 + min(i, j), 6 + max(i, j)]
+            for k in range(7):
+                law[6 + i, k] += mass * legs[j, k]
 
 
 @compiled
@@ -182,7 +194,7 @@ def optimum_without_limits(
 
     Args:
         motion: mass matrix, bias and Jacobian; see :func:`laws_of_motion` and :func:`base_acceleration`.
-        task: (6, 7) the base's task, and (12, 9) result of :func:`in_joint_space`.
+        task: (6, 7) the base's task, and (12, 7) N and e.
         loaded: (n,) indices of the force components.
         share: (n + 1, n + 1) the cost of a deviation from equal shares.
         memory: on return the results of :func:`laws_of_motion`, :func:`base_acceleration` and :func:`force_cost`.
@@ -208,16 +220,3 @@ def optimum_without_limits(
     for joint in range(12, 24):
         kept = kept and abs(everything[joint]) <= torque
     return everything, kept
-
-
-@compiled
-def joint_targets(legs: FloatArray, q: FloatArray, bound: float) -> FloatArray:
-    """Return (2, 12) target angles and speeds of the joints; a target is at most ``bound`` [rad] from ``q``.
-
-    ``legs`` is the (12, 9) result of :func:`in_joint_space`.
-    """
-    targets = np.empty((2, 12))
-    for joint in range(12):
-        targets[0, joint] = q[joint] + min(max(legs[joint, 7], -bound), bound)
-        targets[1, joint] = legs[joint, 8]
-    return targets

@@ -15,7 +15,7 @@ from s2r_sim.controller.full_qp import FullQP
 from s2r_sim.controller.gains import RATE, Form, Gains
 from s2r_sim.controller.gait import Gait, Progress
 from s2r_sim.controller.qp import ControlTask, Solution, Stance
-from s2r_sim.controller.reduction import in_joint_space, joint_targets
+from s2r_sim.controller.reduction import in_joint_space
 from s2r_sim.controller.stance_qp import StanceQP
 from s2r_sim.robot.constants import FloatArray, Robot
 from s2r_sim.robot.signals import MotorCommand, RobotState, VelocityCommand
@@ -51,7 +51,7 @@ class Controller:
         self._body = RigidBody(robot, gains.rotor_inertia)
         self._qp = StanceQP(gains, robot) if form == "condensed" else FullQP(gains, robot)
         self._base_gains = gains.base
-        self._task = np.empty((6, 7)), np.empty((3, 12)), np.empty((12, 9))
+        self._task = np.empty((6, 7)), np.empty((3, 12)), np.empty((12, 7))
         self._swing = (*gains.swing, self._gait.swing_time, self._gait.stance_time)
         self.memory = Memory()
 
@@ -74,7 +74,7 @@ class Controller:
         memory = self.memory
         memory.tick += ticks
         for _ in range(ticks):
-            advance(memory.reference, measured.flat, tuple(command), RATE)
+            advance(memory.reference, measured.flat, (command.vx, command.vy, command.wz), RATE)
 
     def tick(self, measured: RobotState, command: VelocityCommand) -> Tick:
         """Run one control tick."""
@@ -88,7 +88,8 @@ class Controller:
         contact = foot_task(
             phase.progress, memory.lift_off, body.legs, measured.flat, desired, self._swing, feet
         )
-        in_joint_space(body.jacobian, feet, body.known, legs)
+        step = gains.max_joint_step
+        q, dq = in_joint_space(body.jacobian, feet, body.known, measured.q, step, legs)
         heights = (gains.base_height, contact - self._foot_radius)
         base_task(memory.reference, measured.flat, body.twist, desired, heights, self._base_gains, base)
         solution = self._qp.solve(body, ControlTask(base, feet[0], legs, phase.stance))
@@ -97,9 +98,7 @@ class Controller:
             none = np.zeros(12)  # the last resort: every joint brakes
             brake = MotorCommand(q=none, dq=none, kp=none, kd=np.full(12, gains.kd_damping), tau=none)
             return Tick(brake, phase.stance, solution)
-        targets = joint_targets(legs, measured.q, gains.max_joint_step)
-        motors = MotorCommand(q=targets[0], dq=targets[1], kp=phase.kp, kd=phase.kd, tau=torque)
-        return Tick(motors, phase.stance, solution)
+        return Tick(MotorCommand(q, dq, phase.kp, phase.kd, torque), phase.stance, solution)
 
     def _feedforward(self, solution: Solution | None, stance: Stance) -> FloatArray | None:
         """Return (12,) torques: the QP's, or for ``hold_ticks`` ticks those of the last good forces, or None."""

@@ -107,8 +107,9 @@ class Recorder:
         position = np.stack([motion.position for motion in motions], axis=1)
         velocity = np.stack([motion.velocity for motion in motions], axis=1)
         moved = np.cross(truth.omega[:, None], position, axis=0) + velocity
-        position = truth.position[:, None] + rotate(*truth.rpy, position, np.sin, np.cos)
-        velocity = truth.velocity[:, None] + rotate(*truth.rpy, moved, np.sin, np.cos)
+        roll, pitch, yaw = truth.rpy
+        position = truth.position[:, None] + rotate(roll, pitch, yaw, position, np.sin, np.cos)
+        velocity = truth.velocity[:, None] + rotate(roll, pitch, yaw, moved, np.sin, np.cos)
         return position.T.reshape(n, 12), velocity.T.reshape(n, 12)
 
     def _predicted(self, own: RobotState) -> FloatArray:
