@@ -88,8 +88,7 @@ class Controller:
         contact = foot_task(
             phase.progress, memory.lift_off, body.legs, measured.flat, desired, self._swing, feet
         )
-        step = gains.max_joint_step
-        q, dq = in_joint_space(body.jacobian, feet, body.known, measured.q, step, legs)
+        targets = in_joint_space(body.jacobian, feet, body.known, measured.q, gains.max_joint_step, legs)
         heights = (gains.base_height, contact - self._foot_radius)
         base_task(memory.reference, measured.flat, body.twist, desired, heights, self._base_gains, base)
         solution = self._qp.solve(body, ControlTask(base, feet[0], legs, phase.stance))
@@ -98,7 +97,8 @@ class Controller:
             none = np.zeros(12)  # the last resort: every joint brakes
             brake = MotorCommand(q=none, dq=none, kp=none, kd=np.full(12, gains.kd_damping), tau=none)
             return Tick(brake, phase.stance, solution)
-        return Tick(MotorCommand(q, dq, phase.kp, phase.kd, torque), phase.stance, solution)
+        motors = MotorCommand(targets[0], targets[1], phase.kp, phase.kd, torque)
+        return Tick(motors, phase.stance, solution)
 
     def _feedforward(self, solution: Solution | None, stance: Stance) -> FloatArray | None:
         """Return (12,) torques: the QP's, or for ``hold_ticks`` ticks those of the last good forces, or None."""
