@@ -39,11 +39,11 @@ def base_task(
     measured: FloatArray,
     twist: FloatArray,
     command: Vector3,
-    heights: tuple[float, float],
-    gains: FloatArray,
+    ground: float,
+    constants: tuple[FloatArray, float, float],
     task: FloatArray,
 ) -> None:
-    """Write the base's task (L, −L a): an acceleration x costs |(L, −L a) (x, 1)|².
+    """Advance the reference, and write the base's task (L, −L a): an acceleration x costs |(L, −L a) (x, 1)|².
 
     The desired spatial acceleration a is proportional-derivative in the heading
     frame and in roll, pitch, yaw; L'L is the weight of a deviation from it.
@@ -57,14 +57,17 @@ def base_task(
         measured: ``State.flat``.
         twist: (18,) or its first six, in base axes.
         command: forward, left [m/s] and yaw rate [rad/s].
-        heights: of the base above the ground, as desired, and of the ground [m].
-        gains: (6, 3) kp, kd and √w of the linear part, and the same of the angular part.
+        ground: height of the ground [m].
+        constants: (6, 3) kp, kd and √w of the linear part, and the same of the angular part; desired height of the
+            base above the ground [m]; number of ticks per second.
         task: (6, 7) on return the task.
     """
+    gains, desired_height, rate = constants
+    advance(reference, measured, command, rate)
     across = _left_of(reference, measured[0], measured[1])
     turn = reference[2] - measured[5]
     turn -= 2.0 * pi * round(turn / (2.0 * pi))  # the shortest way
-    height = heights[0] - (measured[2] - heights[1])
+    height = desired_height - (measured[2] - ground)
     roll, pitch, yaw = measured[3], measured[4], measured[5]
     vx, vy, vz = measured[6], measured[7], measured[8]
     ux, uy, uz, wx, wy, wz = twist[0], twist[1], twist[2], twist[3], twist[4], twist[5]

@@ -20,9 +20,9 @@ class ControlTask(NamedTuple):
 
     Attributes:
         base: (6, 7) cost of a deviation of the base's spatial acceleration (:func:`base_task`).
-        feet: (12,) desired foot accelerations, world axes.
+        feet: (3, 12), in its first row the desired foot accelerations, world axes (:func:`foot_task`).
         legs: (12, 7), N (6 columns) and e with joint accelerations q̈ = N a + e. N a moves no
-            foot under a base acceleration a, and e gives ``feet`` with the base at rest.
+            foot under a base acceleration a, and e gives these with the base at rest.
         stance: which feet carry load.
     """
 

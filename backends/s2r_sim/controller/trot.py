@@ -46,12 +46,13 @@ class Controller:
     def __init__(self, robot: Robot, gains: Gains, form: Form = "condensed") -> None:
         self._gains = gains
         self._gait = Gait.of(gains)
-        self._schedule = tuple(_Phase(gains, self._gait.progress(tick)) for tick in range(self._gait.period))
+        task = np.empty((6, 7)), np.empty((3, 12)), np.empty((12, 7))
+        ticks = range(self._gait.period)
+        self._schedule = tuple(_Phase(gains, self._gait.progress(tick), task) for tick in ticks)
         self._foot_radius = robot.foot_radius
         self._body = RigidBody(robot, gains.rotor_inertia)
         self._qp = StanceQP(gains, robot) if form == "condensed" else FullQP(gains, robot)
-        self._base_gains = gains.base
-        self._task = np.empty((6, 7)), np.empty((3, 12)), np.empty((12, 7))
+        self._base = gains.base, gains.base_height, float(RATE)
         self._swing = (*gains.swing, self._gait.swing_time, self._gait.stance_time)
         self.memory = Memory()
 
@@ -74,7 +75,7 @@ class Controller:
         memory = self.memory
         memory.tick += ticks
         for _ in range(ticks):
-            advance(memory.reference, measured.flat, (command.vx, command.vy, command.wz), RATE)
+            advance(memory.reference, measured.flat, (command.vx, command.vy, command.wz), float(RATE))
 
     def tick(self, measured: RobotState, command: VelocityCommand) -> Tick:
         """Run one control tick."""
@@ -83,15 +84,15 @@ class Controller:
         memory.tick += 1
         body.update(measured)
         desired = (command.vx, command.vy, command.wz)
-        advance(memory.reference, measured.flat, desired, RATE)
-        base, feet, legs = self._task
+        base, feet, legs, _ = task = phase.task
         contact = foot_task(
             phase.progress, memory.lift_off, body.legs, measured.flat, desired, self._swing, feet
         )
-        targets = in_joint_space(body.jacobian, feet, body.known, measured.q, gains.max_joint_step, legs)
-        heights = (gains.base_height, contact - self._foot_radius)
-        base_task(memory.reference, measured.flat, body.twist, desired, heights, self._base_gains, base)
-        solution = self._qp.solve(body, ControlTask(base, feet[0], legs, phase.stance))
+        step = gains.max_joint_step
+        targets = in_joint_space(body.jacobian, feet, body.known, measured.q, step, legs)
+        ground = contact - self._foot_radius
+        base_task(memory.reference, measured.flat, body.twist, desired, ground, self._base, base)
+        solution = self._qp.solve(body, task)
         torque = self._feedforward(solution, phase.stance)
         if torque is None:
             none = np.zeros(12)  # the last resort: every joint brakes
@@ -115,10 +116,13 @@ class Controller:
 
 
 class _Phase:
-    """Quantities that one tick of the gait period fixes."""
+    """Quantities that one tick of the gait period fixes; all phases write their task to the same memory."""
 
-    def __init__(self, gains: Gains, progress: Progress) -> None:
+    def __init__(
+        self, gains: Gains, progress: Progress, task: tuple[FloatArray, FloatArray, FloatArray]
+    ) -> None:
         self.stance: Stance = tuple(s is None for s in progress)
+        self.task = ControlTask(*task, self.stance)
         self.progress = np.array([STANDS if s is None else s for s in progress])
         self.kp = np.repeat([0.0 if stands else gains.kp_joint_swing for stands in self.stance], 3)
         self.kd = np.full(12, gains.kd_joint)
