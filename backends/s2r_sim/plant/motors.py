@@ -69,17 +69,21 @@ class Motors:
         if self._delay:
             motors = self._delayed(motors)
         physics = self._physics
-        elapsed = max(0.0, elapsed)
-        if physics.fade_by_load:
-            elapsed = self._tiring(elapsed)
-        strength = physics.strength * max(0.0, 1.0 - physics.fade * elapsed)
-        strength *= physics.torque_constant
+        strength = physics.strength * physics.torque_constant
+        if physics.fade:
+            strength *= self._left(max(0.0, elapsed))
         full = strength * self._limit
         _write((*motors, self._offset), strength, full, self._actuators)
         if physics.voltage < 1.0:
             _limit(self._dq, self._actuators[3], physics.voltage, self._top_speed, full)
         if physics.backlash:
             self._cross_the_gap(motors)
+
+    def _left(self, elapsed: float) -> float:
+        """Return the part of the strength that is left."""
+        if self._physics.fade_by_load:
+            elapsed = self._tiring(elapsed)
+        return max(0.0, 1.0 - self._physics.fade * elapsed)
 
     def _tiring(self, elapsed: float) -> float:
         """Return the time in which the motors lose as much at the usual load."""
