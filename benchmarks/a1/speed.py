@@ -16,10 +16,11 @@ import importlib
 import platform
 import sys
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import wraps
+from statistics import median
 from time import thread_time
 from typing import Any
 
@@ -75,10 +76,12 @@ class Clock:
 
 
 @contextmanager
-def clocked(clock: Clock) -> Iterator[None]:
-    """Wrap every part's function, and put the plain functions back afterwards."""
+def clocked(clock: Clock, names: Container[str]) -> Iterator[None]:
+    """Wrap the functions of these parts, and put the plain functions back afterwards."""
     undo: list[tuple[Any, str, Any]] = []
     for part, module, path in PARTS:
+        if part not in names:
+            continue
         *owners, name = path.split(".")
         place: Any = importlib.import_module(module)
         for owner in owners:
@@ -99,6 +102,20 @@ def cpu(backend: SimBackend, seed: int) -> float:
     return thread_time() - start
 
 
+def over_mujoco(backend: SimBackend) -> float:
+    """Return the time of a rollout over that of its physics steps, the median of ``REPEATS``.
+
+    Both are of the same rollout, so that a busy machine slows both.
+    """
+    ratios = []
+    for seed in range(REPEATS):
+        clock = Clock()
+        with clocked(clock, [MUJOCO]):
+            whole = cpu(backend, seed)
+        ratios.append(whole / clock.spent[MUJOCO])
+    return median(ratios)
+
+
 def main() -> bool:
     backend = SimBackend()
     ticks = round((backend.duration + backend.settings.settling) * RATE) + 1
@@ -109,7 +126,7 @@ def main() -> bool:
     reference = min(cpu(full, seed) for seed in range(REPEATS))
 
     clock = Clock()
-    with clocked(clock):
+    with clocked(clock, [part for part, _, _ in PARTS]):
         for seed in range(REPEATS):
             backend.rollout({"vd": 0.3}, seed)
     whole = sum(clock.spent.values())
@@ -119,7 +136,7 @@ def main() -> bool:
     print(f"{'all, with the clocks':36} {whole / REPEATS / ticks * 1e6:6.1f}")
     print(f"{'all, without the clocks':36} {plain / ticks * 1e6:6.1f}")
 
-    ratio = plain / (clock.spent[MUJOCO] / REPEATS)
+    ratio = over_mujoco(backend)
     print(f"the whole tick over MuJoCo's two steps: {ratio:.2f} (wanted: <= 2.2)")
     speed = ticks / RATE / plain
     usual = worker.fresh()
@@ -133,7 +150,7 @@ def main() -> bool:
         f"of a machine's first workers, which compile for {compiling['first']:.0f} s: "
         f"{compiling['peak']:.0f} MiB (wanted: <= 300)"
     )
-    return plain <= 0.15 and speed >= 10.0 and max(usual["peak"], compiling["peak"]) <= 300.0
+    return ratio <= 2.2 and plain <= 0.15 and speed >= 10.0 and max(usual["peak"], compiling["peak"]) <= 300.0
 
 
 if __name__ == "__main__":
