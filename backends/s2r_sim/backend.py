@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import InitVar, dataclass, field, replace
-from functools import cache
+from functools import cache, cached_property
 from importlib.metadata import version
 from importlib.util import find_spec
 from math import ceil
@@ -87,12 +87,12 @@ class SimBackend:
         """Expected time of one rollout on one core [s], once the process is warm."""
         return (self.duration + self.settings.settling) * _CPU_PER_SECOND
 
-    @property
+    @cached_property
     def _settings(self) -> Settings:
         """The settings with the effects in them."""
         return replace(self.settings, physics=with_effects(self.settings.physics, self.added))
 
-    @property
+    @cached_property
     def model_hash(self) -> str:
         """Hex digest over constants, gains, noise, physics, solver versions and this package's source."""
         return _digest(self._settings, self.noise)

@@ -21,7 +21,6 @@ from s2r_a1.schedule import Schedule
 from s2r_a1.twin import TwinSettings, read_inject
 from s2r_a1.twin.start import read_start
 from s2r_a1.wire import A1, Orders, pack, unpack_orders
-from s2r_sim.controller.base_task import BaseReference
 from s2r_sim.controller.trot import Controller, Memory
 from s2r_sim.plant.plant import Plant
 from s2r_sim.plant.sensors import Sensors
@@ -197,7 +196,7 @@ def test_from_the_same_start_the_simulator_takes_the_same_way_until_a_foot_touch
     controller = Controller(SETTINGS.robot, SETTINGS.gains)
     # A robot's own world begins where it stands, and looks where it looks.
     (x, y, _), (_, _, yaw) = plant.truth().position, plant.truth().rpy
-    controller.restore(Memory(BaseReference(x, y, yaw)))
+    controller.restore(Memory(np.array([x, y, yaw])))
     apart = 0.0
     for tick in range(TOUCH_DOWN):
         truth = plant.truth()

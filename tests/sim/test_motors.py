@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from s2r_sim.plant import terrain
-from s2r_sim.plant.motors import Law
 from s2r_sim.plant.physics import Physics
 from s2r_sim.plant.plant import Plant
 from s2r_sim.robot.constants import A1
@@ -21,24 +20,24 @@ def hanging(**physics):
     return plant
 
 
-def delivered(plant, law):
-    plant._motors.act(law, 0.0)
+def delivered(plant, motors):
+    plant._motors.act(motors, 0.0)
     mujoco.mj_forward(plant.model, plant.data)
     return plant.data.actuator_force.copy()
 
 
 def constant(torque):
-    return Law(np.full(12, torque), NONE, NONE)
+    return MotorCommand(NONE, NONE, NONE, NONE, np.full(12, torque))
 
 
 def test_the_motor_law_is_feedforward_plus_springs_and_dampers():
     plant = hanging()
     rng = np.random.default_rng(0)
     q, dq, kp, kd, tau = rng.uniform(0.1, 2.0, (5, 12))
-    law = plant._motors.law(MotorCommand(q=q, dq=dq, kp=kp, kd=kd, tau=tau))
+    motors = MotorCommand(q=q, dq=dq, kp=kp, kd=kd, tau=tau)
     truth = plant.truth()
     np.testing.assert_allclose(
-        delivered(plant, law), tau + kp * (q - truth.q) + kd * (dq - truth.dq), atol=1e-12
+        delivered(plant, motors), tau + kp * (q - truth.q) + kd * (dq - truth.dq), atol=1e-12
     )
 
 
@@ -98,7 +97,7 @@ def test_an_encoder_offset_moves_the_motor_s_spring():
     plant = hanging(encoder_offset=(0.0, 0.05, 0.0))
     truth = plant.truth()
     hold = MotorCommand(q=truth.q, dq=NONE, kp=np.full(12, 20.0), kd=NONE, tau=NONE)
-    assert delivered(plant, plant._motors.law(hold)) == pytest.approx(np.tile([0.0, -1.0, 0.0], 4))
+    assert delivered(plant, hold) == pytest.approx(np.tile([0.0, -1.0, 0.0], 4))
 
 
 def test_slopes_of_the_terrain_are_its_derivatives():

@@ -26,11 +26,13 @@ def test_elimination_solves(n):
 def random_tick(loaded):
     """Return a mass matrix, bias, foot Jacobian, foot task, known part and base task, all made up."""
     rng = np.random.default_rng(0)
-    M = rng.normal(size=(18, 18))
     own = np.kron(np.eye(4), np.ones((3, 3)))
+    M = rng.normal(size=(18, 18))
+    M = M @ M.T
+    M[6:, 6:] *= own
     jacobian = np.hstack([rng.normal(size=(12, 6)), own * rng.normal(size=(12, 12))])
     return (
-        M @ M.T + np.eye(18),
+        M + 30.0 * np.eye(18),
         rng.normal(size=18),
         jacobian,
         rng.normal(size=(3, 12)),
@@ -46,7 +48,8 @@ def test_forces_explain_all_of_the_motion(loaded):
     mass, bias, jacobian, feet, known, base, loaded, share = random_tick(loaded)
     n = len(loaded)
     law, acceleration, cost = np.empty((18, 7)), np.empty((7, n + 1)), np.empty((n + 1, n + 1))
-    legs = in_joint_space(jacobian, feet, known)
+    q, legs = np.arange(12.0), np.empty((12, 7))
+    angles, speeds = in_joint_space(jacobian, feet, known, q, 1e3, legs)
     upper = np.asfortranarray(np.triu(mass))  # by columns, as Pinocchio has it: for this a tick is compiled
     laws_of_motion(upper, bias, legs, law)
     base_acceleration(law, jacobian, loaded, acceleration)
@@ -59,7 +62,10 @@ def test_forces_explain_all_of_the_motion(loaded):
     assert not np.delete(forces, loaded).any()
     joints = legs[:, :6] @ a + legs[:, 6]
     np.testing.assert_allclose(jacobian @ [*a, *joints], feet[0] - known[0], atol=1e-9)
-    np.testing.assert_allclose(jacobian[:, 6:] @ legs[:, 7:], (feet[1:] - known[1:]).T, atol=1e-9)
+    steps = np.array([angles - q, speeds])
+    np.testing.assert_allclose(steps @ jacobian[:, 6:].T, feet[1:] - known[1:], atol=1e-9)
+    near, _ = in_joint_space(jacobian, feet, known, q, 0.1, legs)
+    np.testing.assert_allclose(near, q + np.clip(angles - q, -0.1, 0.1), atol=1e-12)
     forced = np.concatenate([np.zeros(6), torque]) + jacobian.T @ forces
     np.testing.assert_allclose(mass @ [*a, *joints] + bias, forced, atol=1e-7)
     deviation = base @ [*a, 1.0]
@@ -70,6 +76,10 @@ def test_forces_explain_all_of_the_motion(loaded):
 
 def test_a_diverged_state_and_a_stretched_leg_raise_nothing():
     _, _, jacobian, feet, known, *_ = random_tick(range(12))
-    assert np.isnan(in_joint_space(jacobian * np.nan, feet, known)).all()
+    q, legs = np.zeros(12), np.empty((12, 7))
+    targets = in_joint_space(jacobian * np.nan, feet, known, q, 0.3, legs)
+    assert np.isnan(legs).all()
+    assert np.isnan(targets).all()
     jacobian[:3, 6:9] = 0.0
-    assert not np.isfinite(in_joint_space(jacobian, feet, known)[:3]).any()
+    in_joint_space(jacobian, feet, known, q, 0.3, legs)
+    assert not np.isfinite(legs[:3]).any()

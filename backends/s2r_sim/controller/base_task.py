@@ -2,55 +2,48 @@
 
 from __future__ import annotations
 
-from math import cos, pi, remainder, sin
-from typing import NamedTuple
+from math import cos, pi, sin
 
-import numpy as np
-
-from s2r_sim.controller.gains import RATE
 from s2r_sim.robot.constants import FloatArray, Vector3
-from s2r_sim.robot.signals import RobotState, VelocityCommand
 from s2r_spec.compiled import compiled
 
 
-class BaseReference(NamedTuple):
-    """Reference pose of the base: (x, y) [m] and yaw [rad] in the world.
+@compiled
+def advance(reference: FloatArray, measured: FloatArray, command: Vector3, rate: float) -> None:
+    """Move the reference pose of the base by one tick.
 
     Along the heading it moves with the robot, since only the speed is commanded
     there; across the heading it moves with the command.
+
+    Args:
+        reference: (x, y) [m] and yaw [rad] in the world.
+        measured: ``State.flat``.
+        command: forward, left [m/s] and yaw rate [rad/s].
+        rate: number of ticks per second.
     """
+    x, y = measured[0], measured[1]
+    across = _left_of(reference, x, y) + command[1] / rate
+    yaw = reference[2] + command[2] / rate
+    reference[0], reference[1], reference[2] = x - across * sin(yaw), y + across * cos(yaw), yaw
 
-    x: float
-    y: float
-    yaw: float
 
-    def advanced(self, measured: RobotState, command: VelocityCommand) -> BaseReference:
-        """Return the reference one tick later."""
-        x, y, _ = measured.position.tolist()
-        across = self.left_of(x, y) + command.vy / RATE
-        yaw = self.yaw + command.wz / RATE
-        return BaseReference(x - across * sin(yaw), y + across * cos(yaw), yaw)
-
-    def left_of(self, x: float, y: float) -> float:
-        """Return the distance from a point to the reference, left positive [m]."""
-        return -sin(self.yaw) * (self.x - x) + cos(self.yaw) * (self.y - y)
-
-    def left_to_turn(self, yaw: float) -> float:
-        """Return the shortest way to the reference's yaw [rad], left positive."""
-        return remainder(self.yaw - yaw, 2.0 * pi)
+@compiled
+def _left_of(reference: FloatArray, x: float, y: float) -> float:
+    """Return the distance from a point to the reference, left positive [m]."""
+    return -sin(reference[2]) * (reference[0] - x) + cos(reference[2]) * (reference[1] - y)
 
 
 @compiled
 def base_task(
+    reference: FloatArray,
     measured: FloatArray,
     twist: FloatArray,
-    across: float,
-    turn: float,
     command: Vector3,
-    height: float,
-    gains: FloatArray,
-) -> FloatArray:
-    """Return (6, 7) the base's task (L, −L a): an acceleration x costs |(L, −L a) (x, 1)|².
+    ground: float,
+    constants: tuple[FloatArray, float, float],
+    task: FloatArray,
+) -> None:
+    """Advance the reference, and write the base's task (L, −L a): an acceleration x costs |(L, −L a) (x, 1)|².
 
     The desired spatial acceleration a is proportional-derivative in the heading
     frame and in roll, pitch, yaw; L'L is the weight of a deviation from it.
@@ -60,14 +53,21 @@ def base_task(
     H = Ry(pitch) Rx(roll) turns base axes into it, so that the linear part of L is √w H.
 
     Args:
+        reference: see :func:`advance`.
         measured: ``State.flat``.
         twist: (18,) or its first six, in base axes.
-        across: error to the left [m].
-        turn: error in yaw [rad].
-        height: error upwards [m].
         command: forward, left [m/s] and yaw rate [rad/s].
-        gains: (6, 3) kp, kd and √w of the linear part, and the same of the angular part.
+        ground: height of the ground [m].
+        constants: (6, 3) kp, kd and √w of the linear part, and the same of the angular part; desired height of the
+            base above the ground [m]; number of ticks per second.
+        task: (6, 7) on return the task.
     """
+    gains, desired_height, rate = constants
+    advance(reference, measured, command, rate)
+    across = _left_of(reference, measured[0], measured[1])
+    turn = reference[2] - measured[5]
+    turn -= 2.0 * pi * round(turn / (2.0 * pi))  # the shortest way
+    height = desired_height - (measured[2] - ground)
     roll, pitch, yaw = measured[3], measured[4], measured[5]
     vx, vy, vz = measured[6], measured[7], measured[8]
     ux, uy, uz, wx, wy, wz = twist[0], twist[1], twist[2], twist[3], twist[4], twist[5]
@@ -82,7 +82,7 @@ def base_task(
     ay = sp * sr * forward + cr * left + cp * sr * up - (wz * ux - wx * uz)
     az = sp * cr * forward - sr * left + cp * cr * up - (wx * uy - wy * ux)
 
-    task = np.zeros((6, 7))
+    task[:] = 0.0
     task[0, 0], task[0, 1], task[0, 2] = root[0] * cp, root[0] * sp * sr, root[0] * sp * cr
     task[1, 1], task[1, 2] = root[1] * cr, -root[1] * sr
     task[2, 0], task[2, 1], task[2, 2] = -root[2] * sp, root[2] * cp * sr, root[2] * cp * cr
@@ -92,4 +92,3 @@ def base_task(
     task[3, 6] = root_turn[0] * (kp_turn[0] * roll + kd_turn[0] * wx)
     task[4, 6] = root_turn[1] * (kp_turn[1] * pitch + kd_turn[1] * wy)
     task[5, 6] = -root_turn[2] * (kp_turn[2] * turn + kd_turn[2] * (command[2] - wz))
-    return task

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
+from numpy.lib.stride_tricks import as_strided
 
 from s2r_sim.robot import pinocchio_model
 from s2r_sim.robot.constants import LEGS, FloatArray, Robot
@@ -23,6 +26,7 @@ class RigidBody:
         bias: (18,) Coriolis, centrifugal and gravity forces.
         jacobian: (12, 18) foot velocities per twist; a leg's rows have only its own joints' columns.
         base_jacobian, leg_jacobian: (12, 6) and (12, 12), its two parts.
+        motion: mass matrix, bias and Jacobian.
         known: (3, 12) motion of the feet without the joints: their acceleration at zero joint and base
             acceleration (J̇ v), zero, and their velocity at zero joint speed.
         drift: (12,) the first row of ``known``.
@@ -37,12 +41,9 @@ class RigidBody:
         feet = [self._model.getFrameId(name) for name in pinocchio_model.FEET]
         thighs = [self._model.getJointId(f"{leg.name}_thigh_joint") for leg in LEGS]
         # Live views of Pinocchio's memory: to take them once saves the wrapper objects of every tick.
-        self._points = [self._data.oMf[frame].translation for frame in feet]
-        self._points += [self._data.oMi[joint].translation for joint in thighs]
-        self._bodies: FloatArray = self._data.J
+        self._bodies = self._data.J, _positions(self._data.oMf, feet), _positions(self._data.oMi, thighs)
         self.legs = np.zeros((3, 4, 3))
         self.feet, self.thighs, self.speeds = self.legs
-        self._at = self.legs[:2].reshape(24)
         self.twist = np.zeros(18)
         self.mass_upper: FloatArray = self._data.M
         self.bias: FloatArray = self._data.nle
@@ -51,6 +52,7 @@ class RigidBody:
         self.leg_jacobian = self.jacobian[:, 6:]
         self.known = np.zeros((3, 12))
         self.drift = self.known[0]
+        self.motion = self.mass_upper, self.bias, self.jacobian
 
     @property
     def mass_matrix(self) -> FloatArray:
@@ -66,8 +68,13 @@ class RigidBody:
         pin.crba(model, data, q, pin.Convention.WORLD)
         pin.nonLinearEffects(model, data, q, twist)
         pin.updateFramePlacements(model, data)
-        np.concatenate(self._points, out=self._at)
-        at_feet(self._bodies, self.feet, twist, self.jacobian, self.speeds, self.known)
+        at_feet(self._bodies, twist, self.jacobian, self.legs, self.known)
+
+
+def _positions(placements: Any, indices: list[int]) -> FloatArray:
+    """Return a live (n, 3) view of the positions of n of Pinocchio's placements, equally far apart in its memory."""
+    first, second = (placements[k].translation for k in indices[:2])
+    return as_strided(first, (len(indices), 3), (second.ctypes.data - first.ctypes.data, first.itemsize))
 
 
 @compiled
@@ -80,11 +87,10 @@ def add_cross(total: FloatArray, a: FloatArray, b: FloatArray) -> None:
 
 @compiled
 def at_feet(
-    J: FloatArray,
-    feet: FloatArray,
+    bodies: tuple[FloatArray, FloatArray, FloatArray],
     twist: FloatArray,
     jacobian: FloatArray,
-    speeds: FloatArray,
+    legs: FloatArray,
     known: FloatArray,
 ) -> None:
     """Move the bodies' Jacobian from the world's origin to the feet, v = v₀ + ω × p, and the motion with it.
@@ -94,31 +100,38 @@ def at_feet(
     Σ m × s is a spatial acceleration (a₀, α). At the foot it is a₀ + α × p + ω × v.
 
     Args:
-        J: (6, 18) spatial velocity at the world's origin per twist; a body moves with its own joints' columns only.
-        feet: (4, 3) positions of the feet [m].
+        bodies: (6, 18) spatial velocity J at the world's origin per twist, where a body moves with its own joints'
+            columns only; (4, 3) positions of the feet and (4, 3) of the thigh joints [m].
         twist: (18,) velocity of base and joints.
         jacobian: (12, 18) on return that of the feet; the columns of other legs do not change.
-        speeds: (4, 3) on return those of the feet [m/s].
+        legs: (3, 4, 3) on return both positions, and the velocities of the feet [m/s].
         known: (3, 12) on return the drift, and the feet's velocity at zero joint speed; row 1 does not change.
     """
+    J, feet, thighs = bodies
+    legs[0], legs[1], speeds = feet, thighs, legs[2]
+    s, m, a = np.empty(6), np.empty(6), np.empty(6)
     for leg in range(4):
-        rows, foot = slice(3 * leg, 3 * leg + 3), feet[leg]
-        m, a = np.zeros(6), np.zeros(6)
+        row, foot = 3 * leg, feet[leg]
+        x, y, z = foot
+        m[:], a[:] = 0.0, 0.0
         for k in range(9):
-            column = k if k < 6 else 3 * leg + k
-            jacobian[rows, column] = J[:3, column]
-            add_cross(jacobian[rows, column], J[3:, column], foot)
-            s = J[:, column] * twist[column]
+            column = k if k < 6 else row + k
+            jacobian[row, column] = J[0, column] + (J[4, column] * z - J[5, column] * y)
+            jacobian[row + 1, column] = J[1, column] + (J[5, column] * x - J[3, column] * z)
+            jacobian[row + 2, column] = J[2, column] + (J[3, column] * y - J[4, column] * x)
+            for i in range(6):
+                s[i] = J[i, column] * twist[column]
             if k >= 6:
                 add_cross(a[:3], m[3:], s[:3])
                 add_cross(a[:3], m[:3], s[3:])
                 add_cross(a[3:], m[3:], s[3:])
-            m += s
+            for i in range(6):
+                m[i] += s[i]
             if k == 5:
-                known[2, rows] = m[:3]
-                add_cross(known[2, rows], m[3:], foot)
+                known[2, row : row + 3] = m[:3]
+                add_cross(known[2, row : row + 3], m[3:], foot)
         speeds[leg] = m[:3]
         add_cross(speeds[leg], m[3:], foot)
-        known[0, rows] = a[:3]
-        add_cross(known[0, rows], a[3:], foot)
-        add_cross(known[0, rows], m[3:], speeds[leg])
+        known[0, row : row + 3] = a[:3]
+        add_cross(known[0, row : row + 3], a[3:], foot)
+        add_cross(known[0, row : row + 3], m[3:], speeds[leg])

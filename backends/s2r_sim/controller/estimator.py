@@ -20,6 +20,7 @@ from s2r_sim.robot.constants import GRAVITY, LEGS, FloatArray, Robot
 from s2r_sim.robot.leg_kinematics import foot_motion
 from s2r_sim.robot.rotation import rotate, turned_back
 from s2r_sim.robot.signals import RobotState
+from s2r_spec.compiled import compiled
 
 Vector = tuple[float, float, float]
 
@@ -56,23 +57,21 @@ def leg_odometry(
     """
     roll, pitch, yaw = measured.rpy
     wx, wy, wz = measured.omega
-    radius = robot.foot_radius
-    height = vx = vy = vz = 0.0
+    feet = stance[0] + stance[1] + stance[2] + stance[3]
+    mean = [0.0] * 9
     for i, leg in enumerate(LEGS):
-        joints, stands = slice(3 * i, 3 * i + 3), stance[i]
-        (x, y, z), (dx, dy, dz), (sx, sy, sz) = foot_motion(
+        joints, weight = slice(3 * i, 3 * i + 3), stance[i] / feet
+        (x, y, z), (dx, dy, dz), spin = foot_motion(
             robot, leg, measured.q[joints], measured.dq[joints], sin, cos
         )
-        _, _, foot = rotate(roll, pitch, yaw, (x, y, z), sin, cos)
         moved = (dx + wy * z - wz * y, dy + wz * x - wx * z, dz + wx * y - wy * x)
-        ux, uy, uz = rotate(roll, pitch, yaw, moved, sin, cos)
-        spin_x, spin_y, _ = rotate(roll, pitch, yaw, (sx + wx, sy + wy, sz + wz), sin, cos)
-        height = height + stands * (radius - foot)
-        vx = vx + stands * (radius * spin_y - ux)
-        vy = vy - stands * (radius * spin_x + uy)
-        vz = vz - stands * uz
-    feet = stance[0] + stance[1] + stance[2] + stance[3]
-    return height / feet, (vx / feet, vy / feet, vz / feet)
+        mean = [total + weight * one for total, one in zip(mean, (x, y, z, *moved, *spin), strict=True)]
+    _, _, foot = rotate(roll, pitch, yaw, mean[:3], sin, cos)
+    ux, uy, uz = rotate(roll, pitch, yaw, mean[3:6], sin, cos)
+    sx, sy, sz = mean[6:]
+    spin_x, spin_y, _ = rotate(roll, pitch, yaw, (sx + wx, sy + wy, sz + wz), sin, cos)
+    radius = robot.foot_radius
+    return radius - foot, (radius * spin_y - ux, -radius * spin_x - uy, -uz)
 
 
 def motion(
@@ -97,13 +96,29 @@ def motion(
     return height, velocity, (ax, ay, az - GRAVITY)
 
 
-def blend(
-    before: Vector, odometry: Sequence[float], acceleration: Sequence[float], ticks: float = 1.0
-) -> Vector:
-    """Return the velocity ``ticks`` control ticks later: the IMU's integral, corrected towards leg odometry."""
-    trust = min(1.0, ticks / (BLEND * RATE))
-    x, y, z = (v + a * ticks / RATE for v, a in zip(before, acceleration, strict=True))
-    return (x + trust * (odometry[0] - x), y + trust * (odometry[1] - y), z + trust * (odometry[2] - z))
+@compiled
+def blend(before: Vector, odometry: Vector, acceleration: Vector, ticks: float, rate: float) -> Vector:
+    """Return the velocity ``ticks`` control ticks later: the IMU's integral, corrected towards leg odometry.
+
+    ``rate`` is the number of control ticks per second.
+    """
+    trust = min(1.0, ticks / (BLEND * rate))
+    x = before[0] + acceleration[0] * ticks / rate
+    y = before[1] + acceleration[1] * ticks / rate
+    z = before[2] + acceleration[2] * ticks / rate
+    return x + trust * (odometry[0] - x), y + trust * (odometry[1] - y), z + trust * (odometry[2] - z)
+
+
+@compiled
+def _blended(odometry: FloatArray, acceleration: FloatArray, rate: float) -> FloatArray:
+    """Return (n, 3) velocities of n ticks from (3, n) leg odometry and (3, n) acceleration; the first is odometry."""
+    velocity = odometry.T.copy()
+    (ox, oy, oz), (ax, ay, az) = odometry, acceleration
+    x, y, z = ox[0], oy[0], oz[0]
+    for k in range(1, len(velocity)):
+        x, y, z = blend((x, y, z), (ox[k], oy[k], oz[k]), (ax[k], ay[k], az[k]), 1.0, rate)
+        velocity[k, 0], velocity[k, 1], velocity[k, 2] = x, y, z
+    return velocity
 
 
 def update(
@@ -128,7 +143,7 @@ def update(
     height, odometry, acceleration = motion(robot, numbers, force, stance, math.sin, math.cos)
     if before is None:
         return Estimate((numbers.position[0], numbers.position[1], height), odometry)
-    vx, vy, vz = blend(before.velocity, odometry, acceleration, ticks)
+    vx, vy, vz = blend(before.velocity, odometry, acceleration, ticks, RATE)
     x, y, _ = before.position
     return Estimate((x + vx * ticks / RATE, y + vy * ticks / RATE, height), (vx, vy, vz))
 
@@ -136,11 +151,4 @@ def update(
 def replay(robot: Robot, measured: RobotState, force: Sequence[Any], stance: Any) -> FloatArray:
     """Return (n, 3) the estimator's velocities over a recording of n ticks."""
     _, odometry, acceleration = motion(robot, measured, force, stance, np.sin, np.cos)
-    rows = zip(np.transpose(odometry).tolist(), np.transpose(acceleration).tolist(), strict=True)
-    x, y, z = next(rows)[0]
-    velocity: Vector = (x, y, z)
-    velocities = [velocity]
-    for row in rows:
-        velocity = blend(velocity, *row)
-        velocities.append(velocity)
-    return np.array(velocities)
+    return _blended(np.array(odometry), np.array(acceleration), RATE)

@@ -137,29 +137,30 @@ def foot_task(
     legs: FloatArray,
     measured: FloatArray,
     command: Point,
-    landing_height: float,
-    constants: tuple[float, float, float, float, float, float, float],
-) -> FloatArray:
-    """Return the (3, 12) task of the four feet at this tick, world axes, three numbers a foot.
+    constants: tuple[float, float, float, float, float, float, float, float],
+    task: FloatArray,
+) -> float:
+    """Write the task of the four feet at this tick, and return the mean height of those that stand [m].
 
-    Its rows are the desired acceleration [m/s²], the error to the target
+    The rows of the task are the desired acceleration [m/s²], the error to the target
     position [m] and the target's velocity [m/s]; the last two are 0 in stance.
 
     Args:
         progress: (4,) progress of each swing, in [0, 1), or ``STANDS``.
-        lift_off: (4, 3) last position of each foot in stance [m].
+        lift_off: (4, 3) last position of each foot in stance [m]; on return that of this tick.
         legs: (3, 4, 3) positions of the feet and of the thigh joints [m], velocities of the feet [m/s].
         measured: ``State.flat``.
         command: forward, left [m/s] and yaw rate [rad/s].
-        landing_height: height of the ball centre at touch-down [m].
-        constants: kp [1/s²] and kd [1/s] of the swing, damping of the stance [1/s], swing height [m], foothold
-            gain [s], duration of a swing and of a stance [s].
+        constants: kp [1/s²] and kd [1/s] of the swing, damping of the stance [1/s], swing height [m], depth of the
+            touch-down [m], foothold gain [s], duration of a swing and of a stance [s].
+        task: (3, 12) on return the task, world axes, three numbers a foot.
     """
-    kp, kd, damping, height, foothold_gain, swing_time, stance_time = constants
+    kp, kd, damping, height, depth, foothold_gain, swing_time, stance_time = constants
     feet, thighs, speeds = legs[0], legs[1], legs[2]
     times = (swing_time, stance_time)
-    landing = footholds(progress, thighs, measured, command, landing_height, times, foothold_gain)
-    task = np.zeros((3, 12))
+    contact = note_stance(progress, feet, lift_off)
+    landing = footholds(progress, thighs, measured, command, contact - depth, times, foothold_gain)
+    task[:] = 0.0
     for leg in range(4):
         s = progress[leg]
         if s == STANDS:
@@ -176,4 +177,4 @@ def foot_task(
             )
             task[1, 3 * leg + axis] = missing
             task[2, 3 * leg + axis] = speed
-    return task
+    return contact

@@ -57,7 +57,7 @@ class FullQP:
             rows, feet = slice(6 + 3 * leg, 9 + 3 * leg), slice(3 * leg, 3 * leg + 3)
             if stands:
                 A[rows, :18] = body.jacobian[feet]
-                b[rows] = task.feet[feet] - body.drift[feet]
+                b[rows] = task.feet[0, feet] - body.drift[feet]
             else:
                 A[rows, 18 + 3 * leg : 21 + 3 * leg] = np.eye(3)
                 b[rows] = 0.0
@@ -76,7 +76,7 @@ class FullQP:
                 feet = slice(3 * leg, 3 * leg + 3)
                 J = body.jacobian[feet]
                 P[:18, :18] += gains.weight_swing * J.T @ J
-                c[:18] -= gains.weight_swing * J.T @ (task.feet[feet] - body.drift[feet])
+                c[:18] -= gains.weight_swing * J.T @ (task.feet[0, feet] - body.drift[feet])
         P[range(18), range(18)] += gains.weight_acceleration
         P[range(18, 30), range(18, 30)] += gains.weight_force
         share = self._weight / sum(task.stance)

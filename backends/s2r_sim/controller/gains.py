@@ -84,6 +84,13 @@ class Gains:
         return np.array([*linear, self.kp_angular, self.kd_angular, np.sqrt(self.weight_angular)])
 
     @cached_property
-    def swing(self) -> tuple[float, float, float, float, float]:
+    def swing(self) -> tuple[float, float, float, float, float, float]:
         """The gains of :func:`s2r_sim.controller.foot_task.foot_task`."""
-        return self.kp_swing, self.kd_swing, self.stance_damping, self.swing_height, self.raibert
+        return (
+            self.kp_swing,
+            self.kd_swing,
+            self.stance_damping,
+            self.swing_height,
+            self.touch_down_depth,
+            self.raibert,
+        )

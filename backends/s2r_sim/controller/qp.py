@@ -20,9 +20,9 @@ class ControlTask(NamedTuple):
 
     Attributes:
         base: (6, 7) cost of a deviation of the base's spatial acceleration (:func:`base_task`).
-        feet: (12,) desired foot accelerations, world axes.
-        legs: (12, 9), in its first columns N (6) and e (1) with joint accelerations q̈ = N a + e. N a moves no
-            foot under a base acceleration a, and e gives ``feet`` with the base at rest.
+        feet: (3, 12), in its first row the desired foot accelerations, world axes (:func:`foot_task`).
+        legs: (12, 7), N (6 columns) and e with joint accelerations q̈ = N a + e. N a moves no
+            foot under a base acceleration a, and e gives these with the base at rest.
         stance: which feet carry load.
     """
 
@@ -39,7 +39,7 @@ class Solution(NamedTuple):
         forces: (12,) ground on feet [N], world axes.
         torque: (12,) torque of the joints [N m].
         base: (6,) predicted spatial acceleration of the base, base axes.
-        iterations: number of iterations of the interior-point method.
+        iterations: number of iterations of the interior-point method; 0 where no limit matters, so that it did not run.
     """
 
     forces: FloatArray

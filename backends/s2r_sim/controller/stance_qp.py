@@ -21,47 +21,35 @@ import numpy as np
 from s2r_sim.controller.dynamics import RigidBody
 from s2r_sim.controller.gains import Gains
 from s2r_sim.controller.qp import ControlTask, Solution, Solver, Stance, pyramid
-from s2r_sim.controller.reduction import base_acceleration, distribute, force_cost, laws_of_motion
+from s2r_sim.controller.reduction import distribute, optimum_without_limits
 from s2r_sim.robot.constants import GRAVITY, FloatArray, Robot
 
 
 class StanceQP:
-    """3 variables per stance foot; 4 pyramid rows each, and 12 torque rows where they matter.
+    """3 variables per stance foot; 4 pyramid rows each, and 12 torque rows, where they matter.
 
-    The torque rows rarely matter, and take half as much time again. So the first
-    problem omits them: if its optimum satisfies them, it is the optimum with them,
-    too. Otherwise a second problem has all rows.
+    They rarely matter, and PIQP takes twenty times as long as the optimum without them, one
+    linear system. So this comes first: if it keeps the limits, it is the optimum with them, too.
     """
 
     def __init__(self, gains: Gains, robot: Robot) -> None:
-        self._torque_limit = robot.torque_limit
         stances = filter(any, product((True, False), repeat=4))
         self._problems = {stance: _Problem(gains, robot, stance) for stance in stances}
-        self._solvers = {feet: (Solver(), Solver()) for feet in (1, 2, 3, 4)}
+        self._solvers = {feet: Solver() for feet in (1, 2, 3, 4)}
 
     def reset(self) -> None:
         """Drop the solvers' workspaces."""
-        for solvers in self._solvers.values():
-            for solver in solvers:
-                solver.reset()
+        for solver in self._solvers.values():
+            solver.reset()
 
     def solve(self, body: RigidBody, task: ControlTask) -> Solution | None:
         """Return the optimum, or None when the solver fails."""
         problem = self._problems[task.stance]
-        freely, within_limits = self._solvers[problem.feet]
-        problem.condense(body, task)
-        optimum = freely.solve(problem.friction, P=problem.P, c=problem.c)
-        if optimum is None:
-            return None
-        solution = problem.solution(body, *optimum)
-        torque = solution.torque.tolist()
-        if -self._torque_limit <= min(torque) and max(torque) <= self._torque_limit:
+        solution = problem.without_limits(body, task)
+        if solution is not None:
             return solution
-        rows = problem.with_torque_rows(body, self._torque_limit)
-        optimum = within_limits.solve(problem.bounds, P=problem.P, c=problem.c, **rows)
-        if optimum is None:
-            return None
-        return problem.solution(body, optimum[0], solution.iterations + optimum[1])
+        optimum = self._solvers[problem.feet].solve(problem.bounds, **problem.rows(body))
+        return None if optimum is None else problem.solution(body, *optimum)
 
 
 class _Problem:
@@ -69,46 +57,48 @@ class _Problem:
 
     Attributes:
         loaded: (n,) indices of the force components.
-        law, acceleration, cost, share: see :mod:`s2r_sim.controller.reduction`.
+        share, memory, limits: see :func:`s2r_sim.controller.reduction.optimum_without_limits`.
         bounds: bounds of the vertical forces.
-        friction: these bounds, and the friction pyramids.
     """
 
     def __init__(self, gains: Gains, robot: Robot, stance: Stance) -> None:
         self.loaded = np.flatnonzero(np.repeat(stance, 3))
         n = len(self.loaded)
         self.feet = feet = n // 3
-        self.law = np.empty((18, 7))
-        self.acceleration = np.empty((7, n + 1))
-        self.cost = np.empty((n + 1, n + 1))
-        self.P, self.c = self.cost[:n, :n].T, self.cost[n, :n]
+        self.memory = np.empty((18, 7)), np.empty((7, n + 1)), np.empty((n + 1, n + 1))
         self.share = gains.weight_force * np.eye(n + 1)
         self.share[n, 2:n:3] = -gains.weight_force * robot.mass * GRAVITY / feet
+        self.limits = (gains.friction, gains.min_force, gains.max_force, robot.torque_limit)
         self.bounds = {
             "x_l": np.tile([-np.inf, -np.inf, gains.min_force], feet),
             "x_u": np.tile([np.inf, np.inf, gains.max_force], feet),
         }
-        pyramids = np.kron(np.eye(feet), pyramid(gains))
-        self.friction = {**self.bounds, "G": np.asfortranarray(pyramids), "h_u": np.zeros(4 * feet)}
+        self._pyramids = np.kron(np.eye(feet), pyramid(gains))
 
-    def condense(self, body: RigidBody, task: ControlTask) -> None:
-        """Write the laws of motion, the base acceleration and the cost of a tick."""
-        laws_of_motion(body.mass_upper, body.bias, task.legs, self.law)
-        base_acceleration(self.law, body.jacobian, self.loaded, self.acceleration)
-        force_cost(task.base, self.acceleration, self.share, self.cost)
+    def without_limits(self, body: RigidBody, task: ControlTask) -> Solution | None:
+        """Write ``memory``; return the optimum without limits if it keeps them."""
+        solved, kept = optimum_without_limits(
+            body.motion, (task.base, task.legs), self.loaded, self.share, self.memory, self.limits
+        )
+        return Solution(solved[:12], solved[12:24], solved[24:], 0) if kept else None
 
     def solution(self, body: RigidBody, forces: FloatArray, iterations: int) -> Solution:
         """Return the solution of the QP with these (n,) forces on the stance feet."""
-        solved = distribute(self.law, self.acceleration, body.jacobian, self.loaded, forces)
+        law, acceleration, _ = self.memory
+        solved = distribute(law, acceleration, body.jacobian, self.loaded, forces)
         return Solution(solved[:12], solved[12:24], solved[24:], iterations)
 
-    def with_torque_rows(self, body: RigidBody, limit: float) -> dict[str, FloatArray]:
-        """Return the friction pyramids and |τ| ≤ limit, with τ = T f + τ₀."""
-        T = self.law[6:] @ self.acceleration
-        T[:, :-1] -= body.leg_jacobian[self.loaded].T
-        constant = T[:, -1]
+    def rows(self, body: RigidBody) -> dict[str, FloatArray]:
+        """Return the cost, the friction pyramids, and |τ| ≤ limit with τ = T f + τ₀."""
+        n = len(self.loaded)
+        law, acceleration, cost = self.memory
+        T = law[6:] @ acceleration
+        T[:, :n] -= body.leg_jacobian[self.loaded].T
+        constant, limit = T[:, n], self.limits[3]
         return {
-            "G": np.asfortranarray(np.vstack([self.friction["G"], T[:, :-1]])),
+            "P": cost[:n, :n].T,
+            "c": cost[n, :n],
+            "G": np.asfortranarray(np.vstack([self._pyramids, T[:, :n]])),
             "h_l": np.concatenate([np.full(4 * self.feet, -np.inf), -limit - constant]),
-            "h_u": np.concatenate([self.friction["h_u"], limit - constant]),
+            "h_u": np.concatenate([np.zeros(4 * self.feet), limit - constant]),
         }

@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from s2r_sim.controller.base_task import BaseReference, base_task
+from s2r_sim.controller.base_task import advance, base_task
 from s2r_sim.controller.dynamics import RigidBody
-from s2r_sim.controller.foot_task import STANDS, foot_task, note_stance
+from s2r_sim.controller.foot_task import STANDS, foot_task
 from s2r_sim.controller.full_qp import FullQP
-from s2r_sim.controller.gains import Form, Gains
+from s2r_sim.controller.gains import RATE, Form, Gains
 from s2r_sim.controller.gait import Gait, Progress
 from s2r_sim.controller.qp import ControlTask, Solution, Stance
 from s2r_sim.controller.reduction import in_joint_space
@@ -25,7 +25,7 @@ from s2r_sim.robot.signals import MotorCommand, RobotState, VelocityCommand
 class Memory:
     """The controller's state between two ticks; a copy of it restores the controller."""
 
-    reference: BaseReference = field(default_factory=lambda: BaseReference(0.0, 0.0, 0.0))
+    reference: FloatArray = field(default_factory=lambda: np.zeros(3))
     tick: int = 0
     lift_off: FloatArray = field(default_factory=lambda: np.zeros((4, 3)))
     forces: FloatArray = field(default_factory=lambda: np.zeros(12))
@@ -46,11 +46,13 @@ class Controller:
     def __init__(self, robot: Robot, gains: Gains, form: Form = "condensed") -> None:
         self._gains = gains
         self._gait = Gait.of(gains)
-        self._schedule = tuple(_Phase(gains, self._gait.progress(tick)) for tick in range(self._gait.period))
+        task = np.empty((6, 7)), np.empty((3, 12)), np.empty((12, 7))
+        ticks = range(self._gait.period)
+        self._schedule = tuple(_Phase(gains, self._gait.progress(tick), task) for tick in ticks)
         self._foot_radius = robot.foot_radius
         self._body = RigidBody(robot, gains.rotor_inertia)
         self._qp = StanceQP(gains, robot) if form == "condensed" else FullQP(gains, robot)
-        self._base_gains = gains.base
+        self._base = gains.base, gains.base_height, float(RATE)
         self._swing = (*gains.swing, self._gait.swing_time, self._gait.stance_time)
         self.memory = Memory()
 
@@ -73,7 +75,7 @@ class Controller:
         memory = self.memory
         memory.tick += ticks
         for _ in range(ticks):
-            memory.reference = memory.reference.advanced(measured, command)
+            advance(memory.reference, measured.flat, (command.vx, command.vy, command.wz), float(RATE))
 
     def tick(self, measured: RobotState, command: VelocityCommand) -> Tick:
         """Run one control tick."""
@@ -81,39 +83,22 @@ class Controller:
         phase = self._schedule[memory.tick % len(self._schedule)]
         memory.tick += 1
         body.update(measured)
-        contact = note_stance(phase.progress, body.feet, memory.lift_off)
-        memory.reference = reference = memory.reference.advanced(measured, command)
-        x, y, z, _, _, yaw = measured.flat[:6].tolist()
         desired = (command.vx, command.vy, command.wz)
-
-        feet = foot_task(
-            phase.progress,
-            memory.lift_off,
-            body.legs,
-            measured.flat,
-            desired,
-            contact - gains.touch_down_depth,
-            self._swing,
+        base, feet, legs, _ = task = phase.task
+        contact = foot_task(
+            phase.progress, memory.lift_off, body.legs, measured.flat, desired, self._swing, feet
         )
-        legs = in_joint_space(body.jacobian, feet, body.known)
-        base = base_task(
-            measured.flat,
-            body.twist,
-            reference.left_of(x, y),
-            reference.left_to_turn(yaw),
-            desired,
-            gains.base_height - (z - (contact - self._foot_radius)),
-            self._base_gains,
-        )
-        solution = self._qp.solve(body, ControlTask(base, feet[0], legs, phase.stance))
+        step = gains.max_joint_step
+        targets = in_joint_space(body.jacobian, feet, body.known, measured.q, step, legs)
+        ground = contact - self._foot_radius
+        base_task(memory.reference, measured.flat, body.twist, desired, ground, self._base, base)
+        solution = self._qp.solve(body, task)
         torque = self._feedforward(solution, phase.stance)
         if torque is None:
             none = np.zeros(12)  # the last resort: every joint brakes
             brake = MotorCommand(q=none, dq=none, kp=none, kd=np.full(12, gains.kd_damping), tau=none)
             return Tick(brake, phase.stance, solution)
-        bound = gains.max_joint_step
-        step = np.minimum(np.maximum(legs[:, 7], -bound), bound)
-        motors = MotorCommand(q=measured.q + step, dq=legs[:, 8], kp=phase.kp, kd=phase.kd, tau=torque)
+        motors = MotorCommand(targets[0], targets[1], phase.kp, phase.kd, torque)
         return Tick(motors, phase.stance, solution)
 
     def _feedforward(self, solution: Solution | None, stance: Stance) -> FloatArray | None:
@@ -131,10 +116,13 @@ class Controller:
 
 
 class _Phase:
-    """Quantities that one tick of the gait period fixes."""
+    """Quantities that one tick of the gait period fixes; all phases write their task to the same memory."""
 
-    def __init__(self, gains: Gains, progress: Progress) -> None:
+    def __init__(
+        self, gains: Gains, progress: Progress, task: tuple[FloatArray, FloatArray, FloatArray]
+    ) -> None:
         self.stance: Stance = tuple(s is None for s in progress)
+        self.task = ControlTask(*task, self.stance)
         self.progress = np.array([STANDS if s is None else s for s in progress])
         self.kp = np.repeat([0.0 if stands else gains.kp_joint_swing for stands in self.stance], 3)
         self.kd = np.full(12, gains.kd_joint)

@@ -35,7 +35,7 @@ CHANNELS = (
     Channel("omega", "rad/s", "angular velocity measured by the IMU, base axes", 3, AXES),
     Channel("acc_pred", "m/s^2",
             "base acceleration predicted by the QP; forward, left, up in the heading frame from the IMU", 3, HEADING),
-    Channel("qp_iterations", "", "interior-point iterations of the force QP"),
+    Channel("qp_iterations", "", "interior-point iterations of the force QP; 0 where no limit matters"),
     Channel("qp_solved", "", "1 where the QP was solved, 0 where the controller fell back"),
     Channel("fallen", "", "1 at the sample at which the robot has fallen"),
     Channel("stance", "", "1 where the gait has the foot on the ground; FR, FL, RR, RL", 4, FEET),

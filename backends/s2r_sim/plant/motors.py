@@ -12,25 +12,17 @@ from s2r_sim.robot.signals import MotorCommand
 from s2r_spec.compiled import compiled
 
 
-class Law(NamedTuple):
-    """A motor law, torque = control − Kp q − Kd q̇ before strength and limits; each (12,)."""
-
-    control: FloatArray
-    kp: FloatArray
-    kd: FloatArray
-
-
 class MotorState(NamedTuple):
     """The motors' state between two physics steps.
 
     Attributes:
-        pending: delayed laws that have not reached the motors, the oldest first.
+        pending: delayed commands that have not reached the motors, the oldest first.
         play, play_speed: (12,) angle [rad] and speed of every rotor relative to its joint.
         worked: time at the usual load in which the motors would have done as much since the command [s].
         since: time after the command at which ``worked`` was counted [s].
     """
 
-    pending: tuple[Law, ...]
+    pending: tuple[MotorCommand, ...]
     play: FloatArray
     play_speed: FloatArray
     worked: float = 0.0
@@ -49,13 +41,11 @@ class Motors:
         self._physics = physics
         self._limit, self._top_speed = robot.torque_limit, robot.speed_limit
         self._delay = round(physics.latency / physics.timestep)
-        self._offset = np.tile(physics.encoder_offset, 4) if any(physics.encoder_offset) else None
+        self._offset = np.tile(physics.encoder_offset, 4)
         self._q, self._dq = data.qpos[7:], data.qvel[6:]
-        self._control, self._force = data.ctrl, data.actuator_force
-        self._gain = model.actuator_gainprm[:, 0]
-        self._bias = model.actuator_biasprm
-        self._minus_kp, self._minus_kd = self._bias[:, 1], self._bias[:, 2]
-        self._range = model.actuator_forcerange
+        self._force = data.actuator_force
+        gain, bias = model.actuator_gainprm[:, 0], model.actuator_biasprm
+        self._actuators = data.ctrl, gain, bias, model.actuator_forcerange
         self.every_step = bool(self._delay or physics.voltage < 1.0 or physics.backlash)
         """Whether :meth:`act` must run at every physics step instead of once a tick."""
         self.reset()
@@ -64,8 +54,6 @@ class Motors:
         """Return to the state before the first step."""
         self._driven: FloatArray | None = None
         self.state = MotorState((), np.zeros(12), np.zeros(12))
-        self._gain[:] = 1.0
-        self._range[:] = (-self._limit, self._limit)
 
     @property
     def reported_torque(self) -> FloatArray:
@@ -74,37 +62,28 @@ class Motors:
         While a rotor crosses the gap of its gear, this is the torque on the rotor, and none acts on the joint.
         """
         made = self._force if self._driven is None else self._driven
-        return np.array(made) / self._physics.torque_constant
+        return made / self._physics.torque_constant
 
-    def law(self, motors: MotorCommand) -> Law:
-        """Return the law τ_ff + Kp (q_des − q) + Kd (q̇_des − q̇), with its constant terms as one control."""
-        control = motors.tau + motors.kp * motors.q + motors.kd * motors.dq
-        if self._offset is not None:
-            control -= motors.kp * self._offset
-        return Law(control, motors.kp, motors.kd)
-
-    def act(self, law: Law, elapsed: float) -> None:
+    def act(self, motors: MotorCommand, elapsed: float) -> None:
         """Set the actuators for the next physics step, ``elapsed`` [s] after the command's step."""
         if self._delay:
-            law = self._delayed(law)
+            motors = self._delayed(motors)
         physics = self._physics
-        elapsed = max(0.0, elapsed)
-        if physics.fade_by_load:
-            elapsed = self._tiring(elapsed)
-        strength = physics.strength * max(0.0, 1.0 - physics.fade * elapsed)
-        strength *= physics.torque_constant
-        control, kp, kd = law
-        if strength != 1.0 or physics.fade:
-            kp, kd = strength * kp, strength * kd
-            self._gain[:] = strength
-            self._range[:] = (-strength * self._limit, strength * self._limit)
-        np.copyto(self._control, control)
-        np.negative(kp, out=self._minus_kp)
-        np.negative(kd, out=self._minus_kd)
+        strength = physics.strength * physics.torque_constant
+        if physics.fade:
+            strength *= self._left(max(0.0, elapsed))
+        full = strength * self._limit
+        _write((*motors, self._offset), strength, full, self._actuators)
         if physics.voltage < 1.0:
-            _limit(self._dq, self._range, physics.voltage, self._top_speed, strength * self._limit)
+            _limit(self._dq, self._actuators[3], physics.voltage, self._top_speed, full)
         if physics.backlash:
-            self._cross_the_gap(law, strength)
+            self._cross_the_gap(motors)
+
+    def _left(self, elapsed: float) -> float:
+        """Return the part of the strength that is left."""
+        if self._physics.fade_by_load:
+            elapsed = self._tiring(elapsed)
+        return max(0.0, 1.0 - self._physics.fade * elapsed)
 
     def _tiring(self, elapsed: float) -> float:
         """Return the time in which the motors lose as much at the usual load."""
@@ -115,26 +94,49 @@ class Motors:
         share = min(self._physics.fade_by_load, 1.0)
         return (1.0 - share) * elapsed + share * worked
 
-    def _delayed(self, law: Law) -> Law:
-        """Return the law of ``_delay`` steps ago.
+    def _delayed(self, motors: MotorCommand) -> MotorCommand:
+        """Return the command of ``_delay`` steps ago.
 
-        In the first steps of the warm-up this is the first law, which lets the robot stand; no rollout begins so early.
+        In the first steps of the warm-up this is the first one, which lets the robot stand; no rollout begins so early.
         """
-        pending = (*self.state.pending, law)
+        pending = (*self.state.pending, motors)
         self.state = self.state._replace(pending=pending[-self._delay :])
         return pending[0]
 
-    def _cross_the_gap(self, law: Law, strength: float) -> None:
+    def _cross_the_gap(self, motors: MotorCommand) -> None:
         """Let rotors turn freely between the flanks of their gears, and push only against a flank."""
         physics, gap = self._physics, self._physics.backlash
         play, speed = self.state.play, self.state.play_speed
         # The loop is closed on the rotor's side, at q + play.
-        self._control -= law.kp * play + law.kd * speed
-        motion, actuators = (self._q, self._dq), (self._control, self._gain, self._bias, self._range)
+        control = self._actuators[0]
+        control -= motors.kp * play + motors.kd * speed
         play, speed, self._driven = _cross_gap(
-            motion, actuators, (play, speed), strength, gap, physics.armature, physics.timestep
+            (self._q, self._dq), self._actuators, (play, speed), gap, physics.armature, physics.timestep
         )
         self.state = self.state._replace(play=play, play_speed=speed)
+
+
+@compiled
+def _write(
+    motors: tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray],
+    strength: float,
+    limit: float,
+    actuators: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+) -> None:
+    """Write the law ``strength`` (τ_ff + Kp (q_des − q) + Kd (q̇_des − q̇)) within ±``limit`` [N m].
+
+    Args:
+        motors: (12,) q_des, q̇_des, Kp, Kd, τ_ff, and the encoders' errors [rad].
+        strength: torque that the motors deliver, as a fraction of their command.
+        limit: largest torque [N m].
+        actuators: as for :func:`_cross_gap`.
+    """
+    q, dq, kp, kd, tau, offset = motors
+    control, gain, bias, within = actuators
+    for j in range(12):
+        control[j] = tau[j] + kp[j] * q[j] + kd[j] * dq[j] - kp[j] * offset[j]
+        gain[j], bias[j, 1], bias[j, 2] = strength, -strength * kp[j], -strength * kd[j]
+        within[j, 0], within[j, 1] = -limit, limit
 
 
 @compiled
@@ -154,7 +156,6 @@ def _cross_gap(
     motion: tuple[FloatArray, FloatArray],
     actuators: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
     rotors: tuple[FloatArray, FloatArray],
-    strength: float,
     gap: float,
     armature: float,
     dt: float,
@@ -167,7 +168,6 @@ def _cross_gap(
             (12, 2) the least and the largest torque [N m]. On return the actuators of joints whose rotor pushes
             against no flank give no torque.
         rotors: (12,) angle [rad], within ±gap, and speed [rad/s] of each rotor relative to its joint.
-        strength: torque that the motors deliver, as a fraction of their command.
         gap: half of the play of a gear [rad].
         armature: inertia of a rotor, seen at the joint [kg m²].
         dt: duration of the step [s].
@@ -176,7 +176,6 @@ def _cross_gap(
     control, gain, bias, within = actuators
     play, speed = rotors
     torque, angles, speeds = np.empty_like(control), np.empty_like(play), np.empty_like(speed)
-    gain[:] = strength
     for j in range(torque.shape[0]):
         whole = gain[j] * control[j] + bias[j, 1] * q[j] + bias[j, 2] * dq[j]
         torque[j] = min(max(whole, within[j, 0]), within[j, 1])

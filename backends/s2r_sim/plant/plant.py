@@ -37,6 +37,7 @@ class Plant:
         self.origin = (0.0, 0.0)
         """Point (x, y) of the terrain that lies at the world's origin [m]."""
         self._physics = physics
+        self._incline = terrain.mean_height(physics, 1.0)
         self._steps = round(1.0 / (RATE * physics.timestep))
         self._motors = Motors(robot, physics, self.model, self.data)
         self._by_step = bool(self._motors.every_step or physics.drag or physics.roughness)
@@ -92,13 +93,12 @@ class Plant:
         before; ``push`` is the (3,) force on the base [N].
         """
         self._push[:] = 0.0 if push is None else push
-        law = self._motors.law(motors)
         if not self._by_step:
-            self._motors.act(law, elapsed)
+            self._motors.act(motors, elapsed)
             mujoco.mj_step(self.model, self.data, self._steps)
             return
         for _ in range(self._steps):
-            self._motors.act(law, elapsed)
+            self._motors.act(motors, elapsed)
             if self._physics.roughness:
                 self._follow_terrain(elapsed)
             if self._physics.drag:
@@ -141,9 +141,8 @@ class Plant:
 
     def has_fallen(self, state: RobotState, limits: FallLimits) -> bool:
         """Return whether the base is too low or too tilted, or the physics has diverged."""
-        roll, pitch, _ = state.rpy.tolist()
-        x, _, z = state.position.tolist()
-        height = z - terrain.mean_height(self._physics, x)
-        if not (isfinite(height) and isfinite(roll) and isfinite(pitch)):
+        x, _, z, roll, pitch = state.flat[:5].tolist()
+        height = z - self._incline * x
+        if not isfinite(height + roll + pitch):
             return True
         return height < limits.height or cos(roll) * cos(pitch) < cos(limits.tilt)

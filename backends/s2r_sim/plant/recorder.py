@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from s2r_sim.controller.trot import Tick
@@ -13,9 +15,14 @@ from s2r_sim.robot.leg_kinematics import foot_motion
 from s2r_sim.robot.rotation import rotate
 from s2r_sim.robot.signals import RobotState, VelocityCommand
 
+_NO_BASE = np.zeros(6)
+
 
 class Recorder:
-    """Stores references tick by tick and computes over whole arrays once, in a tenth of the time."""
+    """Stores references tick by tick and computes over whole arrays once, in a tenth of the time.
+
+    A row is a plain tuple of numbers and arrays: Python's garbage collector does not visit it again and again.
+    """
 
     def __init__(self, robot: Robot, physics: Physics, command: VelocityCommand, truth: bool = False) -> None:
         """Record a rollout under one command; with ``truth``, also the :data:`TRUE_CHANNELS`."""
@@ -23,20 +30,20 @@ class Recorder:
         self._physics = physics
         self._command = command
         self._with_truth = truth
-        self._rows: list[tuple[FloatArray, FloatArray, FloatArray, FloatArray]] = []
-        self._done: list[Tick] = []
+        self._rows: list[tuple[Any, ...]] = []
 
     def write(
         self, truth: RobotState, own: RobotState, done: Tick, torque: FloatArray, foot_forces: FloatArray
     ) -> None:
         """Append a tick; ``own`` is the state from the robot's own sensors. The arrays must not change afterwards."""
-        self._rows.append((truth.flat, own.flat, torque, foot_forces))
-        self._done.append(done)
+        solution, states = done.solution, (truth.flat, own.flat, torque, foot_forces)
+        base, iterations = (_NO_BASE, 0) if solution is None else (solution.base, solution.iterations)
+        self._rows.append((*states, base, *done.motors, done.stance, iterations, solution is not None))
 
     @property
     def qp_failures(self) -> int:
         """Number of ticks without a solution of the QP."""
-        return sum(done.solution is None for done in self._done)
+        return sum(not row[-1] for row in self._rows)
 
     def channels(self, estimate: FloatArray, fallen: bool) -> dict[str, FloatArray]:
         """Return name → (n,) or (n, width) samples, in the order of ``CHANNELS``, then of ``TRUE_CHANNELS``.
@@ -48,8 +55,10 @@ class Recorder:
             estimate: (n, 3) the robot's own estimate of its velocity, world axes [m/s].
             fallen: whether the robot has fallen at the last sample.
         """
-        n = len(self._done)
-        true_states, own_states, torque, foot_forces = zip(*self._rows, strict=True)
+        n = len(self._rows)
+        true_states, own_states, torque, foot_forces, base, *motors, stance, iterations, solved = zip(
+            *self._rows, strict=True
+        )
         truth = RobotState(np.array(true_states).T)
         # Without sensor errors they are the same arrays.
         own = truth if own_states[0] is true_states[0] else RobotState(np.array(own_states).T)
@@ -58,8 +67,6 @@ class Recorder:
         own_x, own_y, _ = estimate.T
         foot_position, foot_velocity = self._feet(truth)
         foot_force = np.array(foot_forces)
-        iterations = [0 if done.solution is None else done.solution.iterations for done in self._done]
-        solved = [done.solution is not None for done in self._done]
         channels = {
             "vx": np.cos(yaw) * vx + np.sin(yaw) * vy,
             "vy": np.cos(yaw) * vy - np.sin(yaw) * vx,
@@ -78,14 +85,14 @@ class Recorder:
             "pitch": pitch,
             "yaw": yaw,
             "omega": own.omega.T,
-            "acc_pred": self._predicted(own),
+            "acc_pred": _predicted(own, np.array(base), np.array(solved)),
             "qp_iterations": np.array(iterations, dtype=float),
             "qp_solved": np.array(solved, dtype=float),
             "fallen": np.append(np.zeros(n - 1), float(fallen)),
-            "stance": np.array([done.stance for done in self._done], dtype=float),
+            "stance": np.array(stance, dtype=float),
             "q": own.q.T,
             "dq": own.dq.T,
-            "tau_cmd": self._commanded(own),
+            "tau_cmd": _commanded(own, *(np.array(rows) for rows in motors)),
             "tau": np.array(torque),
             "foot_position": foot_position,
             "foot_velocity": foot_velocity,
@@ -99,35 +106,39 @@ class Recorder:
 
     def _feet(self, truth: RobotState) -> tuple[FloatArray, FloatArray]:
         """Return (n, 12) true positions [m] and (n, 12) velocities [m/s] of the ball centres, world axes."""
-        position, velocity = [], []
+        n = truth.flat.shape[1]
+        motions = [
+            foot_motion(self._robot, leg, truth.q[k : k + 3], truth.dq[k : k + 3], np.sin, np.cos)
+            for k, leg in zip(range(0, 12, 3), LEGS, strict=True)
+        ]
+        position = np.stack([motion.position for motion in motions], axis=1)
+        velocity = np.stack([motion.velocity for motion in motions], axis=1)
+        moved = np.cross(truth.omega[:, None], position, axis=0) + velocity
         roll, pitch, yaw = truth.rpy
-        for i, leg in enumerate(LEGS):
-            joints = slice(3 * i, 3 * i + 3)
-            motion = foot_motion(self._robot, leg, truth.q[joints], truth.dq[joints], np.sin, np.cos)
-            moved = np.cross(truth.omega, motion.position, axis=0) + motion.velocity
-            position += [*(truth.position + rotate(roll, pitch, yaw, motion.position, np.sin, np.cos))]
-            velocity += [*(truth.velocity + rotate(roll, pitch, yaw, moved, np.sin, np.cos))]
-        return np.transpose(position), np.transpose(velocity)
+        position = truth.position[:, None] + rotate(roll, pitch, yaw, position, np.sin, np.cos)
+        velocity = truth.velocity[:, None] + rotate(roll, pitch, yaw, moved, np.sin, np.cos)
+        return position.T.reshape(n, 12), velocity.T.reshape(n, 12)
 
-    def _predicted(self, own: RobotState) -> FloatArray:
-        """Return (n, 3) the base acceleration that the QP predicts, forward, left, up [m/s²]; 0 without one.
 
-        In the robot's own heading frame, level by its own attitude.
-        """
-        none = np.zeros(6)
-        spatial = np.array([none if d.solution is None else d.solution.base for d in self._done]).T
-        roll, pitch, yaw = own.rpy
-        # Spatial and classical acceleration differ by ω × v; pitch and roll alone lead to the heading frame.
-        forward, left, up = rotate(roll, pitch, 0.0, spatial[:3], np.sin, np.cos)
-        wx, wy, wz = rotate(roll, pitch, 0.0, own.omega, np.sin, np.cos)
-        vx, vy, vz = rotate(0.0, 0.0, -yaw, own.velocity, np.sin, np.cos)
-        acceleration = (forward + wy * vz - wz * vy, left + wz * vx - wx * vz, up + wx * vy - wy * vx)
-        return np.where([d.solution is None for d in self._done], 0.0, acceleration).T
+def _predicted(own: RobotState, base: FloatArray, solved: FloatArray) -> FloatArray:
+    """Return (n, 3) the base acceleration that the QP predicts, forward, left, up [m/s²]; 0 without one.
 
-    def _commanded(self, own: RobotState) -> FloatArray:
-        """Return (n, 12) torque commands of the motors' own loops, from encoder readings, before saturation [N m]."""
-        q, dq, kp, kd, tau = (np.array(rows) for rows in zip(*(d.motors for d in self._done), strict=True))
-        return tau + kp * (q - own.q.T) + kd * (dq - own.dq.T)
+    In the robot's own heading frame, level by its own attitude. ``base`` (n, 6) is spatial, in base axes.
+    """
+    roll, pitch, yaw = own.rpy
+    # Spatial and classical acceleration differ by ω × v; pitch and roll alone lead to the heading frame.
+    forward, left, up = rotate(roll, pitch, 0.0, base.T[:3], np.sin, np.cos)
+    wx, wy, wz = rotate(roll, pitch, 0.0, own.omega, np.sin, np.cos)
+    vx, vy, vz = rotate(0.0, 0.0, -yaw, own.velocity, np.sin, np.cos)
+    acceleration = (forward + wy * vz - wz * vy, left + wz * vx - wx * vz, up + wx * vy - wy * vx)
+    return np.where(solved, acceleration, 0.0).T
+
+
+def _commanded(
+    own: RobotState, q: FloatArray, dq: FloatArray, kp: FloatArray, kd: FloatArray, tau: FloatArray
+) -> FloatArray:
+    """Return (n, 12) torque commands of the motors' own loops, from encoder readings, before saturation [N m]."""
+    return tau + kp * (q - own.q.T) + kd * (dq - own.dq.T)
 
 
 def yaw_rate(state: RobotState) -> FloatArray:

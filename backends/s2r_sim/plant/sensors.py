@@ -39,6 +39,7 @@ class Sensors:
         bias[12:24] = np.tile(physics.encoder_offset, 4)
         self._bias = bias if bias.any() else None
         self._velocity_is_right = physics.velocity_scale == 1.0 and not any(physics.velocity_bias)
+        self._exact = self._bias is None and not physics.backlash and self._velocity_is_right
         self.begin(None, None)
 
     def begin(self, random: Draws | None, memory: SensorMemory | None) -> None:
@@ -56,7 +57,7 @@ class Sensors:
         The motors' own loops act on this state, and a robot logs it. Position and yaw are true; without sensor errors
         it is ``truth`` itself. ``play`` is the angle [rad] and the speed of the rotors, which carry the encoders.
         """
-        if self._bias is None and not self._physics.backlash and self._velocity_is_right:
+        if self._exact:
             return truth
         own = self.disturbed(truth, play, None)
         own.velocity[:] = self._distorted(truth.velocity.tolist(), float(truth.rpy[2]))

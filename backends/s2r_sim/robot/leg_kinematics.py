@@ -32,10 +32,11 @@ def foot_motion(robot: Robot, leg: Leg, q: Any, dq: Any, sin: Any, cos: Any) -> 
     d_hip, d_thigh, d_knee = dq[0], dq[1], dq[1] + dq[2]
     upper, lower = robot.thigh_length, robot.calf_length
     # In the plane of the leg, before the roll of the hip, relative to the thigh joint.
-    x = -upper * sin(thigh) - lower * sin(knee)
-    z = -upper * cos(thigh) - lower * cos(knee)
-    dx = -upper * cos(thigh) * d_thigh - lower * cos(knee) * d_knee
-    dz = upper * sin(thigh) * d_thigh + lower * sin(knee) * d_knee
+    s, c, s_knee, c_knee = sin(thigh), cos(thigh), sin(knee), cos(knee)
+    x = -upper * s - lower * s_knee
+    z = -upper * c - lower * c_knee
+    dx = -upper * c * d_thigh - lower * c_knee * d_knee
+    dz = upper * s * d_thigh + lower * s_knee * d_knee
     out = leg.sy * robot.thigh_y
     c, s = cos(hip), sin(hip)
     y, z, dy, dz = c * out - s * z, s * out + c * z, -s * dz, c * dz

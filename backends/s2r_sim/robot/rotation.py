@@ -42,9 +42,10 @@ def rotate(
 ) -> tuple[Any, Any, Any]:
     """Return R · vector, of numbers with ``math``'s sine and cosine, or of arrays with NumPy's."""
     x, y, z = vector
-    y, z = cos(roll) * y - sin(roll) * z, sin(roll) * y + cos(roll) * z
-    x, z = cos(pitch) * x + sin(pitch) * z, cos(pitch) * z - sin(pitch) * x
-    return cos(yaw) * x - sin(yaw) * y, sin(yaw) * x + cos(yaw) * y, z
+    cr, sr, cp, sp, cy, sy = cos(roll), sin(roll), cos(pitch), sin(pitch), cos(yaw), sin(yaw)
+    y, z = cr * y - sr * z, sr * y + cr * z
+    x, z = cp * x + sp * z, cp * z - sp * x
+    return cy * x - sy * y, sy * x + cy * y, z
 
 
 def turned_back(
@@ -52,9 +53,10 @@ def turned_back(
 ) -> tuple[Any, Any, Any]:
     """Return R' · vector, of numbers or of arrays as in :func:`rotate`."""
     x, y, z = vector
-    x, y = cos(yaw) * x + sin(yaw) * y, cos(yaw) * y - sin(yaw) * x
-    x, z = cos(pitch) * x - sin(pitch) * z, sin(pitch) * x + cos(pitch) * z
-    return x, cos(roll) * y + sin(roll) * z, cos(roll) * z - sin(roll) * y
+    cr, sr, cp, sp, cy, sy = cos(roll), sin(roll), cos(pitch), sin(pitch), cos(yaw), sin(yaw)
+    x, y = cy * x + sy * y, cy * y - sy * x
+    x, z = cp * x - sp * z, sp * x + cp * z
+    return x, cr * y + sr * z, cr * z - sr * y
 
 
 @compiled

@@ -8,28 +8,42 @@ from s2r_sim.robot.constants import FloatArray
 
 
 class RobotState:
-    """A state of the robot, true or measured: one vector, and its parts as views of it.
+    """A state of the robot, true or measured: one vector ``flat`` (36,), and its parts in order as views of it."""
 
-    Attributes:
-        flat: (36,) everything below, in this order.
-        position: (3,) base origin in the world [m].
-        rpy: (3,) roll, pitch, yaw of the base [rad], rotation Rz(yaw) Ry(pitch) Rx(roll).
-        velocity: (3,) of the base origin, world axes [m/s].
-        omega: (3,) angular velocity, base axes [rad/s].
-        q: (12,) joint angles [rad].
-        dq: (12,) joint speeds [rad/s].
-    """
-
-    __slots__ = ("dq", "flat", "omega", "position", "q", "rpy", "velocity")
+    __slots__ = ("flat",)
 
     def __init__(self, flat: FloatArray) -> None:
         self.flat = flat
-        self.position = flat[0:3]
-        self.rpy = flat[3:6]
-        self.velocity = flat[6:9]
-        self.omega = flat[9:12]
-        self.q = flat[12:24]
-        self.dq = flat[24:36]
+
+    @property
+    def position(self) -> FloatArray:
+        """(3,) base origin in the world [m]."""
+        return self.flat[0:3]
+
+    @property
+    def rpy(self) -> FloatArray:
+        """(3,) roll, pitch, yaw of the base [rad], rotation Rz(yaw) Ry(pitch) Rx(roll)."""
+        return self.flat[3:6]
+
+    @property
+    def velocity(self) -> FloatArray:
+        """(3,) of the base origin, world axes [m/s]."""
+        return self.flat[6:9]
+
+    @property
+    def omega(self) -> FloatArray:
+        """(3,) angular velocity, base axes [rad/s]."""
+        return self.flat[9:12]
+
+    @property
+    def q(self) -> FloatArray:
+        """(12,) joint angles [rad]."""
+        return self.flat[12:24]
+
+    @property
+    def dq(self) -> FloatArray:
+        """(12,) joint speeds [rad/s]."""
+        return self.flat[24:36]
 
 
 class MotorCommand(NamedTuple):
