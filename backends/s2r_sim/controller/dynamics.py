@@ -73,8 +73,11 @@ class RigidBody:
 
 def _positions(placements: Any, indices: list[int]) -> FloatArray:
     """Return a live (n, 3) view of the positions of n of Pinocchio's placements, equally far apart in its memory."""
-    first, second = (placements[k].translation for k in indices[:2])
-    return as_strided(first, (len(indices), 3), (second.ctypes.data - first.ctypes.data, first.itemsize))
+    positions = [placements[k].translation for k in indices]
+    first, *others = places = [one.ctypes.data for one in positions]
+    stride = others[0] - first
+    assert places == [first + k * stride for k in range(len(places))], "they are not equally far apart"
+    return as_strided(positions[0], (len(indices), 3), (stride, positions[0].itemsize))
 
 
 @compiled
