@@ -166,6 +166,9 @@ def test_the_time_on_a_backend_becomes_a_budget():
     robot = Robot(lambda params, seed: None, cost=100.0)
     found = s2r.plan(s2r.parse_spec(SPEC), backend=robot, time="30min")
     assert [rollouts for rollouts, _ in found.gaps] == [rollouts for rollouts, _ in found.reachable] == [18]
+    smaller = s2r.plan(s2r.parse_spec(SPEC.rstrip() + ", gap_B = 0.1\n"), backend=robot, time="30min")
+    assert smaller.reachable == found.reachable
+    assert smaller.gaps[0][1] < found.gaps[0][1]
 
 
 @pytest.mark.parametrize(

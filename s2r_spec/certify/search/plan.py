@@ -98,10 +98,12 @@ def plan_search(
     budgets: tuple[int, ...] = (),
     real: tuple[int, ...] = (),
     progress: Progress | None = None,
+    gap: SearchSettings | None = None,
 ) -> Plan:
     """Estimate the rollouts of a search, and the ε that numbers of rollouts reach.
 
-    An estimate beyond the budget of the settings is None. The numbers ``real`` are of real rollouts in a gap.
+    An estimate beyond the budget of the settings is None. The numbers ``real`` are of real rollouts in a gap, whose
+    search has the settings ``gap``.
     """
     most = settings.budget or MOST
     count = 1 + len(budgets) + len(real)
@@ -111,8 +113,8 @@ def plan_search(
     low, high = rollouts(settings)
     report("estimates", 1, count)
     widths: list[tuple[float, float]] = []
-    noisier = replace(settings, R=settings.R * math.sqrt(1 + 1 / SIMULATED_PER_REAL))
-    for budget, of in [(each, settings) for each in budgets] + [(each, noisier) for each in real]:
+    paired = gap or replace(settings, R=settings.R * math.sqrt(1 + 1 / SIMULATED_PER_REAL))
+    for budget, of in [(each, settings) for each in budgets] + [(each, paired) for each in real]:
         widths.append(reachable(of, budget))
         report("estimates", 1 + len(widths), count)
     ends = list(zip((*budgets, *real), widths, strict=True))

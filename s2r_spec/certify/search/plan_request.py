@@ -12,12 +12,13 @@ from s2r_spec.base.magnitude import whole
 from s2r_spec.certify.arguments import as_backend
 from s2r_spec.certify.bound.kernels import Kernel
 from s2r_spec.certify.bound.settings import SearchSettings
-from s2r_spec.certify.from_spec import only_requirement
+from s2r_spec.certify.from_spec import of_gap, only_requirement
+from s2r_spec.certify.search.pairing import SIMULATED_PER_REAL
 from s2r_spec.certify.search.plan import MOST, Plan, Progress, plan_search
 from s2r_spec.certify.search.search import Search
 from s2r_spec.lang.units import UnknownUnitError, parse_unit
 from s2r_spec.space import Space
-from s2r_spec.spec import Spec
+from s2r_spec.spec import CertifySettings, Spec
 from s2r_spec.workers.pools import cores
 
 USUAL = Kernel("matern52", 0.4)
@@ -81,12 +82,14 @@ class PlanRequest:
     """A plan whose settings are complete.
 
     Attributes:
+        gap: the settings of the search of the gap.
         afforded: the number of rollouts that fit in the time, (); if none is given.
         seconds: time of a rollout, with as many at once as the backend allows [s]; None without a backend.
         at_once: rollouts that run at once.
     """
 
     settings: SearchSettings
+    gap: SearchSettings
     budgets: tuple[int, ...]
     afforded: tuple[int, ...]
     seconds: float | None
@@ -94,7 +97,7 @@ class PlanRequest:
 
     def plan(self, progress: Progress | None = None) -> Plan:
         """Estimate the rollouts."""
-        return plan_search(self.settings, (*self.budgets, *self.afforded), self.afforded, progress)
+        return plan_search(self.settings, (*self.budgets, *self.afforded), self.afforded, progress, self.gap)
 
 
 def plan(of: Spec | Space, *, progress: Progress | None = None, **keywords: Unpack[PlanKeywords]) -> Plan:
@@ -141,7 +144,11 @@ def plan_request(of: Spec | Space, options: PlanOptions) -> PlanRequest:
     for budget in (*options.budgets, *afforded):
         if whole("budget", budget, 2 * settings.spread) > options.most:
             raise UsageError(f"budget = {budget:g}; a plan has at most {options.most:,} rollouts")
-    return PlanRequest(settings, options.budgets, afforded, seconds, at_once)
+    line = of.certify.get(options.requirement or only_requirement(of)) if isinstance(of, Spec) else None
+    declared = CertifySettings(delta, epsilon, B, R).over(line or CertifySettings())
+    own = of_gap(declared, SIMULATED_PER_REAL)
+    gap = replace(settings, B=own.B or B, R=own.R or R, epsilon=own.epsilon or epsilon)
+    return PlanRequest(settings, gap, options.budgets, afforded, seconds, at_once)
 
 
 def _with_proxy(options: PlanOptions) -> PlanOptions:
