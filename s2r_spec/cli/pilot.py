@@ -113,17 +113,16 @@ def _print(spec: Path, result: PilotResult) -> None:
     for text in result.line.splitlines():
         say(text)
     say("")
-    for name, reason in proposal.reasons.items():
-        _say_row(name, reason)
     low, high = proposal.expected
-    _say_row(
-        "expected", f"{low} … {high} rollouts until the interval is epsilon wide; a verdict may come earlier"
+    rollouts, width = (
+        ("real rollouts", "gap_epsilon") if len(result.backends) > 1 else ("rollouts", "epsilon")
     )
-    for warning in proposal.warnings:
-        _say_row("note", warning)
+    expected = f"{low} … {high} {rollouts} until the interval is {width} wide; a verdict may come earlier"
+    rows = [*proposal.reasons.items(), ("expected", expected)]
+    rows += [("note", warning) for warning in proposal.warnings]
+    indent = 4 + max(len(name) for name, _ in rows)
+    for name, words in rows:
+        first = f"  {name}".ljust(indent)
+        for text in wrap(words, WIDTH, initial_indent=first, subsequent_indent=" " * indent):
+            say(text)
     say(f"  These rollouts, in {result.folder}, are for the settings only; a certificate runs others.")
-
-
-def _say_row(name: str, words: str) -> None:
-    for text in wrap(words, WIDTH, initial_indent=f"  {name:<8}  ", subsequent_indent=" " * 12):
-        say(text)

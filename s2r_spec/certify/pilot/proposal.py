@@ -228,7 +228,8 @@ def _savings(seen: Evidence, line: CertifySettings, function: Means) -> dict[str
     for name, (words, changed) in changes.items():
         parts = (rollouts(_search(seen, one)) for one in (line, replace(line, **changed)))
         fewer = math.sqrt(math.prod(next(parts)) / math.prod(next(parts)))
-        savings[name] = f"; {words}: {fewer:.1f} times fewer rollouts" if fewer >= 1.05 else ""
+        of = "real rollouts" if seen.gaps else "rollouts"
+        savings[name] = f"; {words}: {fewer:.1f} times fewer {of}" if fewer >= 1.05 else ""
     return savings
 
 
