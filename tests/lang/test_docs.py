@@ -1,5 +1,6 @@
 """The reference says what the language does: examples parse, every word and code is in it."""
 
+import json
 import re
 from pathlib import Path
 
@@ -11,7 +12,8 @@ from s2r_spec.lang.highlight import STATEMENTS, TEMPORAL
 from s2r_spec.lang.lints import CODES as LINTS
 from s2r_spec.spec import parse_spec
 
-TEXT = (Path(__file__).parents[2] / "docs/reference/language.md").read_text(encoding="utf-8")
+ROOT = Path(__file__).parents[2]
+TEXT = (ROOT / "docs/reference/language.md").read_text(encoding="utf-8")
 EXAMPLES = re.findall(r"```stl\n(.*?)```", TEXT, re.DOTALL)
 
 
@@ -33,3 +35,16 @@ def test_every_code_is_listed() -> None:
 def test_every_word_is_explained() -> None:
     words = set(re.findall(r"[a-z]+", TEXT))
     assert {*STATEMENTS, *TEMPORAL, *FUNCTIONS} <= words
+
+
+def test_the_costs_of_the_language_page_are_those_of_the_benchmark() -> None:
+    rows = json.loads((ROOT / "benchmarks" / "results" / "peers.json").read_text())["rows"]
+    online = [row for row in rows if "online" in row]
+    single = [row["us one by one"] for row in online]
+    words = r"about ([\d.]+) µs a sample.*?(\d+) to (\d+) µs one by one.*?takes ([\d.]+) ms"
+    found = re.search(words, TEXT, re.DOTALL)
+    assert found is not None
+    blocks, low, high, start = map(float, found.groups())
+    assert blocks == round(max(row["us in blocks"] for row in online), 1)
+    assert [low, high] == [round(min(single)), round(max(single))]
+    assert start == round(next(row["ms"] for row in rows if row.get("at time 0") == "always"), 2)
