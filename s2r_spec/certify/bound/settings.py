@@ -65,7 +65,7 @@ class SearchSettings:
             ``budget``: never. The tests are the same under every rule.
         engine: the engine of the Gaussian process, ``spectral`` or ``gpytorch``; see
             :mod:`s2r_spec.certify.bound.posterior`.
-        repeats: whether a batch repeats tests once the verdict is known and only the test of R lacks outcomes.
+        repeats: whether a batch repeats a test once the verdict is known and only the test of R lacks outcomes.
         fitted: names of settings ("R", "kernel", "B") that were fitted on the outcomes of this same search. The
             result is then model-based and no certificate.
         unit: the unit of the outcome, for the sentences.

@@ -1,6 +1,6 @@
 """Choice of the next tests: modified GP-UCB in batches (GP-BUCB), after the tests that long axes lack.
 
-Once the verdict is known, a batch repeats tests: only the test of R then lacks outcomes, and a repeat gives them.
+Once the verdict is known, a batch repeats a test: only the test of R then lacks outcomes, and repeats give them.
 
 Sources: Akella, Ubellacker and Ames for the rule; Desautels, Krause and Burdick, *Parallelizing
 exploration-exploitation tradeoffs in Gaussian process bandit optimization* (2014), for batches.
@@ -20,8 +20,8 @@ def next_batch(state: SearchState) -> list[tuple[int, int]]:
     """Return (index of the point, replicates) of the next tests."""
     if tests := coverage_tests(state):
         return [(state.confidence.bounds.add(vector), replicates) for vector, replicates in tests]
-    if repeats := repeated_tests(state):
-        return repeats
+    if again := repeats(state):
+        return again
     spread, size = state.settings.spread, batch_size(state)
     shares = [size // spread + (i < size % spread) for i in range(spread)]
     # May be fewer tests than shares.
@@ -33,16 +33,16 @@ def batch_size(state: SearchState) -> int:
     return max(2 * state.settings.spread, _share(state))
 
 
-def repeated_tests(state: SearchState) -> list[tuple[int, int]]:
+def repeats(state: SearchState) -> list[tuple[int, int]]:
     """Return (index of the point, replicates) of the repeats that the test of R lacks, if the verdict is known.
 
-    The points are the tested ones of largest upper bound. A query of m replicates has m − 1 degrees of freedom.
+    The point is the tested one of largest upper bound. A query of m replicates has m − 1 degrees of freedom.
     """
+    if not state.lacking:
+        return []
     at = state.outcomes.samples.at
-    worst = at[np.argsort(-state.confidence.bounds.upper[0][at], kind="stable")][: state.settings.spread]
-    each, more = divmod(state.lacking, len(worst)) if state.lacking else (0, 0)
-    shares = [each + (i < more) for i in range(len(worst))]
-    return [(int(place), 1 + share) for place, share in zip(worst, shares, strict=True) if share]
+    worst = at[int(state.confidence.bounds.upper[0][at].argmax())]
+    return [(int(worst), min(1 + state.lacking, batch_size(state)))]
 
 
 def coverage_tests(state: SearchState) -> list[tuple[FloatArray, int]]:

@@ -15,7 +15,7 @@ from s2r_spec.certify.bound.certificate import Label
 from s2r_spec.certify.bound.modes import PAPER
 from s2r_spec.certify.bound.rounding import at_least
 from s2r_spec.certify.bound.sample_complexity import sequential_lower_bound
-from s2r_spec.certify.search.acquisition import batch_size, coverage_tests, repeated_tests
+from s2r_spec.certify.search.acquisition import batch_size, coverage_tests, repeats
 from s2r_spec.certify.search.state import SearchState
 from s2r_spec.runs.stop_rule import BUDGET
 
@@ -40,7 +40,7 @@ def is_settled(state: SearchState) -> bool:
     if state.final or state.confidence.smallest_norm > state.settings.B:
         return True
     lacking = sum(replicates for _, replicates in coverage_tests(state))
-    size = lacking or sum(replicates for _, replicates in repeated_tests(state)) or batch_size(state)
+    size = lacking or sum(replicates for _, replicates in repeats(state)) or batch_size(state)
     spent = state.budget is not None and state.outcomes.rollouts + size > state.budget
     if spent or lacking or state.settings.stop == BUDGET:
         return spent
