@@ -1,11 +1,12 @@
 """How many rollouts of a machine does a certificate take, before and after its cause is in the simulator?
 
 Ten twins, each with one effect of random kind and size, that stand in for a machine. For each: a diagnosis from 24 of
-its rollouts, and then a pilot and a certificate that stops at its verdict, three times:
+its rollouts, and then a pilot and a certificate that stops at its verdict, in four ways:
 
     one B    the simulator; the gap has B and epsilon of the check, or those that the pilot proposes if these are larger
     gap_B    the simulator; the pilot's own gap_B, gap_R and gap_epsilon
     patched  the simulator with the effect that the diagnosis names (``s2r diagnose --apply``); its own pilot and line
+    patched, short pilot   the same with 20 real rollouts in the pilot
 
 An interval is right if 300 other rollouts of the twin, at the tests of a grid and at its own worst test, agree
 with it. Then 1,000 searches on random functions, from the pilot's outcomes to the verdict, whose truth is known
@@ -34,6 +35,7 @@ from benchmarks.machine import describe
 from s2r_spec.backend import Backend, HasEffects
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.certify.bound.kernels import Kernel
+from s2r_spec.certify.from_spec import of_gap
 from s2r_spec.certify.pilot.design import REPLICATES, design
 from s2r_spec.certify.pilot.proposal import Evidence, Outcomes, propose
 from s2r_spec.certify.pilot.run import pilot
@@ -56,6 +58,8 @@ ROLLOUTS, TRUTH, SIDES = 24, 300, {2: 5, 3: 3}
 """Rollouts of a diagnosis and of the truth; tests on each axis of the truth's grid."""
 LOW, HIGH = 0.4, 0.9
 """Size of an effect, as a part of the way to the end of its range."""
+WAYS = {"one B": None, "gap_B": None, "patched": None, "patched, short pilot": 20}
+"""Way to a certificate → real rollouts of its pilot; None for the usual grid."""
 BUDGET = 1000
 """Most real rollouts of a certificate."""
 RUNS, NOISE = 1000, 0.01
@@ -100,23 +104,25 @@ def twin(job: tuple[str, int]) -> list[dict[str, Any]]:
         ]
         found = s2r.diagnose(spec, nominal, rollouts, cache=Path(folder) / "cache", where=False)
         patched = found.improved(False)
+        better = nominal.with_effects(patched) if patched else nominal
         rows = []
-        for way in ("one B", "gap_B", "patched"):
+        for way, budget in WAYS.items():
             if way == "patched" and not patched:
-                continue
-            row = certified(
-                path, nominal.with_effects(patched) if way == "patched" else nominal, machine, way, seed
-            )
+                row = rows[-1] | {"way": way}
+            else:
+                row = certified(path, better if "patched" in way else nominal, machine, way, seed, budget)
             rows.append({"twin": f"{name} {seed}", "has": effect, "added": patched} | row)
             print(rows[-1], flush=True)
     return rows
 
 
-def certified(path: Path, sim: Backend, machine: Backend, way: str, seed: int) -> dict[str, Any]:
+def certified(
+    path: Path, sim: Backend, machine: Backend, way: str, seed: int, budget: int | None
+) -> dict[str, Any]:
     """Return the line of a pilot, and the certificate with it."""
     with tempfile.TemporaryDirectory() as folder:
         how: dict[str, Any] = {"seed": seed, "executor": in_this_process}
-        found = pilot(path, sim, Path(folder) / "pilot", real=machine, **how)
+        found = pilot(path, sim, Path(folder) / "pilot", real=machine, budget=budget, **how)
         line = found.line
         if way == "one B":
             declared = load_spec(path)
@@ -188,6 +194,7 @@ def simulated(seed: int) -> dict[str, Any]:
     second.end_when(lambda: decides(first, second))
     _run(second, lambda mean, count: -draw(mean, count)[2], means)
     row: dict[str, Any] = {"way": "gap_B", "seed": seed, "real": second.certificate().rollouts}
+    row["pilot"] = REPLICATES * len(tests.points)
     if not all(one.certificate().label.bounds for one in (first, second)):
         return row | {"verdict": "refused", "wrong": False}
     both = s2r.compose(first, second)
@@ -201,21 +208,13 @@ def _searches(space: Space, line: CertifySettings, seed: int) -> tuple[Search, S
     """Return search 1, and search 2 that stops at the verdict."""
     assert line.kernel
     kernel = Kernel(line.kernel.name, line.kernel.lengthscales)
-    averaged = math.sqrt(1 + 1 / SIMULATED_PER_REAL)
 
-    def search(own: CertifySettings, noise: float, **more: Any) -> Search:
-        return Search(
-            space,
-            kernel=kernel,
-            B=own.B,
-            R=own.R * noise,
-            delta=own.delta,
-            epsilon=own.epsilon,
-            seed=seed,
-            **more,
-        )
+    def search(own: CertifySettings, **more: Any) -> Search:
+        declared = {name: getattr(own, name) for name in ("B", "R", "delta", "epsilon")}
+        return Search(space, kernel=kernel, seed=seed, **declared, **more)
 
-    return search(line, 1.0), search(line.of_gap, averaged, stop="decided", budget=BUDGET)
+    second = of_gap(line, SIMULATED_PER_REAL)
+    return search(line), search(second, stop="decided", repeats=True, budget=BUDGET)
 
 
 def _run(search: Search, draw: Any, means: Any) -> None:
@@ -239,6 +238,7 @@ def summary(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
                 "wrong": sum(row.get("wrong", not row.get("right", True)) for row in own),
                 "at_most_30": sum(row["real"] <= 30 for row in decided),
                 "median_real": float(np.median([row["real"] for row in decided])) if decided else None,
+                "median_with_pilot": float(np.median([row["real"] + row["pilot"] for row in decided] or [0])),
             }
         )
     return lines
