@@ -199,6 +199,13 @@ class TestDesign:
             design(LINE, 19)
 
 
+@pytest.mark.parametrize(("tests", "warned"), [(5, True), (9, False)])
+def test_a_pilot_without_tests_at_the_ends_of_the_ranges_says_so(tests, warned):
+    rng = np.random.default_rng(0)
+    found = proposed(sampled(slope, 0.01, rng, PLANE, tests), PLANE)
+    assert any("ends" in words for words in found.warnings) is warned
+
+
 @pytest.mark.usefixtures("toy")
 class TestRun:
     def test_the_line_makes_a_certificate_on_other_seeds(self, tmp_path):

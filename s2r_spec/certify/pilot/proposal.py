@@ -329,6 +329,12 @@ def _warnings(seen: Evidence, noises: Mapping[str, Noise], surface: Surface) -> 
             test = seen.space.point(seen.points[noise.noisiest])
             where = ", ".join(f"{key} = {value:.3g}" for key, value in test.items())
             found.append(f"{name} is noisier at {where} than elsewhere; R allows for it")
+    space = seen.space
+    if (seen.points.min(axis=0) > space.lower).any() or (seen.points.max(axis=0) < space.upper).any():
+        found.append(
+            "no test lies at the ends of the ranges, where a robot often fails first: B and R may be too small; run a "
+            "pilot with a larger --budget"
+        )
     if surface.short:
         found.append(
             f"the means change within the distance of two tests along {', '.join(surface.short)}; run a pilot with a "
