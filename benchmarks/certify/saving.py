@@ -20,9 +20,11 @@ from __future__ import annotations
 
 import argparse
 import math
+import signal
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -62,6 +64,8 @@ WAYS = {"one B": None, "gap_B": None, "patched": None, "patched, short pilot": 2
 """Way to a certificate → real rollouts of its pilot; None for the usual grid."""
 BUDGET = 1000
 """Most real rollouts of a certificate."""
+LIMIT = 300.0
+"""Budget: processor time of a certificate [s]; the simulator's search has no budget of its own."""
 RUNS, NOISE = 1000, 0.01
 """Random functions, and the deviation of a rollout's ρ."""
 
@@ -131,13 +135,15 @@ def certified(
         text, _ = with_certify_line(path.read_text(), path.name, found.requirement, line)
         spec = parse_spec(text, path.name)
         how |= {"requirement": found.requirement, "stop": "decided", "budget": BUDGET}
-        result = s2r.certify(spec, sim, machine, Path(folder) / "run", **how)
-    row = {
-        "way": way,
-        "line": " ".join(line.split()),
+        row: dict[str, Any] = {"way": way, "line": " ".join(line.split()), "pilot": found.tests * REPLICATES}
+        try:
+            with limited():
+                result = s2r.certify(spec, sim, machine, Path(folder) / "run", **how)
+        except TimeoutError:
+            return row | {"verdict": "timed out", "real": 0}
+    row |= {
         "verdict": result.verdict.value,
         "reason": result.reason,
-        "pilot": found.tests * REPLICATES,
         "real": 0 if result.gap is None else result.gap.certificate.rollouts,
         "simulated": result.simulated.certificate.rollouts,
     }
@@ -150,6 +156,22 @@ def certified(
         "truth": round(mean, 5),
         "right": lower <= mean + 3 * error and mean - 3 * error <= upper,
     }
+
+
+@contextmanager
+def limited() -> Iterator[None]:
+    """Raise a TimeoutError in the main thread of this process after :data:`LIMIT` of its time."""
+
+    def stop(*_: object) -> None:
+        raise TimeoutError
+
+    before = signal.signal(signal.SIGPROF, stop)
+    signal.setitimer(signal.ITIMER_PROF, LIMIT)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, before)
 
 
 def shared(line: CertifySettings) -> CertifySettings:
