@@ -139,7 +139,7 @@ def certified(
         try:
             with limited():
                 result = s2r.certify(spec, sim, machine, Path(folder) / "run", **how)
-        except TimeoutError:
+        except OutOfTimeError:
             return row | {"verdict": "timed out", "real": 0}
     row |= {
         "verdict": result.verdict.value,
@@ -158,12 +158,16 @@ def certified(
     }
 
 
+class OutOfTimeError(Exception):
+    """A certificate took :data:`LIMIT`; a TimeoutError would be one of the disk's errors."""
+
+
 @contextmanager
 def limited() -> Iterator[None]:
-    """Raise a TimeoutError in the main thread of this process after :data:`LIMIT` of its time."""
+    """Raise OutOfTimeError in the main thread of this process after :data:`LIMIT` of its time."""
 
     def stop(*_: object) -> None:
-        raise TimeoutError
+        raise OutOfTimeError
 
     before = signal.signal(signal.SIGPROF, stop)
     signal.setitimer(signal.ITIMER_PROF, LIMIT)
