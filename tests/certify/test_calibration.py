@@ -158,7 +158,7 @@ def one_sided_runs(runs: int, level: float) -> tuple[int, int]:
 def test_the_bound_without_b_holds_where_no_b_fits(level, runs):
     wrong, stated = one_sided_runs(runs, level)
     assert wrong == 0
-    assert stated == (runs if level else 0)
+    assert stated >= 0.95 * runs if level else not stated
 
 
 def test_with_a_third_of_the_width_the_bound_without_b_fails(monkeypatch):
