@@ -199,6 +199,13 @@ class TestDesign:
             design(LINE, 19)
 
 
+def test_settings_of_a_gap_that_the_new_line_lacks_are_named():
+    groups = sampled(slope, 0.01, np.random.default_rng(0))
+    assert not proposed(groups, declared=CertifySettings(delta=1e-3)).warnings
+    (words,) = proposed(groups, declared=CertifySettings(gap_B=0.1)).warnings
+    assert words.startswith("gap_B ")
+
+
 @pytest.mark.parametrize(("tests", "warned"), [(5, True), (9, False)])
 def test_a_pilot_without_tests_at_the_ends_of_the_ranges_says_so(tests, warned):
     rng = np.random.default_rng(0)

@@ -186,7 +186,7 @@ def propose(seen: Evidence, declared: CertifySettings, fall: float) -> Proposal:
     return Proposal(
         settings,
         reasons,
-        tuple(filter(None, (unsure, *_warnings(seen, noises, surface)))),
+        tuple(filter(None, (unsure, *_warnings(seen, noises, surface), _left_out(seen, declared)))),
         seen.space.point(seen.points[place]),
         float(means.min()),
         float(means.max()),
@@ -312,6 +312,14 @@ def _fall_words(declared: float | None, fall: float) -> str:
     if declared == fall:
         return "as declared, below every ρ seen"
     return "twice the largest |ρ| seen: with one failure in three rollouts a mean is negative"
+
+
+def _left_out(seen: Evidence, declared: CertifySettings) -> str:
+    own = [name for name in ("gap_B", "gap_R", "gap_epsilon") if getattr(declared, name) is not None]
+    if seen.gaps or not own:
+        return ""
+    names = ", ".join(own)
+    return f"{names} of the old line belong to its kernel and are left out; a pilot with --real proposes new ones"
 
 
 def _warnings(seen: Evidence, noises: Mapping[str, Noise], surface: Surface) -> list[str]:
