@@ -158,8 +158,8 @@ def certified(
     }
 
 
-class OutOfTimeError(Exception):
-    """A certificate took :data:`LIMIT`; a TimeoutError would be one of the disk's errors."""
+class OutOfTimeError(BaseException):
+    """A certificate took :data:`LIMIT`; no Exception, because s2r would take that for an error of a rollout."""
 
 
 @contextmanager
