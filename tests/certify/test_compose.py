@@ -2,7 +2,9 @@ import numpy as np
 import pytest
 
 import s2r_spec as s2r
+from s2r_spec.base.verdict import Verdict
 from s2r_spec.certify.bound.kernels import Kernel
+from s2r_spec.certify.result.compose import compose, decides, judge
 from s2r_spec.certify.search.search import Search
 from s2r_spec.errors import UsageError
 from s2r_spec.space import Space
@@ -32,6 +34,21 @@ def test_the_promise_holds_and_is_never_looser_than_the_papers(dim):
         assert result.gap[0] <= -gap(fine).max()
         assert -gap(fine).min() <= result.gap[1]
         assert result.delta == 0.1
+
+
+def test_a_verdict_that_ends_the_search_is_the_one_of_the_whole_composition():
+    space = Space.of({"x": (0.0, 0.5)})
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        simulated, gap = (RandomFunction(KERNEL, space, norm, rng) for norm in (0.3, 0.1))
+        second = searched(space, gap, 2 * seed + 1)
+        largest = (simulated(space.grid((2001,))) + gap(space.grid((2001,)))).max()
+        for margin, known in ((-0.4, True), (0.0, False), (0.4, True)):
+            first = searched(
+                space, lambda points, at=margin - largest, of=simulated: at + of(points), 2 * seed
+            )
+            assert decides(first, second) is known
+            assert (judge(compose(first, second)) is not Verdict.UNKNOWN) is known
 
 
 def test_bounds_over_different_spaces_are_not_added():

@@ -255,6 +255,21 @@ class TestRuns:
         resumed = certify(spec, "toy", "toy:drag", tmp_path / "run", resume=True, **THREAD)
         assert (resumed.composition, resumed.gap.certificate) == (early.composition, early.gap.certificate)
 
+    def test_a_run_without_repeats_as_all_were_once_is_read_and_goes_on_without_them(self, tmp_path):
+        without, usual = check(tmp_path, repeats=False), check(tmp_path, run="usual")
+        assert "repeats" not in without.certificate.settings
+        assert usual.certificate.rollouts < without.certificate.rollouts
+        assert facts(recompute(tmp_path / "run").result) == facts(without)
+        assert facts(check(tmp_path, resume=True)) == facts(without)
+
+    @pytest.mark.parametrize(("R", "refused"), [(0.004, "gap_R = 0.004 "), (0.01, "gap_B = 0.004 ")])
+    def test_a_refused_setting_of_the_gap_has_its_own_name(self, tmp_path, R, refused):
+        own = f"-0.5, gap_B = 0.004, gap_epsilon = 0.002, gap_R = {R}"
+        spec = s2r.parse_spec(SPEC.replace("LIMIT", "0.2").replace("-0.5", own), "spec.stl")
+        certificate = gap(spec, "toy", "toy:drag", tmp_path / "run", **THREAD).certificate
+        assert certificate.label is Label.REFUSED
+        assert certificate.reason.startswith(refused)
+
     def test_a_smaller_bound_on_the_gap_saves_real_rollouts(self, tmp_path):
         def certified(own):
             spec = s2r.parse_spec(SPEC.replace("LIMIT", "0.2").replace("-0.5", f"-0.5{own}"), "spec.stl")

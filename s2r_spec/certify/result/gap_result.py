@@ -224,8 +224,10 @@ def conclude_gap(
     )
     outcomes = [(group[0].params, [-pair.gap for pair in group]) for group in by_query(pairs)]
     certificate = with_remedy(certificate, search, outcomes, judged=False)
-    if spec.certify[provenance["requirement"]].gap_B is not None:
-        certificate = replace(certificate, reason=re.sub(r"\bB (?==|must)", "gap_B ", certificate.reason))
+    for name in "BR":  # the certificate does not know by which name they were declared
+        if getattr(spec.certify[provenance["requirement"]], f"gap_{name}") is not None:
+            reason = re.sub(rf"\b{name} (?==|must)", f"gap_{name} ", certificate.reason)
+            certificate = replace(certificate, reason=reason)
     lowest, highest = search.range
     return GapResult(
         requirement=provenance["requirement"],
