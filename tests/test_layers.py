@@ -106,7 +106,9 @@ def test_only_methods_that_users_look_for_reach_upwards():
 
 def test_a_backend_imports_no_more_of_s2r_than_it_must():
     for path in (PACKAGE.parent / "backends").rglob("*.py"):
-        assert imported(path) <= {"backend", "compiled", "effects", "errors", "protocols", "trace"}, path
+        assert imported(path) <= {"backend", "compiled", "effects", "errors", "protocols", "spec", "trace"}, (
+            path
+        )
 
 
 def other_backends(name: str) -> set[str]:

@@ -1,1 +1,14 @@
-"""A robot from its MuJoCo model, its trained policy and its deploy file."""
+"""A robot from its MuJoCo model, its trained policy and its deploy file: ``robot.toml`` as a backend.
+
+A module imports only from its own line and the lines below it:
+
+    backend                      the interface to s2r: a test in, a trace out
+    robot                        what the files say together, and the simulators of tests
+    channels, failure            from the record of a rollout to its trace
+    rollout                      start, control ticks, physics steps, record
+    observation, drive, start    what the policy reads, what its actions do, the state at t = 0
+    plan                         robot file, deploy file and model put together
+    joints                       the order of a policy's joints in the model
+    description, model           the robot file; the MuJoCo model before it is compiled
+    deploy/                      deploy files of the field, each read into one record
+"""

@@ -1,0 +1,174 @@
+"""A robot file as a backend: ``robot.toml``, and ``robot.toml:payload=2`` with another default of a parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from math import ceil, isfinite
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from s2r_mujoco.robot import Robot, read_robot
+from s2r_mujoco.rollout import UNSTABLE, Record
+from s2r_spec.backend import Channel, Needs, Parameter, refuse_unknown
+from s2r_spec.errors import UsageError, did_you_mean, one_of
+from s2r_spec.trace import Trace
+
+_CPU_PER_STEP, _CPU_PER_TICK = 2e-6, 1e-4
+"""Budget: time of one core for a physics step, a degree of freedom, and for a control tick [s]; for planning."""
+
+
+@dataclass(frozen=True)
+class RobotBackend:
+    """A robot from its MuJoCo model, its policy and its deploy file; see ``docs/how-to/your-robot.md``.
+
+    Args:
+        text: path of the robot file; ``NAME=VALUE`` after a colon replaces the default of a parameter.
+        duration: duration of a rollout [s]; 0 for that of the file.
+    """
+
+    text: str
+    duration: float = 0.0
+    needs: Needs | None = field(default=None, repr=False)
+    deterministic: bool = field(default=True, init=False)
+
+    def __post_init__(self) -> None:
+        """Read the files, and round the duration up to whole control periods."""
+        duration = self.duration or self._robot.description.table.duration
+        object.__setattr__(self, "duration", self._ticks(duration) * self._robot.plan.step)
+        _ = self._defaults
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickle the text, the duration and the needs; another process reads the files again."""
+        return {"text": self.text, "duration": self.duration, "needs": self.needs, "deterministic": True}
+
+    @property
+    def name(self) -> str:
+        """Name as in ``--backend``."""
+        return self.text
+
+    @cached_property
+    def _robot(self) -> Robot:
+        return read_robot(Path(self.text.partition(".toml")[0] + ".toml"))
+
+    @cached_property
+    def _defaults(self) -> dict[str, float]:
+        """Parameter → its default, with the options after the colon."""
+        own = {name: one.declared.default for name, one in self._robot.parameters.items()}
+        for word in filter(None, self.text.partition(".toml:")[2].split(",")):
+            name, _, value = word.partition("=")
+            if name not in own:
+                raise UsageError(
+                    f"{self._robot.name} has no parameter {name!r}{did_you_mean(name, own)}; it has {one_of(own)}"
+                )
+            own[name] = self._checked(name, value)
+        return own
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """The channels of a trace."""
+        return self._robot.channels
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The parameters of a test. One whose range no file states has that of the specification."""
+        wanted = {} if self.needs is None else {one.name: one for one in self.needs.parameters}
+        found = []
+        for name, one in self._robot.parameters.items():
+            declared = replace(one.declared, default=self._defaults[name])
+            if not one.limited:
+                other = wanted.get(name)
+                ends = (
+                    [declared.default]
+                    if other is None
+                    else [_in(declared, other, x) for x in (other.low, other.high)]
+                )
+                declared = replace(
+                    declared, low=min(*ends, declared.default), high=max(*ends, declared.default)
+                )
+            found.append(declared)
+        return tuple(found)
+
+    @property
+    def cost(self) -> float:
+        """Expected time of one rollout on one core [s]."""
+        plan, model = self._robot.plan, self._robot.model
+        return self._ticks(self.duration) * (_CPU_PER_TICK + _CPU_PER_STEP * model.nv * plan.decimation)
+
+    @cached_property
+    def model_hash(self) -> str:
+        """Hash of the robot file, of every file that it names or includes, of versions and of this package."""
+        return self._robot.digest(repr(sorted(self._defaults.items())))
+
+    def with_duration(self, seconds: float) -> Self:
+        """Return this backend with rollouts of this duration [s], rounded up to whole control periods."""
+        return replace(self, duration=seconds)
+
+    def for_spec(self, needs: Needs) -> Self:
+        """Return this backend with the ranges of a specification, where no file states one."""
+        return replace(self, needs=needs)
+
+    def prepare(self) -> None:
+        """Compile the model, load the policy and parse the conditions of a failure."""
+        self._robot.failures.check()
+        self._robot.simulator(())
+
+    def rollout(self, params: Mapping[str, float], seed: int) -> Trace:
+        """Run one test; samples every control period from t = 0 to ``duration`` inclusive.
+
+        A failure of the robot file, a state that is not finite, or a warning of MuJoCo ends the trace and sets
+        ``meta["failure"]``.
+
+        Raises:
+            UsageError: a parameter is unknown or out of range.
+            BackendError: the controller is at fault.
+        """
+        refuse_unknown(self.name, self.parameters, params)
+        test = self._defaults | {name: self._checked(name, value) for name, value in params.items()}
+        record = self._robot.run(test, seed, self._ticks(self.duration) + 1)
+        return self._trace(record, {"params": test, "seed": seed})
+
+    def _trace(self, record: Record, facts: dict[str, Any]) -> Trace:
+        channels = {one.channel.name: one.compute(record) for one in self._robot.computed}
+        units = {one.name: one.unit for one in self._robot.channels}
+        meta: dict[str, Any] = {"backend": self.name, "model_hash": self.model_hash, **facts}
+        if record.unstable:
+            meta["failure"] = UNSTABLE
+        times = self._robot.plan.step * np.arange(len(record), dtype=np.float64)
+        trace = Trace(times, channels, units, meta)
+        failure = self._robot.failures.first(trace)
+        if failure is None:
+            return trace
+        name, last = failure
+        cut = {key: values[: last + 1] for key, values in channels.items()}
+        return Trace(times[: last + 1], cut, units, meta | {"failure": name})
+
+    def _ticks(self, seconds: float) -> int:
+        return ceil(seconds / self._robot.plan.step - 1e-9)
+
+    def _checked(self, name: str, value: Any) -> float:
+        one = self._robot.parameters[name]
+        if one.limited:
+            return one.declared.check(value)
+        number = replace(one.declared, low=-np.inf, high=np.inf).check(value)
+        if not isfinite(number):
+            raise UsageError(f"{self._robot.name}: {name} = {value!r} is not a finite number")
+        return number
+
+
+def _in(declared: Parameter, other: Parameter, value: float) -> float:
+    """Return a value of the specification in the unit of the robot file."""
+    free = replace(declared, low=-np.inf, high=np.inf)
+    return free.check(f"{value!r} {other.unit}" if other.unit and declared.unit else value)
+
+
+def open_robot(text: str) -> RobotBackend:
+    """Return the backend of a robot file; options may follow a colon.
+
+    Raises:
+        UsageError: see :class:`RobotBackend`.
+    """
+    return RobotBackend(text)

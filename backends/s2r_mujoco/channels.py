@@ -1,0 +1,281 @@
+"""The channels of a trace, computed over whole arrays after the rollout.
+
+Joints have the model's order in ``q``, ``dq``, ``tau`` and ``target``; ``action`` and ``obs`` have the policy's own.
+The state is true. What a robot can measure are its sensors: a channel each, by the name in the model.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from s2r_mujoco import joints as joint_order
+from s2r_mujoco.arrays import FloatArray
+from s2r_mujoco.joints import Joints
+from s2r_mujoco.plan import Plan
+from s2r_mujoco.rollout import Record
+from s2r_mujoco.start import floors
+from s2r_spec.backend import Channel
+
+AXES = ("x", "y", "z")
+_T = mujoco.mjtSensor
+SENSOR_UNITS = {
+    _T.mjSENS_TOUCH: "N", _T.mjSENS_ACCELEROMETER: "m/s^2", _T.mjSENS_VELOCIMETER: "m/s", _T.mjSENS_GYRO: "rad/s",
+    _T.mjSENS_FORCE: "N", _T.mjSENS_TORQUE: "N*m", _T.mjSENS_MAGNETOMETER: "T", _T.mjSENS_RANGEFINDER: "m",
+    _T.mjSENS_BALLANGVEL: "rad/s", _T.mjSENS_JOINTLIMITPOS: "", _T.mjSENS_TENDONPOS: "m", _T.mjSENS_TENDONVEL: "m/s",
+    _T.mjSENS_FRAMEPOS: "m", _T.mjSENS_FRAMELINVEL: "m/s", _T.mjSENS_FRAMEANGVEL: "rad/s",
+    _T.mjSENS_FRAMELINACC: "m/s^2", _T.mjSENS_FRAMEANGACC: "rad/s^2", _T.mjSENS_SUBTREECOM: "m",
+    _T.mjSENS_SUBTREELINVEL: "m/s", _T.mjSENS_SUBTREEANGMOM: "N*m*s", _T.mjSENS_CLOCK: "s",
+    _T.mjSENS_GEOMDIST: "m", _T.mjSENS_E_POTENTIAL: "J", _T.mjSENS_E_KINETIC: "J",
+}  # fmt: skip
+"""Definition: type of a MuJoCo sensor → unit, from MuJoCo's XML reference; a type that is missing has none."""
+_OF_JOINTS = {
+    _T.mjSENS_JOINTPOS: ("rad", "m"), _T.mjSENS_JOINTVEL: ("rad/s", "m/s"), _T.mjSENS_JOINTACTFRC: ("N*m", "N"),
+}  # fmt: skip
+"""Definition: type of a sensor of a joint → its units for a hinge and for a slide."""
+
+Compute = Callable[[Record], FloatArray]
+
+
+@dataclass(frozen=True)
+class Computed:
+    """A channel and the function that computes it from a record."""
+
+    channel: Channel
+    compute: Compute
+
+
+class Attitude:
+    """Rotation of the base at n samples: quaternion, Euler angles, and vectors in its axes."""
+
+    def __init__(self, quaternion: FloatArray) -> None:
+        self.w, self.x, self.y, self.z = quaternion.T
+
+    @property
+    def roll(self) -> FloatArray:
+        """Rotation about the forward axis [rad]."""
+        return np.arctan2(2 * (self.w * self.x + self.y * self.z), 1 - 2 * (self.x**2 + self.y**2))
+
+    @property
+    def pitch(self) -> FloatArray:
+        """Rotation about the left axis [rad], positive with the nose down."""
+        return np.arcsin(np.clip(2 * (self.w * self.y - self.z * self.x), -1.0, 1.0))
+
+    @property
+    def yaw(self) -> FloatArray:
+        """Heading [rad], continuous over the rollout."""
+        return np.unwrap(np.arctan2(2 * (self.w * self.z + self.x * self.y), 1 - 2 * (self.y**2 + self.z**2)))
+
+    def matrix(self) -> FloatArray:
+        """Return (n, 3, 3): columns are the axes of the base in the world."""
+        w, x, y, z = self.w, self.x, self.y, self.z
+        rows = [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+        return np.moveaxis(np.array(rows), -1, 0)
+
+
+def channels_of(model: Any, plan: Plan, columns: tuple[str, ...], acts: bool) -> tuple[Computed, ...]:
+    """Return the channels of a robot.
+
+    Args:
+        model: the compiled model.
+        plan: the plan of its rollouts.
+        columns: names of the components of an observation; empty without a trained policy.
+        acts: whether the controller is a function that returns the controls.
+    """
+    found = [*_joint_channels(model, plan, acts)]
+    if plan.root >= 0:
+        found += _base_channels(model, plan)
+    if columns:
+        found += [_observed(plan, columns), *_commanded(plan)]
+    taken = {one.channel.name for one in found}
+    return (*found, *_sensor_channels(model, taken))
+
+
+def _joint_channels(model: Any, plan: Plan, acts: bool) -> list[Computed]:
+    joints = joint_order.scalar_joints(model)
+    slide = int(mujoco.mjtJoint.mjJNT_SLIDE)
+    slides = [joint for joint in joints if model.jnt_type[joint] == slide]
+    hinges = [joint for joint in joints if model.jnt_type[joint] != slide]
+    found = []
+    for group, end, angle, force in ((hinges, "", "rad", "N*m"), (slides, "_slide", "m", "N")):
+        if not group:
+            continue
+        own, kind = joint_order.named(model, group), "slides" if end else "hinges"
+        width, names = len(own), own.names
+        found += [
+            Computed(
+                Channel(f"q{end}", angle, f"positions of the {kind}", width, names),
+                _columns("qpos", own.qpos),
+            ),
+            Computed(
+                Channel(f"dq{end}", f"{angle}/s", f"velocities of the {kind}", width, names),
+                _columns("qvel", own.dof),
+            ),
+            Computed(
+                Channel(
+                    f"tau{end}",
+                    force,
+                    "by the actuators, within the physics step after the sample",
+                    width,
+                    names,
+                ),
+                _columns("torque", own.dof),
+            ),
+        ]
+    return found + _control_channels(model, plan, acts)
+
+
+def _control_channels(model: Any, plan: Plan, acts: bool) -> list[Computed]:
+    if acts:
+        names = tuple(model.actuator(i).name or f"actuator {i}" for i in range(model.nu))
+        return [Computed(Channel("ctrl", "", "controls of the actuators", model.nu, names), _whole("target"))]
+    joints, n = plan.joints, len(plan.joints)
+    order = np.argsort(joints.qpos)
+    names = tuple(joints.names[i] for i in order)
+    unit = "rad" if _all_hinges(model, joints) and plan.law.has_target.all() else ""
+    return [
+        Computed(
+            Channel("target", unit, "targets of the joints", n, names), lambda record: record.target[:, order]
+        ),
+        Computed(
+            Channel("action", "", "the policy's output; in its own order", n, joints.names), _whole("action")
+        ),
+    ]
+
+
+def _all_hinges(model: Any, joints: Joints) -> bool:
+    hinge = int(mujoco.mjtJoint.mjJNT_HINGE)
+    kinds = {int(model.jnt_qposadr[j]): int(model.jnt_type[j]) for j in range(model.njnt)}
+    return all(kinds[int(address)] == hinge for address in joints.qpos)
+
+
+def _observed(plan: Plan, columns: tuple[str, ...]) -> Computed:
+    description = "the policy's input, scaled; in its own order, with histories"
+    return Computed(
+        Channel("obs", "", description, len(columns), columns), lambda r: r.observation.astype(np.float64)
+    )
+
+
+def _commanded(plan: Plan) -> list[Computed]:
+    """Return the commands and the phases of a policy that has them."""
+    found = []
+    if any(term.name == "velocity_commands" for term in plan.terms):
+        for place, (name, unit) in enumerate((("vx_cmd", "m/s"), ("vy_cmd", "m/s"), ("wz_cmd", "rad/s"))):
+            found.append(Computed(Channel(name, unit, "command"), _constant(place)))
+    term = next((term for term in plan.terms if term.name == "phase"), None)
+    if term is not None:
+        start = np.array(term.start or (0.0,))
+
+        def phase(record: Record) -> FloatArray:
+            turns = 2 * np.pi * term.frequency * plan.step * np.arange(len(record))
+            values: FloatArray = np.mod(start + turns[:, None] + np.pi, 2 * np.pi) - np.pi
+            return values
+
+        found.append(Computed(Channel("phase", "rad", "phase of the gait, within ±π", len(start)), phase))
+    return found
+
+
+def _constant(place: int) -> Compute:
+    return lambda record: np.full(len(record), record.command[place])
+
+
+def _columns(name: str, index: Any) -> Compute:
+    def compute(record: Record) -> FloatArray:
+        values: FloatArray = getattr(record, name)[:, index]
+        return values
+
+    return compute
+
+
+def _whole(name: str) -> Compute:
+    def compute(record: Record) -> FloatArray:
+        values: FloatArray = getattr(record, name)
+        return values
+
+    return compute
+
+
+def _base_channels(model: Any, plan: Plan) -> list[Computed]:
+    joint = int(model.body_jntadr[plan.root])
+    p, v = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
+    planes = floors(model)
+    ground = float(model.geom_pos[planes[0], 2]) if planes else 0.0
+
+    def attitude(record: Record) -> Attitude:
+        return Attitude(record.qpos[:, p + 3 : p + 7])
+
+    def in_body(record: Record) -> FloatArray:
+        return np.einsum("nij,ni->nj", attitude(record).matrix(), record.qvel[:, v : v + 3])
+
+    def heading(record: Record, side: float) -> FloatArray:
+        yaw, (vx, vy) = attitude(record).yaw, record.qvel[:, v : v + 2].T
+        return np.cos(yaw - side) * vx + np.sin(yaw - side) * vy
+
+    def rate(record: Record) -> FloatArray:
+        _, wy, wz = record.qvel[:, v + 3 : v + 6].T
+        roll, pitch = attitude(record).roll, attitude(record).pitch
+        # The rate of the heading; the base's own vertical rate differs from it where the base is tilted.
+        return (np.sin(roll) * wy + np.cos(roll) * wz) / np.maximum(np.cos(pitch), 1e-9)
+
+    table: tuple[tuple[Channel, Compute], ...] = (
+        (Channel("x", "m", "base position in the world"), lambda r: r.qpos[:, p]),
+        (Channel("y", "m", "base position in the world"), lambda r: r.qpos[:, p + 1]),
+        (Channel("z", "m", "base position in the world"), lambda r: r.qpos[:, p + 2]),
+        (Channel("height", "m", "base height above the floor's plane"), lambda r: r.qpos[:, p + 2] - ground),
+        (Channel("vx", "m/s", "base velocity, forward in the heading frame"), lambda r: heading(r, 0.0)),
+        (Channel("vy", "m/s", "base velocity, left in the heading frame"), lambda r: heading(r, -np.pi / 2)),
+        (Channel("vz", "m/s", "base velocity, up"), lambda r: r.qvel[:, v + 2]),
+        (Channel("wz", "rad/s", "rate of the heading"), rate),
+        (Channel("velocity", "m/s", "base velocity, base axes", 3, AXES), in_body),
+        (
+            Channel("omega", "rad/s", "angular velocity, base axes", 3, AXES),
+            lambda r: r.qvel[:, v + 3 : v + 6],
+        ),
+        (
+            Channel("quaternion", "", "base attitude", 4, ("w", "x", "y", "z")),
+            lambda r: r.qpos[:, p + 3 : p + 7],
+        ),
+        (Channel("roll", "rad", "base attitude"), lambda r: attitude(r).roll),
+        (Channel("pitch", "rad", "base attitude, positive with the nose down"), lambda r: attitude(r).pitch),
+        (Channel("yaw", "rad", "heading, continuous"), lambda r: attitude(r).yaw),
+        (
+            Channel("gravity", "", "direction of gravity, base axes", 3, AXES),
+            lambda r: -attitude(r).matrix()[:, 2],
+        ),
+    )
+    return [Computed(channel, compute) for channel, compute in table]
+
+
+def _sensor_channels(model: Any, taken: set[str]) -> list[Computed]:
+    found = []
+    for sensor in range(model.nsensor):
+        name = re.sub(r"\W", "_", model.sensor(sensor).name or f"sensor_{sensor}", flags=re.ASCII)
+        if name in taken or not name[0].isalpha():
+            name = f"sensor_{name}"
+        taken.add(name)
+        first, width = int(model.sensor_adr[sensor]), int(model.sensor_dim[sensor])
+        names = AXES if width == 3 else ()
+        channel = Channel(name, _unit(model, sensor), "sensor of the model", width, names)
+        found.append(Computed(channel, _columns("sensors", _index(first, width))))
+    return found
+
+
+def _index(first: int, width: int) -> Any:
+    return first if width == 1 else slice(first, first + width)
+
+
+def _unit(model: Any, sensor: int) -> str:
+    kind = mujoco.mjtSensor(int(model.sensor_type[sensor]))
+    if kind in _OF_JOINTS:
+        joint = int(model.sensor_objid[sensor])
+        return _OF_JOINTS[kind][int(model.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_SLIDE)]
+    return SENSOR_UNITS.get(kind, "")

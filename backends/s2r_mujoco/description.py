@@ -1,0 +1,240 @@
+"""The robot file (``robot.toml``): what a user writes about a model and its controller, checked key by key.
+
+The vocabulary is that of Isaac Lab. A key that is missing here may stand in the deploy file or in the model;
+``plan.py`` puts the three together.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+
+from s2r_mujoco.deploy.record import Term
+from s2r_mujoco.model import FieldChange
+from s2r_spec.backend import Parameter
+from s2r_spec.errors import UsageError, did_you_mean, one_of
+
+COMMANDS = {"lin_vel_x": "m/s", "lin_vel_y": "m/s", "ang_vel_z": "rad/s"}
+"""Definition: components of a velocity command, in the order of the term ``velocity_commands``, and their units."""
+
+
+def _several(value: Any) -> Any:
+    return (value,) if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+
+def _both(value: Any) -> Any:
+    """Return the limits −c and c for one number c."""
+    return (-value, value) if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+
+def _seconds(value: Any) -> Any:
+    return (
+        Parameter("the time", "s", 0.0, math.inf, 0.0, "").check(value) if isinstance(value, str) else value
+    )
+
+
+Numbers = Annotated[tuple[float, ...], BeforeValidator(_several)]
+Limits = Annotated[tuple[float, float], BeforeValidator(_both)]
+Seconds = Annotated[float, BeforeValidator(_seconds), Field(ge=0.0)]
+Range = tuple[float, float]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True)
+
+
+class TermTable(_Table):
+    """A term of the observation with further keys; it has one of ``term``, ``sensor`` and ``phase``."""
+
+    term: str = ""
+    sensor: str = ""
+    phase: float | None = Field(default=None, gt=0)
+    unit: Literal["Hz", "s"] = "Hz"
+    start: Numbers = (0.0,)
+    parts: tuple[Literal["sin", "cos"], ...] = Field(default=("sin", "cos"), alias="as")
+    scale: Numbers = ()
+    clip: Limits | None = None
+    history: int = Field(default=1, ge=1)
+    frame: str = "body"
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        if bool(self.term) + bool(self.sensor) + (self.phase is not None) != 1:
+            raise ValueError("give exactly one of term, sensor and phase")
+        return self
+
+    def read(self, source: str) -> Term:
+        """Return the term; ``source`` is its place, for messages."""
+        name = self.term or ("sensor" if self.sensor else "phase")
+        shared = {"scale": self.scale, "clip": self.clip, "history": self.history, "frame": self.frame}
+        if self.phase is None:
+            return Term(name, sensor=self.sensor, source=source, **shared)  # type: ignore[arg-type]
+        frequency = self.phase if self.unit == "Hz" else 1.0 / self.phase
+        return Term(name, frequency=frequency, start=self.start, parts=self.parts, source=source, **shared)  # type: ignore[arg-type]
+
+
+class ActionTable(_Table):
+    """How an action becomes a target of the joints, and a target a torque."""
+
+    scale: Numbers = ()
+    offset: Numbers = ()
+    clip: Limits | None = None
+    joints: tuple[str, ...] = ()
+    pd: Literal["explicit", "implicit"] | None = None
+    stiffness: Numbers = ()
+    damping: Numbers = ()
+
+
+class CommandTable(_Table):
+    """A component of the command: a number, or a parameter of the specification with its range."""
+
+    parameter: str = ""
+    value: float = 0.0
+    range: Range | None = None
+
+
+class ParameterTable(_Table):
+    """A test parameter: a field of the model, or a push."""
+
+    field: str = ""
+    how: Literal["set", "add", "scale"] = "set"
+    unit: str | None = None
+    range: Range | None = None
+    push: str = ""
+    at: Seconds = 0.0
+    lasts: Seconds = Field(default=0.1, alias="for")
+    direction: tuple[float, float, float] = (1.0, 0.0, 0.0)
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        if bool(self.field) + bool(self.push) != 1:
+            raise ValueError('give either field = "KIND/NAME/ATTRIBUTE" or push = "BODY"')
+        return self
+
+    @property
+    def change(self) -> FieldChange:
+        """The change of the model's field."""
+        return FieldChange(self.field, self.how)
+
+
+class NoiseTable(_Table):
+    """Standard deviations of the start: joints in rad or m and per s, base in m, rad, m/s and rad/s."""
+
+    joint_pos: float = Field(default=0.0, ge=0)
+    joint_vel: float = Field(default=0.0, ge=0)
+    base_lin_vel: float = Field(default=0.0, ge=0)
+    base_ang_vel: float = Field(default=0.0, ge=0)
+
+
+class StartTable(_Table):
+    """The state at t = 0."""
+
+    joint_pos: Literal["default", "keyframe", "model"] | dict[str, float] | None = None
+    height: float | None = None
+    noise: NoiseTable = NoiseTable()
+
+
+class RobotFile(_Table):
+    """The content of a robot file."""
+
+    model: str = ""
+    policy: str = ""
+    deploy: str = ""
+    keyframe: str = ""
+    floor: bool = False
+    root: str = ""
+    timestep: float | None = Field(default=None, gt=0)
+    decimation: int | None = Field(default=None, ge=1)
+    duration: float = Field(default=5.0, gt=0)
+    observation: tuple[str | TermTable, ...] = ()
+    observation_clip: Limits | None = None
+    history_by: Literal["term", "time"] | None = None
+    action: ActionTable = ActionTable()
+    command: dict[str, float | str | CommandTable] = {}
+    parameters: dict[str, ParameterTable] = {}
+    start: StartTable = StartTable()
+    failure: dict[str, str] = {}
+
+
+@dataclass(frozen=True)
+class Description:
+    """A robot file that was read: its path, and its content."""
+
+    path: Path
+    table: RobotFile
+
+    def beside(self, name: str) -> Path:
+        """Return a path that the file names, relative to its own folder."""
+        return self.path.parent / name
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """The terms of the observation; empty if the file names none."""
+        found = []
+        for number, one in enumerate(self.table.observation):
+            source = f"{self.path.name}: observation[{number}]"
+            found.append(Term(one, source=source) if isinstance(one, str) else one.read(source))
+        return tuple(found)
+
+    @property
+    def commands(self) -> dict[str, CommandTable]:
+        """Component of the command → its table."""
+        unknown = [name for name in self.table.command if name not in COMMANDS]
+        if unknown:
+            raise UsageError(
+                f"{self.path.name}: command.{unknown[0]} is not a component of the velocity command"
+                f"{did_you_mean(unknown[0], COMMANDS)}; they are {one_of(COMMANDS)}"
+            )
+        return {name: _command(one) for name, one in self.table.command.items()}
+
+
+def _command(value: float | str | CommandTable) -> CommandTable:
+    if isinstance(value, CommandTable):
+        return value
+    return CommandTable(parameter=value) if isinstance(value, str) else CommandTable(value=value)
+
+
+def read_description(path: Path) -> Description:
+    """Read a robot file.
+
+    Raises:
+        UsageError: the file is missing, is not TOML, or has a wrong key or value; the message names it.
+    """
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UsageError(f"cannot read the robot file {path}: {error.strerror or error}") from None
+    except ValueError as error:  # TOMLDecodeError and UnicodeDecodeError
+        raise UsageError(f"{path} is not TOML: {error}") from None
+    try:
+        return Description(path, RobotFile.model_validate(table))
+    except ValidationError as error:
+        raise UsageError(f"{path}: {_sentence(error)}") from None
+
+
+def _sentence(error: ValidationError) -> str:
+    """Return the first mistake as a sentence with its key."""
+    # A value of several possible types has a mistake for each; the deepest one is of the type that was meant.
+    first = max(error.errors(), key=lambda one: len(one["loc"]))
+    # pydantic names the type that a value of several types was read as.
+    place = [str(one) for one in first["loc"] if not str(one).endswith(("Table", "Table]"))]
+    key = ".".join(place)
+    if first["type"] == "extra_forbidden":
+        known = sorted(_keys(RobotFile, place[:-1]))
+        return f"there is no key {key}{did_you_mean(place[-1], known)}; possible keys are {one_of(known)}"
+    return f"{key}: {first['msg'].removeprefix('Value error, ')}, but it is {first['input']!r}"
+
+
+def _keys(table: type[BaseModel], place: list[str]) -> set[str]:
+    tables: dict[str, type[BaseModel]] = {
+        "action": ActionTable, "start": StartTable, "noise": NoiseTable, "parameters": ParameterTable,
+        "command": CommandTable, "observation": TermTable,
+    }  # fmt: skip
+    for word in place:
+        table = tables.get(word, table)
+    return {field.alias or name for name, field in table.model_fields.items()}

@@ -1,0 +1,87 @@
+"""From targets to the controls of the actuators, at every physics step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from s2r_mujoco.arrays import FloatArray
+from s2r_mujoco.plan import Plan
+
+Apply = Callable[[FloatArray], None]
+"""Writes the controls for a target, (n,) in policy order."""
+
+
+def prepare_actuators(model: Any, plan: Plan) -> None:
+    """Put the gains of the files into the actuators: those of position actuators, and implicit ones of torques.
+
+    An actuator with the gear g has the length g q and the joint torque g F. With F = kp/g (target − q) − kd/g q̇ the
+    torque is that of the gains.
+    """
+    law = plan.law
+    if law.pd == "model":
+        return
+    for i, actuator in enumerate(plan.joints.actuators):
+        if law.kind[i] == "torque" and law.pd == "explicit":
+            continue
+        gear = model.actuator_gear[actuator, 0]
+        if law.kind[i] == "torque":
+            _limit_force(model, actuator)
+        model.actuator_gainprm[actuator, 0] = law.stiffness[i] / gear
+        model.actuator_biastype[actuator] = mujoco.mjtBias.mjBIAS_AFFINE
+        model.actuator_biasprm[actuator, :3] = 0.0, -law.stiffness[i] / gear**2, -law.damping[i] / gear**2
+        if np.isfinite(law.torque_limit[i]) and not model.actuator_forcelimited[actuator]:
+            model.actuator_forcelimited[actuator] = 1
+            model.actuator_forcerange[actuator] = np.array([-1.0, 1.0]) * law.torque_limit[i] / abs(gear)
+    if law.pd == "implicit" and model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER:
+        model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+
+
+def _limit_force(model: Any, actuator: int) -> None:
+    """Turn the limits of a torque actuator's control into limits of its force, since the control becomes a position."""
+    if model.actuator_ctrllimited[actuator]:
+        limits = model.actuator_ctrlrange[actuator] * model.actuator_gainprm[actuator, 0]
+        if model.actuator_forcelimited[actuator]:
+            low, high = model.actuator_forcerange[actuator]
+            limits = np.array([max(limits.min(), low), min(limits.max(), high)])
+        model.actuator_forcerange[actuator] = np.sort(limits)
+        model.actuator_forcelimited[actuator] = 1
+        model.actuator_ctrllimited[actuator] = 0
+
+
+def writer(model: Any, data: Any, plan: Plan) -> tuple[Apply, bool]:
+    """Return the function that writes the controls, and whether it must run at every physics step."""
+    law, joints, control = plan.law, plan.joints, data.ctrl
+    actuators = joints.actuators
+    if law.pd != "explicit" or "torque" not in law.kind:
+
+        def hold(target: FloatArray) -> None:
+            control[actuators] = target
+
+        return hold, False
+    positions, velocities, kp, kd, limit = data.qpos, data.qvel, law.stiffness, law.damping, law.torque_limit
+    # A position actuator beside torque actuators keeps its target as control.
+    torque = np.array([one == "torque" for one in law.kind])
+    unit = model.actuator_gear[actuators, 0] * model.actuator_gainprm[actuators, 0]
+    limited, mixed, plain = bool(np.isfinite(limit).any()), not torque.all(), bool((unit == 1.0).all())
+    speed, pose = law.speed, plan.pose
+    rolls = bool(speed.any())
+
+    def proportional_derivative(target: FloatArray) -> None:
+        if rolls:
+            still = np.where(speed, pose, target)
+            force = kp * (still - positions[joints.qpos]) + kd * (
+                np.where(speed, target, 0.0) - velocities[joints.dof]
+            )
+        else:
+            force = kp * (target - positions[joints.qpos]) - kd * velocities[joints.dof]
+        if limited:
+            force = np.clip(force, -limit, limit)
+        if not plain:
+            force = force / unit
+        control[actuators] = np.where(torque, force, target) if mixed else force
+
+    return proportional_derivative, True

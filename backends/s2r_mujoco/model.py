@@ -1,0 +1,239 @@
+"""A MuJoCo model from its files: what the files lack, the files that decide it, and fields set before compiling.
+
+A *field* is an attribute of an element of the model's description, ``kind/name/attribute`` or, for one component,
+``kind/name/attribute/index``: ``body/trunk/mass``, ``geom/floor/friction/0``, ``option/timestep``. A name may end or
+begin with ``*`` and then stands for all elements that fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+
+from s2r_spec.errors import UsageError, did_you_mean, one_of
+
+_KINDS = {
+    "body": "bodies",
+    "geom": "geoms",
+    "joint": "joints",
+    "actuator": "actuators",
+    "site": "sites",
+    "sensor": "sensors",
+    "tendon": "tendons",
+    "equality": "equalities",
+    "pair": "pairs",
+}
+"""Definition: kind of an element in a field → the list of these elements in an ``MjSpec``."""
+_FOLDERS = {"mesh": "meshdir", "hfield": "meshdir", "skin": "meshdir", "texture": "texturedir"}
+"""Definition: element with a file → attribute of ``<compiler>`` with the folder of this file."""
+
+
+@dataclass(frozen=True)
+class FieldChange:
+    """A change of a field of the model.
+
+    Attributes:
+        field: the field, as the module's docstring describes it.
+        how: ``set``, ``add`` or ``scale``.
+    """
+
+    field: str
+    how: str = "set"
+
+
+@dataclass(frozen=True)
+class ModelFile:
+    """A model's file, with the settings of a robot file that apply before compiling.
+
+    Attributes:
+        path: the XML file (MJCF, or URDF with actuators of MuJoCo).
+        floor: whether to add a plane at z = 0.
+        timestep: physics step [s]; None for the file's own.
+    """
+
+    path: Path
+    floor: bool = False
+    timestep: float | None = None
+
+    @cached_property
+    def files(self) -> tuple[Path, ...]:
+        """The file itself, and every file that it includes or loads; a missing one is left out."""
+        return tuple(dict.fromkeys(_files(self.path, self.path.parent, set())))
+
+    def compile(self, changes: Mapping[FieldChange, float] | None = None) -> Any:
+        """Return a compiled model with some fields changed.
+
+        Raises:
+            UsageError: a file is missing or broken, a field does not exist, or MuJoCo refuses a value.
+        """
+        spec = self.spec()
+        for change, value in (changes or {}).items():
+            self._change(spec, change, value)
+        try:
+            return spec.compile()
+        except ValueError as error:
+            values = ", ".join(
+                f"{change.field} ({change.how} {value:g})" for change, value in (changes or {}).items()
+            )
+            raise UsageError(
+                f"{self.path}: MuJoCo refuses the model{' with ' * bool(values)}{values}: {_words(error)}"
+            ) from None
+
+    def spec(self) -> Any:
+        """Return the parsed description, without visual meshes whose files are missing, and with a floor if asked."""
+        if not self.path.is_file():
+            raise UsageError(f"the model {self.path} is not a file; name a MuJoCo XML file in `model`")
+        try:
+            spec = mujoco.MjSpec.from_file(str(self.path))
+        except ValueError as error:
+            raise UsageError(f"{self.path}: MuJoCo cannot read the model: {_words(error)}") from None
+        _drop_missing_visuals(spec, self.path)
+        if self.timestep is not None:
+            spec.option.timestep = self.timestep
+        if self.floor:
+            spec.worldbody.add_geom(
+                name="" if spec.geom("floor") else "floor",
+                type=mujoco.mjtGeom.mjGEOM_PLANE,
+                size=[0.0, 0.0, 0.05],
+            )
+        if not any(one.type == mujoco.mjtSensor.mjSENS_RANGEFINDER for one in spec.sensors):
+            spec.compiler.discardvisual = True  # a compilation takes 2 ms instead of 50 without textures
+        # A rollout ends at a warning; MuJoCo would begin it again at the start pose.
+        spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+        return spec
+
+    def value(self, change: FieldChange) -> float:
+        """Return the value of a field in the file: that of the first element that fits.
+
+        Raises:
+            UsageError: there is no such field.
+        """
+        holder, attribute, index = next(iter(self._holders(self.spec(), change.field)))
+        value = getattr(holder, attribute)
+        return float(value if index is None else value[index])
+
+    def _change(self, spec: Any, change: FieldChange, value: float) -> None:
+        for holder, attribute, index in self._holders(spec, change.field):
+            before = getattr(holder, attribute)
+            old = before if index is None else before[index]
+            new = {"set": value, "add": old + value, "scale": old * value}[change.how]
+            if index is None:
+                setattr(holder, attribute, type(before)(new))
+            else:
+                before[index] = new
+            if attribute == "mass" and getattr(holder, "explicitinertial", True) is False:
+                raise UsageError(
+                    f"{self.path}: {change.field} has no effect, since the geoms give the body its mass; "
+                    f"name the mass of a geom, geom/NAME/mass"
+                )
+
+    def _holders(self, spec: Any, field: str) -> list[tuple[Any, str, int | None]]:
+        """Return (element, attribute, index) of every number that a field names."""
+        kind, *rest = field.split("/")
+        if kind == "option":
+            elements, rest = [spec.option], ["", *rest]
+        elif kind in _KINDS and len(rest) >= 2:
+            every = list(getattr(spec, _KINDS[kind]))
+            elements = [one for one in every if fnmatchcase(one.name, rest[0])]
+            if not elements:
+                names = [one.name for one in every if one.name]
+                raise UsageError(
+                    f"{self.path} has no {kind} {rest[0]!r}{did_you_mean(rest[0], names)}; it has {one_of(names)}"
+                )
+        else:
+            raise UsageError(
+                f"{field!r} is not a field; write KIND/NAME/ATTRIBUTE with one of {one_of(_KINDS)}, or option/ATTRIBUTE"
+            )
+        attribute, index = rest[1] if len(rest) > 1 else "", rest[2] if len(rest) == 3 else None
+        return [(one, attribute, self._index(one, field, attribute, index)) for one in elements]
+
+    def _index(self, holder: Any, field: str, attribute: str, index: str | None) -> int | None:
+        numbers = [
+            name for name in dir(holder) if not name.startswith("_") and _numeric(getattr(holder, name))
+        ]
+        if attribute not in numbers:
+            raise UsageError(
+                f"{self.path}: {field} has no number {attribute!r}{did_you_mean(attribute, numbers)}; "
+                f"the element has {one_of(numbers)}"
+            )
+        value = getattr(holder, attribute)
+        if not isinstance(value, np.ndarray):
+            if index is None:
+                return None
+            raise UsageError(f"{self.path}: {field}: {attribute} is one number, so leave out /{index}")
+        if index is None or not index.isdecimal() or int(index) >= value.size:
+            raise UsageError(
+                f"{self.path}: {field}: {attribute} has {value.size} numbers; add an index from 0 to {value.size - 1}, "
+                f"such as {'/'.join(field.split('/')[:3])}/0"
+            )
+        return int(index)
+
+
+def _numeric(value: object) -> bool:
+    return isinstance(value, int | float) or (isinstance(value, np.ndarray) and value.dtype == np.float64)
+
+
+def _words(error: ValueError) -> str:
+    """Return MuJoCo's message on one line."""
+    return " ".join(str(error).split()).removeprefix("Error: ")
+
+
+def _drop_missing_visuals(spec: Any, path: Path) -> None:
+    """Remove meshes whose files are missing if only pictures need them; a UsageError names any other."""
+    missing = {
+        mesh.name or Path(mesh.file).stem: mesh
+        for mesh in spec.meshes
+        if mesh.file and not _found(spec, mesh)
+    }
+    if not missing:
+        return
+    for geom in [one for one in spec.geoms if one.meshname in missing]:
+        mesh = missing[geom.meshname]
+        if geom.contype or geom.conaffinity or not geom.parent.explicitinertial:
+            use = (
+                "a collision needs it"
+                if geom.contype or geom.conaffinity
+                else "the body's mass comes from it"
+            )
+            raise UsageError(
+                f"{path}: the mesh file {mesh.file} is missing, and {use}; put it into {_folder(spec)}"
+            )
+        spec.delete(geom)
+    for mesh in missing.values():
+        spec.delete(mesh)
+
+
+def _folder(spec: Any) -> Path:
+    return Path(spec.modelfiledir) / spec.meshdir
+
+
+def _found(spec: Any, mesh: Any) -> bool:
+    return (_folder(spec) / mesh.file).is_file() or (Path(spec.modelfiledir) / mesh.file).is_file()
+
+
+def _files(path: Path, root: Path, seen: set[Path]) -> Iterator[Path]:
+    """Yield an XML file and every file that it names; ``root`` is the folder of the whole model."""
+    if path in seen or not path.is_file():
+        return
+    seen.add(path)
+    yield path
+    try:
+        tree = ElementTree.parse(path).getroot()
+    except ElementTree.ParseError:  # MuJoCo has the better message
+        return
+    compiler = {key: value for one in tree.iter("compiler") for key, value in one.attrib.items()}
+    for element in tree.iter():
+        name = element.get("file") or element.get("filename")
+        if name and element.tag == "include":
+            yield from _files(path.parent / name, root, seen)
+        elif name:
+            folder = compiler.get(_FOLDERS.get(element.tag, ""), compiler.get("assetdir", ""))
+            yield from (one for one in (root / folder / name, root / name) if one.is_file())

@@ -1,0 +1,279 @@
+"""The observation of a policy, term by term.
+
+The values of all terms stand in one vector x; then, as Isaac Lab does, each is clipped and scaled, and joins its
+history. A history begins filled with the first observation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import cos, pi, sin
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from s2r_mujoco.arrays import FloatArray, IntArray, Observation
+from s2r_mujoco.deploy.record import TERMS, Term
+from s2r_mujoco.plan import Plan
+from s2r_spec.errors import UsageError, did_you_mean, one_of
+
+_DOWN = np.array([0.0, 0.0, -1.0])
+
+Read = Callable[[int], Any]
+"""The value of a term at a control tick, from its number."""
+UserTerm = Callable[[Any, Any, FloatArray], Any]
+"""A user's own term: a function of model, data and command."""
+
+
+@dataclass
+class Memory:
+    """What a rollout remembers between two ticks: the command, and the last action."""
+
+    command: FloatArray
+    last_action: FloatArray
+
+
+@dataclass(frozen=True)
+class Part:
+    """A term with its width and its reader."""
+
+    term: Term
+    width: int
+    read: Read
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of its components, for messages and channels."""
+        name = self.term.sensor or self.term.name
+        return (name,) if self.width == 1 else tuple(f"{name}[{i}]" for i in range(self.width))
+
+
+def phases(term: Term, step: float) -> Read:
+    """Return the reader of a phase: sines and cosines of every start plus 2π f t."""
+    start, rate = term.start or (0.0,), 2.0 * pi * term.frequency * step
+    functions = [{"sin": sin, "cos": cos}[part] for part in term.parts or ("sin", "cos")]
+
+    def read(tick: int) -> list[float]:
+        return [function(one + rate * tick) for function in functions for one in start]
+
+    return read
+
+
+class Parts:
+    """Makes the parts of an observation for one model and its data."""
+
+    def __init__(self, plan: Plan, model: Any, data: Any, memory: Memory) -> None:
+        self._plan, self._model, self._data, self._memory = plan, model, data, memory
+        self._user: dict[str, UserTerm] = {}
+
+    def of(self, terms: Sequence[Term], users: dict[str, UserTerm]) -> tuple[Part, ...]:
+        """Return the parts of these terms; ``users`` has the function of each term of the user's own.
+
+        Raises:
+            UsageError: there is no such term, sensor or site.
+        """
+        self._user = users
+        return tuple(self._part(term) for term in terms)
+
+    def _part(self, term: Term) -> Part:
+        if term.name == "sensor":
+            return self._sensor(term)
+        if term.name == "phase":
+            parts, start = term.parts or ("sin", "cos"), term.start or (0.0,)
+            return Part(term, len(parts) * len(start), phases(term, self._plan.step))
+        if term.name in self._user:
+            return self._own(term)
+        if term.name in ("base_lin_vel", "base_ang_vel", "projected_gravity"):
+            return Part(term, 3, self._base(term))
+        chosen = np.array(term.joints or range(len(self._plan.joints)), dtype=np.intp)
+        n, positions, velocities = len(chosen), self._data.qpos, self._data.qvel
+        qpos, dof, pose = (
+            self._plan.joints.qpos[chosen],
+            self._plan.joints.dof[chosen],
+            self._plan.pose[chosen],
+        )
+        readers: dict[str, tuple[int, Read]] = {
+            "joint_pos": (n, lambda tick: positions[qpos]),
+            "joint_pos_rel": (n, lambda tick: positions[qpos] - pose),
+            "joint_vel": (n, lambda tick: velocities[dof]),
+            "joint_vel_rel": (n, lambda tick: velocities[dof]),
+            "last_action": (self._memory.last_action.size, lambda tick: self._memory.last_action),
+            "velocity_commands": (3, lambda tick: self._memory.command),
+        }
+        if term.name not in readers:
+            sensors = [self._model.sensor(i).name for i in range(self._model.nsensor)]
+            close = (
+                f'; write {{ sensor = "{term.name}" }}'
+                if term.name in sensors
+                else did_you_mean(term.name, TERMS)
+            )
+            raise UsageError(
+                f"{term.source}: there is no term {term.name!r}{close}; possible terms are {one_of(TERMS)}, a phase, a "
+                f"sensor, and file.py:function"
+            )
+        return Part(term, *readers[term.name])
+
+    def _sensor(self, term: Term) -> Part:
+        model = self._model
+        names = [model.sensor(i).name for i in range(model.nsensor)]
+        if term.sensor not in names:
+            raise UsageError(
+                f"{term.source}: the model has no sensor {term.sensor!r}{did_you_mean(term.sensor, names)}; "
+                f"it has {one_of(filter(None, names))}"
+            )
+        sensor = names.index(term.sensor)
+        first, width = int(model.sensor_adr[sensor]), int(model.sensor_dim[sensor])
+        values = self._data.sensordata[first : first + width]
+        return Part(term, width, lambda tick: values)
+
+    def _own(self, term: Term) -> Part:
+        function, model, data, memory = self._user[term.name], self._model, self._data, self._memory
+        width = int(np.size(function(model, data, memory.command)))
+        return Part(term, width, lambda tick: np.ravel(function(model, data, memory.command)))
+
+    def _base(self, term: Term) -> Read:
+        site = self._site(term)
+        if site >= 0:
+            return self._at_site(term, site)
+        if self._plan.root < 0:
+            raise UsageError(
+                f"{term.source}: {term.name} needs a body with a free joint, and the model has none"
+            )
+        first = int(self._model.body_jntadr[self._plan.root])
+        position, velocity = int(self._model.jnt_qposadr[first]), int(self._model.jnt_dofadr[first])
+        quaternion = self._data.qpos[position + 3 : position + 7]
+        # MuJoCo keeps the linear velocity of a free joint in world axes, and the angular one in body axes.
+        linear = self._data.qvel[velocity : velocity + 3]
+        angular = self._data.qvel[velocity + 3 : velocity + 6]
+        flat = np.zeros(9)
+        matrix, world = flat.reshape(3, 3), term.frame == "world"
+
+        def rotated(value: FloatArray, back: bool) -> Read:
+            def read(tick: int) -> FloatArray:
+                mujoco.mju_quat2Mat(flat, quaternion)
+                return value @ matrix if back else matrix @ value
+
+            return read
+
+        if term.name == "projected_gravity":
+            return rotated(_DOWN, back=True)
+        if term.name == "base_ang_vel":
+            return rotated(angular, back=False) if world else lambda tick: angular
+        return (lambda tick: linear) if world else rotated(linear, back=True)
+
+    def _at_site(self, term: Term, site: int) -> Read:
+        model, data, velocity = self._model, self._data, np.zeros(6)
+        if term.name == "projected_gravity":
+            matrix = data.site_xmat[site].reshape(3, 3)
+            return lambda tick: -matrix[2]
+        half = slice(0, 3) if term.name == "base_ang_vel" else slice(3, 6)
+
+        def read(tick: int) -> FloatArray:
+            mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_SITE, site, velocity, 1)
+            return velocity[half]
+
+        return read
+
+    def _site(self, term: Term) -> int:
+        if term.frame in ("body", "world"):
+            return -1
+        sites = [self._model.site(i).name for i in range(self._model.nsite)]
+        if term.frame not in sites:
+            raise UsageError(
+                f"{term.source}: frame = {term.frame!r} is not body, world or a site{did_you_mean(term.frame, sites)}; "
+                f"sites are {one_of(filter(None, sites))}"
+            )
+        return sites.index(term.frame)
+
+
+class Observer:
+    """Gives the observation of every control tick of one rollout after the other."""
+
+    def __init__(self, parts: tuple[Part, ...], plan: Plan) -> None:
+        self.parts = parts
+        ends = np.cumsum([0, *(part.width for part in parts)])
+        self._slices = [
+            (slice(a, b), part.read) for a, b, part in zip(ends[:-1], ends[1:], parts, strict=True)
+        ]
+        self._values = np.zeros(int(ends[-1]))
+        self._scale = self._across(lambda term: term.scale, 1.0)
+        self._first = self._limits(lambda term: term.clip if term.clip_first else None)
+        self._last = self._limits(lambda term: term.clip if not term.clip_first else None)
+        self._whole, self._from_zero = plan.observation_clip, plan.history_start == "zero"
+        self._order = self._history_order(plan)
+        self._history = np.zeros((max((part.term.history for part in parts), default=1), self._values.size))
+
+    @property
+    def width(self) -> int:
+        """Numbers in an observation, with histories."""
+        return self._values.size if self._order is None else self._order.size
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the components of the newest observation, without older ones."""
+        return tuple(name for part in self.parts for name in part.columns)
+
+    def read(self, tick: int) -> Observation:
+        """Return (width,) the observation at a control tick; tick 0 begins a rollout."""
+        values = self._values
+        for where, read in self._slices:
+            values[where] = read(tick)
+        scaled = values if self._first is None else np.clip(values, *self._first)
+        scaled = scaled * self._scale
+        if self._last is not None:
+            scaled = np.clip(scaled, *self._last)
+        if self._whole is not None:
+            scaled = np.clip(scaled, *self._whole)
+        if self._order is None:
+            return scaled.astype(np.float32)
+        history = self._history
+        if tick == 0:
+            history[:] = 0.0 if self._from_zero else scaled
+            history[-1] = scaled
+        else:
+            history[:-1] = history[1:]
+            history[-1] = scaled
+        return history.ravel()[self._order].astype(np.float32)
+
+    def _across(self, choose: Callable[[Term], tuple[float, ...]], default: float) -> FloatArray:
+        """Return one number for each component."""
+        found = []
+        for part in self.parts:
+            own = choose(part.term) or (default,)
+            if len(own) not in (1, part.width):
+                raise UsageError(
+                    f"{part.term.source}: the scale has {len(own)} numbers, and the term {part.term.name} {part.width}"
+                )
+            found.append(np.broadcast_to(own, part.width))
+        return np.concatenate(found) if found else np.zeros(0)
+
+    def _limits(
+        self, choose: Callable[[Term], tuple[float, float] | None]
+    ) -> tuple[FloatArray, FloatArray] | None:
+        if not any(choose(part.term) for part in self.parts):
+            return None
+        low = self._across(lambda term: (choose(term) or (-np.inf, np.inf))[:1], -np.inf)
+        return low, self._across(lambda term: (choose(term) or (-np.inf, np.inf))[1:], np.inf)
+
+    def _history_order(self, plan: Plan) -> IntArray | None:
+        """Return the indices into the history, oldest row first, in the order of the policy; None without history."""
+        lengths = [part.term.history for part in self.parts]
+        if all(length == 1 for length in lengths):
+            return None
+        depth, width = max(lengths), self._values.size
+        index = np.arange(depth * width).reshape(depth, width)
+        if plan.history_by == "time":
+            if len(set(lengths)) > 1:
+                raise UsageError(
+                    f"{self.parts[0].term.source}: a history by time needs the same length in every term, "
+                    f"and there are {one_of(map(str, set(lengths)))}"
+                )
+            newest_first = self.parts[0].term.newest_first
+            return (index[::-1] if newest_first else index).ravel().astype(np.intp)
+        blocks = []
+        for (where, _), part in zip(self._slices, self.parts, strict=True):
+            rows = index[depth - part.term.history :, where]
+            blocks.append((rows[::-1] if part.term.newest_first else rows).ravel())
+        return np.concatenate(blocks).astype(np.intp)

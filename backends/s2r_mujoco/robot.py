@@ -1,0 +1,277 @@
+"""A robot that was read from its files: what it declares, and the simulators of its tests."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from s2r_mujoco.channels import channels_of
+from s2r_mujoco.deploy import of_metadata, read_deployment
+from s2r_mujoco.deploy.record import Deployment
+from s2r_mujoco.description import COMMANDS, ParameterTable, read_description
+from s2r_mujoco.failure import Failures
+from s2r_mujoco.model import ModelFile
+from s2r_mujoco.observation import Memory, Observer, Part, Parts, UserTerm
+from s2r_mujoco.plan import make_plan
+from s2r_mujoco.rollout import Push, Record, Simulator
+from s2r_mujoco.start import draw, floors, start_pose
+from s2r_policy import Policy, open_policy
+from s2r_spec.backend import LoadedCode, Parameter, load_code
+from s2r_spec.errors import UsageError, did_you_mean, one_of
+
+UNITS = {
+    "mass": "kg", "frictionloss": "N*m", "armature": "kg*m^2", "damping": "N*m*s/rad", "stiffness": "N*m/rad",
+    "timestep": "s", "gravity": "m/s^2", "pos": "m", "size": "m", "range": "rad", "ref": "rad", "springref": "rad",
+    "actfrcrange": "N*m", "density": "kg/m^3", "wind": "m/s",
+}  # fmt: skip
+"""Definition: attribute of a field → its unit where `unit` is missing, for hinges; another attribute has none."""
+KEPT = 4
+"""Budget: compiled models that a process keeps, one for each test with other fields."""
+
+
+@dataclass(frozen=True)
+class TestParameter:
+    """A parameter of a test with its place in the robot; ``limited`` tells whether a file states its range."""
+
+    declared: Parameter
+    limited: bool
+
+
+class Robot:
+    """A robot from its files. Making it reads every file, compiles the model, and runs no code of the user."""
+
+    def __init__(self, path: Path) -> None:
+        self.description = read_description(path)
+        table = self.description.table
+        self.name = path.name
+        self.policy = self._open_policy(table.policy)
+        self.deployment = self._deployment(table.deploy)
+        self.file = self._model_file()
+        model = self.file.compile()
+        self.plan = make_plan(self.description, self.deployment, model)
+        self.model = model
+        if (
+            self.plan.root >= 0
+            and not floors(model)
+            and not any(model.geom_type == int(mujoco.mjtGeom.mjGEOM_HFIELD))
+        ):
+            raise UsageError(
+                f"{self.name}: the model has a free base and no floor to stand on; write floor = true, or name a scene "
+                f"with a floor in `model`"
+            )
+        self.parts = self._known_parts()
+        self._refuse_width()
+        width = None if self.policy is None else self._width
+        columns = tuple(f"{i}" for i in range(width)) if width else ()
+        self.computed = channels_of(model, self.plan, columns, acts=self.policy is None)
+        self.channels = tuple(one.channel for one in self.computed)
+        self.failures = Failures(table.failure, self.channels, self.name)
+        self.parameters = {one.declared.name: one for one in self._parameters()}
+
+    # -- files ----------------------------------------------------------------------------------------------------
+
+    def _open_policy(self, name: str) -> Policy | None:
+        """Return the trained policy; None for a controller in Python."""
+        if not name:
+            raise UsageError(
+                f'{self.name} names no controller; write policy = "policy.onnx", or "control.py:act"'
+            )
+        return None if ".py:" in name else open_policy(self.description.beside(name))
+
+    def _deployment(self, name: str) -> Deployment:
+        if name:
+            return read_deployment(self.description.beside(name))
+        metadata = {} if self.policy is None else self.policy.metadata
+        return of_metadata(metadata, self.description.table.policy) or Deployment(self.name)
+
+    def _model_file(self) -> ModelFile:
+        table = self.description.table
+        name = table.model or self.deployment.model
+        if not name:
+            raise UsageError(f'{self.name} names no model; write model = "scene.xml"')
+        return ModelFile(
+            self.description.beside(name), table.floor, table.timestep or self.deployment.timestep
+        )
+
+    @cached_property
+    def code(self) -> dict[str, LoadedCode]:
+        """The user's own code by its name in the file: the controller and the terms. It runs when it is loaded."""
+        names = [term.name for term in self.plan.terms if ".py:" in term.name]
+        names += [self.description.table.policy] if self.policy is None else []
+        return {name: load_code(name, self.description.path.parent) for name in names}
+
+    def digest(self, extra: str) -> str:
+        """Return the hash over all files, versions and this package's source."""
+        total = hashlib.sha256(extra.encode())
+        total.update(f"mujoco {version('mujoco')} numpy {version('numpy')}".encode())
+        total.update(b"" if self.policy is None else self.policy.digest.encode())
+        for code in self.code.values():
+            total.update(code.digest.encode())
+        here = Path(__file__).parent
+        sources = [path for path in sorted(here.rglob("*.py")) if path.name not in _ONLOOKERS]
+        for path in (self.description.path, *self.deployment.files, *self.file.files, *sources):
+            total.update(path.read_bytes())
+        return total.hexdigest()
+
+    # -- declarations ---------------------------------------------------------------------------------------------
+
+    def _known_parts(self) -> tuple[Part, ...] | None:
+        """Return the parts of the observation; None if a term of the user's own has a width that only a call tells."""
+        if self.policy is None:
+            return ()
+        if not self.plan.terms:
+            raise UsageError(
+                f'{self.name}: no file lists the terms of the observation; write observation = ["base_ang_vel", …]'
+            )
+        if any(".py:" in term.name for term in self.plan.terms):
+            return None
+        data, memory = mujoco.MjData(self.model), Memory(np.zeros(3), np.zeros(len(self.plan.law.moved)))
+        return Parts(self.plan, self.model, data, memory).of(self.plan.terms, {})
+
+    @property
+    def _width(self) -> int | None:
+        return (
+            Observer(self.parts, self.plan).width
+            if self.parts
+            else self.policy.width
+            if self.policy
+            else None
+        )
+
+    def _refuse_width(self) -> None:
+        """Refuse a policy whose input or output has another width than the files say."""
+        if self.policy is None:
+            return
+        width, wanted, name = self._width, self.policy.width, self.description.table.policy
+        if self.parts and wanted is not None and wanted != width:
+            terms = ", ".join(
+                f"{p.term.sensor or p.term.name} {p.width * p.term.history}" for p in self.parts
+            )
+            raise UsageError(f"{name} takes {wanted} numbers, but the observation has {width}: {terms}")
+        moved = len(self.plan.law.moved)
+        if self.policy.outputs not in (None, moved):
+            raise UsageError(
+                f"{name} returns {self.policy.outputs} numbers, but the files name {moved} joints: "
+                f"{', '.join(self.plan.joints.names)}; list those of the policy in `action.joints`"
+            )
+
+    def _parameters(self) -> list[TestParameter]:
+        found = []
+        for name, command in self.plan.commands.items():
+            if command.parameter:
+                limits = command.range or self.plan.ranges.get(name)
+                found.append(_declared(command.parameter, COMMANDS[name], limits, 0.0, f"command of {name}"))
+        for name, table in self.description.table.parameters.items():
+            found.append(self._parameter(name, table))
+        return found
+
+    def _parameter(self, name: str, table: ParameterTable) -> TestParameter:
+        if table.push:
+            unit = "N" if table.unit is None else table.unit
+            words = f"force on {table.push} from {table.at:g} s on, for {table.lasts:g} s"
+            self._body(table.push, f"{self.name}: parameters.{name}")
+            return _declared(name, unit, table.range, 0.0, words)
+        value = self.file.value(table.change)
+        attribute = table.field.split("/")[-1 if table.field.startswith("option") else 2]
+        unit = (
+            ("" if table.how == "scale" else UNITS.get(attribute, "")) if table.unit is None else table.unit
+        )
+        default = {"set": value, "add": 0.0, "scale": 1.0}[table.how]
+        return _declared(name, unit, table.range, default, f"{table.how} {table.field}")
+
+    def _body(self, name: str, source: str) -> int:
+        names = [self.model.body(body).name for body in range(self.model.nbody)]
+        if name not in names:
+            raise UsageError(
+                f"{source}: the model has no body {name!r}{did_you_mean(name, names)}; it has {one_of(names)}"
+            )
+        return names.index(name)
+
+    # -- rollouts -------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def simulator(self) -> Any:
+        """The function from values of fields to a simulator; a process keeps the last ones."""
+        users: dict[str, UserTerm] = {
+            name: code.value for name, code in self.code.items() if self._is_term(name)
+        }
+
+        @lru_cache(maxsize=KEPT)
+        def made(fields: tuple[tuple[str, float], ...]) -> Simulator:
+            tables = self.description.table.parameters
+            model = self.file.compile({tables[name].change: value for name, value in fields})
+            return Simulator(model, self.plan, users)
+
+        return made
+
+    def _is_term(self, name: str) -> bool:
+        return any(term.name == name for term in self.plan.terms)
+
+    def run(self, values: Mapping[str, float], seed: int, ticks: int) -> Record:
+        """Run one test from its values, which has every parameter."""
+        tables, table = self.description.table.parameters, self.description.table
+        fields = tuple(
+            (name, values[name])
+            for name, one in tables.items()
+            if one.field and values[name] != self.parameters[name].declared.default
+        )
+        simulator = self.simulator(fields)
+        command = {
+            name: values[one.parameter] if one.parameter else one.value
+            for name, one in self.plan.commands.items()
+        }
+        pushes = [self._push(one, values[name]) for name, one in tables.items() if one.push]
+        pose = start_pose(simulator.model, self.plan, table.start, self.name)
+        position, velocity = draw(simulator.model, self.plan, table.start, seed)
+        simulator.begin(pose + position, velocity, command, self.plan.key)
+        if self.policy is not None:
+            self.policy.reset()
+            record: Record = simulator.run(self.policy, ticks, pushes)
+            return record
+        value = self.code[table.policy].value
+        function = value() if isinstance(value, type) else value
+        record = simulator.act(getattr(function, "act", function), ticks, pushes)
+        return record
+
+    def _push(self, table: ParameterTable, force: float) -> Push:
+        step, body = self.plan.step, self._body(table.push, self.name)
+        first = round(table.at / step)
+        direction = np.array(table.direction) / np.linalg.norm(table.direction)
+        return Push(body, force * direction, first, first + max(1, round(table.lasts / step)))
+
+
+_ONLOOKERS = {"preflight.py", "new.py", "pictures.py"}
+"""Definition: source files without influence on a trace."""
+
+
+def _declared(name: str, unit: str, limits: Any, default: float, words: str) -> TestParameter:
+    low, high = limits or (default, default)
+    return TestParameter(
+        Parameter(name, unit, low, high, min(max(default, low), high), words), limits is not None
+    )
+
+
+@lru_cache(maxsize=KEPT)
+def _read(path: Path, stamp: tuple[int, int]) -> Robot:
+    return Robot(path)
+
+
+def read_robot(path: Path) -> Robot:
+    """Return the robot of a file; the same object until the file changes.
+
+    Raises:
+        UsageError: a file is missing, or is wrong; see :class:`Robot`.
+    """
+    try:
+        status = path.stat()
+    except OSError as error:
+        raise UsageError(f"cannot read the robot file {path}: {error.strerror or error}") from None
+    return _read(path.resolve(), (status.st_mtime_ns, status.st_size))

@@ -1,0 +1,195 @@
+"""One rollout: model, policy and recorder, from the start pose to the end or to a failure.
+
+A control tick reads ``data`` as ``mj_step`` left it, as deployment scripts do: positions and velocities are those of
+the tick, and sensors and site frames those of the physics step before it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+
+from s2r_mujoco import drive
+from s2r_mujoco.arrays import FloatArray, Observation
+from s2r_mujoco.observation import Memory, Observer, Parts, UserTerm
+from s2r_mujoco.plan import Plan
+from s2r_spec.errors import BackendError
+
+UNSTABLE = "unstable"
+"""Definition: failure of a rollout whose state is no longer finite, or about which MuJoCo warns."""
+
+
+class Push(NamedTuple):
+    """A constant force on a body: its number, force in world axes [N], first tick and the tick after the last."""
+
+    body: int
+    force: FloatArray
+    first: int
+    end: int
+
+
+@dataclass
+class Record:
+    """The samples of a rollout, one row a control tick; ``n`` is the number of ticks.
+
+    Attributes:
+        qpos: (n, nq); qvel: (n, nv); torque: (n, nv) of the actuators on the degrees of freedom.
+        sensors: (n, nsensordata); observation: (n, width); action: (n, outputs); target: (n, joints or controls).
+        command: (3,) the velocity command.
+        unstable: whether the last tick is the last finite one.
+    """
+
+    qpos: FloatArray
+    qvel: FloatArray
+    torque: FloatArray
+    sensors: FloatArray
+    observation: Observation
+    action: FloatArray
+    target: FloatArray
+    command: FloatArray
+    unstable: bool = False
+
+    def __len__(self) -> int:
+        return len(self.qpos)
+
+    def cut(self, ticks: int) -> Record:
+        """Return the first ticks."""
+        rows = {
+            name: value[:ticks] for name, value in vars(self).items() if name not in ("command", "unstable")
+        }
+        return Record(**rows, command=self.command, unstable=self.unstable)
+
+
+Policy = Callable[[Observation], Any]
+Act = Callable[[Any, Any, FloatArray], Any]
+"""A controller in Python: model, data and command → controls."""
+
+
+class Simulator:
+    """A compiled model with its observer, policy and actuators. A rollout depends on its arguments alone."""
+
+    def __init__(self, model: Any, plan: Plan, users: dict[str, UserTerm]) -> None:
+        drive.prepare_actuators(model, plan)
+        self.model, self.plan, self.data = model, plan, mujoco.MjData(model)
+        self.memory = Memory(np.zeros(3), np.zeros(len(plan.law.moved)))
+        mujoco.mj_forward(model, self.data)
+        self.observer = Observer(Parts(plan, model, self.data, self.memory).of(plan.terms, users), plan)
+        self._apply, self._every_step = drive.writer(model, self.data, plan)
+
+    def begin(self, qpos: FloatArray, qvel: FloatArray, command: Mapping[str, float], key: int) -> None:
+        """Reset the state; the control of an actuator without a joint of the policy is that of the keyframe."""
+        mujoco.mj_resetData(self.model, self.data)
+        if key >= 0:
+            self.data.ctrl[:] = self.model.key_ctrl[key]
+            self.data.act[:] = self.model.key_act[key]
+        self.data.qpos[:], self.data.qvel[:] = qpos, qvel
+        self.memory.command[:] = list(command.values())
+        self.memory.last_action[:] = 0.0
+        mujoco.mj_forward(self.model, self.data)
+
+    def run(self, policy: Policy, ticks: int, pushes: Sequence[Push] = ()) -> Record:
+        """Run a trained policy from the state of :meth:`begin`, and record ``ticks`` control ticks.
+
+        Raises:
+            BackendError: the policy returned another width, or a number that is not finite from finite ones.
+        """
+        law, memory, observe = self.plan.law, self.memory, self.observer.read
+        record = self._empty(ticks, self.observer.width, len(law.moved), len(self.plan.joints))
+        scale, offset, low_high, clip = law.scale, law.offset, law.clip_action, law.clip_target
+        some, last_action = len(law.moved) < len(self.plan.joints), memory.last_action
+        for tick in range(ticks):
+            observation = observe(tick)
+            action = policy(observation)
+            if not isfinite(action.sum()):
+                return self._not_finite(record, tick, observation)
+            last_action[:] = action if low_high is None else np.clip(action, *low_high)
+            target = offset + scale * last_action
+            if clip is not None:
+                target = np.clip(target, *clip)
+            if some:
+                whole = self.plan.pose.copy()
+                whole[law.moved] = target
+                target = whole
+            record.observation[tick], record.action[tick] = observation, action
+            self._tick(record, tick, target, pushes, last=tick == ticks - 1)
+        return self._checked(record)
+
+    def act(self, function: Act, ticks: int, pushes: Sequence[Push] = ()) -> Record:
+        """Run a controller in Python, which returns the controls, as :meth:`run` does."""
+        nu, data, model, command = self.model.nu, self.data, self.model, self.memory.command
+        record = self._empty(ticks, 0, nu, nu)
+        for tick in range(ticks):
+            control = np.asarray(function(model, data, command), dtype=np.float64).ravel()
+            if control.size != nu:
+                raise BackendError(
+                    f"the controller returned {control.size} numbers, and the model has {nu} actuators"
+                )
+            if not np.isfinite(control).all():
+                return self._not_finite(record, tick, None)
+            record.action[tick] = control
+            data.ctrl[:] = control
+            self._tick(record, tick, control, pushes, last=tick == ticks - 1)
+        return self._checked(record)
+
+    def _empty(self, ticks: int, width: int, actions: int, targets: int) -> Record:
+        model = self.model
+
+        def rows(size: int) -> FloatArray:
+            return np.zeros((ticks, size))
+
+        return Record(
+            qpos=rows(model.nq),
+            qvel=rows(model.nv),
+            torque=rows(model.nv),
+            sensors=rows(model.nsensordata),
+            observation=np.zeros((ticks, width), dtype=np.float32),
+            action=rows(actions),
+            target=rows(targets),
+            command=self.memory.command.copy(),
+        )
+
+    def _tick(
+        self, record: Record, tick: int, target: FloatArray, pushes: Sequence[Push], last: bool
+    ) -> None:
+        """Record the tick, and take its physics steps; after the last tick only one, for its torques."""
+        model, data, plan = self.model, self.data, self.plan
+        for push in pushes:
+            data.xfrc_applied[push.body, :3] = push.force if push.first <= tick < push.end else 0.0
+        record.qpos[tick], record.qvel[tick] = data.qpos, data.qvel
+        record.sensors[tick], record.target[tick] = data.sensordata, target
+        if record.observation.shape[1]:
+            self._apply(target)
+        mujoco.mj_step(model, data)
+        record.torque[tick] = data.qfrc_actuator
+        rest = 0 if last else plan.decimation - 1
+        if not rest:
+            return
+        if not (self._every_step and record.observation.shape[1]):
+            mujoco.mj_step(model, data, nstep=rest)
+            return
+        for _ in range(rest):
+            self._apply(target)
+            mujoco.mj_step(model, data)
+
+    def _not_finite(self, record: Record, tick: int, observation: Observation | None) -> Record:
+        """Return the record up to the last finite state; a BackendError if the controller alone is at fault."""
+        finite = np.isfinite(self.data.qpos).all() and np.isfinite(self.data.qvel).all()
+        if finite and (observation is None or np.isfinite(observation).all()):
+            at = tick * self.plan.step
+            raise BackendError(f"the controller returned a number that is not finite at t = {at:g} s")
+        record.unstable = True
+        return self._checked(record.cut(max(tick, 1)))
+
+    def _checked(self, record: Record) -> Record:
+        """Cut a record where the state is no longer finite, and report MuJoCo's warnings as instability."""
+        finite = np.isfinite(record.qpos).all(axis=1) & np.isfinite(record.qvel).all(axis=1)
+        if not finite.all():
+            record = record.cut(max(int(np.argmin(finite)), 1))
+            record.unstable = True
+        record.unstable |= bool(self.data.warning.number.any())
+        return record
