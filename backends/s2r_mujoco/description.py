@@ -39,6 +39,8 @@ def _seconds(value: Any) -> Any:
 
 
 Numbers = Annotated[tuple[float, ...], BeforeValidator(_several)]
+PerJoint = Annotated[tuple[float, ...] | dict[str, float], BeforeValidator(_several)]
+"""One number, one a joint in policy order, or a table from names of joints, as regular expressions, to numbers."""
 Limits = Annotated[tuple[float, float], BeforeValidator(_both)]
 Seconds = Annotated[float, BeforeValidator(_seconds), Field(ge=0.0)]
 Range = tuple[float, float]
@@ -61,6 +63,7 @@ class TermTable(_Table):
     clip: Limits | None = None
     history: int = Field(default=1, ge=1)
     frame: str = "body"
+    joints: tuple[str, ...] = ()
 
     @model_validator(mode="after")
     def _one(self) -> Self:
@@ -71,23 +74,25 @@ class TermTable(_Table):
     def read(self, source: str) -> Term:
         """Return the term; ``source`` is its place, for messages."""
         name = self.term or ("sensor" if self.sensor else "phase")
-        shared = {"scale": self.scale, "clip": self.clip, "history": self.history, "frame": self.frame}
+        shared = {name: getattr(self, name) for name in ("scale", "clip", "history", "frame")} | {
+            "names": self.joints
+        }
         if self.phase is None:
-            return Term(name, sensor=self.sensor, source=source, **shared)  # type: ignore[arg-type]
+            return Term(name, sensor=self.sensor, source=source, **shared)
         frequency = self.phase if self.unit == "Hz" else 1.0 / self.phase
-        return Term(name, frequency=frequency, start=self.start, parts=self.parts, source=source, **shared)  # type: ignore[arg-type]
+        return Term(name, frequency=frequency, start=self.start, parts=self.parts, source=source, **shared)
 
 
 class ActionTable(_Table):
     """How an action becomes a target of the joints, and a target a torque."""
 
-    scale: Numbers = ()
-    offset: Numbers = ()
+    scale: PerJoint = ()
+    offset: PerJoint = ()
     clip: Limits | None = None
     joints: tuple[str, ...] = ()
     pd: Literal["explicit", "implicit"] | None = None
-    stiffness: Numbers = ()
-    damping: Numbers = ()
+    stiffness: PerJoint = ()
+    damping: PerJoint = ()
 
 
 class CommandTable(_Table):
@@ -153,6 +158,7 @@ class RobotFile(_Table):
     duration: float = Field(default=5.0, gt=0)
     observation: tuple[str | TermTable, ...] = ()
     observation_clip: Limits | None = None
+    default_joint_pos: PerJoint = ()
     history_by: Literal["term", "time"] | None = None
     action: ActionTable = ActionTable()
     command: dict[str, float | str | CommandTable] = {}

@@ -6,6 +6,7 @@ refused unless the counts agree and the default pose lies within the limits of t
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -102,6 +103,29 @@ def by_names(model: Any, wanted: Sequence[str], source: str) -> list[int]:
         twice = next(name for name in wanted if list(wanted).count(name) > 1)
         raise UsageError(f"{source}: the joint {twice!r} stands twice in the list of joints")
     return [known[name] for name in wanted]
+
+
+def matches(pattern: str, name: str, source: str) -> bool:
+    """Return whether a regular expression fits a whole name; a UsageError if it is none."""
+    try:
+        return re.fullmatch(pattern, name) is not None
+    except re.error as error:
+        raise UsageError(f"{source}: {pattern!r} is not a regular expression: {error}") from None
+
+
+def by_patterns(model: Any, patterns: Sequence[str], source: str) -> list[int]:
+    """Return the joints whose names fit one of the regular expressions, in the model's order.
+
+    Raises:
+        UsageError: an expression fits no joint.
+    """
+    known = {name_of(model, joint): joint for joint in scalar_joints(model)}
+    for pattern in patterns:
+        if not any(matches(pattern, name, source) for name in known):
+            raise UsageError(
+                f"{source}: the model has no joint {pattern!r}{did_you_mean(pattern, known)}; it has {one_of(known)}"
+            )
+    return [joint for name, joint in known.items() if any(matches(one, name, source) for one in patterns)]
 
 
 def by_map(model: Any, deployment: Deployment) -> list[int]:

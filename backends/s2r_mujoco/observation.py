@@ -14,6 +14,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from s2r_mujoco import joints as joint_order
 from s2r_mujoco.arrays import FloatArray, IntArray, Observation
 from s2r_mujoco.deploy.record import TERMS, Term
 from s2r_mujoco.plan import Plan
@@ -114,6 +115,16 @@ class Parts:
                 f"sensor, and file.py:function"
             )
         return Part(term, *readers[term.name])
+
+    def _joints(self, term: Term) -> tuple[IntArray, IntArray]:
+        """Return the indices of positions and velocities that a joint term reads."""
+        if term.names:
+            joints = joint_order.named(
+                self._model, joint_order.by_patterns(self._model, term.names, term.source)
+            )
+            return joints.qpos, joints.dof
+        chosen = np.array(term.joints or range(len(self._plan.joints)), dtype=np.intp)
+        return self._plan.joints.qpos[chosen], self._plan.joints.dof[chosen]
 
     def _sensor(self, term: Term) -> Part:
         model = self._model

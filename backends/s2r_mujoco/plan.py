@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from s2r_mujoco import joints as joint_order
 from s2r_mujoco.arrays import FloatArray, IntArray
 from s2r_mujoco.deploy.record import Deployment, Term
-from s2r_mujoco.description import COMMANDS, CommandTable, Description
+from s2r_mujoco.description import COMMANDS, CommandTable, Description, PerJoint
 from s2r_mujoco.joints import Joints
 from s2r_spec.errors import UsageError, did_you_mean, one_of
 
@@ -70,7 +70,8 @@ class Plan:
 
     Attributes:
         joints: the joints of the policy.
-        pose: (n,) default position of each.
+        home: (nq,) default configuration of the model.
+        pose: (n,) default position of each joint of the policy.
         terms: the terms of the observation.
         history_by: ``term`` or ``time``, the outer order of an observation with history.
         history_start: ``first`` or ``zero``, with which a history is filled at t = 0.
@@ -85,6 +86,7 @@ class Plan:
     """
 
     joints: Joints
+    home: FloatArray
     pose: FloatArray
     terms: tuple[Term, ...]
     history_by: str
@@ -106,14 +108,19 @@ def make_plan(description: Description, deployment: Deployment, model: Any) -> P
         UsageError: the files contradict each other, or lack something that a rollout needs.
     """
     table, name = description.table, description.path.name
-    key = _keyframe(model, table.keyframe, name, bool(deployment.joint_pos))
+    default = table.default_joint_pos or deployment.joint_pos
+    key = _keyframe(model, table.keyframe, name, bool(default))
     joints = _joints(model, table.action.joints, deployment, name)
-    pose = _pose(model, joints, deployment, key)
-    if deployment.joint_pos:
-        joint_order.refuse_unfit(joints, pose, deployment.source)
+    source = f"{name}: default_joint_pos" if table.default_joint_pos else deployment.source
+    stated = spread(default, joints.names, source)
+    home = _home(model, joints, stated, key)
+    pose = home[joints.qpos]
+    if stated is not None:
+        joint_order.refuse_unfit(joints, pose, source)
     decimation, step = _period(table.decimation, deployment.step, float(model.opt.timestep), name)
     return Plan(
         joints=joints,
+        home=home,
         pose=pose,
         terms=_terms(description, deployment),
         history_by=table.history_by or deployment.history_by,
@@ -172,11 +179,12 @@ def _joints(model: Any, wanted: Sequence[str], deployment: Deployment, source: s
     return joints
 
 
-def _pose(model: Any, joints: Joints, deployment: Deployment, key: int) -> FloatArray:
-    if deployment.joint_pos:
-        return np.array(deployment.joint_pos)
-    whole = model.qpos0 if key < 0 else model.key_qpos[key]
-    return np.array(whole[joints.qpos], dtype=np.float64)
+def _home(model: Any, joints: Joints, stated: FloatArray | None, key: int) -> FloatArray:
+    """Return (nq,) the default configuration: that of the files for the joints of the policy, else of the model."""
+    home = np.array(model.qpos0 if key < 0 else model.key_qpos[key], dtype=np.float64)
+    if stated is not None:
+        home[joints.qpos] = stated
+    return home
 
 
 def _period(decimation: int | None, step: float | None, timestep: float, source: str) -> tuple[int, float]:
@@ -253,21 +261,22 @@ def _law(
 ) -> Law:
     action, name, n = description.table.action, description.path.name, len(joints)
     kind = tuple(kind_of(model, int(actuator)) for actuator in joints.actuators)
-    stiffness = spread(action.stiffness or deployment.stiffness, n, f"{name}: action.stiffness")
-    damping = spread(action.damping or deployment.damping, n, f"{name}: action.damping")
+    stiffness = spread(action.stiffness or deployment.stiffness, joints.names, f"{name}: action.stiffness")
+    damping = spread(action.damping or deployment.damping, joints.names, f"{name}: action.damping")
     if stiffness is not None and "other" in kind:
         other = joints.names[kind.index("other")]
         raise UsageError(
             f"{name}: gains need a position or a torque actuator, and the actuator of {other} is neither"
         )
     moved = np.array(deployment.action_joints or range(n), dtype=np.intp)
+    names = [joints.names[i] for i in moved]
     speed = np.isin(np.arange(n), deployment.velocity_joints)
     position = np.array([stiffness is not None or one == "position" for one in kind]) & ~speed
-    scale = spread(action.scale or deployment.action_scale or (1.0,), len(moved), f"{name}: action.scale")
-    offset = spread(action.offset or deployment.action_offset, len(moved), f"{name}: action.offset")
-    limit = spread(deployment.torque_limit, n, f"{deployment.source}: torque limits")
-    clip = _clip(deployment.action_clip, len(moved), deployment.source)
-    own = _clip((action.clip,) if action.clip else (), len(moved), name)
+    scale = spread(action.scale or deployment.action_scale or (1.0,), names, f"{name}: action.scale")
+    offset = spread(action.offset or deployment.action_offset, names, f"{name}: action.offset")
+    limit = spread(deployment.torque_limit, joints.names, f"{deployment.source}: torque limits")
+    clip = _clip(deployment.action_clip, names, deployment.source)
+    own = _clip((action.clip,) if action.clip else (), names, name)
     assert scale is not None
     return Law(
         scale=scale,
@@ -285,26 +294,36 @@ def _law(
 
 
 def _clip(
-    pairs: Sequence[tuple[float, float]], count: int, source: str
+    pairs: Sequence[tuple[float, float]], names: Sequence[str], source: str
 ) -> tuple[FloatArray, FloatArray] | None:
     if not pairs:
         return None
     low, high = (
-        spread([one[side] for one in pairs], count, f"{source}: the action's clip") for side in (0, 1)
+        spread(tuple(one[side] for one in pairs), names, f"{source}: the action's clip") for side in (0, 1)
     )
     assert low is not None
     assert high is not None
     return low, high
 
 
-def spread(values: Sequence[float], count: int, source: str) -> FloatArray | None:
-    """Return (count,) values from one number or one a joint; None from none.
+def spread(values: PerJoint, names: Sequence[str], source: str) -> FloatArray | None:
+    """Return (n,) values of joints from one number, one a joint, or a table by regular expressions; None from none.
 
     Raises:
-        UsageError: there is another number of values.
+        UsageError: there is another number of values, or a joint has no value or two.
     """
     if not values:
         return None
-    if len(values) not in (1, count):
-        raise UsageError(f"{source} has {len(values)} numbers, but the policy moves {count} joints")
-    return np.full(count, values[0]) if len(values) == 1 else np.array(values, dtype=np.float64)
+    if isinstance(values, Mapping):
+        return np.array([_value(values, name, source) for name in names])
+    if len(values) not in (1, len(names)):
+        raise UsageError(f"{source} has {len(values)} numbers, but the policy moves {len(names)} joints")
+    return np.full(len(names), values[0]) if len(values) == 1 else np.array(values, dtype=np.float64)
+
+
+def _value(values: Mapping[str, float], name: str, source: str) -> float:
+    fitting = [pattern for pattern in values if joint_order.matches(pattern, name, source)]
+    if len(fitting) != 1:
+        found = " and ".join(map(repr, fitting)) or "no key"
+        raise UsageError(f"{source}: {found} fits the joint {name}; exactly one key must fit each joint")
+    return values[fitting[0]]

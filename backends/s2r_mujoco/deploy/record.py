@@ -57,6 +57,7 @@ class Term:
     parts: tuple[str, ...] = ()  # "sin", "cos", in this order, each over all phases
     frame: str = "body"  # or "world"
     joints: tuple[int, ...] = ()  # indices in policy order of a joint term; () all of them
+    names: tuple[str, ...] = ()  # instead: joints of the model, by regular expressions
     group: str = ""  # the policy's input that has this term; "" where the policy has one
     source: str = ""  # place in the file, for messages: "deploy.yaml: observations.base_ang_vel"
 
