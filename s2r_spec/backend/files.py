@@ -15,7 +15,7 @@ import sys
 import sysconfig
 import traceback
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from functools import cache
 from hashlib import sha256
@@ -107,6 +107,27 @@ class _Finder:
         )
 
 
+_CODE = r"((?:[A-Za-z]:[\\/])?[^:]*\.py|\w+(?:\.\w+)*)(?::([\w.]*))?"
+"""Definition: PATH.py:NAME or module:NAME."""
+
+
+def split_options(text: str) -> tuple[str, str]:
+    """Return ``PATH.py:NAME`` and the options of ``PATH.py:NAME:OPTIONS``; the same of a module."""
+    match = re.fullmatch(rf"(?s)(?P<code>{_CODE})(?::(?P<options>.*))?", text)
+    return (match["code"], match["options"] or "") if match else (text, "")
+
+
+def names_code(text: str) -> bool:
+    """Return whether a text names a Python file, or an object in a module that is there; imports nothing."""
+    match = re.fullmatch(_CODE, split_options(text)[0])
+    if match is None or match[1].endswith(".py"):
+        return match is not None
+    top, places = match[1].partition(".")[0], (None, [str(Path())])
+    return match[2] is not None and (
+        top in sys.modules or any(PathFinder.find_spec(top, place) is not None for place in places)
+    )
+
+
 def _split(text: str) -> tuple[str, str]:
     place, _, name = text.rpartition(":")
     return (text, "") if name.endswith(".py") else (place, name) if place else (text, "")
@@ -119,7 +140,8 @@ def _locate(place: str, folder: Path) -> tuple[str, Path, str]:
         if not path.is_file():
             near = [one.name for one in path.parent.glob("*.py")]
             raise UsageError(
-                f"no file {place} in {folder.absolute()}{suggest(path.name, near)} give a path to it"
+                f"no file {place} in {folder.absolute()}{suggest(path.name, near)} "
+                f"give its path, or start s2r in its folder"
             )
         stem = re.sub(r"\W", "_", path.stem, flags=re.ASCII)
         module = f"{stem}_{sha256(str(path).encode()).hexdigest()[:12]}"
@@ -304,7 +326,8 @@ def _where(spec: ModuleSpec | None) -> Path | None:
 def _explaining(label: str, path: Path) -> Iterator[None]:
     """Raise one UsageError for whatever the code of a file raises while it is loaded."""
     try:
-        yield
+        with redirect_stdout(sys.stderr):  # what it prints must not be among the lines of --json
+            yield
     except (KeyboardInterrupt, UsageError):
         raise
     except BaseException as error:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Self
 
-from s2r_spec.backend import Backend, Channel, Needs, NeedsSpec, Parameter, is_exclusive
+from s2r_spec.backend import Backend, Channel, Needs, NeedsSpec, Parameter, installed, is_exclusive
 from s2r_spec.base.errors import BackendError, S2RError, UsageError
 from s2r_spec.runs.compatibility import check_compatibility
 from s2r_spec.runs.passed import PassedBackend
@@ -105,6 +105,8 @@ class Scorer:
 def open_system(backend: str | Backend, duration: float | None) -> tuple[str, Backend]:
     """Return the name of a backend, and the backend with rollouts of ``duration`` seconds if that is given."""
     if isinstance(backend, str):
+        if backend.partition(":")[0] not in installed():
+            open_backend.cache_clear()  # a file may have changed since an earlier run of this process
         return backend, open_backend(backend, duration)
     return backend.name, with_rollout_duration(backend, backend.name, duration)
 

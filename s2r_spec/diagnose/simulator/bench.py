@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, as_completed
 from contextlib import contextmanager
@@ -15,6 +14,7 @@ import numpy as np
 
 from s2r_spec.backend import Backend, Effect, HasDuration, HasEffects, HasVariants, is_exclusive, load_backend
 from s2r_spec.backend.effects import catalogue_of
+from s2r_spec.backend.files import pack, unpack
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.documentation import page
 from s2r_spec.base.errors import BackendError, UsageError
@@ -189,7 +189,7 @@ def name_rollout(bench: Bench, values: Values, test: Test, seed: int) -> Iterato
         ) from None
 
 
-_unpickle = lru_cache(1)(pickle.loads)
+_unpickle = lru_cache(1)(unpack)
 
 
 def _run_pickled(bench: bytes, job: Job, read: Read) -> FloatArray:
@@ -256,6 +256,6 @@ def travels(bench: Bench) -> bool:
 
 def _pickle(bench: Bench) -> bytes | None:
     try:
-        return pickle.dumps(replace(bench, pool=None, progress=None))
+        return pack(replace(bench, pool=None, progress=None))
     except Exception:
         return None
