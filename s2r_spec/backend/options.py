@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable, Mapping
 
 from s2r_spec.backend.effects import Choice, choose, read_word
 from s2r_spec.backend.model import Effect
-from s2r_spec.base.errors import UsageError, did_you_mean, one_of, suggest
+from s2r_spec.base.errors import UsageError, one_of, suggest
 
 
 def read_options(
@@ -30,25 +30,25 @@ def read_options(
     """
     settings: dict[str, str] = {}
     choice, catalogue = before, tuple(catalogue)
-    known = [*options, *(f"{effect.name}.{p.name}" for effect in catalogue for p in effect.parameters)]
+    of_effects = [f"{effect.name}.{p.name}" for effect in catalogue for p in effect.parameters]
     for word in filter(None, (word.strip() for word in text.split(","))):
-        name, equals, value = word.partition("=")
-        if name not in options and "." in name and equals and catalogue:
+        name, _, value = word.partition("=")
+        if name in (*options, *of_effects) and not value:
+            raise UsageError(f"the option {name!r} of the backend {backend!r} needs a value: {name}=VALUE")
+        if name in options:
+            if name in settings:
+                raise UsageError(
+                    f"the option {name} has two values, {settings[name]!r} and {value!r}; give one"
+                )
+            if options[name] and value not in options[name]:
+                raise UsageError(f"{name} = {value!r} is not one of {one_of(options[name])}")
+            settings[name] = value
+        elif of_effects and value and "." in name:
             choice = choose(backend, catalogue, choice, read_word(word) or {})
-            continue
-        if name not in options:
+        else:
+            example = f", and the parameters of its effects, such as {of_effects[0]}" if of_effects else ""
             raise UsageError(
-                f"the backend {backend!r} has no option {name!r}{suggest(name, known)} it has {one_of(known)}"
+                f"the backend {backend!r} has no option {name!r}{suggest(name, [*options, *of_effects])} "
+                f"it has {one_of(options)}{example}"
             )
-        if not value:
-            raise UsageError(
-                f"the option {name!r} of the backend {backend!r} needs a value: write {name}=VALUE"
-            )
-        if name in settings:
-            raise UsageError(f"the option {name} has two values, {settings[name]!r} and {value!r}; give one")
-        if options[name] and value not in options[name]:
-            raise UsageError(
-                f"{name} = {value!r} is not one of {one_of(options[name])}{did_you_mean(value, options[name])}"
-            )
-        settings[name] = value
     return settings, choice

@@ -75,9 +75,7 @@ def check_conformance(
     if spec is not None and isinstance(backend, NeedsSpec):
         backend = open_for_requirement(spec, requirement or spec.requirements[0], backend)
     subject = Subject(backend)
-    checks = [
-        check for needs, group in _GROUPS for check in group if all(isinstance(backend, one) for one in needs)
-    ]
+    checks = [check for needs, group in _GROUPS for check in group if _has(backend, needs)]
     for requirement, run in checks:
         check = Check(requirement)
         try:
@@ -87,6 +85,12 @@ def check_conformance(
         yield check
         if check.violations and (requirement, run) in (_ALWAYS[0], _EFFECTS[0], PROTOCOLS[0]):
             return  # all others depend on it
+
+
+def _has(backend: Backend, needs: tuple[type, ...]) -> bool:
+    if isinstance(backend, NeedsSpec) and isinstance(backend, HasEffects) and HasEffects in needs:
+        return bool(backend.effects())  # those of a function may be none
+    return all(isinstance(backend, one) for one in needs)
 
 
 def _runs(subject: Subject, out: Check) -> None:

@@ -21,6 +21,7 @@ from s2r_spec.base.errors import BackendError, UsageError
 from s2r_spec.diagnose.simulator.axes import Values
 from s2r_spec.diagnose.simulator.experiments import with_residuals
 from s2r_spec.runs.compatibility import Interface, check_compatibility
+from s2r_spec.runs.scorer import adapt_to_spec
 from s2r_spec.runs.seeds import SeedStream, rollout_seed
 from s2r_spec.space import Key, key_of
 from s2r_spec.spec import Spec
@@ -66,6 +67,7 @@ class Bench:
         if isinstance(backend, HasDuration) and math.isfinite(horizon) and horizon > 0:
             backend = backend.with_duration(horizon)
         _refuse_same_names(backend.name, catalogue_of(backend))
+        backend = adapt_to_spec(backend, spec, requirement)
         return cls(backend, spec, requirement, check_compatibility(spec, requirement, backend))
 
     def with_effects(self, values: Values) -> Backend:
