@@ -99,7 +99,8 @@ def _needs_spec(machine: Backend) -> bool:
 
 
 def _lines(machine: Backend, record: BackendObject) -> Iterator[str]:
-    yield f"{machine.name}: rollouts of {machine.duration:g} s, about {machine.cost:g} s each on one core"
+    lasting = f"of {machine.duration:g} s" if machine.duration else "as long as the spec looks ahead"
+    yield f"{machine.name}: rollouts {lasting}, about {machine.cost:g} s each on one core"
     if record.exclusive:
         yield "a machine: its rollouts run one at a time, each after its operator's confirmation"
     yield from (f"assumption: {sentence}" for sentence in record.assumptions or ())
@@ -110,9 +111,10 @@ def _lines(machine: Backend, record: BackendObject) -> Iterator[str]:
         yield f"  {option.name:14} {default}: {option.description}"
     if _needs_spec(machine):
         yield "its parameters and channels are those of a spec, which --spec SPEC gives"
-    yield "parameters"
-    yield from (f"  {p.name:14} {_range(p)}" for p in record.parameters)
-    yield "channels"
+    else:
+        yield "parameters"
+        yield from (f"  {p.name:14} {_range(p)}" for p in record.parameters)
+        yield "channels"
     for c in record.channels:
         size = f"[{c.width}]" if c.width > 1 else ""
         yield f"  {c.name + size:14} {c.unit or '1'}: {c.description}"

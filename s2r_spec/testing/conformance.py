@@ -21,6 +21,7 @@ from s2r_spec.backend import (
     NeedsSpec,
     is_exclusive,
 )
+from s2r_spec.backend.function import FunctionBackend
 from s2r_spec.backend.protocols import HasPlayable, HasProtocols
 from s2r_spec.base.errors import UsageError
 from s2r_spec.runs.passed import PassedBackend
@@ -88,8 +89,8 @@ def check_conformance(
 
 
 def _has(backend: Backend, needs: tuple[type, ...]) -> bool:
-    if isinstance(backend, NeedsSpec) and isinstance(backend, HasEffects) and HasEffects in needs:
-        return bool(backend.effects())  # those of a function may be none
+    if HasEffects in needs and isinstance(backend, FunctionBackend) and not backend.effects:
+        return False
     return all(isinstance(backend, one) for one in needs)
 
 
