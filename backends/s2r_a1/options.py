@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import ipaddress
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, TypeVar, get_args
 
 from s2r_a1.guard.place import PORT, Clock, RobotAddress
+from s2r_spec import effects
 from s2r_spec.backend import Option
-from s2r_spec.errors import UsageError, did_you_mean, one_of
+from s2r_spec.errors import UsageError, one_of
 
 Operating = Literal["tty", "auto"]
 Word = TypeVar("Word", bound=str)
@@ -76,7 +76,7 @@ def read_options(text: str) -> Options:
     Raises:
         UsageError: an option is unknown, missing, given twice or wrong; the message says what is right.
     """
-    words = _words(text)
+    words, _ = effects.read_options("a1", text, dict.fromkeys(NAMES, ()))
     if "host" not in words:
         raise UsageError(
             f"a1 needs the address of the robot, which has no default: {_EXAMPLE}, or host=127.0.0.1 for a twin"
@@ -129,21 +129,6 @@ def write_options(options: Options) -> str:
     defaults = vars(Options("")) | {"velocity": None}
     changed = [f"{name}={value}" for name, value in values.items() if value != defaults[name]]
     return ",".join([f"host={options.host}", *changed])
-
-
-def _words(text: str) -> Mapping[str, str]:
-    words: dict[str, str] = {}
-    for word in filter(None, (word.strip() for word in text.split(","))):
-        name, equals, value = word.partition("=")
-        if name not in NAMES or not equals:
-            raise UsageError(
-                f"the backend 'a1' has no option {word!r}{did_you_mean(name, NAMES) or ';'} it has {one_of(NAMES)}, "
-                f"as in {_EXAMPLE}"
-            )
-        if name in words:
-            raise UsageError(f"the option {name} has two values, {words[name]!r} and {value!r}; give one")
-        words[name] = value
-    return words
 
 
 def _host(value: str) -> str:

@@ -22,8 +22,8 @@ from s2r_emps.physics import MIDDLE, RATE, STEP, Physics
 from s2r_emps.protocols import PROTOCOLS, reference
 from s2r_emps.recorded import RecordedReference, read_recorded
 from s2r_spec.backend import Channel, Effect, Parameter
-from s2r_spec.effects import Choice, Values, as_values, choose, read_word, words
-from s2r_spec.errors import TraceError, UsageError, did_you_mean
+from s2r_spec.effects import Choice, Values, as_values, choose, read_options, words
+from s2r_spec.errors import TraceError, UsageError
 from s2r_spec.protocols import PLAYED, PROTOCOL, Protocol, named
 from s2r_spec.trace import Trace
 
@@ -62,7 +62,8 @@ class EmpsBackend:
 
     def __post_init__(self, options: str) -> None:
         """Read the options, and round the duration up to a whole tick."""
-        reference, added = _read_options(options, self.reference, self.added)
+        values, added = read_options("emps", options, {"reference": ()}, CATALOGUE.values(), self.added)
+        reference = values.get("reference", self.reference)
         object.__setattr__(self, "reference", reference)
         object.__setattr__(self, "added", added)
         object.__setattr__(self, "duration", ceil(self.duration * RATE - 1e-9) / RATE)
@@ -223,22 +224,6 @@ class EmpsBackend:
         physics = world(self.physics, self.added)
         physics = replace(physics, mass=physics.mass + values.get("payload", 0.0))
         return residuals.residuals(trace, physics, values.get("gain", 1.0))
-
-
-def _read_options(text: str, reference: str, added: Choice) -> tuple[str, Choice]:
-    """Return the reference and the effects, updated with options such as ``reference=DATA.mat,coulomb.force=20``."""
-    for word in filter(None, text.split(",")):
-        name, _, value = word.partition("=")
-        if name == "reference" and value:
-            reference = value
-        elif values := read_word(word):
-            added = choose("emps", CATALOGUE.values(), added, values)
-        else:
-            raise UsageError(
-                f"the backend 'emps' has no option {word!r}{did_you_mean(name, ['reference'])}; its options are "
-                f"reference=FILE.mat and the parameters of its effects, such as coulomb.force=20"
-            )
-    return reference, added
 
 
 def _write_options(reference: str, added: Choice) -> str:

@@ -23,8 +23,8 @@ from s2r_sim.protocols import PROTOCOLS
 from s2r_sim.robot.constants import FloatArray
 from s2r_sim.settings import Record, Settings
 from s2r_spec.backend import Channel, Effect, Parameter
-from s2r_spec.effects import Choice, Values, as_values, choose, read_word, words
-from s2r_spec.errors import MissingPackageError, UsageError, did_you_mean, one_of
+from s2r_spec.effects import Choice, Values, as_values, choose, read_options, words
+from s2r_spec.errors import MissingPackageError
 from s2r_spec.protocols import PROTOCOL, Protocol, named
 from s2r_spec.trace import Trace
 
@@ -70,7 +70,8 @@ class SimBackend:
         for module in _MODULES:
             if find_spec(module) is None:
                 raise MissingPackageError("sim", module)
-        settings, added = _read_options(options, self.settings, self.added)
+        values, added = read_options("sim", options, _OPTIONS, CATALOGUE.values(), self.added)
+        settings = replace(self.settings, **values)  # type: ignore[arg-type]  # they are valid values
         object.__setattr__(self, "settings", settings)
         object.__setattr__(self, "added", added)
         if settings.record == "truth":
@@ -209,30 +210,8 @@ class SimBackend:
         return residuals(trace, self.settings, self.added, params)
 
 
-def _read_options(text: str, settings: Settings, added: Choice) -> tuple[Settings, Choice]:
-    """Return settings and effects with the options of a text such as ``feedback=estimate,latency.delay=0.004``.
-
-    Raises:
-        UsageError: a name or a value is unknown; the message lists the valid ones.
-    """
-    for word in filter(None, text.split(",")):
-        name, _, value = word.partition("=")
-        if values := read_word(word):
-            added = choose("sim", CATALOGUE.values(), added, values)
-            continue
-        if name not in _OPTIONS:
-            raise UsageError(
-                f"the backend 'sim' has no option {name!r}{did_you_mean(name, _OPTIONS)}; it has {one_of(_OPTIONS)} "
-                f"(feedback=estimate), and every parameter of every effect (latency.delay=0.004)"
-            )
-        if value not in _OPTIONS[name]:
-            raise UsageError(f"{name} = {value!r} is not one of {one_of(_OPTIONS[name])}")
-        settings = replace(settings, **{name: value})  # type: ignore[arg-type]  # it is one of the values
-    return settings, added
-
-
 def write_options(settings: Settings, added: Choice) -> str:
-    """Return the text from which :func:`_read_options` gives these settings and effects, without defaults."""
+    """Return the text from which the options give these settings and effects, without defaults."""
     nominal = Settings()
     changed = [
         f"{name}={getattr(settings, name)}"

@@ -22,11 +22,10 @@ from s2r_spec.effects import (
     as_values,
     choose,
     limits,
-    read_word,
+    read_options,
     scales,
     words,
 )
-from s2r_spec.errors import UsageError
 from s2r_turtlebot import Body, TurtlebotBackend, ideal
 
 _AXLE = 0.16
@@ -152,13 +151,4 @@ def turtlebot(options: str = "") -> TurtlebotWithEffects:
     Raises:
         UsageError: as :meth:`TurtlebotWithEffects.with_effects`, or an option sets no effect.
     """
-    robot = TurtlebotWithEffects()
-    for word in filter(None, options.split(",")):
-        values = read_word(word)
-        if values is None:
-            raise UsageError(
-                f"the backend 'turtlebot' has no option {word!r}; its options are the parameters of its effects, such "
-                f"as latency.delay=0.1"
-            )
-        robot = robot.with_effects(values)
-    return robot
+    return TurtlebotWithEffects(added=read_options("turtlebot", options, {}, CATALOGUE)[1])

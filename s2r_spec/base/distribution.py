@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 BACKENDS = "s2r.backends"
 """Definition: entry-point group in which a distribution offers backends."""
+FILES = "s2r.files"
+"""Definition: entry-point group in which a distribution opens files with an ending as backends."""
 UNKNOWN = "0+unknown"
 """Definition: version of a source tree on the path, which has no metadata."""
 _PACKAGES = {"PIL": "pillow", "pinocchio": "pin"}
@@ -27,8 +29,8 @@ def find_own() -> Distribution | None:
 
 
 def find_provider(backend: str) -> Distribution | None:
-    """Return the distribution that offers a backend of this name; None if there is none."""
-    return _provider(BACKENDS, backend)
+    """Return the distribution that offers a backend of this name, or opens a file of it; None if there is none."""
+    return _provider(BACKENDS, backend) or _provider(FILES, backend.rpartition(".")[2])
 
 
 def version() -> str:

@@ -127,7 +127,7 @@ class UnknownBackendError(UsageError):
         installed = list(installed)
         super().__init__(
             f"no backend {name!r}{suggest(name, installed)} installed: {one_of(installed)}. "
-            f"A package offers a backend through the entry-point group 's2r.backends'."
+            f"A package offers a backend through the entry-point group 's2r.backends', and a file is PATH.py:NAME."
         )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -20,7 +21,8 @@ if TYPE_CHECKING:
 Name = Annotated[
     str | None,
     typer.Argument(
-        help="Backend to describe: its parameters, channels, protocols and effects. Without a name, all are listed."
+        help="Backend to describe: its parameters, channels, protocols and effects. Without a name, all installed "
+        "ones are listed. The code of a PATH.py:NAME runs when it is loaded; that of other files only with --check."
     ),
 ]
 Check = Annotated[
@@ -32,7 +34,17 @@ Check = Annotated[
 ]
 
 
-def backends(name: Name = None, check: Check = False, as_json: AsJson = False) -> None:
+Spec = Annotated[
+    Path | None,
+    typer.Option(
+        "--spec",
+        metavar="SPEC",
+        help="Specification with the parameters and channels of a function in a Python file.",
+    ),
+]
+
+
+def backends(name: Name = None, check: Check = False, spec: Spec = None, as_json: AsJson = False) -> None:
     """List the installed backends, or describe one of them."""
     with sentences(as_json):
         from s2r_spec.backend import described, installed
@@ -49,6 +61,7 @@ def backends(name: Name = None, check: Check = False, as_json: AsJson = False) -
                 say(f"{key:12} {value}")
             return
         machine, options = described(name)
+        machine = _for_spec(machine, spec, check)
         record = BackendObject.of(machine, name, tuple(options))
         if check and record.exclusive:
             raise UsageError(
@@ -64,8 +77,30 @@ def backends(name: Name = None, check: Check = False, as_json: AsJson = False) -
             say(each)
 
 
+def _for_spec(machine: Backend, path: Path | None, check: bool) -> Backend:
+    """Return a backend with the parameters and channels of a spec, if it has none of its own."""
+    if not _needs_spec(machine):
+        return machine
+    if path is None and check:
+        raise UsageError(f"{machine.name} takes its parameters and channels from a spec; add --spec SPEC")
+    if path is None:
+        return machine
+    from s2r_spec.runs.scorer import open_for_requirement
+    from s2r_spec.spec import load_spec
+
+    spec = load_spec(path)
+    return open_for_requirement(spec, spec.requirements[0], machine)
+
+
+def _needs_spec(machine: Backend) -> bool:
+    from s2r_spec.backend import NeedsSpec, is_exclusive
+
+    return isinstance(machine, NeedsSpec) and not machine.parameters and not is_exclusive(machine)
+
+
 def _lines(machine: Backend, record: BackendObject) -> Iterator[str]:
-    yield f"{machine.name}: rollouts of {machine.duration:g} s, about {machine.cost:g} s each on one core"
+    lasting = f"of {machine.duration:g} s" if machine.duration else "as long as the spec looks ahead"
+    yield f"{machine.name}: rollouts {lasting}, about {machine.cost:g} s each on one core"
     if record.exclusive:
         yield "a machine: its rollouts run one at a time, each after its operator's confirmation"
     yield from (f"assumption: {sentence}" for sentence in record.assumptions or ())
@@ -74,9 +109,12 @@ def _lines(machine: Backend, record: BackendObject) -> Iterator[str]:
     for option in record.options or ():
         default = "required" if option.default is None else f"default {option.default}"
         yield f"  {option.name:14} {default}: {option.description}"
-    yield "parameters"
-    yield from (f"  {p.name:14} {_range(p)}" for p in record.parameters)
-    yield "channels"
+    if _needs_spec(machine):
+        yield "its parameters and channels are those of a spec, which --spec SPEC gives"
+    else:
+        yield "parameters"
+        yield from (f"  {p.name:14} {_range(p)}" for p in record.parameters)
+        yield "channels"
     for c in record.channels:
         size = f"[{c.width}]" if c.width > 1 else ""
         yield f"  {c.name + size:14} {c.unit or '1'}: {c.description}"

@@ -64,6 +64,7 @@ from s2r_spec.diagnose.simulator.library import library, most_rollouts
 from s2r_spec.diagnose.simulator.response import ResponseLibrary
 from s2r_spec.diagnose.watched import Progress, Watched
 from s2r_spec.runs.repeatability import check_here, is_repeated
+from s2r_spec.runs.scorer import adapt_to_spec
 from s2r_spec.runs.seeds import NEW_SEED, SeedStream, inherited_seed, rollout_seed
 from s2r_spec.space import key_of
 from s2r_spec.spec import Spec
@@ -139,6 +140,8 @@ def diagnose(
     bench = Bench.of(spec, spec.requirements[0] if requirement is None else requirement, sim)
     real = load_backend(real) if isinstance(real, str) else real
     refuse_machine(real)
+    if isinstance(real, Backend):
+        real = adapt_to_spec(real, spec, bench.requirement)
     if folder is not None and (recorded_seed := CampaignJournal.seed_in(folder)) is not None:
         seed = inherited_seed(folder, recorded_seed, seed)
     seed = NEW_SEED if seed is None else seed

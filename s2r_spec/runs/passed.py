@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import pickle
 from functools import cached_property, lru_cache
 from typing import Any
 
 from s2r_spec.backend import Backend
+from s2r_spec.backend.files import pack, unpack
 from s2r_spec.base.errors import BackendError
 
 _MAIN = b"__main__"
@@ -29,7 +29,7 @@ class PassedBackend:
     def _pickled(self) -> tuple[bytes, str]:
         """The pickled object, and why another process cannot read it ("" if it can)."""
         try:
-            data = pickle.dumps(self.backend)
+            data = pack(self.backend)
         except Exception as error:  # third-party code may raise anything
             return b"", f"{type(error).__name__}: {error}"
         return data, "its code is in the notebook or script that runs now" if _MAIN in data else ""
@@ -48,6 +48,6 @@ class PassedBackend:
 def _copy(data: bytes) -> PassedBackend:
     """Return the same copy for all rollouts of a worker process; its own copies are as it was."""
     copy = PassedBackend.__new__(PassedBackend)
-    copy.backend = pickle.loads(data)
+    copy.backend = unpack(data)
     copy.__dict__["_pickled"] = data, ""
     return copy

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Self
 
-from s2r_spec.backend import Backend, Channel, Needs, NeedsSpec, Parameter, is_exclusive
+from s2r_spec.backend import Backend, Channel, Needs, NeedsSpec, Parameter, installed, is_exclusive
 from s2r_spec.base.errors import BackendError, S2RError, UsageError
 from s2r_spec.runs.compatibility import check_compatibility
 from s2r_spec.runs.passed import PassedBackend
@@ -59,7 +59,7 @@ class Scorer:
                 f"write a line such as `certify {requirement}: fall = -1`"
             )
 
-        robustness, system = _robustness(spec, requirement), _for_spec(system, spec, requirement)
+        robustness, system = _robustness(spec, requirement), adapt_to_spec(system, spec, requirement)
         matched = check_compatibility(spec, requirement, system)
         passed = None if isinstance(backend, str) else pass_backend(system)
         return cls(name, system, robustness, settings.fall, matched.to_backend, matched.channels, passed)
@@ -105,16 +105,19 @@ class Scorer:
 def open_system(backend: str | Backend, duration: float | None) -> tuple[str, Backend]:
     """Return the name of a backend, and the backend with rollouts of ``duration`` seconds if that is given."""
     if isinstance(backend, str):
+        if backend.partition(":")[0] not in installed():
+            open_backend.cache_clear()  # a file may have changed since an earlier run of this process
         return backend, open_backend(backend, duration)
     return backend.name, with_rollout_duration(backend, backend.name, duration)
 
 
 def open_for_requirement(spec: Spec, requirement: str, backend: Backend) -> Backend:
     """Return a backend with the duration, the channels and the parameters that a requirement needs of it."""
-    return _for_spec(open_system(backend, _horizon(spec, requirement))[1], spec, requirement)
+    return adapt_to_spec(open_system(backend, _horizon(spec, requirement))[1], spec, requirement)
 
 
-def _for_spec(system: Backend, spec: Spec, requirement: str) -> Backend:
+def adapt_to_spec(system: Backend, spec: Spec, requirement: str) -> Backend:
+    """Return a backend with the channels and parameters of the spec, if it has none of its own."""
     if not isinstance(system, NeedsSpec):
         return system
     adapted = system.for_spec(needs_of(spec, requirement, _robustness(spec, requirement)))

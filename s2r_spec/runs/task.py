@@ -15,6 +15,7 @@ from s2r_spec.backend import (
     Backend,
     HasDuration,
     KeepsRaw,
+    NeedsSpec,
     Prepares,
     SaysWhenItBegins,
     is_exclusive,
@@ -113,7 +114,8 @@ def run_task(task: Task) -> tuple[Trace, float]:
             backend.prepare()
             _prepared.append(backend)
         declared = tuple(backend.parameters)
-    if task.protocol is None:  # a protocol checks its own parameters
+    # A protocol checks its own parameters. A backend that takes them from the spec has none if opened by its name.
+    if task.protocol is None and (declared or not isinstance(backend, NeedsSpec)):
         refuse_unknown(task.backend, declared, task.params)
     global _last_test
     with _name_errors(task):

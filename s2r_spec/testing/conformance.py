@@ -21,6 +21,7 @@ from s2r_spec.backend import (
     NeedsSpec,
     is_exclusive,
 )
+from s2r_spec.backend.function import FunctionBackend
 from s2r_spec.backend.protocols import HasPlayable, HasProtocols
 from s2r_spec.base.errors import UsageError
 from s2r_spec.runs.passed import PassedBackend
@@ -75,9 +76,7 @@ def check_conformance(
     if spec is not None and isinstance(backend, NeedsSpec):
         backend = open_for_requirement(spec, requirement or spec.requirements[0], backend)
     subject = Subject(backend)
-    checks = [
-        check for needs, group in _GROUPS for check in group if all(isinstance(backend, one) for one in needs)
-    ]
+    checks = [check for needs, group in _GROUPS for check in group if _has(backend, needs)]
     for requirement, run in checks:
         check = Check(requirement)
         try:
@@ -87,6 +86,12 @@ def check_conformance(
         yield check
         if check.violations and (requirement, run) in (_ALWAYS[0], _EFFECTS[0], PROTOCOLS[0]):
             return  # all others depend on it
+
+
+def _has(backend: Backend, needs: tuple[type, ...]) -> bool:
+    if HasEffects in needs and isinstance(backend, FunctionBackend) and not backend.effects:
+        return False
+    return all(isinstance(backend, one) for one in needs)
 
 
 def _runs(subject: Subject, out: Check) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, as_completed
 from contextlib import contextmanager
@@ -15,12 +14,14 @@ import numpy as np
 
 from s2r_spec.backend import Backend, Effect, HasDuration, HasEffects, HasVariants, is_exclusive, load_backend
 from s2r_spec.backend.effects import catalogue_of
+from s2r_spec.backend.files import pack, unpack
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.documentation import page
 from s2r_spec.base.errors import BackendError, UsageError
 from s2r_spec.diagnose.simulator.axes import Values
 from s2r_spec.diagnose.simulator.experiments import with_residuals
 from s2r_spec.runs.compatibility import Interface, check_compatibility
+from s2r_spec.runs.scorer import adapt_to_spec
 from s2r_spec.runs.seeds import SeedStream, rollout_seed
 from s2r_spec.space import Key, key_of
 from s2r_spec.spec import Spec
@@ -66,6 +67,7 @@ class Bench:
         if isinstance(backend, HasDuration) and math.isfinite(horizon) and horizon > 0:
             backend = backend.with_duration(horizon)
         _refuse_same_names(backend.name, catalogue_of(backend))
+        backend = adapt_to_spec(backend, spec, requirement)
         return cls(backend, spec, requirement, check_compatibility(spec, requirement, backend))
 
     def with_effects(self, values: Values) -> Backend:
@@ -189,7 +191,7 @@ def name_rollout(bench: Bench, values: Values, test: Test, seed: int) -> Iterato
         ) from None
 
 
-_unpickle = lru_cache(1)(pickle.loads)
+_unpickle = lru_cache(1)(unpack)
 
 
 def _run_pickled(bench: bytes, job: Job, read: Read) -> FloatArray:
@@ -256,6 +258,6 @@ def travels(bench: Bench) -> bool:
 
 def _pickle(bench: Bench) -> bytes | None:
     try:
-        return pickle.dumps(replace(bench, pool=None, progress=None))
+        return pack(replace(bench, pool=None, progress=None))
     except Exception:
         return None

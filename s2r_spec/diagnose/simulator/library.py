@@ -8,7 +8,7 @@ import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, as_completed
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from s2r_spec.backend import Backend, HasEffects, HasVariants
 from s2r_spec.backend.effects import catalogue_of
+from s2r_spec.backend.files import pack, unpack
 from s2r_spec.base.arrays import FloatArray
 from s2r_spec.base.errors import BackendError
 from s2r_spec.diagnose.inference.prior import BACKGROUND
@@ -161,8 +162,9 @@ def _run(
     progress: Callable[[int, int], None] = lambda done, of: None,
 ) -> Runs:
     runs = {}
+    call = partial(vectors, backend) if executor is None else partial(_vectors_of_copy, pack(backend))
     with (executor or in_this_process)() as pool:
-        pending = {pool.submit(vectors, backend, job, own): job for job, own in jobs.items()}
+        pending = {pool.submit(call, job, own): job for job, own in jobs.items()}
         try:
             for done, future in enumerate(as_completed(pending), 1):
                 runs[pending[future]] = future.result()
@@ -175,6 +177,13 @@ def _run(
             for future in pending:
                 future.cancel()
     return runs
+
+
+_unpack = lru_cache(1)(unpack)
+
+
+def _vectors_of_copy(backend: bytes, job: _Job, observables: Observables) -> NDArray[np.float32]:
+    return vectors(_unpack(backend), job, observables)
 
 
 def _nominal(backend: Backend, experiment: Experiment) -> Iterator[Trace]:
