@@ -132,7 +132,7 @@ class RobotBackend:
         return self._trace(record, {"params": test, "seed": seed})
 
     def _trace(self, record: Record, facts: dict[str, Any]) -> Trace:
-        channels = {one.channel.name: one.compute(record) for one in self._robot.computed}
+        channels = {one.channel.name: one.of(record) for one in self._robot.computed}
         units = {one.name: one.unit for one in self._robot.channels}
         meta: dict[str, Any] = {"backend": self.name, "model_hash": self.model_hash, **facts}
         if record.unstable:

@@ -49,6 +49,11 @@ class Computed:
     channel: Channel
     compute: Compute
 
+    def of(self, record: Record) -> FloatArray:
+        """Return (n,) samples, or (n, width) of a channel with several columns."""
+        values = self.compute(record)
+        return values[:, 0] if self.channel.width == 1 and values.ndim == 2 else values
+
 
 class Attitude:
     """Rotation of the base at n samples: quaternion, Euler angles, and vectors in its axes."""
