@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import ceil, isfinite
@@ -13,8 +13,9 @@ import numpy as np
 
 from s2r_mujoco.robot import Robot, read_robot
 from s2r_mujoco.rollout import UNSTABLE, Record
-from s2r_spec.backend import Channel, Needs, Parameter, refuse_unknown
-from s2r_spec.errors import UsageError, did_you_mean, one_of
+from s2r_spec.backend import Channel, Finding, Needs, Parameter, refuse_unknown
+from s2r_spec.effects import read_options
+from s2r_spec.errors import UsageError
 from s2r_spec.trace import Trace
 
 _CPU_PER_STEP, _CPU_PER_TICK = 2e-6, 1e-4
@@ -58,14 +59,8 @@ class RobotBackend:
     def _defaults(self) -> dict[str, float]:
         """Parameter → its default, with the options after the colon."""
         own = {name: one.declared.default for name, one in self._robot.parameters.items()}
-        for word in filter(None, self.text.partition(".toml:")[2].split(",")):
-            name, _, value = word.partition("=")
-            if name not in own:
-                raise UsageError(
-                    f"{self._robot.name} has no parameter {name!r}{did_you_mean(name, own)}; it has {one_of(own)}"
-                )
-            own[name] = self._checked(name, value)
-        return own
+        given, _ = read_options(self._robot.name, self.text.partition(".toml:")[2], dict.fromkeys(own, ()))
+        return own | {name: self._checked(name, value) for name, value in given.items()}
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -114,7 +109,7 @@ class RobotBackend:
     def prepare(self) -> None:
         """Compile the model, load the policy and parse the conditions of a failure."""
         self._robot.failures.check()
-        self._robot.simulator(())
+        self._robot.simulator_of(self._defaults)
 
     def rollout(self, params: Mapping[str, float], seed: int) -> Trace:
         """Run one test; samples every control period from t = 0 to ``duration`` inclusive.
@@ -131,20 +126,25 @@ class RobotBackend:
         record = self._robot.run(test, seed, self._ticks(self.duration) + 1)
         return self._trace(record, {"params": test, "seed": seed})
 
+    def preflight(self, *, run: bool) -> Iterator[Finding]:
+        """Yield what the files say together, and what is wrong with it; see :class:`s2r_spec.backend.HasPreflight`."""
+        from s2r_mujoco.preflight import findings, trials
+
+        yield from findings(self._robot)
+        if run:
+            yield from trials(self._robot, {one.name: one.default for one in self.parameters})
+
     def _trace(self, record: Record, facts: dict[str, Any]) -> Trace:
-        channels = {one.channel.name: one.of(record) for one in self._robot.computed}
-        units = {one.name: one.unit for one in self._robot.channels}
         meta: dict[str, Any] = {"backend": self.name, "model_hash": self.model_hash, **facts}
         if record.unstable:
             meta["failure"] = UNSTABLE
-        times = self._robot.plan.step * np.arange(len(record), dtype=np.float64)
-        trace = Trace(times, channels, units, meta)
+        trace = self._robot.trace(record, meta)
         failure = self._robot.failures.first(trace)
         if failure is None:
             return trace
         name, last = failure
-        cut = {key: values[: last + 1] for key, values in channels.items()}
-        return Trace(times[: last + 1], cut, units, meta | {"failure": name})
+        cut = {key: values[: last + 1] for key, values in trace.channels.items()}
+        return Trace(trace.times[: last + 1], cut, trace.units, meta | {"failure": name})
 
     def _ticks(self, seconds: float) -> int:
         return ceil(seconds / self._robot.plan.step - 1e-9)

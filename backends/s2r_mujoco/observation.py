@@ -226,6 +226,24 @@ class Observer:
         """Names of the components of the newest observation, without older ones."""
         return tuple(name for part in self.parts for name in part.columns)
 
+    @property
+    def places(self) -> tuple[IntArray, ...]:
+        """For each term, the indices of its newest value in an observation."""
+        found = []
+        for where, _ in self._slices:
+            newest = np.arange(where.start, where.stop)
+            if self._order is not None:
+                newest = newest + (len(self._history) - 1) * self._values.size
+                position = np.argsort(self._order)
+                newest = position[np.searchsorted(self._order[position], newest)]
+            found.append(newest.astype(np.intp))
+        return tuple(found)
+
+    @property
+    def scales(self) -> FloatArray:
+        """(m,) the scale of each component of the terms, without histories."""
+        return self._scale
+
     def read(self, tick: int) -> Observation:
         """Return (width,) the observation at a control tick; tick 0 begins a rollout."""
         values = self._values

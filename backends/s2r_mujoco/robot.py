@@ -26,6 +26,7 @@ from s2r_mujoco.start import draw, floors, start_pose
 from s2r_policy import Policy, open_policy
 from s2r_spec.backend import LoadedCode, Parameter, load_code
 from s2r_spec.errors import UsageError, did_you_mean, one_of
+from s2r_spec.trace import Trace
 
 UNITS = {
     "mass": "kg", "frictionloss": "N*m", "armature": "kg*m^2", "damping": "N*m*s/rad", "stiffness": "N*m/rad",
@@ -177,7 +178,7 @@ class Robot:
         if table.push:
             unit = "N" if table.unit is None else table.unit
             words = f"force on {table.push} from {table.at:g} s on, for {table.lasts:g} s"
-            self._body(table.push, f"{self.name}: parameters.{name}")
+            self.body(table.push, f"{self.name}: parameters.{name}")
             return _declared(name, unit, table.range, 0.0, words)
         value = self.file.value(table.change)
         attribute = table.field.split("/")[-1 if table.field.startswith("option") else 2]
@@ -187,7 +188,8 @@ class Robot:
         default = {"set": value, "add": 0.0, "scale": 1.0}[table.how]
         return _declared(name, unit, table.range, default, f"{table.how} {table.field}")
 
-    def _body(self, name: str, source: str) -> int:
+    def body(self, name: str, source: str) -> int:
+        """Return the number of a body; ``source`` is the place of its name, for messages."""
         names = [self.model.body(body).name for body in range(self.model.nbody)]
         if name not in names:
             raise UsageError(
@@ -215,34 +217,55 @@ class Robot:
     def _is_term(self, name: str) -> bool:
         return any(term.name == name for term in self.plan.terms)
 
-    def run(self, values: Mapping[str, float], seed: int, ticks: int) -> Record:
-        """Run one test from its values, which has every parameter."""
+    def run(
+        self, values: Mapping[str, float], seed: int, ticks: int, command: Mapping[str, float] | None = None
+    ) -> Record:
+        """Run one test.
+
+        Args:
+            values: parameter → value, of every parameter.
+            seed: seed of the noise.
+            ticks: control ticks to record.
+            command: component → value instead of that of the test.
+        """
         tables, table = self.description.table.parameters, self.description.table
-        fields = tuple(
-            (name, values[name])
-            for name, one in tables.items()
-            if one.field and values[name] != self.parameters[name].declared.default
-        )
-        simulator = self.simulator(fields)
-        command = {
-            name: values[one.parameter] if one.parameter else one.value
-            for name, one in self.plan.commands.items()
-        }
+        simulator = self.simulator_of(values)
+        if command is None:
+            command = {name: values.get(one.parameter, one.value) for name, one in self.plan.commands.items()}
         pushes = [self._push(one, values[name]) for name, one in tables.items() if one.push]
         pose = start_pose(simulator.model, self.plan, table.start, self.name)
         position, velocity = draw(simulator.model, self.plan, table.start, seed)
         simulator.begin(pose + position, velocity, command, self.plan.key)
         if self.policy is not None:
             self.policy.reset()
-            record: Record = simulator.run(self.policy, ticks, pushes)
-            return record
+            return simulator.run(self.policy, ticks, pushes)
         value = self.code[table.policy].value
         function = value() if isinstance(value, type) else value
-        record = simulator.act(getattr(function, "act", function), ticks, pushes)
-        return record
+        return simulator.act(getattr(function, "act", function), ticks, pushes)
+
+    def trace(self, record: Record, meta: Mapping[str, Any]) -> Trace:
+        """Return the whole record as a trace."""
+        channels = {one.channel.name: one.of(record) for one in self.computed}
+        units = {one.name: one.unit for one in self.channels}
+        times = self.plan.step * np.arange(len(record), dtype=np.float64)
+        return Trace(times, channels, units, dict(meta))
+
+    def failure(self, record: Record) -> tuple[str, int] | None:
+        """Return the condition of a failure that comes first, and its tick; None without one."""
+        return self.failures.first(self.trace(record, {}))
+
+    def simulator_of(self, values: Mapping[str, float]) -> Simulator:
+        """Return the simulator with the fields of a test."""
+        fields = tuple(
+            (name, values[name])
+            for name, one in self.description.table.parameters.items()
+            if one.field and values[name] != self.parameters[name].declared.default
+        )
+        simulator: Simulator = self.simulator(fields)
+        return simulator
 
     def _push(self, table: ParameterTable, force: float) -> Push:
-        step, body = self.plan.step, self._body(table.push, self.name)
+        step, body = self.plan.step, self.body(table.push, self.name)
         first = round(table.at / step)
         direction = np.array(table.direction) / np.linalg.norm(table.direction)
         return Push(body, force * direction, first, first + max(1, round(table.lasts / step)))

@@ -2,11 +2,13 @@
 
 from s2r_spec.backend.capabilities import VOID as VOID
 from s2r_spec.backend.capabilities import Backend as Backend
+from s2r_spec.backend.capabilities import Finding as Finding
 from s2r_spec.backend.capabilities import HasChosen as HasChosen
 from s2r_spec.backend.capabilities import HasDuration as HasDuration
 from s2r_spec.backend.capabilities import HasEffects as HasEffects
 from s2r_spec.backend.capabilities import HasOptions as HasOptions
 from s2r_spec.backend.capabilities import HasPictures as HasPictures
+from s2r_spec.backend.capabilities import HasPreflight as HasPreflight
 from s2r_spec.backend.capabilities import HasRecordings as HasRecordings
 from s2r_spec.backend.capabilities import HasResiduals as HasResiduals
 from s2r_spec.backend.capabilities import HasVariants as HasVariants

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, Self, runtime_checkable
+from typing import Literal, Protocol, Self, runtime_checkable
 
 from s2r_spec.backend.model import Channel, Effect, Parameter
 from s2r_spec.trace import Trace
@@ -241,6 +241,34 @@ class NeedsSpec(Protocol):
 
     def for_spec(self, needs: Needs) -> Self:
         """Return this backend with these channels and parameters; open nothing."""
+
+
+Level = Literal["ok", "note", "wrong"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One fact of a pre-flight check.
+
+    Attributes:
+        topic: one word for its subject, such as ``joints``.
+        words: the fact, as a sentence.
+        level: ``wrong`` if the backend cannot be right as it is, ``note`` if a person should look at it, else ``ok``.
+        table: lines of a table that belongs to it.
+    """
+
+    topic: str
+    words: str
+    level: Level = "ok"
+    table: tuple[str, ...] = ()
+
+
+@runtime_checkable
+class HasPreflight(Protocol):
+    """A backend that was put together from a user's files, and can check whether they fit."""
+
+    def preflight(self, *, run: bool) -> Iterator[Finding]:
+        """Yield facts, each as soon as it is known; without ``run`` only those that need no rollout."""
 
 
 @dataclass(frozen=True)

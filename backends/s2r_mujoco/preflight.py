@@ -1,0 +1,278 @@
+"""The pre-flight of a robot file: what its files say together, and what shows in a few rollouts.
+
+Each line names the key or the file that it is about. None of it is a certificate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from time import perf_counter
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from s2r_mujoco.arrays import FloatArray
+from s2r_mujoco.channels import Attitude
+from s2r_mujoco.description import COMMANDS
+from s2r_mujoco.robot import Robot
+from s2r_mujoco.rollout import Record
+from s2r_mujoco.start import start_pose
+from s2r_spec.backend import Finding
+
+STABLE = 2.0
+"""Definition: kd·dt/M at which an explicit damping is no longer stable (the Euler step of dq/dt = −kd/M dq)."""
+STILL = 0.01
+"""Definition: a velocity term that never exceeds this during a commanded motion is named [in the unit of the term]."""
+STANDING = 5.0
+"""Budget: simulated time of standing without a command [s]."""
+SUNK = 0.5
+"""Definition: share of its height at the start below which a robot without a failure condition does not stand."""
+CALLS = 50
+"""Budget: calls of a policy that are timed."""
+DEGREES = 180.0 / np.pi
+
+
+def findings(robot: Robot) -> Iterator[Finding]:
+    """Yield what needs no rollout: files, observation, joints, control period, stability of the gains."""
+    yield _files(robot)
+    yield from _observation(robot)
+    yield _joints(robot)
+    yield from _stability(robot)
+    yield from _lacking(robot)
+
+
+def trials(robot: Robot, values: Mapping[str, float]) -> Iterator[Finding]:
+    """Yield what shows in two rollouts: standing without a command, and moving at the highest one."""
+    robot.failures.check()
+    ticks = round(STANDING / robot.plan.step) + 1
+    standing = robot.run(values, 0, ticks, command=dict.fromkeys(COMMANDS, 0.0))
+    yield from _first_action(robot, values, standing)
+    if robot.plan.root >= 0:
+        yield _stands(robot, standing)
+    high = {
+        name: one.declared.high
+        for name, one in robot.parameters.items()
+        if one.limited and _commands(robot, name)
+    }
+    moving = robot.run(dict(values) | high, 0, ticks)
+    yield from _torque(robot, moving)
+    yield _speed(robot, standing)
+    yield from _ranges(robot, values, moving, bool(high))
+
+
+def _commands(robot: Robot, name: str) -> bool:
+    return any(one.parameter == name for one in robot.plan.commands.values())
+
+
+def _files(robot: Robot) -> Finding:
+    table = robot.description.table
+    kind = "controller in Python" if robot.policy is None else "policy"
+    state = ", recurrent: reset at t = 0" if robot.policy is not None and robot.policy.recurrent else ""
+    words = [f"model {robot.file.path.name}", f"{kind} {table.policy}{state}"]
+    if robot.deployment.files:
+        words.append(f"deploy file {robot.deployment.source}")
+    own = [term.name for term in robot.plan.terms if ".py:" in term.name]
+    own += [table.policy] if robot.policy is None else []
+    runs = (
+        f"Python files that run: {', '.join(sorted({name.partition(':')[0] for name in own}))}" if own else ""
+    )
+    notes = () if robot.policy is None else robot.policy.notes
+    return Finding("files", "; ".join(filter(None, [*words, runs, *notes])))
+
+
+def _observation(robot: Robot) -> Iterator[Finding]:
+    if robot.policy is None:
+        return
+    if robot.parts is None:
+        yield Finding("observation", "its width shows in a rollout, since a term is a function of the user")
+        return
+    terms = ", ".join(
+        f"{p.term.sensor or p.term.name} {p.width}{f' × {p.term.history}' if p.term.history > 1 else ''}"
+        for p in robot.parts
+    )
+    total = sum(part.width * part.term.history for part in robot.parts)
+    known = "as the policy takes" if robot.policy.width else "the policy does not say how many it takes"
+    yield Finding("observation", f"{total} numbers, {known}: {terms}", "ok" if robot.policy.width else "note")
+    for part in robot.parts:
+        if any(
+            abs(abs(scale) / degrees - 1) < 0.01
+            for scale in part.term.scale
+            for degrees in (DEGREES, 1 / DEGREES)
+        ):
+            yield Finding(
+                "observation",
+                f"{part.term.source}: the scale {part.term.scale[0]:g} turns rad into deg, or back",
+                "note",
+            )
+
+
+def inertia(robot: Robot) -> FloatArray:
+    """Return (n,) the diagonal of the mass matrix at the start pose, for the joints of the policy."""
+    model, data = robot.model, mujoco.MjData(robot.model)
+    data.qpos[:] = start_pose(model, robot.plan, robot.description.table.start, robot.name)
+    mujoco.mj_forward(model, data)
+    matrix = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, matrix)
+    return np.diag(matrix)[robot.plan.joints.dof]
+
+
+def gains(robot: Robot) -> tuple[FloatArray, FloatArray]:
+    """Return (n,) kp and kd of the joints of the policy: those of the files, or of position actuators."""
+    plan, model = robot.plan, robot.model
+    if plan.law.pd != "model":
+        return plan.law.stiffness, plan.law.damping
+    bias, gear = model.actuator_biasprm[plan.joints.actuators], model.actuator_gear[plan.joints.actuators, 0]
+    position = np.array([kind == "position" for kind in plan.law.kind])
+    return np.where(position, -bias[:, 1] * gear**2, 0.0), np.where(
+        position, -bias[:, 2] * gear**2 + 0.0, 0.0
+    )
+
+
+def torque_limits(robot: Robot) -> FloatArray:
+    """Return (n,) the largest torque or force of each joint; inf without a limit."""
+    model, joints = robot.model, robot.plan.joints
+    found = []
+    for i, (actuator, dof) in enumerate(zip(joints.actuators, joints.dof, strict=True)):
+        gear, joint = abs(model.actuator_gear[actuator, 0]), model.dof_jntid[dof]
+        limits = [robot.plan.law.torque_limit[i]]
+        if model.actuator_forcelimited[actuator]:
+            limits.append(gear * np.abs(model.actuator_forcerange[actuator]).max())
+        if model.jnt_actfrclimited[joint]:
+            limits.append(np.abs(model.jnt_actfrcrange[joint]).max())
+        if model.actuator_ctrllimited[actuator] and robot.plan.law.kind[i] == "torque":
+            gain = abs(model.actuator_gainprm[actuator, 0])
+            limits.append(gear * gain * np.abs(model.actuator_ctrlrange[actuator]).max())
+        found.append(min(limits))
+    return np.array(found)
+
+
+def _joints(robot: Robot) -> Finding:
+    plan, model = robot.plan, robot.model
+    kp, kd = gains(robot)
+    ratio, limits = kd * model.opt.timestep / inertia(robot), torque_limits(robot)
+    width = max(len(name) for name in plan.joints.names)
+    rows = [f"policy  {'joint':{width}}  actuator      kp      kd  default           limits  torque  kd·dt/M"]
+    for i, name in enumerate(plan.joints.names):
+        low, high = plan.joints.low[i], plan.joints.high[i]
+        rows.append(
+            f"{i:6d}  {name:{width}}  {plan.joints.actuators[i]:8d}  {kp[i]:6.4g}  {kd[i]:6.4g}  {plan.pose[i]:7.3f}  "
+            f"[{low:6.3f}, {high:6.3f}]  {limits[i]:6.4g}  {ratio[i]:7.3g}"
+        )
+    gain = {
+        "model": "the model's actuators",
+        "explicit": "gains at every physics step",
+        "implicit": "gains in MuJoCo",
+    }
+    period = f"control every {1e3 * plan.step:g} ms, physics every {1e3 * model.opt.timestep:g} ms"
+    return Finding(
+        "joints", f"{len(plan.joints)} joints; torques by {gain[plan.law.pd]}; {period}", table=tuple(rows)
+    )
+
+
+def _stability(robot: Robot) -> Iterator[Finding]:
+    if robot.plan.law.pd != "explicit":
+        return
+    ratio = robot.plan.law.damping * robot.model.opt.timestep / inertia(robot)
+    worst = int(np.argmax(ratio))
+    if ratio[worst] > STABLE:
+        count = int((ratio > STABLE).sum())
+        yield Finding(
+            "gains",
+            f"explicit gains are unstable at {count} joints: kd·dt/M is {ratio[worst]:.3g} at "
+            f'{robot.plan.joints.names[worst]}, and must stay below 2; write action.pd = "implicit"',
+            "wrong",
+        )
+
+
+def _lacking(robot: Robot) -> Iterator[Finding]:
+    if robot.plan.root >= 0 and not robot.description.table.failure:
+        words = 'no condition tells a fall; write failure.fell = "height < 0.6 * init(height)"'
+        yield Finding("failure", words, "note")
+    for name, one in robot.parameters.items():
+        if not one.limited:
+            yield Finding("parameters", f"no file states the range of {name}; the specification must", "note")
+    if robot.deployment.unused:
+        yield Finding("deploy", f"keys that are not used: {', '.join(robot.deployment.unused)}", "note")
+
+
+def _first_action(robot: Robot, values: Mapping[str, float], record: Record) -> Iterator[Finding]:
+    plan = robot.plan
+    if robot.policy is None or not plan.law.has_target.any():
+        return
+    start = record.qpos[0, plan.joints.qpos]
+    moved = np.where(plan.law.has_target, np.abs(record.target[0] - start), 0.0)
+    worst = int(np.argmax(moved))
+    outside = (record.target[0] < plan.joints.low) | (record.target[0] > plan.joints.high)
+    words = f"the first target is {moved[worst]:.2g} rad from the start pose at most, at {plan.joints.names[worst]}"
+    if outside[worst]:
+        limits = f"[{plan.joints.low[worst]:.3g}, {plan.joints.high[worst]:.3g}]"
+        yield Finding(
+            "start", f"{words}, and outside its limits {limits}; check default pose and scale", "wrong"
+        )
+    else:
+        yield Finding("start", words)
+
+
+def _stands(robot: Robot, record: Record) -> Finding:
+    first = int(robot.model.jnt_qposadr[robot.model.body_jntadr[robot.plan.root]])
+    height = record.qpos[:, first + 2]
+    attitude = Attitude(record.qpos[:, first + 3 : first + 7])
+    tilt = np.degrees(np.arccos(np.clip(attitude.matrix()[:, 2, 2], -1.0, 1.0))).max()
+    failure = robot.failure(record)
+    if record.unstable or failure is not None:
+        name, tick = ("unstable", len(record) - 1) if failure is None else failure
+        at = tick * robot.plan.step
+        return Finding("stand", f"without a command it ends at {at:.2f} s: {name}", "wrong")
+    words = f"{STANDING:g} s without a command: height {height[0]:.3f} to {height[-1]:.3f} m, tilt at most {tilt:.2g} deg"
+    return Finding("stand", words, "wrong" if height[-1] < SUNK * height[0] else "ok")
+
+
+def _torque(robot: Robot, record: Record) -> Iterator[Finding]:
+    joints, limits = robot.plan.joints, torque_limits(robot)
+    share = np.abs(record.torque[:, joints.dof]) / limits
+    if not np.isfinite(limits).any():
+        yield Finding("torque", "no file limits a torque", "note")
+        return
+    worst = int(np.argmax(share.max(axis=0)))
+    full = float((share[:, worst] > 1 - 1e-6).mean())
+    words = f"{100 * share[:, worst].max():.0f} % of the limit at most, at {joints.names[worst]}"
+    if full:
+        words += f", which is at its limit in {100 * full:.0f} % of the ticks"
+    yield Finding("torque", words, "note" if full else "ok")
+
+
+def _speed(robot: Robot, record: Record) -> Finding:
+    if robot.policy is None:
+        return Finding("time", "the controller is a function in Python")
+    began = perf_counter()
+    for _ in range(CALLS):
+        robot.policy(record.observation[0])
+    each = (perf_counter() - began) / CALLS
+    robot.policy.reset()
+    period = robot.plan.step
+    words = f"the policy takes {1e6 * each:.0f} µs here, {100 * each / period:.2g} % of the control period"
+    return Finding("time", words, "wrong" if each > period else "ok")
+
+
+def _ranges(robot: Robot, values: Mapping[str, float], record: Record, commanded: bool) -> Iterator[Finding]:
+    if robot.policy is None:
+        return
+    observer = robot.simulator_of(values).observer
+    rows, still = [f"{'term':24}  {'least':>9}  {'greatest':>9}  as the policy reads it"], []
+    for part, place in zip(observer.parts, observer.places, strict=True):
+        seen = record.observation[:, place]
+        name = part.term.sensor or part.term.name
+        rows.append(f"{name:24}  {seen.min():9.3g}  {seen.max():9.3g}")
+        if _is_velocity(robot.model, part.term) and commanded and np.abs(seen).max() < STILL:
+            still.append(name)
+    yield Finding("terms", "their ranges over one rollout", table=tuple(rows))
+    for name in still:
+        yield Finding("terms", f"{name} stays below {STILL:g} while the robot is commanded to move", "wrong")
+
+
+def _is_velocity(model: Any, term: Any) -> bool:
+    if term.sensor:
+        kinds = {int(mujoco.mjtSensor.mjSENS_VELOCIMETER), int(mujoco.mjtSensor.mjSENS_GYRO)}
+        return int(model.sensor(term.sensor).type[0]) in kinds
+    return term.name in ("base_lin_vel", "base_ang_vel", "joint_vel", "joint_vel_rel")
