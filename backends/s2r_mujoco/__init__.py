@@ -1,0 +1,1 @@
+"""A robot from its MuJoCo model, its trained policy and its deploy file."""
