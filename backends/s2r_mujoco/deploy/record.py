@@ -31,6 +31,12 @@ TERMS = (
 """Definition: names of the terms that have a meaning of their own, as Isaac Lab uses them."""
 
 
+MOST_HISTORY = 1000
+"""Budget: observations that a term keeps; 20 s at 50 Hz."""
+MOST_JOINTS = 1000
+"""Budget: joints of a policy."""
+
+
 @dataclass(frozen=True)
 class Term:
     """One part of an observation.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from sys import float_info
 from typing import Any, NoReturn
 
 from s2r_mujoco.deploy.yaml import Tagged
@@ -70,6 +71,13 @@ class Section:
             self.fail(key, f"must be above 0, not {shown(value)}")
         return float(value)
 
+    def whole(self, key: str, low: int, high: int) -> int:
+        """Return a whole number within limits that must be there."""
+        value = self.number(key)
+        if value != int(value) or not low <= value <= high:
+            self.fail(key, f"must be a whole number from {low} to {high}, not {shown(value)}")
+        return int(value)
+
     def numbers(self, key: str, count: int | None = None, per: str = "") -> tuple[float, ...]:
         """Return a list of numbers that must be there, of a length that ``per`` explains, if any is given."""
         value = self.needed(key, "a list of numbers")
@@ -78,6 +86,13 @@ class Section:
         if count is not None and len(value) != count:
             self.fail(key, f"has {len(value)} numbers instead of {count}, {per or 'its length'}")
         return tuple(float(one) for one in value)
+
+    def gains(self, key: str, count: int | None = None, per: str = "") -> tuple[float, ...]:
+        """Return a list of numbers that must be there, none of them below 0."""
+        gains = self.numbers(key, count, per)
+        if any(gain < 0 for gain in gains):
+            self.fail(key, f"has a number below 0: {min(gains):g}")
+        return gains
 
     def spread(self, key: str, count: int, per: str) -> tuple[float, ...]:
         """Return ``count`` numbers from a list, or from one number for all."""
@@ -114,9 +129,11 @@ class Section:
         value = self.needed(key, "a list of names")
         if not isinstance(value, list) or not all(isinstance(one, str) and one for one in value):
             self.fail(key, f"must be a list of names, not {shown(value)}")
-        if len(set(value)) < len(value):
-            twice = next(one for one in value if value.count(one) > 1)
-            self.fail(key, f"has the name {shortened(twice)!r} twice")
+        seen: set[str] = set()
+        for one in value:
+            if one in seen:
+                self.fail(key, f"has the name {shortened(one)!r} twice")
+            seen.add(one)
         return tuple(value)
 
     def unused(self) -> tuple[str, ...]:
@@ -132,8 +149,8 @@ class Section:
 
 
 def is_number(value: object) -> bool:
-    """Return whether a value of a file is a number; true and false are none."""
-    return isinstance(value, int | float) and not isinstance(value, bool)
+    """Return whether a value of a file is a finite number; true and false are none."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < float_info.max
 
 
 def shown(value: object) -> str:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from math import pi
 from pathlib import Path
 
-from s2r_mujoco.deploy.record import Deployment, Term, ranks
+from s2r_mujoco.deploy.record import MOST_HISTORY, Deployment, Term, ranks
 from s2r_mujoco.deploy.section import Section, is_number, shown
 from s2r_mujoco.deploy.yaml import Tagged
 from s2r_spec.errors import UsageError, one_of
@@ -33,6 +33,7 @@ RANGES = ("lin_vel_x", "lin_vel_y", "ang_vel_z")
 _TERM_KEYS = {"params", "scale", "clip", "history_length"}
 _SLICE = "python/object/apply:builtins.slice"
 _JOINTS = "one a joint by joint_ids_map"
+_MOVED = "one a joint that the action moves"
 
 
 def fits(values: Mapping[str, object]) -> bool:
@@ -51,30 +52,42 @@ def deployment(values: Mapping[str, object], path: Path) -> Deployment:
     if not motors:
         file.fail("joint_ids_map", "is empty; it must have the motor of each joint of the policy")
     count, step = len(motors), file.number("step_dt", positive=True)
-    terms, by_time = _observation(file.section("observations"), count, step)
+    default = file.numbers("default_joint_pos", count, _JOINTS)
+    actions = [_action(file.section("actions"), key, default) for key in _action_names(file)]
+    moved = [joint for action in actions for joint in action.joints]
+    if len(set(moved)) < len(moved):
+        raise UsageError(
+            f"{path.name}: actions moves a joint twice; name each joint in one of {one_of(ACTIONS)}"
+        )
+    if len({bool(action.clip) for action in actions}) > 1:
+        raise UsageError(f"{path.name}: actions must have a clip for each action or for none")
+    sizes = _Sizes(joints=count, actions=len(moved), step=step)
+    terms, by_time = _observation(file.section("observations"), sizes)
     found = Deployment(
         source=path.name,
         format="unitree",
         motors=() if motors == tuple(range(count)) else motors,
-        joint_pos=file.numbers("default_joint_pos", count, _JOINTS),
+        joint_pos=default,
         stiffness=_of_motors(file, "stiffness", motors),
         damping=_of_motors(file, "damping", motors),
         step=step,
         terms=terms,
         history_by="time" if by_time else "term",
+        action_scale=tuple(one for action in actions for one in action.scale),
+        action_offset=tuple(one for action in actions for one in action.offset),
+        action_clip=tuple(one for action in actions for one in action.clip),
+        action_joints=() if moved == list(range(count)) else tuple(moved),
+        velocity_joints=tuple(sorted(one for action in actions if action.velocity for one in action.joints)),
         command_ranges=_ranges(file.section("commands").section("base_velocity").section("ranges")),
         command_scale=next((term.scale for term in terms if term.name == "velocity_commands"), ()),
         files=(path,),
     )
-    found = _with_actions(found, file.section("actions"), count)
     return replace(found, unused=file.unused())
 
 
 def _of_motors(file: Section, key: str, motors: tuple[int, ...]) -> tuple[float, ...]:
     """Return gains in policy order; the file has them in motor order, with or without motors that are not moved."""
-    gains = file.numbers(key)
-    if any(gain < 0 for gain in gains):
-        file.fail(key, f"has a gain below 0: {min(gains):g}")
+    gains = file.gains(key)
     if len(gains) > max(motors):
         return tuple(gains[motor] for motor in motors)
     if len(gains) == len(motors):
@@ -88,16 +101,15 @@ def _ranges(section: Section) -> dict[str, tuple[float, float]]:
 
 
 @dataclass(frozen=True)
-class _Group:
-    """What the terms of one input of the policy have in common."""
+class _Sizes:
+    """Numbers of the policy's joints and actions, and the control period [s]."""
 
-    name: str
-    count: int  # joints
-    step: float  # [s]
-    clip_first: bool
+    joints: int
+    actions: int
+    step: float
 
 
-def _observation(section: Section, count: int, step: float) -> tuple[tuple[Term, ...], bool]:
+def _observation(section: Section, sizes: _Sizes) -> tuple[tuple[Term, ...], bool]:
     """Return the terms of all groups, and whether histories are stacked by time."""
     if not section.values:
         raise UsageError(
@@ -112,9 +124,9 @@ def _observation(section: Section, count: int, step: float) -> tuple[tuple[Term,
     by_time = False
     for name, group in groups.items():
         by_time |= _flag(group, "use_gym_history")
-        settings = _Group(name, count, step, clip_first=not _flag(group, "scale_first"))
+        clip_first = not _flag(group, "scale_first")
         keys = [key for key in group.values if key not in ("use_gym_history", "scale_first")]
-        terms += [_term(group, key, settings) for key in keys]
+        terms += [replace(_term(group, key, sizes), group=name, clip_first=clip_first) for key in keys]
     if by_time and len({term.history for term in terms}) > 1:
         raise UsageError(
             f"{section.source}: observations.use_gym_history needs one history_length for all terms"
@@ -129,46 +141,30 @@ def _flag(section: Section, key: str) -> bool:
     return bool(value)
 
 
-def _term(group: Section, key: str, settings: _Group) -> Term:
+def _term(group: Section, key: str, sizes: _Sizes) -> Term:
     values = group.section(key)
     params = values.section("params")
-    if params.values:
-        params.get("command_name")  # it names base_velocity, the only command of these files
+    params.get("command_name")  # it names base_velocity, the only command of these files
     assets = params.section("asset_cfg")
-    joints = assets.indices("joint_ids", settings.count) if _is_list(assets.get("joint_ids")) else ()
+    joints = assets.indices("joint_ids", sizes.joints) if isinstance(assets.get("joint_ids"), list) else ()
     name = OTHER_NAMES.get(key, key)
-    width = _width(name, len(joints) or settings.count)
-    history = values.number("history_length") if values.has("history_length") else 1
-    if history != int(history) or not 0 <= history <= MOST_HISTORY:
-        values.fail("history_length", f"must be a whole number from 0 to {MOST_HISTORY}, not {history:g}")
+    history = values.whole("history_length", 0, MOST_HISTORY) if values.has("history_length") else 1
     term = Term(
         name,
-        scale=_scale(values, width),
+        scale=_scale(values, _width(name, joints, sizes)),
         clip=values.interval("clip") if values.has("clip") else None,
-        clip_first=settings.clip_first,
-        history=max(int(history), 1),
-        joints=joints,
-        group=settings.name,
+        history=max(history, 1),
+        joints=joints if name in JOINTS else (),
         source=group.place(key),
     )
-    return _phase(term, params, settings.step) if name == "phase" else term
+    return _phase(term, params, sizes.step) if name == "phase" else term
 
 
-MOST_HISTORY = 1000
-"""Budget: observations that a term keeps; 20 s at 50 Hz."""
-
-
-def _is_list(value: object) -> bool:
-    return isinstance(value, list) and bool(value)
-
-
-def _width(name: str, joints: int) -> int | None:
+def _width(name: str, joints: tuple[int, ...], sizes: _Sizes) -> int | None:
     """Return the number of components of a term; None where its name has no meaning here."""
-    if name in VECTORS:
-        return 3
-    if name in JOINTS or name == "last_action":
-        return joints
-    return 2 if name == "phase" else None
+    if name in JOINTS:
+        return len(joints) or sizes.joints
+    return {"last_action": sizes.actions, "phase": 2, **dict.fromkeys(VECTORS, 3)}.get(name)
 
 
 def _scale(values: Section, width: int | None) -> tuple[float, ...]:
@@ -193,40 +189,40 @@ def _phase(term: Term, params: Section, step: float) -> Term:
     return replace(term, frequency=1 / period, start=(4 * pi * step / period,), parts=("sin", "cos"))
 
 
-def _with_actions(found: Deployment, section: Section, count: int) -> Deployment:
-    """Return the record with scale, offset and limits of the actions, for the joints that each of them moves."""
-    unknown = section.values.keys() - {*ACTIONS}
-    if unknown or not section.values:
+@dataclass(frozen=True)
+class _Action:
+    """An action: the joints that it moves, in policy order, and for each of them how."""
+
+    joints: tuple[int, ...]
+    scale: tuple[float, ...]
+    offset: tuple[float, ...]
+    clip: tuple[tuple[float, float], ...]
+    velocity: bool
+
+
+def _action_names(file: Section) -> tuple[str, ...]:
+    names = tuple(file.section("actions").values)
+    unknown = {*names} - {*ACTIONS}
+    if unknown or not names:
         raise UsageError(
-            f"{section.source}: actions has {one_of(unknown)}; the known actions are {one_of(ACTIONS)}"
+            f"{file.source}: actions has {one_of(unknown)}; the known actions are {one_of(ACTIONS)}"
         )
-    joints: list[int] = []
-    scale: list[float] = []
-    offset: list[float] = []
-    clip: list[tuple[float, float]] = []
-    velocity: list[int] = []
-    for key in section.values:
-        action = section.section(key)
-        action.get("joint_names")  # patterns; joint_ids has what they select
-        moved = _moved(action, count)
-        joints += moved
-        velocity += moved if key == "JointVelocityAction" else ()
-        per = "one a joint that the action moves"
-        scale += action.spread("scale", len(moved), per) if action.has("scale") else (1.0,) * len(moved)
-        offset += _offset(action, found.joint_pos, moved, key)
-        clip += _limits(action, len(moved))
-    if len(set(joints)) < len(joints):
-        section.fail(ACTIONS[1], "moves a joint that another action moves, too")
-    if clip and len(clip) < len(joints):
-        raise UsageError(f"{section.source}: actions must have a clip for each action or for none")
-    return replace(
-        found,
-        action_scale=tuple(scale),
-        action_offset=tuple(offset),
-        action_clip=tuple(clip),
-        action_joints=() if joints == list(range(count)) else tuple(joints),
-        velocity_joints=tuple(sorted(velocity)),
-    )
+    return names
+
+
+def _action(section: Section, key: str, joint_pos: tuple[float, ...]) -> _Action:
+    action = section.section(key)
+    action.get("joint_names")  # patterns; joint_ids has what they select
+    moved = _moved(action, len(joint_pos))
+    scale = action.spread("scale", len(moved), _MOVED) if action.has("scale") else (1.0,) * len(moved)
+    velocity = key == "JointVelocityAction"
+    if "offset" not in action.values:  # Isaac Lab's default: positions are relative to the default pose
+        offset = tuple(0.0 if velocity else joint_pos[joint] for joint in moved)
+    elif action.has("offset"):
+        offset = action.spread("offset", len(moved), _MOVED)
+    else:
+        offset = (0.0,) * len(moved)
+    return _Action(moved, scale, offset, _limits(action, len(moved)), velocity)
 
 
 def _moved(action: Section, count: int) -> tuple[int, ...]:
@@ -241,25 +237,14 @@ def _moved(action: Section, count: int) -> tuple[int, ...]:
     return tuple(range(count)) if value is None else action.indices("joint_ids", count)
 
 
-def _offset(
-    action: Section, joint_pos: tuple[float, ...], moved: tuple[int, ...], name: str
-) -> tuple[float, ...]:
-    """Return the offset: null is none; without the key, a position's is the default pose (Isaac Lab's default)."""
-    if "offset" not in action.values:
-        return tuple(joint_pos[joint] if name == ACTIONS[0] else 0.0 for joint in moved)
-    if not action.has("offset"):
-        return (0.0,) * len(moved)
-    return action.spread("offset", len(moved), "one a joint that the action moves")
-
-
-def _limits(action: Section, count: int) -> list[tuple[float, float]]:
+def _limits(action: Section, count: int) -> tuple[tuple[float, float], ...]:
     """Return the limits of the targets: a pair for each joint."""
     value = action.get("clip")
     if value is None:
-        return []
+        return ()
     if not isinstance(value, list) or len(value) != count:
         action.fail("clip", f"must be a list of {count} pairs of limits, not {shown(value)}")
     pairs = Section(
         {str(index): pair for index, pair in enumerate(value)}, action.source, action.name("clip")
     )
-    return [pairs.interval(key) for key in pairs.values]
+    return tuple(pairs.interval(key) for key in pairs.values)

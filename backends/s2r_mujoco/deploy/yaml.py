@@ -91,8 +91,9 @@ def parse(text: str, source: str) -> Any:
         raise UsageError(
             f"{source}, line {mark.line + 1}: the YAML is broken: {shortened(problem)}"
         ) from None
-    except yaml.YAMLError as error:
-        raise UsageError(f"{source}: the YAML is broken: {shortened(' '.join(str(error).split()))}") from None
+    except yaml.reader.ReaderError as error:
+        line = text.count("\n", 0, error.position) + 1
+        raise UsageError(f"{source}, line {line}: the YAML is broken: a character is not printable") from None
     return None if node is None else _Builder(source).value(node)
 
 
