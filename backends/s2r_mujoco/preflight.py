@@ -224,7 +224,8 @@ def _stands(robot: Robot, record: Record) -> Finding:
         name, tick = ("unstable", len(record) - 1) if failure is None else failure
         at = tick * robot.plan.step
         return Finding("stand", f"without a command it ends at {at:.2f} s: {name}", "wrong")
-    words = f"{STANDING:g} s without a command: height {height[0]:.3f} to {height[-1]:.3f} m, tilt at most {tilt:.2g} deg"
+    ends = f"{height[0]:.3f} to {height[-1]:.3f}"
+    words = f"{STANDING:g} s without a command: height {ends} m, tilt at most {tilt:.2g} deg"
     return Finding("stand", words, "wrong" if height[-1] < SUNK * height[0] else "ok")
 
 

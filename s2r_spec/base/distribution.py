@@ -18,7 +18,7 @@ FILES = "s2r.files"
 """Definition: entry-point group in which a distribution opens files with an ending as backends."""
 UNKNOWN = "0+unknown"
 """Definition: version of a source tree on the path, which has no metadata."""
-_PACKAGES = {"PIL": "pillow", "pinocchio": "pin"}
+_PACKAGES = {"PIL": "pillow", "pinocchio": "pin", "yaml": "pyyaml"}
 """Definition: module → package, where the names differ. A package that is not installed cannot tell."""
 
 

@@ -22,6 +22,7 @@ from s2r_mujoco.deploy.yaml import read
 from s2r_spec.errors import UsageError, one_of, shortened
 
 BASE = "base.yaml"
+"""Definition: the robot's file."""
 VECTORS = {
     "lin_vel": ("base_lin_vel", "lin_vel_scale"),
     "ang_vel": ("base_ang_vel", "ang_vel_scale"),

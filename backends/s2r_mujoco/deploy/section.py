@@ -75,7 +75,7 @@ class Section:
         """Return a whole number within limits that must be there."""
         value = self.number(key)
         if value != int(value) or not low <= value <= high:
-            self.fail(key, f"must be a whole number from {low} to {high}, not {shown(value)}")
+            self.fail(key, f"must be a whole number from {low} to {high}, not {value:g}")
         return int(value)
 
     def numbers(self, key: str, count: int | None = None, per: str = "") -> tuple[float, ...]:
@@ -103,7 +103,7 @@ class Section:
         """Return a list of different indices that must be there, from 0 and below a limit, if any is given."""
         numbers = self.numbers(key)
         if any(one != int(one) or one < 0 for one in numbers):
-            self.fail(key, f"must be a list of whole numbers from 0, not {shown(list(numbers))}")
+            self.fail(key, f"must be a list of whole numbers from 0, not {shown(self.get(key))}")
         if len(set(numbers)) < len(numbers):
             self.fail(key, f"has an index twice: {shown([int(one) for one in numbers])}")
         if below is not None and any(one >= below for one in numbers):

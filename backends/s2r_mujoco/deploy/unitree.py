@@ -30,6 +30,7 @@ OTHER_NAMES = {
 ACTIONS = ("JointPositionAction", "JointVelocityAction")
 """Definition: actions that Unitree's controllers know."""
 RANGES = ("lin_vel_x", "lin_vel_y", "ang_vel_z")
+"""Definition: components of a velocity command."""
 _TERM_KEYS = {"params", "scale", "clip", "history_length"}
 _SLICE = "python/object/apply:builtins.slice"
 _JOINTS = "one a joint by joint_ids_map"

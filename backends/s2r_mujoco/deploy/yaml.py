@@ -87,7 +87,7 @@ def parse(text: str, source: str) -> Any:
             loader.dispose()
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        problem = error.problem or error.context or "it cannot be read"
+        problem = (error.problem or error.context or "it cannot be read").removeprefix("but ")
         raise UsageError(
             f"{source}, line {mark.line + 1}: the YAML is broken: {shortened(problem)}"
         ) from None
