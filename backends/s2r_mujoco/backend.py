@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from math import ceil, isfinite
 from pathlib import Path
@@ -29,11 +29,12 @@ class RobotBackend:
     Args:
         text: path of the robot file; ``NAME=VALUE`` after a colon replaces the default of a parameter.
         duration: duration of a rollout [s]; 0 for that of the file.
+        wanted: parameters of a specification, whose ranges count where no file states one.
     """
 
     text: str
     duration: float = 0.0
-    needs: Needs | None = field(default=None, repr=False)
+    wanted: tuple[Parameter, ...] = field(default=(), repr=False)
     deterministic: bool = field(default=True, init=False)
 
     def __post_init__(self) -> None:
@@ -43,8 +44,8 @@ class RobotBackend:
         _ = self._defaults
 
     def __getstate__(self) -> dict[str, Any]:
-        """Pickle the text, the duration and the needs; another process reads the files again."""
-        return {"text": self.text, "duration": self.duration, "needs": self.needs, "deterministic": True}
+        """Pickle the declaration alone; another process reads the files again."""
+        return {one.name: getattr(self, one.name) for one in fields(self)}
 
     @property
     def name(self) -> str:
@@ -70,7 +71,7 @@ class RobotBackend:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The parameters of a test. One whose range no file states has that of the specification."""
-        wanted = {} if self.needs is None else {one.name: one for one in self.needs.parameters}
+        wanted = {one.name: one for one in self.wanted}
         found = []
         for name, one in self._robot.parameters.items():
             declared = replace(one.declared, default=self._defaults[name])
@@ -104,7 +105,7 @@ class RobotBackend:
 
     def for_spec(self, needs: Needs) -> Self:
         """Return this backend with the ranges of a specification, where no file states one."""
-        return replace(self, needs=needs)
+        return replace(self, wanted=needs.parameters)
 
     def prepare(self) -> None:
         """Compile the model, load the policy and parse the conditions of a failure."""
@@ -130,9 +131,9 @@ class RobotBackend:
         """Yield what the files say together, and what is wrong with it; see :class:`s2r_spec.backend.HasPreflight`."""
         from s2r_mujoco.preflight import findings, trials
 
-        yield from findings(self._robot)
+        yield from findings(self._robot, self.parameters)
         if run:
-            yield from trials(self._robot, {one.name: one.default for one in self.parameters})
+            yield from trials(self._robot, self.parameters)
 
     def _trace(self, record: Record, facts: dict[str, Any]) -> Trace:
         meta: dict[str, Any] = {"backend": self.name, "model_hash": self.model_hash, **facts}

@@ -5,7 +5,7 @@ Each line names the key or the file that it is about. None of it is a certificat
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from time import perf_counter
 from typing import Any
 
@@ -15,13 +15,10 @@ import numpy as np
 from s2r_mujoco.arrays import FloatArray
 from s2r_mujoco.channels import Attitude
 from s2r_mujoco.description import COMMANDS
-from s2r_mujoco.robot import Robot
+from s2r_mujoco.robot import STABLE, Robot
 from s2r_mujoco.rollout import Record
-from s2r_mujoco.start import start_pose
-from s2r_spec.backend import Finding
+from s2r_spec.backend import Finding, Parameter
 
-STABLE = 2.0
-"""Definition: kd·dt/M at which an explicit damping is no longer stable (the Euler step of dq/dt = −kd/M dq)."""
 STILL = 0.01
 """Definition: a velocity term that never exceeds this during a commanded motion is named [in the unit of the term]."""
 STANDING = 5.0
@@ -33,18 +30,19 @@ CALLS = 50
 DEGREES = 180.0 / np.pi
 
 
-def findings(robot: Robot) -> Iterator[Finding]:
+def findings(robot: Robot, parameters: Sequence[Parameter]) -> Iterator[Finding]:
     """Yield what needs no rollout: files, observation, joints, control period, stability of the gains."""
     yield _files(robot)
     yield from _observation(robot)
     yield _joints(robot)
     yield from _stability(robot)
-    yield from _lacking(robot)
+    yield from _lacking(robot, parameters)
 
 
-def trials(robot: Robot, values: Mapping[str, float]) -> Iterator[Finding]:
+def trials(robot: Robot, parameters: Sequence[Parameter]) -> Iterator[Finding]:
     """Yield what shows in two rollouts: standing without a command, and moving at the highest one."""
     robot.failures.check()
+    values = {one.name: one.default for one in parameters}
     ticks = round(STANDING / robot.plan.step) + 1
     standing = robot.run(values, 0, ticks, command=dict.fromkeys(COMMANDS, 0.0))
     yield from _first_action(robot, values, standing)
@@ -107,16 +105,6 @@ def _observation(robot: Robot) -> Iterator[Finding]:
             )
 
 
-def inertia(robot: Robot) -> FloatArray:
-    """Return (n,) the diagonal of the mass matrix at the start pose, for the joints of the policy."""
-    model, data = robot.model, mujoco.MjData(robot.model)
-    data.qpos[:] = start_pose(model, robot.plan, robot.description.table.start, robot.name)
-    mujoco.mj_forward(model, data)
-    matrix = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, matrix)
-    return np.diag(matrix)[robot.plan.joints.dof]
-
-
 def gains(robot: Robot) -> tuple[FloatArray, FloatArray]:
     """Return (n,) kp and kd of the joints of the policy: those of the files, or of position actuators."""
     plan, model = robot.plan, robot.model
@@ -150,7 +138,7 @@ def torque_limits(robot: Robot) -> FloatArray:
 def _joints(robot: Robot) -> Finding:
     plan, model = robot.plan, robot.model
     kp, kd = gains(robot)
-    ratio, limits = kd * model.opt.timestep / inertia(robot), torque_limits(robot)
+    ratio, limits = robot.damping_ratio(kd), torque_limits(robot)
     width = max(len(name) for name in plan.joints.names)
     rows = [f"policy  {'joint':{width}}  actuator      kp      kd  default           limits  torque  kd·dt/M"]
     for i, name in enumerate(plan.joints.names):
@@ -166,32 +154,38 @@ def _joints(robot: Robot) -> Finding:
     }
     period = f"control every {1e3 * plan.step:g} ms, physics every {1e3 * model.opt.timestep:g} ms"
     return Finding(
-        "joints", f"{len(plan.joints)} joints; torques by {gain[plan.law.pd]}; {period}", table=tuple(rows)
+        "joints",
+        f"{len(plan.joints)} of the policy; torques by {gain[plan.law.pd]}; {period}",
+        table=tuple(rows),
     )
 
 
 def _stability(robot: Robot) -> Iterator[Finding]:
-    if robot.plan.law.pd != "explicit":
+    law = robot.plan.law
+    ratio = robot.damping_ratio(law.damping)
+    if law.pd == "model" or "torque" not in law.kind or ratio.max() < STABLE:
         return
-    ratio = robot.plan.law.damping * robot.model.opt.timestep / inertia(robot)
-    worst = int(np.argmax(ratio))
-    if ratio[worst] > STABLE:
-        count = int((ratio > STABLE).sum())
-        yield Finding(
-            "gains",
-            f"explicit gains are unstable at {count} joints: kd·dt/M is {ratio[worst]:.3g} at "
-            f'{robot.plan.joints.names[worst]}, and must stay below 2; write action.pd = "implicit"',
-            "wrong",
-        )
+    worst, count = int(np.argmax(ratio)), int((ratio >= STABLE).sum())
+    words = (
+        f"torques from gains at every physics step are unstable at {count} joints: kd·dt/M must stay below 2, and is "
+        f"{ratio[worst]:.3g} at {robot.plan.joints.names[worst]}"
+    )
+    if law.pd == "explicit":
+        yield Finding("gains", f'{words}; write action.pd = "implicit"', "wrong")
+    else:
+        yield Finding("gains", f'{words}; so MuJoCo computes them (action.pd = "implicit")', "note")
 
 
-def _lacking(robot: Robot) -> Iterator[Finding]:
+def _lacking(robot: Robot, parameters: Sequence[Parameter]) -> Iterator[Finding]:
     if robot.plan.root >= 0 and not robot.description.table.failure:
         words = 'no condition tells a fall; write failure.fell = "height < 0.6 * init(height)"'
         yield Finding("failure", words, "note")
-    for name, one in robot.parameters.items():
-        if not one.limited:
-            yield Finding("parameters", f"no file states the range of {name}; the specification must", "note")
+    for one in parameters:
+        if one.low == one.high:
+            words = (
+                f"no file states the range of {one.name}, so a specification must; here it is {one.default:g}"
+            )
+            yield Finding("parameters", f"{words} {one.unit}".rstrip(), "note")
     if robot.deployment.unused:
         yield Finding("deploy", f"keys that are not used: {', '.join(robot.deployment.unused)}", "note")
 

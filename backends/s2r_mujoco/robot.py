@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from importlib.metadata import version
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from s2r_mujoco.arrays import FloatArray
 from s2r_mujoco.channels import channels_of
 from s2r_mujoco.deploy import of_metadata, read_deployment
 from s2r_mujoco.deploy.record import Deployment
@@ -34,6 +35,8 @@ UNITS = {
     "actfrcrange": "N*m", "density": "kg/m^3", "wind": "m/s",
 }  # fmt: skip
 """Definition: attribute of a field → its unit where `unit` is missing, for hinges; another attribute has none."""
+STABLE = 2.0
+"""Definition: kd·dt/M from which an explicit damping is unstable: a step multiplies a velocity by 1 − kd·dt/M."""
 KEPT = 4
 """Budget: compiled models that a process keeps, one for each test with other fields."""
 
@@ -57,8 +60,8 @@ class Robot:
         self.deployment = self._deployment(table.deploy)
         self.file = self._model_file()
         model = self.file.compile()
-        self.plan = make_plan(self.description, self.deployment, model)
         self.model = model
+        self.plan = self._with_stable_gains(make_plan(self.description, self.deployment, model))
         if (
             self.plan.root >= 0
             and not floors(model)
@@ -121,6 +124,24 @@ class Robot:
         for path in (self.description.path, *self.deployment.files, *self.file.files, *sources):
             total.update(path.read_bytes())
         return total.hexdigest()
+
+    def _with_stable_gains(self, plan: Plan) -> Plan:
+        """Return a plan with gains inside of MuJoCo where explicit ones are unstable and the file chooses neither."""
+        self.plan = plan
+        law, chosen = plan.law, self.description.table.action.pd
+        if law.pd != "explicit" or chosen or self.damping_ratio(law.damping).max() < STABLE:
+            return plan
+        return replace(plan, law=replace(law, pd="implicit"))
+
+    def damping_ratio(self, damping: FloatArray) -> FloatArray:
+        """Return (n,) kd·dt/M of the joints of the policy; M is the diagonal of the mass matrix at the start pose."""
+        model, data = self.model, mujoco.MjData(self.model)
+        data.qpos[:] = start_pose(model, self.plan, self.description.table.start, self.name)
+        mujoco.mj_forward(model, data)
+        matrix = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, matrix)
+        ratio: FloatArray = damping * model.opt.timestep / np.diag(matrix)[self.plan.joints.dof]
+        return ratio
 
     # -- declarations ---------------------------------------------------------------------------------------------
 

@@ -15,7 +15,7 @@ from s2r_spec.cli.terminal.common import sentences
 from s2r_spec.cli.terminal.terminal import say
 
 if TYPE_CHECKING:
-    from s2r_spec.backend import Backend, Parameter
+    from s2r_spec.backend import Backend, Finding, Parameter
     from s2r_spec.report.records.backends import BackendObject
 
 Name = Annotated[
@@ -79,8 +79,12 @@ def backends(name: Name = None, check: Check = False, spec: Spec = None, as_json
 
 def _for_spec(machine: Backend, path: Path | None, check: bool) -> Backend:
     """Return a backend with the parameters and channels of a spec, if it has none of its own."""
-    if not _needs_spec(machine):
+    from s2r_spec.backend import NeedsSpec, is_exclusive
+
+    if path is None and not _needs_spec(machine):
         return machine
+    if not isinstance(machine, NeedsSpec) or is_exclusive(machine):
+        raise UsageError(f"{machine.name} declares its own parameters and channels: leave out --spec")
     if path is None and check:
         raise UsageError(f"{machine.name} takes its parameters and channels from a spec; add --spec SPEC")
     if path is None:
@@ -140,12 +144,20 @@ def _range(p: Parameter) -> str:
 
 
 def _check(machine: Backend, as_json: bool) -> int:
-    """Print the result of each conformance check as soon as it is known, and return the exit code."""
+    """Print the pre-flight and each conformance check as soon as it is known, and return the exit code."""
     from s2r_spec.report.records.backends import ConformanceObject
     from s2r_spec.testing.conformance import check_conformance
+    from s2r_spec.testing.preflight import preflight
 
-    checks = []
-    for check in check_conformance(machine):
+    findings, checks = [], []
+    for finding in preflight(machine):
+        findings.append(finding)
+        if not as_json:
+            for each in finding_lines(finding):
+                say(each)
+    wrong = sum(finding.level == "wrong" for finding in findings)
+    # A controller that cannot run breaks every rule for the same reason.
+    for check in () if any(one.topic == "rollout" for one in findings) else check_conformance(machine):
         checks.append(check)
         if not as_json:
             say(f"{'BROKEN' if check.violations else 'ok    '}  {check.requirement}")
@@ -153,7 +165,16 @@ def _check(machine: Backend, as_json: bool) -> int:
                 say(f"        {sentence}")
     broken = sum(bool(check.violations) for check in checks)
     if as_json:
-        print(line(ConformanceObject(name=machine.name, promises=tuple(checks))))
+        found = tuple(findings) or None
+        print(line(ConformanceObject(name=machine.name, promises=tuple(checks), preflight=found)))
     else:
-        say(f"{machine.name} keeps {len(checks) - broken} of {len(checks)} rules")
-    return 1 if broken else 0
+        flight = f"; {wrong} lines of the pre-flight are WRONG" if wrong else ""
+        say(f"{machine.name} keeps {len(checks) - broken} of {len(checks)} rules{flight}")
+    return 1 if broken or wrong else 0
+
+
+def finding_lines(finding: Finding) -> Iterator[str]:
+    """Yield the lines of a finding of a pre-flight."""
+    mark = {"ok": "ok", "note": "note", "wrong": "WRONG"}[finding.level]
+    yield f"{mark:6}  {finding.topic}: {finding.words}"
+    yield from (f"        {row}" for row in finding.table)

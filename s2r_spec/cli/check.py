@@ -11,6 +11,7 @@ from s2r_spec.cli.options.search import Mode, Rules, Running, SpecFile
 from s2r_spec.cli.terminal.common import (
     new_or_old,
     pool,
+    print_preflight,
     refuse_without_operator,
     resumable,
     sentences,
@@ -80,6 +81,7 @@ def check(
         }
         names = certified_requirements(parsed, checked.requirement, RunOptions(**keywords))
         (machine,) = reading.backends([backend], parsed, names)
+        print_preflight(machine, running.quiet)
         executor, machines = pool(running.workers, running.scheduler)
         if takes_turns(machine):
             machines = "one rollout at a time"

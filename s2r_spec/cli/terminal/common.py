@@ -181,6 +181,22 @@ def takes_turns(name: str) -> bool:
     return not name.startswith("log:") and is_exclusive(load_backend(name))
 
 
+def print_preflight(name: str, quiet: bool) -> None:
+    """Print the few lines of a backend's pre-flight that need no rollout; most backends have none."""
+    from s2r_spec.backend import HasPreflight, load_backend
+
+    if quiet or name.startswith("log:") or not isinstance(backend := load_backend(name), HasPreflight):
+        return
+    from s2r_spec.testing.preflight import in_short
+
+    for finding in in_short(backend):
+        say(
+            f"{'WRONG' if finding.level == 'wrong' else finding.level:5}  {finding.topic}: {finding.words}",
+            error=True,
+        )
+    say(f"all of the pre-flight: s2r backends {name} --check", error=True)
+
+
 @contextmanager
 def resumable(folder: Path) -> Iterator[None]:
     """Print how to continue an interrupted run, given its folder."""

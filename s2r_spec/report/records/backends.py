@@ -9,6 +9,7 @@ from s2r_spec.backend import (
     Backend,
     Channel,
     Effect,
+    Finding,
     HasEffects,
     Option,
     Parameter,
@@ -88,8 +89,10 @@ class ConformanceObject:
         schema: name and version of this object.
         name: the name of the backend.
         promises: every requirement, in the order in which it was tried.
+        preflight: what a backend finds in the user's files; only if it was put together from files.
     """
 
     schema: Literal["s2r.promises/1"] = "s2r.promises/1"
     name: str
     promises: tuple[Check, ...]
+    preflight: tuple[Finding, ...] | None = field(default=None, metadata=OPTIONAL)
