@@ -47,6 +47,20 @@ class RobotBackend:
         """Pickle the declaration alone; another process reads the files again."""
         return {one.name: getattr(self, one.name) for one in fields(self)}
 
+    @staticmethod
+    def draft(path: Path, model: Path, policy: str, deploy: Path | None) -> tuple[str, tuple[str, ...]]:
+        """Return the first text of a robot file, and what no file states; see :func:`s2r_mujoco.new.draft`."""
+        from s2r_mujoco.new import draft
+
+        return draft(path, model, policy, deploy)
+
+    @staticmethod
+    def problem(path: Path) -> str:
+        """Return what keeps a robot file from running; "" if nothing does."""
+        from s2r_mujoco.new import problem
+
+        return problem(path)
+
     @property
     def name(self) -> str:
         """Name as in ``--backend``."""
@@ -164,12 +178,3 @@ def _in(declared: Parameter, other: Parameter, value: float) -> float:
     """Return a value of the specification in the unit of the robot file."""
     free = replace(declared, low=-np.inf, high=np.inf)
     return free.check(f"{value!r} {other.unit}" if other.unit and declared.unit else value)
-
-
-def open_robot(text: str) -> RobotBackend:
-    """Return the backend of a robot file; options may follow a colon.
-
-    Raises:
-        UsageError: see :class:`RobotBackend`.
-    """
-    return RobotBackend(text)

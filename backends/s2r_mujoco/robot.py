@@ -21,7 +21,7 @@ from s2r_mujoco.description import COMMANDS, ParameterTable, read_description
 from s2r_mujoco.failure import Failures
 from s2r_mujoco.model import ModelFile
 from s2r_mujoco.observation import Memory, Observer, Part, Parts, UserTerm
-from s2r_mujoco.plan import make_plan
+from s2r_mujoco.plan import Plan, make_plan
 from s2r_mujoco.rollout import Push, Record, Simulator
 from s2r_mujoco.start import draw, floors, start_pose
 from s2r_policy import Policy, open_policy

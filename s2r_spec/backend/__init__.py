@@ -36,6 +36,7 @@ from s2r_spec.backend.operator import HasAttendance as HasAttendance
 from s2r_spec.backend.operator import Operator as Operator
 from s2r_spec.backend.registry import described as described
 from s2r_spec.backend.registry import fault as fault
+from s2r_spec.backend.registry import file_opener as file_opener
 from s2r_spec.backend.registry import installed as installed
 from s2r_spec.backend.registry import load_backend as load_backend
 from s2r_spec.backend.registry import short as short

@@ -120,6 +120,20 @@ def _find(name: str) -> tuple[Any, tuple[str, ...]]:
         raise
 
 
+def file_opener(path: Path) -> Any:
+    """Return what a package offers for files with the ending of this path: a factory of backends.
+
+    Raises:
+        UsageError: no installed package opens such files.
+        MissingPackageError: it imports a package that is not installed.
+    """
+    points = _points(FILES, "open files that end with")
+    ending = path.suffix.removeprefix(".")
+    if ending not in points:
+        raise UsageError(f"{path}: no installed package opens such a file; the endings are {one_of(points)}")
+    return _load(points[ending], str(path))
+
+
 def described(name: str) -> tuple[Backend, tuple[Option, ...]]:
     """Return a backend to describe, and its options; it gets its example's options if required ones are missing.
 

@@ -31,6 +31,7 @@ EXAMPLES = {
     "choose": "choose s2r-runs/soft s2r-runs/stiff",
     "replay": "replay s2r-runs/night#3.0 --plot worst.svg",
     "report": "report s2r-runs/night --output night.html",
+    "new": "new robot.toml --model scene.xml --policy policy.onnx --deploy deploy.yaml",
     "backends": "backends sim",
     "monitor": "monitor specs/a1_velocity.stl specs/traces/a1_velocity_fails.csv",
     "log": "log specs/traces/drive.mcap",

@@ -96,3 +96,22 @@ class ConformanceObject:
     name: str
     promises: tuple[Check, ...]
     preflight: tuple[Finding, ...] | None = field(default=None, metadata=OPTIONAL)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NewObject:
+    """The result of ``s2r new``.
+
+    Attributes:
+        schema: name and version of this object.
+        robot: the robot file.
+        text: its content.
+        marks: a sentence for each thing that no file states.
+        problem: what keeps the robot from running as the file is; "" if nothing does.
+    """
+
+    schema: Literal["s2r.new/1"] = "s2r.new/1"
+    robot: str
+    text: str
+    marks: tuple[str, ...]
+    problem: str
