@@ -12,7 +12,6 @@ import re
 import subprocess
 import sys
 import tempfile
-import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -200,7 +199,9 @@ def certify_a1() -> str:
 def own_backend() -> str:
     """Draw the band of the page's lift."""
     with _page("own-backend") as folder:
-        return _reported(folder, "certify lift.stl --sim lift --real lift:worn")
+        return _reported(
+            folder, "certify lift.stl --sim lift.py:Lift --real lift.py:Lift:worn"
+        )
 
 
 def gap_and_cause() -> str:
@@ -302,25 +303,7 @@ def _page(name: str) -> Iterator[Path]:
         ):
             Path(folder, file).write_text(text, encoding="utf-8")
         Path(folder, "specs").symlink_to(ROOT / "specs")
-        if Path(folder, "pyproject.toml").exists():
-            _install(Path(folder))
         yield Path(folder)
-
-
-def _install(folder: Path) -> None:
-    """Write what pip would note of the backend in a folder."""
-    project = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))[
-        "project"
-    ]
-    about = (
-        folder / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
-    )
-    about.mkdir()
-    head = f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n"
-    (about / "METADATA").write_text(head, encoding="utf-8")
-    offered = project["entry-points"]["s2r.backends"].items()
-    lines = ["[s2r.backends]", *(f"{name} = {place}" for name, place in offered)]
-    (about / "entry_points.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def _reported(folder: Path, command: str) -> str:

@@ -47,7 +47,7 @@ class Afresh:
     """Stands in for ``repeatability.run_afresh``: a fork is as new a process as an interpreter, and starts sooner."""
 
     def __call__(self, task: Task) -> tuple[Trace, float]:
-        with ProcessPoolExecutor(1, FORKS, _surround, (dict(os.environ),)) as pool:
+        with ProcessPoolExecutor(1, FORKS, _surround, (dict(os.environ), os.getcwd())) as pool:
             return pool.submit(run_task, task).result()
 
     def __reduce__(self) -> tuple[Callable[..., object], tuple[object, ...]]:
@@ -98,7 +98,8 @@ def started(
             process.join()
 
 
-def _surround(environment: dict[str, str]) -> None:
+def _surround(environment: dict[str, str], folder: str) -> None:
+    os.chdir(folder)
     os.environ.clear()
     os.environ.update(environment)
 
@@ -117,8 +118,7 @@ def _command(
     for descriptor, file in enumerate(files):
         os.dup2(os.open(file, os.O_RDWR | os.O_CREAT), descriptor)
     sys.stdin = os.fdopen(0, closefd=False)
-    os.chdir(folder)
-    _surround(environment)
+    _surround(environment, str(folder))
     sys.path[:] = path
     sys.argv = ["s2r", *words]
     os.sched_getaffinity = lambda _: {0}  # type: ignore[assignment]

@@ -50,6 +50,8 @@ def test_its_options_are_read_and_a_class_without_any_refuses_them(cart, monkeyp
     made = cart["with_options"]("drag.rate=1,weak_motor.factor=0.9")
     assert made.chosen() == {"drag": {"rate": 1.0}, "weak_motor": {"factor": 0.9}}
     with pytest.raises(UsageError, match="the backend 'cart' has no effect 'drug'"):
+        cart["with_options"]("drug.rate=1")
+    with pytest.raises(UsageError, match="the backend 'cart' has no option 'drug'"):
         cart["with_options"]("drug")
     # The class keeps its effects in its first field, where an option would land.
     monkeypatch.setattr(registry, "_factory", lambda name: cart["Cart"])

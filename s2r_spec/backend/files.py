@@ -71,22 +71,28 @@ def load_code(text: str, folder: Path | None = None) -> LoadedCode:
 
 
 def pack(value: object) -> bytes:
-    """Return a pickle that :func:`unpack` reads in another process, with the places of files that were loaded here."""
-    return pickle.dumps((dict(_PLACES), pickle.dumps(value)))
+    """Return a pickle that :func:`unpack` reads in another process, with places and digests of files loaded here."""
+    return pickle.dumps((dict(_PLACES), dict(_DIGESTS), pickle.dumps(value)))
 
 
 def unpack(data: bytes) -> Any:
-    """Return the object of :func:`pack`; a file with its class runs first, if it has not yet run here."""
-    places, value = pickle.loads(data)
+    """Return the object of :func:`pack`; a file with its class runs first, if it has not yet run here.
+
+    Raises:
+        UsageError: a file is missing on this computer, or is not the one that was loaded.
+    """
+    places, digests, value = pickle.loads(data)
     _claim(places)
-    try:
-        return pickle.loads(value)
-    except ModuleNotFoundError as error:
-        if error.name not in places:
-            raise
-        raise UsageError(
-            f"{places[error.name]} is not on {gethostname()}, which runs rollouts; copy it there, to the same path"
-        ) from None
+    for module, digest in digests.items():
+        path = places.get(module)
+        if path is not None and path.suffix == ".py" and _DIGESTS.get(module) != digest:
+            if not path.is_file() or Code.read("", path, str(path)).digest != digest:
+                raise UsageError(
+                    f"{path} on {gethostname()} is not the file that the run began with; copy it there, with the files "
+                    f"that it imports, and install the same versions"
+                )
+            _DIGESTS[module] = digest
+    return pickle.loads(value)
 
 
 _PLACES: dict[str, Path] = {}

@@ -46,9 +46,10 @@ def read_options(
         elif of_effects and value and "." in name:
             choice = choose(backend, catalogue, choice, read_word(word) or {})
         else:
-            example = f", and the parameters of its effects, such as {of_effects[0]}" if of_effects else ""
+            valid = [one_of(options)] if options or not of_effects else []
+            valid += [f"the parameters of its effects, such as {of_effects[0]}"] if of_effects else []
             raise UsageError(
                 f"the backend {backend!r} has no option {name!r}{suggest(name, [*options, *of_effects])} "
-                f"it has {one_of(options)}{example}"
+                f"it has {' and '.join(valid)}"
             )
     return settings, choice

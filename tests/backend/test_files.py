@@ -26,19 +26,7 @@ def folder(tmp_path):
     (tmp_path / "wheels.py").write_text("import numpy as np\nRADIUS = np.float64(0.5)\n")
     (tmp_path / "tyres.py").write_text("GRIP = 3.0\n")
     (tmp_path / "unrelated.py").write_text("1 / 0\n")
-    yield tmp_path
-    for name in ("wheels", "tyres"):
-        sys.modules.pop(name, None)
-
-
-@pytest.fixture(autouse=True)
-def places(monkeypatch):
-    """Forget what a test loaded."""
-    from s2r_spec.backend import files
-
-    monkeypatch.setattr(files, "_PLACES", {})
-    monkeypatch.setattr(files, "_DIGESTS", {})
-    monkeypatch.setattr(sys, "path", [*sys.path])
+    return tmp_path
 
 
 def refusal(text, folder):
@@ -84,8 +72,6 @@ def test_a_module_in_the_folder(folder):
     code = load_code("robots.arm:Arm", folder)
     assert code.value.length == 2.0
     assert {path.name for path in code.files} == {"__init__.py", "arm.py", "links.py"}
-    for name in ("robots", "robots.arm", "robots.links"):
-        del sys.modules[name]
 
 
 def test_an_object_of_a_file_goes_to_another_process(folder):

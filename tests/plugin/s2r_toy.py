@@ -112,3 +112,11 @@ class ShortToy(Toy):
 
 class NotABackend:
     name = "broken"
+
+
+def open_file(text: str) -> Toy:
+    """Open a file ``NAME.glide``, whose content is a habit, as its ending says."""
+    path, _, options = text.partition(":")
+    toy = Toy(options or Path(path).read_text().strip())
+    toy.name = text
+    return toy
