@@ -124,7 +124,12 @@ def other_backends(name: str) -> set[str]:
 
 def test_the_robot_may_import_its_simulator_and_no_backend_another():
     names = {path.name for path in (PACKAGE.parent / "backends").iterdir() if path.name.startswith("s2r_")}
-    allowed = {"s2r_a1": {"s2r_sim"}, "s2r_gym": {"s2r_policy"}, "s2r_mujoco": {"s2r_policy"}}
+    allowed = {
+        "s2r_a1": {"s2r_sim"},
+        "s2r_sim": {"s2r_mujoco"},
+        "s2r_gym": {"s2r_policy"},
+        "s2r_mujoco": {"s2r_policy"},
+    }
     for name in names:
         assert other_backends(name) <= allowed.get(name, set()), name
 

@@ -20,6 +20,8 @@ from s2r_spec.trace import Trace
 
 _CPU_PER_STEP, _CPU_PER_TICK = 2e-6, 1e-4
 """Budget: time of one core for a physics step, a degree of freedom, and for a control tick [s]; for planning."""
+_CAMERA = 4.0
+"""Definition: distance of the camera, in distances between the robot's root and its farthest geom."""
 
 
 @dataclass(frozen=True)
@@ -140,6 +142,23 @@ class RobotBackend:
         test = self._defaults | {name: self._checked(name, value) for name, value in params.items()}
         record = self._robot.run(test, seed, self._ticks(self.duration) + 1)
         return self._trace(record, {"params": test, "seed": seed})
+
+    def render(self, params: Mapping[str, float], seed: int, path: str | Path) -> Trace:
+        """Run one test and draw it: eight tiles over the rollout (.png, .jpg) or a short video (.gif, .webp).
+
+        Raises:
+            UsageError: as :meth:`rollout`; or pictures cannot be drawn on this machine.
+        """
+        from s2r_mujoco.pictures import TILES, View, draw
+
+        robot, trace = self._robot, self.rollout(params, seed)
+        test = self._defaults | dict(params)
+        positions = robot.run(test, seed, self._ticks(self.duration) + 1).qpos[: len(trace)]
+        tiles = np.linspace(0, len(trace) - 1, TILES[0] * TILES[1]).round().astype(int)
+        model = robot.file.compile(robot.changes(test), pictures=True)
+        view = View(_CAMERA * robot.reach, 0.3 * robot.reach, max(robot.plan.root, 0))
+        draw(model, positions, tiles.tolist(), 1.0 / robot.plan.step, view, Path(path))
+        return trace
 
     def preflight(self, *, run: bool) -> Iterator[Finding]:
         """Yield what the files say together, and what is wrong with it; see :class:`s2r_spec.backend.HasPreflight`."""

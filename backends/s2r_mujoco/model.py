@@ -68,13 +68,16 @@ class ModelFile:
         """The file itself, and every file that it includes or loads; a missing one is left out."""
         return tuple(dict.fromkeys(_files(self.path, self.path.parent, set())))
 
-    def compile(self, changes: Mapping[FieldChange, float] | None = None) -> Any:
-        """Return a compiled model with some fields changed.
+    def compile(self, changes: Mapping[FieldChange, float] | None = None, pictures: bool = False) -> Any:
+        """Return a compiled model with some fields changed; with what only ``pictures`` need, or without.
 
         Raises:
             UsageError: a file is missing or broken, a field does not exist, or MuJoCo refuses a value.
         """
         spec = self.spec()
+        # Without textures and visual meshes, a compilation takes 2 ms instead of 50. Rangefinders see visual meshes.
+        ranging = any(int(one.type) == int(mujoco.mjtSensor.mjSENS_RANGEFINDER) for one in spec.sensors)
+        spec.compiler.discardvisual = not (pictures or ranging)
         for change, value in (changes or {}).items():
             self._change(spec, change, value)
         try:
@@ -104,8 +107,6 @@ class ModelFile:
                 type=mujoco.mjtGeom.mjGEOM_PLANE,
                 size=[0.0, 0.0, 0.05],
             )
-        if not any(one.type == mujoco.mjtSensor.mjSENS_RANGEFINDER for one in spec.sensors):
-            spec.compiler.discardvisual = True  # a compilation takes 2 ms instead of 50 without textures
         # A rollout ends at a warning; MuJoCo would begin it again at the start pose.
         spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         return spec

@@ -19,7 +19,7 @@ from s2r_mujoco.deploy import of_metadata, read_deployment
 from s2r_mujoco.deploy.record import Deployment
 from s2r_mujoco.description import COMMANDS, ParameterTable, read_description
 from s2r_mujoco.failure import Failures
-from s2r_mujoco.model import ModelFile
+from s2r_mujoco.model import FieldChange, ModelFile
 from s2r_mujoco.observation import Memory, Observer, Part, Parts, UserTerm
 from s2r_mujoco.plan import Plan, make_plan
 from s2r_mujoco.rollout import Push, Record, Simulator
@@ -222,16 +222,14 @@ class Robot:
 
     @cached_property
     def simulator(self) -> Any:
-        """The function from values of fields to a simulator; a process keeps the last ones."""
+        """The function from changed fields to a simulator; a process keeps the last ones."""
         users: dict[str, UserTerm] = {
             name: code.value for name, code in self.code.items() if self._is_term(name)
         }
 
         @lru_cache(maxsize=KEPT)
-        def made(fields: tuple[tuple[str, float], ...]) -> Simulator:
-            tables = self.description.table.parameters
-            model = self.file.compile({tables[name].change: value for name, value in fields})
-            return Simulator(model, self.plan, users)
+        def made(changes: tuple[tuple[FieldChange, float], ...]) -> Simulator:
+            return Simulator(self.file.compile(dict(changes)), self.plan, users)
 
         return made
 
@@ -275,15 +273,28 @@ class Robot:
         """Return the condition of a failure that comes first, and its tick; None without one."""
         return self.failures.first(self.trace(record, {}))
 
-    def simulator_of(self, values: Mapping[str, float]) -> Simulator:
-        """Return the simulator with the fields of a test."""
-        fields = tuple(
-            (name, values[name])
+    def changes(self, values: Mapping[str, float]) -> dict[FieldChange, float]:
+        """Return the changes of the model's fields in a test."""
+        return {
+            one.change: values[name]
             for name, one in self.description.table.parameters.items()
             if one.field and values[name] != self.parameters[name].declared.default
-        )
-        simulator: Simulator = self.simulator(fields)
+        }
+
+    def simulator_of(self, values: Mapping[str, float]) -> Simulator:
+        """Return the simulator with the fields of a test."""
+        simulator: Simulator = self.simulator(tuple(self.changes(values).items()))
         return simulator
+
+    @property
+    def reach(self) -> float:
+        """Distance between the root and the far end of the farthest moving geom at the start pose [m]."""
+        model, data = self.model, mujoco.MjData(self.model)
+        data.qpos[:] = start_pose(model, self.plan, self.description.table.start, self.name)
+        mujoco.mj_kinematics(model, data)
+        moving = model.body_weldid[model.geom_bodyid] != 0
+        away = np.linalg.norm(data.geom_xpos - data.xpos[max(self.plan.root, 0)], axis=1) + model.geom_rbound
+        return float(away[moving].max(initial=0.1))
 
     def _push(self, table: ParameterTable, force: float) -> Push:
         step, body = self.plan.step, self.body(table.push, self.name)
@@ -292,7 +303,7 @@ class Robot:
         return Push(body, force * direction, first, first + max(1, round(table.lasts / step)))
 
 
-_ONLOOKERS = {"preflight.py", "new.py", "pictures.py"}
+_ONLOOKERS = {"new.py", "pictures.py", "preflight.py"}
 """Definition: source files without influence on a trace."""
 
 

@@ -5,7 +5,8 @@ import importlib
 import numpy as np
 import pytest
 
-from s2r_sim import SimBackend, pictures
+from s2r_mujoco import pictures
+from s2r_sim import SimBackend
 from s2r_spec.base import errors
 from s2r_spec.errors import UsageError
 from tests.errors import naming
