@@ -25,7 +25,7 @@ from s2r_mujoco.plan import Plan, make_plan
 from s2r_mujoco.rollout import Push, Record, Simulator
 from s2r_mujoco.start import draw, floors, start_pose
 from s2r_policy import Policy, open_policy
-from s2r_spec.backend import LoadedCode, Parameter, load_code
+from s2r_spec.backend import LoadedCode, Parameter, load_code, read_code
 from s2r_spec.errors import UsageError, did_you_mean, one_of
 from s2r_spec.trace import Trace
 
@@ -105,20 +105,24 @@ class Robot:
             self.description.beside(name), table.floor, table.timestep or self.deployment.timestep
         )
 
+    @property
+    def code_names(self) -> tuple[str, ...]:
+        """Names of the user's own code in the file: the terms, then the controller."""
+        names = [term.name for term in self.plan.terms if ".py:" in term.name]
+        return (*names, *([self.description.table.policy] if self.policy is None else []))
+
     @cached_property
     def code(self) -> dict[str, LoadedCode]:
-        """The user's own code by its name in the file: the controller and the terms. It runs when it is loaded."""
-        names = [term.name for term in self.plan.terms if ".py:" in term.name]
-        names += [self.description.table.policy] if self.policy is None else []
-        return {name: load_code(name, self.description.path.parent) for name in names}
+        """The user's own code by its name. It runs when it is loaded."""
+        return {name: load_code(name, self.description.path.parent) for name in self.code_names}
 
     def digest(self, extra: str) -> str:
         """Return the hash over all files, versions and this package's source."""
         total = hashlib.sha256(extra.encode())
         total.update(f"mujoco {version('mujoco')} numpy {version('numpy')}".encode())
         total.update(b"" if self.policy is None else self.policy.digest.encode())
-        for code in self.code.values():
-            total.update(code.digest.encode())
+        for name in self.code_names:
+            total.update(read_code(name, self.description.path.parent)[0].encode())
         here = Path(__file__).parent
         sources = [path for path in sorted(here.rglob("*.py")) if path.name not in _ONLOOKERS]
         for path in (self.description.path, *self.deployment.files, *self.file.files, *sources):

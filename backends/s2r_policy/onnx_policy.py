@@ -248,17 +248,23 @@ def _open(path: Path, contents: Contents) -> Any:
     try:
         return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
     except Exception as error:
-        reason = _first_sentence(error)
-        if "opset" in str(error).lower() or "IR version" in str(error):
+        newest = re.search(r"till opset (\d+)|max supported IR version: (\d+)", str(error))
+        if newest:
+            opset, ir = newest.groups()
+            words = f"opset {contents.opset}, but onnxruntime {onnxruntime.__version__} runs at most {opset}"
+            if ir:
+                words = f"a format version (IR) that onnxruntime {onnxruntime.__version__} does not read, above {ir}"
             raise UsageError(
-                f"{path}: onnxruntime {onnxruntime.__version__} is too old for opset {contents.opset} of the file; "
-                f"export the policy with a lower opset_version, or upgrade onnxruntime ({reason})"
+                f"{path}: the file has {words}; upgrade onnxruntime, or export the policy with a lower opset_version"
             ) from None
-        raise UsageError(f"{path}: onnxruntime {onnxruntime.__version__} cannot open it: {reason}") from None
+        raise UsageError(
+            f"{path}: onnxruntime {onnxruntime.__version__} cannot open it: {_first_sentence(error)}"
+        ) from None
 
 
 def _first_sentence(error: Exception) -> str:
-    """Return what onnxruntime says, without its code, file and line."""
+    """Return what onnxruntime says, without its code, the path of the model, and its own file and function."""
     words = re.sub(r"^\[ONNXRuntimeError\] : \d+ : \w+ : ", "", str(error))
-    words = re.sub(r"\S+\.(?:cc|h):\d+ [^\n]*?(?=\b[A-Z][a-z]+ )", "", words)
-    return re.split(r"\.\s|\n", words, maxsplit=1)[0].strip()
+    words = re.sub(r"^Load model from .*? failed:", "", words)
+    words = re.sub(r"^\S+\.(?:cc|h):\d+ .*\) (?=[A-Z])", "", words)
+    return re.split(r"\.\s|\n", words, maxsplit=1)[0].strip(" .")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from hashlib import sha256
+from hashlib import file_digest, sha256
 from pathlib import Path
 from typing import Protocol
 
@@ -59,9 +59,7 @@ def digest(files: Iterable[Path], library: str) -> str:
     total = sha256(library.encode())
     for path in files:
         with path.open("rb") as file:
-            while block := file.read(1 << 20):
-                total.update(block)
-        total.update(path.name.encode())
+            total.update(file_digest(file, "sha256").digest())
     return total.hexdigest()
 
 
@@ -72,6 +70,7 @@ def refuse_width(path: Path, width: int | None, observation: FloatArray32) -> No
         UsageError: its shape is another.
     """
     if observation.ndim != 1 or width not in (None, observation.size):
+        wanted = "a vector" if width is None else f"{width} numbers"
         raise UsageError(
-            f"{path}: the policy takes {width} numbers, but the observation has shape {observation.shape}"
+            f"{path}: the policy takes {wanted}, but the observation has shape {observation.shape}"
         )

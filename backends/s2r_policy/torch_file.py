@@ -1,55 +1,60 @@
-"""Whether a TorchScript file is safe to load, found without torch.
+"""A TorchScript file, read and checked without torch.
 
 A TorchScript file is a zip archive of tensors, of ``data.pkl``, and of source text in ``code/``. PyTorch reads its
 pickles by an own reader, which creates no Python objects. The source is TorchScript, which has no files, processes or
-imports. But it runs at loading already (``__setstate__``), and two operators write files: ``torch.save`` and
-``torch.from_file``. PyTorch's own advice is to trust no model (https://github.com/pytorch/pytorch/security/policy).
+imports. But it runs at loading already (``__setstate__``), and a few operators reach outside: ``torch.save`` and
+``torch.from_file`` write files, and a class of ``torch.classes`` loads a library. PyTorch's own advice is to trust no
+model (https://github.com/pytorch/pytorch/security/policy). So a file with one of these is refused.
 """
 
 from __future__ import annotations
 
 import ast
+import io
 import re
 import zipfile
+import zlib
 from pathlib import Path
 
 from s2r_spec.errors import UsageError
 
 _WRITES = re.compile(r"(?<!\w)(?:save|from_file)(?!\w)")
 _NAMESPACE = re.compile(r"(?<!\w)ops\s*\.\s*(\w+)")
-_CLASSES = re.compile(r"(?<!\w)torch\s*\.\s*classes(?!\w)")
-_STANDARD = {"aten", "prim", "quantized"}
+_CLASSES = re.compile(rb"torch\s*\.?\s*classes")
+_STANDARD = {"aten", "prim"}
 
 
-def read_classes(path: Path) -> dict[str, tuple[str, ...]]:
-    """Return the names of the attributes of every class of a TorchScript file.
+def read_archive(path: Path) -> tuple[bytes, dict[str, tuple[str, ...]]]:
+    """Return a TorchScript file, and the names of the attributes of every class in it.
+
+    The file is a new archive of exactly the members that were checked, whatever else the bytes on disk hold.
 
     Raises:
         UsageError: it is a pickle, a damaged archive, or has an operator that reaches outside of the model.
     """
     try:
         with zipfile.ZipFile(path) as archive:
-            members = archive.infolist()
-            names = {member.filename.partition("/")[2].lower() for member in members}
-            if not {"data.pkl", "constants.pkl"} <= names or "model.json" in names:
-                raise UsageError(_pickle(path))
-            sources = {
-                one.filename: archive.read(one).decode()
-                for one in members
-                if one.filename.lower().endswith(".py")
-            }
+            members = [(one.filename, archive.read(one)) for one in archive.infolist()]
     except zipfile.BadZipFile:
         with path.open("rb") as file:
             begins = file.read(4)
         damaged = f"{path}: the TorchScript archive is damaged; copy it again"
         raise UsageError(damaged if begins == b"PK\3\4" else _pickle(path)) from None
-    except (OSError, UnicodeDecodeError, RuntimeError, NotImplementedError) as error:
+    except (OSError, RuntimeError, NotImplementedError, EOFError, zlib.error) as error:
         raise UsageError(f"{path} cannot be read: {error}") from None
+    names = [name.partition("/")[2].lower() for name, _ in members]
+    if not {"data.pkl", "constants.pkl"} <= {*names} or "model.json" in names or len({*names}) < len(names):
+        raise UsageError(_pickle(path))
+    checked = io.BytesIO()
     classes: dict[str, tuple[str, ...]] = {}
-    for name, text in sources.items():
-        _refuse_outside(path, text)
-        classes |= _attributes(path, name, text)
-    return classes
+    with zipfile.ZipFile(checked, "w") as archive:
+        for name, content in members:
+            if name.lower().endswith(("pkl", ".py")) and _CLASSES.search(content):
+                raise UsageError(_outside(path, "torch.classes"))
+            if name.lower().endswith(".py"):
+                classes |= _attributes(path, name, content)
+            archive.writestr(name, content)
+    return checked.getvalue(), classes
 
 
 def _pickle(path: Path) -> str:
@@ -59,26 +64,24 @@ def _pickle(path: Path) -> str:
     )
 
 
-def _refuse_outside(path: Path, text: str) -> None:
-    """Refuse source text with a word that could reach outside of the model."""
-    outside = [f"torch.{word}" for word in _WRITES.findall(text)]
-    outside += [f"ops.{name}" for name in _NAMESPACE.findall(text) if name not in _STANDARD]
-    outside += ["torch.classes"] if _CLASSES.search(text) else []
-    if outside:
-        raise UsageError(
-            f"{path}: its code uses {outside[0]}, which may reach outside of the model; export the policy as ONNX"
-        )
+def _outside(path: Path, what: str) -> str:
+    return f"{path}: its code uses {what}, which may reach outside of the model; export the policy as ONNX"
 
 
-def _attributes(path: Path, name: str, text: str) -> dict[str, tuple[str, ...]]:
-    """Return class → names of its attributes, of one source file of an archive."""
+def _attributes(path: Path, name: str, content: bytes) -> dict[str, tuple[str, ...]]:
+    """Return class → names of its attributes, of one source file of an archive that reaches nowhere outside."""
     module = name.partition("/code/")[2].removesuffix(".py").replace("/", ".")
     try:
+        text = content.decode()
         tree = ast.parse(text)
-    except (SyntaxError, ValueError, RecursionError):
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise UsageError(
             f"{path}: its code {name} cannot be read; export the policy with a newer torch, or as ONNX"
         ) from None
+    outside = [f"torch.{word}" for word in _WRITES.findall(text)]
+    outside += [f"ops.{word}" for word in _NAMESPACE.findall(text) if word not in _STANDARD]
+    if outside:
+        raise UsageError(_outside(path, outside[0]))
     return {
         f"{module}.{node.name}": tuple(
             one.target.id

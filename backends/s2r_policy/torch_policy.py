@@ -7,6 +7,7 @@ t = 0 of every rollout. Methods of the file such as ``reset_memory`` are not cal
 from __future__ import annotations
 
 import copy
+import io
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
@@ -16,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from s2r_policy.policy import FloatArray32, digest, refuse_width
-from s2r_policy.torch_file import read_classes
+from s2r_policy.torch_file import read_archive
 from s2r_policy.torch_graph import changes_state, widths
 from s2r_spec.errors import UsageError
 
@@ -33,7 +34,7 @@ class TorchScriptPolicy:
         import torch
 
         self._torch: Any = torch
-        classes = read_classes(path)
+        content, classes = read_archive(path)
         self.path = path
         self.files = (path,)
         self.metadata: Mapping[str, str] = {}
@@ -42,13 +43,19 @@ class TorchScriptPolicy:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", DeprecationWarning)  # torch.export cannot keep a state
-                self._module: Any = torch.jit.load(str(path), map_location="cpu").eval()  # type: ignore[no-untyped-call]
+                self._module: Any = torch.jit.load(io.BytesIO(content), map_location="cpu").eval()  # type: ignore[no-untyped-call]
             graph = self._module.inlined_graph
         except Exception as error:
             raise UsageError(
                 f"{path}: torch {torch.__version__} cannot load it: {_last_line(error)}"
             ) from None
         self._forward = self._module.forward
+        needed = [one.name for one in self._forward.schema.arguments[1:] if not one.has_default_value()]
+        if len(needed) != 1:
+            raise UsageError(
+                f"{path}: the policy has {len(needed)} inputs ({', '.join(needed)}), but only an observation is "
+                f"known; export one whose state is a buffer"
+            )
         self.recurrent = changes_state(graph)
         self.width, self.outputs = widths(graph, self._module)
         self._places = list(_state(self._module, classes))

@@ -24,6 +24,7 @@ from s2r_spec.backend.capabilities import hands_over as hands_over
 from s2r_spec.backend.capabilities import is_exclusive as is_exclusive
 from s2r_spec.backend.files import LoadedCode as LoadedCode
 from s2r_spec.backend.files import load_code as load_code
+from s2r_spec.backend.files import read_code as read_code
 from s2r_spec.backend.model import Channel as Channel
 from s2r_spec.backend.model import Effect as Effect
 from s2r_spec.backend.model import EffectParameter as EffectParameter

@@ -70,6 +70,14 @@ def load_code(text: str, folder: Path | None = None) -> LoadedCode:
     return LoadedCode(value, digest, tuple(code.files))
 
 
+def read_code(text: str, folder: Path | None = None) -> tuple[str, tuple[Path, ...]]:
+    """Return the digest and the files of :func:`load_code`, without running any of them."""
+    place, name = _split(text)
+    module, path, label = _locate(place, folder or Path())
+    code = Code.read("" if place.endswith(".py") else module, path, label)
+    return sha256(f"{code.digest} {name}".encode()).hexdigest(), tuple(code.files)
+
+
 def pack(value: object) -> bytes:
     """Return a pickle that :func:`unpack` reads in another process, with places and digests of files loaded here."""
     return pickle.dumps((dict(_PLACES), dict(_DIGESTS), pickle.dumps(value)))

@@ -1,0 +1,1 @@
+"""The `gym` backend: a Gymnasium environment and a policy, without a package."""
