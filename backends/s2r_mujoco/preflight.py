@@ -17,7 +17,7 @@ from s2r_mujoco.channels import Attitude
 from s2r_mujoco.description import COMMANDS
 from s2r_mujoco.robot import STABLE, Robot
 from s2r_mujoco.rollout import Record
-from s2r_spec.backend import Finding, Parameter, read_code
+from s2r_spec.backend import Finding, Parameter
 
 STILL = 0.01
 """Definition: a velocity term that never exceeds this during a commanded motion is named [in the unit of the term]."""
