@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from importlib.metadata import version
 from pathlib import Path
+from traceback import extract_tb
 from typing import Any
 
 import mujoco
@@ -26,7 +28,7 @@ from s2r_mujoco.rollout import Push, Record, Simulator
 from s2r_mujoco.start import draw, floors, start_pose
 from s2r_policy import Policy, open_policy
 from s2r_spec.backend import LoadedCode, Parameter, load_code, read_code
-from s2r_spec.errors import UsageError, did_you_mean, one_of
+from s2r_spec.errors import BackendError, S2RError, UsageError, did_you_mean, one_of
 from s2r_spec.trace import Trace
 
 UNITS = {
@@ -259,12 +261,28 @@ class Robot:
         pose = start_pose(simulator.model, self.plan, table.start, self.name)
         position, velocity = draw(simulator.model, self.plan, table.start, seed)
         simulator.begin(pose + position, velocity, command, self.plan.key)
-        if self.policy is not None:
-            self.policy.reset()
-            return simulator.run(self.policy, ticks, pushes)
-        value = self.code[table.policy].value
-        function = value() if isinstance(value, type) else value
-        return simulator.act(getattr(function, "act", function), ticks, pushes)
+        with self._explaining():
+            if self.policy is not None:
+                self.policy.reset()
+                return simulator.run(self.policy, ticks, pushes)
+            value = self.code[table.policy].value
+            function = value() if isinstance(value, type) else value
+            return simulator.act(getattr(function, "act", function), ticks, pushes)
+
+    @contextmanager
+    def _explaining(self) -> Iterator[None]:
+        """Name the line of the user's code that raised an error."""
+        try:
+            yield
+        except S2RError:
+            raise
+        except Exception as error:
+            own = {str(path) for code in self.code.values() for path in code.files}
+            lines = [at for at in extract_tb(error.__traceback__) if at.filename in own]
+            if not lines:
+                raise
+            where = f"{Path(lines[-1].filename).name}, line {lines[-1].lineno}"
+            raise BackendError(f"{where}, raised {type(error).__name__}: {error}") from error
 
     def trace(self, record: Record, meta: Mapping[str, Any]) -> Trace:
         """Return the whole record as a trace."""

@@ -147,7 +147,7 @@ def _check(machine: Backend, as_json: bool) -> int:
     """Print the pre-flight and each conformance check as soon as it is known, and return the exit code."""
     from s2r_spec.report.records.backends import ConformanceObject
     from s2r_spec.testing.conformance import check_conformance
-    from s2r_spec.testing.preflight import preflight
+    from s2r_spec.testing.preflight import FAULT, preflight
 
     findings, checks = [], []
     for finding in preflight(machine):
@@ -157,7 +157,7 @@ def _check(machine: Backend, as_json: bool) -> int:
                 say(each)
     wrong = sum(finding.level == "wrong" for finding in findings)
     # A controller that cannot run breaks every rule for the same reason.
-    for check in () if any(one.topic == "rollout" for one in findings) else check_conformance(machine):
+    for check in () if any(one.topic == FAULT for one in findings) else check_conformance(machine):
         checks.append(check)
         if not as_json:
             say(f"{'BROKEN' if check.violations else 'ok    '}  {check.requirement}")
@@ -168,8 +168,9 @@ def _check(machine: Backend, as_json: bool) -> int:
         found = tuple(findings) or None
         print(line(ConformanceObject(name=machine.name, promises=tuple(checks), preflight=found)))
     else:
-        flight = f"; {wrong} lines of the pre-flight are WRONG" if wrong else ""
-        say(f"{machine.name} keeps {len(checks) - broken} of {len(checks)} rules{flight}")
+        ends = [f"keeps {len(checks) - broken} of {len(checks)} rules"] if checks else []
+        ends += [f"has {wrong} WRONG line{'s' * (wrong > 1)} in its pre-flight"] if wrong else []
+        say(f"{machine.name} {' and '.join(ends)}")
     return 1 if broken or wrong else 0
 
 
