@@ -254,7 +254,8 @@ class Robot:
             command: component → value instead of that of the test.
         """
         tables, table = self.description.table.parameters, self.description.table
-        simulator = self.simulator_of(values)
+        with self._explaining():  # a term of the user's own is called once for its width
+            simulator = self.simulator_of(values)
         if command is None:
             command = {name: values.get(one.parameter, one.value) for name, one in self.plan.commands.items()}
         pushes = [self._push(one, values[name]) for name, one in tables.items() if one.push]
