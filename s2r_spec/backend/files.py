@@ -213,9 +213,8 @@ def _run(module: str, code: Code, label: str) -> Any:
         if name in sys.stdlib_module_names or (name in sys.modules and _where(loaded) != _where(wanted)):
             raise UsageError(f"{label}: {_clash(name, code.root, _where(loaded) or 'Python itself')}")
     _claim(dict.fromkeys(code.own, code.root))
-    if (
-        root not in sys.path
-    ):  # for imports by importlib; last, so that no file of it hides an installed module
+    # For imports by importlib. The folder is the last one, so that no file of it hides an installed module.
+    if code.own and root not in sys.path:
         sys.path.append(root)
     _CONTENTS.update(code.files)
     with _explaining(label, next(iter(code.files))):

@@ -68,10 +68,13 @@ def _takes(function: Callable[..., Any], *arguments: Any) -> bool:
 def _make(factory: Callable[..., Any], options: str, name: str) -> Any:
     arguments = (options,) if options else ()
     if not _takes(factory, *arguments):
-        remedy = (
-            f"takes no options; leave out {options!r}" if options else f"needs options: write {name}:OPTIONS"
+        if options:
+            raise UsageError(f"{name} takes no options; leave out {options!r}")
+        if _takes(factory, ""):
+            raise UsageError(f"{name} needs options: write {name}:OPTIONS")
+        raise UsageError(
+            f"{name}{inspect.signature(factory)} must be callable without arguments, or with one text"
         )
-        raise UsageError(f"{name} {remedy}")
     return factory(*arguments)
 
 
@@ -95,13 +98,13 @@ def _named(made: Any, name: str, digest: str, own: str, added: str) -> FunctionB
 def _function(made: Any, name: str) -> tuple[Callable[..., Trace], tuple[Effect, ...]]:
     """Return the function of a test and a seed, and its effects; with effects it takes their values, too."""
     effects = getattr(made, "effects", ())
-    effects = tuple(effects() if callable(effects) else effects)
-    if not all(isinstance(effect, Effect) for effect in effects):
+    effects = effects() if callable(effects) else effects
+    if not isinstance(effects, tuple | list) or not all(isinstance(effect, Effect) for effect in effects):
         raise UsageError(f"{name}: effects must be a tuple of s2r.Effect, not {effects!r}")
     if getattr(made, "exclusive", False) or hasattr(made, "attendance"):
         raise UsageError(f"{name} moves a machine, so it must declare its channels and parameters itself")
     if isinstance(made, FunctionBackend):
-        return made.function, effects
+        return made.function, tuple(effects)
     function = getattr(made, "rollout", made)
     if effects and hasattr(made, "with_effects"):
         function = _Rebuilt(made)
@@ -117,7 +120,7 @@ def _function(made: Any, name: str) -> tuple[Callable[..., Trace], tuple[Effect,
             f"{name} has rollout{inspect.signature(function)}, but it is called with {given}: "
             f"rollout(params, seed{', effects' * bool(effects)})"
         )
-    return function, effects
+    return function, tuple(effects)
 
 
 @dataclass(frozen=True)
