@@ -6,9 +6,10 @@ import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
+from pathlib import Path
 from typing import Any
 
-from s2r_spec.backend.files import load_code, split_options
+from s2r_spec.backend.files import explaining, load_code, split_options
 from s2r_spec.backend.function import FunctionBackend
 from s2r_spec.backend.model import Effect
 from s2r_spec.backend.options import read_options
@@ -35,9 +36,9 @@ def open_code(text: str) -> Any:
     words = [word for word in options.split(",") if word]
     added = ",".join(word for word in words if "." in word.partition("=")[0])
     own = ",".join(word for word in words if "." not in word.partition("=")[0])
-    made = _make(code.value, own, name)
+    made = _make(code.value, own, name, code.files[0])
     if added and (_declares(made) or not hasattr(made, "effects")):
-        made, own, added = _make(code.value, options, name), options, ""
+        made, own, added = _make(code.value, options, name, code.files[0]), options, ""
     return made if _declares(made) else _named(made, name, code.digest, own, added)
 
 
@@ -65,7 +66,7 @@ def _takes(function: Callable[..., Any], *arguments: Any) -> bool:
     return True
 
 
-def _make(factory: Callable[..., Any], options: str, name: str) -> Any:
+def _make(factory: Callable[..., Any], options: str, name: str, path: Path) -> Any:
     arguments = (options,) if options else ()
     if not _takes(factory, *arguments):
         if options:
@@ -75,18 +76,22 @@ def _make(factory: Callable[..., Any], options: str, name: str) -> Any:
         raise UsageError(
             f"{name}{inspect.signature(factory)} must be callable without arguments, or with one text"
         )
-    return factory(*arguments)
+    with explaining(":".join((name, *arguments)), path):
+        return factory(*arguments)
 
 
 def _named(made: Any, name: str, digest: str, own: str, added: str) -> FunctionBackend:
     """Return a function, or an object with a rollout, as the backend of this name, options and effects."""
     function, effects = _function(made, name)
+    own_hash = made.nominal[1] if isinstance(made, FunctionBackend) else getattr(made, "model_hash", "")
+    if own or own_hash:
+        digest = sha256(f"{digest} {own} {own_hash}".encode()).hexdigest()
     backend = FunctionBackend(
         function,
         f"{name}:{own}" if own else name,
         getattr(made, "deterministic", True),
         getattr(made, "cost", 0.1),
-        sha256(f"{digest} {own}".encode()).hexdigest() if own else digest,
+        digest,
         effects=effects,
     )
     if isinstance(made, FunctionBackend):
