@@ -36,6 +36,7 @@ from s2r_spec.backend.operator import Coming as Coming
 from s2r_spec.backend.operator import HasAttendance as HasAttendance
 from s2r_spec.backend.operator import Operator as Operator
 from s2r_spec.backend.registry import described as described
+from s2r_spec.backend.registry import endings as endings
 from s2r_spec.backend.registry import fault as fault
 from s2r_spec.backend.registry import file_opener as file_opener
 from s2r_spec.backend.registry import installed as installed

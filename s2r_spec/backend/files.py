@@ -175,7 +175,7 @@ def _locate(place: str, folder: Path) -> tuple[str, Path, str]:
     if top not in sys.modules and find_spec(top) is None and PathFinder.find_spec(top, [str(folder)]):
         _claim({top: folder.resolve()})
     found = None
-    with _explaining(label, Path()):
+    with explaining(label, Path()):
         try:
             found = find_spec(place) if top in sys.modules or find_spec(top) else None
         except ModuleNotFoundError as error:
@@ -221,12 +221,11 @@ def _run(module: str, code: Code, label: str) -> Any:
         if name in sys.stdlib_module_names or (name in sys.modules and _where(loaded) != _where(wanted)):
             raise UsageError(f"{label}: {_clash(name, code.root, _where(loaded) or 'Python itself')}")
     _claim(dict.fromkeys(code.own, code.root))
-    if (
-        root not in sys.path
-    ):  # for imports by importlib; last, so that no file of it hides an installed module
+    # For imports by importlib. The folder is the last one, so that no file of it hides an installed module.
+    if code.own and root not in sys.path:
         sys.path.append(root)
     _CONTENTS.update(code.files)
-    with _explaining(label, next(iter(code.files))):
+    with explaining(label, next(iter(code.files))):
         found = importlib.import_module(module)
     _DIGESTS[module] = code.digest
     return found
@@ -242,8 +241,8 @@ def _where(spec: ModuleSpec | None) -> Path | None:
 
 
 @contextmanager
-def _explaining(label: str, path: Path) -> Iterator[None]:
-    """Raise one UsageError for whatever the code of a file raises while it is loaded."""
+def explaining(label: str, path: Path) -> Iterator[None]:
+    """Raise one UsageError for whatever the code of a file raises; ``label`` is what it loads, in words."""
     try:
         with redirect_stdout(sys.stderr):  # what it prints must not be among the lines of --json
             yield

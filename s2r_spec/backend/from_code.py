@@ -6,9 +6,10 @@ import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
+from pathlib import Path
 from typing import Any
 
-from s2r_spec.backend.files import load_code, split_options
+from s2r_spec.backend.files import explaining, load_code, split_options
 from s2r_spec.backend.function import FunctionBackend
 from s2r_spec.backend.model import Effect
 from s2r_spec.backend.options import read_options
@@ -35,9 +36,9 @@ def open_code(text: str) -> Any:
     words = [word for word in options.split(",") if word]
     added = ",".join(word for word in words if "." in word.partition("=")[0])
     own = ",".join(word for word in words if "." not in word.partition("=")[0])
-    made = _make(code.value, own, name)
+    made = _make(code.value, own, name, code.files[0])
     if added and (_declares(made) or not hasattr(made, "effects")):
-        made, own, added = _make(code.value, options, name), options, ""
+        made, own, added = _make(code.value, options, name, code.files[0]), options, ""
     return made if _declares(made) else _named(made, name, code.digest, own, added)
 
 
@@ -65,25 +66,32 @@ def _takes(function: Callable[..., Any], *arguments: Any) -> bool:
     return True
 
 
-def _make(factory: Callable[..., Any], options: str, name: str) -> Any:
+def _make(factory: Callable[..., Any], options: str, name: str, path: Path) -> Any:
     arguments = (options,) if options else ()
     if not _takes(factory, *arguments):
-        remedy = (
-            f"takes no options; leave out {options!r}" if options else f"needs options: write {name}:OPTIONS"
+        if options:
+            raise UsageError(f"{name} takes no options; leave out {options!r}")
+        if _takes(factory, ""):
+            raise UsageError(f"{name} needs options: write {name}:OPTIONS")
+        raise UsageError(
+            f"{name}{inspect.signature(factory)} must be callable without arguments, or with one text"
         )
-        raise UsageError(f"{name} {remedy}")
-    return factory(*arguments)
+    with explaining(":".join((name, *arguments)), path):
+        return factory(*arguments)
 
 
 def _named(made: Any, name: str, digest: str, own: str, added: str) -> FunctionBackend:
     """Return a function, or an object with a rollout, as the backend of this name, options and effects."""
     function, effects = _function(made, name)
+    own_hash = made.nominal[1] if isinstance(made, FunctionBackend) else getattr(made, "model_hash", "")
+    if own or own_hash:
+        digest = sha256(f"{digest} {own} {own_hash}".encode()).hexdigest()
     backend = FunctionBackend(
         function,
         f"{name}:{own}" if own else name,
         getattr(made, "deterministic", True),
         getattr(made, "cost", 0.1),
-        sha256(f"{digest} {own}".encode()).hexdigest() if own else digest,
+        digest,
         effects=effects,
     )
     if isinstance(made, FunctionBackend):
@@ -95,13 +103,13 @@ def _named(made: Any, name: str, digest: str, own: str, added: str) -> FunctionB
 def _function(made: Any, name: str) -> tuple[Callable[..., Trace], tuple[Effect, ...]]:
     """Return the function of a test and a seed, and its effects; with effects it takes their values, too."""
     effects = getattr(made, "effects", ())
-    effects = tuple(effects() if callable(effects) else effects)
-    if not all(isinstance(effect, Effect) for effect in effects):
+    effects = effects() if callable(effects) else effects
+    if not isinstance(effects, tuple | list) or not all(isinstance(effect, Effect) for effect in effects):
         raise UsageError(f"{name}: effects must be a tuple of s2r.Effect, not {effects!r}")
     if getattr(made, "exclusive", False) or hasattr(made, "attendance"):
         raise UsageError(f"{name} moves a machine, so it must declare its channels and parameters itself")
     if isinstance(made, FunctionBackend):
-        return made.function, effects
+        return made.function, tuple(effects)
     function = getattr(made, "rollout", made)
     if effects and hasattr(made, "with_effects"):
         function = _Rebuilt(made)
@@ -117,7 +125,7 @@ def _function(made: Any, name: str) -> tuple[Callable[..., Trace], tuple[Effect,
             f"{name} has rollout{inspect.signature(function)}, but it is called with {given}: "
             f"rollout(params, seed{', effects' * bool(effects)})"
         )
-    return function, effects
+    return function, tuple(effects)
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,14 @@ def _root(module: str, path: Path) -> tuple[Path, str | None]:
 
 @dataclass(frozen=True)
 class Code:
-    """The files of a program: path → content, its modules of the own folder, and the packages that it imports."""
+    """The files of a program, and what it imports.
+
+    Attributes:
+        root: folder of its own modules.
+        files: path → content of the files that are hashed.
+        own: modules in this folder, which is not on the path of Python; none for an installed module.
+        packages: packages that are imported from elsewhere, without those of Python itself.
+    """
 
     root: Path
     files: Mapping[Path, bytes]
@@ -68,7 +75,8 @@ class Code:
                 waiting += found
                 if base == root:
                     (own if found else packages).add(top)
-        return cls(root, files, frozenset(own), frozenset(packages - own - {_OWN} - sys.stdlib_module_names))
+        packages -= own | {_OWN} | sys.stdlib_module_names
+        return cls(root, files, frozenset() if only else frozenset(own), frozenset(packages))
 
     @property
     def digest(self) -> str:

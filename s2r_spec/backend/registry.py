@@ -33,6 +33,11 @@ def installed() -> dict[str, EntryPoint]:
     return _points(BACKENDS, "offer a backend named")
 
 
+def endings() -> dict[str, EntryPoint]:
+    """Return ending → entry point of the files that installed packages open as backends, without any import."""
+    return _points(FILES, "open files that end with")
+
+
 def _points(group: str, offer: str) -> dict[str, EntryPoint]:
     points: dict[str, EntryPoint] = {}
     for point in entry_points(group=group):
@@ -101,7 +106,7 @@ def _find(name: str) -> tuple[Any, tuple[str, ...]]:
     try:
         return _factory(kind), (argument,) * bool(colon)
     except UnknownBackendError:
-        points = _points(FILES, "open files that end with")
+        points = endings()
         match = re.fullmatch(r"(?s)((?:[A-Za-z]:[\\/])?[^:]*\.(\w+))(?::.*)?", name)
         if match and match[2] in points:
             if not Path(match[1]).is_file():

@@ -47,7 +47,7 @@ Spec = Annotated[
 def backends(name: Name = None, check: Check = False, spec: Spec = None, as_json: AsJson = False) -> None:
     """List the installed backends, or describe one of them."""
     with sentences(as_json):
-        from s2r_spec.backend import described, installed
+        from s2r_spec.backend import described, endings, installed
         from s2r_spec.report.records.backends import BackendObject, BackendsObject
 
         if name is None and check:
@@ -57,8 +57,12 @@ def backends(name: Name = None, check: Check = False, spec: Spec = None, as_json
             if as_json:
                 print(line(BackendsObject(backends=classes)))
                 return
+            classes |= {f"PATH.{ending}": point.value for ending, point in endings().items()}
             for key, value in classes.items():
                 say(f"{key:12} {value}")
+            say(
+                "PATH.py:NAME a class, an object or a function of a Python file; of a module it is module:NAME"
+            )
             return
         machine, options = described(name)
         machine = _for_spec(machine, spec, check)

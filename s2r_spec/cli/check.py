@@ -28,7 +28,7 @@ class Checked:
         "sim",
         "--backend",
         "-b",
-        help="Simulator, machine or folder of logs that gives the traces; see `s2r backends`.",
+        help="Simulator, machine, folder of logs or PATH.py:NAME that gives the traces; see `s2r backends`.",
     )
     requirement: list[str] | None = typer.Option(
         None,

@@ -117,7 +117,7 @@ def test_backends_describes_and_checks_a_file(s2r):
         ("cart.py:Worn:slow", ["cart.py:Worn", "'slow'"]),
         ("cart.py:glide:slow", ["'cart.py:glide'", "'slow'"]),
         ("cart.py:cart:slow", ["'cart.py:cart'", "'slow'"]),
-        ("cart.py:Cart:factor=much", ["'cart.py:Cart:factor=much'", "ValueError", "'much'"]),
+        ("cart.py:Cart:factor=much", ["cart.py:Cart:factor=much", "line 24", "ValueError", "'much'"]),
         ("crat:Cart", ["'crat'", "toy", "PATH.py:NAME"]),
         ("other.glide", ["other.glide"]),
         ("spec.stl", ["spec.stl", "glide", "py"]),

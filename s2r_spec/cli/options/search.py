@@ -14,7 +14,9 @@ if TYPE_CHECKING:
     from s2r_spec.spec import Spec
 
 SpecFile = Annotated[Path, typer.Argument(help="Specification, an .stl file.", show_default=False)]
-Simulator = Annotated[str, typer.Option(help="Backend that simulates; see `s2r backends`.")]
+Simulator = Annotated[
+    str, typer.Option(help="Backend that simulates, such as sim or cart.py:Cart; see `s2r backends`.")
+]
 OneRequirement = Annotated[
     str | None,
     typer.Option("--requirement", "-r", help="Requirement of the spec.", show_default="the only one"),
