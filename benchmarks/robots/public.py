@@ -1,4 +1,4 @@
-"""Public robots from their own files: do they walk as their authors say, and what does a rollout cost beside a bare loop?
+"""Public robots from their own files: do they walk as stated, and what does a rollout cost beside a bare loop?
 
 Run: OMP_NUM_THREADS=1 python -m benchmarks.robots.public
 
