@@ -17,7 +17,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from s2r_mujoco.deploy.record import Term
 from s2r_mujoco.model import FieldChange
 from s2r_spec.backend import Parameter
-from s2r_spec.errors import UsageError, did_you_mean, one_of
+from s2r_spec.errors import UsageError, one_of, suggest
 
 COMMANDS = {"lin_vel_x": "m/s", "lin_vel_y": "m/s", "ang_vel_z": "rad/s"}
 """Definition: components of a velocity command, in the order of the term ``velocity_commands``, and their units."""
@@ -194,7 +194,7 @@ class Description:
         if unknown:
             raise UsageError(
                 f"{self.path.name}: command.{unknown[0]} is not a component of the velocity command"
-                f"{did_you_mean(unknown[0], COMMANDS)}; they are {one_of(COMMANDS)}"
+                f"{suggest(unknown[0], COMMANDS)} they are {one_of(COMMANDS)}"
             )
         return {name: _command(one) for name, one in self.table.command.items()}
 
@@ -232,7 +232,7 @@ def _sentence(error: ValidationError) -> str:
     key = ".".join(place)
     if first["type"] == "extra_forbidden":
         known = sorted(_keys(RobotFile, place[:-1]))
-        return f"there is no key {key}{did_you_mean(place[-1], known)}; possible keys are {one_of(known)}"
+        return f"there is no key {key}{suggest(place[-1], known)} possible keys are {one_of(known)}"
     return f"{key}: {first['msg'].removeprefix('Value error, ')}, but it is {first['input']!r}"
 
 

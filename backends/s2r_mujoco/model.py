@@ -18,7 +18,7 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 
-from s2r_spec.errors import UsageError, did_you_mean, one_of
+from s2r_spec.errors import UsageError, one_of, suggest
 
 _KINDS = {
     "body": "bodies",
@@ -147,7 +147,7 @@ class ModelFile:
             if not elements:
                 names = [one.name for one in every if one.name]
                 raise UsageError(
-                    f"{self.path} has no {kind} {rest[0]!r}{did_you_mean(rest[0], names)}; it has {one_of(names)}"
+                    f"{self.path} has no {kind} {rest[0]!r}{suggest(rest[0], names)} it has {one_of(names)}"
                 )
         else:
             raise UsageError(
@@ -162,7 +162,7 @@ class ModelFile:
         ]
         if attribute not in numbers:
             raise UsageError(
-                f"{self.path}: {field} has no number {attribute!r}{did_you_mean(attribute, numbers)}; "
+                f"{self.path}: {field} has no number {attribute!r}{suggest(attribute, numbers)} "
                 f"the element has {one_of(numbers)}"
             )
         value = getattr(holder, attribute)

@@ -28,7 +28,7 @@ from s2r_mujoco.rollout import Push, Record, Simulator
 from s2r_mujoco.start import draw, floors, start_pose
 from s2r_policy import Policy, open_policy
 from s2r_spec.backend import LoadedCode, Parameter, load_code, read_code
-from s2r_spec.errors import BackendError, S2RError, UsageError, did_you_mean, one_of
+from s2r_spec.errors import BackendError, S2RError, UsageError, one_of, suggest
 from s2r_spec.trace import Trace
 
 UNITS = {
@@ -74,7 +74,7 @@ class Robot:
                 f"with a floor in `model`"
             )
         self.parts = self._known_parts()
-        self._refuse_width()
+        self._refuse_width(self.parts or ())
         width = None if self.policy is None else self._width
         columns = tuple(f"{i}" for i in range(width)) if width else ()
         self.computed = channels_of(model, self.plan, columns, acts=self.policy is None)
@@ -174,17 +174,21 @@ class Robot:
             else None
         )
 
-    def _refuse_width(self) -> None:
-        """Refuse a policy whose input or output has another width than the files say."""
+    def _refuse_width(self, parts: tuple[Part, ...]) -> None:
+        """Refuse a policy whose input or output has another width than the files say; () for unknown terms."""
         if self.policy is None:
             return
-        width, wanted, name = self._width, self.policy.width, self.description.table.policy
-        if self.parts and wanted is not None and wanted != width:
-            terms = ", ".join(
-                f"{p.term.sensor or p.term.name} {p.width * p.term.history}" for p in self.parts
-            )
+        width, wanted = sum(part.width * part.term.history for part in parts), self.policy.width
+        name = self.description.table.policy
+        if parts and wanted is not None and wanted != width:
+            terms = ", ".join(f"{p.term.sensor or p.term.name} {p.width * p.term.history}" for p in parts)
             raise UsageError(f"{name} takes {wanted} numbers, but the observation has {width}: {terms}")
         moved = len(self.plan.law.moved)
+        if not moved:
+            raise UsageError(
+                f"{name}: no actuator of the model drives a hinge or a slide, so the policy's outputs have no meaning; "
+                f'write a controller in Python, policy = "control.py:act"'
+            )
         if self.policy.outputs not in (None, moved):
             raise UsageError(
                 f"{name} returns {self.policy.outputs} numbers, but the files name {moved} joints: "
@@ -220,7 +224,7 @@ class Robot:
         names = [self.model.body(body).name for body in range(self.model.nbody)]
         if name not in names:
             raise UsageError(
-                f"{source}: the model has no body {name!r}{did_you_mean(name, names)}; it has {one_of(names)}"
+                f"{source}: the model has no body {name!r}{suggest(name, names)} it has {one_of(names)}"
             )
         return names.index(name)
 
@@ -235,7 +239,9 @@ class Robot:
 
         @lru_cache(maxsize=KEPT)
         def made(changes: tuple[tuple[FieldChange, float], ...]) -> Simulator:
-            return Simulator(self.file.compile(dict(changes)), self.plan, users)
+            simulator = Simulator(self.file.compile(dict(changes)), self.plan, users)
+            self._refuse_width(simulator.observer.parts)
+            return simulator
 
         return made
 
