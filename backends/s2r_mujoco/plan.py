@@ -170,8 +170,8 @@ def _joints(model: Any, wanted: Sequence[str], deployment: Deployment, source: s
     if deployment.joint_pos and len(deployment.joint_pos) != len(joints):
         if wanted:
             raise UsageError(
-                f"{source}: action.joints has {len(joints)} joints, and {deployment.source} has default positions of "
-                f"{len(deployment.joint_pos)}; list the joints of that file, in its order"
+                f"{source}: action.joints has {len(joints)} joints instead of {len(deployment.joint_pos)}, one a default "
+                f"position of {deployment.source}, in its order"
             )
         raise UsageError(
             f"{deployment.source}: it has default positions of {len(deployment.joint_pos)} joints, and the model has "

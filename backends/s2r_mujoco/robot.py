@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from importlib.metadata import version
+from inspect import signature
 from pathlib import Path
 from traceback import extract_tb
 from typing import Any
@@ -234,12 +235,14 @@ class Robot:
     def simulator(self) -> Any:
         """The function from changed fields to a simulator; a process keeps the last ones."""
         users: dict[str, UserTerm] = {
-            name: code.value for name, code in self.code.items() if self._is_term(name)
+            name: _function(name, code.value) for name, code in self.code.items() if self._is_term(name)
         }
 
         @lru_cache(maxsize=KEPT)
         def made(changes: tuple[tuple[FieldChange, float], ...]) -> Simulator:
-            simulator = Simulator(self.file.compile(dict(changes)), self.plan, users)
+            model = self.file.compile(dict(changes))
+            with self._explaining():  # a term of the user's own is called once for its width
+                simulator = Simulator(model, self.plan, users)
             self._refuse_width(simulator.observer.parts)
             return simulator
 
@@ -260,8 +263,7 @@ class Robot:
             command: component → value instead of that of the test.
         """
         tables, table = self.description.table.parameters, self.description.table
-        with self._explaining():  # a term of the user's own is called once for its width
-            simulator = self.simulator_of(values)
+        simulator = self.simulator_of(values)
         if command is None:
             command = {name: values.get(one.parameter, one.value) for name, one in self.plan.commands.items()}
         pushes = [self._push(one, values[name]) for name, one in tables.items() if one.push]
@@ -274,7 +276,8 @@ class Robot:
                 return simulator.run(self.policy, ticks, pushes)
             value = self.code[table.policy].value
             function = value() if isinstance(value, type) else value
-            return simulator.act(getattr(function, "act", function), ticks, pushes)
+            act = _function(table.policy, getattr(function, "act", function))
+            return simulator.act(act, ticks, pushes)
 
     @contextmanager
     def _explaining(self) -> Iterator[None]:
@@ -341,6 +344,17 @@ def _declared(name: str, unit: str, limits: Any, default: float, words: str) -> 
     return TestParameter(
         Parameter(name, unit, low, high, min(max(default, low), high), words), limits is not None
     )
+
+
+def _function(name: str, value: Any) -> Any:
+    """Return a function of the user's; a UsageError if it does not take three arguments."""
+    try:
+        signature(value).bind(None, None, None)
+    except TypeError:
+        raise UsageError(f"{name} must be a function of three arguments: (model, data, command)") from None
+    except ValueError:  # a function in C does not say
+        pass
+    return value
 
 
 @lru_cache(maxsize=KEPT)
