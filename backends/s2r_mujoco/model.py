@@ -57,11 +57,13 @@ class ModelFile:
         path: the XML file (MJCF, or URDF with actuators of MuJoCo).
         floor: whether to add a plane at z = 0.
         timestep: physics step [s]; None for the file's own.
+        motors: whether to add a torque motor to each hinge and slide, in the order of the model.
     """
 
     path: Path
     floor: bool = False
     timestep: float | None = None
+    motors: bool = False
 
     @cached_property
     def files(self) -> tuple[Path, ...]:
@@ -107,9 +109,20 @@ class ModelFile:
                 type=mujoco.mjtGeom.mjGEOM_PLANE,
                 size=[0.0, 0.0, 0.05],
             )
+        if self.motors:
+            self._add_motors(spec)
         # A rollout ends at a warning; MuJoCo would begin it again at the start pose.
         spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         return spec
+
+    def _add_motors(self, spec: Any) -> None:
+        if spec.actuators:
+            raise UsageError(f"{self.path} has {len(spec.actuators)} actuators; leave out motors = true")
+        scalar = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+        for joint in [one for one in spec.joints if one.type in scalar]:
+            if not joint.name:
+                raise UsageError(f"{self.path}: a joint has no name, and motors = true needs one")
+            spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
 
     def value(self, change: FieldChange) -> float:
         """Return the value of a field in the file: that of the first element that fits.
@@ -184,7 +197,8 @@ def _numeric(value: object) -> bool:
 
 def _words(error: ValueError) -> str:
     """Return MuJoCo's message on one line."""
-    return " ".join(str(error).split()).removeprefix("Error: ")
+    words = " ".join(str(error).split()).removeprefix("Error: ")
+    return words.partition(" The visual elements of the spec were discarded")[0]
 
 
 def _drop_missing_visuals(spec: Any, path: Path) -> None:

@@ -156,7 +156,10 @@ def _keyframe(model: Any, wanted: str, source: str, has_default: bool) -> int:
 
 def _joints(model: Any, wanted: Sequence[str], deployment: Deployment, source: str) -> Joints:
     if model.nu == 0:
-        raise UsageError(f"{source}: the model has no actuators; add <actuator> elements to its XML file")
+        raise UsageError(
+            f"{source}: the model has no actuators; write motors = true for a torque motor at each joint, or add "
+            f"<actuator> elements to its XML file"
+        )
     if wanted:
         found = joint_order.by_names(model, wanted, f"{source}: action.joints")
     elif deployment.joints:
@@ -170,8 +173,8 @@ def _joints(model: Any, wanted: Sequence[str], deployment: Deployment, source: s
     if deployment.joint_pos and len(deployment.joint_pos) != len(joints):
         if wanted:
             raise UsageError(
-                f"{source}: action.joints has {len(joints)} joints instead of {len(deployment.joint_pos)}, one a default "
-                f"position of {deployment.source}, in its order"
+                f"{source}: action.joints has {len(joints)} joints instead of {len(deployment.joint_pos)}, one a "
+                f"default position of {deployment.source}, in its order"
             )
         raise UsageError(
             f"{deployment.source}: it has default positions of {len(deployment.joint_pos)} joints, and the model has "

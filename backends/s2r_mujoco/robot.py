@@ -57,19 +57,17 @@ class Robot:
 
     def __init__(self, path: Path) -> None:
         self.description = read_description(path)
-        table = self.description.table
         self.name = path.name
+        stated = self._stated(self.description.table.deploy)
+        self.description = self.description.completed(stated)
+        table = self.description.table
         self.policy = self._open_policy(table.policy)
-        self.deployment = self._deployment(table.deploy)
+        self.deployment = stated if table.deploy else self._of_metadata()
         self.file = self._model_file()
         model = self.file.compile()
         self.model = model
         self.plan = self._with_stable_gains(make_plan(self.description, self.deployment, model))
-        if (
-            self.plan.root >= 0
-            and not floors(model)
-            and not any(model.geom_type == int(mujoco.mjtGeom.mjGEOM_HFIELD))
-        ):
+        if self.plan.root >= 0 and not floors(model):
             raise UsageError(
                 f"{self.name}: the model has a free base and no floor to stand on; write floor = true, or name a scene "
                 f"with a floor in `model`"
@@ -93,20 +91,20 @@ class Robot:
             )
         return None if ".py:" in name else open_policy(self.description.beside(name))
 
-    def _deployment(self, name: str) -> Deployment:
-        if name:
-            return read_deployment(self.description.beside(name))
+    def _stated(self, name: str) -> Deployment:
+        """Return what the deploy file says; nothing without one."""
+        return read_deployment(self.description.beside(name)) if name else Deployment(self.name)
+
+    def _of_metadata(self) -> Deployment:
         metadata = {} if self.policy is None else self.policy.metadata
         return of_metadata(metadata, self.description.table.policy) or Deployment(self.name)
 
     def _model_file(self) -> ModelFile:
         table = self.description.table
-        name = table.model or self.deployment.model
-        if not name:
+        if not table.model:
             raise UsageError(f'{self.name} names no model; write model = "scene.xml"')
-        return ModelFile(
-            self.description.beside(name), table.floor, table.timestep or self.deployment.timestep
-        )
+        timestep = table.timestep or self.deployment.timestep
+        return ModelFile(self.description.beside(table.model), table.floor, timestep, table.motors)
 
     @property
     def code_names(self) -> tuple[str, ...]:
