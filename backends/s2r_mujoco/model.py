@@ -211,19 +211,27 @@ def _drop_missing_visuals(spec: Any, path: Path) -> None:
     if not missing:
         return
     for geom in [one for one in spec.geoms if one.meshname in missing]:
-        mesh = missing[geom.meshname]
-        if geom.contype or geom.conaffinity or not geom.parent.explicitinertial:
-            use = (
-                "a collision needs it"
-                if geom.contype or geom.conaffinity
-                else "the body's mass comes from it"
-            )
+        collides = geom.contype or geom.conaffinity
+        if collides or _gives_mass(spec, geom):
+            name = missing[geom.meshname].file.removeprefix(spec.modelfiledir)
+            use = "a collision needs it" if collides else "the body's mass comes from it"
             raise UsageError(
-                f"{path}: the mesh file {mesh.file} is missing, and {use}; put it into {_folder(spec)}"
+                f"{path}: the mesh file {name} is missing, and {use}; put it into {_folder(spec)}"
             )
         spec.delete(geom)
     for mesh in missing.values():
         spec.delete(mesh)
+
+
+def _gives_mass(spec: Any, geom: Any) -> bool:
+    """Return whether the inertia of a body that can move comes from a geom."""
+    body, low, high = geom.parent, *spec.compiler.inertiagrouprange
+    own = geom.density if np.isnan(geom.mass) else geom.mass
+    if body.explicitinertial or not low <= geom.group <= high or own == 0.0:
+        return False
+    while body is not None and not body.joints:
+        body = body.parent
+    return body is not None
 
 
 def _folder(spec: Any) -> Path:

@@ -233,15 +233,14 @@ def _root(model: Any, wanted: str, source: str) -> int:
 
 def _driven_roots(model: Any) -> list[int]:
     """Return the body below the world under which each actuator of a joint, a site or a body is."""
-    transmission, found = mujoco.mjtTrn, []
-    for kind, (target, _) in zip(model.actuator_trntype, model.actuator_trnid, strict=True):
-        if kind in (transmission.mjTRN_JOINT, transmission.mjTRN_JOINTINPARENT):
-            found.append(int(model.body_rootid[model.jnt_bodyid[target]]))
-        elif kind == transmission.mjTRN_SITE:
-            found.append(int(model.body_rootid[model.site_bodyid[target]]))
-        elif kind == transmission.mjTRN_BODY:
-            found.append(int(model.body_rootid[target]))
-    return found
+    body_of = {
+        int(mujoco.mjtTrn.mjTRN_JOINT): model.jnt_bodyid,
+        int(mujoco.mjtTrn.mjTRN_JOINTINPARENT): model.jnt_bodyid,
+        int(mujoco.mjtTrn.mjTRN_SITE): model.site_bodyid,
+        int(mujoco.mjtTrn.mjTRN_BODY): np.arange(model.nbody),
+    }
+    kinds = zip(model.actuator_trntype.tolist(), model.actuator_trnid[:, 0], strict=True)
+    return [int(model.body_rootid[body_of[kind][target]]) for kind, target in kinds if kind in body_of]
 
 
 def _commands(description: Description) -> dict[str, CommandTable]:
