@@ -9,7 +9,8 @@ import s2r_spec
 from s2r_spec.runs.scorer import Scorer
 from tests.mujoco.robots import LEGS, SPIN, opened, robot
 
-BASE = f'decimation = 1\ntimestep = 0.001\nduration = 0.3\nobservation = ["joint_pos"]\n{SPIN.replace("ang_vel = 1", "ang_vel = 5")}'
+FAST = SPIN.replace("ang_vel = 1", "ang_vel = 5")
+BASE = f'decimation = 1\ntimestep = 0.001\nduration = 0.3\nobservation = ["joint_pos"]\n{FAST}'
 PARALLEL = """<mujoco><option timestep="0.01"/><worldbody><body name="arm">
   <joint name="lift" type="slide" axis="0 0 1" damping="1"/><geom size="0.05" mass="1"/>
   <body name="fore" pos="0.1 0 0"><joint name="turn" axis="0 1 0" damping="0.1"/><geom size="0.05" mass="0.5"/>

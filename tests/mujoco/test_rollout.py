@@ -72,7 +72,7 @@ def lstm_like(path):
             self.state[:] = 0.9 * self.state + obs
             return self.state @ self.W.T
 
-    with pytest.warns(DeprecationWarning):
+    with pytest.warns(DeprecationWarning, match="torch.jit"):
         torch.jit.save(torch.jit.script(Sums()), str(path))
 
 
@@ -168,11 +168,10 @@ def test_the_start_is_a_keyframe_or_a_pose_on_its_lowest_geom(tmp_path, toml, q,
 
 
 def test_the_floor_may_be_higher_and_a_visual_geom_touches_nothing(tmp_path):
-    model = quadruped(
-        extra='<worldbody><geom type="box" size="1 1 1" pos="9 9 0"/></worldbody>'
-    ).replace(
-        'type="plane" size="0 0 0.1"', 'type="plane" size="0 0 0.1" pos="0 0 0.5"'
-    ).replace('<site name="imu"', '<geom type="sphere" size="0.5" contype="0" conaffinity="0" mass="0"/><site name="imu"')  # fmt: skip
+    visual = '<geom type="sphere" size="0.5" contype="0" conaffinity="0" mass="0"/>'
+    model = quadruped(extra='<worldbody><geom type="box" size="1 1 1" pos="9 9 0"/></worldbody>')
+    model = model.replace('size="0 0 0.1"', 'size="0 0 0.1" pos="0 0 0.5"')
+    model = model.replace('<site name="imu"', f'{visual}<site name="imu"')
     trace = robot(tmp_path, BASE + 'start.joint_pos = "default"\n', 7, model).rollout({}, 0)
     assert trace["z"][0] == pytest.approx(0.72, abs=1e-6)
     assert trace["height"][0] == pytest.approx(0.22, abs=1e-6)
