@@ -27,7 +27,7 @@ _T = mujoco.mjtSensor
 SENSOR_UNITS = {
     _T.mjSENS_TOUCH: "N", _T.mjSENS_ACCELEROMETER: "m/s^2", _T.mjSENS_VELOCIMETER: "m/s", _T.mjSENS_GYRO: "rad/s",
     _T.mjSENS_FORCE: "N", _T.mjSENS_TORQUE: "N*m", _T.mjSENS_MAGNETOMETER: "T", _T.mjSENS_RANGEFINDER: "m",
-    _T.mjSENS_BALLANGVEL: "rad/s", _T.mjSENS_JOINTLIMITPOS: "", _T.mjSENS_TENDONPOS: "m", _T.mjSENS_TENDONVEL: "m/s",
+    _T.mjSENS_BALLANGVEL: "rad/s", _T.mjSENS_TENDONPOS: "m", _T.mjSENS_TENDONVEL: "m/s",
     _T.mjSENS_FRAMEPOS: "m", _T.mjSENS_FRAMELINVEL: "m/s", _T.mjSENS_FRAMEANGVEL: "rad/s",
     _T.mjSENS_FRAMELINACC: "m/s^2", _T.mjSENS_FRAMEANGACC: "rad/s^2", _T.mjSENS_SUBTREECOM: "m",
     _T.mjSENS_SUBTREELINVEL: "m/s", _T.mjSENS_SUBTREEANGMOM: "N*m*s", _T.mjSENS_CLOCK: "s",
@@ -36,8 +36,11 @@ SENSOR_UNITS = {
 """Definition: type of a MuJoCo sensor → unit, from MuJoCo's XML reference; a type that is missing has none."""
 _OF_JOINTS = {
     _T.mjSENS_JOINTPOS: ("rad", "m"), _T.mjSENS_JOINTVEL: ("rad/s", "m/s"), _T.mjSENS_JOINTACTFRC: ("N*m", "N"),
+    _T.mjSENS_JOINTLIMITPOS: ("rad", "m"), _T.mjSENS_JOINTLIMITVEL: ("rad/s", "m/s"),
+    _T.mjSENS_JOINTLIMITFRC: ("N*m", "N"), _T.mjSENS_ACTUATORPOS: ("rad", "m"),
+    _T.mjSENS_ACTUATORVEL: ("rad/s", "m/s"), _T.mjSENS_ACTUATORFRC: ("N*m", "N"),
 }  # fmt: skip
-"""Definition: type of a sensor of a joint → its units for a hinge and for a slide."""
+"""Definition: type of a sensor of a joint, or of its actuator → its units for a hinge and for a slide."""
 
 Compute = Callable[[Record], FloatArray]
 
@@ -280,7 +283,9 @@ def _index(first: int, width: int) -> Any:
 
 def _unit(model: Any, sensor: int) -> str:
     kind = mujoco.mjtSensor(int(model.sensor_type[sensor]))
-    if kind in _OF_JOINTS:
-        joint = int(model.sensor_objid[sensor])
-        return _OF_JOINTS[kind][int(model.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_SLIDE)]
+    place = int(model.sensor_objid[sensor])
+    if int(model.sensor_objtype[sensor]) == int(mujoco.mjtObj.mjOBJ_ACTUATOR):
+        place = {actuator: joint for joint, actuator in joint_order.actuator_of(model).items()}.get(place, -1)
+    if kind in _OF_JOINTS and place >= 0:
+        return _OF_JOINTS[kind][int(model.jnt_type[place]) == int(mujoco.mjtJoint.mjJNT_SLIDE)]
     return SENSOR_UNITS.get(kind, "")

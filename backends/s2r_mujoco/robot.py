@@ -262,7 +262,9 @@ class Robot:
         pose = start_pose(simulator.model, self.plan, table.start, self.name)
         position, velocity = draw(simulator.model, self.plan, table.start, seed)
         simulator.begin(pose + position, velocity, command, self.plan.key)
-        with self._explaining():
+        # An unstable rollout is an answer: no warning of NumPy, and no MUJOCO_LOG.TXT in the user's folder.
+        mujoco.set_mju_user_warning(lambda words: None)
+        with self._explaining(), np.errstate(over="ignore", invalid="ignore"):
             if self.policy is not None:
                 self.policy.reset()
                 return simulator.run(self.policy, ticks, pushes)
