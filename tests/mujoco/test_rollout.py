@@ -1,10 +1,13 @@
 """A rollout is a function of parameters and seed; its start, its fields, its pushes and its failures."""
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
 
 import s2r_spec
+from s2r_mujoco.running import running
 from s2r_spec.backend import load_backend
 from s2r_spec.errors import UsageError
 from s2r_spec.runs.scorer import Scorer
@@ -202,7 +205,7 @@ def test_a_floating_body_falls_as_newton_says(tmp_path):
 
 def compiled(backend, values):
     """Return the model that a test of a backend runs."""
-    return backend._robot.simulator_of({p.name: p.default for p in backend.parameters} | values).model
+    return running(Path(backend.text)).simulator({p.name: p.default for p in backend.parameters} | values).model
 
 
 def test_fields_are_set_added_and_scaled(tmp_path):
