@@ -109,3 +109,10 @@ def test_the_walks_read_channels_of_the_simulated_a1() -> None:
             spec = load_spec(SPECS / f"{name}.stl")
             assert set(spec.signals) <= channels, name
             assert set(spec.params) <= parameters, name
+
+
+def test_the_margins_of_a_requirement_have_one_unit() -> None:
+    """Else the size of ρ has no meaning, and no certificate can be given."""
+    for name in IN_FOLDERS:
+        spec = load_spec(SPECS / f"{name}.stl")
+        assert "mixed" not in map(spec.unit, spec.requirements), name
