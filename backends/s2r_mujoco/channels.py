@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import Any
 
 import mujoco
@@ -64,23 +65,24 @@ class Attitude:
     def __init__(self, quaternion: FloatArray) -> None:
         self.w, self.x, self.y, self.z = quaternion.T
 
-    @property
+    @cached_property
     def roll(self) -> FloatArray:
         """Rotation about the forward axis [rad]."""
         return np.arctan2(2 * (self.w * self.x + self.y * self.z), 1 - 2 * (self.x**2 + self.y**2))
 
-    @property
+    @cached_property
     def pitch(self) -> FloatArray:
         """Rotation about the left axis [rad], positive with the nose down."""
         return np.arcsin(np.clip(2 * (self.w * self.y - self.z * self.x), -1.0, 1.0))
 
-    @property
+    @cached_property
     def yaw(self) -> FloatArray:
         """Heading [rad], continuous over the rollout."""
         return np.unwrap(np.arctan2(2 * (self.w * self.z + self.x * self.y), 1 - 2 * (self.y**2 + self.z**2)))
 
+    @cached_property
     def matrix(self) -> FloatArray:
-        """Return (n, 3, 3): columns are the axes of the base in the world."""
+        """(n, 3, 3), whose columns are the axes of the base in the world."""
         w, x, y, z = self.w, self.x, self.y, self.z
         rows = [
             [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -218,11 +220,12 @@ def _base_channels(model: Any, plan: Plan) -> list[Computed]:
     planes = floors(model)
     ground = float(model.geom_pos[planes[0], 2]) if planes else 0.0
 
+    @lru_cache(maxsize=1)  # for all channels of one record
     def attitude(record: Record) -> Attitude:
         return Attitude(record.qpos[:, p + 3 : p + 7])
 
     def in_body(record: Record) -> FloatArray:
-        return np.einsum("nij,ni->nj", attitude(record).matrix(), record.qvel[:, v : v + 3])
+        return np.einsum("nij,ni->nj", attitude(record).matrix, record.qvel[:, v : v + 3])
 
     def heading(record: Record, side: float) -> FloatArray:
         yaw, (vx, vy) = attitude(record).yaw, record.qvel[:, v : v + 2].T
@@ -257,7 +260,7 @@ def _base_channels(model: Any, plan: Plan) -> list[Computed]:
         (Channel("yaw", "rad", "heading, continuous"), lambda r: attitude(r).yaw),
         (
             Channel("gravity", "", "direction of gravity, base axes", 3, AXES),
-            lambda r: -attitude(r).matrix()[:, 2],
+            lambda r: -attitude(r).matrix[:, 2],
         ),
     )
     return [Computed(channel, compute) for channel, compute in table]

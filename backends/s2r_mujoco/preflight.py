@@ -214,7 +214,7 @@ def _stands(robot: Robot, record: Record) -> Finding:
     first = int(robot.model.jnt_qposadr[robot.model.body_jntadr[robot.plan.root]])
     height = record.qpos[:, first + 2]
     attitude = Attitude(record.qpos[:, first + 3 : first + 7])
-    tilt = np.degrees(np.arccos(np.clip(attitude.matrix()[:, 2, 2], -1.0, 1.0))).max()
+    tilt = np.degrees(np.arccos(np.clip(attitude.matrix[:, 2, 2], -1.0, 1.0))).max()
     failure = robot.failure(record)
     if record.unstable or failure is not None:
         name, tick = ("unstable", len(record) - 1) if failure is None else failure

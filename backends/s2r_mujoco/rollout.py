@@ -33,7 +33,7 @@ class Push(NamedTuple):
     end: int
 
 
-@dataclass
+@dataclass(eq=False)
 class Record:
     """The samples of a rollout, one row a control tick; ``n`` is the number of ticks.
 

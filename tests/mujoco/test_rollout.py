@@ -205,7 +205,9 @@ def test_a_floating_body_falls_as_newton_says(tmp_path):
 
 def compiled(backend, values):
     """Return the model that a test of a backend runs."""
-    return running(Path(backend.text)).simulator({p.name: p.default for p in backend.parameters} | values).model
+    return (
+        running(Path(backend.text)).simulator({p.name: p.default for p in backend.parameters} | values).model
+    )
 
 
 def test_fields_are_set_added_and_scaled(tmp_path):
