@@ -26,6 +26,7 @@ PAGES = {
             "tutorials/ten-seconds.md",
             "tutorials/first-spec.md",
             "tutorials/certify-a1.md",
+            "tutorials/your-robot.md",
             "how-to/choose-B-R-and-kernel.md",
             "how-to/robot-logs.md",
             "how-to/coming-from-rtamt-breach-sysid.md",

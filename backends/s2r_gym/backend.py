@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import metadata
@@ -33,7 +33,7 @@ import numpy as np
 from s2r_gym.controller import Actions, Controller, digest_of, is_code, open_controller, refuse_misfit, stamp
 from s2r_gym.environment import Facts, facts, make, time_step
 from s2r_gym.rollout import simulate
-from s2r_spec.backend import Channel, Needs, Option, Parameter, refuse_unknown
+from s2r_spec.backend import Channel, Finding, Needs, Option, Parameter, read_code, refuse_unknown
 from s2r_spec.effects import read_options
 from s2r_spec.errors import UsageError, require
 from s2r_spec.trace import Trace
@@ -231,6 +231,37 @@ class GymBackend:
             {channel.name: channel.unit for channel in self.channels},
             meta | ({"failure": failure} if failure else {}),
         )
+
+    def preflight(self, *, run: bool) -> Iterator[Finding]:
+        """Yield what environment and policy say; see :class:`s2r_spec.backend.HasPreflight`."""
+        own, text = self._facts, self._settings.get("policy", "")
+        limit = "no time limit" if own.limit is None else f"at most {own.limit} steps"
+        yield Finding("environment", f"{self.identifier}, a step every {1e3 * self.step:g} ms, {limit}")
+        if not text:
+            yield Finding("policy", _NO_POLICY.format(self.name), "wrong")
+            return
+        if is_code(text):
+            files = ", ".join(path.name for path in read_code(text)[1])
+            yield Finding("policy", f"{text}; Python files that run: {files}")
+        else:
+            size = self._actions().size
+            yield Finding("policy", f"{text} takes {_width(own.observation)} numbers, and returns {size}")
+        yield from (Finding("policy", words, "note") for words in self.assumptions)
+        if not run:
+            return
+        trace = self.rollout({}, 0)
+        rows = [f"{'channel':12}  {'least':>9}  {'greatest':>9}"]
+        for channel in self.channels:
+            values = trace[channel.name].reshape(len(trace), -1).T
+            names = (
+                [f"{channel.name}[{k}]" for k in range(len(values))] if len(values) > 1 else [channel.name]
+            )
+            rows += [f"{n:12}  {x.min():9.3g}  {x.max():9.3g}" for n, x in zip(names, values, strict=True)]
+        yield Finding("channels", f"their ranges over {trace.duration:g} s", table=tuple(rows))
+        if trace.failure is not None:
+            yield Finding(
+                "end", f"the environment ends the rollout at {trace.duration:g} s: {trace.failure}", "note"
+            )
 
     @cached_property
     def _settings(self) -> dict[str, str]:

@@ -3,7 +3,9 @@
 A module imports only from its own line and the lines below it:
 
     backend                      the interface to s2r: a test in, a trace out
-    robot                        what the files say together, and the simulators of tests
+    preflight, new, pictures     do the files fit; the first robot file; tiles and videos
+    running                      rollouts of tests, with the user's own code
+    robot                        what the files say together: channels, parameters, files, hash
     channels, failure            from the record of a rollout to its trace
     rollout                      start, control ticks, physics steps, record
     observation, drive, start    what the policy reads, what its actions do, the state at t = 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -11,8 +12,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from s2r_mujoco.robot import Robot, read_robot
+from s2r_mujoco.robot import Robot
 from s2r_mujoco.rollout import UNSTABLE, Record
+from s2r_mujoco.running import Running, running
 from s2r_spec.backend import Channel, Finding, Needs, Parameter, refuse_unknown
 from s2r_spec.effects import read_options
 from s2r_spec.errors import UsageError
@@ -69,14 +71,26 @@ class RobotBackend:
         return self.text
 
     @cached_property
+    def _running(self) -> Running:
+        return running(Path(self._parts[0]))
+
+    @property
     def _robot(self) -> Robot:
-        return read_robot(Path(self.text.partition(".toml")[0] + ".toml"))
+        return self._running.robot
+
+    @property
+    def _parts(self) -> tuple[str, str]:
+        """The path, and the options after the colon."""
+        match = re.fullmatch(r"(?s)(.*\.toml)(?::(.*))?", self.text)
+        if match is None:
+            raise UsageError(f"{self.text!r} is not the path of a robot file, which ends in .toml")
+        return match[1], match[2] or ""
 
     @cached_property
     def _defaults(self) -> dict[str, float]:
         """Parameter → its default, with the options after the colon."""
         own = {name: one.declared.default for name, one in self._robot.parameters.items()}
-        given, _ = read_options(self._robot.name, self.text.partition(".toml:")[2], dict.fromkeys(own, ()))
+        given, _ = read_options(self._robot.name, self._parts[1], dict.fromkeys(own, ()))
         return own | {name: self._checked(name, value) for name, value in given.items()}
 
     @property
@@ -125,8 +139,7 @@ class RobotBackend:
 
     def prepare(self) -> None:
         """Compile the model, load the policy and parse the conditions of a failure."""
-        self._robot.failures.check()
-        self._robot.simulator_of(self._defaults)
+        self._running.prepare(self._defaults)
 
     def rollout(self, params: Mapping[str, float], seed: int) -> Trace:
         """Run one test; samples every control period from t = 0 to ``duration`` inclusive.
@@ -140,7 +153,7 @@ class RobotBackend:
         """
         refuse_unknown(self.name, self.parameters, params)
         test = self._defaults | {name: self._checked(name, value) for name, value in params.items()}
-        record = self._robot.run(test, seed, self._ticks(self.duration) + 1)
+        record = self._running.run(test, seed, self._ticks(self.duration) + 1)
         return self._trace(record, {"params": test, "seed": seed})
 
     def render(self, params: Mapping[str, float], seed: int, path: str | Path) -> Trace:
@@ -153,7 +166,7 @@ class RobotBackend:
 
         robot, trace = self._robot, self.rollout(params, seed)
         test = self._defaults | dict(params)
-        positions = robot.run(test, seed, self._ticks(self.duration) + 1).qpos[: len(trace)]
+        positions = self._running.run(test, seed, self._ticks(self.duration) + 1).qpos[: len(trace)]
         tiles = np.linspace(0, len(trace) - 1, TILES[0] * TILES[1]).round().astype(int)
         model = robot.file.compile(robot.changes(test), pictures=True)
         view = View(_CAMERA * robot.reach, 0.3 * robot.reach, max(robot.plan.root, 0))
@@ -166,7 +179,7 @@ class RobotBackend:
 
         yield from findings(self._robot, self.parameters)
         if run:
-            yield from trials(self._robot, self.parameters)
+            yield from trials(self._running, self.parameters)
 
     def _trace(self, record: Record, facts: dict[str, Any]) -> Trace:
         meta: dict[str, Any] = {"backend": self.name, "model_hash": self.model_hash, **facts}

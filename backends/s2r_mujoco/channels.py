@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import Any
 
 import mujoco
@@ -27,7 +28,7 @@ _T = mujoco.mjtSensor
 SENSOR_UNITS = {
     _T.mjSENS_TOUCH: "N", _T.mjSENS_ACCELEROMETER: "m/s^2", _T.mjSENS_VELOCIMETER: "m/s", _T.mjSENS_GYRO: "rad/s",
     _T.mjSENS_FORCE: "N", _T.mjSENS_TORQUE: "N*m", _T.mjSENS_MAGNETOMETER: "T", _T.mjSENS_RANGEFINDER: "m",
-    _T.mjSENS_BALLANGVEL: "rad/s", _T.mjSENS_JOINTLIMITPOS: "", _T.mjSENS_TENDONPOS: "m", _T.mjSENS_TENDONVEL: "m/s",
+    _T.mjSENS_BALLANGVEL: "rad/s", _T.mjSENS_TENDONPOS: "m", _T.mjSENS_TENDONVEL: "m/s",
     _T.mjSENS_FRAMEPOS: "m", _T.mjSENS_FRAMELINVEL: "m/s", _T.mjSENS_FRAMEANGVEL: "rad/s",
     _T.mjSENS_FRAMELINACC: "m/s^2", _T.mjSENS_FRAMEANGACC: "rad/s^2", _T.mjSENS_SUBTREECOM: "m",
     _T.mjSENS_SUBTREELINVEL: "m/s", _T.mjSENS_SUBTREEANGMOM: "N*m*s", _T.mjSENS_CLOCK: "s",
@@ -36,8 +37,11 @@ SENSOR_UNITS = {
 """Definition: type of a MuJoCo sensor → unit, from MuJoCo's XML reference; a type that is missing has none."""
 _OF_JOINTS = {
     _T.mjSENS_JOINTPOS: ("rad", "m"), _T.mjSENS_JOINTVEL: ("rad/s", "m/s"), _T.mjSENS_JOINTACTFRC: ("N*m", "N"),
+    _T.mjSENS_JOINTLIMITPOS: ("rad", "m"), _T.mjSENS_JOINTLIMITVEL: ("rad/s", "m/s"),
+    _T.mjSENS_JOINTLIMITFRC: ("N*m", "N"), _T.mjSENS_ACTUATORPOS: ("rad", "m"),
+    _T.mjSENS_ACTUATORVEL: ("rad/s", "m/s"), _T.mjSENS_ACTUATORFRC: ("N*m", "N"),
 }  # fmt: skip
-"""Definition: type of a sensor of a joint → its units for a hinge and for a slide."""
+"""Definition: type of a sensor of a joint, or of its actuator → its units for a hinge and for a slide."""
 
 Compute = Callable[[Record], FloatArray]
 
@@ -61,23 +65,24 @@ class Attitude:
     def __init__(self, quaternion: FloatArray) -> None:
         self.w, self.x, self.y, self.z = quaternion.T
 
-    @property
+    @cached_property
     def roll(self) -> FloatArray:
         """Rotation about the forward axis [rad]."""
         return np.arctan2(2 * (self.w * self.x + self.y * self.z), 1 - 2 * (self.x**2 + self.y**2))
 
-    @property
+    @cached_property
     def pitch(self) -> FloatArray:
         """Rotation about the left axis [rad], positive with the nose down."""
         return np.arcsin(np.clip(2 * (self.w * self.y - self.z * self.x), -1.0, 1.0))
 
-    @property
+    @cached_property
     def yaw(self) -> FloatArray:
         """Heading [rad], continuous over the rollout."""
         return np.unwrap(np.arctan2(2 * (self.w * self.z + self.x * self.y), 1 - 2 * (self.y**2 + self.z**2)))
 
+    @cached_property
     def matrix(self) -> FloatArray:
-        """Return (n, 3, 3): columns are the axes of the base in the world."""
+        """(n, 3, 3), whose columns are the axes of the base in the world."""
         w, x, y, z = self.w, self.x, self.y, self.z
         rows = [
             [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -214,11 +219,12 @@ def _base_channels(model: Any, plan: Plan) -> list[Computed]:
     p, v = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
     ground = floor_height(model)
 
+    @lru_cache(maxsize=1)  # for all channels of one record
     def attitude(record: Record) -> Attitude:
         return Attitude(record.qpos[:, p + 3 : p + 7])
 
     def in_body(record: Record) -> FloatArray:
-        return np.einsum("nij,ni->nj", attitude(record).matrix(), record.qvel[:, v : v + 3])
+        return np.einsum("nij,ni->nj", attitude(record).matrix, record.qvel[:, v : v + 3])
 
     def heading(record: Record, side: float) -> FloatArray:
         yaw, (vx, vy) = attitude(record).yaw, record.qvel[:, v : v + 2].T
@@ -253,7 +259,7 @@ def _base_channels(model: Any, plan: Plan) -> list[Computed]:
         (Channel("yaw", "rad", "heading, continuous"), lambda r: attitude(r).yaw),
         (
             Channel("gravity", "", "direction of gravity, base axes", 3, AXES),
-            lambda r: -attitude(r).matrix()[:, 2],
+            lambda r: -attitude(r).matrix[:, 2],
         ),
     )
     return [Computed(channel, compute) for channel, compute in table]
@@ -279,7 +285,9 @@ def _index(first: int, width: int) -> Any:
 
 def _unit(model: Any, sensor: int) -> str:
     kind = mujoco.mjtSensor(int(model.sensor_type[sensor]))
-    if kind in _OF_JOINTS:
-        joint = int(model.sensor_objid[sensor])
-        return _OF_JOINTS[kind][int(model.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_SLIDE)]
+    place = int(model.sensor_objid[sensor])
+    if int(model.sensor_objtype[sensor]) == int(mujoco.mjtObj.mjOBJ_ACTUATOR):
+        place = {actuator: joint for joint, actuator in joint_order.actuator_of(model).items()}.get(place, -1)
+    if kind in _OF_JOINTS and place >= 0:
+        return _OF_JOINTS[kind][int(model.jnt_type[place]) == int(mujoco.mjtJoint.mjJNT_SLIDE)]
     return SENSOR_UNITS.get(kind, "")

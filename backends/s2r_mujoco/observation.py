@@ -88,13 +88,9 @@ class Parts:
             return self._own(term)
         if term.name in ("base_lin_vel", "base_ang_vel", "projected_gravity"):
             return Part(term, 3, self._base(term))
-        chosen = np.array(term.joints or range(len(self._plan.joints)), dtype=np.intp)
-        n, positions, velocities = len(chosen), self._data.qpos, self._data.qvel
-        qpos, dof, pose = (
-            self._plan.joints.qpos[chosen],
-            self._plan.joints.dof[chosen],
-            self._plan.pose[chosen],
-        )
+        positions, velocities = self._data.qpos, self._data.qvel
+        qpos, dof = self._joints(term)
+        n, pose = len(qpos), self._plan.home[qpos]
         readers: dict[str, tuple[int, Read]] = {
             "joint_pos": (n, lambda tick: positions[qpos]),
             "joint_pos_rel": (n, lambda tick: positions[qpos] - pose),

@@ -17,6 +17,7 @@ from s2r_mujoco.channels import Attitude
 from s2r_mujoco.description import COMMANDS
 from s2r_mujoco.robot import STABLE, Robot
 from s2r_mujoco.rollout import Record
+from s2r_mujoco.running import Running
 from s2r_spec.backend import Finding, Parameter
 
 STILL = 0.01
@@ -39,12 +40,13 @@ def findings(robot: Robot, parameters: Sequence[Parameter]) -> Iterator[Finding]
     yield from _lacking(robot, parameters)
 
 
-def trials(robot: Robot, parameters: Sequence[Parameter]) -> Iterator[Finding]:
+def trials(running: Running, parameters: Sequence[Parameter]) -> Iterator[Finding]:
     """Yield what shows in two rollouts: standing without a command, and moving at the highest one."""
-    robot.failures.check()
+    robot = running.robot
     values = {one.name: one.default for one in parameters}
     ticks = round(STANDING / robot.plan.step) + 1
-    standing = robot.run(values, 0, ticks, command=dict.fromkeys(COMMANDS, 0.0))
+    running.prepare(values)
+    standing = running.run(values, 0, ticks, command=dict.fromkeys(COMMANDS, 0.0))
     yield from _first_action(robot, values, standing)
     if robot.plan.root >= 0:
         yield _stands(robot, standing)
@@ -53,10 +55,10 @@ def trials(robot: Robot, parameters: Sequence[Parameter]) -> Iterator[Finding]:
         for name, one in robot.parameters.items()
         if one.limited and _commands(robot, name)
     }
-    moving = robot.run(dict(values) | high, 0, ticks)
+    moving = running.run(dict(values) | high, 0, ticks)
     yield from _torque(robot, moving)
     yield _speed(robot, standing)
-    yield from _ranges(robot, values, moving, bool(high))
+    yield from _ranges(running, values, moving, bool(high))
 
 
 def _commands(robot: Robot, name: str) -> bool:
@@ -212,7 +214,7 @@ def _stands(robot: Robot, record: Record) -> Finding:
     first = int(robot.model.jnt_qposadr[robot.model.body_jntadr[robot.plan.root]])
     height = record.qpos[:, first + 2]
     attitude = Attitude(record.qpos[:, first + 3 : first + 7])
-    tilt = np.degrees(np.arccos(np.clip(attitude.matrix()[:, 2, 2], -1.0, 1.0))).max()
+    tilt = np.degrees(np.arccos(np.clip(attitude.matrix[:, 2, 2], -1.0, 1.0))).max()
     failure = robot.failure(record)
     if record.unstable or failure is not None:
         name, tick = ("unstable", len(record) - 1) if failure is None else failure
@@ -250,10 +252,13 @@ def _speed(robot: Robot, record: Record) -> Finding:
     return Finding("time", words, "wrong" if each > period else "ok")
 
 
-def _ranges(robot: Robot, values: Mapping[str, float], record: Record, commanded: bool) -> Iterator[Finding]:
+def _ranges(
+    running: Running, values: Mapping[str, float], record: Record, commanded: bool
+) -> Iterator[Finding]:
+    robot = running.robot
     if robot.policy is None:
         return
-    observer = robot.simulator_of(values).observer
+    observer = running.simulator(values).observer
     rows, still = [f"{'term':24}  {'least':>9}  {'greatest':>9}  as the policy reads it"], []
     for part, place in zip(observer.parts, observer.places, strict=True):
         seen = record.observation[:, place]

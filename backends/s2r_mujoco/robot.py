@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from importlib.metadata import version
-from inspect import signature
 from pathlib import Path
-from traceback import extract_tb
 from typing import Any
 
 import mujoco
@@ -23,13 +20,13 @@ from s2r_mujoco.deploy.record import Deployment
 from s2r_mujoco.description import COMMANDS, ParameterTable, read_description
 from s2r_mujoco.failure import Failures
 from s2r_mujoco.model import FieldChange, ModelFile
-from s2r_mujoco.observation import Memory, Observer, Part, Parts, UserTerm
+from s2r_mujoco.observation import Memory, Observer, Part, Parts
 from s2r_mujoco.plan import Plan, make_plan
-from s2r_mujoco.rollout import Push, Record, Simulator
-from s2r_mujoco.start import draw, floors, start_pose
+from s2r_mujoco.rollout import Record
+from s2r_mujoco.start import floors, start_pose
 from s2r_policy import Policy, open_policy
-from s2r_spec.backend import LoadedCode, Parameter, load_code, read_code
-from s2r_spec.errors import BackendError, S2RError, UsageError, one_of, suggest
+from s2r_spec.backend import Parameter, read_code
+from s2r_spec.errors import UsageError, one_of, suggest
 from s2r_spec.trace import Trace
 
 UNITS = {
@@ -46,7 +43,7 @@ KEPT = 4
 
 @dataclass(frozen=True)
 class TestParameter:
-    """A parameter of a test with its place in the robot; ``limited`` tells whether a file states its range."""
+    """A parameter of a test; ``limited`` tells whether a file states its range. Its default changes nothing."""
 
     declared: Parameter
     limited: bool
@@ -73,13 +70,18 @@ class Robot:
                 f"with a floor in `model`"
             )
         self.parts = self._known_parts()
-        self._refuse_width(self.parts or ())
+        self.refuse_width(self.parts or ())
         width = None if self.policy is None else self._width
         columns = tuple(f"{i}" for i in range(width)) if width else ()
         self.computed = channels_of(model, self.plan, columns, acts=self.policy is None)
         self.channels = tuple(one.channel for one in self.computed)
         self.failures = Failures(table.failure, self.channels, self.name)
         self.parameters = {one.declared.name: one for one in self._parameters()}
+        both = {one.parameter for one in self.plan.commands.values()} & set(table.parameters)
+        if both:
+            raise UsageError(
+                f"{self.name}: {min(both)} is both a command and a key of parameters; rename one of them"
+            )
 
     # -- files ----------------------------------------------------------------------------------------------------
 
@@ -113,9 +115,11 @@ class Robot:
         return (*names, *([self.description.table.policy] if self.policy is None else []))
 
     @cached_property
-    def code(self) -> dict[str, LoadedCode]:
-        """The user's own code by its name. It runs when it is loaded."""
-        return {name: load_code(name, self.description.path.parent) for name in self.code_names}
+    def files(self) -> tuple[Path, ...]:
+        """Every file that decides a trace: robot file, model, deploy files, policy, the user's code."""
+        code = [path for name in self.code_names for path in read_code(name, self.description.path.parent)[1]]
+        policy = () if self.policy is None else self.policy.files
+        return (self.description.path, *self.deployment.files, *self.file.files, *policy, *code)
 
     def digest(self, extra: str) -> str:
         """Return the hash over all files, versions and this package's source."""
@@ -173,7 +177,7 @@ class Robot:
             else None
         )
 
-    def _refuse_width(self, parts: tuple[Part, ...]) -> None:
+    def refuse_width(self, parts: tuple[Part, ...]) -> None:
         """Refuse a policy whose input or output has another width than the files say; () for unknown terms."""
         if self.policy is None:
             return
@@ -199,7 +203,10 @@ class Robot:
         for name, command in self.plan.commands.items():
             if command.parameter:
                 limits = command.range or self.plan.ranges.get(name)
-                found.append(_declared(command.parameter, COMMANDS[name], limits, 0.0, f"command of {name}"))
+                still = 0.0 if limits is None else min(max(0.0, limits[0]), limits[1])
+                found.append(
+                    _declared(command.parameter, COMMANDS[name], limits, still, f"command of {name}")
+                )
         for name, table in self.description.table.parameters.items():
             found.append(self._parameter(name, table))
         return found
@@ -216,6 +223,11 @@ class Robot:
             ("" if table.how == "scale" else UNITS.get(attribute, "")) if table.unit is None else table.unit
         )
         default = {"set": value, "add": 0.0, "scale": 1.0}[table.how]
+        if table.range and not table.range[0] <= default <= table.range[1]:
+            raise UsageError(
+                f"{self.name}: parameters.{name}: the range {list(table.range)} does not contain {default:g}, which "
+                f'leaves the model as it is; change the range, or write how = "add" for a change of the value'
+            )
         return _declared(name, unit, table.range, default, f"{table.how} {table.field}")
 
     def body(self, name: str, source: str) -> int:
@@ -226,71 +238,6 @@ class Robot:
                 f"{source}: the model has no body {name!r}{suggest(name, names)} it has {one_of(names)}"
             )
         return names.index(name)
-
-    # -- rollouts -------------------------------------------------------------------------------------------------
-
-    @cached_property
-    def simulator(self) -> Any:
-        """The function from changed fields to a simulator; a process keeps the last ones."""
-        users: dict[str, UserTerm] = {
-            name: _function(name, code.value) for name, code in self.code.items() if self._is_term(name)
-        }
-
-        @lru_cache(maxsize=KEPT)
-        def made(changes: tuple[tuple[FieldChange, float], ...]) -> Simulator:
-            model = self.file.compile(dict(changes))
-            with self._explaining():  # a term of the user's own is called once for its width
-                simulator = Simulator(model, self.plan, users)
-            self._refuse_width(simulator.observer.parts)
-            return simulator
-
-        return made
-
-    def _is_term(self, name: str) -> bool:
-        return any(term.name == name for term in self.plan.terms)
-
-    def run(
-        self, values: Mapping[str, float], seed: int, ticks: int, command: Mapping[str, float] | None = None
-    ) -> Record:
-        """Run one test.
-
-        Args:
-            values: parameter → value, of every parameter.
-            seed: seed of the noise.
-            ticks: control ticks to record.
-            command: component → value instead of that of the test.
-        """
-        tables, table = self.description.table.parameters, self.description.table
-        simulator = self.simulator_of(values)
-        if command is None:
-            command = {name: values.get(one.parameter, one.value) for name, one in self.plan.commands.items()}
-        pushes = [self._push(one, values[name]) for name, one in tables.items() if one.push]
-        pose = start_pose(simulator.model, self.plan, table.start, self.name)
-        position, velocity = draw(simulator.model, self.plan, table.start, seed)
-        simulator.begin(pose + position, velocity, command, self.plan.key)
-        with self._explaining():
-            if self.policy is not None:
-                self.policy.reset()
-                return simulator.run(self.policy, ticks, pushes)
-            value = self.code[table.policy].value
-            function = value() if isinstance(value, type) else value
-            act = _function(table.policy, getattr(function, "act", function))
-            return simulator.act(act, ticks, pushes)
-
-    @contextmanager
-    def _explaining(self) -> Iterator[None]:
-        """Name the line of the user's code that raised an error."""
-        try:
-            yield
-        except S2RError:
-            raise
-        except Exception as error:
-            own = {str(path) for code in self.code.values() for path in code.files}
-            lines = [at for at in extract_tb(error.__traceback__) if at.filename in own]
-            if not lines:
-                raise
-            where = f"{Path(lines[-1].filename).name}, line {lines[-1].lineno}"
-            raise BackendError(f"{where}, raised {type(error).__name__}: {error}") from error
 
     def trace(self, record: Record, meta: Mapping[str, Any]) -> Trace:
         """Return the whole record as a trace."""
@@ -311,11 +258,6 @@ class Robot:
             if one.field and values[name] != self.parameters[name].declared.default
         }
 
-    def simulator_of(self, values: Mapping[str, float]) -> Simulator:
-        """Return the simulator with the fields of a test."""
-        simulator: Simulator = self.simulator(tuple(self.changes(values).items()))
-        return simulator
-
     @property
     def reach(self) -> float:
         """Distance between the root and the far end of the farthest moving geom at the start pose [m]."""
@@ -326,12 +268,6 @@ class Robot:
         away = np.linalg.norm(data.geom_xpos - data.xpos[max(self.plan.root, 0)], axis=1) + model.geom_rbound
         return float(away[moving].max(initial=0.1))
 
-    def _push(self, table: ParameterTable, force: float) -> Push:
-        step, body = self.plan.step, self.body(table.push, self.name)
-        first = round(table.at / step)
-        direction = np.array(table.direction) / np.linalg.norm(table.direction)
-        return Push(body, force * direction, first, first + max(1, round(table.lasts / step)))
-
 
 _ONLOOKERS = {"new.py", "pictures.py", "preflight.py"}
 """Definition: source files without influence on a trace."""
@@ -339,35 +275,4 @@ _ONLOOKERS = {"new.py", "pictures.py", "preflight.py"}
 
 def _declared(name: str, unit: str, limits: Any, default: float, words: str) -> TestParameter:
     low, high = limits or (default, default)
-    return TestParameter(
-        Parameter(name, unit, low, high, min(max(default, low), high), words), limits is not None
-    )
-
-
-def _function(name: str, value: Any) -> Any:
-    """Return a function of the user's; a UsageError if it does not take three arguments."""
-    try:
-        signature(value).bind(None, None, None)
-    except TypeError:
-        raise UsageError(f"{name} must be a function of three arguments: (model, data, command)") from None
-    except ValueError:  # a function in C does not say
-        pass
-    return value
-
-
-@lru_cache(maxsize=KEPT)
-def _read(path: Path, stamp: tuple[int, int]) -> Robot:
-    return Robot(path)
-
-
-def read_robot(path: Path) -> Robot:
-    """Return the robot of a file; the same object until the file changes.
-
-    Raises:
-        UsageError: a file is missing, or is wrong; see :class:`Robot`.
-    """
-    try:
-        status = path.stat()
-    except OSError as error:
-        raise UsageError(f"cannot read the robot file {path}: {error.strerror or error}") from None
-    return _read(path.resolve(), (status.st_mtime_ns, status.st_size))
+    return TestParameter(Parameter(name, unit, low, high, default, words), limits is not None)

@@ -21,7 +21,7 @@ from s2r_mujoco.plan import Plan
 from s2r_spec.errors import BackendError, shortened
 
 UNSTABLE = "unstable"
-"""Definition: failure of a rollout whose state is no longer finite, or about which MuJoCo warns."""
+"""Definition: failure of a rollout whose state MuJoCo calls bad (NaN, or beyond ±1e10), or about which it warns."""
 
 
 class Push(NamedTuple):
@@ -33,7 +33,7 @@ class Push(NamedTuple):
     end: int
 
 
-@dataclass
+@dataclass(eq=False)
 class Record:
     """The samples of a rollout, one row a control tick; ``n`` is the number of ticks.
 
@@ -174,11 +174,10 @@ class Simulator:
 
     def _not_finite(self, record: Record, tick: int, observation: Observation | None) -> Record:
         """Return the record up to the last finite state; a BackendError if the controller alone is at fault."""
-        finite = np.isfinite(self.data.qpos).all() and np.isfinite(self.data.qvel).all()
-        if finite:
-            raise BackendError(
-                f"{self._culprit(observation)} is not finite at t = {tick * self.plan.step:g} s"
-            )
+        good = _good(self.data.qpos[None]) & _good(self.data.qvel[None])
+        if good.all() and not self.data.warning.number.any():
+            at = tick * self.plan.step
+            raise BackendError(f"{self._culprit(observation)} is not finite at t = {at:g} s")
         record.unstable = True
         return self._checked(record.cut(max(tick, 1)))
 
@@ -191,10 +190,10 @@ class Simulator:
         return "the output of the controller"
 
     def _checked(self, record: Record) -> Record:
-        """Cut a record where the state is no longer finite, and report MuJoCo's warnings as instability."""
-        finite = np.isfinite(record.qpos).all(axis=1) & np.isfinite(record.qvel).all(axis=1)
-        if not finite.all():
-            record = record.cut(max(int(np.argmin(finite)), 1))
+        """Cut a record where the state is bad, and report MuJoCo's warnings as instability."""
+        good = _good(record.qpos) & _good(record.qvel)
+        if not good.all():
+            record = record.cut(max(int(np.argmin(good)), 1))
             record.unstable = True
         record.unstable |= bool(self.data.warning.number.any())
         return record
@@ -210,3 +209,8 @@ def _controls(value: Any, count: int) -> FloatArray:
         shown = f"{control.size} numbers" if value is not None and control.size else shortened(repr(value))
         raise BackendError(f"the controller returned {shown}, and the model has {count} actuators")
     return control
+
+
+def _good(states: FloatArray) -> Any:
+    """Return for each row whether MuJoCo would go on from it; NaN is beyond every limit."""
+    return (np.abs(states) <= mujoco.mjMAXVAL).all(axis=1)

@@ -22,7 +22,10 @@ Folder = Annotated[Path, typer.Argument(help="Folder for the files; made if it d
 
 
 def examples(folder: Folder = Path("specs"), as_json: AsJson = False) -> None:
-    """Write the shipped specifications and traces into a folder. No file is overwritten."""
+    """Write the shipped specifications and traces into a folder. No file is overwritten.
+
+    Requirements with a source lie in a folder for each kind of robot: legged, wheeled, arm, aerial.
+    """
     with sentences(as_json):
         from shlex import join
 
@@ -33,7 +36,11 @@ def examples(folder: Folder = Path("specs"), as_json: AsJson = False) -> None:
             raise UsageError(
                 "this installation has no examples; install s2r again, from a wheel or a checkout"
             )
-        paths = [*sorted(place.glob("*.stl")), *sorted(place.glob("traces/*.*"))]
+        paths = [
+            *sorted(place.glob("*.stl")),
+            *sorted(place.glob("*/*.stl")),
+            *sorted(place.glob("traces/**/*.*")),
+        ]
         targets = {folder / path.relative_to(place).as_posix(): path.read_bytes() for path in paths}
         if folder.exists() and not folder.is_dir():
             raise UsageError(f"cannot write the examples into {folder}: it is not a folder")

@@ -12,7 +12,7 @@ from s2r_spec.lang.highlight import FUNCTIONS as COLOURED
 from s2r_spec.lang.highlight import STATEMENTS, TEMPORAL, StlLexer
 
 ROOT = Path(__file__).parents[2]
-FILES = [*sorted((ROOT / "specs").glob("*.stl")), *sorted((ROOT / "tests/specs/good").glob("*.stl"))]
+FILES = [*sorted((ROOT / "specs").rglob("*.stl")), *sorted((ROOT / "tests/specs/good").glob("*.stl"))]
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)

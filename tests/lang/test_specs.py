@@ -15,7 +15,7 @@ from s2r_spec.lang.diagnostics import CODES, Diagnostic, SpecError
 from s2r_spec.spec import load_spec, parse_spec
 
 SPECS = Path(__file__).parents[1] / "specs"
-SHIPPED = sorted((SPECS.parents[1] / "specs").glob("*.stl"))
+SHIPPED = sorted((SPECS.parents[1] / "specs").rglob("*.stl"))
 GOOD = [*sorted((SPECS / "good").glob("*.stl")), *SHIPPED]
 BAD = sorted((SPECS / "bad").glob("*.stl"))
 LISTED = SPECS / "bad.json"

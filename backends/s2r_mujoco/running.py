@@ -1,0 +1,152 @@
+"""Rollouts of a robot: the simulator of a test, its start, its pushes, and the user's own code."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from functools import cached_property, lru_cache
+from inspect import signature
+from pathlib import Path
+from threading import Lock
+from traceback import extract_tb
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from s2r_mujoco.description import ParameterTable
+from s2r_mujoco.model import FieldChange
+from s2r_mujoco.robot import KEPT, Robot
+from s2r_mujoco.rollout import Push, Record, Simulator
+from s2r_mujoco.start import draw, start_pose
+from s2r_spec.backend import LoadedCode, load_code
+from s2r_spec.errors import BackendError, S2RError, UsageError
+
+
+class Running:
+    """Runs tests of one robot, one at a time. What a rollout leaves behind is reset before the next one."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        self._lock = Lock()
+        self._made = lru_cache(maxsize=KEPT)(self._make)
+
+    @cached_property
+    def code(self) -> dict[str, LoadedCode]:
+        """The user's own code by its name in the robot file. It runs when it is loaded."""
+        folder = self.robot.description.path.parent
+        return {name: load_code(name, folder) for name in self.robot.code_names}
+
+    def prepare(self, values: Mapping[str, float]) -> None:
+        """Load the user's code, compile the model of a test, and parse the conditions of a failure."""
+        self.robot.failures.check()
+        self.simulator(values)
+
+    def simulator(self, values: Mapping[str, float]) -> Simulator:
+        """Return the simulator with the fields of a test; the last ones are kept."""
+        with self._explaining():  # a term of the user's own is called once for its width
+            return self._made(tuple(self.robot.changes(values).items()))
+
+    def _make(self, changes: tuple[tuple[FieldChange, float], ...]) -> Simulator:
+        users = {
+            term.name: _function(term.name, self.code[term.name].value)
+            for term in self.robot.plan.terms
+            if term.name in self.code
+        }
+        simulator = Simulator(self.robot.file.compile(dict(changes)), self.robot.plan, users)
+        self.robot.refuse_width(simulator.observer.parts)
+        return simulator
+
+    def run(
+        self, values: Mapping[str, float], seed: int, ticks: int, command: Mapping[str, float] | None = None
+    ) -> Record:
+        """Run one test.
+
+        Args:
+            values: parameter → value, of every parameter.
+            seed: seed of the noise.
+            ticks: control ticks to record.
+            command: component → value instead of that of the test.
+
+        Raises:
+            BackendError: the controller is at fault.
+        """
+        robot, table = self.robot, self.robot.description.table
+        simulator = self.simulator(values)
+        if command is None:
+            command = {
+                name: values.get(one.parameter, one.value) for name, one in robot.plan.commands.items()
+            }
+        pushes = [self._push(one, values[name]) for name, one in table.parameters.items() if one.push]
+        pose = start_pose(simulator.model, robot.plan, table.start, robot.name)
+        position, velocity = draw(simulator.model, robot.plan, table.start, seed)
+        # An unstable rollout is an answer: no warning of NumPy, and no MUJOCO_LOG.TXT in the user's folder.
+        mujoco.set_mju_user_warning(_silent)
+        with self._lock, self._explaining(), np.errstate(over="ignore", invalid="ignore"):
+            simulator.begin(pose + position, velocity, command, robot.plan.key)
+            if robot.policy is not None:
+                robot.policy.reset()
+                return simulator.run(robot.policy, ticks, pushes)
+            value = self.code[table.policy].value
+            function = value() if isinstance(value, type) else value
+            act = _function(table.policy, getattr(function, "act", function))
+            return simulator.act(act, ticks, pushes)
+
+    def _push(self, table: ParameterTable, force: float) -> Push:
+        step, body = self.robot.plan.step, self.robot.body(table.push, self.robot.name)
+        first = round(table.at / step)
+        direction = np.array(table.direction) / np.linalg.norm(table.direction)
+        return Push(body, force * direction, first, first + max(1, round(table.lasts / step)))
+
+    @contextmanager
+    def _explaining(self) -> Iterator[None]:
+        """Name the line of the user's code that raised an error."""
+        try:
+            yield
+        except S2RError:
+            raise
+        except Exception as error:
+            own = {str(path) for code in self.code.values() for path in code.files}
+            lines = [at for at in extract_tb(error.__traceback__) if at.filename in own]
+            if not lines:
+                raise
+            where = f"{Path(lines[-1].filename).name}, line {lines[-1].lineno}"
+            raise BackendError(f"{where}, raised {type(error).__name__}: {error}") from error
+
+
+def _function(name: str, value: Any) -> Any:
+    """Return a function of the user's; a UsageError if it does not take three arguments."""
+    try:
+        signature(value).bind(None, None, None)
+    except TypeError:
+        raise UsageError(f"{name} must be a function of three arguments: (model, data, command)") from None
+    except ValueError:  # a function in C does not say
+        pass
+    return value
+
+
+def _silent(words: str) -> None:
+    """Print nothing; ``data.warning`` counts the warnings."""
+
+
+_KEPT: dict[Path, tuple[Any, Running]] = {}
+
+
+def running(path: Path) -> Running:
+    """Return the rollouts of a robot file; the same object until one of its files changes.
+
+    Raises:
+        UsageError: a file is missing, or is wrong; see :class:`Robot`.
+    """
+    path = path.resolve()
+    kept = _KEPT.get(path)
+    if kept is not None and kept[0] == _stamps(kept[1].robot):
+        return kept[1]
+    made = Running(Robot(path))
+    _KEPT[path] = _stamps(made.robot), made
+    return made
+
+
+def _stamps(robot: Robot) -> tuple[tuple[float, int], ...]:
+    found = [path.stat() if path.exists() else None for path in robot.files]
+    return tuple((-1, -1) if one is None else (one.st_mtime_ns, one.st_size) for one in found)
