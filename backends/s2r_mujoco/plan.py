@@ -271,11 +271,12 @@ def _terms(description: Description, deployment: Deployment) -> tuple[Term, ...]
 def kind_of(model: Any, actuator: int) -> Drive:
     """Return the kind of an actuator, from its gain and bias."""
     fixed = model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_FIXED
-    plain = fixed and model.actuator_dyntype[actuator] == mujoco.mjtDyn.mjDYN_NONE
-    bias = model.actuator_biastype[actuator]
-    if plain and bias == mujoco.mjtBias.mjBIAS_NONE:
+    dynamics, bias = model.actuator_dyntype[actuator], model.actuator_biastype[actuator]
+    filters = (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
+    if fixed and dynamics == mujoco.mjtDyn.mjDYN_NONE and bias == mujoco.mjtBias.mjBIAS_NONE:
         return "torque"
-    if plain and bias == mujoco.mjtBias.mjBIAS_AFFINE and model.actuator_biasprm[actuator, 1] < 0:
+    position = bias == mujoco.mjtBias.mjBIAS_AFFINE and model.actuator_biasprm[actuator, 1] < 0
+    if fixed and position and any(dynamics == one for one in (mujoco.mjtDyn.mjDYN_NONE, *filters)):
         return "position"
     return "other"
 

@@ -192,9 +192,9 @@ def _left(robot: Robot) -> Iterator[Finding]:
     left = sorted({*range(model.nu)} - {*plan.joints.actuators.tolist()})
     if left and robot.policy is not None:
         names = ", ".join(model.actuator(i).name or f"actuator {i}" for i in left)
-        control = "the keyframe's control" if plan.key >= 0 else "the control 0"
+        control = "the keyframe's control" if plan.key >= 0 else "their start position, or no force"
         yield Finding(
-            "actuators", f"{len(left)} that the policy does not move have {control}: {names}", "note"
+            "actuators", f"{len(left)} that the policy does not move keep {control}: {names}", "note"
         )
     if stated is not None and abs(plan.step - stated) > 1e-6 * stated:
         words = f"control every {1e3 * plan.step:g} ms by decimation, not every {1e3 * stated:g} ms as in"

@@ -17,7 +17,7 @@ import numpy as np
 from s2r_mujoco import drive
 from s2r_mujoco.arrays import FloatArray, Observation
 from s2r_mujoco.observation import Memory, Observer, Parts, UserTerm
-from s2r_mujoco.plan import Plan
+from s2r_mujoco.plan import Plan, kind_of
 from s2r_spec.errors import BackendError, shortened
 
 UNSTABLE = "unstable"
@@ -76,13 +76,14 @@ class Simulator:
     def __init__(self, model: Any, plan: Plan, users: dict[str, UserTerm]) -> None:
         drive.prepare_actuators(model, plan)
         self.model, self.plan, self.data = model, plan, mujoco.MjData(model)
+        self._held = np.array([i for i in range(model.nu) if kind_of(model, i) == "position"], dtype=np.intp)
         self.memory = Memory(np.zeros(3), np.zeros(len(plan.law.moved)))
         mujoco.mj_forward(model, self.data)
         self.observer = Observer(Parts(plan, model, self.data, self.memory).of(plan.terms, users), plan)
         self._apply, self._every_step = drive.writer(model, self.data, plan)
 
     def begin(self, qpos: FloatArray, qvel: FloatArray, command: Mapping[str, float], key: int) -> None:
-        """Reset the state; the control of an actuator without a joint of the policy is that of the keyframe."""
+        """Reset the state. An actuator that the policy leaves alone keeps the keyframe's control, or the start pose."""
         mujoco.mj_resetData(self.model, self.data)
         if key >= 0:
             self.data.ctrl[:] = self.model.key_ctrl[key]
@@ -91,6 +92,11 @@ class Simulator:
         self.memory.command[:] = list(command.values())
         self.memory.last_action[:] = 0.0
         mujoco.mj_forward(self.model, self.data)
+        if key < 0:
+            self.data.ctrl[self._held] = self.data.actuator_length[self._held]
+        if not self.data.act.any():  # a filtered position target begins at the start pose
+            filtered = self._held[self.model.actuator_actadr[self._held] >= 0]
+            self.data.act[self.model.actuator_actadr[filtered]] = self.data.actuator_length[filtered]
 
     def run(self, policy: Policy, ticks: int, pushes: Sequence[Push] = ()) -> Record:
         """Run a trained policy from the state of :meth:`begin`, and record ``ticks`` control ticks.
