@@ -20,7 +20,7 @@ from s2r_mujoco.arrays import FloatArray
 from s2r_mujoco.joints import Joints
 from s2r_mujoco.plan import Plan
 from s2r_mujoco.rollout import Record
-from s2r_mujoco.start import floors
+from s2r_mujoco.start import floor_height
 from s2r_spec.backend import Channel
 
 AXES = ("x", "y", "z")
@@ -217,8 +217,7 @@ def _whole(name: str) -> Compute:
 def _base_channels(model: Any, plan: Plan) -> list[Computed]:
     joint = int(model.body_jntadr[plan.root])
     p, v = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
-    planes = floors(model)
-    ground = float(model.geom_pos[planes[0], 2]) if planes else 0.0
+    ground = floor_height(model)
 
     @lru_cache(maxsize=1)  # for all channels of one record
     def attitude(record: Record) -> Attitude:
@@ -241,7 +240,7 @@ def _base_channels(model: Any, plan: Plan) -> list[Computed]:
         (Channel("x", "m", "base position in the world"), lambda r: r.qpos[:, p]),
         (Channel("y", "m", "base position in the world"), lambda r: r.qpos[:, p + 1]),
         (Channel("z", "m", "base position in the world"), lambda r: r.qpos[:, p + 2]),
-        (Channel("height", "m", "base height above the floor's plane"), lambda r: r.qpos[:, p + 2] - ground),
+        (Channel("height", "m", "base height above the floor"), lambda r: r.qpos[:, p + 2] - ground),
         (Channel("vx", "m/s", "base velocity, forward in the heading frame"), lambda r: heading(r, 0.0)),
         (Channel("vy", "m/s", "base velocity, left in the heading frame"), lambda r: heading(r, -np.pi / 2)),
         (Channel("vz", "m/s", "base velocity, up"), lambda r: r.qvel[:, v + 2]),

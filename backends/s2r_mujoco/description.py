@@ -7,17 +7,18 @@ The vocabulary is that of Isaac Lab. A key that is missing here may stand in the
 from __future__ import annotations
 
 import math
+import re
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
-from s2r_mujoco.deploy.record import Term
+from s2r_mujoco.deploy.record import Deployment, Term
 from s2r_mujoco.model import FieldChange
 from s2r_spec.backend import Parameter
-from s2r_spec.errors import UsageError, did_you_mean, one_of
+from s2r_spec.errors import UsageError, one_of, suggest
 
 COMMANDS = {"lin_vel_x": "m/s", "lin_vel_y": "m/s", "ang_vel_z": "rad/s"}
 """Definition: components of a velocity command, in the order of the term ``velocity_commands``, and their units."""
@@ -152,6 +153,7 @@ class RobotFile(_Table):
     deploy: str = ""
     keyframe: str = ""
     floor: bool = False
+    motors: bool = False
     root: str = ""
     timestep: float | None = Field(default=None, gt=0)
     decimation: int | None = Field(default=None, ge=1)
@@ -178,6 +180,29 @@ class Description:
         """Return a path that the file names, relative to its own folder."""
         return self.path.parent / name
 
+    def completed(self, deployment: Deployment) -> Description:
+        """Return the description with the policy and the model of a deploy file, where the robot file names none.
+
+        Raises:
+            UsageError: the deploy file names a file that does not exist.
+        """
+        stated = {"policy": deployment.policy, "model": deployment.model}
+        found = {key: name for key, name in stated.items() if name and not getattr(self.table, key)}
+        paths = {key: self._stated(key, name, deployment.files[0]) for key, name in found.items()}
+        return replace(self, table=self.table.model_copy(update=paths))
+
+    def _stated(self, key: str, name: str, deploy: Path) -> str:
+        """Return a path of a deploy file: relative to its folder, or after a variable to a folder above."""
+        rest = re.sub(r"^[{$][^/]*/", "", name)
+        above = deploy.resolve().parents
+        path = next((one / rest for one in above if (one / rest).is_file()), None)
+        if path is None or (rest == name and path.parent != (above[0] / rest).parent):
+            raise UsageError(
+                f"{self.path.name} names no {key}, and {deploy.name} names {name!r}, which does not exist; "
+                f"write `{key}`"
+            )
+        return str(path)
+
     @property
     def terms(self) -> tuple[Term, ...]:
         """The terms of the observation; empty if the file names none."""
@@ -194,7 +219,7 @@ class Description:
         if unknown:
             raise UsageError(
                 f"{self.path.name}: command.{unknown[0]} is not a component of the velocity command"
-                f"{did_you_mean(unknown[0], COMMANDS)}; they are {one_of(COMMANDS)}"
+                f"{suggest(unknown[0], COMMANDS)} they are {one_of(COMMANDS)}"
             )
         return {name: _command(one) for name, one in self.table.command.items()}
 
@@ -228,12 +253,15 @@ def _sentence(error: ValidationError) -> str:
     # A value of several possible types has a mistake for each; the deepest one is of the type that was meant.
     first = max(error.errors(), key=lambda one: len(one["loc"]))
     # pydantic names the type that a value of several types was read as.
-    place = [str(one) for one in first["loc"] if not str(one).endswith(("Table", "Table]"))]
+    typed = re.compile(r"(tuple|dict|function-\w+)\[.*|.*Table\]?")
+    place = [str(one) for one in first["loc"] if not typed.fullmatch(str(one))]
     key = ".".join(place)
     if first["type"] == "extra_forbidden":
         known = sorted(_keys(RobotFile, place[:-1]))
-        return f"there is no key {key}{did_you_mean(place[-1], known)}; possible keys are {one_of(known)}"
-    return f"{key}: {first['msg'].removeprefix('Value error, ')}, but it is {first['input']!r}"
+        return f"there is no key {key}{suggest(place[-1], known)} possible keys are {one_of(known)}"
+    words = first["msg"].removeprefix("Value error, ").replace("Input should be", "it must be")
+    words = words.replace("a valid tuple", "a number or a list").replace("a valid dictionary", "a table")
+    return f"{key}: {words.replace('a valid ', 'a ')}, but it is {first['input']!r}"
 
 
 def _keys(table: type[BaseModel], place: list[str]) -> set[str]:

@@ -7,7 +7,7 @@ from functools import cached_property
 
 from s2r_spec.backend import Channel
 from s2r_spec.errors import UsageError
-from s2r_spec.spec import Spec, parse_spec
+from s2r_spec.spec import Spec, SpecError, parse_spec
 from s2r_spec.trace import Trace
 
 
@@ -34,8 +34,10 @@ class Failures:
             return parse_spec(
                 "\n".join([*signals, f"require {name}: {text}\n"]), f"{self._source}: failure.{name}"
             )
-        except UsageError as error:
-            raise UsageError(f"{self._source}: failure.{name}: {error}") from None
+        except SpecError as error:
+            first = error.diagnostics[0]
+            words = "; ".join(filter(None, (first.message, first.fix)))
+            raise UsageError(f"{self._source}: failure.{name} = {text!r}: {words}") from None
 
     def first(self, trace: Trace) -> tuple[str, int] | None:
         """Return the failure that comes first and its sample; None without one."""

@@ -16,7 +16,7 @@ import numpy as np
 
 from s2r_mujoco.arrays import FloatArray, IntArray
 from s2r_mujoco.deploy.record import Deployment
-from s2r_spec.errors import UsageError, did_you_mean, one_of
+from s2r_spec.errors import UsageError, one_of, suggest
 
 _SCALAR = {int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)}
 POSE_SLACK = 1e-3
@@ -87,8 +87,8 @@ def driven(model: Any) -> list[int]:
     return list(actuator_of(model))
 
 
-def by_names(model: Any, wanted: Sequence[str], source: str) -> list[int]:
-    """Return the joints of these names.
+def by_names(model: Any, wanted: Sequence[str], source: str, remedy: str = "") -> list[int]:
+    """Return the joints of these names; ``remedy`` ends the message about a name that the model lacks.
 
     Raises:
         UsageError: a name is not that of a hinge or a slide, or stands twice.
@@ -97,7 +97,7 @@ def by_names(model: Any, wanted: Sequence[str], source: str) -> list[int]:
     for name in wanted:
         if name not in known:
             raise UsageError(
-                f"{source}: the model has no joint {name!r}{did_you_mean(name, known)}; it has {one_of(known)}"
+                f"{source}: the model has no joint {name!r}{suggest(name, known)} it has {one_of(known)}{remedy}"
             )
     if len(set(wanted)) < len(wanted):
         twice = next(name for name in wanted if list(wanted).count(name) > 1)
@@ -123,7 +123,7 @@ def by_patterns(model: Any, patterns: Sequence[str], source: str) -> list[int]:
     for pattern in patterns:
         if not any(matches(pattern, name, source) for name in known):
             raise UsageError(
-                f"{source}: the model has no joint {pattern!r}{did_you_mean(pattern, known)}; it has {one_of(known)}"
+                f"{source}: the model has no joint {pattern!r}{suggest(pattern, known)} it has {one_of(known)}"
             )
     return [joint for name, joint in known.items() if any(matches(one, name, source) for one in patterns)]
 

@@ -18,7 +18,7 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 
-from s2r_spec.errors import UsageError, did_you_mean, one_of
+from s2r_spec.errors import UsageError, one_of, suggest
 
 _KINDS = {
     "body": "bodies",
@@ -57,11 +57,13 @@ class ModelFile:
         path: the XML file (MJCF, or URDF with actuators of MuJoCo).
         floor: whether to add a plane at z = 0.
         timestep: physics step [s]; None for the file's own.
+        motors: whether to add a torque motor to each hinge and slide, in the order of the model.
     """
 
     path: Path
     floor: bool = False
     timestep: float | None = None
+    motors: bool = False
 
     @cached_property
     def files(self) -> tuple[Path, ...]:
@@ -107,9 +109,20 @@ class ModelFile:
                 type=mujoco.mjtGeom.mjGEOM_PLANE,
                 size=[0.0, 0.0, 0.05],
             )
+        if self.motors:
+            self._add_motors(spec)
         # A rollout ends at a warning; MuJoCo would begin it again at the start pose.
         spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         return spec
+
+    def _add_motors(self, spec: Any) -> None:
+        if spec.actuators:
+            raise UsageError(f"{self.path} has {len(spec.actuators)} actuators; leave out motors = true")
+        scalar = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+        for joint in [one for one in spec.joints if one.type in scalar]:
+            if not joint.name:
+                raise UsageError(f"{self.path}: a joint has no name, and motors = true needs one")
+            spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
 
     def value(self, change: FieldChange) -> float:
         """Return the value of a field in the file: that of the first element that fits.
@@ -147,7 +160,7 @@ class ModelFile:
             if not elements:
                 names = [one.name for one in every if one.name]
                 raise UsageError(
-                    f"{self.path} has no {kind} {rest[0]!r}{did_you_mean(rest[0], names)}; it has {one_of(names)}"
+                    f"{self.path} has no {kind} {rest[0]!r}{suggest(rest[0], names)} it has {one_of(names)}"
                 )
         else:
             raise UsageError(
@@ -162,7 +175,7 @@ class ModelFile:
         ]
         if attribute not in numbers:
             raise UsageError(
-                f"{self.path}: {field} has no number {attribute!r}{did_you_mean(attribute, numbers)}; "
+                f"{self.path}: {field} has no number {attribute!r}{suggest(attribute, numbers)} "
                 f"the element has {one_of(numbers)}"
             )
         value = getattr(holder, attribute)
@@ -184,7 +197,8 @@ def _numeric(value: object) -> bool:
 
 def _words(error: ValueError) -> str:
     """Return MuJoCo's message on one line."""
-    return " ".join(str(error).split()).removeprefix("Error: ")
+    words = " ".join(str(error).split()).removeprefix("Error: ")
+    return words.partition(" The visual elements of the spec were discarded")[0]
 
 
 def _drop_missing_visuals(spec: Any, path: Path) -> None:
@@ -197,19 +211,28 @@ def _drop_missing_visuals(spec: Any, path: Path) -> None:
     if not missing:
         return
     for geom in [one for one in spec.geoms if one.meshname in missing]:
-        mesh = missing[geom.meshname]
-        if geom.contype or geom.conaffinity or not geom.parent.explicitinertial:
-            use = (
-                "a collision needs it"
-                if geom.contype or geom.conaffinity
-                else "the body's mass comes from it"
-            )
+        collides = geom.contype or geom.conaffinity
+        if collides or _gives_mass(spec, geom):
+            name = missing[geom.meshname].file.removeprefix(spec.modelfiledir)
+            use = "a collision needs it" if collides else "the body's mass comes from it"
             raise UsageError(
-                f"{path}: the mesh file {mesh.file} is missing, and {use}; put it into {_folder(spec)}"
+                f"{path}: the mesh file {name} is missing, and {use}; put it into {_folder(spec)}"
             )
         spec.delete(geom)
     for mesh in missing.values():
         spec.delete(mesh)
+
+
+def _gives_mass(spec: Any, geom: Any) -> bool:
+    """Return whether the inertia of a body that can move comes from a geom."""
+    body: Any = geom.parent
+    low, high = spec.compiler.inertiagrouprange
+    own = geom.density if np.isnan(geom.mass) else geom.mass
+    if body.explicitinertial or not low <= geom.group <= high or own == 0.0:
+        return False
+    while body is not None and not body.joints:
+        body = body.parent
+    return body is not None
 
 
 def _folder(spec: Any) -> Path:

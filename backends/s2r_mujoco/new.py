@@ -95,11 +95,9 @@ def _model(model: Any, stated: Deployment | None) -> Iterator[str]:
         chosen = "home" if "home" in names else names[0]
         others = ", ".join(name for name in names if name != chosen)
         yield f'keyframe = "{chosen}"' + (f"  # others: {others}" if others else "")
-    if (
-        _has_free_base(model)
-        and not floors(model)
-        and not (model.geom_type == int(mujoco.mjtGeom.mjGEOM_HFIELD)).any()
-    ):
+    if not model.nu:
+        yield "motors = true  # the model has no actuators; a torque motor at each joint, in the model's order"
+    if _has_free_base(model) and not floors(model):
         yield "floor = true  # the model has none"
     if stated is not None and stated.step is not None:
         physics = f"physics step {1e3 * model.opt.timestep:g} ms"
@@ -139,7 +137,8 @@ def _policy(model: Any, trained: Policy | None, stated: Deployment | None) -> It
 
 def _has_torques(model: Any) -> bool:
     none = int(mujoco.mjtBias.mjBIAS_NONE)
-    return bool((model.actuator_biastype == none).any()) and bool((model.actuator_gaintype == 0).any())
+    plain = bool((model.actuator_biastype == none).any()) and bool((model.actuator_gaintype == 0).any())
+    return plain or model.nu == 0
 
 
 def _rest(model: Any, trained: Policy | None, stated: Deployment | None) -> Iterator[str]:

@@ -18,7 +18,7 @@ from s2r_mujoco import joints as joint_order
 from s2r_mujoco.arrays import FloatArray, IntArray, Observation
 from s2r_mujoco.deploy.record import TERMS, Term
 from s2r_mujoco.plan import Plan
-from s2r_spec.errors import UsageError, did_you_mean, one_of
+from s2r_spec.errors import UsageError, did_you_mean, one_of, suggest
 
 _DOWN = np.array([0.0, 0.0, -1.0])
 
@@ -106,8 +106,9 @@ class Parts:
                 if term.name in sensors
                 else did_you_mean(term.name, TERMS)
             )
+            known = one_of(set(TERMS) - {"phase", "sensor"})
             raise UsageError(
-                f"{term.source}: there is no term {term.name!r}{close}; possible terms are {one_of(TERMS)}, a phase, a "
+                f"{term.source}: there is no term {term.name!r}{close}; possible terms are {known}, a phase, a "
                 f"sensor, and file.py:function"
             )
         return Part(term, *readers[term.name])
@@ -127,7 +128,7 @@ class Parts:
         names = [model.sensor(i).name for i in range(model.nsensor)]
         if term.sensor not in names:
             raise UsageError(
-                f"{term.source}: the model has no sensor {term.sensor!r}{did_you_mean(term.sensor, names)}; "
+                f"{term.source}: the model has no sensor {term.sensor!r}{suggest(term.sensor, names)} "
                 f"it has {one_of(filter(None, names))}"
             )
         sensor = names.index(term.sensor)
@@ -189,7 +190,7 @@ class Parts:
         sites = [self._model.site(i).name for i in range(self._model.nsite)]
         if term.frame not in sites:
             raise UsageError(
-                f"{term.source}: frame = {term.frame!r} is not body, world or a site{did_you_mean(term.frame, sites)}; "
+                f"{term.source}: frame = {term.frame!r} is not body, world or a site{suggest(term.frame, sites)} "
                 f"sites are {one_of(filter(None, sites))}"
             )
         return sites.index(term.frame)

@@ -19,7 +19,7 @@ from s2r_mujoco.arrays import FloatArray, IntArray
 from s2r_mujoco.deploy.record import Deployment, Term
 from s2r_mujoco.description import COMMANDS, CommandTable, Description, PerJoint
 from s2r_mujoco.joints import Joints
-from s2r_spec.errors import UsageError, did_you_mean, one_of
+from s2r_spec.errors import UsageError, one_of, suggest
 
 Drive = Literal["position", "torque", "other"]
 """Kind of an actuator: its control is a position, a force, or another quantity (a speed, a muscle)."""
@@ -140,7 +140,7 @@ def _keyframe(model: Any, wanted: str, source: str, has_default: bool) -> int:
     names = [model.key(number).name for number in range(model.nkey)]
     if wanted and wanted not in names:
         raise UsageError(
-            f"{source}: the model has no keyframe {wanted!r}{did_you_mean(wanted, names)}; "
+            f"{source}: the model has no keyframe {wanted!r}{suggest(wanted, names)} "
             f"it has {one_of(filter(None, names))}"
         )
     if wanted:
@@ -156,17 +156,26 @@ def _keyframe(model: Any, wanted: str, source: str, has_default: bool) -> int:
 
 def _joints(model: Any, wanted: Sequence[str], deployment: Deployment, source: str) -> Joints:
     if model.nu == 0:
-        raise UsageError(f"{source}: the model has no actuators; add <actuator> elements to its XML file")
+        raise UsageError(
+            f"{source}: the model has no actuators; write motors = true for a torque motor at each joint, or add "
+            f"<actuator> elements to its XML file"
+        )
     if wanted:
         found = joint_order.by_names(model, wanted, f"{source}: action.joints")
     elif deployment.joints:
-        found = joint_order.by_names(model, deployment.joints, deployment.source)
+        remedy = f"; if it is the same robot with other names, list them in `action.joints` of {source}"
+        found = joint_order.by_names(model, deployment.joints, deployment.source, remedy)
     elif deployment.motors:
         found = joint_order.by_map(model, deployment)
     else:
         found = joint_order.driven(model)
     joints = joint_order.named(model, found)
     if deployment.joint_pos and len(deployment.joint_pos) != len(joints):
+        if wanted:
+            raise UsageError(
+                f"{source}: action.joints has {len(joints)} joints instead of {len(deployment.joint_pos)}, one a "
+                f"default position of {deployment.source}, in its order"
+            )
         raise UsageError(
             f"{deployment.source}: it has default positions of {len(deployment.joint_pos)} joints, and the model has "
             f"{len(joints)} actuators; the file is of another robot, or list its joints in `action.joints`"
@@ -204,19 +213,34 @@ def _period(decimation: int | None, step: float | None, timestep: float, source:
 
 
 def _root(model: Any, wanted: str, source: str) -> int:
+    """Return the body with a free joint under which most actuators are, the wanted one, or −1 for a fixed base."""
     free = [
         int(model.jnt_bodyid[joint])
         for joint in range(model.njnt)
         if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE
     ]
-    if not wanted:
-        return free[0] if free else -1
-    names = [model.body(body).name for body in free]
-    if wanted not in names:
-        raise UsageError(
-            f"{source}: root = {wanted!r} is not a body with a free joint; such bodies: {one_of(names)}"
-        )
-    return free[names.index(wanted)]
+    if wanted:
+        names = [model.body(body).name for body in free]
+        if wanted not in names:
+            raise UsageError(
+                f"{source}: root = {wanted!r} is not a body with a free joint; such bodies: {one_of(names)}"
+            )
+        return free[names.index(wanted)]
+    driven = _driven_roots(model)
+    root = max(free, key=driven.count, default=-1)
+    return -1 if driven and root not in driven else root
+
+
+def _driven_roots(model: Any) -> list[int]:
+    """Return the body below the world under which each actuator of a joint, a site or a body is."""
+    body_of = {
+        int(mujoco.mjtTrn.mjTRN_JOINT): model.jnt_bodyid,
+        int(mujoco.mjtTrn.mjTRN_JOINTINPARENT): model.jnt_bodyid,
+        int(mujoco.mjtTrn.mjTRN_SITE): model.site_bodyid,
+        int(mujoco.mjtTrn.mjTRN_BODY): np.arange(model.nbody),
+    }
+    kinds = zip(model.actuator_trntype.tolist(), model.actuator_trnid[:, 0], strict=True)
+    return [int(model.body_rootid[body_of[kind][target]]) for kind, target in kinds if kind in body_of]
 
 
 def _commands(description: Description) -> dict[str, CommandTable]:
@@ -271,7 +295,7 @@ def _law(
     moved = np.array(deployment.action_joints or range(n), dtype=np.intp)
     names = [joints.names[i] for i in moved]
     speed = np.isin(np.arange(n), deployment.velocity_joints)
-    position = np.array([stiffness is not None or one == "position" for one in kind]) & ~speed
+    position = np.array([stiffness is not None or one == "position" for one in kind], dtype=np.bool_) & ~speed
     scale = spread(action.scale or deployment.action_scale or (1.0,), names, f"{name}: action.scale")
     offset = spread(action.offset or deployment.action_offset, names, f"{name}: action.offset")
     limit = spread(deployment.torque_limit, joints.names, f"{deployment.source}: torque limits")

@@ -26,7 +26,7 @@ from s2r_mujoco.rollout import Record
 from s2r_mujoco.start import floors, start_pose
 from s2r_policy import Policy, open_policy
 from s2r_spec.backend import Parameter, read_code
-from s2r_spec.errors import UsageError, did_you_mean, one_of
+from s2r_spec.errors import UsageError, one_of, suggest
 from s2r_spec.trace import Trace
 
 UNITS = {
@@ -54,25 +54,23 @@ class Robot:
 
     def __init__(self, path: Path) -> None:
         self.description = read_description(path)
-        table = self.description.table
         self.name = path.name
+        stated = self._stated(self.description.table.deploy)
+        self.description = self.description.completed(stated)
+        table = self.description.table
         self.policy = self._open_policy(table.policy)
-        self.deployment = self._deployment(table.deploy)
+        self.deployment = stated if table.deploy else self._of_metadata()
         self.file = self._model_file()
         model = self.file.compile()
         self.model = model
         self.plan = self._with_stable_gains(make_plan(self.description, self.deployment, model))
-        if (
-            self.plan.root >= 0
-            and not floors(model)
-            and not any(model.geom_type == int(mujoco.mjtGeom.mjGEOM_HFIELD))
-        ):
+        if self.plan.root >= 0 and not floors(model):
             raise UsageError(
                 f"{self.name}: the model has a free base and no floor to stand on; write floor = true, or name a scene "
                 f"with a floor in `model`"
             )
         self.parts = self._known_parts()
-        self._refuse_width()
+        self.refuse_width(self.parts or ())
         width = None if self.policy is None else self._width
         columns = tuple(f"{i}" for i in range(width)) if width else ()
         self.computed = channels_of(model, self.plan, columns, acts=self.policy is None)
@@ -95,20 +93,20 @@ class Robot:
             )
         return None if ".py:" in name else open_policy(self.description.beside(name))
 
-    def _deployment(self, name: str) -> Deployment:
-        if name:
-            return read_deployment(self.description.beside(name))
+    def _stated(self, name: str) -> Deployment:
+        """Return what the deploy file says; nothing without one."""
+        return read_deployment(self.description.beside(name)) if name else Deployment(self.name)
+
+    def _of_metadata(self) -> Deployment:
         metadata = {} if self.policy is None else self.policy.metadata
         return of_metadata(metadata, self.description.table.policy) or Deployment(self.name)
 
     def _model_file(self) -> ModelFile:
         table = self.description.table
-        name = table.model or self.deployment.model
-        if not name:
+        if not table.model:
             raise UsageError(f'{self.name} names no model; write model = "scene.xml"')
-        return ModelFile(
-            self.description.beside(name), table.floor, table.timestep or self.deployment.timestep
-        )
+        timestep = table.timestep or self.deployment.timestep
+        return ModelFile(self.description.beside(table.model), table.floor, timestep, table.motors)
 
     @property
     def code_names(self) -> tuple[str, ...]:
@@ -179,17 +177,21 @@ class Robot:
             else None
         )
 
-    def _refuse_width(self) -> None:
-        """Refuse a policy whose input or output has another width than the files say."""
+    def refuse_width(self, parts: tuple[Part, ...]) -> None:
+        """Refuse a policy whose input or output has another width than the files say; () for unknown terms."""
         if self.policy is None:
             return
-        width, wanted, name = self._width, self.policy.width, self.description.table.policy
-        if self.parts and wanted is not None and wanted != width:
-            terms = ", ".join(
-                f"{p.term.sensor or p.term.name} {p.width * p.term.history}" for p in self.parts
-            )
+        width, wanted = sum(part.width * part.term.history for part in parts), self.policy.width
+        name = self.description.table.policy
+        if parts and wanted is not None and wanted != width:
+            terms = ", ".join(f"{p.term.sensor or p.term.name} {p.width * p.term.history}" for p in parts)
             raise UsageError(f"{name} takes {wanted} numbers, but the observation has {width}: {terms}")
         moved = len(self.plan.law.moved)
+        if not moved:
+            raise UsageError(
+                f"{name}: no actuator of the model drives a hinge or a slide, so the policy's outputs have no meaning; "
+                f'write a controller in Python, policy = "control.py:act"'
+            )
         if self.policy.outputs not in (None, moved):
             raise UsageError(
                 f"{name} returns {self.policy.outputs} numbers, but the files name {moved} joints: "
@@ -233,7 +235,7 @@ class Robot:
         names = [self.model.body(body).name for body in range(self.model.nbody)]
         if name not in names:
             raise UsageError(
-                f"{source}: the model has no body {name!r}{did_you_mean(name, names)}; it has {one_of(names)}"
+                f"{source}: the model has no body {name!r}{suggest(name, names)} it has {one_of(names)}"
             )
         return names.index(name)
 

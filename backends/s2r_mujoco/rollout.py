@@ -18,7 +18,7 @@ from s2r_mujoco import drive
 from s2r_mujoco.arrays import FloatArray, Observation
 from s2r_mujoco.observation import Memory, Observer, Parts, UserTerm
 from s2r_mujoco.plan import Plan
-from s2r_spec.errors import BackendError
+from s2r_spec.errors import BackendError, shortened
 
 UNSTABLE = "unstable"
 """Definition: failure of a rollout whose state MuJoCo calls bad (NaN, or beyond ±1e10), or about which it warns."""
@@ -124,11 +124,7 @@ class Simulator:
         nu, data, model, command = self.model.nu, self.data, self.model, self.memory.command
         record = self._empty(ticks, 0, nu, nu)
         for tick in range(ticks):
-            control = np.asarray(function(model, data, command), dtype=np.float64).ravel()
-            if control.size != nu:
-                raise BackendError(
-                    f"the controller returned {control.size} numbers, and the model has {nu} actuators"
-                )
+            control = _controls(function(model, data, command), nu)
             if not np.isfinite(control).all():
                 return self._not_finite(record, tick, None)
             record.action[tick] = control
@@ -179,11 +175,20 @@ class Simulator:
     def _not_finite(self, record: Record, tick: int, observation: Observation | None) -> Record:
         """Return the record up to the last finite state; a BackendError if the controller alone is at fault."""
         good = _good(self.data.qpos[None]) & _good(self.data.qvel[None])
-        if good.all() and (observation is None or np.isfinite(observation).all()):
-            at = tick * self.plan.step
-            raise BackendError(f"the controller returned a number that is not finite at t = {at:g} s")
+        if good.all():
+            raise BackendError(
+                f"{self._culprit(observation)} is not finite at t = {tick * self.plan.step:g} s"
+            )
         record.unstable = True
         return self._checked(record.cut(max(tick, 1)))
+
+    def _culprit(self, observation: Observation | None) -> str:
+        """Return what is not finite while the state is: a term of the observation, or the controller's output."""
+        if observation is not None:
+            for part, place in zip(self.observer.parts, self.observer.places, strict=True):
+                if not np.isfinite(observation[place]).all():
+                    return f"the term {part.term.sensor or part.term.name} of the observation"
+        return "the output of the controller"
 
     def _checked(self, record: Record) -> Record:
         """Cut a record where the state is bad, and report MuJoCo's warnings as instability."""
@@ -198,3 +203,15 @@ class Simulator:
 def _good(states: FloatArray) -> Any:
     """Return for each row whether MuJoCo would go on from it; NaN is beyond every limit."""
     return (np.abs(states) <= mujoco.mjMAXVAL).all(axis=1)
+
+
+def _controls(value: Any, count: int) -> FloatArray:
+    """Return (count,) what a controller in Python returned; a BackendError if it is something else."""
+    try:
+        control = np.asarray(value, dtype=np.float64).ravel()
+    except (TypeError, ValueError):
+        control = np.zeros(0)
+    if value is None or control.size != count:
+        shown = f"{control.size} numbers" if value is not None and control.size else shortened(repr(value))
+        raise BackendError(f"the controller returned {shown}, and the model has {count} actuators")
+    return control

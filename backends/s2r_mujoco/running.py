@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property, lru_cache
+from inspect import signature
 from pathlib import Path
 from threading import Lock
 from traceback import extract_tb
@@ -19,7 +20,7 @@ from s2r_mujoco.robot import KEPT, Robot
 from s2r_mujoco.rollout import Push, Record, Simulator
 from s2r_mujoco.start import draw, start_pose
 from s2r_spec.backend import LoadedCode, load_code
-from s2r_spec.errors import BackendError, S2RError
+from s2r_spec.errors import BackendError, S2RError, UsageError
 
 
 class Running:
@@ -84,7 +85,8 @@ class Running:
                 return simulator.run(robot.policy, ticks, pushes)
             value = self.code[table.policy].value
             function = value() if isinstance(value, type) else value
-            return simulator.act(getattr(function, "act", function), ticks, pushes)
+            act = _function(table.policy, getattr(function, "act", function))
+            return simulator.act(act, ticks, pushes)
 
     def _push(self, table: ParameterTable, force: float) -> Push:
         step, body = self.robot.plan.step, self.robot.body(table.push, self.robot.name)
@@ -106,6 +108,17 @@ class Running:
                 raise
             where = f"{Path(lines[-1].filename).name}, line {lines[-1].lineno}"
             raise BackendError(f"{where}, raised {type(error).__name__}: {error}") from error
+
+
+def _function(name: str, value: Any) -> Any:
+    """Return a function of the user's; a UsageError if it does not take three arguments."""
+    try:
+        signature(value).bind(None, None, None)
+    except TypeError:
+        raise UsageError(f"{name} must be a function of three arguments: (model, data, command)") from None
+    except ValueError:  # a function in C does not say
+        pass
+    return value
 
 
 def _silent(words: str) -> None:

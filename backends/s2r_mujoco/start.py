@@ -13,6 +13,8 @@ from s2r_mujoco.description import StartTable
 from s2r_mujoco.plan import Plan
 from s2r_spec.errors import UsageError
 
+_DESCENTS, _TOUCHING = 30, 1e-4
+"""Budget: steps by which a start pose descends to the floor; tolerance: distance at which it stands on it [m]."""
 _FAR = 100.0
 """Budget: distance between a geom and the floor up to which MuJoCo computes it [m]."""
 
@@ -38,7 +40,7 @@ def start_pose(model: Any, plan: Plan, start: StartTable, source: str) -> FloatA
             )
             pose[joints.qpos] = list(wanted.values())
         if plan.root >= 0 and wanted != "model" and start.height is None:
-            pose[_height(model, plan.root)] -= clearance(model, pose)
+            _put_down(model, pose, _height(model, plan.root))
     if start.height is not None and plan.root >= 0:
         pose[_height(model, plan.root)] = start.height
     return pose
@@ -49,20 +51,44 @@ def _height(model: Any, root: int) -> int:
 
 
 def floors(model: Any) -> list[int]:
-    """Return the fixed geoms that are planes."""
-    plane = mujoco.mjtGeom.mjGEOM_PLANE
-    return [
-        g
-        for g in range(model.ngeom)
-        if model.geom_type[g] == plane and model.body_weldid[model.geom_bodyid[g]] == 0
-    ]
+    """Return the fixed geoms that are planes; without one, those that collide, such as a height field or a box."""
+    fixed = [g for g in range(model.ngeom) if model.body_weldid[model.geom_bodyid[g]] == 0]
+    planes = [g for g in fixed if _is_plane(model, g)]
+    return planes or [g for g in fixed if model.geom_contype[g] or model.geom_conaffinity[g]]
 
 
-def clearance(model: Any, pose: FloatArray) -> float:
-    """Return the least distance between a colliding geom and the floor [m], negative in it; 0 without a plane."""
-    planes = floors(model)
-    if not planes:
+def _is_plane(model: Any, geom: int) -> bool:
+    return bool(model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE)
+
+
+def floor_height(model: Any) -> float:
+    """Return the height of the first floor above z = 0: a plane, the top of a box, or 0 of another shape [m]."""
+    first = next(iter(floors(model)), -1)
+    if first < 0:
         return 0.0
+    if _is_plane(model, first):
+        return float(model.geom_pos[first, 2])
+    if model.geom_type[first] == mujoco.mjtGeom.mjGEOM_BOX:
+        return float(model.geom_pos[first, 2] + model.geom_size[first, 2])
+    return 0.0
+
+
+def _put_down(model: Any, pose: FloatArray, height: int) -> None:
+    """Move a pose up or down until its lowest colliding geom stands on the floor; ``height`` is its index."""
+    ground = floors(model)
+    if ground and _is_plane(model, ground[0]):
+        pose[height] -= _clearance(model, pose, ground[:1])
+        return
+    for _ in range(_DESCENTS if ground else 0):
+        # The distance to another shape is at most the vertical one.
+        above = _clearance(model, pose, ground)
+        pose[height] -= above
+        if abs(above) < _TOUCHING:
+            return
+
+
+def _clearance(model: Any, pose: FloatArray, ground: list[int]) -> float:
+    """Return the least distance between a moving geom that collides and a floor [m], negative in it."""
     data = mujoco.MjData(model)
     data.qpos[:] = pose
     mujoco.mj_kinematics(model, data)
@@ -70,7 +96,9 @@ def clearance(model: Any, pose: FloatArray) -> float:
         g for g in range(model.ngeom)
         if model.body_weldid[model.geom_bodyid[g]] != 0 and (model.geom_contype[g] or model.geom_conaffinity[g])
     ]  # fmt: skip
-    distances = [mujoco.mj_geomDistance(model, data, planes[0], g, _FAR, None) for g in moving]
+    distances = [
+        mujoco.mj_geomDistance(model, data, floor, g, _FAR, None) for floor in ground for g in moving
+    ]
     return float(min(distances, default=0.0))
 
 
