@@ -164,3 +164,10 @@ def test_the_answers_to_where_things_are_exist():
             defined = {getattr(node, "name", None) for node in tree.body}
             defined |= {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
             assert name in defined, row
+
+
+def test_no_page_has_the_marks_of_a_merge():
+    pages = [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("benchmarks/**/*.md")]
+    assert len(pages) > 30
+    marked = [page for page in pages if re.search(r"^(<{7}|={7}|>{7})( |$)", page.read_text(), re.MULTILINE)]
+    assert not marked

@@ -63,6 +63,7 @@ class TermTable(_Table):
     scale: Numbers = ()
     clip: Limits | None = None
     history: int = Field(default=1, ge=1)
+    newest_first: bool = False
     frame: str = "body"
     joints: tuple[str, ...] = ()
 
@@ -75,9 +76,9 @@ class TermTable(_Table):
     def read(self, source: str) -> Term:
         """Return the term; ``source`` is its place, for messages."""
         name = self.term or ("sensor" if self.sensor else "phase")
-        shared = {name: getattr(self, name) for name in ("scale", "clip", "history", "frame")} | {
-            "names": self.joints
-        }
+        shared = {
+            name: getattr(self, name) for name in ("scale", "clip", "history", "newest_first", "frame")
+        } | {"names": self.joints}
         if self.phase is None:
             return Term(name, sensor=self.sensor, source=source, **shared)
         frequency = self.phase if self.unit == "Hz" else 1.0 / self.phase

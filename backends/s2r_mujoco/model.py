@@ -225,7 +225,7 @@ def _drop_missing_visuals(spec: Any, path: Path) -> None:
 
 def _gives_mass(spec: Any, geom: Any) -> bool:
     """Return whether the inertia of a body that can move comes from a geom."""
-    body = geom.parent
+    body: Any = geom.parent
     low, high = spec.compiler.inertiagrouprange
     own = geom.density if np.isnan(geom.mass) else geom.mass
     if body.explicitinertial or not low <= geom.group <= high or own == 0.0:
