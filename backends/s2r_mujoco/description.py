@@ -256,12 +256,13 @@ def _sentence(error: ValidationError) -> str:
     # pydantic names the type that a value of several types was read as.
     typed = re.compile(r"(tuple|dict|function-\w+)\[.*|.*Table\]?")
     place = [str(one) for one in first["loc"] if not typed.fullmatch(str(one))]
-    key = ".".join(place)
+    key = re.sub(r"\.(\d+)", r"[\1]", ".".join(place))
     if first["type"] == "extra_forbidden":
         known = sorted(_keys(RobotFile, place[:-1]))
         return f"there is no key {key}{suggest(place[-1], known)} possible keys are {one_of(known)}"
     words = first["msg"].removeprefix("Value error, ").replace("Input should be", "it must be")
     words = words.replace("a valid tuple", "a number or a list").replace("a valid dictionary", "a table")
+    words = words.partition(", unable to parse")[0]
     return f"{key}: {words.replace('a valid ', 'a ')}, but it is {first['input']!r}"
 
 

@@ -163,8 +163,7 @@ def _joints(model: Any, wanted: Sequence[str], deployment: Deployment, source: s
     if wanted:
         found = joint_order.by_names(model, wanted, f"{source}: action.joints")
     elif deployment.joints:
-        remedy = f"; if it is the same robot with other names, list them in `action.joints` of {source}"
-        found = joint_order.by_names(model, deployment.joints, deployment.source, remedy)
+        found = joint_order.of_file(model, deployment, source)
     elif deployment.motors:
         found = joint_order.by_map(model, deployment)
     else:

@@ -196,6 +196,11 @@ def _left(robot: Robot) -> Iterator[Finding]:
         yield Finding(
             "actuators", f"{len(left)} that the policy does not move keep {control}: {names}", "note"
         )
+    pairs = zip(robot.deployment.joints, plan.joints.names, strict=False)
+    other = [f"{name} is {own}" for name, own in pairs if name != own]
+    if other:
+        words = f"{len(other)} joints of {robot.deployment.source} have another name in the model"
+        yield Finding("joints", f"{words}: {', '.join(other)}", "note")
     if stated is not None and abs(plan.step - stated) > 1e-6 * stated:
         words = f"control every {1e3 * plan.step:g} ms by decimation, not every {1e3 * stated:g} ms as in"
         yield Finding("period", f"{words} {robot.deployment.source}", "note")

@@ -242,3 +242,25 @@ def test_the_preflight_tells_a_control_period_that_differs_from_the_deploy_files
     deployed(tmp_path)
     backend = opened(tmp_path, 'deploy = "deploy/configs/box.yaml"\ndecimation = 2\n')
     assert levels(backend)["period"][0] == "note"
+
+
+def exported(folder, names):
+    """Return a robot whose policy has these names of joints in its metadata."""
+    metadata = {"joint_names": names, "observation_names": "joint_pos", "default_joint_pos": "0,0,0,0"}
+    metadata |= {"joint_stiffness": "30,30,30,30", "joint_damping": "1,1,1,1", "action_scale": "0.5"}
+    save(folder, "policy.onnx", linear(weights(4, 4), metadata))
+    (folder / "box.xml").write_text(quadruped())
+    return opened(folder, 'model = "box.xml"\npolicy = "policy.onnx"\ndecimation = 4\nduration = 0.1\n')
+
+
+def test_a_joint_of_another_name_is_that_of_its_motor_if_the_others_stand_at_theirs(tmp_path):
+    trace = exported(tmp_path, "fl,fr,rl,back").rollout({}, 0)
+    assert np.array_equal(trace["action"], exported(tmp_path, "fl,fr,rl,rr").rollout({}, 0)["action"])
+
+
+@pytest.mark.parametrize("names", ["fl,rr,rl,back", "fl,a,b,back"])
+def test_a_joint_of_another_name_is_refused_if_the_motors_do_not_tell_it(tmp_path, names):
+    with pytest.raises(
+        UsageError, match=naming("policy.onnx", "action.joints", "robot.toml", '"fl", "fr", "rl", "rr"')
+    ):
+        exported(tmp_path, names)
