@@ -215,7 +215,10 @@ class Robot:
         if table.push:
             unit = "N" if table.unit is None else table.unit
             words = f"force on {table.push} from {table.at:g} s on, for {table.lasts:g} s"
-            self.body(table.push, f"{self.name}: parameters.{name}")
+            if not self.model.body_weldid[self.body(table.push, f"{self.name}: parameters.{name}")]:
+                raise UsageError(
+                    f"{self.name}: parameters.{name}: the body {table.push!r} is fixed; push another"
+                )
             return _declared(name, unit, table.range, 0.0, words)
         value = self.file.value(table.change)
         attribute = table.field.split("/")[-1 if table.field.startswith("option") else 2]
