@@ -64,6 +64,7 @@ class Robot:
         model = self.file.compile()
         self.model = model
         self.plan = self._with_stable_gains(make_plan(self.description, self.deployment, model))
+        _ = start_pose(model, self.plan, table.start, self.name)  # refuses a joint that the model lacks
         if self.plan.root >= 0 and not floors(model):
             raise UsageError(
                 f"{self.name}: the model has a free base and no floor to stand on; write floor = true, or name a scene "

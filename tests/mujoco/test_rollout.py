@@ -1,6 +1,5 @@
 """A rollout is a function of parameters and seed; its start, its fields, its pushes and its failures."""
 
-
 import mujoco
 import numpy as np
 import pytest
