@@ -77,6 +77,7 @@ class Robot:
         self.computed = channels_of(model, self.plan, columns, acts=self.policy is None)
         self.channels = tuple(one.channel for one in self.computed)
         self.failures = Failures(table.failure, self.channels, self.name)
+        self.failures.check()
         self.parameters = {one.declared.name: one for one in self._parameters()}
         both = {one.parameter for one in self.plan.commands.values()} & set(table.parameters)
         if both:
