@@ -145,13 +145,18 @@ class Robot:
         return replace(plan, law=replace(law, pd="implicit"))
 
     def damping_ratio(self, damping: FloatArray) -> FloatArray:
-        """Return (n,) kd·dt/M of the joints of the policy; M is the diagonal of the mass matrix at the start pose."""
+        """Return (n,) kd·dt/M of the joints of the policy at the start pose.
+
+        1/M is the diagonal of the inverse of the mass matrix: the acceleration of a joint by its own torque alone, with
+        all other joints free.
+        """
         model, data = self.model, mujoco.MjData(self.model)
         data.qpos[:] = start_pose(model, self.plan, self.description.table.start, self.name)
         mujoco.mj_forward(model, data)
         matrix = np.zeros((model.nv, model.nv))
         mujoco.mj_fullM(model, data, matrix)
-        ratio: FloatArray = damping * model.opt.timestep / np.diag(matrix)[self.plan.joints.dof]
+        dof = self.plan.joints.dof
+        ratio: FloatArray = damping * model.opt.timestep * np.diag(np.linalg.inv(matrix))[dof]
         return ratio
 
     # -- declarations ---------------------------------------------------------------------------------------------

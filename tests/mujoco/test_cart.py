@@ -114,7 +114,7 @@ def test_a_controller_of_a_few_lines_in_python_is_certified(cart):
 def test_a_gap_to_a_twin_that_an_option_makes(cart):
     words = ("gap", "up.stl", "--sim", "cart.toml", "--real", "cart.toml:kick=8", "--budget", 16, "-q")
     result = cart.json(*words, code=3)
-    assert result["rollouts"] if "rollouts" in result else True
+    assert abs(result["worst"]["mean"]) > 0
     twin, own = load_backend("cart.toml:mass=1.3"), load_backend("cart.toml")
     assert twin.model_hash != own.model_hash
     assert not np.array_equal(twin.rollout({}, 3)["q"], own.rollout({}, 3)["q"])
