@@ -149,9 +149,8 @@ def _keyframe(model: Any, wanted: str, source: str, has_default: bool) -> int:
         return -1
     if "home" in names or len(names) == 1:
         return names.index("home") if "home" in names else 0
-    raise UsageError(
-        f"{source}: the model has {len(names)} keyframes; name one of {one_of(names)} in `keyframe`"
-    )
+    known = f"name one of {one_of(filter(None, names))}" if any(names) else "give one a name in the XML file"
+    raise UsageError(f"{source}: the model has {len(names)} keyframes; {known}, and write it in `keyframe`")
 
 
 def _joints(model: Any, wanted: Sequence[str], deployment: Deployment, source: str) -> Joints:
@@ -286,6 +285,10 @@ def _law(
     action, name, n = description.table.action, description.path.name, len(joints)
     kind = tuple(kind_of(model, int(actuator)) for actuator in joints.actuators)
     stiffness = spread(action.stiffness or deployment.stiffness, joints.names, f"{name}: action.stiffness")
+    if stiffness is None and (action.damping or action.pd):
+        raise UsageError(
+            f"{name}: action.{'damping' if action.damping else 'pd'} needs action.stiffness, and no file states it"
+        )
     damping = spread(action.damping or deployment.damping, joints.names, f"{name}: action.damping")
     if stiffness is not None and "other" in kind:
         other = joints.names[kind.index("other")]
@@ -339,6 +342,11 @@ def spread(values: PerJoint, names: Sequence[str], source: str) -> FloatArray | 
     if not values:
         return None
     if isinstance(values, Mapping):
+        for pattern in values:
+            if not any(joint_order.matches(pattern, name, source) for name in names):
+                raise UsageError(
+                    f"{source}: the policy moves no joint {pattern!r}{suggest(pattern, names)} it moves {one_of(names)}"
+                )
         return np.array([_value(values, name, source) for name in names])
     if len(values) not in (1, len(names)):
         raise UsageError(f"{source} has {len(values)} numbers, but the policy moves {len(names)} joints")

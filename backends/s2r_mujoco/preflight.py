@@ -210,6 +210,13 @@ def _lacking(robot: Robot, parameters: Sequence[Parameter]) -> Iterator[Finding]
     if robot.plan.root >= 0 and not robot.description.table.failure:
         words = 'no condition tells a fall; write failure.fell = "height < 0.6 * init(height)"'
         yield Finding("failure", words, "note")
+    reads = robot.policy is None or any(
+        term.name == "velocity_commands" or ".py:" in term.name for term in robot.plan.terms
+    )
+    given = [name for name, one in robot.plan.commands.items() if one.parameter or one.value]
+    if given and not reads:
+        words = f"command.{given[0]} has no effect, since the policy reads no velocity_commands"
+        yield Finding("command", words, "wrong")
     for one in parameters:
         if one.low == one.high:
             words = (
