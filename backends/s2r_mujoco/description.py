@@ -123,6 +123,7 @@ class ActionTable(_Table):
     pd: Literal["explicit", "implicit"] | None = None
     stiffness: PerJoint = ()
     damping: PerJoint = ()
+    hold: dict[str, tuple[Annotated[float, Field(ge=0)], Annotated[float, Field(ge=0)]]] = {}
 
     @field_validator("stiffness", "damping")
     @classmethod

@@ -22,22 +22,41 @@ def prepare_actuators(model: Any, plan: Plan) -> None:
     torque is that of the gains.
     """
     law = plan.law
+    _hold(model, plan)
     if law.pd == "model":
         return
     for i, actuator in enumerate(plan.joints.actuators):
         if law.kind[i] == "torque" and law.pd == "explicit":
             continue
-        gear = model.actuator_gear[actuator, 0]
-        if law.kind[i] == "torque":
-            _limit_force(model, actuator)
-        model.actuator_gainprm[actuator, 0] = law.stiffness[i] / gear
-        model.actuator_biastype[actuator] = mujoco.mjtBias.mjBIAS_AFFINE
-        model.actuator_biasprm[actuator, :3] = 0.0, -law.stiffness[i] / gear**2, -law.damping[i] / gear**2
+        _servo(model, actuator, law.stiffness[i], law.damping[i])
         if np.isfinite(law.torque_limit[i]) and not model.actuator_forcelimited[actuator]:
+            gear = abs(model.actuator_gear[actuator, 0])
             model.actuator_forcelimited[actuator] = 1
-            model.actuator_forcerange[actuator] = np.array([-1.0, 1.0]) * law.torque_limit[i] / abs(gear)
+            model.actuator_forcerange[actuator] = np.array([-1.0, 1.0]) * law.torque_limit[i] / gear
     if law.pd == "implicit" and model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER:
         model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+
+
+def _hold(model: Any, plan: Plan) -> None:
+    """Turn the actuators of held joints into position actuators.
+
+    Their damping becomes that of the joints, which every integrator of MuJoCo treats implicitly: light joints stay
+    stable, and the integrator need not change.
+    """
+    held = plan.held
+    for actuator, stiffness in zip(held.joints.actuators, held.stiffness, strict=True):
+        _servo(model, actuator, stiffness, 0.0)
+    model.dof_damping[held.joints.dof] += held.damping
+
+
+def _servo(model: Any, actuator: int, stiffness: float, damping: float) -> None:
+    """Turn an actuator of torques or positions into one of positions with these gains."""
+    gear = model.actuator_gear[actuator, 0]
+    if model.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_NONE:
+        _limit_force(model, actuator)
+    model.actuator_gainprm[actuator, 0] = stiffness / gear
+    model.actuator_biastype[actuator] = mujoco.mjtBias.mjBIAS_AFFINE
+    model.actuator_biasprm[actuator, :3] = 0.0, -stiffness / gear**2, -damping / gear**2
 
 
 def _limit_force(model: Any, actuator: int) -> None:

@@ -65,6 +65,16 @@ class Law:
 
 
 @dataclass(frozen=True)
+class Held:
+    """Joints that the policy does not move and that gains hold at one position; arrays are (n,)."""
+
+    joints: Joints
+    pose: FloatArray
+    stiffness: FloatArray
+    damping: FloatArray
+
+
+@dataclass(frozen=True)
 class Plan:
     """Everything that a rollout does, besides the test and the seed.
 
@@ -77,6 +87,7 @@ class Plan:
         history_start: ``first`` or ``zero``, with which a history is filled at t = 0.
         observation_clip: limits of the whole observation.
         law: from an action to the actuators.
+        held: the joints that gains hold beside the policy.
         commands: component of the velocity command → its table.
         ranges: component → range that the deploy file states.
         root: body with the free joint; −1 for a fixed base.
@@ -93,6 +104,7 @@ class Plan:
     history_start: str
     observation_clip: tuple[float, float] | None
     law: Law
+    held: Held
     commands: Mapping[str, CommandTable]
     ranges: Mapping[str, tuple[float, float]]
     root: int
@@ -127,6 +139,7 @@ def make_plan(description: Description, deployment: Deployment, model: Any) -> P
         history_start=deployment.history_start,
         observation_clip=table.observation_clip or deployment.observation_clip,
         law=_law(model, description, deployment, joints, pose),
+        held=_held(model, description, deployment, joints, home),
         commands=_commands(description),
         ranges=deployment.command_ranges,
         root=_root(model, table.root, name),
@@ -163,7 +176,7 @@ def _joints(model: Any, wanted: Sequence[str], deployment: Deployment, source: s
         found = joint_order.by_names(model, wanted, f"{source}: action.joints")
     elif deployment.joints:
         found = joint_order.of_file(model, deployment, source)
-    elif deployment.motors:
+    elif deployment.motors or deployment.held:
         found = joint_order.by_map(model, deployment)
     else:
         found = joint_order.driven(model)
@@ -318,6 +331,24 @@ def _law(
         damping=np.zeros(n) if damping is None else damping,
         torque_limit=np.full(n, np.inf) if limit is None else limit,
     )
+
+
+def _held(
+    model: Any, description: Description, deployment: Deployment, joints: Joints, home: FloatArray
+) -> Held:
+    """Return the joints that the deploy file or the robot file holds; a key of the robot file wins."""
+    driven, source = joint_order.driven(model), f"{description.path.name}: action.hold"
+    found = {driven[motor]: values for motor, values in deployment.held.items() if motor < len(driven)}
+    for pattern, gains in description.table.action.hold.items():
+        for joint in joint_order.by_patterns(model, (pattern,), source):
+            found[joint] = (float(home[model.jnt_qposadr[joint]]), *gains)
+    moved = {*joints.qpos.tolist()}
+    chosen = [one for one in driven if one in found and model.jnt_qposadr[one] not in moved]
+    held, rows = joint_order.named(model, chosen), [found[one] for one in chosen]
+    for name, actuator in zip(held.names, held.actuators, strict=True):
+        if kind_of(model, int(actuator)) == "other":
+            raise UsageError(f"{source}: the actuator of {name} is neither a torque nor a position actuator")
+    return Held(held, *np.array(rows, dtype=np.float64).reshape(-1, 3).T)
 
 
 def _clip(

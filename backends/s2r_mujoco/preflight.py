@@ -189,7 +189,10 @@ def _stability(robot: Robot) -> Iterator[Finding]:
 def _left(robot: Robot) -> Iterator[Finding]:
     """Yield the actuators that the policy leaves alone, and a control period that differs from the deploy file's."""
     plan, model, stated = robot.plan, robot.model, robot.deployment.step
-    left = sorted({*range(model.nu)} - {*plan.joints.actuators.tolist()})
+    held = plan.held.joints
+    if len(held):
+        yield Finding("held", f"{len(held)} joints beside the policy's: {', '.join(held.names)}")
+    left = sorted({*range(model.nu)} - {*plan.joints.actuators.tolist(), *held.actuators.tolist()})
     if left and robot.policy is not None:
         names = ", ".join(model.actuator(i).name or f"actuator {i}" for i in left)
         control = "the keyframe's control" if plan.key >= 0 else "their start position, or no force"

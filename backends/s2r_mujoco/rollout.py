@@ -76,7 +76,9 @@ class Simulator:
     def __init__(self, model: Any, plan: Plan, users: dict[str, UserTerm]) -> None:
         drive.prepare_actuators(model, plan)
         self.model, self.plan, self.data = model, plan, mujoco.MjData(model)
-        self._held = np.array([i for i in range(model.nu) if kind_of(model, i) == "position"], dtype=np.intp)
+        self._positions = np.array(
+            [i for i in range(model.nu) if kind_of(model, i) == "position"], dtype=np.intp
+        )
         self.memory = Memory(np.zeros(3), np.zeros(len(plan.law.moved)))
         mujoco.mj_forward(model, self.data)
         self.observer = Observer(Parts(plan, model, self.data, self.memory).of(plan.terms, users), plan)
@@ -93,10 +95,11 @@ class Simulator:
         self.memory.last_action[:] = 0.0
         mujoco.mj_forward(self.model, self.data)
         if key < 0:
-            self.data.ctrl[self._held] = self.data.actuator_length[self._held]
+            self.data.ctrl[self._positions] = self.data.actuator_length[self._positions]
         if not self.data.act.any():  # a filtered position target begins at the start pose
-            filtered = self._held[self.model.actuator_actadr[self._held] >= 0]
+            filtered = self._positions[self.model.actuator_actadr[self._positions] >= 0]
             self.data.act[self.model.actuator_actadr[filtered]] = self.data.actuator_length[filtered]
+        self.data.ctrl[self.plan.held.joints.actuators] = self.plan.held.pose
 
     def run(self, policy: Policy, ticks: int, pushes: Sequence[Push] = ()) -> Record:
         """Run a trained policy from the state of :meth:`begin`, and record ``ticks`` control ticks.

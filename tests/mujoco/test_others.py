@@ -144,10 +144,10 @@ num_obs: 23
 """
 
 
-def deployed(folder, text=GYM):
+def deployed(folder, text=GYM, outputs=4):
     """Write a repository: its model and its policy at the root, its deploy file two folders below."""
     (folder / "trained").mkdir()
-    save(folder / "trained", "policy.onnx", linear(weights(4, 23)))
+    save(folder / "trained", "policy.onnx", linear(weights(outputs, 11 + 3 * outputs)))
     (folder / "box.xml").write_text(quadruped())
     (folder / "deploy" / "configs").mkdir(parents=True)
     (folder / "deploy" / "configs" / "box.yaml").write_text(text)
@@ -264,3 +264,32 @@ def test_a_joint_of_another_name_is_refused_if_the_motors_do_not_tell_it(tmp_pat
         UsageError, match=naming("policy.onnx", "action.joints", "robot.toml", '"fl", "fr", "rl", "rr"')
     ):
         exported(tmp_path, names)
+
+
+def test_held_joints_equal_position_actuators_with_damped_joints(tmp_path):
+    """The policy moves the front legs; gains of the robot file, or of the model, hold the other two."""
+    toml = PD.replace("action = {", 'action = { joints = ["fl", "fr"],')
+    folders = [tmp_path / "held", tmp_path / "model"]
+    model = quadruped()
+    for leg in ("rl", "rr"):
+        model = model.replace(f'<motor name="{leg}" joint="{leg}"/>', f'<position joint="{leg}" kp="50"/>')
+        model = model.replace(f'<joint name="{leg}"', f'<joint name="{leg}" damping="3"')
+    held = toml.replace("action = {", "action = { hold = { 'r.' = [50, 3] },")
+    traces = []
+    for folder, text, xml in zip(folders, (held, toml), (quadruped(), model), strict=True):
+        folder.mkdir()
+        traces.append(robot(folder, text, 2, xml, outputs=2).rollout({}, 0))
+    assert np.array_equal(traces[0]["q"], traces[1]["q"])
+    assert abs(traces[0]["q"][-1, 2:]).max() < 0.1
+
+
+def test_a_file_for_the_real_robot_holds_the_joints_that_the_policy_does_not_move(tmp_path):
+    text = GYM.replace("simulation_dt: 0.005\ncontrol_decimation: 4", "control_dt: 0.02")
+    for key, value in (("kps", "[30, 30]"), ("kds", "[1, 1]"), ("default_angles", "[0, 0]")):
+        text = "\n".join(
+            f"{key}: {value}" if line.startswith(f"{key}:") else line for line in text.splitlines()
+        )
+    text = text.replace("num_actions: 4", "num_actions: 2").replace("num_obs: 23", "num_obs: 17")
+    text += "\narm_waist_joint2motor_idx: [3, 2]\narm_waist_kps: [50, 50]\narm_waist_kds: [3, 3]\n"
+    backend = deployed(tmp_path, text + "arm_waist_target: [0.3, -0.2]\n", outputs=2)
+    assert backend.rollout({}, 0)["q"][-1, 2:] == pytest.approx(np.array([-0.2, 0.3]), abs=0.05)

@@ -92,6 +92,9 @@ class Deployment:
     )
     action_joints: tuple[int, ...] = ()  # indices in policy order that the action moves; () all of them
     velocity_joints: tuple[int, ...] = ()  # indices in policy order whose target is a velocity
+    held: Mapping[int, tuple[float, float, float]] = field(
+        default_factory=dict
+    )  # motor that holds one position: that [rad], stiffness and damping
     command_ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     command_scale: tuple[float, ...] = ()  # as the term velocity_commands has it
     policy: str = ""  # path as the file writes it
