@@ -35,6 +35,9 @@ _KINDS = {
 _FOLDERS = {"mesh": "meshdir", "hfield": "meshdir", "skin": "meshdir", "texture": "texturedir"}
 """Definition: element with a file → attribute of ``<compiler>`` with the folder of this file."""
 
+_ALL = 2**31 - 1
+"""Definition: bits of all groups of collisions."""
+
 
 @dataclass(frozen=True)
 class FieldChange:
@@ -109,6 +112,8 @@ class ModelFile:
                 name="" if spec.geom("floor") else "floor",
                 type=mujoco.mjtGeom.mjGEOM_PLANE,
                 size=[0.0, 0.0, 0.05],
+                contype=_ALL,  # a robot's geoms may leave out the first group
+                conaffinity=_ALL,
             )
         if self.motors:
             self._add_motors(spec)

@@ -293,3 +293,9 @@ def test_a_file_for_the_real_robot_holds_the_joints_that_the_policy_does_not_mov
     text += "\narm_waist_joint2motor_idx: [3, 2]\narm_waist_kps: [50, 50]\narm_waist_kds: [3, 3]\n"
     backend = deployed(tmp_path, text + "arm_waist_target: [0.3, -0.2]\n", outputs=2)
     assert backend.rollout({}, 0)["q"][-1, 2:] == pytest.approx(np.array([-0.2, 0.3]), abs=0.05)
+
+
+def test_a_floor_of_the_robot_file_carries_geoms_of_every_group(tmp_path):
+    model = quadruped().replace(FLOOR, "").replace('<geom name="', '<geom contype="2" conaffinity="4" name="')
+    trace = robot(tmp_path, f"floor = true\n{PD}", 4, model).rollout({}, 0)
+    assert trace["height"][-1] == pytest.approx(0.22, abs=0.02)
