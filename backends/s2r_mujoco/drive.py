@@ -19,7 +19,8 @@ def prepare_actuators(model: Any, plan: Plan) -> None:
     """Put the gains of the files into the actuators: those of position actuators, and implicit ones of torques.
 
     An actuator with the gear g has the length g q and the joint torque g F. With F = kp/g (target − q) − kd/g q̇ the
-    torque is that of the gains.
+    torque is that of the gains. A joint with a velocity target is held at its default position: its control is the
+    velocity, and F = kd/g (target − q̇) + kp/g (pose − q).
     """
     law = plan.law
     if law.pd == "model":
@@ -30,9 +31,13 @@ def prepare_actuators(model: Any, plan: Plan) -> None:
         gear = model.actuator_gear[actuator, 0]
         if law.kind[i] == "torque":
             _limit_force(model, actuator)
-        model.actuator_gainprm[actuator, 0] = law.stiffness[i] / gear
+        kp, kd, rolls = law.stiffness[i], law.damping[i], law.speed[i]
+        if rolls:
+            model.actuator_ctrllimited[actuator] = 0  # the limits are those of a position
+        model.actuator_gainprm[actuator, 0] = (kd if rolls else kp) / gear
         model.actuator_biastype[actuator] = mujoco.mjtBias.mjBIAS_AFFINE
-        model.actuator_biasprm[actuator, :3] = 0.0, -law.stiffness[i] / gear**2, -law.damping[i] / gear**2
+        held = kp * plan.pose[i] / gear if rolls else 0.0
+        model.actuator_biasprm[actuator, :3] = held, -kp / gear**2, -kd / gear**2
         if np.isfinite(law.torque_limit[i]) and not model.actuator_forcelimited[actuator]:
             model.actuator_forcelimited[actuator] = 1
             model.actuator_forcerange[actuator] = np.array([-1.0, 1.0]) * law.torque_limit[i] / abs(gear)
