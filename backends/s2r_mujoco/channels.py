@@ -105,7 +105,8 @@ def channels_of(model: Any, plan: Plan, columns: tuple[str, ...], acts: bool) ->
     if plan.root >= 0:
         found += _base_channels(model, plan)
     if columns:
-        found += [_observed(plan, columns), *_commanded(plan)]
+        found.append(_observed(plan, columns))
+    found += _commanded(plan, acts)
     taken = {one.channel.name for one in found}
     return (*found, *_sensor_channels(model, taken))
 
@@ -151,13 +152,16 @@ def _control_channels(model: Any, plan: Plan, acts: bool) -> list[Computed]:
     joints, n = plan.joints, len(plan.joints)
     order = np.argsort(joints.qpos)
     names = tuple(joints.names[i] for i in order)
-    unit = "rad" if _all_hinges(model, joints) and plan.law.has_target.all() else ""
+    moved = tuple(joints.names[i] for i in plan.law.moved)
+    angles = plan.law.has_target.all() and not plan.law.speed.any()
+    unit = "rad" if angles and _all_hinges(model, joints) else ""
     return [
         Computed(
             Channel("target", unit, "targets of the joints", n, names), lambda record: record.target[:, order]
         ),
         Computed(
-            Channel("action", "", "the policy's output; in its own order", n, joints.names), _whole("action")
+            Channel("action", "", "the policy's output; in its own order", len(moved), moved),
+            _whole("action"),
         ),
     ]
 
@@ -175,10 +179,11 @@ def _observed(plan: Plan, columns: tuple[str, ...]) -> Computed:
     )
 
 
-def _commanded(plan: Plan) -> list[Computed]:
-    """Return the commands and the phases of a policy that has them."""
+def _commanded(plan: Plan, acts: bool) -> list[Computed]:
+    """Return the commands and the phases of a policy, or the commands of a controller, that has them."""
     found = []
-    if any(term.name == "velocity_commands" for term in plan.terms):
+    given = acts and any(one.parameter or one.value for one in plan.commands.values())
+    if given or any(term.name == "velocity_commands" for term in plan.terms):
         for place, (name, unit) in enumerate((("vx_cmd", "m/s"), ("vy_cmd", "m/s"), ("wz_cmd", "rad/s"))):
             found.append(Computed(Channel(name, unit, "command"), _constant(place)))
     term = next((term for term in plan.terms if term.name == "phase"), None)

@@ -192,6 +192,25 @@ def test_a_deploy_file_drives_the_right_joint_with_the_right_gain_and_default(tm
         tmp_path, toml='command.lin_vel_x = "vd"\n').parameters] == [("vd", -0.5, 1.0)]  # fmt: skip
 
 
+def test_an_action_of_a_deploy_file_moves_some_of_its_joints(tmp_path):
+    """The others stay at their default positions; ``action`` has a column for each component."""
+    deploy = DEPLOY.replace("[[-0.3, 0.3], [-0.3, 0.3], [-0.3, 0.22], [-0.45, 0.3]]", "null")
+    deploy = deploy.replace("[0.1, 0.2, 0.3, 0.4]\n    offset: [0.1, -0.2, 0.3, -0.4]", "[0.3, 0.4]")
+    deploy = deploy.replace("!!python/object/apply:builtins.slice [null, null, null]", "[3, 0]")
+    (tmp_path / "deploy.yaml").write_text(deploy)
+    (tmp_path / "box.xml").write_text(quadruped())
+    save(tmp_path, "policy.onnx", linear(weights(2, 11, 0.5)))
+    backend = opened(tmp_path, HEAD + SPIN)
+    trace = backend.rollout({}, 5)
+    assert {one.name: one.columns for one in backend.channels}["action"] == ("fr", "rl")
+    assert trace["action"].shape == (21, 2)
+    pose = {"rl": 0.1, "fl": -0.2, "rr": 0.3, "fr": -0.4}
+    target = np.tile([pose[leg] for leg in LEGS], (21, 1))
+    target[:, 1] += 0.3 * trace["action"][:, 0]
+    target[:, 2] += 0.4 * trace["action"][:, 1]
+    np.testing.assert_allclose(trace["target"], target, atol=1e-9)
+
+
 def test_the_robot_starts_in_the_deploy_files_pose(tmp_path):
     trace = deployed(tmp_path, toml='command.lin_vel_x = "vd"\n').rollout({"vd": 0.0}, 5)
     assert trace["q"][0] == pytest.approx([-0.2, -0.4, 0.1, 0.3])
