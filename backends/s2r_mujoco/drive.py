@@ -19,7 +19,8 @@ def prepare_actuators(model: Any, plan: Plan) -> None:
     """Put the gains of the files into the actuators: those of position actuators, and implicit ones of torques.
 
     An actuator with the gear g has the length g q and the joint torque g F. With F = kp/g (target − q) − kd/g q̇ the
-    torque is that of the gains.
+    torque is that of the gains. A joint with a velocity target is held at its default position: its control is the
+    velocity, and F = kd/g (target − q̇) + kp/g (pose − q).
     """
     law = plan.law
     _hold(model, plan)
@@ -29,6 +30,11 @@ def prepare_actuators(model: Any, plan: Plan) -> None:
         if law.kind[i] == "torque" and law.pd == "explicit":
             continue
         _servo(model, actuator, law.stiffness[i], law.damping[i])
+        if law.speed[i]:
+            gear = model.actuator_gear[actuator, 0]
+            model.actuator_ctrllimited[actuator] = 0  # the limits are those of a position
+            model.actuator_gainprm[actuator, 0] = law.damping[i] / gear
+            model.actuator_biasprm[actuator, 0] = law.stiffness[i] * plan.pose[i] / gear
         if np.isfinite(law.torque_limit[i]) and not model.actuator_forcelimited[actuator]:
             gear = abs(model.actuator_gear[actuator, 0])
             model.actuator_forcelimited[actuator] = 1
