@@ -5,7 +5,9 @@ A line that begins with ``# ?`` is such a mark. Nothing of the user runs.
 
 from __future__ import annotations
 
+import json
 import os
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -23,6 +25,7 @@ from s2r_spec.errors import UsageError
 USUAL = 0.02
 """Prior: control period of a legged policy [s], proposed where no file states one; every policy in
 ``shared/robots`` has it."""
+_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]")
 _FALL = "max(abs(roll), abs(pitch)) > 60 {deg} or height < 0.6 * init(height)"
 
 
@@ -48,6 +51,8 @@ def draft(path: Path, model: Path, policy: str, deploy: Path | None) -> tuple[st
         *(_policy(compiled, trained, stated) if policy else ()),
         *_rest(compiled, trained, stated),
     ]
+    # A name in a stranger's file may have a line break, behind which a line of its own would begin.
+    lines = [_CONTROL.sub("?", line) for line in lines]
     marks = tuple(line.removeprefix("# ? ") for line in lines if line.startswith("# ? "))
     return "\n".join([*lines, ""]), marks
 
@@ -65,6 +70,11 @@ def _compiled(model: Path, stated: Deployment | None) -> Any:
     return ModelFile(model, timestep=None if stated is None else stated.timestep).compile()
 
 
+def _quoted(text: str) -> str:
+    """Return a text as TOML writes it, which is as JSON does."""
+    return json.dumps(text, ensure_ascii=False)
+
+
 def _beside(path: Path, file: str | Path) -> str:
     """Return a path relative to the folder of the robot file, with slashes."""
     return Path(os.path.relpath(file, path.parent)).as_posix()
@@ -74,7 +84,7 @@ def _files(
     path: Path, model: Path, policy: str, deploy: Path | None, trained: Policy | None
 ) -> Iterator[str]:
     yield f"# {path.name}, written by `s2r new`; check it with: s2r backends {path.name} --check"
-    yield f'model = "{_beside(path, model)}"'
+    yield f"model = {_quoted(_beside(path, model))}"
     if not policy:
         yield '# ? policy = "policy.onnx"    or control.py:act, a function act(model, data, command) -> ctrl'
     else:
@@ -83,18 +93,19 @@ def _files(
             if trained is None or not trained.width
             else f"  # {trained.width} numbers in, {trained.outputs} out"
         )
-        yield f'policy = "{_beside(path, policy)}"{width}'
+        yield f"policy = {_quoted(_beside(path, policy))}{width}"
     if deploy is not None:
-        yield f'deploy = "{_beside(path, deploy)}"'
+        yield f"deploy = {_quoted(_beside(path, deploy))}"
 
 
 def _model(model: Any, stated: Deployment | None) -> Iterator[str]:
     names = [model.key(number).name for number in range(model.nkey)]
     has_pose = stated is not None and bool(stated.joint_pos)
     if names and not has_pose:
-        chosen = "home" if "home" in names else names[0]
-        others = ", ".join(name for name in names if name != chosen)
-        yield f'keyframe = "{chosen}"' + (f"  # others: {others}" if others else "")
+        chosen = "home" if "home" in names else next(filter(None, names), "")
+        others = ", ".join(name for name in names if name and name != chosen)
+        if chosen:
+            yield f"keyframe = {_quoted(chosen)}" + (f"  # others: {others}" if others else "")
     if not model.nu:
         yield "motors = true  # the model has no actuators; a torque motor at each joint, in the model's order"
     if _has_free_base(model) and not floors(model):

@@ -1,5 +1,7 @@
 """A cart-pole with a policy of our own, through the command line: from its files to a certificate."""
 
+import tomllib
+
 import numpy as np
 import pytest
 
@@ -192,6 +194,23 @@ def test_new_and_backends_run_no_code_of_the_user(cart):
     assert not (cart.folder / "control.ran").exists()
     cart("backends", "own.toml", "--check", code=0)
     assert (cart.folder / "control.ran").exists()
+
+
+def test_names_in_a_strangers_files_write_no_line_of_their_own(cart):
+    """A line break in a name of the model, a quote in that of a file."""
+    evil = "x&#10;policy = &quot;evil.py:act&quot;&#10;#"
+    text = (cart.folder / "cart.xml").read_text()
+    text = text.replace('name="angle"', f'name="angle{evil}"').replace(
+        "</mujoco>",
+        f"""<keyframe>
+        <key name="low{evil}" qpos="0 0"/><key name="up{evil}" qpos="0 0"/></keyframe></mujoco>""",
+    )
+    (cart.folder / 'my "cart".xml').write_text(text)
+    made = cart.json("new", "first.toml", "--model", 'my "cart".xml', "--policy", "cart.onnx", code=0)
+    table = tomllib.loads(made["text"])
+    assert table["model"] == 'my "cart".xml'
+    assert table["policy"] == "cart.onnx"
+    assert not any(line.startswith('policy = "evil') for line in made["text"].splitlines())
 
 
 def test_the_command_line_says_in_a_sentence_what_is_wrong(cart):
