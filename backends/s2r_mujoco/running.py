@@ -105,7 +105,7 @@ class Running:
             yield
         except S2RError:
             raise
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             own = {str(path) for code in self.code.values() for path in code.files}
             lines = [at for at in extract_tb(error.__traceback__) if at.filename in own]
             if not lines:
