@@ -299,3 +299,35 @@ def test_a_floor_of_the_robot_file_carries_geoms_of_every_group(tmp_path):
     model = quadruped().replace(FLOOR, "").replace('<geom name="', '<geom contype="2" conaffinity="4" name="')
     trace = robot(tmp_path, f"floor = true\n{PD}", 4, model).rollout({}, 0)
     assert trace["height"][-1] == pytest.approx(0.22, abs=0.02)
+
+
+class Opaque:
+    """A policy whose file says nothing of its widths: it takes 4 numbers and returns 3."""
+
+    width = outputs = None
+    recurrent = False
+    metadata, files, digest, notes = {}, (), "0", ()
+
+    def reset(self):
+        pass
+
+    def __call__(self, observation):
+        if observation.size != 4:
+            raise UsageError("policy.onnx: it takes 4 numbers")
+        return np.zeros(3, np.float32)
+
+
+@pytest.mark.parametrize(
+    ("observation", "names"),
+    [
+        ('["joint_pos_rel"]', ("policy.onnx", "3", "4", "action.joints")),
+        ('["base_ang_vel"]', ("base_ang_vel 3",)),
+    ],
+)
+def test_a_policy_whose_file_states_no_width_is_tried_before_a_rollout(
+    tmp_path, monkeypatch, observation, names
+):
+    monkeypatch.setattr("s2r_mujoco.robot.open_policy", lambda path: Opaque())
+    backend = robot(tmp_path, PD.replace('["joint_pos_rel"]', observation), 4)
+    with pytest.raises(UsageError, match=naming(*names)):
+        backend.prepare()
