@@ -29,6 +29,8 @@ def prepare_actuators(model: Any, plan: Plan) -> None:
         if law.kind[i] == "torque" and law.pd == "explicit":
             continue
         _servo(model, actuator, law.stiffness[i], law.damping[i])
+        if law.speed[i]:
+            _follow_speed(model, actuator, law.stiffness[i], law.damping[i], plan.pose[i])
         if np.isfinite(law.torque_limit[i]) and not model.actuator_forcelimited[actuator]:
             gear = abs(model.actuator_gear[actuator, 0])
             model.actuator_forcelimited[actuator] = 1
@@ -57,6 +59,14 @@ def _servo(model: Any, actuator: int, stiffness: float, damping: float) -> None:
     model.actuator_gainprm[actuator, 0] = stiffness / gear
     model.actuator_biastype[actuator] = mujoco.mjtBias.mjBIAS_AFFINE
     model.actuator_biasprm[actuator, :3] = 0.0, -stiffness / gear**2, -damping / gear**2
+
+
+def _follow_speed(model: Any, actuator: int, stiffness: float, damping: float, pose: float) -> None:
+    """Let the control of a servo be a velocity v: the torque is kp (pose − q) + kd (v − q̇)."""
+    gear = model.actuator_gear[actuator, 0]
+    model.actuator_gainprm[actuator, 0] = damping / gear
+    model.actuator_biasprm[actuator, 0] = stiffness * pose / gear
+    model.actuator_ctrllimited[actuator] = 0  # those limits are of another quantity
 
 
 def _limit_force(model: Any, actuator: int) -> None:
