@@ -153,6 +153,17 @@ class ParameterTable(_Table):
     lasts: Seconds = Field(default=0.1, alias="for")
     direction: tuple[float, float, float] = (1.0, 0.0, 0.0)
 
+    @field_validator("unit")
+    @classmethod
+    def _unit(cls, unit: str | None) -> str | None:
+        try:
+            Parameter("", unit or "", 0.0, 0.0, 0.0, "").check(f"0 {unit or ''}")
+        except UsageError:
+            raise ValueError(
+                f'{shortened(repr(unit))} is not a unit; write one such as "kg" or "N*m"'
+            ) from None
+        return unit
+
     @model_validator(mode="after")
     def _one(self) -> Self:
         if bool(self.field) + bool(self.push) != 1:
@@ -194,9 +205,9 @@ class RobotFile(_Table):
     floor: bool = False
     motors: bool = False
     root: str = ""
-    timestep: float | None = Field(default=None, gt=0)
-    decimation: int | None = Field(default=None, ge=1)
-    duration: float = Field(default=5.0, gt=0)
+    timestep: float | None = Field(default=None, ge=1e-6, le=1.0)
+    decimation: int | None = Field(default=None, ge=1, le=100_000)
+    duration: float = Field(default=5.0, gt=0, le=86_400.0)
     observation: tuple[str | TermTable, ...] = ()
     observation_clip: Limits | None = None
     default_joint_pos: PerJoint = ()
@@ -312,22 +323,30 @@ def _sentence(error: ValidationError, table: dict[str, Any]) -> str:
     # A value of several possible types has a mistake for each; the deepest one is of the type that was meant.
     mistakes = [(_place(one["loc"], table), one) for one in error.errors()]
     place, first = max(mistakes, key=lambda one: (len(one[0]), not one[1]["type"].endswith("_type")))
-    key = "".join(f"[{one}]" if isinstance(one, int) else f".{one}" for one in place).removeprefix(".")
+    key = "".join(f"[{one}]" if isinstance(one, int) else f".{_quoted(one)}" for one in place).removeprefix(
+        "."
+    )
     if first["type"] == "extra_forbidden":
         known = sorted(_keys(RobotFile, place[:-1]))
         return f"there is no key {key}{suggest(str(place[-1]), known)} possible keys are {one_of(known)}"
     words = first["msg"].removeprefix("Value error, ")
     for of_pydantic, ours in _WORDS.items():
-        words = words.replace(of_pydantic, ours)
+        words = re.sub(of_pydantic, ours, words)
     if first["type"] == "value_error":  # a sentence of ours
         return f"{key}: {words}" if key else words
     return f"{key} {words}, but it is {shortened(repr(first['input']))}"
 
 
-_WORDS = {"Input should be": "must be", "valid tuple": "list", "valid dictionary": "table", "valid string": "text",
-          "valid integer": "whole number", ", unable to parse string as a number": "",
-          ", got a number with a fractional part": "", "a valid": "a"}  # fmt: skip
-"""Definition: words of pydantic → words of TOML."""
+_WORDS = {
+    "^(Input|Tuple) should": "must", "Field required": "must have more items", " after validation, not .*": "",
+    "valid tuple": "list", "valid dictionary( or instance of .*)?": "table", "valid string": "text",
+    "valid integer": "whole number", ", (unable to parse|got a number with) .*": "", "a valid": "a",
+}  # fmt: skip
+"""Definition: words of pydantic, as regular expressions → words of TOML."""
+
+
+def _quoted(key: str) -> str:
+    return key if re.fullmatch(r"[\w-]+", key) else repr(key)
 
 
 def _place(loc: tuple[int | str, ...], table: Any) -> list[int | str]:

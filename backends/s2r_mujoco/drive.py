@@ -19,7 +19,8 @@ def prepare_actuators(model: Any, plan: Plan) -> None:
     """Put the gains of the files into the actuators: those of position actuators, and implicit ones of torques.
 
     An actuator with the gear g has the length g q and the joint torque g F. With F = kp/g (target − q) − kd/g q̇ the
-    torque is that of the gains.
+    torque is that of the gains. A joint with a velocity target is held at its default position: its control is the
+    velocity, and F = kd/g (target − q̇) + kp/g (pose − q).
     """
     law = plan.law
     _hold(model, plan)
@@ -30,7 +31,10 @@ def prepare_actuators(model: Any, plan: Plan) -> None:
             continue
         _servo(model, actuator, law.stiffness[i], law.damping[i])
         if law.speed[i]:
-            _follow_speed(model, actuator, law.stiffness[i], law.damping[i], plan.pose[i])
+            gear = model.actuator_gear[actuator, 0]
+            model.actuator_ctrllimited[actuator] = 0  # the limits are those of a position
+            model.actuator_gainprm[actuator, 0] = law.damping[i] / gear
+            model.actuator_biasprm[actuator, 0] = law.stiffness[i] * plan.pose[i] / gear
         if np.isfinite(law.torque_limit[i]) and not model.actuator_forcelimited[actuator]:
             gear = abs(model.actuator_gear[actuator, 0])
             model.actuator_forcelimited[actuator] = 1
@@ -59,14 +63,6 @@ def _servo(model: Any, actuator: int, stiffness: float, damping: float) -> None:
     model.actuator_gainprm[actuator, 0] = stiffness / gear
     model.actuator_biastype[actuator] = mujoco.mjtBias.mjBIAS_AFFINE
     model.actuator_biasprm[actuator, :3] = 0.0, -stiffness / gear**2, -damping / gear**2
-
-
-def _follow_speed(model: Any, actuator: int, stiffness: float, damping: float, pose: float) -> None:
-    """Let the control of a servo be a velocity v: the torque is kp (pose − q) + kd (v − q̇)."""
-    gear = model.actuator_gear[actuator, 0]
-    model.actuator_gainprm[actuator, 0] = damping / gear
-    model.actuator_biasprm[actuator, 0] = stiffness * pose / gear
-    model.actuator_ctrllimited[actuator] = 0  # those limits are of another quantity
 
 
 def _limit_force(model: Any, actuator: int) -> None:

@@ -63,6 +63,7 @@ def trials(running: Running, parameters: Sequence[Parameter]) -> Iterator[Findin
     yield from _torque(robot, moving)
     yield _speed(robot, standing)
     yield from _ranges(running, values, moving, bool(moving.command.any()))
+    yield from _without_effect(running, dict(values) | _highest(robot, parameters), moving)
 
 
 def _highest(robot: Robot, parameters: Sequence[Parameter]) -> dict[str, float]:
@@ -71,6 +72,18 @@ def _highest(robot: Robot, parameters: Sequence[Parameter]) -> dict[str, float]:
     known = {one.name: one.high for one in parameters if one.name in component and one.low < one.high}
     forward = [one.name for one in parameters if component.get(one.name) == "lin_vel_x"]
     return known or dict.fromkeys(forward, TRIED)
+
+
+def _without_effect(running: Running, values: Mapping[str, float], moving: Record) -> Iterator[Finding]:
+    """Yield a note for each parameter whose other values change no bit of a rollout."""
+    commands = {one.parameter for one in running.robot.plan.commands.values()}
+    for name, one in running.robot.parameters.items():
+        low, high = one.declared.low, one.declared.high
+        if low == high or name in commands:
+            continue
+        other = running.run({**values, name: low if values[name] == high else high}, 0, len(moving))
+        if np.array_equal(other.qpos[-1], moving.qpos[-1]):
+            yield Finding("parameters", f"{name} changes nothing within {STANDING:g} s", "note")
 
 
 def _files(robot: Robot) -> Finding:

@@ -234,6 +234,11 @@ class Robot:
                     f"{self.name}: parameters.{name}: the body {table.push!r} is fixed; push another"
                 )
             return _declared(name, unit, table.range, 0.0, words)
+        if table.field == "option/timestep":
+            raise UsageError(
+                f"{self.name}: parameters.{name}: a test cannot change the time step, since the control period would "
+                f"change with it; write `timestep` and `decimation` into a robot file of its own"
+            )
         value = self.file.value(table.change)
         attribute = table.field.split("/")[-1 if table.field.startswith("option") else 2]
         unit = (

@@ -112,14 +112,16 @@ def test_a_controller_of_a_few_lines_in_python_is_certified(cart):
 
 
 def test_a_gap_to_a_twin_that_an_option_makes(cart):
-    words = ("gap", "up.stl", "--sim", "cart.toml", "--real", "cart.toml:kick=8", "--budget", 16, "-q")
-    result = cart.json(*words, code=3)
-    assert abs(result["worst"]["mean"]) > 0
-    twin, own = load_backend("cart.toml:mass=1.3"), load_backend("cart.toml")
+    """Friction of the slide, which the specification does not sweep; an option that it sweeps has no effect."""
+    rub = 'parameters.rub = { field = "joint/slide/frictionloss", range = [0, 5] }\n'
+    (cart.folder / "cart.toml").write_text(TOML + rub)
+    words = ("gap", "up.stl", "--sim", "cart.toml", "--budget", 16, "-q", "--real")
+    assert abs(cart.json(*words, "cart.toml:rub=3", code=3)["worst"]["mean"]) > 0.5
+    twin, own = load_backend("cart.toml:rub=3"), load_backend("cart.toml")
     assert twin.model_hash != own.model_hash
     assert not np.array_equal(twin.rollout({}, 3)["q"], own.rollout({}, 3)["q"])
-    done = cart("gap", "up.stl", "--sim", "cart.toml", "--real", "cart.toml:mas=1.3", "-q", code=2)
-    assert states(done.stderr, "'mas'", "did you mean 'mass'")
+    assert states(cart(*words, "cart.toml:ru=3", code=2).stderr, "'ru'", "did you mean 'rub'")
+    assert states(cart(*words, "cart.toml:mass=1.3", code=2).stderr, "cart.toml:mass=1.3", "no effect")
 
 
 def test_settings_and_effort_for_a_robot_file(cart):
@@ -204,6 +206,18 @@ def test_the_command_line_says_in_a_sentence_what_is_wrong(cart):
     (cart.folder / "cart.toml").write_text(TOML)
     (cart.folder / "up.stl").write_text(SPEC.replace("mass", "mas"))
     assert states(cart("check", "up.stl", "-b", "cart.toml", "-q", code=2).stderr, "'mas'", "mass")
+
+
+def test_a_command_of_a_controller_in_python(cart):
+    """It gets the three components, and the trace has them."""
+    code = "def act(model, data, command):\n    return command.sum()\n"
+    (cart.folder / "control.py").write_text(code)
+    text = 'policy = "control.py:act"\ncommand = { lin_vel_x = "vd", ang_vel_z = 0.25 }\n' + COMMON
+    (cart.folder / "own.toml").write_text(text)
+    backend = load_backend("own.toml:vd=0.5")
+    trace = backend.rollout({}, 0)
+    assert (trace["vx_cmd"][0], trace["vy_cmd"][0], trace["wz_cmd"][0]) == (0.5, 0.0, 0.25)
+    assert (trace["ctrl"] == 0.75).all()
 
 
 def test_a_command_that_the_policy_does_not_read_is_named(tmp_path):

@@ -315,3 +315,29 @@ def test_an_option_is_another_default(tmp_path):
         load_backend(f"{backend.name}:paylod=1.5")
     with pytest.raises(UsageError, match=naming("grip", "5")):
         load_backend(f"{backend.name}:grip=5")
+
+
+def test_the_pre_flight_names_a_parameter_without_an_effect(tmp_path):
+    """A push after the end, and a field of an actuator that the gains of the file replace."""
+    late = 'parameters.late = { push = "trunk", at = "9 s", range = [0, 90] }\n'
+    gain = 'parameters.gain = { field = "actuator/*/gainprm/0", how = "scale", range = [0.5, 2] }\n'
+    backend = robot(tmp_path, f"{BASE}{FIELDS}{late}{gain}", 7, LOADED)
+    found = [
+        one for one in backend.preflight(run=True) if one.topic == "parameters" and "nothing" in one.words
+    ]
+    assert [one.words.split()[0] for one in found] == ["late", "gain"]
+
+
+def test_the_time_step_is_no_parameter_of_a_test(tmp_path):
+    with pytest.raises(UsageError, match=naming("parameters.dt", "`timestep`")):
+        robot(tmp_path, BASE + 'parameters.dt.field = "option/timestep"\n', 7)
+
+
+def test_pushes_on_one_body_add_up(tmp_path):
+    push = 'parameters.{} = {{ push = "trunk", at = "{} s", for = "0.1 s", range = [-99, 99] }}\n'
+    toml = BASE + "start.height = 3\n" + push.format("a", 0.1) + push.format("b", 0.1) + push.format("c", 0.3)
+    backend = robot(tmp_path, toml, 7)
+    np.testing.assert_allclose(
+        backend.rollout({"a": 20.0, "b": 10.0}, 0)["vx"], backend.rollout({"a": 30.0}, 0)["vx"], atol=1e-9
+    )
+    assert backend.rollout({"a": 20.0, "c": -20.0}, 0)["x"][-1] > 0.05

@@ -136,6 +136,13 @@ KEYS = [
     ('parameters.m = { field = "geom/fl/mas" }', ["box.xml", "geom/fl/mas", "did you mean 'mass'"]),
     ('parameters.m = { field = "body/trunk/mass" }', ["box.xml", "body/trunk/mass", "geom/NAME/mass"]),
     ('parameters.m = { field = "geom/fl/friction" }', ["geom/fl/friction", "3 numbers", "geom/fl/friction/0"]),
+    ('parameters.m = { field = "geom/fl/mass", unit = "kilo" }', ["parameters.m.unit", "'kilo'", "unit"]),
+    ('parameters.m = { field = "geom/fl/mass", range = [1] }', ["parameters.m.range", "more items"]),
+    ('parameters.m = { field = "geom/fl/mass", range = [1, 2, 3] }', ["parameters.m.range", "at most 2 items"]),
+    ("parameters.m = 3", ["parameters.m", "table", "3"]),
+    ("action.stiffness.'f.' = 'a'", ["action.stiffness.'f.'", "number", "'a'"]),
+    ("observation_clip = [1, -1]", ["observation_clip", "1", "-1"]),
+    ("timestep = 1e-300", ["timestep", "1e-300"]),
     ('parameters.m = { field = "geom/fl/mass", range = [2, 1] }', ["parameters.m.range", "2", "1"]),
     ('parameters.m = { field = "geom/fl/mass", range = [5, 6] }', ["parameters.m", "[5.0, 6.0]", "0.2"]),
     ('parameters.m = { field = "geom/fl/mass", push = "trunk" }', ["parameters.m", "field", "push"]),
@@ -276,3 +283,29 @@ def test_the_hash_follows_every_file_and_a_file_that_is_gone_is_named(tmp_path, 
     path.unlink()
     with pytest.raises(UsageError, match=naming(name)):
         load_backend(backend.name)
+
+
+def test_the_hash_follows_what_the_model_includes_and_what_the_code_imports(tmp_path, nothing_loaded):
+    """In a folder whose name looks like that of a robot file."""
+    folder = tmp_path / "my.toml"
+    (folder / "meshes").mkdir(parents=True)
+    shell = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    (folder / "meshes" / "shell.obj").write_text(shell)
+    (folder / "parts.xml").write_text(
+        '<mujoco><compiler meshdir="meshes"/><asset>'
+        '<mesh name="m" file="shell.obj" scale="0.1 0.1 0.1"/></asset></mujoco>'
+    )
+    (folder / "gains.py").write_text("GAIN = 1\n")
+    (folder / "control.py").write_text(
+        "from gains import GAIN\n\n\ndef act(model, data, command):\n    return [GAIN] * 4\n"
+    )
+    model = quadruped().replace("<worldbody>", '<include file="parts.xml"/><worldbody>')
+    backend = robot(folder, HEAD, None, model.replace("<site", '<geom type="mesh" mesh="m"/><site'))
+    digests = {backend.model_hash}
+    for name, old, new in (
+        ("meshes/shell.obj", "v 1 0 0", "v 2 0 0"), ("parts.xml", "0.1 0.1 0.1", "0.1 0.1 0.2"), ("gains.py", "1", "2"),
+    ):  # fmt: skip
+        path = folder / name
+        path.write_text(path.read_text().replace(old, new))
+        digests.add(load_backend(backend.name).model_hash)
+    assert len(digests) == 4
