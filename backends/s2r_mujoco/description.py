@@ -13,7 +13,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    model_validator,
+)
 
 from s2r_mujoco.deploy.record import Deployment, Term
 from s2r_mujoco.model import FieldChange
@@ -33,6 +41,12 @@ def _both(value: Any) -> Any:
     return (-value, value) if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
+def _ascending(limits: tuple[float, float]) -> tuple[float, float]:
+    if limits[0] > limits[1]:
+        raise ValueError("the lower limit must come first")
+    return limits
+
+
 def _seconds(value: Any) -> Any:
     return (
         Parameter("the time", "s", 0.0, math.inf, 0.0, "").check(value) if isinstance(value, str) else value
@@ -42,9 +56,9 @@ def _seconds(value: Any) -> Any:
 Numbers = Annotated[tuple[float, ...], BeforeValidator(_several)]
 PerJoint = Annotated[tuple[float, ...] | dict[str, float], BeforeValidator(_several)]
 """One number, one a joint in policy order, or a table from names of joints, as regular expressions, to numbers."""
-Limits = Annotated[tuple[float, float], BeforeValidator(_both)]
+Limits = Annotated[tuple[float, float], BeforeValidator(_both), AfterValidator(_ascending)]
 Seconds = Annotated[float, BeforeValidator(_seconds), Field(ge=0.0)]
-Range = tuple[float, float]
+Range = Annotated[tuple[float, float], AfterValidator(_ascending)]
 
 
 class _Table(BaseModel):
@@ -121,6 +135,12 @@ class ParameterTable(_Table):
     def _one(self) -> Self:
         if bool(self.field) + bool(self.push) != 1:
             raise ValueError('give either field = "KIND/NAME/ATTRIBUTE" or push = "BODY"')
+        if not any(self.direction):
+            raise ValueError("direction must not be [0, 0, 0]")
+        if self.field.startswith("option/timestep"):
+            raise ValueError(
+                "the physics step is no parameter, since the control period would change with it; write `timestep`"
+            )
         return self
 
     @property
@@ -262,7 +282,8 @@ def _sentence(error: ValidationError) -> str:
         return f"there is no key {key}{suggest(place[-1], known)} possible keys are {one_of(known)}"
     words = first["msg"].removeprefix("Value error, ").replace("Input should be", "it must be")
     words = words.replace("a valid tuple", "a number or a list").replace("a valid dictionary", "a table")
-    return f"{key}: {words.replace('a valid ', 'a ')}, but it is {first['input']!r}"
+    shown = "" if first["type"] == "value_error" else f", but it is {first['input']!r}"
+    return f"{key}: {words.replace('a valid ', 'a ')}{shown}"
 
 
 def _keys(table: type[BaseModel], place: list[str]) -> set[str]:

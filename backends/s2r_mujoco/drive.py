@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from s2r_mujoco.arrays import FloatArray
-from s2r_mujoco.plan import Plan
+from s2r_mujoco.plan import Plan, torque_units
 
 Apply = Callable[[FloatArray], None]
 """Writes the controls for a target, (n,) in policy order."""
@@ -19,20 +19,25 @@ def prepare_actuators(model: Any, plan: Plan) -> None:
     """Put the gains of the files into the actuators: those of position actuators, and implicit ones of torques.
 
     An actuator with the gear g has the length g q and the joint torque g F. With F = kp/g (target − q) − kd/g q̇ the
-    torque is that of the gains.
+    torque is that of the gains, times the strength that a test gives the motor.
     """
     law = plan.law
     if law.pd == "model":
         return
+    strength = torque_units(model, plan.joints) / law.unit
     for i, actuator in enumerate(plan.joints.actuators):
         if law.kind[i] == "torque" and law.pd == "explicit":
             continue
         gear = model.actuator_gear[actuator, 0]
         if law.kind[i] == "torque":
             _limit_force(model, actuator)
-        model.actuator_gainprm[actuator, 0] = law.stiffness[i] / gear
+        kp, kd, hold = strength[i] * law.stiffness[i], strength[i] * law.damping[i], 0.0
+        if law.speed[i]:  # the control is a velocity, and the position stays at the default pose
+            hold = kp * plan.pose[i]
+            model.actuator_ctrllimited[actuator] = 0
+        model.actuator_gainprm[actuator, 0] = (kd if law.speed[i] else kp) / gear
         model.actuator_biastype[actuator] = mujoco.mjtBias.mjBIAS_AFFINE
-        model.actuator_biasprm[actuator, :3] = 0.0, -law.stiffness[i] / gear**2, -law.damping[i] / gear**2
+        model.actuator_biasprm[actuator, :3] = hold / gear, -kp / gear**2, -kd / gear**2
         if np.isfinite(law.torque_limit[i]) and not model.actuator_forcelimited[actuator]:
             model.actuator_forcelimited[actuator] = 1
             model.actuator_forcerange[actuator] = np.array([-1.0, 1.0]) * law.torque_limit[i] / abs(gear)
@@ -65,8 +70,7 @@ def writer(model: Any, data: Any, plan: Plan) -> tuple[Apply, bool]:
     positions, velocities, kp, kd, limit = data.qpos, data.qvel, law.stiffness, law.damping, law.torque_limit
     # A position actuator beside torque actuators keeps its target as control.
     torque = np.array([one == "torque" for one in law.kind])
-    unit = model.actuator_gear[actuators, 0] * model.actuator_gainprm[actuators, 0]
-    limited, mixed, plain = bool(np.isfinite(limit).any()), not torque.all(), bool((unit == 1.0).all())
+    limited, mixed, plain = bool(np.isfinite(limit).any()), not torque.all(), bool((law.unit == 1.0).all())
     speed, pose = law.speed, plan.pose
     rolls = bool(speed.any())
 
@@ -81,7 +85,7 @@ def writer(model: Any, data: Any, plan: Plan) -> tuple[Apply, bool]:
         if limited:
             force = np.clip(force, -limit, limit)
         if not plain:
-            force = force / unit
+            force = force / law.unit
         control[actuators] = np.where(torque, force, target) if mixed else force
 
     return proportional_derivative, True

@@ -155,7 +155,10 @@ class Simulator:
         """Record the tick, and take its physics steps; after the last tick only one, for its torques."""
         model, data, plan = self.model, self.data, self.plan
         for push in pushes:
-            data.xfrc_applied[push.body, :3] = push.force if push.first <= tick < push.end else 0.0
+            data.xfrc_applied[push.body, :3] = 0.0
+        for push in pushes:
+            if push.first <= tick < push.end:
+                data.xfrc_applied[push.body, :3] += push.force
         record.qpos[tick], record.qvel[tick] = data.qpos, data.qvel
         record.sensors[tick], record.target[tick] = data.sensordata, target
         if record.observation.shape[1]:

@@ -55,9 +55,9 @@ def test_a_default_value_is_the_same_as_no_value(tmp_path):
     backend = robot(tmp_path, BASE + FIELDS + NOISE, 7, LOADED)
     test = {one.name: one.default for one in backend.parameters}
     assert test == {"payload": 0.5, "grip": 1.0, "rub": 0.0, "kick": 0.0}
+    found = backend.rollout(test, 3)
     bare = robot(tmp_path, BASE + NOISE, 7, LOADED)
-    found, wanted = backend.rollout(test, 3), bare.rollout({}, 3)
-    assert same(found, wanted)
+    assert same(found, bare.rollout({}, 3))
     assert backend.model_hash != bare.model_hash
 
 
