@@ -41,6 +41,8 @@ LINEAR_UNITS = {
     "springref": "m", "springlength": "m", "actfrcrange": "N",
 }  # fmt: skip
 """Definition: attribute of a slide or a tendon → its unit where it differs from that of a hinge."""
+ANGLES = ("range", "ref", "springref")
+"""Definition: attributes of a hinge in degrees, unless the model's file has ``<compiler angle="radian"/>``."""
 STABLE = 2.0
 """Definition: kd·dt/M from which an explicit damping is unstable: a step multiplies a velocity by 1 − kd·dt/M."""
 KEPT = 4
@@ -225,7 +227,13 @@ class Robot:
                 raise UsageError(f"{self.name}: parameters.{name}: the body {table.push} cannot move")
             return _declared(name, unit, table.range, 0.0, words)
         value = self.file.value(table.change)
-        unit = ("" if table.how == "scale" else self._unit(table.field)) if table.unit is None else table.unit
+        own = "" if table.how == "scale" else self._unit(table.field)
+        unit = own if table.unit is None else table.unit
+        if own and not _is_same_unit(own, unit):
+            raise UsageError(
+                f"{self.name}: parameters.{name}: the model has {table.field} in {own}, and not in {unit}; write the "
+                f"numbers in {own}"
+            )
         default = {"set": value, "add": 0.0, "scale": 1.0}[table.how]
         if table.range and not table.range[0] <= default <= table.range[1]:
             raise UsageError(
@@ -246,6 +254,8 @@ class Robot:
         } or {kind == "tendon"}
         if len(linear) > 1 and attribute in LINEAR_UNITS:
             return ""
+        if attribute in ANGLES and True not in linear and self.file.spec().compiler.degree:
+            return "deg"
         return (UNITS | LINEAR_UNITS if True in linear else UNITS).get(attribute, "")
 
     def body(self, name: str, source: str) -> int:
@@ -289,6 +299,13 @@ class Robot:
 
 _ONLOOKERS = {"new.py", "pictures.py", "preflight.py"}
 """Definition: source files without influence on a trace."""
+
+
+def _is_same_unit(one: str, other: str) -> bool:
+    try:
+        return Parameter("", one, -np.inf, np.inf, 0.0, "").check(f"1 {other}") == 1.0
+    except UsageError:
+        return False
 
 
 def _declared(name: str, unit: str, limits: Any, default: float, words: str) -> TestParameter:
