@@ -22,6 +22,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from s2r_policy.torch_file import EXPANSION
 from s2r_spec.errors import UsageError
 
 FloatArray32 = NDArray[np.float32]
@@ -100,6 +101,10 @@ def read_actor(path: Path) -> Actor:
 
     try:
         with zipfile.ZipFile(path) as archive:
+            if archive.getinfo(_WEIGHTS).file_size > EXPANSION * path.stat().st_size:
+                raise UsageError(
+                    f"{path}: {_WEIGHTS} expands too far; save the policy again, or export it as ONNX"
+                )
             data = archive.read(_WEIGHTS)
     except KeyError:
         raise UsageError(

@@ -5,6 +5,7 @@ A line that begins with ``# ?`` is such a mark. Nothing of the user runs.
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -42,12 +43,14 @@ def draft(path: Path, model: Path, policy: str, deploy: Path | None) -> tuple[st
     metadata = {} if trained is None else trained.metadata
     stated = read_deployment(deploy) if deploy else of_metadata(metadata, Path(policy).name)
     compiled = _compiled(model, stated)
-    lines = [
+    found = [
         *_files(path, model, policy, deploy, trained),
         *_model(compiled, stated),
         *(_policy(compiled, trained, stated) if policy else ()),
         *_rest(compiled, trained, stated),
     ]
+    # A name of a stranger's file must not begin a line of its own in the robot file.
+    lines = ["".join(one if one.isprintable() else "?" for one in line) for line in found]
     marks = tuple(line.removeprefix("# ? ") for line in lines if line.startswith("# ? "))
     return "\n".join([*lines, ""]), marks
 
@@ -70,11 +73,16 @@ def _beside(path: Path, file: str | Path) -> str:
     return Path(os.path.relpath(file, path.parent)).as_posix()
 
 
+def _quoted(text: str) -> str:
+    """Return a text as a string of TOML, whose escapes are those of JSON."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
 def _files(
     path: Path, model: Path, policy: str, deploy: Path | None, trained: Policy | None
 ) -> Iterator[str]:
     yield f"# {path.name}, written by `s2r new`; check it with: s2r backends {path.name} --check"
-    yield f'model = "{_beside(path, model)}"'
+    yield f"model = {_quoted(_beside(path, model))}"
     if not policy:
         yield '# ? policy = "policy.onnx"    or control.py:act, a function act(model, data, command) -> ctrl'
     else:
@@ -83,9 +91,9 @@ def _files(
             if trained is None or not trained.width
             else f"  # {trained.width} numbers in, {trained.outputs} out"
         )
-        yield f'policy = "{_beside(path, policy)}"{width}'
+        yield f"policy = {_quoted(_beside(path, policy))}{width}"
     if deploy is not None:
-        yield f'deploy = "{_beside(path, deploy)}"'
+        yield f"deploy = {_quoted(_beside(path, deploy))}"
 
 
 def _model(model: Any, stated: Deployment | None) -> Iterator[str]:
@@ -94,7 +102,7 @@ def _model(model: Any, stated: Deployment | None) -> Iterator[str]:
     if names and not has_pose:
         chosen = "home" if "home" in names else names[0]
         others = ", ".join(name for name in names if name != chosen)
-        yield f'keyframe = "{chosen}"' + (f"  # others: {others}" if others else "")
+        yield f"keyframe = {_quoted(chosen)}" + (f"  # others: {others}" if others else "")
     if not model.nu:
         yield "motors = true  # the model has no actuators; a torque motor at each joint, in the model's order"
     if _has_free_base(model) and not floors(model):
