@@ -271,6 +271,8 @@ def _sensor_channels(model: Any, taken: set[str]) -> list[Computed]:
         name = re.sub(r"\W", "_", model.sensor(sensor).name or f"sensor_{sensor}", flags=re.ASCII)
         if name in taken or not name[0].isalpha():
             name = f"sensor_{name}"
+        if name in taken:  # two names that differ in signs only
+            name = f"{name}_{sensor}"
         taken.add(name)
         first, width = int(model.sensor_adr[sensor]), int(model.sensor_dim[sensor])
         names = AXES if width == 3 else ()
