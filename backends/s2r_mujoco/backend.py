@@ -134,7 +134,18 @@ class RobotBackend:
         return replace(self, duration=seconds)
 
     def for_spec(self, needs: Needs) -> Self:
-        """Return this backend with the ranges of a specification, where no file states one."""
+        """Return this backend with the ranges of a specification, where no file states one.
+
+        Raises:
+            UsageError: an option gives another default to a parameter that the specification sweeps.
+        """
+        swept = {one.name for one in needs.parameters}
+        for name, value in self._defaults.items():
+            if name in swept and value != self._robot.parameters[name].declared.default:
+                raise UsageError(
+                    f"{self.name}: the option {name} has no effect, since the specification sweeps {name}; "
+                    f"leave it out here or there"
+                )
         return replace(self, wanted=needs.parameters)
 
     def prepare(self) -> None:

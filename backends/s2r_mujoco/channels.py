@@ -7,9 +7,10 @@ The state is true. What a robot can measure are its sensors: a channel each, by 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import chain, count
 from typing import Any
 
 import mujoco
@@ -22,6 +23,7 @@ from s2r_mujoco.plan import Plan
 from s2r_mujoco.rollout import Record
 from s2r_mujoco.start import floor_height
 from s2r_spec.backend import Channel
+from s2r_spec.spec import SpecError, parse_spec
 
 AXES = ("x", "y", "z")
 _T = mujoco.mjtSensor
@@ -105,7 +107,8 @@ def channels_of(model: Any, plan: Plan, columns: tuple[str, ...], acts: bool) ->
     if plan.root >= 0:
         found += _base_channels(model, plan)
     if columns:
-        found += [_observed(plan, columns), *_commanded(plan)]
+        found.append(_observed(plan, columns))
+    found += _commanded(plan, acts)
     taken = {one.channel.name for one in found}
     return (*found, *_sensor_channels(model, taken))
 
@@ -151,13 +154,16 @@ def _control_channels(model: Any, plan: Plan, acts: bool) -> list[Computed]:
     joints, n = plan.joints, len(plan.joints)
     order = np.argsort(joints.qpos)
     names = tuple(joints.names[i] for i in order)
-    unit = "rad" if _all_hinges(model, joints) and plan.law.has_target.all() else ""
+    moved = tuple(joints.names[i] for i in plan.law.moved)
+    angles = plan.law.has_target.all() and not plan.law.speed.any()
+    unit = "rad" if angles and _all_hinges(model, joints) else ""
     return [
         Computed(
             Channel("target", unit, "targets of the joints", n, names), lambda record: record.target[:, order]
         ),
         Computed(
-            Channel("action", "", "the policy's output; in its own order", n, joints.names), _whole("action")
+            Channel("action", "", "the policy's output; in its own order", len(moved), moved),
+            _whole("action"),
         ),
     ]
 
@@ -175,10 +181,11 @@ def _observed(plan: Plan, columns: tuple[str, ...]) -> Computed:
     )
 
 
-def _commanded(plan: Plan) -> list[Computed]:
-    """Return the commands and the phases of a policy that has them."""
+def _commanded(plan: Plan, acts: bool) -> list[Computed]:
+    """Return the commands and the phases of a policy, or the commands of a controller, that has them."""
     found = []
-    if any(term.name == "velocity_commands" for term in plan.terms):
+    given = acts and any(one.parameter or one.value for one in plan.commands.values())
+    if given or any(term.name == "velocity_commands" for term in plan.terms):
         for place, (name, unit) in enumerate((("vx_cmd", "m/s"), ("vy_cmd", "m/s"), ("wz_cmd", "rad/s"))):
             found.append(Computed(Channel(name, unit, "command"), _constant(place)))
     term = next((term for term in plan.terms if term.name == "phase"), None)
@@ -266,19 +273,30 @@ def _base_channels(model: Any, plan: Plan) -> list[Computed]:
 
 
 def _sensor_channels(model: Any, taken: set[str]) -> list[Computed]:
-    found = []
-    for sensor in range(model.nsensor):
-        name = re.sub(r"\W", "_", model.sensor(sensor).name or f"sensor_{sensor}", flags=re.ASCII)
-        if name in taken or not name[0].isalpha():
-            name = f"sensor_{name}"
-        if name in taken:  # two names that differ in signs only
-            name = f"{name}_{sensor}"
+    words = [
+        re.sub(r"\W", "_", model.sensor(i).name or f"sensor_{i}", flags=re.ASCII)
+        for i in range(model.nsensor)
+    ]
+    found, fits = [], _are_names(words)
+    for sensor, word in enumerate(words):
+        other = (f"sensor_{word}{end}" for end in chain([""], (f"_{i}" for i in count(2))))
+        own = [word] if word[0].isalpha() and (fits or _are_names([word])) else []
+        name = next(one for one in chain(own, other) if one not in taken)
         taken.add(name)
         first, width = int(model.sensor_adr[sensor]), int(model.sensor_dim[sensor])
         names = AXES if width == 3 else ()
         channel = Channel(name, _unit(model, sensor), "sensor of the model", width, names)
         found.append(Computed(channel, _columns("sensors", _index(first, width))))
     return found
+
+
+def _are_names(words: Iterable[str]) -> bool:
+    """Return whether a specification can declare all of these words; ``always`` and others are its keywords."""
+    try:
+        parse_spec("".join(f"signal {word}\n" for word in sorted(set(words))) + "require r: 0 < 1\n")
+    except SpecError:
+        return False
+    return True
 
 
 def _index(first: int, width: int) -> Any:

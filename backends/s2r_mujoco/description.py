@@ -20,13 +20,14 @@ from pydantic import (
     ConfigDict,
     Field,
     ValidationError,
+    field_validator,
     model_validator,
 )
 
-from s2r_mujoco.deploy.record import Deployment, Term
+from s2r_mujoco.deploy.record import MOST_HISTORY, Deployment, Term
 from s2r_mujoco.model import FieldChange
 from s2r_spec.backend import Parameter
-from s2r_spec.errors import UsageError, one_of, suggest
+from s2r_spec.errors import UsageError, one_of, shortened, suggest
 
 COMMANDS = {"lin_vel_x": "m/s", "lin_vel_y": "m/s", "ang_vel_z": "rad/s"}
 """Definition: components of a velocity command, in the order of the term ``velocity_commands``, and their units."""
@@ -41,24 +42,30 @@ def _both(value: Any) -> Any:
     return (-value, value) if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
-def _ascending(limits: tuple[float, float]) -> tuple[float, float]:
+def _ordered(limits: tuple[float, float]) -> tuple[float, float]:
     if limits[0] > limits[1]:
-        raise ValueError("the lower limit must come first")
+        raise ValueError(f"the first limit {limits[0]:g} is above the second, {limits[1]:g}")
     return limits
 
 
 def _seconds(value: Any) -> Any:
-    return (
-        Parameter("the time", "s", 0.0, math.inf, 0.0, "").check(value) if isinstance(value, str) else value
-    )
+    try:
+        free = Parameter("the time", "s", 0.0, math.inf, 0.0, "")
+        return free.check(value) if isinstance(value, str) else value
+    except UsageError as error:
+        raise ValueError(str(error)) from None
 
 
 Numbers = Annotated[tuple[float, ...], BeforeValidator(_several)]
 PerJoint = Annotated[tuple[float, ...] | dict[str, float], BeforeValidator(_several)]
 """One number, one a joint in policy order, or a table from names of joints, as regular expressions, to numbers."""
-Limits = Annotated[tuple[float, float], BeforeValidator(_both), AfterValidator(_ascending)]
+Limits = Annotated[tuple[float, float], BeforeValidator(_both), AfterValidator(_ordered)]
 Seconds = Annotated[float, BeforeValidator(_seconds), Field(ge=0.0)]
-Range = Annotated[tuple[float, float], AfterValidator(_ascending)]
+Range = Annotated[tuple[float, float], AfterValidator(_ordered)]
+
+
+_TABLES = {"sensor": '{ sensor = "NAME" }', "phase": '{ phase = 1.5, unit = "Hz" }'}
+"""Definition: term that needs a table → an example."""
 
 
 class _Table(BaseModel):
@@ -76,7 +83,7 @@ class TermTable(_Table):
     parts: tuple[Literal["sin", "cos"], ...] = Field(default=("sin", "cos"), alias="as")
     scale: Numbers = ()
     clip: Limits | None = None
-    history: int = Field(default=1, ge=1)
+    history: int = Field(default=1, ge=1, le=MOST_HISTORY)
     newest_first: bool = False
     frame: str = "body"
     joints: tuple[str, ...] = ()
@@ -85,6 +92,13 @@ class TermTable(_Table):
     def _one(self) -> Self:
         if bool(self.term) + bool(self.sensor) + (self.phase is not None) != 1:
             raise ValueError("give exactly one of term, sensor and phase")
+        if self.term in _TABLES:
+            raise ValueError(f"write {_TABLES[self.term]} for a {self.term}")
+        kind = "phase" if self.phase is not None else self.term or "sensor"
+        own = {"unit": "phase", "start": "phase", "parts": "phase", "joints": "joint_", "frame": "base_"}
+        for key in self.model_fields_set & own.keys():
+            if not kind.startswith(own[key]) and (key, kind) != ("frame", "projected_gravity"):
+                raise ValueError(f"a term {kind!r} has no {'as' if key == 'parts' else key}; leave it out")
         return self
 
     def read(self, source: str) -> Term:
@@ -109,6 +123,14 @@ class ActionTable(_Table):
     pd: Literal["explicit", "implicit"] | None = None
     stiffness: PerJoint = ()
     damping: PerJoint = ()
+    hold: dict[str, tuple[Annotated[float, Field(ge=0)], Annotated[float, Field(ge=0)]]] = {}
+
+    @field_validator("stiffness", "damping")
+    @classmethod
+    def _gains(cls, values: PerJoint) -> PerJoint:
+        if any(one < 0 for one in (values.values() if isinstance(values, dict) else values)):
+            raise ValueError("a gain is at least 0; one below 0 drives a joint away from its target")
+        return values
 
 
 class CommandTable(_Table):
@@ -131,16 +153,23 @@ class ParameterTable(_Table):
     lasts: Seconds = Field(default=0.1, alias="for")
     direction: tuple[float, float, float] = (1.0, 0.0, 0.0)
 
+    @field_validator("unit")
+    @classmethod
+    def _unit(cls, unit: str | None) -> str | None:
+        try:
+            Parameter("", unit or "", 0.0, 0.0, 0.0, "").check(f"0 {unit or ''}")
+        except UsageError:
+            raise ValueError(
+                f'{shortened(repr(unit))} is not a unit; write one such as "kg" or "N*m"'
+            ) from None
+        return unit
+
     @model_validator(mode="after")
     def _one(self) -> Self:
         if bool(self.field) + bool(self.push) != 1:
             raise ValueError('give either field = "KIND/NAME/ATTRIBUTE" or push = "BODY"')
         if not any(self.direction):
-            raise ValueError("direction must not be [0, 0, 0]")
-        if self.field.startswith("option/timestep"):
-            raise ValueError(
-                "the physics step is no parameter, since the control period would change with it; write `timestep`"
-            )
+            raise ValueError("direction has the length 0; give one such as [1, 0, 0]")
         return self
 
     @property
@@ -176,9 +205,9 @@ class RobotFile(_Table):
     floor: bool = False
     motors: bool = False
     root: str = ""
-    timestep: float | None = Field(default=None, gt=0)
-    decimation: int | None = Field(default=None, ge=1)
-    duration: float = Field(default=5.0, gt=0)
+    timestep: float | None = Field(default=None, ge=1e-6, le=1.0)
+    decimation: int | None = Field(default=None, ge=1, le=100_000)
+    duration: float = Field(default=5.0, gt=0, le=86_400.0)
     observation: tuple[str | TermTable, ...] = ()
     observation_clip: Limits | None = None
     default_joint_pos: PerJoint = ()
@@ -188,6 +217,24 @@ class RobotFile(_Table):
     parameters: dict[str, ParameterTable] = {}
     start: StartTable = StartTable()
     failure: dict[str, str] = {}
+
+    @model_validator(mode="after")
+    def _names(self) -> Self:
+        """Refuse names that a specification cannot use, two parameters of one name, and keys without effect."""
+        unused = self.action.model_fields_set - {"joints"}
+        if ".py:" in self.policy and (unused or self.observation):
+            key = f"action.{min(unused)}" if unused else "observation"
+            raise ValueError(f"{key} has no effect, since {self.policy} returns the controls; leave it out")
+        commands = [one.parameter for one in self.command.values() if isinstance(one, CommandTable)]
+        commands += [one for one in self.command.values() if isinstance(one, str)]
+        names = [name for name in (*commands, *self.parameters) if name]
+        for name in (*names, *self.failure):
+            if not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII):
+                raise ValueError(f"{name!r} is not a name of letters, digits and _")
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"two parameters have the name {name!r}; rename one")
+        return self
 
 
 @dataclass(frozen=True)
@@ -230,6 +277,8 @@ class Description:
         found = []
         for number, one in enumerate(self.table.observation):
             source = f"{self.path.name}: observation[{number}]"
+            if one in _TABLES:
+                raise UsageError(f"{source}: write {_TABLES[one]} for a {one}")
             found.append(Term(one, source=source) if isinstance(one, str) else one.read(source))
         return tuple(found)
 
@@ -266,31 +315,55 @@ def read_description(path: Path) -> Description:
     try:
         return Description(path, RobotFile.model_validate(table))
     except ValidationError as error:
-        raise UsageError(f"{path}: {_sentence(error)}") from None
+        raise UsageError(f"{path}: {_sentence(error, table)}") from None
 
 
-def _sentence(error: ValidationError) -> str:
+def _sentence(error: ValidationError, table: dict[str, Any]) -> str:
     """Return the first mistake as a sentence with its key."""
     # A value of several possible types has a mistake for each; the deepest one is of the type that was meant.
-    first = max(error.errors(), key=lambda one: len(one["loc"]))
-    # pydantic names the type that a value of several types was read as.
-    typed = re.compile(r"(tuple|dict|function-\w+)\[.*|.*Table\]?")
-    place = [str(one) for one in first["loc"] if not typed.fullmatch(str(one))]
-    key = ".".join(place)
+    mistakes = [(_place(one["loc"], table), one) for one in error.errors()]
+    place, first = max(mistakes, key=lambda one: (len(one[0]), not one[1]["type"].endswith("_type")))
+    key = "".join(f"[{one}]" if isinstance(one, int) else f".{_quoted(one)}" for one in place).removeprefix(
+        "."
+    )
     if first["type"] == "extra_forbidden":
         known = sorted(_keys(RobotFile, place[:-1]))
-        return f"there is no key {key}{suggest(place[-1], known)} possible keys are {one_of(known)}"
-    words = first["msg"].removeprefix("Value error, ").replace("Input should be", "it must be")
-    words = words.replace("a valid tuple", "a number or a list").replace("a valid dictionary", "a table")
-    shown = "" if first["type"] == "value_error" else f", but it is {first['input']!r}"
-    return f"{key}: {words.replace('a valid ', 'a ')}{shown}"
+        return f"there is no key {key}{suggest(str(place[-1]), known)} possible keys are {one_of(known)}"
+    words = first["msg"].removeprefix("Value error, ")
+    for of_pydantic, ours in _WORDS.items():
+        words = re.sub(of_pydantic, ours, words)
+    if first["type"] == "value_error":  # a sentence of ours
+        return f"{key}: {words}" if key else words
+    return f"{key} {words}, but it is {shortened(repr(first['input']))}"
 
 
-def _keys(table: type[BaseModel], place: list[str]) -> set[str]:
+_WORDS = {
+    "^(Input|Tuple) should": "must", "Field required": "must have more items", " after validation, not .*": "",
+    "valid tuple": "list", "valid dictionary( or instance of .*)?": "table", "valid string": "text",
+    "valid integer": "whole number", ", (unable to parse|got a number with) .*": "", "a valid": "a",
+}  # fmt: skip
+"""Definition: words of pydantic, as regular expressions → words of TOML."""
+
+
+def _quoted(key: str) -> str:
+    return key if re.fullmatch(r"[\w-]+", key) else repr(key)
+
+
+def _place(loc: tuple[int | str, ...], table: Any) -> list[int | str]:
+    """Return the keys of a place without the names of types, which pydantic adds for a value of several types."""
+    found: list[int | str] = []
+    for part in loc:
+        has = isinstance(table, dict) or (isinstance(table, list) and isinstance(part, int))
+        if has and (part in table if isinstance(table, dict) else int(part) < len(table)):
+            found, table = [*found, part], table[part]
+    return found
+
+
+def _keys(table: type[BaseModel], place: list[int | str]) -> set[str]:
     tables: dict[str, type[BaseModel]] = {
         "action": ActionTable, "start": StartTable, "noise": NoiseTable, "parameters": ParameterTable,
         "command": CommandTable, "observation": TermTable,
     }  # fmt: skip
     for word in place:
-        table = tables.get(word, table)
+        table = tables.get(str(word), table)
     return {field.alias or name for name, field in table.model_fields.items()}

@@ -19,30 +19,53 @@ def prepare_actuators(model: Any, plan: Plan) -> None:
     """Put the gains of the files into the actuators: those of position actuators, and implicit ones of torques.
 
     An actuator with the gear g has the length g q and the joint torque g F. With F = kp/g (target − q) − kd/g q̇ the
-    torque is that of the gains, times the strength that a test gives the motor.
+    torque is that of the gains. A joint with a velocity target is held at its default position: its control is the
+    velocity, and F = kd/g (target − q̇) + kp/g (pose − q). A test may scale all of them by the
+    strength of a motor.
     """
     law = plan.law
+    _hold(model, plan)
     if law.pd == "model":
         return
     strength = torque_units(model, plan.joints) / law.unit
     for i, actuator in enumerate(plan.joints.actuators):
         if law.kind[i] == "torque" and law.pd == "explicit":
             continue
-        gear = model.actuator_gear[actuator, 0]
-        if law.kind[i] == "torque":
-            _limit_force(model, actuator)
-        kp, kd, hold = strength[i] * law.stiffness[i], strength[i] * law.damping[i], 0.0
-        if law.speed[i]:  # the control is a velocity, and the position stays at the default pose
-            hold = kp * plan.pose[i]
-            model.actuator_ctrllimited[actuator] = 0
-        model.actuator_gainprm[actuator, 0] = (kd if law.speed[i] else kp) / gear
-        model.actuator_biastype[actuator] = mujoco.mjtBias.mjBIAS_AFFINE
-        model.actuator_biasprm[actuator, :3] = hold / gear, -kp / gear**2, -kd / gear**2
+        kp, kd = strength[i] * law.stiffness[i], strength[i] * law.damping[i]
+        _servo(model, actuator, kp, kd)
+        if law.speed[i]:
+            gear = model.actuator_gear[actuator, 0]
+            model.actuator_ctrllimited[actuator] = 0  # the limits are those of a position
+            model.actuator_gainprm[actuator, 0] = kd / gear
+            model.actuator_biasprm[actuator, 0] = kp * plan.pose[i] / gear
         if np.isfinite(law.torque_limit[i]) and not model.actuator_forcelimited[actuator]:
+            gear = abs(model.actuator_gear[actuator, 0])
             model.actuator_forcelimited[actuator] = 1
-            model.actuator_forcerange[actuator] = np.array([-1.0, 1.0]) * law.torque_limit[i] / abs(gear)
+            model.actuator_forcerange[actuator] = np.array([-1.0, 1.0]) * law.torque_limit[i] / gear
     if law.pd == "implicit" and model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER:
         model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+
+
+def _hold(model: Any, plan: Plan) -> None:
+    """Turn the actuators of held joints into position actuators.
+
+    Their damping becomes that of the joints, which every integrator of MuJoCo treats implicitly: light joints stay
+    stable, and the integrator need not change.
+    """
+    held = plan.held
+    for actuator, stiffness in zip(held.joints.actuators, held.stiffness, strict=True):
+        _servo(model, actuator, stiffness, 0.0)
+    model.dof_damping[held.joints.dof] += held.damping
+
+
+def _servo(model: Any, actuator: int, stiffness: float, damping: float) -> None:
+    """Turn an actuator of torques or positions into one of positions with these gains."""
+    gear = model.actuator_gear[actuator, 0]
+    if model.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_NONE:
+        _limit_force(model, actuator)
+    model.actuator_gainprm[actuator, 0] = stiffness / gear
+    model.actuator_biastype[actuator] = mujoco.mjtBias.mjBIAS_AFFINE
+    model.actuator_biasprm[actuator, :3] = 0.0, -stiffness / gear**2, -damping / gear**2
 
 
 def _limit_force(model: Any, actuator: int) -> None:

@@ -143,6 +143,33 @@ def by_map(model: Any, deployment: Deployment) -> list[int]:
         ) from None
 
 
+def of_file(model: Any, deployment: Deployment, source: str) -> list[int]:
+    """Return the joints of a deploy file with names.
+
+    A name that the model lacks is that of another version of the robot. Its motor tells the joint, if most
+    names of the file are in the model, each at its motor.
+
+    Raises:
+        UsageError: the model lacks a name, and the motors do not tell its joint.
+    """
+    known = {name_of(model, joint): joint for joint in scalar_joints(model)}
+    named = [known.get(name) for name in deployment.joints]
+    try:
+        motors = by_map(model, deployment)
+    except UsageError:
+        motors = []
+    fits = [one == other for one, other in zip(named, motors, strict=False) if one is not None]
+    if None in named and all(fits) and 2 * len(fits) > len(named):
+        return motors
+    remedy = "; if it is the same robot with other names, list them in `action.joints` of " + source
+    if motors:
+        names = ", ".join(f'"{name_of(model, joint)}"' for joint in motors)
+        remedy = (
+            f"; if its motors are the actuators in their order, write action.joints = [{names}] in {source}"
+        )
+    return by_names(model, deployment.joints, deployment.source, remedy)
+
+
 def refuse_unfit(joints: Joints, pose: FloatArray, source: str) -> None:
     """Refuse a default pose outside the limits of the joints, which shows that the order or the robot is another.
 

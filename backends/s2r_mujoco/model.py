@@ -7,12 +7,13 @@ begin with ``*`` and then stands for all elements that fit.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cached_property
 from pathlib import Path, PurePath, PureWindowsPath
 from typing import Any
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -32,6 +33,9 @@ _KINDS = {
     "pair": "pairs",
 }
 """Definition: kind of an element in a field → the list of these elements in an ``MjSpec``."""
+
+_ALL = 2**31 - 1
+"""Definition: bits of all groups of collisions."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +101,8 @@ class ModelFile:
         try:
             spec = mujoco.MjSpec.from_file(str(self.path))
         except ValueError as error:
-            raise UsageError(f"{self.path}: MuJoCo cannot read the model: {_words(error)}") from None
+            words = _broken(self.files) or f"{self.path}: MuJoCo cannot read the model: {_words(error)}"
+            raise UsageError(words) from None
         _drop_missing_visuals(spec, self.path, self.files)
         if self.timestep is not None:
             spec.option.timestep = self.timestep
@@ -106,6 +111,8 @@ class ModelFile:
                 name="" if spec.geom("floor") else "floor",
                 type=mujoco.mjtGeom.mjGEOM_PLANE,
                 size=[0.0, 0.0, 0.05],
+                contype=_ALL,  # a robot's geoms may leave out the first group
+                conaffinity=_ALL,
             )
         if self.motors:
             self._add_motors(spec)
@@ -141,11 +148,6 @@ class ModelFile:
                 setattr(holder, attribute, type(before)(new))
             else:
                 before[index] = new
-            if attribute == "mass" and getattr(holder, "explicitinertial", True) is False:
-                raise UsageError(
-                    f"{self.path}: {change.field} has no effect, since the geoms give the body its mass; "
-                    f"name the mass of a geom, geom/NAME/mass"
-                )
 
     def _holders(self, spec: Any, field: str) -> list[tuple[Any, str, int | None]]:
         """Return (element, attribute, index) of every number that a field names."""
@@ -165,6 +167,11 @@ class ModelFile:
                 f"{field!r} is not a field; write KIND/NAME/ATTRIBUTE with one of {one_of(_KINDS)}, or option/ATTRIBUTE"
             )
         attribute, index = rest[1] if len(rest) > 1 else "", rest[2] if len(rest) == 3 else None
+        if attribute == "mass" and any(getattr(one, "explicitinertial", 1) == 0 for one in elements):
+            raise UsageError(
+                f"{self.path}: {field} has no effect, since the geoms give the body its mass; "
+                f"name the mass of a geom, geom/NAME/mass"
+            )
         return [(one, attribute, self._index(one, field, attribute, index)) for one in elements]
 
     def _index(self, holder: Any, field: str, attribute: str, index: str | None) -> int | None:
@@ -191,6 +198,16 @@ class ModelFile:
 
 def _numeric(value: object) -> bool:
     return isinstance(value, int | float) or (isinstance(value, np.ndarray) and value.dtype == np.float64)
+
+
+def _broken(files: Iterable[Path]) -> str:
+    """Return where an XML file is broken, which MuJoCo's message does not show; "" if each is XML."""
+    for path in files:
+        try:
+            _ = ElementTree.parse(path) if path.suffix.lower() in (".xml", ".mjcf", ".urdf") else None
+        except ElementTree.ParseError as error:
+            return f"{path} is not XML: {error}"
+    return ""
 
 
 def _words(error: ValueError) -> str:

@@ -150,9 +150,9 @@ def _has_torques(model: Any) -> bool:
 
 
 def _rest(model: Any, trained: Policy | None, stated: Deployment | None) -> Iterator[str]:
-    if trained is not None and (
-        stated is None or any(one.name == "velocity_commands" for one in stated.terms)
-    ):
+    terms = () if stated is None else stated.terms
+    walks = any(one.name == "velocity_commands" for one in terms) if terms else _has_free_base(model)
+    if trained is not None and walks:
         ranges = {} if stated is None else stated.command_ranges
         for name, parameter in (("lin_vel_x", "vd"), ("lin_vel_y", "vy_d"), ("ang_vel_z", "wz_d")):
             limits = ranges.get(name)

@@ -161,7 +161,8 @@ class Parts:
             return self._at_site(term, site)
         if self._plan.root < 0:
             raise UsageError(
-                f"{term.source}: {term.name} needs a body with a free joint, and the model has none"
+                f"{term.source}: {term.name} needs a body with a free joint, and the model has none; "
+                f"add <freejoint/> to its base in the XML file"
             )
         first = int(self._model.body_jntadr[self._plan.root])
         position, velocity = int(self._model.jnt_qposadr[first]), int(self._model.jnt_dofadr[first])

@@ -68,6 +68,16 @@ class Law:
 
 
 @dataclass(frozen=True)
+class Held:
+    """Joints that the policy does not move and that gains hold at one position; arrays are (n,)."""
+
+    joints: Joints
+    pose: FloatArray
+    stiffness: FloatArray
+    damping: FloatArray
+
+
+@dataclass(frozen=True)
 class Plan:
     """Everything that a rollout does, besides the test and the seed.
 
@@ -80,6 +90,7 @@ class Plan:
         history_start: ``first`` or ``zero``, with which a history is filled at t = 0.
         observation_clip: limits of the whole observation.
         law: from an action to the actuators.
+        held: the joints that gains hold beside the policy.
         commands: component of the velocity command → its table.
         ranges: component → range that the deploy file states.
         root: body with the free joint; −1 for a fixed base.
@@ -96,6 +107,7 @@ class Plan:
     history_start: str
     observation_clip: tuple[float, float] | None
     law: Law
+    held: Held
     commands: Mapping[str, CommandTable]
     ranges: Mapping[str, tuple[float, float]]
     root: int
@@ -130,6 +142,7 @@ def make_plan(description: Description, deployment: Deployment, model: Any) -> P
         history_start=deployment.history_start,
         observation_clip=table.observation_clip or deployment.observation_clip,
         law=_law(model, description, deployment, joints, pose),
+        held=_held(model, description, deployment, joints, home),
         commands=_commands(description),
         ranges=deployment.command_ranges,
         root=_root(model, table.root, name),
@@ -152,9 +165,8 @@ def _keyframe(model: Any, wanted: str, source: str, has_default: bool) -> int:
         return -1
     if "home" in names or len(names) == 1:
         return names.index("home") if "home" in names else 0
-    raise UsageError(
-        f"{source}: the model has {len(names)} keyframes; name one of {one_of(names)} in `keyframe`"
-    )
+    known = f"name one of {one_of(filter(None, names))}" if any(names) else "give one a name in the XML file"
+    raise UsageError(f"{source}: the model has {len(names)} keyframes; {known}, and write it in `keyframe`")
 
 
 def _joints(model: Any, wanted: Sequence[str], deployment: Deployment, source: str) -> Joints:
@@ -166,9 +178,8 @@ def _joints(model: Any, wanted: Sequence[str], deployment: Deployment, source: s
     if wanted:
         found = joint_order.by_names(model, wanted, f"{source}: action.joints")
     elif deployment.joints:
-        remedy = f"; if it is the same robot with other names, list them in `action.joints` of {source}"
-        found = joint_order.by_names(model, deployment.joints, deployment.source, remedy)
-    elif deployment.motors:
+        found = joint_order.of_file(model, deployment, source)
+    elif deployment.motors or deployment.held:
         found = joint_order.by_map(model, deployment)
     else:
         found = joint_order.driven(model)
@@ -274,11 +285,12 @@ def _terms(description: Description, deployment: Deployment) -> tuple[Term, ...]
 def kind_of(model: Any, actuator: int) -> Drive:
     """Return the kind of an actuator, from its gain and bias."""
     fixed = model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_FIXED
-    plain = fixed and model.actuator_dyntype[actuator] == mujoco.mjtDyn.mjDYN_NONE
-    bias = model.actuator_biastype[actuator]
-    if plain and bias == mujoco.mjtBias.mjBIAS_NONE:
+    dynamics, bias = model.actuator_dyntype[actuator], model.actuator_biastype[actuator]
+    filters = (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
+    if fixed and dynamics == mujoco.mjtDyn.mjDYN_NONE and bias == mujoco.mjtBias.mjBIAS_NONE:
         return "torque"
-    if plain and bias == mujoco.mjtBias.mjBIAS_AFFINE and model.actuator_biasprm[actuator, 1] < 0:
+    position = bias == mujoco.mjtBias.mjBIAS_AFFINE and model.actuator_biasprm[actuator, 1] < 0
+    if fixed and position and any(dynamics == one for one in (mujoco.mjtDyn.mjDYN_NONE, *filters)):
         return "position"
     return "other"
 
@@ -289,10 +301,11 @@ def _law(
     action, name, n = description.table.action, description.path.name, len(joints)
     kind = tuple(kind_of(model, int(actuator)) for actuator in joints.actuators)
     stiffness = spread(action.stiffness or deployment.stiffness, joints.names, f"{name}: action.stiffness")
-    damping = spread(action.damping or deployment.damping, joints.names, f"{name}: action.damping")
     if stiffness is None and (action.damping or action.pd):
-        key = "damping" if action.damping else "pd"
-        raise UsageError(f"{name}: action.{key} needs action.stiffness, and no file states it; write both")
+        raise UsageError(
+            f"{name}: action.{'damping' if action.damping else 'pd'} needs action.stiffness, and no file states it"
+        )
+    damping = spread(action.damping or deployment.damping, joints.names, f"{name}: action.damping")
     if stiffness is not None and "other" in kind:
         other = joints.names[kind.index("other")]
         raise UsageError(
@@ -330,6 +343,24 @@ def torque_units(model: Any, joints: Joints) -> FloatArray:
     return units
 
 
+def _held(
+    model: Any, description: Description, deployment: Deployment, joints: Joints, home: FloatArray
+) -> Held:
+    """Return the joints that the deploy file or the robot file holds; a key of the robot file wins."""
+    driven, source = joint_order.driven(model), f"{description.path.name}: action.hold"
+    found = {driven[motor]: values for motor, values in deployment.held.items() if motor < len(driven)}
+    for pattern, gains in description.table.action.hold.items():
+        for joint in joint_order.by_patterns(model, (pattern,), source):
+            found[joint] = (float(home[model.jnt_qposadr[joint]]), *gains)
+    moved = {*joints.qpos.tolist()}
+    chosen = [one for one in driven if one in found and model.jnt_qposadr[one] not in moved]
+    held, rows = joint_order.named(model, chosen), [found[one] for one in chosen]
+    for name, actuator in zip(held.names, held.actuators, strict=True):
+        if kind_of(model, int(actuator)) == "other":
+            raise UsageError(f"{source}: the actuator of {name} is neither a torque nor a position actuator")
+    return Held(held, *np.array(rows, dtype=np.float64).reshape(-1, 3).T)
+
+
 def _clip(
     pairs: Sequence[tuple[float, float]], names: Sequence[str], source: str
 ) -> tuple[FloatArray, FloatArray] | None:
@@ -352,6 +383,11 @@ def spread(values: PerJoint, names: Sequence[str], source: str) -> FloatArray | 
     if not values:
         return None
     if isinstance(values, Mapping):
+        for pattern in values:
+            if not any(joint_order.matches(pattern, name, source) for name in names):
+                raise UsageError(
+                    f"{source}: the policy moves no joint {pattern!r}{suggest(pattern, names)} it moves {one_of(names)}"
+                )
         return np.array([_value(values, name, source) for name in names])
     if len(values) not in (1, len(names)):
         raise UsageError(f"{source} has {len(values)} numbers, but the policy moves {len(names)} joints")

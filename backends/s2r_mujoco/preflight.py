@@ -26,6 +26,12 @@ STANDING = 5.0
 """Budget: simulated time of standing without a command [s]."""
 SUNK = 0.5
 """Definition: share of its height at the start below which a robot without a failure condition does not stand."""
+TIPPED = 60.0
+"""Definition: tilt beyond which a robot without a failure condition has fallen [deg]."""
+TRIED = 0.5
+"""Prior: forward command where neither a file nor a specification states a range [m/s]."""
+SETTLED = 2.0
+"""Budget: time before a motion's velocity is measured [s]."""
 CALLS = 50
 """Budget: calls of a policy that are timed."""
 DEGREES = 180.0 / np.pi
@@ -36,6 +42,7 @@ def findings(robot: Robot, parameters: Sequence[Parameter]) -> Iterator[Finding]
     yield _files(robot)
     yield from _observation(robot)
     yield _joints(robot)
+    yield from _left(robot)
     yield from _stability(robot)
     yield from _lacking(robot, parameters)
 
@@ -50,19 +57,33 @@ def trials(running: Running, parameters: Sequence[Parameter]) -> Iterator[Findin
     yield from _first_action(robot, values, standing)
     if robot.plan.root >= 0:
         yield _stands(robot, standing)
-    high = {
-        name: one.declared.high
-        for name, one in robot.parameters.items()
-        if one.limited and _commands(robot, name)
-    }
-    moving = running.run(dict(values) | high, 0, ticks)
+    moving = running.run(dict(values) | _highest(robot, parameters), 0, ticks)
+    if robot.plan.root >= 0 and moving.command.any():
+        yield _moves(robot, moving)
     yield from _torque(robot, moving)
     yield _speed(robot, standing)
-    yield from _ranges(running, values, moving, bool(high))
+    yield from _ranges(running, values, moving, bool(moving.command.any()))
+    yield from _without_effect(running, dict(values) | _highest(robot, parameters), moving)
 
 
-def _commands(robot: Robot, name: str) -> bool:
-    return any(one.parameter == name for one in robot.plan.commands.values())
+def _highest(robot: Robot, parameters: Sequence[Parameter]) -> dict[str, float]:
+    """Return the highest command of each component; a forward one where no range is known."""
+    component = {one.parameter: name for name, one in robot.plan.commands.items()}
+    known = {one.name: one.high for one in parameters if one.name in component and one.low < one.high}
+    forward = [one.name for one in parameters if component.get(one.name) == "lin_vel_x"]
+    return known or dict.fromkeys(forward, TRIED)
+
+
+def _without_effect(running: Running, values: Mapping[str, float], moving: Record) -> Iterator[Finding]:
+    """Yield a note for each parameter whose other values change no bit of a rollout."""
+    commands = {one.parameter for one in running.robot.plan.commands.values()}
+    for name, one in running.robot.parameters.items():
+        low, high = one.declared.low, one.declared.high
+        if low == high or name in commands:
+            continue
+        other = running.run({**values, name: low if values[name] == high else high}, 0, len(moving))
+        if np.array_equal(other.qpos[-1], moving.qpos[-1]):
+            yield Finding("parameters", f"{name} changes nothing within {STANDING:g} s", "note")
 
 
 def _files(robot: Robot) -> Finding:
@@ -178,10 +199,40 @@ def _stability(robot: Robot) -> Iterator[Finding]:
         yield Finding("gains", f'{words}; so MuJoCo computes them (action.pd = "implicit")', "note")
 
 
+def _left(robot: Robot) -> Iterator[Finding]:
+    """Yield the actuators that the policy leaves alone, and a control period that differs from the deploy file's."""
+    plan, model, stated = robot.plan, robot.model, robot.deployment.step
+    held = plan.held.joints
+    if len(held):
+        yield Finding("held", f"{len(held)} joints beside the policy's: {', '.join(held.names)}")
+    left = sorted({*range(model.nu)} - {*plan.joints.actuators.tolist(), *held.actuators.tolist()})
+    if left and robot.policy is not None:
+        names = ", ".join(model.actuator(i).name or f"actuator {i}" for i in left)
+        control = "the keyframe's control" if plan.key >= 0 else "their start position, or no force"
+        yield Finding(
+            "actuators", f"{len(left)} that the policy does not move keep {control}: {names}", "note"
+        )
+    pairs = zip(robot.deployment.joints, plan.joints.names, strict=False)
+    other = [f"{name} is {own}" for name, own in pairs if name != own]
+    if other:
+        words = f"{len(other)} joints of {robot.deployment.source} have another name in the model"
+        yield Finding("joints", f"{words}: {', '.join(other)}", "note")
+    if stated is not None and abs(plan.step - stated) > 1e-6 * stated:
+        words = f"control every {1e3 * plan.step:g} ms by decimation, not every {1e3 * stated:g} ms as in"
+        yield Finding("period", f"{words} {robot.deployment.source}", "note")
+
+
 def _lacking(robot: Robot, parameters: Sequence[Parameter]) -> Iterator[Finding]:
     if robot.plan.root >= 0 and not robot.description.table.failure:
         words = 'no condition tells a fall; write failure.fell = "height < 0.6 * init(height)"'
         yield Finding("failure", words, "note")
+    reads = robot.policy is None or any(
+        term.name == "velocity_commands" or ".py:" in term.name for term in robot.plan.terms
+    )
+    given = [name for name, one in robot.plan.commands.items() if one.parameter or one.value]
+    if given and not reads:
+        words = f"command.{given[0]} has no effect, since the policy reads no velocity_commands"
+        yield Finding("command", words, "wrong")
     for one in parameters:
         if one.low == one.high:
             words = (
@@ -197,32 +248,74 @@ def _first_action(robot: Robot, values: Mapping[str, float], record: Record) -> 
     if robot.policy is None or not plan.law.has_target.any():
         return
     start = record.qpos[0, plan.joints.qpos]
-    moved = np.where(plan.law.has_target, np.abs(record.target[0] - start), 0.0)
+    moved = np.where(plan.law.has_target & ~plan.law.speed, np.abs(record.target[0] - start), 0.0)
     worst = int(np.argmax(moved))
     outside = (record.target[0] < plan.joints.low) | (record.target[0] > plan.joints.high)
     words = f"the first target is {moved[worst]:.2g} rad from the start pose at most, at {plan.joints.names[worst]}"
     if outside[worst]:
         limits = f"[{plan.joints.low[worst]:.3g}, {plan.joints.high[worst]:.3g}]"
         yield Finding(
-            "start", f"{words}, and outside its limits {limits}; check default pose and scale", "wrong"
+            "start", f"{words}, and outside its limits {limits}; check default pose and scale", "note"
         )
     else:
         yield Finding("start", words)
 
 
-def _stands(robot: Robot, record: Record) -> Finding:
-    first = int(robot.model.jnt_qposadr[robot.model.body_jntadr[robot.plan.root]])
-    height = record.qpos[:, first + 2]
-    attitude = Attitude(record.qpos[:, first + 3 : first + 7])
-    tilt = np.degrees(np.arccos(np.clip(attitude.matrix[:, 2, 2], -1.0, 1.0))).max()
-    failure = robot.failure(record)
+def _height(robot: Robot, record: Record) -> FloatArray:
+    return record.qpos[:, int(robot.model.jnt_qposadr[robot.model.body_jntadr[robot.plan.root]]) + 2]
+
+
+def _tilt(robot: Robot, record: Record) -> FloatArray:
+    """Return (n,) the angle between the base's and the world's vertical [deg]."""
+    first = int(robot.model.jnt_qposadr[robot.model.body_jntadr[robot.plan.root]]) + 3
+    attitude = Attitude(record.qpos[:, first : first + 4])
+    tilt: FloatArray = np.degrees(np.arccos(np.clip(attitude.matrix[:, 2, 2], -1.0, 1.0)))
+    return tilt
+
+
+def _end(robot: Robot, record: Record) -> str:
+    """Return how a rollout ends early, or lies at its end; "" if it does neither."""
+    failure, height, tilt = robot.failure(record), _height(robot, record), _tilt(robot, record)
     if record.unstable or failure is not None:
         name, tick = ("unstable", len(record) - 1) if failure is None else failure
-        at = tick * robot.plan.step
-        return Finding("stand", f"without a command it ends at {at:.2f} s: {name}", "wrong")
-    ends = f"{height[0]:.3f} to {height[-1]:.3f}"
-    words = f"{STANDING:g} s without a command: height {ends} m, tilt at most {tilt:.2g} deg"
-    return Finding("stand", words, "wrong" if height[-1] < SUNK * height[0] else "ok")
+        return f"it ends at {tick * robot.plan.step:.2f} s: {name}"
+    if tilt.max() > TIPPED:
+        return f"it tips over at {int(np.argmax(tilt > TIPPED)) * robot.plan.step:.2f} s"
+    if height[-1] < SUNK * height[0]:
+        return f"it sinks from {height[0]:.3f} to {height[-1]:.3f} m"
+    return ""
+
+
+def _stands(robot: Robot, record: Record) -> Finding:
+    end = _end(robot, record)
+    if end:
+        return Finding("stand", f"without a command {end}", "wrong")
+    height = _height(robot, record)
+    ends, tilt = f"{height[0]:.3f} to {height[-1]:.3f}", _tilt(robot, record).max()
+    return Finding("stand", f"{STANDING:g} s without a command: height {ends} m, tilt at most {tilt:.2g} deg")
+
+
+def _moves(robot: Robot, record: Record) -> Finding:
+    """Return whether the robot follows the highest command: its mean velocity once it has settled."""
+    command = ", ".join(
+        f"{name} = {value:g} {unit}"
+        for (name, unit), value in zip(COMMANDS.items(), record.command, strict=True)
+        if value
+    )
+    end = _end(robot, record)
+    if end:
+        return Finding("move", f"with {command} {end}", "wrong")
+    trace, late = robot.trace(record, {}), slice(round(SETTLED / robot.plan.step), None)
+    mean = [float(trace[name][late].mean()) for name in ("vx", "vy", "wz")]
+    words = ", ".join(f"{one:.3g}" for one, wanted in zip(mean, record.command, strict=True) if wanted)
+    follows = all(
+        abs(one - wanted) < 0.5 * abs(wanted)
+        for one, wanted in zip(mean, record.command, strict=True)
+        if wanted
+    )
+    return Finding(
+        "move", f"with {command} it moves at {words} from {SETTLED:g} s on", "ok" if follows else "wrong"
+    )
 
 
 def _torque(robot: Robot, record: Record) -> Iterator[Finding]:

@@ -72,6 +72,7 @@ class Robot:
         model = self.file.compile()
         self.model = model
         self.plan = self._with_stable_gains(make_plan(self.description, self.deployment, model))
+        _ = start_pose(model, self.plan, table.start, self.name)  # refuses a joint that the model lacks
         if self.plan.root >= 0 and not floors(model):
             raise UsageError(
                 f"{self.name}: the model has a free base and no floor to stand on; write floor = true, or name a scene "
@@ -84,6 +85,7 @@ class Robot:
         self.computed = channels_of(model, self.plan, columns, acts=self.policy is None)
         self.channels = tuple(one.channel for one in self.computed)
         self.failures = Failures(table.failure, self.channels, self.name)
+        self.failures.check()
         self.parameters = {one.declared.name: one for one in self._parameters()}
         both = {one.parameter for one in self.plan.commands.values()} & set(table.parameters)
         if both:
@@ -151,13 +153,18 @@ class Robot:
         return replace(plan, law=replace(law, pd="implicit"))
 
     def damping_ratio(self, damping: FloatArray) -> FloatArray:
-        """Return (n,) kd·dt/M of the joints of the policy; M is the diagonal of the mass matrix at the start pose."""
+        """Return (n,) kd·dt/M of the joints of the policy at the start pose.
+
+        1/M is the diagonal of the inverse of the mass matrix: the acceleration of a joint by its own torque alone, with
+        all other joints free.
+        """
         model, data = self.model, mujoco.MjData(self.model)
         data.qpos[:] = start_pose(model, self.plan, self.description.table.start, self.name)
         mujoco.mj_forward(model, data)
         matrix = np.zeros((model.nv, model.nv))
         mujoco.mj_fullM(model, data, matrix)
-        ratio: FloatArray = damping * model.opt.timestep / np.diag(matrix)[self.plan.joints.dof]
+        dof = self.plan.joints.dof
+        ratio: FloatArray = damping * model.opt.timestep * np.diag(np.linalg.inv(matrix))[dof]
         return ratio
 
     # -- declarations ---------------------------------------------------------------------------------------------
@@ -224,8 +231,15 @@ class Robot:
             unit = "N" if table.unit is None else table.unit
             words = f"force on {table.push} from {table.at:g} s on, for {table.lasts:g} s"
             if not self.model.body_weldid[self.body(table.push, f"{self.name}: parameters.{name}")]:
-                raise UsageError(f"{self.name}: parameters.{name}: the body {table.push} cannot move")
+                raise UsageError(
+                    f"{self.name}: parameters.{name}: the body {table.push!r} is fixed; push another"
+                )
             return _declared(name, unit, table.range, 0.0, words)
+        if table.field == "option/timestep":
+            raise UsageError(
+                f"{self.name}: parameters.{name}: a test cannot change the time step, since the control period would "
+                f"change with it; write `timestep` and `decimation` into a robot file of its own"
+            )
         value = self.file.value(table.change)
         own = "" if table.how == "scale" else self._unit(table.field)
         unit = own if table.unit is None else table.unit

@@ -17,7 +17,7 @@ import numpy as np
 from s2r_mujoco import drive
 from s2r_mujoco.arrays import FloatArray, Observation
 from s2r_mujoco.observation import Memory, Observer, Parts, UserTerm
-from s2r_mujoco.plan import Plan
+from s2r_mujoco.plan import Plan, kind_of
 from s2r_spec.errors import BackendError, shortened
 
 UNSTABLE = "unstable"
@@ -76,13 +76,16 @@ class Simulator:
     def __init__(self, model: Any, plan: Plan, users: dict[str, UserTerm]) -> None:
         drive.prepare_actuators(model, plan)
         self.model, self.plan, self.data = model, plan, mujoco.MjData(model)
+        self._positions = np.array(
+            [i for i in range(model.nu) if kind_of(model, i) == "position"], dtype=np.intp
+        )
         self.memory = Memory(np.zeros(3), np.zeros(len(plan.law.moved)))
         mujoco.mj_forward(model, self.data)
         self.observer = Observer(Parts(plan, model, self.data, self.memory).of(plan.terms, users), plan)
         self._apply, self._every_step = drive.writer(model, self.data, plan)
 
     def begin(self, qpos: FloatArray, qvel: FloatArray, command: Mapping[str, float], key: int) -> None:
-        """Reset the state; the control of an actuator without a joint of the policy is that of the keyframe."""
+        """Reset the state. An actuator that the policy leaves alone keeps the keyframe's control, or the start pose."""
         mujoco.mj_resetData(self.model, self.data)
         if key >= 0:
             self.data.ctrl[:] = self.model.key_ctrl[key]
@@ -91,6 +94,12 @@ class Simulator:
         self.memory.command[:] = list(command.values())
         self.memory.last_action[:] = 0.0
         mujoco.mj_forward(self.model, self.data)
+        if key < 0:
+            self.data.ctrl[self._positions] = self.data.actuator_length[self._positions]
+        if not self.data.act.any():  # a filtered position target begins at the start pose
+            filtered = self._positions[self.model.actuator_actadr[self._positions] >= 0]
+            self.data.act[self.model.actuator_actadr[filtered]] = self.data.actuator_length[filtered]
+        self.data.ctrl[self.plan.held.joints.actuators] = self.plan.held.pose
 
     def run(self, policy: Policy, ticks: int, pushes: Sequence[Push] = ()) -> Record:
         """Run a trained policy from the state of :meth:`begin`, and record ``ticks`` control ticks.
@@ -156,7 +165,7 @@ class Simulator:
         model, data, plan = self.model, self.data, self.plan
         for push in pushes:
             data.xfrc_applied[push.body, :3] = 0.0
-        for push in pushes:
+        for push in pushes:  # several may act on one body
             if push.first <= tick < push.end:
                 data.xfrc_applied[push.body, :3] += push.force
         record.qpos[tick], record.qvel[tick] = data.qpos, data.qvel
@@ -178,10 +187,9 @@ class Simulator:
     def _not_finite(self, record: Record, tick: int, observation: Observation | None) -> Record:
         """Return the record up to the last finite state; a BackendError if the controller alone is at fault."""
         good = _good(self.data.qpos[None]) & _good(self.data.qvel[None])
-        if good.all():
-            raise BackendError(
-                f"{self._culprit(observation)} is not finite at t = {tick * self.plan.step:g} s"
-            )
+        if good.all() and not self.data.warning.number.any():
+            at = tick * self.plan.step
+            raise BackendError(f"{self._culprit(observation)} is not finite at t = {at:g} s")
         record.unstable = True
         return self._checked(record.cut(max(tick, 1)))
 
@@ -203,11 +211,6 @@ class Simulator:
         return record
 
 
-def _good(states: FloatArray) -> Any:
-    """Return for each row whether MuJoCo would go on from it; NaN is beyond every limit."""
-    return (np.abs(states) <= mujoco.mjMAXVAL).all(axis=1)
-
-
 def _controls(value: Any, count: int) -> FloatArray:
     """Return (count,) what a controller in Python returned; a BackendError if it is something else."""
     try:
@@ -218,3 +221,8 @@ def _controls(value: Any, count: int) -> FloatArray:
         shown = f"{control.size} numbers" if value is not None and control.size else shortened(repr(value))
         raise BackendError(f"the controller returned {shown}, and the model has {count} actuators")
     return control
+
+
+def _good(states: FloatArray) -> Any:
+    """Return for each row whether MuJoCo would go on from it; NaN is beyond every limit."""
+    return (np.abs(states) <= mujoco.mjMAXVAL).all(axis=1)

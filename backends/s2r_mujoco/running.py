@@ -60,9 +60,13 @@ class Running:
                 f"a file of {self.robot.name} has changed since it was read; load the backend again, or begin a new run"
             )
         users = {
-            term.name: self.code[term.name].value for term in self.robot.plan.terms if term.name in self.code
+            term.name: _function(term.name, self.code[term.name].value)
+            for term in self.robot.plan.terms
+            if term.name in self.code
         }
-        return Simulator(self.robot.file.compile(dict(changes)), self.robot.plan, users)
+        simulator = Simulator(self.robot.file.compile(dict(changes)), self.robot.plan, users)
+        self.robot.refuse_width(simulator.observer.parts)
+        return simulator
 
     def run(
         self, values: Mapping[str, float], seed: int, ticks: int, command: Mapping[str, float] | None = None

@@ -34,6 +34,7 @@ def start_pose(model: Any, plan: Plan, start: StartTable, source: str) -> FloatA
         pose = np.array(model.qpos0)
         if wanted != "model":
             pose[plan.joints.qpos] = plan.pose
+            pose[plan.held.joints.qpos] = plan.held.pose
         if isinstance(wanted, dict):
             joints = joint_order.named(
                 model, joint_order.by_names(model, tuple(wanted), f"{source}: start.joint_pos")

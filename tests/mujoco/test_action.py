@@ -192,6 +192,25 @@ def test_a_deploy_file_drives_the_right_joint_with_the_right_gain_and_default(tm
         tmp_path, toml='command.lin_vel_x = "vd"\n').parameters] == [("vd", -0.5, 1.0)]  # fmt: skip
 
 
+def test_an_action_of_a_deploy_file_moves_some_of_its_joints(tmp_path):
+    """The others stay at their default positions; ``action`` has a column for each component."""
+    deploy = DEPLOY.replace("[[-0.3, 0.3], [-0.3, 0.3], [-0.3, 0.22], [-0.45, 0.3]]", "null")
+    deploy = deploy.replace("[0.1, 0.2, 0.3, 0.4]\n    offset: [0.1, -0.2, 0.3, -0.4]", "[0.3, 0.4]")
+    deploy = deploy.replace("!!python/object/apply:builtins.slice [null, null, null]", "[3, 0]")
+    (tmp_path / "deploy.yaml").write_text(deploy)
+    (tmp_path / "box.xml").write_text(quadruped())
+    save(tmp_path, "policy.onnx", linear(weights(2, 11, 0.5)))
+    backend = opened(tmp_path, HEAD + SPIN)
+    trace = backend.rollout({}, 5)
+    assert {one.name: one.columns for one in backend.channels}["action"] == ("fr", "rl")
+    assert trace["action"].shape == (21, 2)
+    pose = {"rl": 0.1, "fl": -0.2, "rr": 0.3, "fr": -0.4}
+    target = np.tile([pose[leg] for leg in LEGS], (21, 1))
+    target[:, 1] += 0.3 * trace["action"][:, 0]
+    target[:, 2] += 0.4 * trace["action"][:, 1]
+    np.testing.assert_allclose(trace["target"], target, atol=1e-9)
+
+
 def test_the_robot_starts_in_the_deploy_files_pose(tmp_path):
     trace = deployed(tmp_path, toml='command.lin_vel_x = "vd"\n').rollout({"vd": 0.0}, 5)
     assert trace["q"][0] == pytest.approx([-0.2, -0.4, 0.1, 0.3])
@@ -210,3 +229,46 @@ def test_the_robot_starts_in_the_deploy_files_pose(tmp_path):
 def test_a_deploy_file_of_another_robot_is_refused(tmp_path, deploy, model, facts):
     with pytest.raises(UsageError, match=naming(*facts)):
         deployed(tmp_path, deploy, model=model)
+
+
+WHEELS = """\
+box/roll:
+  num_of_dofs: 4
+  default_dof_pos: [0.1, -0.2, 0.3, 0.0]
+  observations: ["dof_pos", "dof_vel"]
+  clip_actions_lower: []
+  clip_actions_upper: []
+  rl_kp: [10, 20, 30, 0.5]
+  rl_kd: [0.1, 0.2, 0.3, 0.4]
+  action_scale: [0.5, 0.5, 0.5, 5.0]
+  clip_obs: 100.0
+  wheel_indices: [3]
+  dof_pos_scale: 1.0
+  dof_vel_scale: 0.05
+  dt: 0.005
+  decimation: 4
+  joint_names: ["fl", "fr", "rl", "rr"]
+  joint_mapping: [0, 1, 2, 3]
+"""
+
+
+@pytest.mark.parametrize("gear", [1, 2])
+@pytest.mark.parametrize("pd", ["explicit", "implicit"])
+@pytest.mark.parametrize("kind", ["motor", "position"])
+def test_a_wheel_follows_a_velocity_and_is_held_at_its_default_position(tmp_path, kind, pd, gear):
+    """Whatever the actuators are, and wherever the gains act."""
+    (tmp_path / "box").mkdir()
+    (tmp_path / "box" / "config.yaml").write_text(WHEELS)
+    actuator = f'<{kind} name="{{leg}}" joint="{{leg}}" gear="{gear}"/>'
+    (tmp_path / "box.xml").write_text(quadruped(actuator=actuator))
+    save(tmp_path, "policy.onnx", linear(weights(4, 8, 0.5)))
+    head = 'model = "box.xml"\npolicy = "policy.onnx"\ndeploy = "box/config.yaml"\nduration = 0.4\n'
+    trace = opened(tmp_path, f'{head}action.pd = "{pd}"\n{SPIN}').rollout({}, 3)
+    kp, kd, pose = np.array([10, 20, 30, 0.5]), np.array([0.1, 0.2, 0.3, 0.4]), np.array([0.1, -0.2, 0.3, 0])
+    target = pose + [0.5, 0.5, 0.5, 5] * trace["action"]
+    np.testing.assert_allclose(trace["target"], target, atol=1e-7)
+    speed = np.array([False, False, False, True])
+    torque = kp * (np.where(speed, pose, target) - trace["q"]) + kd * (
+        np.where(speed, target, 0) - trace["dq"]
+    )
+    np.testing.assert_allclose(trace["tau"], torque, rtol=1e-6, atol=1e-6)

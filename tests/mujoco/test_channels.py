@@ -149,3 +149,24 @@ def test_a_spec_reads_joints_and_sensors_in_other_units(tmp_path):
         (1 - 100 * trace["height"]).min(),
     )  # fmt: skip
     assert scorer.measure(trace, {}) == pytest.approx(wanted)
+
+
+def test_sensors_of_any_name_have_channels_that_a_spec_can_name(tmp_path, nothing_loaded):
+    """Other letters become _, a keyword of the language and a name that is taken get a prefix or a number."""
+    names = ["a-b", "a.b", "a b", "sensor_q", "q", "always", "1st", "é", "ctrl"]
+    sensors = "".join(f'<jointpos name="{name}" joint="turn"/>' for name in names)
+    (tmp_path / "arm.xml").write_text(
+        PARALLEL.replace("<sensor>", f"<sensor>{sensors}")
+        .replace('1st"/><touch', '2nd"/><touch')
+        .replace('name="q" actuator', 'name="p" actuator')
+    )
+    (tmp_path / "control.py").write_text(ACT)
+    head = 'model = "arm.xml"\npolicy = "control.py:act"\ndecimation = 2\nduration = 0.2\nfailure.f = "a_b > 9"\n'
+    backend = opened(tmp_path, head)
+    channels = [one.name for one in backend.channels]
+    assert len(set(channels)) == len(channels)
+    wanted = ["a_b", "sensor_a_b", "sensor_a_b_2", "sensor_q", "sensor_q_2", "sensor_always", "sensor_1st"]
+    assert [one for one in channels if one in wanted] == wanted
+    trace = backend.rollout({}, 0)
+    assert all(np.array_equal(trace[one], trace["a_b"]) for one in wanted)
+    s2r_spec.parse_spec("".join(f"signal {one}\n" for one in channels) + "require r: a_b > 0\n")

@@ -220,3 +220,11 @@ def test_histories_of_rl_sar_begin_with_zeros_and_may_be_newest_first(tmp_path, 
     np.testing.assert_allclose(
         trace["tau"][:, order], np.clip(torque, [-2, -3, -4, -5], [2, 3, 4, 5]), atol=1e-5
     )
+
+
+def test_a_term_of_the_robot_file_may_have_its_newest_value_first(tmp_path):
+    terms = '{ term = "joint_pos", history = 3, newest_first = true }, { term = "base_ang_vel", history = 2 }'
+    trace = robot(tmp_path, f"{BASE}observation = [{terms}]\n", 18).rollout({}, 3)
+    wanted = [stacked(trace["q"], 3)[:, ::-1], stacked(trace["omega"], 2)]
+    flat = np.hstack([one.reshape(len(trace.times), -1) for one in wanted])
+    np.testing.assert_allclose(trace["obs"], flat, rtol=1e-6, atol=1e-6)

@@ -1,20 +1,17 @@
 """A rollout is a function of parameters and seed; its start, its fields, its pushes and its failures."""
 
-from pathlib import Path
-
 import mujoco
 import numpy as np
 import pytest
 
 import s2r_spec
-from s2r_mujoco.running import running
 from s2r_spec.backend import load_backend
 from s2r_spec.errors import UsageError
 from s2r_spec.runs.scorer import Scorer
 from s2r_spec.runs.task import Done, Task, run_task
 from tests import forked
 from tests.errors import naming
-from tests.mujoco.robots import LEGS, opened, quadruped, robot, same, weights
+from tests.mujoco.robots import opened, quadruped, robot, same, weights
 
 TERMS = (
     'observation = ["joint_pos", "base_ang_vel"]\naction = { scale = 0.3, stiffness = 20, damping = 0.5 }\n'
@@ -203,26 +200,22 @@ def test_a_floating_body_falls_as_newton_says(tmp_path):
         np.testing.assert_allclose(trace["z"][-1], 2 - 9.81 / 2 * trace.times[-1] ** 2, atol=0.01)
 
 
-def compiled(backend, values):
-    """Return the model that a test of a backend runs."""
-    return (
-        running(Path(backend.text)).simulator({p.name: p.default for p in backend.parameters} | values).model
-    )
-
-
 def test_fields_are_set_added_and_scaled(tmp_path):
-    model = compiled(robot(tmp_path, BASE + FIELDS, 7, LOADED), {"payload": 2.0, "grip": 0.5, "rub": 0.3})
-    plain = mujoco.MjModel.from_xml_string(LOADED)
-    assert model.body("load").mass[0] == 2.0
-    assert model.geom("floor").friction[0] == 0.5 * plain.geom("floor").friction[0]
-    loss = dict(zip(LEGS, model.dof_frictionloss[6:], strict=True))
-    assert loss == {"fl": 0.3, "fr": 0.3, "rl": 0.0, "rr": 0.0}
+    """A test is the rollout of a model whose file has the values."""
+    backend = robot(tmp_path, BASE + FIELDS + NOISE, 7, LOADED)
+    found = backend.rollout({"payload": 2.0, "grip": 0.5, "rub": 0.3}, 3)
+    model = LOADED.replace('mass="0.5"', 'mass="2"').replace(
+        'size="0 0 0.1"', 'size="0 0 0.1" friction="0.5"'
+    )
+    for leg in ("fl", "fr"):
+        model = model.replace(f'<joint name="{leg}"', f'<joint frictionloss="0.3" name="{leg}"')
+    assert same(found, robot(tmp_path, BASE + NOISE, 7, model).rollout({}, 3))
 
 
 def test_a_push_gives_the_momentum_of_force_times_time(tmp_path):
     """In free flight the common centre of mass keeps it: 100 N over three control periods."""
     backend = robot(tmp_path, BASE + FIELDS + "start.height = 3\n", 7, LOADED)
-    model = compiled(backend, {})
+    model = mujoco.MjModel.from_xml_string(LOADED)
     free, pushed = backend.rollout({"kick": 0.0}, 0), backend.rollout({"kick": 100.0}, 0)
     mass = model.body_subtreemass[model.body("trunk").id]
     data = mujoco.MjData(model)
@@ -322,3 +315,29 @@ def test_an_option_is_another_default(tmp_path):
         load_backend(f"{backend.name}:paylod=1.5")
     with pytest.raises(UsageError, match=naming("grip", "5")):
         load_backend(f"{backend.name}:grip=5")
+
+
+def test_the_pre_flight_names_a_parameter_without_an_effect(tmp_path):
+    """A push after the end, and a field that a motor does not read."""
+    late = 'parameters.late = { push = "trunk", at = "9 s", range = [0, 90] }\n'
+    bias = 'parameters.bias = { field = "actuator/*/biasprm/1", range = [0, 1] }\n'
+    backend = robot(tmp_path, f"{BASE}{FIELDS}{late}{bias}", 7, LOADED)
+    found = [
+        one for one in backend.preflight(run=True) if one.topic == "parameters" and "nothing" in one.words
+    ]
+    assert [one.words.split()[0] for one in found] == ["late", "bias"]
+
+
+def test_the_time_step_is_no_parameter_of_a_test(tmp_path):
+    with pytest.raises(UsageError, match=naming("parameters.dt", "`timestep`")):
+        robot(tmp_path, BASE + 'parameters.dt.field = "option/timestep"\n', 7)
+
+
+def test_pushes_on_one_body_add_up(tmp_path):
+    push = 'parameters.{} = {{ push = "trunk", at = "{} s", for = "0.1 s", range = [-99, 99] }}\n'
+    toml = BASE + "start.height = 3\n" + push.format("a", 0.1) + push.format("b", 0.1) + push.format("c", 0.3)
+    backend = robot(tmp_path, toml, 7)
+    np.testing.assert_allclose(
+        backend.rollout({"a": 20.0, "b": 10.0}, 0)["vx"], backend.rollout({"a": 30.0}, 0)["vx"], atol=1e-9
+    )
+    assert backend.rollout({"a": 20.0, "c": -20.0}, 0)["x"][-1] > 0.05

@@ -92,6 +92,9 @@ class Deployment:
     )
     action_joints: tuple[int, ...] = ()  # indices in policy order that the action moves; () all of them
     velocity_joints: tuple[int, ...] = ()  # indices in policy order whose target is a velocity
+    held: Mapping[int, tuple[float, float, float]] = field(
+        default_factory=dict
+    )  # motor that holds one position: that [rad], stiffness and damping
     command_ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     command_scale: tuple[float, ...] = ()  # as the term velocity_commands has it
     policy: str = ""  # path as the file writes it
@@ -103,12 +106,15 @@ class Deployment:
         """Return the actuator of each policy joint in a model that has ``count`` actuators in motor order.
 
         A file may number motors with gaps (a G1 of 23 joints has motors up to 26). A model has either all motors, or
-        only those of the policy without gaps.
+        only those of the policy without gaps. In unitree_rl_gym a model of the policy's joints alone has them in policy
+        order, whatever their motors are (``qpos[7:]`` in deploy_mujoco.py).
 
         Raises:
             ValueError: a model of this many actuators fits neither way.
         """
         motors = self.motors or tuple(range(len(self.joints) or len(self.joint_pos)))
+        if count == len(motors) and self.format == "unitree_rl_gym":
+            return tuple(range(count))
         if max(motors, default=-1) < count:
             return motors
         if count == len(motors):

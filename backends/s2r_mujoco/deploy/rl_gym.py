@@ -62,6 +62,7 @@ def deployment(values: Mapping[str, object], path: Path) -> Deployment:
         terms=_terms(file, step, command),
         action_scale=file.spread("action_scale", count, _PER),
         action_offset=default,
+        held=_held(file),
         command_ranges=_ranges(file),
         command_scale=command,
         policy=file.text("policy_path"),
@@ -88,6 +89,17 @@ def _terms(file: Section, step: float, command: tuple[float, ...]) -> tuple[Term
 def _scale(file: Section, key: str) -> tuple[float, ...]:
     scale = file.number(key)
     return () if scale == 1.0 else (scale,)
+
+
+def _held(file: Section) -> dict[int, tuple[float, float, float]]:
+    """Return the motors of arms and waist, which hold a position on the real robot."""
+    if not file.has("arm_waist_joint2motor_idx"):
+        return {}
+    motors = file.indices("arm_waist_joint2motor_idx")
+    per = "one a motor of arm_waist_joint2motor_idx"
+    targets = file.numbers("arm_waist_target", len(motors), per)
+    kp, kd = (file.gains(f"arm_waist_{key}", len(motors), per) for key in ("kps", "kds"))
+    return dict(zip(motors, zip(targets, kp, kd, strict=True), strict=True))
 
 
 def _ranges(file: Section) -> dict[str, tuple[float, float]]:
