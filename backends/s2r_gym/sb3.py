@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from s2r_policy.torch_file import EXPANSION
-from s2r_spec.errors import UsageError
+from s2r_spec.errors import UsageError, require
 
 FloatArray32 = NDArray[np.float32]
 _WEIGHTS = "policy.pth"
@@ -97,6 +97,7 @@ def read_actor(path: Path) -> Actor:
     Raises:
         UsageError: it is no such zip, or the weights do not show a network of dense layers.
     """
+    require("policies of Stable-Baselines3 need", "torch")
     import torch
 
     try:
