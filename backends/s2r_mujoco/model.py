@@ -101,8 +101,9 @@ class ModelFile:
         try:
             spec = mujoco.MjSpec.from_file(str(self.path))
         except ValueError as error:
-            words = _broken(self.files) or f"{self.path}: MuJoCo cannot read the model: {_words(error)}"
-            raise UsageError(words) from None
+            words = _words(error)
+            broken = _broken(self.files) if "parse error" in words else ""
+            raise UsageError(broken or f"{self.path}: MuJoCo cannot read the model: {words}") from None
         _drop_missing_visuals(spec, self.path, self.files)
         if self.timestep is not None:
             spec.option.timestep = self.timestep

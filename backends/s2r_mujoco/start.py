@@ -40,6 +40,9 @@ def start_pose(model: Any, plan: Plan, start: StartTable, source: str) -> FloatA
                 model, joint_order.by_names(model, tuple(wanted), f"{source}: start.joint_pos")
             )
             pose[joints.qpos] = list(wanted.values())
+            joint_order.refuse_unfit(
+                joints, pose[joints.qpos], f"{source}: start.joint_pos", "angles are in rad"
+            )
         if plan.root >= 0 and wanted != "model" and start.height is None:
             _put_down(model, pose, plan.root)
     if start.height is not None and plan.root >= 0:

@@ -46,6 +46,7 @@ def test_a_weaker_motor_gives_less_torque(tmp_path, pd, field):
         (GAINS + 'parameters.m = { field = "geom/trunk/mass", unit = "g" }\n', "in kg"),
         (GAINS + 'parameters.m = { field = "geom/trunk/mass", unit = "m" }\n', "in kg"),
         (GAINS + 'parameters.m = { field = "geom/trunk/mass", range = [5, 1] }\n', "above"),
+        (GAINS + "start.joint_pos = { fl = 30 }\n", "fl is outside its limits .* rad"),
         (TERMS + "action.damping = 1\n", "action.stiffness"),
         (TERMS + 'action.pd = "implicit"\n', "action.stiffness"),
     ],
