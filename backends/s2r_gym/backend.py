@@ -176,11 +176,13 @@ class GymBackend:
         """Hash of options, policy, versions, and the source of the environment; runs nothing of a Python policy."""
         policy = digest_of(self._settings["policy"]) if "policy" in self._settings else ""
         versions = {name: _version(name) for name in _VERSIONS}
-        files = [*sorted(Path(__file__).parent.glob("*.py")), Path(self._facts.source)]
+        files = sorted(Path(__file__).parent.glob("*.py"))
         files += [Path(value) for value in self._environment.values()]  # such as xml_file
         sources = [hashlib.sha256(path.read_bytes()).hexdigest() for path in files if path.is_file()]
         settings = [self.identifier, sorted(self._environment.items()), self.step]
-        return hashlib.sha256(json.dumps([settings, policy, versions, sources]).encode()).hexdigest()
+        return hashlib.sha256(
+            json.dumps([settings, policy, versions, sources, self._facts.digest]).encode()
+        ).hexdigest()
 
     def with_duration(self, seconds: float) -> Self:
         """Return this backend with rollouts of this duration [s].

@@ -14,11 +14,15 @@ import sys
 import textwrap
 import warnings
 from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
+from hashlib import sha256
+from pathlib import Path
 from types import CodeType
 from typing import Any
 
+from s2r_spec.backend import read_code
 from s2r_spec.errors import UsageError, not_installed, one_of, suggest
 
 Value = float | int | bool | str
@@ -41,7 +45,7 @@ class Facts:
         settings: every keyword and attribute that can be set, with its value.
         observation: its space of observations.
         action: its space of actions.
-        source: file of its class; "" if there is none.
+        digest: hash of its source when it was loaded; see :func:`_digest`.
     """
 
     name: str
@@ -50,7 +54,7 @@ class Facts:
     settings: Mapping[str, Value]
     observation: Any
     action: Any
-    source: str
+    digest: str
 
     @property
     def numbers(self) -> dict[str, float]:
@@ -83,10 +87,23 @@ def facts(identifier: str, options: tuple[tuple[str, str], ...] = ()) -> Facts:
         settings,
         environment.observation_space,
         environment.action_space,
-        getattr(sys.modules.get(type(own).__module__), "__file__", None) or "",
+        _digest(type(own)),
     )
     environment.close()
     return found
+
+
+def _digest(environment: type) -> str:
+    """Return the hash of the module of an environment, with those of its own folder that it imports.
+
+    Of Gymnasium's own environments it is the hash of their module, since the version of Gymnasium decides the rest.
+    """
+    module = environment.__module__
+    if not module.startswith("gymnasium."):
+        with suppress(UsageError):  # for instance an environment that a notebook defines
+            return read_code(f"{module}:{environment.__name__}")[0]
+    source = Path(getattr(sys.modules.get(module), "__file__", None) or "")
+    return sha256(source.read_bytes()).hexdigest() if source.is_file() else ""
 
 
 def make(identifier: str, settings: Mapping[str, Value]) -> Any:

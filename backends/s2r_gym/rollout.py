@@ -69,7 +69,7 @@ def _ask(act: Act, observation: Any, name: str, time: float) -> Any:
         return act(observation)
     except S2RError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         last = traceback.extract_tb(error.__traceback__)[-1]
         raise BackendError(
             f"the policy {name} raised {type(error).__name__} at {time:g} s, in line {last.lineno} of "

@@ -22,7 +22,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from s2r_spec.errors import UsageError
+from s2r_policy.torch_file import EXPANSION
+from s2r_spec.errors import UsageError, require
 
 FloatArray32 = NDArray[np.float32]
 _WEIGHTS = "policy.pth"
@@ -96,10 +97,15 @@ def read_actor(path: Path) -> Actor:
     Raises:
         UsageError: it is no such zip, or the weights do not show a network of dense layers.
     """
+    require("policies of Stable-Baselines3 need", "torch")
     import torch
 
     try:
         with zipfile.ZipFile(path) as archive:
+            if archive.getinfo(_WEIGHTS).file_size > EXPANSION * path.stat().st_size:
+                raise UsageError(
+                    f"{path}: {_WEIGHTS} expands too far; save the policy again, or export it as ONNX"
+                )
             data = archive.read(_WEIGHTS)
     except KeyError:
         raise UsageError(

@@ -12,5 +12,6 @@ A module imports only from its own line and the lines below it:
     plan                         robot file, deploy file and model put together
     joints                       the order of a policy's joints in the model
     description, model           the robot file; the MuJoCo model before it is compiled
+    model_files                  the files that an XML includes and loads
     deploy/                      deploy files of the field, each read into one record
 """

@@ -28,7 +28,7 @@ _CAMERA = 4.0
 
 @dataclass(frozen=True)
 class RobotBackend:
-    """A robot from its MuJoCo model, its policy and its deploy file; see ``docs/how-to/your-robot.md``.
+    """A robot from its MuJoCo model, its policy and its deploy file; see ``docs/how-to/policies.md``.
 
     Args:
         text: path of the robot file; ``NAME=VALUE`` after a colon replaces the default of a parameter.

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from s2r_mujoco.arrays import FloatArray
-from s2r_mujoco.plan import Plan
+from s2r_mujoco.plan import Plan, torque_units
 
 Apply = Callable[[FloatArray], None]
 """Writes the controls for a target, (n,) in policy order."""
@@ -20,21 +20,24 @@ def prepare_actuators(model: Any, plan: Plan) -> None:
 
     An actuator with the gear g has the length g q and the joint torque g F. With F = kp/g (target − q) − kd/g q̇ the
     torque is that of the gains. A joint with a velocity target is held at its default position: its control is the
-    velocity, and F = kd/g (target − q̇) + kp/g (pose − q).
+    velocity, and F = kd/g (target − q̇) + kp/g (pose − q). A test may scale all of them by the
+    strength of a motor.
     """
     law = plan.law
     _hold(model, plan)
     if law.pd == "model":
         return
+    strength = torque_units(model, plan.joints) / law.unit
     for i, actuator in enumerate(plan.joints.actuators):
         if law.kind[i] == "torque" and law.pd == "explicit":
             continue
-        _servo(model, actuator, law.stiffness[i], law.damping[i])
+        kp, kd = strength[i] * law.stiffness[i], strength[i] * law.damping[i]
+        _servo(model, actuator, kp, kd)
         if law.speed[i]:
             gear = model.actuator_gear[actuator, 0]
             model.actuator_ctrllimited[actuator] = 0  # the limits are those of a position
-            model.actuator_gainprm[actuator, 0] = law.damping[i] / gear
-            model.actuator_biasprm[actuator, 0] = law.stiffness[i] * plan.pose[i] / gear
+            model.actuator_gainprm[actuator, 0] = kd / gear
+            model.actuator_biasprm[actuator, 0] = kp * plan.pose[i] / gear
         if np.isfinite(law.torque_limit[i]) and not model.actuator_forcelimited[actuator]:
             gear = abs(model.actuator_gear[actuator, 0])
             model.actuator_forcelimited[actuator] = 1
@@ -90,8 +93,7 @@ def writer(model: Any, data: Any, plan: Plan) -> tuple[Apply, bool]:
     positions, velocities, kp, kd, limit = data.qpos, data.qvel, law.stiffness, law.damping, law.torque_limit
     # A position actuator beside torque actuators keeps its target as control.
     torque = np.array([one == "torque" for one in law.kind])
-    unit = model.actuator_gear[actuators, 0] * model.actuator_gainprm[actuators, 0]
-    limited, mixed, plain = bool(np.isfinite(limit).any()), not torque.all(), bool((unit == 1.0).all())
+    limited, mixed, plain = bool(np.isfinite(limit).any()), not torque.all(), bool((law.unit == 1.0).all())
     speed, pose = law.speed, plan.pose
     rolls = bool(speed.any())
 
@@ -106,7 +108,7 @@ def writer(model: Any, data: Any, plan: Plan) -> tuple[Apply, bool]:
         if limited:
             force = np.clip(force, -limit, limit)
         if not plain:
-            force = force / unit
+            force = force / law.unit
         control[actuators] = np.where(torque, force, target) if mixed else force
 
     return proportional_derivative, True

@@ -170,8 +170,13 @@ def of_file(model: Any, deployment: Deployment, source: str) -> list[int]:
     return by_names(model, deployment.joints, deployment.source, remedy)
 
 
-def refuse_unfit(joints: Joints, pose: FloatArray, source: str) -> None:
-    """Refuse a default pose outside the limits of the joints, which shows that the order or the robot is another.
+def refuse_unfit(
+    joints: Joints,
+    pose: FloatArray,
+    source: str,
+    remedy: str = "the order of the joints, or the robot, is another",
+) -> None:
+    """Refuse a pose outside the limits of the joints; ``remedy`` ends the message.
 
     Raises:
         UsageError: an angle is outside its joint's limits.
@@ -179,6 +184,6 @@ def refuse_unfit(joints: Joints, pose: FloatArray, source: str) -> None:
     for name, low, value, high in zip(joints.names, joints.low, pose, joints.high, strict=True):
         if not low - POSE_SLACK <= value <= high + POSE_SLACK:
             raise UsageError(
-                f"{source}: the default position {value:g} of the joint {name} is outside its limits "
-                f"[{low:.4g}, {high:.4g}] in the model; the order of the joints, or the robot, is another"
+                f"{source}: the position {value:g} of the joint {name} is outside its limits "
+                f"[{low:.4g}, {high:.4g}] in the model; {remedy}"
             )

@@ -7,17 +7,18 @@ begin with ``*`` and then stands for all elements that fit.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cached_property
-from pathlib import Path
+from pathlib import Path, PurePath, PureWindowsPath
 from typing import Any
 from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
 
+from s2r_mujoco.model_files import model_files
 from s2r_spec.errors import UsageError, one_of, suggest
 
 _KINDS = {
@@ -32,8 +33,6 @@ _KINDS = {
     "pair": "pairs",
 }
 """Definition: kind of an element in a field → the list of these elements in an ``MjSpec``."""
-_FOLDERS = {"mesh": "meshdir", "hfield": "meshdir", "skin": "meshdir", "texture": "texturedir"}
-"""Definition: element with a file → attribute of ``<compiler>`` with the folder of this file."""
 
 _ALL = 2**31 - 1
 """Definition: bits of all groups of collisions."""
@@ -71,7 +70,7 @@ class ModelFile:
     @cached_property
     def files(self) -> tuple[Path, ...]:
         """The file itself, and every file that it includes or loads; a missing one is left out."""
-        return tuple(dict.fromkeys(_files(self.path, self.path.parent, set())))
+        return model_files(self.path)
 
     def compile(self, changes: Mapping[FieldChange, float] | None = None, pictures: bool = False) -> Any:
         """Return a compiled model with some fields changed; with what only ``pictures`` need, or without.
@@ -102,9 +101,10 @@ class ModelFile:
         try:
             spec = mujoco.MjSpec.from_file(str(self.path))
         except ValueError as error:
-            words = _broken(self.files) or f"{self.path}: MuJoCo cannot read the model: {_words(error)}"
-            raise UsageError(words) from None
-        _drop_missing_visuals(spec, self.path)
+            words = _words(error)
+            broken = _broken(self.files) if "parse error" in words else ""
+            raise UsageError(broken or f"{self.path}: MuJoCo cannot read the model: {words}") from None
+        _drop_missing_visuals(spec, self.path, self.files)
         if self.timestep is not None:
             spec.option.timestep = self.timestep
         if self.floor:
@@ -217,12 +217,12 @@ def _words(error: ValueError) -> str:
     return words.partition(" The visual elements of the spec were discarded")[0]
 
 
-def _drop_missing_visuals(spec: Any, path: Path) -> None:
+def _drop_missing_visuals(spec: Any, path: Path, files: Sequence[Path]) -> None:
     """Remove meshes whose files are missing if only pictures need them; a UsageError names any other."""
     missing = {
         mesh.name or Path(mesh.file).stem: mesh
         for mesh in spec.meshes
-        if mesh.file and not _found(spec, mesh)
+        if mesh.file and not _is_there(mesh.file, files, spec.strippath)
     }
     if not missing:
         return
@@ -255,25 +255,7 @@ def _folder(spec: Any) -> Path:
     return Path(spec.modelfiledir) / spec.meshdir
 
 
-def _found(spec: Any, mesh: Any) -> bool:
-    return (_folder(spec) / mesh.file).is_file() or (Path(spec.modelfiledir) / mesh.file).is_file()
-
-
-def _files(path: Path, root: Path, seen: set[Path]) -> Iterator[Path]:
-    """Yield an XML file and every file that it names; ``root`` is the folder of the whole model."""
-    if path in seen or not path.is_file():
-        return
-    seen.add(path)
-    yield path
-    try:
-        tree = ElementTree.parse(path).getroot()
-    except ElementTree.ParseError:  # MuJoCo has the better message
-        return
-    compiler = {key: value for one in tree.iter("compiler") for key, value in one.attrib.items()}
-    for element in tree.iter():
-        name = element.get("file") or element.get("filename")
-        if name and element.tag == "include":
-            yield from _files(path.parent / name, root, seen)
-        elif name:
-            folder = compiler.get(_FOLDERS.get(element.tag, ""), compiler.get("assetdir", ""))
-            yield from (one for one in (root / folder / name, root / name) if one.is_file())
+def _is_there(file: str, files: Sequence[Path], strips: bool) -> bool:
+    """Return whether a mesh is among the files of the model, also of one that it attaches."""
+    parts = (PureWindowsPath(file).name,) if strips else PurePath(file).parts[PurePath(file).is_absolute() :]
+    return any(path.parts[-len(parts) :] == parts for path in files)

@@ -6,8 +6,6 @@ A line that begins with ``# ?`` is such a mark. Nothing of the user runs.
 from __future__ import annotations
 
 import json
-import os
-import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -25,7 +23,6 @@ from s2r_spec.errors import UsageError
 USUAL = 0.02
 """Prior: control period of a legged policy [s], proposed where no file states one; every policy in
 ``shared/robots`` has it."""
-_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]")
 _FALL = "max(abs(roll), abs(pitch)) > 60 {deg} or height < 0.6 * init(height)"
 
 
@@ -45,14 +42,14 @@ def draft(path: Path, model: Path, policy: str, deploy: Path | None) -> tuple[st
     metadata = {} if trained is None else trained.metadata
     stated = read_deployment(deploy) if deploy else of_metadata(metadata, Path(policy).name)
     compiled = _compiled(model, stated)
-    lines = [
+    found = [
         *_files(path, model, policy, deploy, trained),
         *_model(compiled, stated),
         *(_policy(compiled, trained, stated) if policy else ()),
         *_rest(compiled, trained, stated),
     ]
-    # A name in a stranger's file may have a line break, behind which a line of its own would begin.
-    lines = [_CONTROL.sub("?", line) for line in lines]
+    # A name of a stranger's file must not begin a line of its own in the robot file.
+    lines = ["".join(one if one.isprintable() else "?" for one in line) for line in found]
     marks = tuple(line.removeprefix("# ? ") for line in lines if line.startswith("# ? "))
     return "\n".join([*lines, ""]), marks
 
@@ -70,14 +67,14 @@ def _compiled(model: Path, stated: Deployment | None) -> Any:
     return ModelFile(model, timestep=None if stated is None else stated.timestep).compile()
 
 
-def _quoted(text: str) -> str:
-    """Return a text as TOML writes it, which is as JSON does."""
-    return json.dumps(text, ensure_ascii=False)
-
-
 def _beside(path: Path, file: str | Path) -> str:
     """Return a path relative to the folder of the robot file, with slashes."""
     return Path(os.path.relpath(file, path.parent)).as_posix()
+
+
+def _quoted(text: str) -> str:
+    """Return a text as a string of TOML, whose escapes are those of JSON."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _files(

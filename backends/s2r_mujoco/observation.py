@@ -18,7 +18,7 @@ from s2r_mujoco import joints as joint_order
 from s2r_mujoco.arrays import FloatArray, IntArray, Observation
 from s2r_mujoco.deploy.record import TERMS, Term
 from s2r_mujoco.plan import Plan
-from s2r_spec.errors import UsageError, did_you_mean, one_of, suggest
+from s2r_spec.errors import BackendError, UsageError, did_you_mean, one_of, shortened, suggest
 
 _DOWN = np.array([0.0, 0.0, -1.0])
 
@@ -139,7 +139,21 @@ class Parts:
     def _own(self, term: Term) -> Part:
         function, model, data, memory = self._user[term.name], self._model, self._data, self._memory
         width = int(np.size(function(model, data, memory.command)))
-        return Part(term, width, lambda tick: np.ravel(function(model, data, memory.command)))
+
+        def read(tick: int) -> FloatArray:
+            value = function(model, data, memory.command)
+            try:
+                numbers = np.asarray(value, dtype=np.float64).ravel()
+            except (TypeError, ValueError):
+                numbers = np.zeros(0)
+            if numbers.size != width or not width:
+                raise BackendError(
+                    f"{term.source}: {term.name} returned {shortened(repr(value))}; it must return numbers, as many at "
+                    f"every tick"
+                )
+            return numbers
+
+        return Part(term, width, read)
 
     def _base(self, term: Term) -> Read:
         site = self._site(term)

@@ -44,6 +44,8 @@ class Law:
         stiffness: kp [N·m/rad or N/m].
         damping: kd [N·m·s/rad or N·s/m].
         torque_limit: largest torque [N·m]; inf without one.
+        unit: joint torque at a control of 1, in the model's file [N·m]. A test that changes a gear or a gain makes a
+            motor stronger or weaker than the controller assumes.
     """
 
     scale: FloatArray
@@ -57,6 +59,7 @@ class Law:
     stiffness: FloatArray
     damping: FloatArray
     torque_limit: FloatArray
+    unit: FloatArray
 
     @property
     def has_target(self) -> NDArray[np.bool_]:
@@ -333,7 +336,14 @@ def _law(
         stiffness=np.zeros(n) if stiffness is None else stiffness,
         damping=np.zeros(n) if damping is None else damping,
         torque_limit=np.full(n, np.inf) if limit is None else limit,
+        unit=torque_units(model, joints),
     )
+
+
+def torque_units(model: Any, joints: Joints) -> FloatArray:
+    """Return (n,) the joint torque of each actuator at a control of 1: gear times gain [N·m or N]."""
+    units: FloatArray = model.actuator_gear[joints.actuators, 0] * model.actuator_gainprm[joints.actuators, 0]
+    return units
 
 
 def _held(

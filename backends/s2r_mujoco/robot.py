@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
@@ -31,10 +32,17 @@ from s2r_spec.trace import Trace
 
 UNITS = {
     "mass": "kg", "frictionloss": "N*m", "armature": "kg*m^2", "damping": "N*m*s/rad", "stiffness": "N*m/rad",
-    "timestep": "s", "gravity": "m/s^2", "pos": "m", "size": "m", "range": "rad", "ref": "rad", "springref": "rad",
+    "gravity": "m/s^2", "pos": "m", "size": "m", "range": "rad", "ref": "rad", "springref": "rad",
     "actfrcrange": "N*m", "density": "kg/m^3", "wind": "m/s",
 }  # fmt: skip
 """Definition: attribute of a field → its unit where `unit` is missing, for hinges; another attribute has none."""
+LINEAR_UNITS = {
+    "frictionloss": "N", "armature": "kg", "damping": "N*s/m", "stiffness": "N/m", "range": "m", "ref": "m",
+    "springref": "m", "springlength": "m", "actfrcrange": "N",
+}  # fmt: skip
+"""Definition: attribute of a slide or a tendon → its unit where it differs from that of a hinge."""
+ANGLES = ("range", "ref", "springref")
+"""Definition: attributes of a hinge in degrees, unless the model's file has ``<compiler angle="radian"/>``."""
 STABLE = 2.0
 """Definition: kd·dt/M from which an explicit damping is unstable: a step multiplies a velocity by 1 − kd·dt/M."""
 KEPT = 4
@@ -240,10 +248,13 @@ class Robot:
                 f"change with it; write `timestep` and `decimation` into a robot file of its own"
             )
         value = self.file.value(table.change)
-        attribute = table.field.split("/")[-1 if table.field.startswith("option") else 2]
-        unit = (
-            ("" if table.how == "scale" else UNITS.get(attribute, "")) if table.unit is None else table.unit
-        )
+        own = "" if table.how == "scale" else self._unit(table.field)
+        unit = own if table.unit is None else table.unit
+        if own and not _is_same_unit(own, unit):
+            raise UsageError(
+                f"{self.name}: parameters.{name}: the model has {table.field} in {own}, and not in {unit}; write the "
+                f"numbers in {own}"
+            )
         default = {"set": value, "add": 0.0, "scale": 1.0}[table.how]
         if table.range and not table.range[0] <= default <= table.range[1]:
             raise UsageError(
@@ -251,6 +262,22 @@ class Robot:
                 f'leaves the model as it is; change the range, or write how = "add" for a change of the value'
             )
         return _declared(name, unit, table.range, default, f"{table.how} {table.field}")
+
+    def _unit(self, field: str) -> str:
+        """Return the unit of a field; "" if it has none, or if hinges and slides fit its name."""
+        kind, name, *rest = field.split("/")
+        attribute = name if kind == "option" else rest[0]
+        joints = [self.model.joint(joint) for joint in range(self.model.njnt)]
+        linear = {
+            int(one.type[0]) == int(mujoco.mjtJoint.mjJNT_SLIDE)
+            for one in joints
+            if kind == "joint" and fnmatchcase(one.name, name)
+        } or {kind == "tendon"}
+        if len(linear) > 1 and attribute in LINEAR_UNITS:
+            return ""
+        if attribute in ANGLES and True not in linear and self.file.spec().compiler.degree:
+            return "deg"
+        return (UNITS | LINEAR_UNITS if True in linear else UNITS).get(attribute, "")
 
     def body(self, name: str, source: str) -> int:
         """Return the number of a body; ``source`` is the place of its name, for messages."""
@@ -298,6 +325,13 @@ _ONLOOKERS = {"new.py", "pictures.py", "preflight.py"}
 def terms(parts: tuple[Part, ...]) -> str:
     """Return the terms of an observation with their widths, for messages."""
     return ", ".join(f"{p.term.sensor or p.term.name} {p.width * p.term.history}" for p in parts)
+
+
+def _is_same_unit(one: str, other: str) -> bool:
+    try:
+        return Parameter("", one, -np.inf, np.inf, 0.0, "").check(f"1 {other}") == 1.0
+    except UsageError:
+        return False
 
 
 def _declared(name: str, unit: str, limits: Any, default: float, words: str) -> TestParameter:

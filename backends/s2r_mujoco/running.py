@@ -10,6 +10,7 @@ from pathlib import Path
 from threading import Lock
 from traceback import extract_tb
 from typing import Any
+from zlib import crc32
 
 import mujoco
 import numpy as np
@@ -28,6 +29,7 @@ class Running:
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
+        self._stamps = _stamps(robot)
         self._lock = Lock()
         self._made = lru_cache(maxsize=KEPT)(self._make)
 
@@ -47,7 +49,16 @@ class Running:
         with self._explaining():  # a term of the user's own is called once for its width
             return self._made(tuple(self.robot.changes(values).items()))
 
+    @property
+    def is_current(self) -> bool:
+        """Whether every file is as it was when the robot was read."""
+        return _stamps(self.robot) == self._stamps
+
     def _make(self, changes: tuple[tuple[FieldChange, float], ...]) -> Simulator:
+        if not self.is_current:  # a test with another field would be of another model than those before it
+            raise UsageError(
+                f"a file of {self.robot.name} has changed since it was read; load the backend again, or begin a new run"
+            )
         users = {
             term.name: _function(term.name, self.code[term.name].value)
             for term in self.robot.plan.terms
@@ -86,25 +97,33 @@ class Running:
             BackendError: the controller is at fault.
         """
         robot, table = self.robot, self.robot.description.table
-        simulator = self.simulator(values)
         if command is None:
             command = {
                 name: values.get(one.parameter, one.value) for name, one in robot.plan.commands.items()
             }
         pushes = [self._push(one, values[name]) for name, one in table.parameters.items() if one.push]
-        pose = start_pose(simulator.model, robot.plan, table.start, robot.name)
-        position, velocity = draw(simulator.model, robot.plan, table.start, seed)
         # An unstable rollout is an answer: no warning of NumPy, and no MUJOCO_LOG.TXT in the user's folder.
         mujoco.set_mju_user_warning(_silent)
         with self._lock, self._explaining(), np.errstate(over="ignore", invalid="ignore"):
+            simulator = self.simulator(values)
+            pose = start_pose(simulator.model, robot.plan, table.start, robot.name)
+            position, velocity = draw(simulator.model, robot.plan, table.start, seed)
             simulator.begin(pose + position, velocity, command, robot.plan.key)
-            if robot.policy is not None:
-                robot.policy.reset()
-                return simulator.run(robot.policy, ticks, pushes)
-            value = self.code[table.policy].value
-            function = value() if isinstance(value, type) else value
-            act = _function(table.policy, getattr(function, "act", function))
-            return simulator.act(act, ticks, pushes)
+            before = _fingerprint(simulator.model) if robot.code_names else 0
+            try:
+                return self._run(simulator, ticks, pushes)
+            finally:
+                if before and _fingerprint(simulator.model) != before:
+                    self._made.cache_clear()  # the user's code changed the model: the next rollout compiles it anew
+
+    def _run(self, simulator: Simulator, ticks: int, pushes: list[Push]) -> Record:
+        policy, name = self.robot.policy, self.robot.description.table.policy
+        if policy is not None:
+            policy.reset()
+            return simulator.run(policy, ticks, pushes)
+        value = self.code[name].value
+        function = value() if isinstance(value, type) else value
+        return simulator.act(_function(name, getattr(function, "act", function)), ticks, pushes)
 
     def _push(self, table: ParameterTable, force: float) -> Push:
         step, body = self.robot.plan.step, self.robot.body(table.push, self.robot.name)
@@ -128,6 +147,13 @@ class Running:
             raise BackendError(f"{where}, raised {type(error).__name__}: {error}") from error
 
 
+def _fingerprint(model: Any) -> int:
+    """Return a checksum of every number of a model; never 0."""
+    content = np.zeros(mujoco.mj_sizeModel(model), dtype=np.uint8)
+    mujoco.mj_saveModel(model, None, content)
+    return crc32(content.tobytes()) + 1
+
+
 def _function(name: str, value: Any) -> Any:
     """Return a function of the user's; a UsageError if it does not take three arguments."""
     try:
@@ -143,7 +169,7 @@ def _silent(words: str) -> None:
     """Print nothing; ``data.warning`` counts the warnings."""
 
 
-_KEPT: dict[Path, tuple[Any, Running]] = {}
+_KEPT: dict[Path, Running] = {}
 
 
 def running(path: Path) -> Running:
@@ -154,13 +180,14 @@ def running(path: Path) -> Running:
     """
     path = path.resolve()
     kept = _KEPT.get(path)
-    if kept is not None and kept[0] == _stamps(kept[1].robot):
-        return kept[1]
-    made = Running(Robot(path))
-    _KEPT[path] = _stamps(made.robot), made
-    return made
+    if kept is not None and kept.is_current:
+        return kept
+    # MuJoCo keeps meshes and sees a change only by the second.
+    mujoco.mj_clearCache(mujoco.mj_getCache())
+    _KEPT[path] = Running(Robot(path))
+    return _KEPT[path]
 
 
-def _stamps(robot: Robot) -> tuple[tuple[float, int], ...]:
+def _stamps(robot: Robot) -> tuple[tuple[int, ...], ...]:
     found = [path.stat() if path.exists() else None for path in robot.files]
-    return tuple((-1, -1) if one is None else (one.st_mtime_ns, one.st_size) for one in found)
+    return tuple(() if one is None else (one.st_mtime_ns, one.st_size, one.st_ino) for one in found)

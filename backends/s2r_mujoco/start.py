@@ -40,8 +40,11 @@ def start_pose(model: Any, plan: Plan, start: StartTable, source: str) -> FloatA
                 model, joint_order.by_names(model, tuple(wanted), f"{source}: start.joint_pos")
             )
             pose[joints.qpos] = list(wanted.values())
+            joint_order.refuse_unfit(
+                joints, pose[joints.qpos], f"{source}: start.joint_pos", "angles are in rad"
+            )
         if plan.root >= 0 and wanted != "model" and start.height is None:
-            _put_down(model, pose, _height(model, plan.root))
+            _put_down(model, pose, plan.root)
     if start.height is not None and plan.root >= 0:
         pose[_height(model, plan.root)] = start.height
     return pose
@@ -74,32 +77,30 @@ def floor_height(model: Any) -> float:
     return 0.0
 
 
-def _put_down(model: Any, pose: FloatArray, height: int) -> None:
-    """Move a pose up or down until its lowest colliding geom stands on the floor; ``height`` is its index."""
-    ground = floors(model)
+def _put_down(model: Any, pose: FloatArray, root: int) -> None:
+    """Move a robot up or down until its lowest colliding geom stands on the floor; ``root`` is its body."""
+    ground, height = floors(model), _height(model, root)
     if ground and _is_plane(model, ground[0]):
-        pose[height] -= _clearance(model, pose, ground[:1])
+        pose[height] -= _clearance(model, pose, ground[:1], root)
         return
     for _ in range(_DESCENTS if ground else 0):
         # The distance to another shape is at most the vertical one.
-        above = _clearance(model, pose, ground)
+        above = _clearance(model, pose, ground, root)
         pose[height] -= above
         if abs(above) < _TOUCHING:
             return
 
 
-def _clearance(model: Any, pose: FloatArray, ground: list[int]) -> float:
-    """Return the least distance between a moving geom that collides and a floor [m], negative in it."""
+def _clearance(model: Any, pose: FloatArray, ground: list[int], root: int) -> float:
+    """Return the least distance between a colliding geom of the robot and a floor [m], negative in it."""
     data = mujoco.MjData(model)
     data.qpos[:] = pose
     mujoco.mj_kinematics(model, data)
-    moving = [
+    own = [
         g for g in range(model.ngeom)
-        if model.body_weldid[model.geom_bodyid[g]] != 0 and (model.geom_contype[g] or model.geom_conaffinity[g])
+        if model.body_rootid[model.geom_bodyid[g]] == root and (model.geom_contype[g] or model.geom_conaffinity[g])
     ]  # fmt: skip
-    distances = [
-        mujoco.mj_geomDistance(model, data, floor, g, _FAR, None) for floor in ground for g in moving
-    ]
+    distances = [mujoco.mj_geomDistance(model, data, floor, g, _FAR, None) for floor in ground for g in own]
     return float(min(distances, default=0.0))
 
 

@@ -39,6 +39,7 @@ def open_policy(path: Path) -> Policy:
         from s2r_policy.onnx_policy import OnnxPolicy
 
         return OnnxPolicy(path)
+    require("policies in TorchScript files need", "torch")
     from s2r_policy.torch_policy import TorchScriptPolicy
 
     return TorchScriptPolicy(path)

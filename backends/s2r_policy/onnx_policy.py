@@ -10,7 +10,9 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import prod
 from pathlib import Path
+from threading import Timer
 from typing import Any
 
 import numpy as np
@@ -22,6 +24,10 @@ from s2r_spec.errors import UsageError, one_of
 _SIDE = re.compile(r"(?i)(^|[_./-])(in|out|input|output|next|new|prev|previous|last)(?=$|[_./-])")
 _OBSERVATION = re.compile(r"(?i)(^|[_./-])obs")
 _ACTION = re.compile(r"(?i)^(continuous_)?action")
+LARGEST = 1_000_000
+"""Budget: numbers in an input or an output. The largest policies have some 10,000."""
+LONGEST = 10.0
+"""Budget: time of the evaluation that opens a policy [s]; a file's loop may have no end."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +132,7 @@ class OnnxPolicy:
         feed |= {port.name: state for (port, _), state in zip(ports.states, states, strict=True)}
         names = [ports.action.name, *(following.name for _, following in ports.states)]
         try:
-            action, *following = (np.ascontiguousarray(one) for one in self._session.run(names, feed))
+            action, *following = (np.ascontiguousarray(one) for one in _run(self._session, names, feed))
         except Exception as error:
             raise UsageError(
                 f"{self.path}: onnxruntime cannot evaluate the policy with {width} numbers: {_first_sentence(error)}"
@@ -140,6 +146,19 @@ class OnnxPolicy:
         self._arrays = (observation, action)  # the binding has only their addresses
         self._input, self._action = observation.reshape(-1), action.reshape(-1)
         self.width, self.outputs = width, self._action.size
+
+
+def _run(session: Any, names: list[str], feed: Mapping[str, FloatArray32]) -> Any:
+    """Return the outputs of a session, which is stopped after :data:`LONGEST` with an error."""
+    import onnxruntime
+
+    options = onnxruntime.RunOptions()
+    timer = Timer(LONGEST, setattr, (options, "terminate", True))
+    timer.start()
+    try:
+        return session.run(names, feed, options)
+    finally:
+        timer.cancel()
 
 
 def sort_ports(path: Path, inputs: Sequence[Port], outputs: Sequence[Port]) -> Ports:
@@ -177,6 +196,10 @@ def sort_ports(path: Path, inputs: Sequence[Port], outputs: Sequence[Port]) -> P
     used = [observation, action, *(port for pair in states for port in pair)]
     for port in used:
         _refuse_type(path, port)
+        if prod(size or 1 for size in port.shape) > LARGEST:
+            raise UsageError(
+                f"{path}: {port.name!r} has the shape {_shape(port)}; a policy has fewer numbers"
+            )
     for role, port in (("observation", observation), ("action", action)):
         if not port.is_vector:
             raise UsageError(

@@ -22,6 +22,8 @@ _WRITES = re.compile(r"(?<!\w)(?:save|from_file)(?!\w)")
 _NAMESPACE = re.compile(r"(?<!\w)ops\s*\.\s*(\w+)")
 _CLASSES = re.compile(rb"torch\s*\.?\s*classes")
 _STANDARD = {"aten", "prim"}
+EXPANSION = 10
+"""Budget: size of the members of an archive, in sizes of the file; ``torch.jit.save`` compresses nothing."""
 
 
 def read_archive(path: Path) -> tuple[bytes, dict[str, tuple[str, ...]]]:
@@ -34,6 +36,10 @@ def read_archive(path: Path) -> tuple[bytes, dict[str, tuple[str, ...]]]:
     """
     try:
         with zipfile.ZipFile(path) as archive:
+            if sum(one.file_size for one in archive.infolist()) > EXPANSION * path.stat().st_size:
+                raise UsageError(
+                    f"{path}: the archive expands too far; export the policy with torch.jit.save"
+                )
             members = [(one.filename, archive.read(one)) for one in archive.infolist()]
     except zipfile.BadZipFile:
         with path.open("rb") as file:

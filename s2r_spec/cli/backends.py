@@ -105,7 +105,11 @@ def _for_spec(machine: Backend, path: Path | None, check: bool) -> Backend:
 def _needs_spec(machine: Backend) -> bool:
     from s2r_spec.backend import NeedsSpec, is_exclusive
 
-    return isinstance(machine, NeedsSpec) and not machine.parameters and not is_exclusive(machine)
+    return (
+        isinstance(machine, NeedsSpec)
+        and not (machine.parameters or machine.channels)
+        and not is_exclusive(machine)
+    )
 
 
 def _lines(machine: Backend, record: BackendObject) -> Iterator[str]:

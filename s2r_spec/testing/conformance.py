@@ -81,7 +81,7 @@ def check_conformance(
         check = Check(requirement)
         try:
             run(subject, check)
-        except Exception as error:  # third-party code may raise anything
+        except (Exception, SystemExit) as error:  # third-party code may raise anything
             check.violations.append(describe(error))
         yield check
         if check.violations and (requirement, run) in (_ALWAYS[0], _EFFECTS[0], PROTOCOLS[0]):

@@ -113,7 +113,7 @@ def attempt(out: Check, at: str, noun: str, run: Callable[[], object]) -> Trace 
     """Return the trace of a rollout or a run; an exception is a violation, and an early end a remark."""
     try:
         trace = run()
-    except Exception as error:  # third-party code may raise anything
+    except (Exception, SystemExit) as error:  # third-party code may raise anything
         out.violations.append(
             f"{at}: {describe(error)}; a {noun} that cannot go on must end with meta['failure']"
         )
@@ -126,7 +126,7 @@ def attempt(out: Check, at: str, noun: str, run: Callable[[], object]) -> Trace 
     return trace
 
 
-def describe(error: Exception) -> str:
+def describe(error: BaseException) -> str:
     """Return an exception's type and message."""
     return f"{type(error).__name__}: {error}"
 

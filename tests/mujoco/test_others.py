@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from s2r_spec.backend import load_backend
 from s2r_spec.errors import BackendError, UsageError
 from tests.errors import naming
 from tests.mujoco.make_policies import linear
@@ -182,7 +183,7 @@ def test_a_controller_of_another_form_is_named(tmp_path, code, error, names):
     backend = controlled(tmp_path, quadruped())
     (tmp_path / "still.py").write_text(code)
     with pytest.raises(error, match=naming(*names)):
-        backend.rollout({}, 0)
+        load_backend(backend.name).rollout({}, 0)
 
 
 @pytest.mark.parametrize(
