@@ -6,6 +6,7 @@ A line that begins with ``# ?`` is such a mark. Nothing of the user runs.
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
