@@ -32,6 +32,8 @@ TRIED = 0.5
 """Prior: forward command where neither a file nor a specification states a range [m/s]."""
 SETTLED = 2.0
 """Budget: time before a motion's velocity is measured [s]."""
+SLOW = 0.5
+"""Definition: share of a command below which a robot does not follow it; one that exceeds it by as much is named."""
 CALLS = 50
 """Budget: calls of a policy that are timed."""
 DEGREES = 180.0 / np.pi
@@ -306,15 +308,15 @@ def _moves(robot: Robot, record: Record) -> Finding:
     if end:
         return Finding("move", f"with {command} {end}", "wrong")
     trace, late = robot.trace(record, {}), slice(round(SETTLED / robot.plan.step), None)
-    mean = [float(trace[name][late].mean()) for name in ("vx", "vy", "wz")]
-    words = ", ".join(f"{one:.3g}" for one, wanted in zip(mean, record.command, strict=True) if wanted)
-    follows = all(
-        abs(one - wanted) < 0.5 * abs(wanted)
-        for one, wanted in zip(mean, record.command, strict=True)
-        if wanted
-    )
+    mean = np.array([trace[name][late].mean() for name in ("vx", "vy", "wz")])
+    wanted = np.flatnonzero(record.command)
+    share = mean[wanted] / record.command[wanted]
+    units = [*COMMANDS.values()]
+    words = ", ".join(f"{mean[i]:.3g} {units[i]}" for i in wanted)
     return Finding(
-        "move", f"with {command} it moves at {words} from {SETTLED:g} s on", "ok" if follows else "wrong"
+        "move",
+        f"with {command} it moves at {words} from {SETTLED:g} s on",
+        "wrong" if share.min() < SLOW else "note" if share.max() > 2 - SLOW else "ok",
     )
 
 
