@@ -125,11 +125,16 @@ class Robot:
         return (*names, *([self.description.table.policy] if self.policy is None else []))
 
     @cached_property
+    def code_files(self) -> tuple[Path, ...]:
+        """The Python files of the user that run, with those of their folder that they import."""
+        folder = self.description.path.parent
+        return tuple(dict.fromkeys(path for name in self.code_names for path in read_code(name, folder)[1]))
+
+    @cached_property
     def files(self) -> tuple[Path, ...]:
         """Every file that decides a trace: robot file, model, deploy files, policy, the user's code."""
-        code = [path for name in self.code_names for path in read_code(name, self.description.path.parent)[1]]
         policy = () if self.policy is None else self.policy.files
-        return (self.description.path, *self.deployment.files, *self.file.files, *policy, *code)
+        return (self.description.path, *self.deployment.files, *self.file.files, *policy, *self.code_files)
 
     def digest(self, extra: str) -> str:
         """Return the hash over all files, versions and this package's source."""
@@ -199,7 +204,7 @@ class Robot:
         width, wanted = sum(part.width * part.term.history for part in parts), self.policy.width
         name = self.description.table.policy
         if parts and wanted is not None and wanted != width:
-            terms = ", ".join(f"{p.term.sensor or p.term.name} {p.width * p.term.history}" for p in parts)
+            terms = ", ".join(f"{p.name} {p.width * p.term.history}" for p in parts)
             raise UsageError(f"{name} takes {wanted} numbers, but the observation has {width}: {terms}")
         moved = len(self.plan.law.moved)
         if not moved:
