@@ -101,6 +101,10 @@ class Robot:
             raise UsageError(
                 f'{self.name} names no controller; write policy = "policy.onnx", or "control.py:act"'
             )
+        if name.endswith(".py"):
+            raise UsageError(
+                f'{self.name}: policy = "{name}" names no function in the file; write "{name}:act"'
+            )
         return None if ".py:" in name else open_policy(self.description.beside(name))
 
     def _stated(self, name: str) -> Deployment:
