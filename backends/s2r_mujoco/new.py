@@ -100,9 +100,10 @@ def _model(model: Any, stated: Deployment | None) -> Iterator[str]:
     names = [model.key(number).name for number in range(model.nkey)]
     has_pose = stated is not None and bool(stated.joint_pos)
     if names and not has_pose:
-        chosen = "home" if "home" in names else names[0]
-        others = ", ".join(name for name in names if name != chosen)
-        yield f"keyframe = {_quoted(chosen)}" + (f"  # others: {others}" if others else "")
+        chosen = "home" if "home" in names else next(filter(None, names), "")
+        others = ", ".join(name for name in names if name and name != chosen)
+        if chosen:
+            yield f"keyframe = {_quoted(chosen)}" + (f"  # others: {others}" if others else "")
     if not model.nu:
         yield "motors = true  # the model has no actuators; a torque motor at each joint, in the model's order"
     if _has_free_base(model) and not floors(model):

@@ -21,8 +21,8 @@ from s2r_mujoco.description import COMMANDS, CommandTable, Description, PerJoint
 from s2r_mujoco.joints import Joints
 from s2r_spec.errors import UsageError, one_of, suggest
 
-Drive = Literal["position", "torque", "other"]
-"""Kind of an actuator: its control is a position, a force, or another quantity (a speed, a muscle)."""
+Drive = Literal["position", "velocity", "torque", "other"]
+"""Kind of an actuator: its control is a position, a velocity, a force, or another quantity (a muscle)."""
 WHOLE = 1e-6
 """Tolerance: relative difference between a control period and a whole number of physics steps."""
 
@@ -289,7 +289,10 @@ def kind_of(model: Any, actuator: int) -> Drive:
     filters = (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
     if fixed and dynamics == mujoco.mjtDyn.mjDYN_NONE and bias == mujoco.mjtBias.mjBIAS_NONE:
         return "torque"
-    position = bias == mujoco.mjtBias.mjBIAS_AFFINE and model.actuator_biasprm[actuator, 1] < 0
+    affine = bias == mujoco.mjtBias.mjBIAS_AFFINE
+    if fixed and affine and dynamics == mujoco.mjtDyn.mjDYN_NONE and model.actuator_biasprm[actuator, 1] == 0:
+        return "velocity"
+    position = affine and model.actuator_biasprm[actuator, 1] < 0
     if fixed and position and any(dynamics == one for one in (mujoco.mjtDyn.mjDYN_NONE, *filters)):
         return "position"
     return "other"
@@ -306,14 +309,14 @@ def _law(
             f"{name}: action.{'damping' if action.damping else 'pd'} needs action.stiffness, and no file states it"
         )
     damping = spread(action.damping or deployment.damping, joints.names, f"{name}: action.damping")
-    if stiffness is not None and "other" in kind:
-        other = joints.names[kind.index("other")]
-        raise UsageError(
-            f"{name}: gains need a position or a torque actuator, and the actuator of {other} is neither"
-        )
     moved = np.array(deployment.action_joints or range(n), dtype=np.intp)
     names = [joints.names[i] for i in moved]
     speed = np.isin(np.arange(n), deployment.velocity_joints)
+    for i in range(n) if stiffness is not None else ():
+        if kind[i] == "other" or (kind[i] == "velocity" and not speed[i]):
+            raise UsageError(
+                f"{name}: gains of {joints.names[i]} need a position or a torque actuator, and its own is neither"
+            )
     position = np.array([stiffness is not None or one == "position" for one in kind], dtype=np.bool_) & ~speed
     scale = spread(action.scale or deployment.action_scale or (1.0,), names, f"{name}: action.scale")
     offset = spread(action.offset or deployment.action_offset, names, f"{name}: action.offset")
@@ -356,7 +359,7 @@ def _held(
     chosen = [one for one in driven if one in found and model.jnt_qposadr[one] not in moved]
     held, rows = joint_order.named(model, chosen), [found[one] for one in chosen]
     for name, actuator in zip(held.names, held.actuators, strict=True):
-        if kind_of(model, int(actuator)) == "other":
+        if kind_of(model, int(actuator)) not in ("torque", "position"):
             raise UsageError(f"{source}: the actuator of {name} is neither a torque nor a position actuator")
     return Held(held, *np.array(rows, dtype=np.float64).reshape(-1, 3).T)
 

@@ -208,17 +208,24 @@ class Robot:
         width, wanted = sum(part.width * part.term.history for part in parts), self.policy.width
         name = self.description.table.policy
         if parts and wanted is not None and wanted != width:
-            terms = ", ".join(f"{p.name} {p.width * p.term.history}" for p in parts)
-            raise UsageError(f"{name} takes {wanted} numbers, but the observation has {width}: {terms}")
+            raise UsageError(
+                f"{name} takes {wanted} numbers, but the observation has {width}: {terms(parts)}"
+            )
         moved = len(self.plan.law.moved)
         if not moved:
             raise UsageError(
                 f"{name}: no actuator of the model drives a hinge or a slide, so the policy's outputs have no meaning; "
                 f'write a controller in Python, policy = "control.py:act"'
             )
-        if self.policy.outputs not in (None, moved):
+        if self.policy.outputs is not None:
+            self.refuse_outputs(self.policy.outputs)
+
+    def refuse_outputs(self, outputs: int) -> None:
+        """Refuse a policy that returns another number than that of the joints that it moves."""
+        moved = len(self.plan.law.moved)
+        if outputs != moved:
             raise UsageError(
-                f"{name} returns {self.policy.outputs} numbers, but the files name {moved} joints: "
+                f"{self.description.table.policy} returns {outputs} numbers, but the files name {moved} joints: "
                 f"{', '.join(self.plan.joints.names)}; list those of the policy in `action.joints`"
             )
 
@@ -322,6 +329,11 @@ class Robot:
 
 _ONLOOKERS = {"new.py", "pictures.py", "preflight.py"}
 """Definition: source files without influence on a trace."""
+
+
+def terms(parts: tuple[Part, ...]) -> str:
+    """Return the terms of an observation with their widths, for messages."""
+    return ", ".join(f"{p.name} {p.width * p.term.history}" for p in parts)
 
 
 def _is_same_unit(one: str, other: str) -> bool:

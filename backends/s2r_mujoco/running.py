@@ -17,7 +17,7 @@ import numpy as np
 
 from s2r_mujoco.description import ParameterTable
 from s2r_mujoco.model import FieldChange
-from s2r_mujoco.robot import KEPT, Robot
+from s2r_mujoco.robot import KEPT, Robot, terms
 from s2r_mujoco.rollout import Push, Record, Simulator
 from s2r_mujoco.start import draw, start_pose
 from s2r_spec.backend import LoadedCode, load_code
@@ -66,7 +66,21 @@ class Running:
         }
         simulator = Simulator(self.robot.file.compile(dict(changes)), self.robot.plan, users)
         self.robot.refuse_width(simulator.observer.parts)
+        self._try(simulator)
         return simulator
+
+    def _try(self, simulator: Simulator) -> None:
+        """Evaluate a policy once whose file does not say how many numbers it takes and returns."""
+        policy, observer = self.robot.policy, simulator.observer
+        if policy is None or None not in (policy.width, policy.outputs):
+            return
+        try:
+            outputs = policy(np.zeros(observer.width, dtype=np.float32)).size
+        except UsageError as error:
+            raise UsageError(f"{error}; the observation is {terms(observer.parts)}") from None
+        finally:
+            policy.reset()
+        self.robot.refuse_outputs(outputs)
 
     def run(
         self, values: Mapping[str, float], seed: int, ticks: int, command: Mapping[str, float] | None = None

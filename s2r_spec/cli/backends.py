@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
+from contextlib import nullcontext, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -158,19 +160,21 @@ def _check(machine: Backend, as_json: bool) -> int:
     from s2r_spec.testing.preflight import FAULT, preflight
 
     findings, checks = [], []
-    for finding in preflight(machine):
-        findings.append(finding)
-        if not as_json:
-            for each in finding_lines(finding):
-                say(each)
-    wrong = sum(finding.level == "wrong" for finding in findings)
-    # A controller that cannot run breaks every rule for the same reason.
-    for check in () if any(one.topic == FAULT for one in findings) else check_conformance(machine):
-        checks.append(check)
-        if not as_json:
-            say(f"{'BROKEN' if check.violations else 'ok    '}  {check.requirement}")
-            for sentence in check.violations + check.remarks:
-                say(f"        {sentence}")
+    # What the user's code prints must not be among the lines of --json.
+    with redirect_stdout(sys.stderr) if as_json else nullcontext():
+        for finding in preflight(machine):
+            findings.append(finding)
+            if not as_json:
+                for each in finding_lines(finding):
+                    say(each)
+        wrong = sum(finding.level == "wrong" for finding in findings)
+        # A controller that cannot run breaks every rule for the same reason.
+        for check in () if any(one.topic == FAULT for one in findings) else check_conformance(machine):
+            checks.append(check)
+            if not as_json:
+                say(f"{'BROKEN' if check.violations else 'ok    '}  {check.requirement}")
+                for sentence in check.violations + check.remarks:
+                    say(f"        {sentence}")
     broken = sum(bool(check.violations) for check in checks)
     if as_json:
         found = tuple(findings) or None

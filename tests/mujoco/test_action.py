@@ -132,6 +132,21 @@ def test_a_policy_of_some_joints_leaves_the_others_alone(tmp_path):
     np.testing.assert_allclose(trace["tau"][:, [3, 0]], torque, atol=1e-9)
 
 
+def test_actuators_that_the_policy_does_not_move_keep_the_keyframes_controls(tmp_path):
+    """Those of an actuator with a state, too."""
+    slow = '<general name="{leg}" joint="{leg}" dyntype="filter" dynprm="0.5" gainprm="30" biastype="affine" '
+    slow += 'biasprm="0 -30 -1"/>'
+    key = '<key name="home" qpos="0 0 2 1 0 0 0 0 0 0 0" ctrl="0.3 0.4 0.5 0.6" act="0.1 0.2 0.3 0.4"/>'
+    model = quadruped(actuator=slow, extra=f"<keyframe>{key}</keyframe>")
+    toml = BASE.replace(SPIN, "") + 'keyframe = "home"\naction.joints = ["fl", "fr"]\n'
+    trace = robot(tmp_path, toml, 4, model, outputs=2).rollout({}, 5)
+    now = np.exp(-trace.times[:, None] / 0.5)
+    state = np.array([0.5, 0.6]) * (1 - now) + np.array([0.3, 0.4]) * now
+    torque = 30 * (state - trace["q"][:, 2:]) - trace["dq"][:, 2:]
+    np.testing.assert_allclose(trace["tau"][:, 2:], torque, atol=0.05)
+    assert np.abs(torque).max() > 1
+
+
 def test_unstable_gains_go_into_mujoco_with_a_note_unless_the_file_chooses(tmp_path):
     toml = BASE + "action = { scale = 0.5, stiffness = 30, damping = { fr = 9, '[^f].|fl' = 0.8 } }\n"
     gains = {}

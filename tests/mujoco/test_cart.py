@@ -1,5 +1,7 @@
 """A cart-pole with a policy of our own, through the command line: from its files to a certificate."""
 
+import tomllib
+
 import numpy as np
 import pytest
 
@@ -151,8 +153,9 @@ def test_backends_describes_and_checks_a_robot_file(cart):
          ["bit for bit"]),
         ("def act(model, data, command):\n    return 1 / 0\n", ["control.py", "line 2", "ZeroDivisionError"]),
         ("def act(model, data, command):\n    return [1, 2]\n", ["2 numbers", "1 actuator"]),
+        ("def act(model, data, command):\n    raise SystemExit(3)\n", ["control.py", "line 2", "SystemExit"]),
     ],
-    ids=["keeps a state", "raises", "another number of controls"],
+    ids=["keeps a state", "raises", "another number of controls", "ends the process"],
 )  # fmt: skip
 def test_the_pre_flight_says_what_is_wrong_with_a_controller(cart, code, facts):
     (cart.folder / "control.py").write_text(code)
@@ -183,15 +186,32 @@ def test_a_first_robot_file_from_the_files(cart):
 def test_new_and_backends_run_no_code_of_the_user(cart):
     (cart.folder / "control.py").write_text(
         "from pathlib import Path\n\nPath(__file__).with_suffix('.ran').touch()\n\n\n"
-        "def act(model, data, command):\n    return 0.0\n"
+        "def act(model, data, command):\n    print(data.time)\n    return 0.0\n"
     )
     cart("new", "own.toml", "--model", "cart.xml", "--policy", "control.py:act", code=0)
     (cart.folder / "own.toml").write_text('policy = "control.py:act"\n' + COMMON)
     assert states(cart("backends", "own.toml", code=0).stdout, "q_slide")
     cart.json("backends", "own.toml", code=0)
     assert not (cart.folder / "control.ran").exists()
-    cart("backends", "own.toml", "--check", code=0)
+    assert cart.json("backends", "own.toml", "--check", code=0)["promises"]  # what it prints is not on stdout
     assert (cart.folder / "control.ran").exists()
+
+
+def test_names_in_a_strangers_files_write_no_line_of_their_own(cart):
+    """A line break in a name of the model, a quote in that of a file."""
+    evil = "x&#10;policy = &quot;evil.py:act&quot;&#10;#"
+    text = (cart.folder / "cart.xml").read_text()
+    text = text.replace('name="angle"', f'name="angle{evil}"').replace(
+        "</mujoco>",
+        f"""<keyframe>
+        <key name="low{evil}" qpos="0 0"/><key name="up{evil}" qpos="0 0"/></keyframe></mujoco>""",
+    )
+    (cart.folder / 'my "cart".xml').write_text(text)
+    made = cart.json("new", "first.toml", "--model", 'my "cart".xml', "--policy", "cart.onnx", code=0)
+    table = tomllib.loads(made["text"])
+    assert table["model"] == 'my "cart".xml'
+    assert table["policy"] == "cart.onnx"
+    assert not any(line.startswith('policy = "evil') for line in made["text"].splitlines())
 
 
 def test_the_command_line_says_in_a_sentence_what_is_wrong(cart):

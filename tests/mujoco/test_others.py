@@ -300,3 +300,73 @@ def test_a_floor_of_the_robot_file_carries_geoms_of_every_group(tmp_path):
     model = quadruped().replace(FLOOR, "").replace('<geom name="', '<geom contype="2" conaffinity="4" name="')
     trace = robot(tmp_path, f"floor = true\n{PD}", 4, model).rollout({}, 0)
     assert trace["height"][-1] == pytest.approx(0.22, abs=0.02)
+
+
+class Opaque:
+    """A policy whose file says nothing of its widths: it takes 4 numbers and returns 3."""
+
+    width = outputs = None
+    recurrent = False
+    metadata, files, digest, notes = {}, (), "0", ()
+
+    def reset(self):
+        pass
+
+    def __call__(self, observation):
+        if observation.size != 4:
+            raise UsageError("policy.onnx: it takes 4 numbers")
+        return np.zeros(3, np.float32)
+
+
+@pytest.mark.parametrize(
+    ("observation", "names"),
+    [
+        ('["joint_pos_rel"]', ("policy.onnx", "3", "4", "action.joints")),
+        ('["base_ang_vel"]', ("base_ang_vel 3",)),
+    ],
+)
+def test_a_policy_whose_file_states_no_width_is_tried_before_a_rollout(
+    tmp_path, monkeypatch, observation, names
+):
+    monkeypatch.setattr("s2r_mujoco.robot.open_policy", lambda path: Opaque())
+    backend = robot(tmp_path, PD.replace('["joint_pos_rel"]', observation), 4)
+    with pytest.raises(UsageError, match=naming(*names)):
+        backend.prepare()
+
+
+WHEELED = """\
+box/roll:
+  observations: ["gravity_vec"]
+  clip_obs: 50.0
+  rl_kp: [30, 30, 0, 0]
+  rl_kd: [1, 1, 3, 3]
+  num_of_dofs: 4
+  action_scale: [0.2, 0.2, 20.0, 20.0]
+  wheel_indices: [2, 3]
+  default_dof_pos: [0, 0, 0, 0]
+  joint_names: [fl, fr, rl, rr]
+  dt: 0.005
+  decimation: 4
+"""
+
+
+def test_wheels_follow_a_velocity_with_every_kind_of_gains_and_actuator(tmp_path):
+    """Torques at every physics step are the measure; the other laws differ by the integrator."""
+    options = 'timestep="0.001" integrator="implicitfast"'
+    motors = quadruped(options=options).replace('range="-1.2 1.5" limited="true"', "")
+    speeds = motors
+    for leg in ("rl", "rr"):
+        speeds = speeds.replace(f'<motor name="{leg}" joint="{leg}"/>', f'<velocity joint="{leg}" kv="9"/>')
+    toml = 'deploy = "config.yaml"\nduration = 0.3\nstart.height = 2.0\n'
+    turned = []
+    for name, xml, pd in (
+        ("torques", motors, ""),
+        ("gains", motors, 'action.pd = "implicit"\n'),
+        ("own", speeds, ""),
+    ):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "config.yaml").write_text(WHEELED)
+        turned.append(robot(tmp_path / name, toml + pd, 3, xml).rollout({}, 0)["q"])
+    assert abs(turned[0][-1, 2:] - turned[0][0, 2:]).max() > 0.05
+    assert turned[1] == pytest.approx(turned[0], abs=5e-3)
+    assert turned[2] == pytest.approx(turned[0], abs=5e-3)

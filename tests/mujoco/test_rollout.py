@@ -132,6 +132,7 @@ def test_noise_comes_from_the_seed_and_a_deviation_of_zero_changes_no_other_numb
     assert (other["omega"] == 0).all()
     assert np.array_equal(other["velocity"], one["velocity"])
     assert one["z"] == other["z"] == 1
+    assert np.abs(one["velocity"] / 0.5 - one["omega"] / 0.25).min() > 1e-3
     assert not np.array_equal(start("{ joint_pos = 0.1 }", 4)["q"], one["q"])
     assert (start("{}")["q"] == 0).all()
     backend = robot(tmp_path, f"{BASE}start.noise.joint_pos = 0.1\n", 7).with_duration(0.02)
