@@ -310,6 +310,8 @@ def read_description(path: Path) -> Description:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise UsageError(f"cannot read the robot file {path}: {error.strerror or error}") from None
+    except RecursionError:
+        raise UsageError(f"{path} is not a robot file: its values are nested too deep") from None
     except ValueError as error:  # TOMLDecodeError and UnicodeDecodeError
         raise UsageError(f"{path} is not TOML: {error}") from None
     try:

@@ -10,6 +10,9 @@ from s2r_spec.errors import UsageError
 from s2r_spec.spec import Spec, SpecError, parse_spec
 from s2r_spec.trace import Trace
 
+LONGEST = 200
+"""Budget: characters of a condition in a message."""
+
 
 class Failures:
     """The conditions of a robot file under which a rollout has failed, each evaluated at every sample."""
@@ -37,7 +40,7 @@ class Failures:
         except SpecError as error:
             first = error.diagnostics[0]
             words = "; ".join(filter(None, (first.message, first.fix)))
-            raise UsageError(f"{self._source}: failure.{name} = {text!r}: {words}") from None
+            raise UsageError(f"{self._source}: failure.{name} = {text[:LONGEST]!r}: {words}") from None
 
     def first(self, trace: Trace) -> tuple[str, int] | None:
         """Return the failure that comes first and its sample; None without one."""

@@ -45,10 +45,9 @@ class Part:
     read: Read
 
     @property
-    def columns(self) -> tuple[str, ...]:
-        """Names of its components, for messages and channels."""
-        name = self.term.sensor or self.term.name
-        return (name,) if self.width == 1 else tuple(f"{name}[{i}]" for i in range(self.width))
+    def name(self) -> str:
+        """Name of the term, or of its sensor."""
+        return self.term.sensor or self.term.name
 
 
 def phases(term: Term, step: float) -> Read:
@@ -232,11 +231,6 @@ class Observer:
     def width(self) -> int:
         """Numbers in an observation, with histories."""
         return self._values.size if self._order is None else self._order.size
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """Names of the components of the newest observation, without older ones."""
-        return tuple(name for part in self.parts for name in part.columns)
 
     @property
     def places(self) -> tuple[IntArray, ...]:

@@ -95,11 +95,8 @@ def _files(robot: Robot) -> Finding:
     words = [f"model {robot.file.path.name}", f"{kind} {table.policy}{state}"]
     if robot.deployment.files:
         words.append(f"deploy file {robot.deployment.source}")
-    own = [term.name for term in robot.plan.terms if ".py:" in term.name]
-    own += [table.policy] if robot.policy is None else []
-    runs = (
-        f"Python files that run: {', '.join(sorted({name.partition(':')[0] for name in own}))}" if own else ""
-    )
+    own = ", ".join(path.name for path in robot.code_files)
+    runs = f"Python files that run: {own}" if own else ""
     notes = () if robot.policy is None else robot.policy.notes
     return Finding("files", "; ".join(filter(None, [*words, runs, *notes])))
 
@@ -111,8 +108,7 @@ def _observation(robot: Robot) -> Iterator[Finding]:
         yield Finding("observation", "its width shows in a rollout, since a term is a function of the user")
         return
     terms = ", ".join(
-        f"{p.term.sensor or p.term.name} {p.width}{f' × {p.term.history}' if p.term.history > 1 else ''}"
-        for p in robot.parts
+        f"{p.name} {p.width}{f' × {p.term.history}' if p.term.history > 1 else ''}" for p in robot.parts
     )
     total = sum(part.width * part.term.history for part in robot.parts)
     known = "as the policy takes" if robot.policy.width else "the policy does not say how many it takes"
@@ -357,7 +353,7 @@ def _ranges(
     rows, still = [f"{'term':24}  {'least':>9}  {'greatest':>9}  as the policy reads it"], []
     for part, place in zip(observer.parts, observer.places, strict=True):
         seen = record.observation[:, place]
-        name = part.term.sensor or part.term.name
+        name = part.name
         rows.append(f"{name:24}  {seen.min():9.3g}  {seen.max():9.3g}")
         if _is_velocity(robot.model, part.term) and commanded and np.abs(seen).max() < STILL:
             still.append(name)

@@ -101,6 +101,10 @@ class Robot:
             raise UsageError(
                 f'{self.name} names no controller; write policy = "policy.onnx", or "control.py:act"'
             )
+        if name.endswith(".py"):
+            raise UsageError(
+                f'{self.name}: policy = "{name}" names no function in the file; write "{name}:act"'
+            )
         return None if ".py:" in name else open_policy(self.description.beside(name))
 
     def _stated(self, name: str) -> Deployment:
@@ -125,11 +129,16 @@ class Robot:
         return (*names, *([self.description.table.policy] if self.policy is None else []))
 
     @cached_property
+    def code_files(self) -> tuple[Path, ...]:
+        """The Python files of the user that run, with those of their folder that they import."""
+        folder = self.description.path.parent
+        return tuple(dict.fromkeys(path for name in self.code_names for path in read_code(name, folder)[1]))
+
+    @cached_property
     def files(self) -> tuple[Path, ...]:
         """Every file that decides a trace: robot file, model, deploy files, policy, the user's code."""
-        code = [path for name in self.code_names for path in read_code(name, self.description.path.parent)[1]]
         policy = () if self.policy is None else self.policy.files
-        return (self.description.path, *self.deployment.files, *self.file.files, *policy, *code)
+        return (self.description.path, *self.deployment.files, *self.file.files, *policy, *self.code_files)
 
     def digest(self, extra: str) -> str:
         """Return the hash over all files, versions and this package's source."""
@@ -324,7 +333,7 @@ _ONLOOKERS = {"new.py", "pictures.py", "preflight.py"}
 
 def terms(parts: tuple[Part, ...]) -> str:
     """Return the terms of an observation with their widths, for messages."""
-    return ", ".join(f"{p.term.sensor or p.term.name} {p.width * p.term.history}" for p in parts)
+    return ", ".join(f"{p.name} {p.width * p.term.history}" for p in parts)
 
 
 def _is_same_unit(one: str, other: str) -> bool:

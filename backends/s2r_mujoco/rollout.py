@@ -198,7 +198,7 @@ class Simulator:
         if observation is not None:
             for part, place in zip(self.observer.parts, self.observer.places, strict=True):
                 if not np.isfinite(observation[place]).all():
-                    return f"the term {part.term.sensor or part.term.name} of the observation"
+                    return f"the term {part.name} of the observation"
         return "the output of the controller"
 
     def _checked(self, record: Record) -> Record:

@@ -46,3 +46,10 @@ def test_a_term_that_returns_no_numbers_is_named(tmp_path, nothing_loaded, value
     text = 'model = "cart.xml"\npolicy = "policy.onnx"\ndecimation = 2\nobservation = ["joint_pos", "t.py:term"]\n'
     with pytest.raises(BackendError, match=r"t\.py:term"):
         opened(tmp_path, text).rollout({}, 0)
+
+
+def test_the_pre_flight_names_every_python_file_that_runs(tmp_path, nothing_loaded):
+    (tmp_path / "gain_of_mine.py").write_text("GAIN = 1.0\n")
+    code = "from gain_of_mine import GAIN\ndef act(model, data, command):\n    return [GAIN]\n"
+    files = next(one for one in controlled(tmp_path, code).preflight(run=False) if one.topic == "files")
+    assert "c.py, gain_of_mine.py" in files.words

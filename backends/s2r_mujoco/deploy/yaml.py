@@ -45,6 +45,8 @@ def read(path: Path) -> Any:
         UsageError: the file cannot be read, is too large, too deep or not YAML, repeats a key, or has a number that is
             not finite.
     """
+    if path.exists() and not path.is_file():  # a pipe would keep us waiting
+        raise UsageError(f"cannot read {path}: it is not a file")
     try:
         with path.open("rb") as file:
             content = file.read(MOST_BYTES + 1)
