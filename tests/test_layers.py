@@ -34,6 +34,22 @@ LAYERS = [
     {"errors", "lang", "space", "trace", "workers"},
     {"base", "compiled"},
 ]
+ROBOTS = SIMULATOR.parent / "s2r_mujoco"
+ROBOT_LAYERS = [
+    {"backend"},
+    {"new", "pictures", "preflight"},
+    {"running"},
+    {"robot"},
+    {"channels", "failure"},
+    {"rollout"},
+    {"drive", "observation", "start"},
+    {"law", "plan"},
+    {"joints"},
+    {"description", "model"},
+    {"model_files"},
+    {"deploy"},
+    {"arrays"},
+]
 SIMULATOR_LAYERS = [
     {"twins"},
     {"backend"},
@@ -47,11 +63,14 @@ SIMULATOR_LAYERS = [
 ]
 
 
+PACKAGES = {PACKAGE: LAYERS, SIMULATOR: SIMULATOR_LAYERS, ROBOTS: ROBOT_LAYERS}
+
+
 def modules() -> list[tuple[Path, Path]]:
     """Return (package, file) of every module that has a layer."""
     return [
         (package, path)
-        for package in (PACKAGE, SIMULATOR)
+        for package in PACKAGES
         for path in sorted(package.rglob("*.py"))
         if path != package / "__init__.py"
     ]
@@ -63,8 +82,7 @@ def place(argument: Path) -> str:
 
 @pytest.mark.parametrize(("package", "path"), modules(), ids=place)
 def test_imports_go_down(package, path):
-    layers = LAYERS if package == PACKAGE else SIMULATOR_LAYERS
-    rank = {name: number for number, names in enumerate(layers) for name in names}
+    rank = {name: number for number, names in enumerate(PACKAGES[package]) for name in names}
     own = path.relative_to(package).parts[0].removesuffix(".py")
     assert own in rank, f"{own} has no layer: add it to the layers of {package.name}"
     upwards = {name for name in imported(path, package.name) & rank.keys() if rank[name] < rank[own]}

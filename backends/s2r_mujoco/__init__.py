@@ -9,7 +9,7 @@ A module imports only from its own line and the lines below it:
     channels, failure            from the record of a rollout to its trace
     rollout                      start, control ticks, physics steps, record
     observation, drive, start    what the policy reads, what its actions do, the state at t = 0
-    plan                         robot file, deploy file and model put together
+    plan, law                    robot file, deploy file and model put together
     joints                       the order of a policy's joints in the model
     description, model           the robot file; the MuJoCo model before it is compiled
     model_files                  the files that an XML includes and loads

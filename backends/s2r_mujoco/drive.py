@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 
 from s2r_mujoco.arrays import FloatArray
-from s2r_mujoco.plan import Plan, torque_units
+from s2r_mujoco.law import torque_units
+from s2r_mujoco.plan import Plan
 
 Apply = Callable[[FloatArray], None]
 """Writes the controls for a target, (n,) in policy order."""

@@ -16,8 +16,9 @@ import numpy as np
 
 from s2r_mujoco import drive
 from s2r_mujoco.arrays import FloatArray, Observation
+from s2r_mujoco.law import kind_of
 from s2r_mujoco.observation import Memory, Observer, Parts, UserTerm
-from s2r_mujoco.plan import Plan, kind_of
+from s2r_mujoco.plan import Plan
 from s2r_spec.errors import BackendError, shortened
 
 UNSTABLE = "unstable"
