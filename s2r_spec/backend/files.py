@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import importlib
 import pickle
+import pickletools
 import re
 import sys
 import traceback
@@ -79,8 +80,22 @@ def read_code(text: str, folder: Path | None = None) -> tuple[str, tuple[Path, .
 
 
 def pack(value: object) -> bytes:
-    """Return a pickle that :func:`unpack` reads in another process, with places and digests of files loaded here."""
-    return pickle.dumps((dict(_PLACES), dict(_DIGESTS), pickle.dumps(value)))
+    """Return a pickle that :func:`unpack` reads in another process, with place and digest of each file it needs."""
+    data = pickle.dumps(value)
+    if not _PLACES:
+        return pickle.dumps(({}, {}, data))
+    # The names of modules are whole texts in a pickle. Files that are loaded here for something else stay out.
+    texts = {
+        text
+        for _, argument, _ in pickletools.genops(data)
+        if isinstance(argument, str)
+        for text in argument.split()
+    }
+    tops = {text.partition(".")[0] for text in texts} & _PLACES.keys()
+    files = {module for module, own in _OWN_MODULES.items() if module in texts or own & tops}
+    needed = tops | {name for module in files for name in (module, *_OWN_MODULES[module])} & _PLACES.keys()
+    digests = {module: _DIGESTS[module] for module in files}
+    return pickle.dumps(({name: _PLACES[name] for name in needed}, digests, data))
 
 
 def unpack(data: bytes) -> Any:
@@ -107,6 +122,8 @@ _PLACES: dict[str, Path] = {}
 """Module → the file that it is, or the folder that it is in; for modules that are not on the path of Python."""
 _DIGESTS: dict[str, str] = {}
 """Module → digest of its code when it was loaded."""
+_OWN_MODULES: dict[str, frozenset[str]] = {}
+"""Module → the modules beside its file that it imports."""
 _CONTENTS: dict[Path, bytes] = {}
 """File → its content when it was loaded."""
 
@@ -227,7 +244,7 @@ def _run(module: str, code: Code, label: str) -> Any:
     _CONTENTS.update(code.files)
     with explaining(label, next(iter(code.files))):
         found = importlib.import_module(module)
-    _DIGESTS[module] = code.digest
+    _DIGESTS[module], _OWN_MODULES[module] = code.digest, code.own
     return found
 
 

@@ -120,3 +120,16 @@ def test_another_module_of_the_same_name_is_never_run_instead(folder, tmp_path_f
     (other / "cart.py").write_text("import random\nclass Cart: pass\n")
     (other / "random.py").write_text("")
     assert "'random'" in refusal("cart.py:Cart", other)
+
+
+def test_a_pickle_needs_only_the_files_of_its_own_classes(folder):
+    """A file that was loaded for something else may have changed, or be gone."""
+    other = folder / "pendulum.py"
+    other.write_text("class Pendulum:\n    pass\n")
+    load_code("pendulum.py:Pendulum", folder)
+    other.unlink()
+    data = pack(load_code("cart.py:Cart", folder).value())
+    script = f"from s2r_spec.backend.files import unpack; print(unpack({data!r}).speed())"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["1.5"]
+    assert b"pendulum" not in data
