@@ -14,11 +14,11 @@ import re
 import sys
 import traceback
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass
 from hashlib import sha256
 from importlib.machinery import ModuleSpec, PathFinder
-from importlib.util import find_spec, spec_from_file_location
+from importlib.util import cache_from_source, find_spec, spec_from_file_location
 from pathlib import Path
 from socket import gethostname
 from typing import Any
@@ -231,6 +231,11 @@ def _run(module: str, code: Code, label: str) -> Any:
             file = getattr(one, "__file__", None)
             if file and Path(file).resolve() in code.files:
                 del sys.modules[name]
+        for (
+            path
+        ) in code.files:  # Python does not see a change of the same size within a second of the old bytecode
+            with suppress(OSError, NotImplementedError, ValueError):
+                Path(cache_from_source(str(path))).unlink(missing_ok=True)
         importlib.invalidate_caches()
     root = str(code.root)
     for name in code.own:
