@@ -39,7 +39,7 @@ def draft(path: Path, model: Path, policy: str, deploy: Path | None) -> tuple[st
     Raises:
         UsageError: a file is missing, damaged or of another format.
     """
-    trained = open_policy(Path(policy)) if policy and ".py:" not in policy else None
+    trained = open_policy(Path(policy), ("mujoco",)) if policy and ".py:" not in policy else None
     metadata = {} if trained is None else trained.metadata
     stated = read_deployment(deploy) if deploy else of_metadata(metadata, Path(policy).name)
     compiled = _compiled(model, stated)

@@ -105,7 +105,7 @@ class Robot:
             raise UsageError(
                 f'{self.name}: policy = "{name}" names no function in the file; write "{name}:act"'
             )
-        return None if ".py:" in name else open_policy(self.description.beside(name))
+        return None if ".py:" in name else open_policy(self.description.beside(name), ("mujoco",))
 
     def _stated(self, name: str) -> Deployment:
         """Return what the deploy file says; nothing without one."""

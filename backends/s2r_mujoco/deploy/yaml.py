@@ -64,7 +64,7 @@ def read(path: Path) -> Any:
 
 def parse(text: str, source: str) -> Any:
     """Return the plain values of a YAML text; ``source`` names it in messages. Errors as :func:`read`."""
-    require("deploy files need", "yaml")
+    require("deploy files need", "yaml", "mujoco")
     import yaml
 
     class Loader(yaml.SafeLoader):  # type: ignore[misc]
