@@ -16,9 +16,9 @@ import mujoco
 from s2r_mujoco.deploy import of_metadata, read_deployment
 from s2r_mujoco.deploy.record import TERMS, Deployment
 from s2r_mujoco.model import ModelFile
-from s2r_mujoco.robot import Robot
+from s2r_mujoco.robot import Robot, open_trained
 from s2r_mujoco.start import floors
-from s2r_policy import Policy, open_policy
+from s2r_policy import Policy
 from s2r_spec.errors import UsageError
 
 USUAL = 0.02
@@ -39,7 +39,7 @@ def draft(path: Path, model: Path, policy: str, deploy: Path | None) -> tuple[st
     Raises:
         UsageError: a file is missing, damaged or of another format.
     """
-    trained = open_policy(Path(policy), ("mujoco",)) if policy and ".py:" not in policy else None
+    trained = open_trained(Path(policy)) if policy and ".py:" not in policy else None
     metadata = {} if trained is None else trained.metadata
     stated = read_deployment(deploy) if deploy else of_metadata(metadata, Path(policy).name)
     compiled = _compiled(model, stated)

@@ -27,7 +27,7 @@ from s2r_mujoco.rollout import Record
 from s2r_mujoco.start import floors, start_pose
 from s2r_policy import Policy, open_policy
 from s2r_spec.backend import Parameter, read_code
-from s2r_spec.errors import UsageError, one_of, suggest
+from s2r_spec.errors import UsageError, one_of, require, suggest
 from s2r_spec.trace import Trace
 
 UNITS = {
@@ -105,7 +105,7 @@ class Robot:
             raise UsageError(
                 f'{self.name}: policy = "{name}" names no function in the file; write "{name}:act"'
             )
-        return None if ".py:" in name else open_policy(self.description.beside(name), ("mujoco",))
+        return None if ".py:" in name else open_trained(self.description.beside(name))
 
     def _stated(self, name: str) -> Deployment:
         """Return what the deploy file says; nothing without one."""
@@ -329,6 +329,13 @@ class Robot:
 
 _ONLOOKERS = {"new.py", "pictures.py", "preflight.py"}
 """Definition: source files without influence on a trace."""
+
+
+def open_trained(path: Path) -> Policy:
+    """Return a trained policy; a UsageError about a missing package names the extra of robot files."""
+    if path.suffix.lower() == ".onnx":
+        require("a policy in an ONNX file needs", "onnxruntime", "mujoco")
+    return open_policy(path)
 
 
 def terms(parts: tuple[Part, ...]) -> str:

@@ -14,16 +14,12 @@ TORCHSCRIPT = (".pt", ".pth", ".jit")
 """Definition: endings of TorchScript files, and of pickles, which are refused."""
 
 
-def open_policy(path: Path, beside: tuple[str, ...] = ()) -> Policy:
+def open_policy(path: Path) -> Policy:
     """Open a trained policy.
 
     An ONNX file cannot run code: its operators are those of onnxruntime, and its data lie in its own folder. A
     TorchScript file contains code of a language without files or processes, but for a few operators; a file with one
     of these is refused before it is loaded. Pickles are never read.
-
-    Args:
-        path: the file.
-        beside: modules that the caller needs, too, so that a message about a missing one names an extra with all.
 
     Raises:
         UsageError: the file is missing or damaged, or it is no policy that can run here; the message says what to do.
@@ -39,7 +35,7 @@ def open_policy(path: Path, beside: tuple[str, ...] = ()) -> Policy:
     if path.stat().st_size == 0:
         raise UsageError(f"{path}: the file is empty; copy it again")
     if ending in ONNX:
-        require("policies in ONNX files need", "onnxruntime", *beside)
+        require("policies in ONNX files need", "onnxruntime")
         from s2r_policy.onnx_policy import OnnxPolicy
 
         return OnnxPolicy(path)
