@@ -40,6 +40,7 @@ ROBOT_LAYERS = [
     {"new", "pictures", "preflight"},
     {"running"},
     {"robot"},
+    {"parameters"},
     {"channels", "failure"},
     {"rollout"},
     {"drive", "observation", "start"},

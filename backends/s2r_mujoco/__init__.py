@@ -6,6 +6,7 @@ A module imports only from its own line and the lines below it:
     preflight, new, pictures     do the files fit; the first robot file; tiles and videos
     running                      rollouts of tests, with the user's own code
     robot                        what the files say together: channels, parameters, files, hash
+    parameters                   the parameters of a test, with units and ranges
     channels, failure            from the record of a rollout to its trace
     rollout                      start, control ticks, physics steps, record
     observation, drive, start    what the policy reads, what its actions do, the state at t = 0

@@ -1,11 +1,10 @@
-"""A robot that was read from its files: what it declares, and the simulators of its tests."""
+"""A robot that was read from its files: its channels, its parameters, the files that decide a trace, and their hash."""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
+from dataclasses import replace
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
@@ -18,43 +17,23 @@ from s2r_mujoco.arrays import FloatArray
 from s2r_mujoco.channels import channels_of
 from s2r_mujoco.deploy import of_metadata, read_deployment
 from s2r_mujoco.deploy.record import Deployment
-from s2r_mujoco.description import COMMANDS, ParameterTable, read_description
+from s2r_mujoco.description import read_description
 from s2r_mujoco.failure import Failures
 from s2r_mujoco.model import FieldChange, ModelFile
 from s2r_mujoco.observation import Memory, Observer, Part, Parts
+from s2r_mujoco.parameters import parameters_of
 from s2r_mujoco.plan import Plan, make_plan
 from s2r_mujoco.rollout import Record
 from s2r_mujoco.start import floors, start_pose
 from s2r_policy import Policy, open_policy
-from s2r_spec.backend import Parameter, read_code
-from s2r_spec.errors import UsageError, one_of, require, suggest
+from s2r_spec.backend import read_code
+from s2r_spec.errors import UsageError, require
 from s2r_spec.trace import Trace
 
-UNITS = {
-    "mass": "kg", "frictionloss": "N*m", "armature": "kg*m^2", "damping": "N*m*s/rad", "stiffness": "N*m/rad",
-    "gravity": "m/s^2", "pos": "m", "size": "m", "range": "rad", "ref": "rad", "springref": "rad",
-    "actfrcrange": "N*m", "density": "kg/m^3", "wind": "m/s",
-}  # fmt: skip
-"""Definition: attribute of a field → its unit where `unit` is missing, for hinges; another attribute has none."""
-LINEAR_UNITS = {
-    "frictionloss": "N", "armature": "kg", "damping": "N*s/m", "stiffness": "N/m", "range": "m", "ref": "m",
-    "springref": "m", "springlength": "m", "actfrcrange": "N",
-}  # fmt: skip
-"""Definition: attribute of a slide or a tendon → its unit where it differs from that of a hinge."""
-ANGLES = ("range", "ref", "springref")
-"""Definition: attributes of a hinge in degrees, unless the model's file has ``<compiler angle="radian"/>``."""
 STABLE = 2.0
 """Definition: kd·dt/M from which an explicit damping is unstable: a step multiplies a velocity by 1 − kd·dt/M."""
 KEPT = 4
 """Budget: compiled models that a process keeps, one for each test with other fields."""
-
-
-@dataclass(frozen=True)
-class TestParameter:
-    """A parameter of a test; ``limited`` tells whether a file states its range. Its default changes nothing."""
-
-    declared: Parameter
-    limited: bool
 
 
 class Robot:
@@ -86,12 +65,7 @@ class Robot:
         self.channels = tuple(one.channel for one in self.computed)
         self.failures = Failures(table.failure, self.channels, self.name)
         self.failures.check()
-        self.parameters = {one.declared.name: one for one in self._parameters()}
-        both = {one.parameter for one in self.plan.commands.values()} & set(table.parameters)
-        if both:
-            raise UsageError(
-                f"{self.name}: {min(both)} is both a command and a key of parameters; rename one of them"
-            )
+        self.parameters = parameters_of(self.description, self.plan, self.file, model)
 
     # -- files ----------------------------------------------------------------------------------------------------
 
@@ -229,74 +203,6 @@ class Robot:
                 f"{', '.join(self.plan.joints.names)}; list those of the policy in `action.joints`"
             )
 
-    def _parameters(self) -> list[TestParameter]:
-        found = []
-        for name, command in self.plan.commands.items():
-            if command.parameter:
-                limits = command.range or self.plan.ranges.get(name)
-                still = 0.0 if limits is None else min(max(0.0, limits[0]), limits[1])
-                found.append(
-                    _declared(command.parameter, COMMANDS[name], limits, still, f"command of {name}")
-                )
-        for name, table in self.description.table.parameters.items():
-            found.append(self._parameter(name, table))
-        return found
-
-    def _parameter(self, name: str, table: ParameterTable) -> TestParameter:
-        if table.push:
-            unit = "N" if table.unit is None else table.unit
-            words = f"force on {table.push} from {table.at:g} s on, for {table.lasts:g} s"
-            if not self.model.body_weldid[self.body(table.push, f"{self.name}: parameters.{name}")]:
-                raise UsageError(
-                    f"{self.name}: parameters.{name}: the body {table.push!r} is fixed; push another"
-                )
-            return _declared(name, unit, table.range, 0.0, words)
-        if table.field == "option/timestep":
-            raise UsageError(
-                f"{self.name}: parameters.{name}: a test cannot change the time step, since the control period would "
-                f"change with it; write `timestep` and `decimation` into a robot file of its own"
-            )
-        value = self.file.value(table.change)
-        own = "" if table.how == "scale" else self._unit(table.field)
-        unit = own if table.unit is None else table.unit
-        if own and not _is_same_unit(own, unit):
-            raise UsageError(
-                f"{self.name}: parameters.{name}: the model has {table.field} in {own}, and not in {unit}; write the "
-                f"numbers in {own}"
-            )
-        default = {"set": value, "add": 0.0, "scale": 1.0}[table.how]
-        if table.range and not table.range[0] <= default <= table.range[1]:
-            raise UsageError(
-                f"{self.name}: parameters.{name}: the range {list(table.range)} does not contain {default:g}, which "
-                f'leaves the model as it is; change the range, or write how = "add" for a change of the value'
-            )
-        return _declared(name, unit, table.range, default, f"{table.how} {table.field}")
-
-    def _unit(self, field: str) -> str:
-        """Return the unit of a field; "" if it has none, or if hinges and slides fit its name."""
-        kind, name, *rest = field.split("/")
-        attribute = name if kind == "option" else rest[0]
-        joints = [self.model.joint(joint) for joint in range(self.model.njnt)]
-        linear = {
-            int(one.type[0]) == int(mujoco.mjtJoint.mjJNT_SLIDE)
-            for one in joints
-            if kind == "joint" and fnmatchcase(one.name, name)
-        } or {kind == "tendon"}
-        if len(linear) > 1 and attribute in LINEAR_UNITS:
-            return ""
-        if attribute in ANGLES and True not in linear and self.file.spec().compiler.degree:
-            return "deg"
-        return (UNITS | LINEAR_UNITS if True in linear else UNITS).get(attribute, "")
-
-    def body(self, name: str, source: str) -> int:
-        """Return the number of a body; ``source`` is the place of its name, for messages."""
-        names = [self.model.body(body).name for body in range(self.model.nbody)]
-        if name not in names:
-            raise UsageError(
-                f"{source}: the model has no body {name!r}{suggest(name, names)} it has {one_of(names)}"
-            )
-        return names.index(name)
-
     def trace(self, record: Record, meta: Mapping[str, Any]) -> Trace:
         """Return the whole record as a trace."""
         channels = {one.channel.name: one.of(record) for one in self.computed}
@@ -341,15 +247,3 @@ def open_trained(path: Path) -> Policy:
 def terms(parts: tuple[Part, ...]) -> str:
     """Return the terms of an observation with their widths, for messages."""
     return ", ".join(f"{p.name} {p.width * p.term.history}" for p in parts)
-
-
-def _is_same_unit(one: str, other: str) -> bool:
-    try:
-        return Parameter("", one, -np.inf, np.inf, 0.0, "").check(f"1 {other}") == 1.0
-    except UsageError:
-        return False
-
-
-def _declared(name: str, unit: str, limits: Any, default: float, words: str) -> TestParameter:
-    low, high = limits or (default, default)
-    return TestParameter(Parameter(name, unit, low, high, default, words), limits is not None)

@@ -17,6 +17,7 @@ import numpy as np
 
 from s2r_mujoco.description import ParameterTable
 from s2r_mujoco.model import FieldChange
+from s2r_mujoco.parameters import body_of
 from s2r_mujoco.robot import KEPT, Robot, terms
 from s2r_mujoco.rollout import Push, Record, Simulator
 from s2r_mujoco.start import draw, start_pose
@@ -126,7 +127,7 @@ class Running:
         return simulator.act(_function(name, getattr(function, "act", function)), ticks, pushes)
 
     def _push(self, table: ParameterTable, force: float) -> Push:
-        step, body = self.robot.plan.step, self.robot.body(table.push, self.robot.name)
+        step, body = self.robot.plan.step, body_of(self.robot.model, table.push, self.robot.name)
         first = round(table.at / step)
         direction = np.array(table.direction) / np.linalg.norm(table.direction)
         return Push(body, force * direction, first, first + max(1, round(table.lasts / step)))
