@@ -210,6 +210,17 @@ class EmpsBackend:
             meta,
         )
 
+    def commands(self, trace: Trace, params: Mapping[str, float]) -> Trace:
+        """Return the voltage ``u`` of the control law; see :class:`s2r_spec.backend.HasControlLaw`.
+
+        It is NaN where the drive is off, which sends no voltage.
+        """
+        if not {"q", "q_ref", "u"} <= set(trace.channels):
+            return trace.only(())
+        voltage = residuals.control_law(trace, world(self.physics, self.added))
+        voltage[0] = np.nan  # the law knows no speed yet
+        return trace.only(["u"]).with_channels(lambda name, u: np.where(u == 0.0, np.nan, voltage))
+
     def residuals(self, trace: Trace, params: Mapping[str, float] | None = None) -> Trace:
         """Return the force and the voltage that this model, with its effects, does not explain.
 

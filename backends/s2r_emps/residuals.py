@@ -92,13 +92,19 @@ def _with_constants(physics: Physics, names: frozenset[str]) -> Physics:
 
 
 def _controller(trace: Trace, physics: Physics, stiffness: float) -> FloatArray:
+    u = trace["u"]
+    return np.where(u == 0, 0.0, u - control_law(trace, physics, stiffness))
+
+
+def control_law(trace: Trace, physics: Physics, stiffness: float = 1.0) -> FloatArray:
+    """Return (n,) the voltage [V] of the control law on the logged ``q`` and ``q_ref``, after saturation."""
     speed = np.diff(trace["q"], prepend=2 * trace["q"][0] - trace["q"][1]) * RATE
     if physics.speed_filter:
         speed = smooth(speed, physics.speed_filter, float(speed[0]))
     root = sqrt(stiffness)
     law = KV * root * (KP * root * (trace["q_ref"] - trace["q"]) - speed)
-    u = trace["u"]
-    return np.where(u == 0, 0.0, u - np.clip(law, -physics.voltage, physics.voltage))
+    voltage: FloatArray = np.clip(law, -physics.voltage, physics.voltage)
+    return voltage
 
 
 def _smooth(values: FloatArray) -> FloatArray:

@@ -65,21 +65,24 @@ def steer(x: float, y: float, ox: float, oy: float, robot: Constants) -> tuple[f
     return ux + lacking * dx, uy + lacking * dy
 
 
+def command(pose: tuple[float, ...], ox: float, oy: float, robot: Constants) -> tuple[float, float]:
+    """Return the commanded speed [m/s] and turning rate [rad/s] at a measured pose."""
+    x, y, c, s = *pose[:2], cos(pose[2]), sin(pose[2])
+    ux, uy = steer(x + robot.ahead * c, y + robot.ahead * s, ox, oy, robot)
+    return c * ux + s * uy, (c * uy - s * ux) / robot.ahead
+
+
 def drive(
     ox: float, oy: float, ticks: int, seed: int, robot: Constants, look: Body = ideal, wheels: Body = ideal
 ) -> np.ndarray:
-    """Return (ticks + 1, 5) of x, y, heading, v and w, for a unicycle with white noise on both speeds."""
+    """Return (ticks + 1, 5) of x, y, heading, v and w, for a unicycle with white noise on speed and turning rate."""
     # The error in one tick exceeds the mean error over one second by the square root of the ratio of the two times.
     errors = np.random.default_rng(seed).normal(scale=robot.slip / robot.step**0.5, size=(ticks, 2))
     (x, y), heading = robot.start, 0.0
     rows = [(x, y, heading, 0.0, 0.0)]
     for forward, turning in errors.tolist():
-        seen_x, seen_y, seen_heading = look(x, y, heading)
-        c, s = cos(seen_heading), sin(seen_heading)
-        ux, uy = steer(seen_x + robot.ahead * c, seen_y + robot.ahead * s, ox, oy, robot)
-        v, w = c * ux + s * uy, (c * uy - s * ux) / robot.ahead
+        v, w = command(look(x, y, heading), ox, oy, robot)
         speed, rate = wheels(v, w)
-        # The two errors of a differential drive: both wheels too fast, or one faster than the other.
         x += robot.step * speed * (1 + forward) * cos(heading)
         y += robot.step * speed * (1 + forward) * sin(heading)
         heading += robot.step * (rate + turning)
@@ -144,5 +147,4 @@ class TurtlebotBackend:
         to_goal = np.hypot(x - self.constants.goal[0], y - self.constants.goal[1])
         columns = (x, y, heading, v, w, to_goal, np.hypot(x - ox, y - oy))
         units = {channel.name: channel.unit for channel in self.channels}
-        times = step * np.arange(ticks + 1, dtype=np.float64)
-        return Trace(times, dict(zip(units, columns, strict=True)), units)
+        return Trace(step * np.arange(ticks + 1.0), dict(zip(units, columns, strict=True)), units)

@@ -7,12 +7,15 @@ from __future__ import annotations
 
 import hashlib
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import exp
 from pathlib import Path
 from typing import Self
 
-from s2r_spec.backend import Effect
+import numpy as np
+
+from s2r_spec.backend import Effect, read_test
 from s2r_spec.effects import (
     Choice,
     ModelEffect,
@@ -26,7 +29,8 @@ from s2r_spec.effects import (
     scales,
     words,
 )
-from s2r_turtlebot import Body, TurtlebotBackend, ideal
+from s2r_spec.trace import Trace
+from s2r_turtlebot import Body, TurtlebotBackend, command, ideal
 
 _AXLE = 0.16
 """[m] between the wheels."""
@@ -135,6 +139,21 @@ class TurtlebotWithEffects(TurtlebotBackend):
             UsageError: an effect or a parameter is unknown, or a value out of range.
         """
         return replace(self, added=choose("turtlebot", CATALOGUE, self.added, values))
+
+    def commands(self, trace: Trace, params: Mapping[str, float]) -> Trace:
+        """Return ``v`` and ``w`` of the law at the recorded poses; see :class:`s2r_spec.backend.HasControlLaw`.
+
+        A sample has the command of the tick that led to it, so that of the pose one sample before.
+        """
+        if not {"x", "y", "heading", "v", "w"} <= set(trace.channels):
+            return trace.only(())
+        ox, oy = read_test(self.name, self.parameters, params).values()
+        poses = zip(*(trace[name].tolist() for name in ("x", "y", "heading")), strict=True)
+        look = self._physics.look
+        law = np.array([(np.nan, np.nan), *(command(look(*pose), ox, oy, self.constants) for pose in poses)])[
+            :-1
+        ]
+        return trace.only(["v", "w"]).with_channels(lambda name, _: law[:, ("v", "w").index(name)])
 
     @property
     def _physics(self) -> Physics:

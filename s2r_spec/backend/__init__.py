@@ -4,6 +4,7 @@ from s2r_spec.backend.capabilities import VOID as VOID
 from s2r_spec.backend.capabilities import Backend as Backend
 from s2r_spec.backend.capabilities import Finding as Finding
 from s2r_spec.backend.capabilities import HasChosen as HasChosen
+from s2r_spec.backend.capabilities import HasControlLaw as HasControlLaw
 from s2r_spec.backend.capabilities import HasDuration as HasDuration
 from s2r_spec.backend.capabilities import HasEffects as HasEffects
 from s2r_spec.backend.capabilities import HasOptions as HasOptions

@@ -147,6 +147,26 @@ class HasResiduals(Protocol):
 
 
 @runtime_checkable
+class HasControlLaw(Protocol):
+    """A simulator that computes the commands of its controller from recorded channels, without a simulation.
+
+    The law is the same on the machine, so a recording that breaks it has a mistake, whatever the machine's physics is.
+    """
+
+    def commands(self, trace: Trace, params: Mapping[str, float]) -> Trace:
+        """Return the commands that the law gives at the times of a recorded trace: a pure function, bit for bit.
+
+        Args:
+            trace: trace with channels of this backend.
+            params: parameters of its test; a missing one takes its default.
+
+        Returns:
+            Commanded channels by their names in the trace, (n,) or (n, k); NaN where the law says nothing, as at the
+            first sample. Without a channel that the law reads, no channels.
+        """
+
+
+@runtime_checkable
 class HasVariants(Protocol):
     """A simulator with equally valid ways to compute the same physics.
 

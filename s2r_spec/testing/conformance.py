@@ -14,6 +14,7 @@ import numpy as np
 from s2r_spec.backend import (
     Backend,
     HasChosen,
+    HasControlLaw,
     HasEffects,
     HasRecordings,
     HasResiduals,
@@ -51,6 +52,8 @@ TINY = 1e-6
 """Definition: size of a tiny effect, as a share of the distance from nominal to the farther end of its range."""
 SEED_SHARE = 0.5
 """Tolerance: change of a channel by a tiny effect, as a share of its change by another seed."""
+EXACT = 1e-6
+"""Tolerance: difference between a command and its law, in parts of the command's range."""
 EXPLAINED = 0.5
 """Tolerance: residual with the effect in the model, as a share of the residual without it."""
 
@@ -183,6 +186,19 @@ def _variants(subject: Subject, out: Check) -> None:
                 f"the variant {name!r} has the simulator's model hash, so its rollouts would be confused with the "
                 f"simulator's"
             )
+
+
+def _law(subject: Subject, out: Check) -> None:
+    law = subject.backend.commands(subject.first, subject.test)
+    for name, values in law.channels.items():
+        known = np.isfinite(values)
+        error = np.abs(values - subject.first[name])[known].max(initial=0.0)
+        if error > EXACT * np.ptp(subject.first[name]):
+            out.violations.append(f"its law is off by {error:.3g} in {name} of its own rollout")
+        if not known.any():
+            out.violations.append(f"its law says nothing of {name}")
+    if not law.channels:
+        out.violations.append("its law gives no command for its own rollout")
 
 
 def _catalogue(subject: Subject, out: Check) -> None:
@@ -323,6 +339,7 @@ _EFFECTS: Checks = (
     ("an added effect changes the model hash, and is reported", _identity),
 )
 _RESIDUALS = "its residuals can be computed for its own rollouts, with any effect"
+_LAW = "the law of its controller gives the commands of its own rollout"
 _VARIANTS = "its variants simulate the same system in another way"
 _GROUPS: tuple[tuple[tuple[type, ...], Checks], ...] = (
     ((), _ALWAYS),
@@ -331,5 +348,6 @@ _GROUPS: tuple[tuple[tuple[type, ...], Checks], ...] = (
     ((HasProtocols,), PROTOCOLS),
     ((HasProtocols, HasPlayable), PLAYABLE),
     ((HasVariants,), ((_VARIANTS, _variants),)),
+    ((HasControlLaw,), ((_LAW, _law),)),
 )
 """What a backend must be able to do, and the checks of it."""

@@ -11,6 +11,7 @@ from s2r_spec.diagnose.quality.comparison import CLEAR, Comparison, compare
 from s2r_spec.diagnose.quality.faults import Fault, Undone, faults
 from s2r_spec.diagnose.quality.finding import Finding
 from s2r_spec.diagnose.quality.labels import labels
+from s2r_spec.diagnose.quality.law import by_law
 from s2r_spec.diagnose.quality.machine import nearest_machine
 from s2r_spec.diagnose.quality.recordings import Recordings
 from s2r_spec.diagnose.simulator.axes import EffectAxis
@@ -57,6 +58,8 @@ def findings(
 ) -> tuple[Finding, ...]:
     """Return the mistakes that the recordings, in the order of their table, seem to have."""
     of = Recordings(bench, rollouts)
+    if broken := by_law(of):
+        return tuple(broken)  # whatever else the recordings show follows from it
     first = by_channel(of)
     held, straight = hold(of)
     c = compare(bench, straight.rollouts, axes, [each.channel for each in first])
