@@ -14,7 +14,7 @@ from tests.mujoco.robots import opened, same
 
 ROBOTS = next(
     (one / "shared" / "robots" for one in Path(__file__).parents if (one / "shared" / "robots").is_dir()),
-    Path(),
+    Path("no-robots"),
 )
 pytestmark = pytest.mark.skipif(
     not (ROBOTS / "README.md").exists(), reason="the public robots are not beside the checkout"

@@ -22,6 +22,9 @@ and the difference itself is of CLEAR · usual, with usual the Q of a fresh nomi
 the recordings as usual, while a machine does so, too, is a finding of the *same*: no data tell the two apart. What is
 too short or in too few rollouts for this is found in single channels (:mod:`.channels`).
 
+Where the simulator knows the law of its controller, recordings that break it are found before all this, exactly and
+without a simulation (:mod:`.law`).
+
 Units: r, J, D in floors; Q, ℓ dimensionless. Source: marginal likelihood of a linear Gaussian model (Rasmussen &
 Williams 2006, §2.7, explicit basis functions; Woodbury), generalised-likelihood-ratio tests (Basseville & Nikiforov
 1993, ch. 7).
