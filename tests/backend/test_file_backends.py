@@ -92,8 +92,8 @@ def test_a_diagnosis_names_the_effect_of_a_file(s2r, cache):
 
 
 def test_backends_describes_and_checks_a_file(s2r):
-    told = s2r("backends", "cart.py:Worn", code=0).stdout
-    assert states(told, "cart.py:Worn", "drag", "--spec SPEC")
+    described = s2r("backends", "cart.py:Worn", code=0).stdout
+    assert states(described, "cart.py:Worn", "drag", "--spec SPEC")
     assert states(
         s2r("backends", "cart.py:Worn", "--spec", "spec.stl", code=0).stdout, "vd", "[-0.2, 0.3] m/s"
     )
@@ -146,9 +146,9 @@ def test_a_file_may_change_between_two_runs_of_a_process(s2r):
 def test_a_function_with_effects_gets_the_value_of_each(s2r):
     robot = load_backend("cart.py:Worn")
     given = []
-    heard = replace(robot, function=lambda params, seed, values: given.append(values))
-    heard.rollout({}, 0)
-    heard.with_effects({"drag": {"rate": 2.0}}).rollout({}, 0)
+    recording = replace(robot, function=lambda params, seed, values: given.append(values))
+    recording.rollout({}, 0)
+    recording.with_effects({"drag": {"rate": 2.0}}).rollout({}, 0)
     assert given == [
         {"drag": {"rate": 0.0}, "motor": {"factor": 1.0}},
         {"drag": {"rate": 2.0}, "motor": {"factor": 1.0}},

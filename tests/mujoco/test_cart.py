@@ -135,9 +135,9 @@ def test_settings_and_effort_for_a_robot_file(cart):
 
 
 def test_backends_describes_and_checks_a_robot_file(cart):
-    told = cart.json("backends", "cart.toml", code=0)
-    assert [one["name"] for one in told["parameters"]] == ["mass", "kick"]
-    assert {"q", "q_slide", "obs", "angle"} <= {one["name"] for one in told["channels"]}
+    described = cart.json("backends", "cart.toml", code=0)
+    assert [one["name"] for one in described["parameters"]] == ["mass", "kick"]
+    assert {"q", "q_slide", "obs", "angle"} <= {one["name"] for one in described["channels"]}
     checked = cart("backends", "cart.toml", "--check", code=0).stdout
     assert "BROKEN" not in checked
     assert "WRONG" not in checked
