@@ -1,60 +1,22 @@
 """Public robots and their policies from ``shared/robots`` beside the checkout: each walks as its README says."""
 
 from math import cos, pi, sin
-from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 
+from benchmarks.robots.public import BERKELEY, G1_LAB, G1_LSTM, GO1, NOISE, ROBOTS
 from s2r_spec.backend import Parameter
 from s2r_spec.errors import UsageError
 from tests.errors import states
 from tests.mujoco.robots import opened, same
 
-ROBOTS = next(
-    (one / "shared" / "robots" for one in Path(__file__).parents if (one / "shared" / "robots").is_dir()),
-    Path("no-robots"),
-)
 pytestmark = pytest.mark.skipif(
     not (ROBOTS / "README.md").exists(), reason="the public robots are not beside the checkout"
 )
-NOISE = "start.noise = { joint_pos = 0.02, joint_vel = 0.05 }\n"
-IMU = '{ sensor = "local_linvel" }, { sensor = "gyro" }, { term = "projected_gravity", frame = "imu" }'
-FELL = 'failure.fell = "max(abs(roll), abs(pitch)) > 60 {deg} or height < 0.6 * init(height)"\n'
-GO1 = f"""\
-model = "{ROBOTS}/go1_playground/scene_mjx_feetonly_flat_terrain.xml"
-policy = "{ROBOTS}/go1_playground/go1_policy.onnx"
-decimation = 5
-observation = [{IMU}, "joint_pos_rel", "joint_vel", "last_action", "velocity_commands"]
-action.scale = 0.5
-command.lin_vel_x = "vd"
-{NOISE}{FELL}"""
-BERKELEY = f"""\
-model = "{ROBOTS}/berkeley_humanoid_playground/scene_mjx_feetonly_flat_terrain.xml"
-policy = "{ROBOTS}/berkeley_humanoid_playground/bh_policy.onnx"
-keyframe = "home"
-decimation = 10
-observation = [{IMU}, "velocity_commands", "joint_pos_rel", "joint_vel", "last_action",
-  {{ phase = 1.5, start = [0, 3.14159265], as = ["cos", "sin"] }}]
-action.scale = 0.5
-command.lin_vel_x = "vd"
-{NOISE}{FELL}"""
-G1 = ROBOTS / "g1_unitree_rl_gym"
-LSTM = f"""\
-model = "{G1}/scene.xml"
-policy = "{G1}/motion.pt"
-deploy = "{G1}/g1.yaml"
-start.joint_pos = "model"
-command.lin_vel_x = "vd"
-{FELL}"""
-LAB = ROBOTS / "g1_unitree_rl_lab"
-DEPLOY = f"""\
-model = "{LAB}/g1_29dof.xml"
-policy = "{LAB}/policy.onnx"
-deploy = "{LAB}/deploy.yaml"
-command.lin_vel_x = "vd"
-{NOISE}{FELL}"""
+G1, LAB = ROBOTS / "g1_unitree_rl_gym", ROBOTS / "g1_unitree_rl_lab"
+LSTM = G1_LSTM.replace(f"{NOISE}\n", "")
 
 
 def mean_vx(backend, vd, seeds=range(4)):
@@ -82,7 +44,7 @@ def _needs(vd):
 
 def test_the_g1_of_a_deploy_file_walks(tmp_path):
     """Its wrists would be unstable by torques at every physics step."""
-    backend = opened(tmp_path, DEPLOY)
+    backend = opened(tmp_path, G1_LAB)
     assert {one.name: (one.low, one.high) for one in backend.parameters} == {"vd": (-0.5, 1.0)}
     assert mean_vx(backend, 0.5, range(2)) == pytest.approx(0.5, abs=0.06)
     assert abs(mean_vx(backend, 0.0, range(1))) < 0.05
