@@ -132,7 +132,7 @@ def file_opener(path: Path) -> Any:
         UsageError: no installed package opens such files.
         MissingPackageError: it imports a package that is not installed.
     """
-    points = _points(FILES, "open files that end with")
+    points = endings()
     ending = path.suffix.removeprefix(".")
     if ending not in points:
         raise UsageError(f"{path}: no installed package opens such a file; the endings are {one_of(points)}")

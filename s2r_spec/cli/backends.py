@@ -13,11 +13,11 @@ import typer
 from s2r_spec.base.errors import UsageError
 from s2r_spec.base.json_values import line
 from s2r_spec.cli.options.search import AsJson
-from s2r_spec.cli.terminal.common import sentences
+from s2r_spec.cli.terminal.common import finding_lines, sentences
 from s2r_spec.cli.terminal.terminal import say
 
 if TYPE_CHECKING:
-    from s2r_spec.backend import Backend, Finding, Parameter
+    from s2r_spec.backend import Backend, Parameter
     from s2r_spec.report.records.backends import BackendObject
 
 Name = Annotated[
@@ -184,10 +184,3 @@ def _check(machine: Backend, as_json: bool) -> int:
         ends += [f"has {wrong} WRONG line{'s' * (wrong > 1)} in its pre-flight"] if wrong else []
         say(f"{machine.name} {' and '.join(ends)}")
     return 1 if broken or wrong else 0
-
-
-def finding_lines(finding: Finding) -> Iterator[str]:
-    """Yield the lines of a finding of a pre-flight."""
-    mark = {"ok": "ok", "note": "note", "wrong": "WRONG"}[finding.level]
-    yield f"{mark:6}  {finding.topic}: {finding.words}"
-    yield from (f"        {row}" for row in finding.table)

@@ -19,6 +19,7 @@ from s2r_spec.base.printable import one_line
 from s2r_spec.cli.terminal.terminal import say
 
 if TYPE_CHECKING:
+    from s2r_spec.backend import Finding
     from s2r_spec.cli.options.search import Running
     from s2r_spec.workers.pools import ExecutorFactory
 
@@ -181,6 +182,13 @@ def takes_turns(name: str) -> bool:
     return not name.startswith("log:") and is_exclusive(load_backend(name))
 
 
+def finding_lines(finding: Finding) -> Iterator[str]:
+    """Yield the lines of a finding of a pre-flight."""
+    mark = {"ok": "ok", "note": "note", "wrong": "WRONG"}[finding.level]
+    yield f"{mark:6}  {finding.topic}: {finding.words}"
+    yield from (f"        {row}" for row in finding.table)
+
+
 def print_preflight(name: str, quiet: bool) -> None:
     """Print the few lines of a backend's pre-flight that need no rollout; most backends have none."""
     from s2r_spec.backend import HasPreflight, load_backend
@@ -190,10 +198,8 @@ def print_preflight(name: str, quiet: bool) -> None:
     from s2r_spec.testing.preflight import in_short
 
     for finding in in_short(backend):
-        say(
-            f"{'WRONG' if finding.level == 'wrong' else finding.level:5}  {finding.topic}: {finding.words}",
-            error=True,
-        )
+        first, *_ = finding_lines(finding)
+        say(first, error=True)
     say(f"all of the pre-flight: s2r backends {name} --check", error=True)
 
 
